@@ -1,0 +1,65 @@
+"""Where compiled code lives between processes: one folder per version of all our sources and of numba.
+
+numba's cache notices a change only in the file of the compiled function itself, not in the functions it inlines; a folder
+named by a hash of everything can never serve stale machine code. Must be called before any compiled module is imported.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+KEPT = 4
+"""Folders of earlier versions that stay, so that switching between two checkouts does not recompile each time."""
+
+_folder: Path | None = None
+
+
+def folder() -> Path:
+    """The cache folder, made if needed, set as numba's; `THIRDBODY_CACHE` overrides its parent."""
+    global _folder
+    if _folder is None:
+        import numba
+
+        base = _parent()
+        _folder = base / _fingerprint(numba.__version__)
+        _folder.mkdir(parents=True, exist_ok=True)
+        os.utime(_folder)
+        numba.config.CACHE_DIR = str(_folder)
+        _prune(base)
+    return _folder
+
+
+def _parent() -> Path:
+    named = os.environ.get("THIRDBODY_CACHE")
+    home = Path(named) if named else Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "thirdbody"
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+        probe = home / f".{os.getpid()}"
+        probe.touch()
+        probe.unlink()
+    except OSError:
+        # a read-only home: compile into a folder of this user that the system clears
+        home = Path(tempfile.gettempdir()) / f"thirdbody-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+        home.mkdir(parents=True, exist_ok=True)
+    return home
+
+
+def _fingerprint(numba_version: str) -> str:
+    digest = hashlib.sha256(f"{numba_version} {sys.version}".encode())
+    root = Path(__file__).parent
+    for layer in ("kernels", "laws", "bodies", "engine"):
+        for file in sorted((root / layer).glob("*.py")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _prune(base: Path) -> None:
+    """Drop all but the folders used last; another process's files may vanish under us, which is no fault."""
+    old = sorted((p for p in base.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime, reverse=True)
+    for path in old[KEPT:]:
+        shutil.rmtree(path, ignore_errors=True)

@@ -1,0 +1,161 @@
+"""The explicit integrator: velocity Verlet between events, with an automatic time step and guards that stop a bad run."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GuardStop
+from ..kernels import bodies as body_pass
+from ..kernels import contacts as contact_pass
+from ..kernels import layout as at
+from ..kernels import step
+from ..laws.contract import Material
+from .neighbours import search
+from .state import State
+from .timestep import Bound, bound
+
+BUDGET = 64
+"""Steps between two evaluations of the time step, counted from the start of the run, so that output cannot shift them."""
+
+GROWTH = 1.25
+"""The automatic step follows its bound down at once, but up only by this factor: a step that wobbles loses energy."""
+
+OVERLAP_GUARD = 0.3
+"""Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape mean nothing."""
+
+TRAVEL_GUARD = 0.25
+"""Largest way of a body in one step over the radius of its first sphere: beyond it contacts are skipped."""
+
+FLOOR = 1.0
+"""A body whose centre is lower than this many of its own radii below the lower plate has left."""
+
+
+@dataclass(frozen=True)
+class Guards:
+    """Dimensionless limits of a run."""
+
+    overlap: float = OVERLAP_GUARD
+    travel: float = TRAVEL_GUARD
+
+
+class Explicit:
+    """Advances a state; `time_step=None` chooses the step automatically."""
+
+    def __init__(self, state: State, materials: list[Material], time_step: float | None = None, guards: Guards = Guards()):  # noqa: B008
+        self.state, self.materials, self.fixed = state, materials, time_step
+        state.D[at.D_GUARD_OVERLAP], state.D[at.D_GUARD_TRAVEL] = guards.overlap, guards.travel
+        if state.world.lower is not None:
+            state.D[at.D_FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
+        self.bound: Bound | None = None
+        self.tightest: Bound | None = None
+        self.drag = _drag(state)
+
+    def start(self) -> None:
+        """First search, forces at time zero, first time step."""
+        search(self.state)
+        self._tables()
+        self._advance(1, math.inf, math.inf, 0.0)
+        self.state.A[at.A_STEPS] = self.state.A[at.A_ELAPSED] = 0.0
+        self._choose_step()
+
+    def advance_to(self, time: float = math.inf, distance: float = math.inf) -> None:
+        """Run until the first step at or after a time (s) or a sliding distance (m).
+
+        Raises GuardStop when the run leaves its valid range; the state is the one that tripped the guard.
+        """
+        state = self.state
+        while True:
+            budget = BUDGET - int(state.A[at.A_STEPS]) % BUDGET
+            code, number = self._advance(budget, time, distance, state.dt)
+            if code == step.DONE:
+                return
+            if code == step.SEARCH:
+                search(state)
+                self._tables()
+            elif code != step.BUDGET:
+                raise GuardStop(self._explain(code, number))
+            if int(state.A[at.A_STEPS]) % BUDGET == 0:
+                self._choose_step()
+
+    def _tables(self) -> None:
+        slots = self.state.slots
+        chunks = max(1, -(-slots.count // contact_pass.CHUNK))
+        groups = max(1, -(-self.state.n_bodies // body_pass.BODIES))
+        self.sums = np.zeros((chunks, contact_pass.SUM_COLS))
+        self.moves = np.zeros((groups, body_pass.MOVE_COLS))
+
+    def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
+        s, slots, physics = self.state, self.state.slots, self.state.physics
+        return step.advance(
+            budget, time, distance, dt, slots.count, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence,
+            s.body, s.start, s.patch, s.offsets, s.X0, s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
+            physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves,
+            len(physics.history), physics.stride, at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels,
+            self.drag, physics.law, physics.effects, physics.observe,
+        )  # fmt: skip
+
+    def _choose_step(self) -> None:
+        self.bound = bound(self.state, self.materials)
+        if self.tightest is None or self.bound.step < self.tightest.step:
+            self.tightest = self.bound
+        if self.fixed is not None:
+            self.state.dt = self.fixed
+        elif self.state.dt == 0.0 or self.bound.step < self.state.dt or self.bound.step > GROWTH * self.state.dt:
+            self.state.dt = self.bound.step
+
+    def label(self) -> np.ndarray:
+        """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""
+        from ..kernels.observe import label_bodies
+
+        s, slots, physics = self.state, self.state.slots, self.state.physics
+        out = np.zeros((s.n_bodies, physics.outputs))
+        moving = s.time >= s.D[at.D_START]
+        speed = math.hypot(s.D[at.D_VX], s.D[at.D_VY]) if moving else 0.0
+        label_bodies(
+            slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, s.B, s.A, s.M, self.drag, speed,
+            len(physics.history), at.C_MEMORY + physics.contact_memory, physics.observe, physics.label, out,
+        )  # fmt: skip
+        return out
+
+    def _explain(self, code: int, number: int) -> str:
+        s = self.state
+        when = f"stopped at t = {s.time:.6g} s (step {int(s.A[at.A_STEPS])}, time step {s.dt:.3g} s)"
+        laws = ", ".join(sorted({name.split(".")[0] for name in s.physics.history})) or "contact laws"
+        if code in (step.OVERLAP, step.BAD_CONTACT):
+            body, partner = self._who(number)
+            if code == step.BAD_CONTACT:
+                return f"{when}: the force between {body} and {partner} is not a number ({laws})"
+            ratio = float(self.sums[:, contact_pass.SUM_OVERLAP].max())
+            return (
+                f"{when}: {body} and {partner} overlap by {ratio:.2f} of the smaller radius "
+                f"(guard: {s.D[at.D_GUARD_OVERLAP]:g}); a smaller time step, a lower load or a stiffer material is needed"
+            )
+        where = ", ".join(f"{x:.4g}" for x in s.B[number, at.B_X : at.B_X + 3])
+        body = f"body {number} at ({where}) m"
+        if code == step.BAD_BODY:
+            return f"{when}: the position of body {number} is not a number; the time step is too large"
+        if code == step.LEFT:
+            return f"{when}: {body} left the domain"
+        return (
+            f"{when}: {body} moves more than {s.D[at.D_GUARD_TRAVEL]:g} of a radius in one step; "
+            "a smaller time step is needed"
+        )
+
+    def _who(self, slot: int) -> tuple[str, str]:
+        s, slots = self.state, self.state.slots
+        j = int(slots.partner[slot])
+        names = {-1: "the lower plate"}
+        other = names.get(j, "the upper plate") if j < 0 else f"body {int(s.body[j])}"
+        b = int(s.body[slots.own[slot]])
+        where = ", ".join(f"{x:.4g}" for x in s.B[b, at.B_X : at.B_X + 3])
+        return f"body {b} at ({where}) m", other
+
+
+def _drag(state: State) -> tuple[float, float]:
+    """Direction of the planned drag of the upper plate, a unit vector, or (0, 0)."""
+    v_x, v_y = float(state.D[at.D_VX]), float(state.D[at.D_VY])
+    speed = math.hypot(v_x, v_y)
+    return (v_x / speed, v_y / speed) if speed > 0.0 else (0.0, 0.0)

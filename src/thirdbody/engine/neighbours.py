@@ -1,0 +1,76 @@
+"""The search: new candidate slots that carry over the memory of the old ones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..kernels import layout as at
+from ..kernels import search as passes
+from .state import Slots, State
+
+
+def search(state: State) -> None:
+    """Find all pairs that can touch before anything has moved by the skin; contact memory is carried over."""
+    n_plates, own, partner = _candidates(state)
+    old = state.slots
+    columns = old.H.shape[1]
+    n = len(own)
+    H, F, R = np.zeros((n, columns)), np.zeros((n, at.F_COLS)), np.zeros((n, at.R_COLS))
+    for source, target in ((old.H, H), (old.F, F), (old.R, R)):
+        _carry(n_plates, own, partner, old, source, target)
+    edges, incidence = passes.incidences(n, own, partner, state.body, state.n_bodies)
+    state.slots = Slots(own, partner, _kinds(state, own, partner), edges, incidence, n_plates, H, F, R)
+    state.X0[:] = state.S[:, :3]
+    state.P[:, at.P_Z0] = state.P[:, at.P_Z]
+    state.searches += 1
+
+
+def _carry(n_plates, own, partner, old: Slots, source, target) -> None:
+    passes.carry_history(0, n_plates, own, partner, target, 0, old.n_plates, old.own, old.partner, source)
+    passes.carry_history(n_plates, len(own), own, partner, target, old.n_plates, old.count, old.own, old.partner, source)
+
+
+def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
+    world = state.world
+    capacity = max(64, int(1.3 * state.slots.count), 2 * state.n_spheres)
+    while True:
+        own, partner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
+        n = passes.plate_candidates(
+            state.S, state.P, state.body, state.patch, world.lower is not None, world.upper is not None, state.skin, own, partner
+        )
+        n_plates = n
+        if world.debris_meets:
+            low, size, count, periodic = _grid(state)
+            l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
+            n = passes.pair_candidates(
+                state.S, state.body, l_x, l_y, state.skin, low, size, count, periodic, n, own, partner
+            )
+        if n <= capacity:
+            return n_plates, own[:n].copy(), partner[:n].copy()
+        capacity = int(1.2 * n)
+
+
+def _grid(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Origin, cell size, cell counts and periodicity of the search grid; cells are never smaller than the longest reach."""
+    reach = 2.0 * float(state.S[:, at.S_R].max()) + state.skin
+    lowest, highest = state.S[:, :3].min(axis=0), state.S[:, :3].max(axis=0)
+    low, length = lowest - 0.5 * reach, highest - lowest + reach
+    periodic = np.array([state.D[at.D_LX] > 0.0, state.D[at.D_LY] > 0.0])
+    for axis in (0, 1):
+        if periodic[axis]:
+            low[axis], length[axis] = 0.0, state.D[at.D_LX + axis]
+    # no more cells than spheres along any axis: an escaping body must not blow the grid up
+    count = np.clip((length / reach).astype(np.int64), 1, max(1, 2 * int(np.ceil(np.sqrt(state.n_spheres)))))
+    return low, length / count, count, periodic
+
+
+def _kinds(state: State, own: np.ndarray, partner: np.ndarray) -> np.ndarray:
+    """Row of the pair table for each candidate."""
+    material = state.material[state.body]
+    world = state.world
+    lower = -1 if world.lower is None else world.lower
+    upper = -1 if world.upper is None else world.upper.material
+    other = np.where(partner == -1, lower, upper)
+    meets = partner >= 0
+    other[meets] = material[partner[meets]]
+    return state.physics.kinds[material[own], other]

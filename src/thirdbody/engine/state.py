@@ -1,0 +1,255 @@
+"""Everything that a run is made of at one instant: the tables that the kernels work on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bodies.clump import Clump
+from ..kernels import bodies as body_pass
+from ..kernels import layout as at
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Placed:
+    """Bodies as they start. Positions of the centres of mass (n, 3) m, quaternions (n, 4) body to world, velocities."""
+
+    clumps: Sequence[Clump]
+    densities: Array
+    materials: Ints
+    populations: Ints
+    positions: Array
+    quaternions: Array
+    velocities: Array
+    angular_velocities: Array
+
+
+@dataclass(frozen=True)
+class UpperPlate:
+    """The upper first body: patches (one if rigid, one per body), how they are driven and loaded.
+
+    `load` is the force on each patch, N; a patch that is not `free` keeps its height. The plate moves with
+    `velocity` (x, y) from `start` on.
+    """
+
+    material: int
+    heights: Array
+    mass: Array
+    damping: Array
+    load: Array
+    free: bool
+    patch: Ints
+    velocity: tuple[float, float] = (0.0, 0.0)
+    start: float = 0.0
+
+
+@dataclass(frozen=True)
+class World:
+    """What surrounds the bodies. A period of 0 is an unbounded axis; `walls` makes the domain end at its size instead."""
+
+    size: tuple[float, float]
+    periodic: bool
+    bounded: bool
+    lower: int | None
+    upper: UpperPlate | None
+    debris_meets: bool
+
+
+@dataclass(frozen=True)
+class Physics:
+    """Compiled laws and effects with their parameters; `kinds[a, b]` is the row of `pairs` for two materials, -1 if none."""
+
+    law: Callable
+    stiffness: Callable | None
+    history: tuple[str, ...]
+    pairs: Array
+    kinds: Ints
+    effects: Callable
+    effect_parameters: Array
+    has_effects: bool
+    observe: Callable
+    label: Callable
+    memory: int
+    contact_memory: int
+    stride: int
+    labels: bool
+    outputs: int
+
+
+@dataclass
+class Slots:
+    """Candidate contacts, in order; memory H, this step's answer F, and the record R of the last observed step."""
+
+    own: Ints
+    partner: Ints
+    kind: Ints
+    edges: Ints
+    incidence: Ints
+    n_plates: int
+    H: Array
+    F: Array
+    R: Array
+
+    @property
+    def count(self) -> int:
+        """Number of candidates."""
+        return len(self.own)
+
+
+@dataclass
+class State:
+    """Tables at one synchronised instant; columns are named in `kernels.layout`."""
+
+    world: World
+    physics: Physics
+    B: Array
+    S: Array
+    P: Array
+    A: Array
+    D: Array
+    M: Array
+    offsets: Array
+    X0: Array
+    body: Ints
+    start: Ints
+    patch: Ints
+    material: Ints
+    population: Ints
+    rayleigh_radius: Array
+    slots: Slots
+    skin: float
+    dt: float = 0.0
+    searches: int = 0
+    limits: dict = field(default_factory=dict)
+
+    @property
+    def n_bodies(self) -> int:
+        """Number of bodies."""
+        return len(self.B)
+
+    @property
+    def n_spheres(self) -> int:
+        """Number of spheres."""
+        return len(self.S)
+
+    @property
+    def time(self) -> float:
+        """Time since the start, s."""
+        return float(self.A[at.A_TIME])
+
+    @property
+    def distance(self) -> float:
+        """Path of the upper plate relative to the lower since the start, m."""
+        return float(self.A[at.A_DISTANCE])
+
+
+def empty_slots(memory: int) -> Slots:
+    """No candidates."""
+    none = np.zeros(0, np.int64)
+    return Slots(
+        none, none, none, none, none, 0, np.zeros((0, memory)), np.zeros((0, at.F_COLS)), np.zeros((0, at.R_COLS))
+    )
+
+
+def memory_columns(physics: Physics) -> int:
+    """Columns of H: the engine's own, the laws' history, and the labeller's memory for both bodies of a contact."""
+    return at.H_LAW + len(physics.history) + 2 * physics.contact_memory
+
+
+def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> State:
+    """The tables of a scene at time zero; forces are zero until `engine.explicit.start` evaluates them."""
+    counts = np.array([len(clump.radii) for clump in placed.clumps], np.int64)
+    start = np.concatenate(([0], np.cumsum(counts)))
+    n_bodies, n_spheres = len(counts), int(start[-1])
+    B = np.zeros((n_bodies, at.B_COLS))
+    volume = np.array([clump.volume for clump in placed.clumps])
+    inertia = np.array([clump.inertia for clump in placed.clumps])
+    B[:, at.B_X : at.B_X + 3] = placed.positions
+    B[:, at.B_V : at.B_V + 3] = placed.velocities
+    B[:, at.B_Q : at.B_Q + 4] = placed.quaternions
+    B[:, at.B_MASS] = placed.densities * volume
+    B[:, at.B_I : at.B_I + 3] = placed.densities[:, None] * inertia
+    B[:, at.B_W : at.B_W + 3] = placed.angular_velocities
+    B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
+    S = np.zeros((n_spheres, at.S_COLS))
+    S[:, at.S_R] = np.concatenate([clump.radii for clump in placed.clumps])
+    offsets = np.ascontiguousarray(np.concatenate([clump.centers for clump in placed.clumps]))
+    upper = world.upper
+    patches = 0 if upper is None else len(upper.heights)
+    P = np.zeros((patches, at.P_COLS))
+    if upper is not None:
+        P[:, at.P_Z], P[:, at.P_Z0] = upper.heights, upper.heights
+        P[:, at.P_MASS], P[:, at.P_DAMPING], P[:, at.P_LOAD] = upper.mass, upper.damping, upper.load
+        P[:, at.P_FREE] = float(upper.free)
+    state = State(
+        world=world,
+        physics=physics,
+        B=B,
+        S=S,
+        P=P,
+        A=np.zeros(at.A_COLS),
+        D=_drive(world, skin),
+        M=np.zeros((n_bodies, max(physics.memory, 1))),
+        offsets=offsets,
+        X0=np.zeros((n_spheres, 3)),
+        body=np.repeat(np.arange(n_bodies), counts),
+        start=start,
+        patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch,
+        material=placed.materials,
+        population=placed.populations,
+        rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
+        slots=empty_slots(memory_columns(physics)),
+        skin=skin,
+    )
+    if upper is None:
+        # kernels index the patch of every body; without an upper plate nothing is ever a candidate with it
+        state.P = np.zeros((1, at.P_COLS))
+        state.P[0, at.P_MASS] = 1.0
+    refresh_spheres(state)
+    return state
+
+
+def _drive(world: World, skin: float) -> Array:
+    D = np.zeros(at.D_COLS)
+    if world.upper is not None:
+        D[at.D_START], (D[at.D_VX], D[at.D_VY]) = world.upper.start, world.upper.velocity
+    sign = 1.0 if world.periodic else (-1.0 if world.bounded else 0.0)
+    D[at.D_LX], D[at.D_LY] = sign * world.size[0], sign * world.size[1]
+    D[at.D_SKIN] = skin
+    D[at.D_FLOOR] = -np.inf if world.lower is None else 0.0
+    return D
+
+
+def rotation_matrices(q: Array) -> Array:
+    """(n, 3, 3) rotation matrices, body to world, of quaternions (n, 4)."""
+    w, x, y, z = q.T
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    ).transpose(2, 0, 1)
+
+
+def angular_momentum(B: Array) -> Array:
+    """(n, 3) angular momenta, world axes, from the spins and orientations in the table."""
+    turn = rotation_matrices(B[:, at.B_Q : at.B_Q + 4])
+    in_body = np.einsum("nji,nj->ni", turn, B[:, at.B_W : at.B_W + 3]) * B[:, at.B_I : at.B_I + 3]
+    return np.einsum("nij,nj->ni", turn, in_body)
+
+
+def refresh_spheres(state: State) -> None:
+    """Sphere positions and arms from the bodies (the kernels keep them up to date afterwards)."""
+    w, still = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for b in range(state.n_bodies):
+        q = tuple(state.B[b, at.B_Q : at.B_Q + 4])
+        body_pass.place_spheres(
+            b, state.start, state.offsets, state.S, state.X0, state.B, w, w, still, q, 0.0, 0.0
+        )

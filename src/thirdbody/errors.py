@@ -1,0 +1,73 @@
+"""What can go wrong, and the exit code the command line gives it. Imports nothing, so every layer may use it."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+class ThirdbodyError(Exception):
+    """Base of every error that is told to the user in one message and no traceback."""
+
+    exit_code = 1
+
+
+class UsageError(ThirdbodyError):
+    """The command was called in a way that cannot work."""
+
+    exit_code = 2
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of the input: where it stands, under which key, and what is wrong."""
+
+    key: str
+    message: str
+    file: str | None = None
+    line: int | None = None
+    column: int | None = None
+
+    def __str__(self) -> str:
+        place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
+        return ": ".join(part for part in (place, self.key, self.message) if part)
+
+
+class InputError(ThirdbodyError):
+    """The scene, a file that it names, or an option is wrong; carries every fault that was found."""
+
+    exit_code = 3
+
+    def __init__(self, faults: Fault | str | Iterable[Fault]):
+        if isinstance(faults, str):
+            faults = Fault("", faults)
+        self.faults: list[Fault] = [faults] if isinstance(faults, Fault) else list(faults)
+        super().__init__("\n".join(str(fault) for fault in self.faults))
+
+
+class GuardStop(ThirdbodyError):
+    """A run left its valid range; what it had computed is kept."""
+
+    exit_code = 4
+
+
+class OutputError(ThirdbodyError):
+    """The disk is full, the folder is read-only or exists already."""
+
+    exit_code = 5
+
+
+class MissingLibrary(ThirdbodyError):
+    """A system library that this command needs is not there; the message says what to install."""
+
+    exit_code = 5
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """A phrase that offers the nearest known name, or lists them all; empty when nothing is known."""
+    names = sorted(str(name) for name in known)
+    close = difflib.get_close_matches(word, names, 1, 0.5)
+    if close:
+        return f"did you mean '{close[0]}'?"
+    return f"known: {', '.join(names)}" if names else ""

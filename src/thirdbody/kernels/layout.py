@@ -1,0 +1,87 @@
+"""Which column of which table holds what. Every kernel, the engine and the labellers read these names.
+
+Tables are C-contiguous float64 with one row per thing, so that a kernel touches one cache line where it can.
+"""
+
+# S: spheres. Mid-step velocities carry the displacement of the step; the synchronised ones feed the dashpots.
+S_X, S_Y, S_Z, S_R = 0, 1, 2, 3
+S_U = 4  # mid-step velocity of the centre, 3
+S_W = 7  # mid-step angular velocity, 3
+S_V = 10  # velocity predicted for the end of the step, 3
+S_O = 13  # angular velocity predicted for the end of the step, 3
+S_ARM = 16  # centre of the sphere from its body's centre of mass, world axes, 3
+S_COLS = 20
+
+# B: bodies.
+B_X = 0  # position, 3
+B_V = 3  # velocity: full step when synchronised, mid-step inside a step, 3
+B_Q = 6  # quaternion w, x, y, z; body to world, 4
+B_L = 10  # angular momentum, world axes, 3
+B_MASS = 13
+B_I = 14  # principal moments, 3
+B_F = 17  # total force, 3
+B_T = 20  # total torque, 3
+B_W = 23  # angular velocity, synchronised, 3
+B_EF = 26  # force of body effects, 3
+B_ET = 29  # torque of body effects, 3
+B_UP = 32  # force of the upper plate on the body, 3
+B_LOW = 35  # force of the lower plate on the body, 3
+B_WORK = 38  # friction work, J, cumulative
+B_SLIP = 39  # slip distance, m, cumulative
+B_COLS = 40
+
+# P: patches of the upper body (one for a rigid plate, one per body for load_per_particle).
+P_Z, P_V, P_MASS, P_DAMPING, P_LOAD, P_F, P_FREE, P_Z0 = 0, 1, 2, 3, 4, 5, 6, 7
+P_COLS = 8
+
+# H: what a candidate contact remembers; law history and labeller memory follow from H_LAW on.
+H_ON, H_E, H_STORED, H_SLIP, H_LAW = 0, 1, 4, 5, 6
+
+# F: what a candidate contact did in this step.
+F_F = 0  # force on the owner, 3
+F_TI = 3  # torque on the owner about its body's centre, 3
+F_TJ = 6  # torque on the partner about its body's centre, 3
+F_WORK, F_SLIP = 9, 10
+F_COLS = 12
+
+# R: full record of a contact, written in observed steps only.
+R_POINT = 0  # contact point minus centre of the owner's body, 3
+R_POINT_J = 3  # contact point minus centre of the partner's body, 3
+R_N = 6  # unit normal from partner to owner, 3
+R_CURVATURE, R_CURVATURE_J = 9, 10
+R_A, R_OVERLAP, R_FN, R_LOAD = 11, 12, 13, 14
+R_T = 15  # tangential force on the owner, 3
+R_LIMIT, R_CRITICAL = 18, 19
+R_VI = 20  # velocity of the owner's surface at the contact, 3
+R_VJ = 23  # velocity of the partner's surface at the contact, 3
+R_STORED_N, R_STORED_T = 26, 27
+R_EFFECTIVE = 28
+R_COLS = 30
+
+# Law tile: input fields (then history), output fields (then history); stride TILE.
+TILE = 128
+I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = range(10)
+(O_FN, O_TX, O_TY, O_LOAD, O_LIMIT, O_CRITICAL, O_SLIP, O_A, O_STORED_N, O_STORED_T, O_WORK, O_POWER, O_HISTORY) = range(13)
+
+# A: totals since the start of the run (J, N s, m), and the powers of the last step for the trapezoid.
+(A_FRICTION, A_DAMPING, A_PLATE_WORK, A_PLATE_ABS, A_EFFECTS, A_IMPULSE, A_IMPULSE_LOW, A_TIME, A_DISTANCE) = (
+    0, 1, 2, 3, 4, 5, 8, 11, 12,
+)
+A_POWER_DAMPING, A_POWER_EFFECTS, A_POWER_PATCH, A_UPPER, A_LOWER, A_POWER_LOAD = 13, 14, 15, 16, 19, 22
+A_DX, A_DY, A_STEPS, A_ELAPSED, A_PEAK = 23, 24, 25, 26, 27
+A_COLS = 28
+
+# D: how the plates are driven, and the periodic lengths (0 = not periodic).
+D_START, D_VX, D_VY, D_LX, D_LY, D_GUARD_OVERLAP, D_GUARD_TRAVEL, D_SKIN, D_FLOOR = range(9)
+D_COLS = 9
+
+# C: one row per loaded contact of a body, handed to a labeller; its own memory follows from C_MEMORY on.
+C_PARTNER, C_POINT, C_NORMAL, C_CURVATURE, C_A, C_OVERLAP, C_FN, C_LOAD = 0, 1, 4, 7, 8, 9, 10, 11
+C_T, C_LIMIT, C_CRITICAL, C_SLIP, C_V, C_IDENTITY, C_MEMORY = 12, 15, 16, 17, 18, 21, 22
+
+# O: the body and its surroundings, handed to a labeller.
+O_MASS, O_X, O_V, O_Q, O_W, O_F, O_T, O_MA, O_LDOT, O_EF, O_ET = 0, 1, 4, 7, 11, 14, 17, 20, 23, 26, 29
+O_ELAPSED, O_SHIFT, O_DRAG, O_SPEED = 32, 33, 35, 37
+O_COLS = 38
+
+LOWER, UPPER, DEBRIS = 0, 1, 2

@@ -1,0 +1,110 @@
+"""What a labeller sees: one row per loaded contact of a body, the body's motion and that of the plates."""
+
+import numpy as np
+from numba import njit, types
+
+from .bodies import BODIES
+from .layout import (
+    A_DX, A_DY, A_ELAPSED,
+    B_EF, B_ET, B_F, B_MASS, B_Q, B_T, B_V, B_W, B_X,
+    C_A, C_CRITICAL, C_CURVATURE, C_FN, C_IDENTITY, C_LIMIT, C_LOAD, C_MEMORY, C_NORMAL, C_OVERLAP, C_PARTNER,
+    C_POINT, C_SLIP, C_T, C_V, DEBRIS, H_LAW, H_ON, H_SLIP, LOWER,
+    O_COLS, O_DRAG, O_EF, O_ELAPSED, O_ET, O_F, O_LDOT, O_MA, O_MASS, O_Q, O_SHIFT, O_SPEED, O_T, O_V, O_W, O_X,
+    R_A, R_CRITICAL, R_CURVATURE, R_CURVATURE_J, R_FN, R_LIMIT, R_LOAD, R_N, R_OVERLAP, R_POINT, R_POINT_J, R_T,
+    R_VI, R_VJ, UPPER,
+)  # fmt: skip
+from .options import INNER, OPTIONS
+from .signatures import LABEL, OBSERVE
+
+_F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
+_I1 = types.Array(types.int64, 1, "C")
+
+
+@njit(**INNER)
+def contact_row(C, n, k, second, own, partner, H, R, memory_at):
+    """Row n of a body's contact table from slot k, seen from the owner or from its partner (`second`)."""
+    j = partner[k]
+    sign = -1.0 if second else 1.0
+    C[n, C_PARTNER] = DEBRIS if j >= 0 else (LOWER if j == -1 else UPPER)
+    for d in range(3):
+        C[n, C_POINT + d] = R[k, R_POINT_J + d] if second else R[k, R_POINT + d]
+        C[n, C_NORMAL + d] = sign * R[k, R_N + d]
+        C[n, C_T + d] = sign * R[k, R_T + d]
+        C[n, C_V + d] = R[k, R_VI + d] if second else R[k, R_VJ + d]
+    C[n, C_CURVATURE] = R[k, R_CURVATURE_J] if second else R[k, R_CURVATURE]
+    C[n, C_A], C[n, C_OVERLAP], C[n, C_FN], C[n, C_LOAD] = R[k, R_A], R[k, R_OVERLAP], R[k, R_FN], R[k, R_LOAD]
+    C[n, C_LIMIT], C[n, C_CRITICAL], C[n, C_SLIP] = R[k, R_LIMIT], R[k, R_CRITICAL], H[k, H_SLIP]
+    # unique within the body: its own sphere and the partner, which is a plate (-1, -2) or a sphere
+    here, there = (j, own[k]) if second else (own[k], max(j, -2))
+    C[n, C_IDENTITY] = here * 67108864.0 + there + 3.0
+    for m in range(C.shape[1] - C_MEMORY):
+        C[n, C_MEMORY + m] = H[k, memory_at + m]
+
+
+@njit(**INNER)
+def body_row(b, B, A, drag, speed, O):
+    """Fill O with body b's state and its surroundings."""
+    O[O_MASS] = B[b, B_MASS]
+    for k in range(3):
+        O[O_X + k], O[O_V + k], O[O_W + k] = B[b, B_X + k], B[b, B_V + k], B[b, B_W + k]
+        O[O_F + k], O[O_T + k] = B[b, B_F + k], B[b, B_T + k]
+        # Newton's second law as the integrator applies it: the acceleration is the force of this instant
+        O[O_MA + k], O[O_LDOT + k] = B[b, B_F + k], B[b, B_T + k]
+        O[O_EF + k], O[O_ET + k] = B[b, B_EF + k], B[b, B_ET + k]
+    for k in range(4):
+        O[O_Q + k] = B[b, B_Q + k]
+    O[O_ELAPSED], O[O_SHIFT], O[O_SHIFT + 1] = A[A_ELAPSED], A[A_DX], A[A_DY]
+    O[O_DRAG], O[O_DRAG + 1], O[O_SPEED] = drag[0], drag[1], speed
+
+
+@njit(**INNER)
+def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at):
+    """The contact table of body b; its rows are the loaded contacts in the order of their slots."""
+    n = np.int64(0)
+    for e in range(edges[b], edges[b + 1]):
+        n += int(H[incidence[e] >> 1, H_ON])
+    C = np.empty((n, width))
+    n = np.int64(0)  # not the literal 0, for which the callees would be compiled once more
+    for e in range(edges[b], edges[b + 1]):
+        k = incidence[e] >> 1
+        if H[k, H_ON] != 0.0:
+            contact_row(C, n, k, incidence[e] & 1, own, partner, H, R, memory_at + (incidence[e] & 1) * (width - C_MEMORY))
+            n += 1
+    return C
+
+
+@njit(**INNER)
+def observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe):
+    """Let the labeller observe the bodies of chunk c: it updates its memory per body and per contact."""
+    O = np.empty(O_COLS)  # noqa: E741
+    for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
+        C = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history)
+        body_row(b, B, A, drag, speed, O)
+        observe(C, C.shape[0], O, M[b])
+        n = 0
+        for e in range(edges[b], edges[b + 1]):
+            k = incidence[e] >> 1
+            if H[k, H_ON] != 0.0:
+                to = H_LAW + n_history + (incidence[e] & 1) * (width - C_MEMORY)
+                for m in range(width - C_MEMORY):
+                    H[k, to + m] = C[n, C_MEMORY + m]
+                n += 1
+
+
+LABEL_BODIES = types.void(
+    _I1, _I1, _I1, _I1, _F2, _F2, _F2, _F1, _F2, types.UniTuple(types.float64, 2), types.float64,
+    types.int64, types.int64, types.FunctionType(OBSERVE), types.FunctionType(LABEL), _F2,
+)  # fmt: skip
+
+
+@njit(LABEL_BODIES, **OPTIONS)
+def label_bodies(edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, label, out):
+    """State, reason, margins and extras of every body at this instant, from a copy of the labeller's memory."""
+    O = np.empty(O_COLS)  # noqa: E741
+    for b in range(B.shape[0]):
+        C = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history)
+        memory = M[b].copy()
+        body_row(b, B, A, drag, speed, O)
+        if A[A_ELAPSED] > 0.0:
+            observe(C, C.shape[0], O, memory)
+        label(C, C.shape[0], O, memory, out[b])

@@ -1,0 +1,105 @@
+"""Bound of the explicit time step: the largest natural frequency of every body and patch at the current contact stiffness."""
+
+import math
+
+import numpy as np
+from numba import njit, types
+
+from .contacts import separation
+from .layout import (
+    B_I, B_MASS, B_Q, I_HISTORY, I_MASS, I_OVERLAP, I_RADIUS, I_TYPE, P_FREE, P_MASS, S_ARM, S_R, TILE,
+)  # fmt: skip
+from .options import INNER, OPTIONS
+from .rotation import matrix
+from .signatures import LAW
+
+
+@njit(**INNER)
+def add_stiffness(K, b, B, r, n, k_n, k_t):
+    """Add J^T (k_t 1 + (k_n - k_t) n n^T) J to body b's matrix, in body axes and mass-normalised; J = (1, -[r]x)."""
+    a, b_, c, d, e, f, g, h, i = matrix(B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
+    x, y, z = a * r[0] + d * r[1] + g * r[2], b_ * r[0] + e * r[1] + h * r[2], c * r[0] + f * r[1] + i * r[2]
+    m = (a * n[0] + d * n[1] + g * n[2], b_ * n[0] + e * n[1] + h * n[2], c * n[0] + f * n[1] + i * n[2])
+    root = 1.0 / math.sqrt(B[b, B_MASS])
+    i_x, i_y, i_z = 1.0 / math.sqrt(B[b, B_I]), 1.0 / math.sqrt(B[b, B_I + 1]), 1.0 / math.sqrt(B[b, B_I + 2])
+    J = np.zeros((3, 6))
+    J[0, 0], J[1, 1], J[2, 2] = root, root, root
+    J[0, 4], J[0, 5] = z * i_y, -y * i_z
+    J[1, 3], J[1, 5] = -z * i_x, x * i_z
+    J[2, 3], J[2, 4] = y * i_x, -x * i_y
+    for p in range(6):
+        along_p = m[0] * J[0, p] + m[1] * J[1, p] + m[2] * J[2, p]
+        for q in range(6):
+            along_q = m[0] * J[0, q] + m[1] * J[1, q] + m[2] * J[2, q]
+            dot = J[0, p] * J[0, q] + J[1, p] * J[1, q] + J[2, p] * J[2, q]
+            K[b, p, q] += k_t * dot + (k_n - k_t) * along_p * along_q
+
+
+@njit(**INNER)
+def largest_eigenvalue(K):
+    """An upper bound of the largest eigenvalue of a positive semidefinite 6x6 matrix, at most 12 % high: tr(K^16)^(1/16)."""
+    scale = 0.0
+    for p in range(6):
+        scale += K[p, p]
+    if scale <= 0.0:
+        return 0.0
+    a = np.empty((6, 6))
+    for p in range(6):
+        for q in range(6):
+            a[p, q] = K[p, q] / scale
+    for _ in range(4):
+        square = np.zeros((6, 6))
+        for p in range(6):
+            for q in range(6):
+                for r in range(6):
+                    square[p, q] += a[p, r] * a[r, q]
+        a = square
+    trace = 0.0
+    for p in range(6):
+        trace += a[p, p]
+    return scale * trace ** (1.0 / 16.0)
+
+
+_F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
+_I1 = types.Array(types.int64, 1, "C")
+STIFFNESS = types.void(
+    types.int64, _I1, _I1, _I1, _I1, _F2, _F2, _F2, _F1, types.float64, types.float64, types.FunctionType(LAW), _F2, _F1
+)
+
+
+@njit(STIFFNESS, **OPTIONS)
+def frequencies(n, own, partner, kind, body, S, B, P, pairs, l_x, l_y, stiffness, omega, patches):
+    """Squared natural frequencies (bounds from above), 1/s^2: `omega` (bodies, 3) all, translation only, rotation only.
+
+    A contact between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
+    `patches` gets those of the patches.
+    """
+    I, O = np.empty((I_HISTORY + 1) * TILE), np.zeros(2 * TILE)  # noqa: E741
+    K = np.zeros((B.shape[0], 6, 6))
+    for p in range(patches.shape[0]):
+        patches[p] = 0.0
+    for k in range(n):
+        overlap, n_x, n_y, n_z = separation(k, own, partner, S, P, l_x, l_y)
+        if overlap <= 0.0:
+            continue
+        i, j = own[k], partner[k]
+        radius = S[i, S_R] if j < 0 else S[i, S_R] * S[j, S_R] / (S[i, S_R] + S[j, S_R])
+        for f in range(I_HISTORY):
+            I[f * TILE] = 0.0
+        I[I_OVERLAP * TILE], I[I_RADIUS * TILE], I[I_MASS * TILE], I[I_TYPE * TILE] = overlap, radius, 1.0, kind[k]
+        stiffness(I, O, 1, pairs)
+        k_n, k_t = O[0], O[TILE]
+        twice = 1.0
+        if j < -1 and P[-j - 2, P_FREE] != 0.0:
+            twice = 2.0
+            patches[-j - 2] += 2.0 * k_n / P[-j - 2, P_MASS]
+        if j >= 0:
+            twice = 2.0
+            r = (S[j, S_ARM] + S[j, S_R] * n_x, S[j, S_ARM + 1] + S[j, S_R] * n_y, S[j, S_ARM + 2] + S[j, S_R] * n_z)
+            add_stiffness(K, body[j], B, r, (n_x, n_y, n_z), 2.0 * k_n, 2.0 * k_t)
+        r = (S[i, S_ARM] - S[i, S_R] * n_x, S[i, S_ARM + 1] - S[i, S_R] * n_y, S[i, S_ARM + 2] - S[i, S_R] * n_z)
+        add_stiffness(K, body[i], B, r, (n_x, n_y, n_z), twice * k_n, twice * k_t)
+    for b in range(B.shape[0]):
+        omega[b, 0] = largest_eigenvalue(K[b])
+        omega[b, 1] = K[b, 0, 0] + K[b, 1, 1] + K[b, 2, 2]
+        omega[b, 2] = K[b, 3, 3] + K[b, 4, 4] + K[b, 5, 5]

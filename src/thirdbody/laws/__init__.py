@@ -1,0 +1,1 @@
+"""Contact laws and body effects: the contract, the catalogue, and their composition into compiled code."""

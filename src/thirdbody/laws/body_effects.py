@@ -1,0 +1,63 @@
+"""Body effects of the catalogue: gravity, and viscous damping of the motion. Off unless a scene names them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from .contract import BodyEffect, Option, Options, Wrench, kernel
+
+
+class GravityParameters(NamedTuple):
+    """Acceleration, m/s2."""
+
+    g_x: float
+    g_y: float
+    g_z: float
+
+
+@kernel
+def gravity(b, p):
+    """m g at the centre of mass."""
+    return Wrench(b.mass * p.g_x, b.mass * p.g_y, b.mass * p.g_z, 0.0, 0.0, 0.0)
+
+
+def mix_gravity(options: Options) -> GravityParameters:
+    """The scene's acceleration."""
+    return GravityParameters(*options["acceleration"])
+
+
+class ViscousParameters(NamedTuple):
+    """Rate at which velocity decays, 1/s."""
+
+    rate: float
+
+
+@kernel
+def viscous(b, p):
+    """-rate m v and -rate I omega with the mean moment of inertia: a background that slows every motion alike."""
+    f, t = -p.rate * b.mass, -p.rate * b.inertia
+    return Wrench(f * b.v_x, f * b.v_y, f * b.v_z, t * b.w_x, t * b.w_y, t * b.w_z)
+
+
+def mix_viscous(options: Options) -> ViscousParameters:
+    """The scene's rate."""
+    return ViscousParameters(options["rate"])
+
+
+GRAVITY = BodyEffect(
+    name="gravity",
+    kernel=gravity,
+    parameters=GravityParameters,
+    mix=mix_gravity,
+    options=(Option("acceleration", "acceleration", None, size=3, doc="acceleration vector"),),
+    source="Newton 1687",
+)
+
+DAMPING = BodyEffect(
+    name="damping",
+    kernel=viscous,
+    parameters=ViscousParameters,
+    mix=mix_viscous,
+    options=(Option("rate", "rate", None, low=0.0, doc="rate at which velocities decay"),),
+    source="linear (Stokes) drag with a uniform rate",
+)

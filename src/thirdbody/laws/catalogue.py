@@ -1,0 +1,28 @@
+"""The engine's own laws and effects, as an ordinary plug-in."""
+
+from __future__ import annotations
+
+from .body_effects import DAMPING, GRAVITY
+from .contract import LawFamily, Plugin
+from .coulomb import COULOMB
+from .damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
+from .hertz import HERTZ
+from .mindlin import MINDLIN
+
+PLUGIN = Plugin(
+    name="catalogue",
+    families=(
+        LawFamily(
+            name="hertz_mindlin",
+            levels={
+                "frictionless": (HERTZ, HERTZ_DAMPING),
+                "coulomb": (HERTZ, HERTZ_DAMPING, COULOMB, TANGENTIAL_DAMPING),
+                "mindlin": (HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING),
+            },
+            default_level="mindlin",
+            source="Hertz 1882; Mindlin 1949",
+        ),
+    ),
+    effects=(GRAVITY, DAMPING),
+    source="thirdbody's catalogue",
+)

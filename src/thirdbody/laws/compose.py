@@ -1,0 +1,289 @@
+"""Laws and body effects composed into one generated, compiled module per scene.
+
+The module's name carries a hash of its text and of every source file it is made from, because numba's own cache watches only
+the file of the compiled function: an edited law gives another module, never a stale result (design: generated module with
+a source hash behind a function pointer; same speed as hand-inlined, the engine is compiled once for all laws).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numba
+
+from .. import cache
+from ..kernels import layout as at
+from .contract import STAGES, BodyEffect, Labeller, Law
+
+HEAD = """# generated: {title}
+import math
+from numba import njit
+from thirdbody.kernels.signatures import EFFECTS, LAW
+from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal
+{imports}
+
+"""
+
+CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {VN}], I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}])
+        o = int(I[q + {TYPE}]) * {width}
+"""
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The compiled laws of one scene. `law` and `stiffness` work on tiles; `width` is the number of parameters per pair."""
+
+    laws: tuple[Law, ...]
+    law: Callable
+    stiffness: Callable | None
+    history: tuple[str, ...]
+    width: int
+    path: Path
+
+
+def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
+    """Laws in the order of their stages; a stage may hold one law, adhesion any number.
+
+    Raises ValueError when the normal stage is empty or a stage is taken twice.
+    """
+    chain = tuple(sorted(laws, key=lambda law: STAGES.index(law.stage)))
+    for stage in STAGES:
+        names = [law.name for law in chain if law.stage == stage]
+        if len(names) > 1 and stage != "adhesion":
+            raise ValueError(f"two laws for the {stage} stage: {', '.join(names)}")
+        if stage == "normal" and not names:
+            raise ValueError("no law for the normal stage")
+    return chain
+
+
+def compose(laws: Iterable[Law]) -> Chain:
+    """Compile the chain of contact laws; raises ValueError as `ordered` does."""
+    chain = ordered(laws)
+    text = _contact_module(chain)
+    module, path = _load("law", text, [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent])
+    history = tuple(f"{law.name}.{name}" for law in chain for name in law.history)
+    width = sum(len(law.parameters._fields) for law in chain)
+    return Chain(chain, module.law, getattr(module, "stiffness", None), history, max(width, 1), path)
+
+
+def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
+    """Compile the loop over bodies that applies these effects, each with its own parameters, in their order."""
+    lines, imports, offset = [], [], 0
+    for k, effect in enumerate(effects):
+        imports += _imports(k, effect.kernel, effect.parameters)
+        count = len(effect.parameters._fields)
+        values = ", ".join(f"P[{offset + i}]" for i in range(count))
+        lines.append(f"        e{k} = kernel_{k}(b, parameters_{k}({values}))")
+        offset += count
+    sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
+    lines += [f"        B[i, {at.B_EF + i}] = {total}" for i, total in enumerate(sums)]
+    body = f"""@njit(EFFECTS, error_model="numpy", cache=True)
+def effects(B, first, last, time, P):
+    for i in range(first, last):
+        mean = (B[i, {at.B_I}] + B[i, {at.B_I + 1}] + B[i, {at.B_I + 2}]) / 3.0
+        b = Body(B[i, {at.B_MASS}], B[i, {at.B_X}], B[i, {at.B_X + 1}], B[i, {at.B_X + 2}],
+                 B[i, {at.B_V}], B[i, {at.B_V + 1}], B[i, {at.B_V + 2}],
+                 B[i, {at.B_W}], B[i, {at.B_W + 1}], B[i, {at.B_W + 2}], mean, time)
+""" + "\n".join(lines)
+    title = " + ".join(effect.name for effect in effects)
+    text = HEAD.format(title=title, imports="\n".join(imports)) + body + "\n"
+    module, _ = _load("effects", text, [effect.kernel for effect in effects])
+    return module.effects
+
+
+def compose_labeller(labeller: Labeller) -> tuple[Callable, Callable]:
+    """Compile `observe` and `label` behind the engine's signatures."""
+    text = "# generated: " + labeller.name + "\nfrom numba import njit\n"
+    text += "from thirdbody.kernels.signatures import LABEL, OBSERVE\n"
+    for name in ("observe", "label"):
+        function = _plain(getattr(labeller, name))
+        text += f"from {function.__module__} import {function.__name__} as {name}_kernel\n"
+    text += """
+
+@njit(OBSERVE, error_model="numpy", cache=True)
+def observe(contacts, n, body, memory):
+    observe_kernel(contacts, n, body, memory)
+
+
+@njit(LABEL, error_model="numpy", cache=True)
+def label(contacts, n, body, memory, out):
+    label_kernel(contacts, n, body, memory, out)
+"""
+    module, _ = _load("labeller", text, [labeller.observe, labeller.label])
+    return module.observe, module.label
+
+
+def _plain(function: Callable) -> Callable:
+    return function.py_func if hasattr(function, "py_func") else function
+
+
+def _imports(k: int, kernel: Callable, parameters: type) -> list[str]:
+    function = _plain(kernel)
+    return [
+        f"from {function.__module__} import {function.__name__} as kernel_{k}",
+        f"from {parameters.__module__} import {parameters.__name__} as parameters_{k}",
+    ]
+
+
+def _contact_module(chain: Sequence[Law]) -> str:
+    imports: list[str] = []
+    for k, law in enumerate(chain):
+        imports += _imports(k, law.kernel, law.parameters)
+        if law.tangent is not None:
+            function = _plain(law.tangent)
+            imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
+    text = HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports)) + _law_function(chain)
+    if all(law.tangent is not None for law in chain if law.stage in ("normal", "tangential")):
+        text += "\n\n" + _stiffness_function(chain)
+    return text
+
+
+def _field(offset: int) -> str:
+    return f"q + {offset * at.TILE}" if offset else "q"
+
+
+def _contact(width: int) -> str:
+    names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY", "TYPE")
+    return CONTACT.format(width=width, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
+
+
+def _parameters(chain: Sequence[Law], k: int) -> str:
+    offset = sum(len(law.parameters._fields) for law in chain[:k])
+    values = ", ".join(f"P[o + {offset + i}]" for i in range(len(chain[k].parameters._fields)))
+    return f"parameters_{k}({values})"
+
+
+def _history(chain: Sequence[Law], k: int) -> tuple[int, int]:
+    return sum(len(law.history) for law in chain[:k]), len(chain[k].history)
+
+
+def _call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
+    """Lines that call law k and, if it has a history, read and write it."""
+    start, count = _history(chain, k)
+    lines = [f"        p{k} = {_parameters(chain, k)}"]
+    if not count:
+        return lines + [f"        {answer} = kernel_{k}({arguments}, p{k})"]
+    read = ", ".join(f"I[{_field(at.I_HISTORY + start + i)}]" for i in range(count))
+    lines.append(f"        {answer}, h{k} = kernel_{k}({arguments}, p{k}, ({read},))")
+    return lines + [f"        O[{_field(at.O_HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
+
+
+def _law_function(chain: Sequence[Law]) -> str:
+    stages = {law.stage: k for k, law in enumerate(chain)}
+    lines = _call(chain, stages["normal"], "c", "n")
+    lines.append("        elastic, stored, work = n.force, n.stored, n.dissipated")
+    if "damping" in stages:
+        lines += _call(chain, stages["damping"], "c, n", "viscous")
+        # clipped: a dashpot may unload the contact but never pull
+        lines += ["        force = max(elastic + viscous, 0.0)", "        power = -(force - elastic) * c.v_n"]
+    else:
+        lines += ["        force = elastic", "        power = 0.0"]
+    lines.append("        load = Load(force, elastic, n.contact_radius, 0.0)")
+    for k, law in enumerate(chain):
+        if law.stage == "adhesion":
+            lines += _call(chain, k, "c, n", f"a{k}")
+            lines += [f"        force += a{k}.force", f"        stored += a{k}.stored"]
+    lines += _tangential_lines(chain, stages)
+    outputs = {
+        "FN": "force", "TX": "t_x", "TY": "t_y", "LOAD": "load.force", "LIMIT": "limit", "CRITICAL": "critical",
+        "SLIP": "slip", "A": "n.contact_radius", "STORED_N": "stored", "STORED_T": "stored_t", "WORK": "work", "POWER": "power",
+    }
+    lines += [f"        O[{_field(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
+    head = '@njit(LAW, error_model="numpy", cache=True)\ndef law(I, O, n_contacts, P):\n    for q in range(n_contacts):\n'
+    width = max(sum(len(law.parameters._fields) for law in chain), 1)
+    return head + _contact(width) + "\n".join(lines) + "\n"
+
+
+def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
+    if "tangential" not in stages:
+        return ["        t_x, t_y, limit, critical, slip, stored_t = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0"]
+    lines = _call(chain, stages["tangential"], "c, load", "t")
+    lines.append("        t_x, t_y, limit, critical, slip, stored_t = t.x, t.y, t.limit, t.critical, t.slip, t.stored")
+    lines.append("        work += t.dissipated")
+    if "tangential_damping" in stages:
+        k = stages["tangential_damping"]
+        lines += _call(chain, k, "c, load", "viscosity")
+        lines += [
+            # the largest share s in [0, 1] of the viscous force d that keeps |t + s d| inside the friction limit
+            "        d_x, d_y = -viscosity * c.v_x, -viscosity * c.v_y",
+            "        dd, td = d_x * d_x + d_y * d_y, t_x * d_x + t_y * d_y",
+            "        room = max(limit * limit - t_x * t_x - t_y * t_y, 0.0)",
+            "        share = min(max((math.sqrt(td * td + dd * room) - td) / max(dd, 1e-300), 0.0), 1.0)",
+            "        t_x += share * d_x",
+            "        t_y += share * d_y",
+            "        power -= share * (d_x * c.v_x + d_y * c.v_y)",
+        ]
+    return lines
+
+
+def _stiffness_function(chain: Sequence[Law]) -> str:
+    """Normal and virgin tangential stiffness of a tile: what the time step is bounded by."""
+    stages = {law.stage: k for k, law in enumerate(chain)}
+    k = stages["normal"]
+    zeros = "(" + "0.0, " * _history(chain, k)[1] + ")" if _history(chain, k)[1] else ""
+    lines = [f"        p{k} = {_parameters(chain, k)}"]
+    arguments = f"c, p{k}" + (f", {zeros}" if zeros else "")
+    lines.append(f"        k_n = tangent_{k}({arguments})")
+    lines.append(f"        n = kernel_{k}({arguments})" + ("[0]" if zeros else ""))
+    if "tangential" in stages:
+        k = stages["tangential"]
+        zeros = ", (" + "0.0, " * _history(chain, k)[1] + ")" if _history(chain, k)[1] else ""
+        lines += [
+            f"        p{k} = {_parameters(chain, k)}",
+            f"        t = tangent_{k}(c, Load(n.force, n.force, n.contact_radius, k_n), p{k}{zeros})",
+            "        k_t = max(-t[0], -t[3])",
+        ]
+    else:
+        lines.append("        k_t = 0.0")
+    lines += [f"        O[{_field(0)}] = k_n", f"        O[{_field(1)}] = k_t"]
+    head = '@njit(LAW, error_model="numpy", cache=True)\ndef stiffness(I, O, n_contacts, P):\n    for q in range(n_contacts):\n'
+    width = max(sum(len(law.parameters._fields) for law in chain), 1)
+    return head + _contact(width) + "\n".join(lines) + "\n"
+
+
+def source_files(functions: Iterable[Callable]) -> list[Path]:
+    """Every source file that a law's result can depend on: the law's own file, and all of its package if it has one."""
+    files: set[Path] = set()
+    for function in functions:
+        plain = _plain(function)
+        file = Path(plain.__code__.co_filename)
+        package = sys.modules[plain.__module__].__package__
+        files.update(file.parent.rglob("*.py") if package else {file})
+        files.update(_imported_beside(sys.modules[plain.__module__], file.parent))
+    return sorted(files)
+
+
+def _imported_beside(module: ModuleType, folder: Path) -> set[Path]:
+    """Source files in `folder` that `module` took names from: a one-file plug-in may import a neighbour."""
+    origins = {getattr(value, "__module__", None) for value in vars(module).values()}
+    loaded = (sys.modules.get(name) for name in origins if name)
+    paths = (Path(m.__file__) for m in loaded if m is not None and getattr(m, "__file__", None))
+    return {path for path in paths if path.parent == folder}
+
+
+def _load(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
+    """Write the generated text under a name that hashes all it depends on, and import it."""
+    digest = hashlib.sha256(text.encode() + numba.__version__.encode())
+    for file in source_files(functions):
+        digest.update(file.read_bytes())
+    name = f"thirdbody_{kind}_{digest.hexdigest()[:20]}"
+    path = cache.folder() / f"{name}.py"
+    if name in sys.modules:
+        return sys.modules[name], path
+    if not path.exists():
+        draft = path.with_suffix(f".{os.getpid()}")
+        draft.write_text(text)
+        os.replace(draft, path)  # atomic: several processes may race for the same name
+    spec = importlib.util.spec_from_file_location(name, path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module, path

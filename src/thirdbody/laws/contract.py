@@ -1,0 +1,250 @@
+"""The contract between the engine and everything that can be plugged into it.
+
+Signs, written once: the normal points from partner j to body i; `overlap > 0` touches; `v_n > 0` separates; a normal force
+is positive when it pushes i away from j; slip and tangential velocity are those of i relative to j, and a tangential force
+is the one on i, so friction opposes slip. A law lives in the contact frame: its tangential vectors have two components in a
+frame that the engine carries along with the rolling and twisting pair, so history never has to be rotated by a law.
+
+A law is made of *kernels*: plain functions of floats and named tuples, decorated with `kernel`, branch-free where possible.
+They see no indices, units, files or scene. SI everywhere.
+
+Stage by stage (`h` only for laws that name a history; then the result is `(answer, (new history...))`):
+
+| stage | kernel | answer |
+|---|---|---|
+| normal | `(c, p[, h])` | `Normal` |
+| adhesion | `(c, n, p[, h])` | `Adhesion` |
+| damping | `(c, n, p)` | viscous normal force, N |
+| tangential | `(c, load, p[, h])` | `Tangential` |
+| tangential_damping | `(c, load, p)` | viscous force opposing slip per unit slip velocity, N s/m |
+
+The engine clips `normal + damping` at zero (a dashpot cannot pull a dry contact back), hands that sum to the tangential
+stage as the load that friction may use, adds adhesion to the total force only, and scales the viscous tangential force into
+what the friction limit leaves. It computes the powers of both dashpots from the forces that really acted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from numba import njit
+
+STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping")
+
+kernel = njit(error_model="numpy", forceinline=True)
+"""Decorator of every law kernel: IEEE arithmetic, inlined into the generated contact loop."""
+
+
+class Contact(NamedTuple):
+    """What the engine tells a law about one contact, SI."""
+
+    overlap: float
+    radius: float  # effective radius of curvature, 1/R = 1/R_i + 1/R_j
+    mass: float  # effective mass, 1/m = 1/m_i + 1/m_j
+    v_n: float  # separation speed, synchronised with the overlap
+    slip_x: float  # slip during the step
+    slip_y: float
+    v_x: float  # slip velocity, synchronised with the overlap
+    v_y: float
+
+
+class Normal(NamedTuple):
+    """Answer of a normal law."""
+
+    force: float  # N, positive in compression
+    contact_radius: float  # m
+    stored: float  # J
+    dissipated: float  # J, during this step
+
+
+class Adhesion(NamedTuple):
+    """Answer of an adhesion law."""
+
+    force: float  # N, negative where it pulls
+    stored: float  # J, zero at first touch, negative in an adhesive well
+
+
+class Load(NamedTuple):
+    """What the normal stages hand to the tangential ones."""
+
+    force: float  # N, the load that friction may use: elastic plus viscous, never negative
+    elastic: float  # N, the normal law's force alone
+    contact_radius: float  # m
+    stiffness: float  # dN/dd, N/m; set only when a tangent is evaluated
+
+
+class Tangential(NamedTuple):
+    """Answer of a tangential law."""
+
+    x: float  # force on i, N
+    y: float
+    limit: float  # N, the largest tangential force that friction allows
+    critical: float  # m, displacement at which a virgin contact under this load slips throughout
+    slip: float  # m, irreversible slip during this step
+    stored: float  # J
+    dissipated: float  # J, during this step
+
+
+class Body(NamedTuple):
+    """What the engine tells a body effect about one body, SI, world axes."""
+
+    mass: float
+    x: float
+    y: float
+    z: float
+    v_x: float
+    v_y: float
+    v_z: float
+    w_x: float
+    w_y: float
+    w_z: float
+    inertia: float  # mean principal moment of inertia
+    time: float
+
+
+class Wrench(NamedTuple):
+    """Answer of a body effect: force and torque about the centre of mass."""
+
+    f_x: float
+    f_y: float
+    f_z: float
+    t_x: float
+    t_y: float
+    t_z: float
+
+
+@dataclass(frozen=True)
+class Material:
+    """Elastic half of a pair, SI."""
+
+    name: str
+    shear_modulus: float
+    poisson_ratio: float
+    density: float
+    yield_strength: float | None = None
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two materials that meet, and what the scene says of them."""
+
+    a: Material
+    b: Material
+    friction: float
+    restitution: float
+
+
+@dataclass(frozen=True)
+class Option:
+    """One value that a scene may give to a law or an effect.
+
+    `dimension` is a name of `thirdbody.scene.units`, or "dimensionless"; `size` > 1 makes it a vector; `default=None`
+    makes it required; values outside [low, high] are a fault.
+    """
+
+    name: str
+    dimension: str
+    default: float | Sequence[float] | None
+    low: float = -float("inf")
+    high: float = float("inf")
+    size: int = 1
+    doc: str = ""
+
+
+Options = Mapping[str, Any]
+
+
+def _always(_pairs: Sequence[Pair]) -> bool:
+    return True
+
+
+@dataclass(frozen=True)
+class Law:
+    """One contact law at one stage.
+
+    `mix(pair, options)` is plain Python, run once per material pair; it returns the kernel's parameter tuple `p`, an instance
+    of `parameters`. `tangent` has the kernel's arguments and returns dN/dd (normal, adhesion) or the six numbers
+    dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd (tangential); a law without one runs in the explicit integrator only.
+    `wanted(pairs)` says whether these materials call for the law at all: if not, it is absent from the compiled code.
+    """
+
+    name: str
+    stage: str
+    kernel: Callable
+    parameters: type
+    mix: Callable[[Pair, Options], Any]
+    source: str
+    options: tuple[Option, ...] = ()
+    history: tuple[str, ...] = ()
+    tangent: Callable | None = None
+    wanted: Callable[[Sequence[Pair]], bool] = _always
+
+
+@dataclass(frozen=True)
+class BodyEffect:
+    """A force and torque on every body: `kernel(body, p) -> Wrench`."""
+
+    name: str
+    kernel: Callable
+    parameters: type
+    mix: Callable[[Options], Any]
+    source: str
+    options: tuple[Option, ...] = ()
+
+
+@dataclass(frozen=True)
+class Labeller:
+    """Tags every body with a state, the reason, and margins.
+
+    `observe(contacts, n, body, memory)` runs every `stride` steps and `label(contacts, n, body, memory, out)` at output
+    frames, on a copy of the memory, so that output changes nothing. Columns: `thirdbody.kernels.layout`, names C_* for
+    contacts and O_* for the body. `out` holds state, reason, then `margins`, then `extras`. `memory` and `contact_memory`
+    name the floats that the engine keeps per body and per contact, zero at the start. `forecast`, if given, is plain
+    Python and gets `Loaded` bodies at output frames.
+    """
+
+    name: str
+    observe: Callable
+    label: Callable
+    states: tuple[str, ...]
+    reasons: tuple[str, ...]
+    margins: tuple[str, ...]
+    extras: tuple[str, ...]
+    memory: tuple[str, ...]
+    contact_memory: tuple[str, ...]
+    source: str
+    stride: int = 8
+
+
+@dataclass(frozen=True)
+class LawFamily:
+    """A name that a scene can give as `law`, and its levels: which laws stand behind each."""
+
+    name: str
+    levels: Mapping[str, tuple[Law, ...]]
+    default_level: str
+    labeller: Labeller | None = None
+    source: str = ""
+
+
+@dataclass(frozen=True)
+class Command:
+    """A subcommand; `target` is "module:function", imported only when it is called."""
+
+    name: str
+    target: str
+    help: str
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """Everything that one plug-in brings."""
+
+    name: str
+    families: tuple[LawFamily, ...] = ()
+    effects: tuple[Law | BodyEffect, ...] = ()
+    commands: tuple[Command, ...] = ()
+    source: str = ""
+    notes: Mapping[str, str] = field(default_factory=dict)

@@ -1,0 +1,100 @@
+"""Viscous damping of a Hertz contact with a coefficient of restitution that does not depend on speed.
+
+m x'' + K x^1.5 + alpha sqrt(m K) x^0.25 x' = 0 (Tsuji et al. 1992). With y = x^1.25 as the coordinate this is the linear
+oscillator (Antypov and Elliott 2011), so the restitution of the *clipped* contact, which cannot pull, is the linear one of
+Schwager and Poeschel 2007, and alpha(e) follows from it by bisection.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from .contract import Law, Options, Pair, kernel
+from .elasticity import e_star, g_star
+
+
+class DampingParameters(NamedTuple):
+    """Viscosity scale: alpha sqrt((4/3) E*), Pa^0.5."""
+
+    scale: float
+
+
+def restitution_of(alpha: float) -> float:
+    """Coefficient of restitution of the clipped contact for the damping number alpha >= 0, dimensionless.
+
+    Linear oscillator with omega_0^2 = 4/5 and gamma = 2 alpha/5, released where its acceleration vanishes
+    (Schwager and Poeschel 2007, Eqs. 10-12).
+    """
+    omega_0, gamma = math.sqrt(0.8), 0.4 * alpha
+    if gamma == 0.0:
+        return 1.0
+    if gamma < omega_0:
+        omega = math.sqrt(omega_0**2 - gamma**2)
+        return math.exp(-gamma / omega * math.atan2(2.0 * gamma * omega, 2.0 * gamma**2 - omega_0**2))
+    if gamma == omega_0:
+        return math.exp(-2.0)
+    root = math.sqrt(gamma**2 - omega_0**2)
+    return math.exp(-gamma / root * math.log((gamma + root) / (gamma - root)))
+
+
+def damping_number(restitution: float) -> float:
+    """alpha that gives this restitution in a contact that cannot pull, for restitution in (0, 1]."""
+    low, high = 0.0, 1.0
+    while restitution_of(high) > restitution:
+        high *= 2.0
+    while high - low > 4e-16 * high:
+        middle = 0.5 * (low + high)
+        if middle in (low, high):
+            break
+        low, high = (middle, high) if restitution_of(middle) > restitution else (low, middle)
+    return 0.5 * (low + high)
+
+
+@kernel
+def hertz_damping(c, n, p):
+    """-alpha sqrt(m K) x^0.25 v with K = (4/3) E* sqrt(R): since sqrt(K) x^0.25 = sqrt((4/3) E* a)."""
+    return -p.scale * math.sqrt(c.mass * n.contact_radius) * c.v_n
+
+
+def mix_damping(pair: Pair, _options: Options) -> DampingParameters:
+    """The scale alpha sqrt((4/3) E*) of a pair."""
+    return DampingParameters(damping_number(pair.restitution) * math.sqrt(4.0 / 3.0 * e_star(pair.a, pair.b)))
+
+
+@kernel
+def tangential_damping(c, load, p):
+    """alpha sqrt((2/3) m k_t) with k_t = 2 G* a: the ratio of dashpot to spring that the normal direction has, N s/m."""
+    return p.scale * math.sqrt(c.mass * load.contact_radius)
+
+
+def mix_tangential_damping(pair: Pair, _options: Options) -> DampingParameters:
+    """The scale alpha sqrt((4/3) G*) of a pair."""
+    return DampingParameters(damping_number(pair.restitution) * math.sqrt(4.0 / 3.0 * g_star(pair.a, pair.b)))
+
+
+def loses_energy(pairs: Sequence[Pair]) -> bool:
+    """Whether any pair has a restitution below one: only then is there a dashpot in the contact."""
+    return any(pair.restitution < 1.0 for pair in pairs)
+
+
+HERTZ_DAMPING = Law(
+    name="hertz_damping",
+    stage="damping",
+    kernel=hertz_damping,
+    parameters=DampingParameters,
+    mix=mix_damping,
+    wanted=loses_energy,
+    source="Tsuji et al. 1992; Antypov and Elliott 2011; clipped restitution by Schwager and Poeschel 2007",
+)
+
+TANGENTIAL_DAMPING = Law(
+    name="tangential_damping",
+    stage="tangential_damping",
+    kernel=tangential_damping,
+    parameters=DampingParameters,
+    mix=mix_tangential_damping,
+    wanted=loses_energy,
+    source="Tsuji et al. 1992: the normal dashpot's damping ratio for the tangential spring",
+)

@@ -1,0 +1,45 @@
+"""Hertz' normal contact (Willert, Eq. 5, with R_i for every spot)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from .contract import Law, Normal, Options, Pair, kernel
+from .elasticity import e_star
+
+
+class HertzParameters(NamedTuple):
+    """Effective modulus, Pa."""
+
+    e_star: float
+
+
+@kernel
+def hertz(c, p):
+    """N = (4/3) E* sqrt(R) d^1.5, a = sqrt(R d), stored energy (8/15) E* sqrt(R) d^2.5 = (2/5) N d."""
+    a = math.sqrt(c.radius * c.overlap)
+    force = 4.0 / 3.0 * p.e_star * a * c.overlap
+    return Normal(force, a, 0.4 * force * c.overlap, 0.0)
+
+
+@kernel
+def hertz_tangent(c, p):
+    """dN/dd = 2 E* a, N/m."""
+    return 2.0 * p.e_star * math.sqrt(c.radius * c.overlap)
+
+
+def mix_hertz(pair: Pair, _options: Options) -> HertzParameters:
+    """The pair's E*."""
+    return HertzParameters(e_star(pair.a, pair.b))
+
+
+HERTZ = Law(
+    name="hertz",
+    stage="normal",
+    kernel=hertz,
+    tangent=hertz_tangent,
+    parameters=HertzParameters,
+    mix=mix_hertz,
+    source="Hertz 1882; Willert, Self-consistency conditions in static three-body contact, Eq. 5",
+)

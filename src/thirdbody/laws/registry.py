@@ -1,0 +1,99 @@
+"""Finding plug-ins: the catalogue, installed entry points, and files named on the command line. A scene names none."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import MappingProxyType
+
+from ..errors import UsageError
+from .contract import BodyEffect, Command, Law, LawFamily, Plugin
+
+GROUP = "thirdbody.plugins"
+
+
+@dataclass(frozen=True)
+class Registry:
+    """Everything that was found. `failures` tells what did not load and why."""
+
+    plugins: tuple[Plugin, ...]
+    failures: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def families(self) -> dict[str, LawFamily]:
+        """Law families by name."""
+        return {family.name: family for plugin in self.plugins for family in plugin.families}
+
+    @property
+    def effects(self) -> dict[str, Law | BodyEffect]:
+        """Effects by name."""
+        return {effect.name: effect for plugin in self.plugins for effect in plugin.effects}
+
+    @property
+    def laws(self) -> dict[str, Law]:
+        """Every contact law that any plug-in brings, by name."""
+        found = [law for family in self.families.values() for laws in family.levels.values() for law in laws]
+        found += [effect for effect in self.effects.values() if isinstance(effect, Law)]
+        return {law.name: law for law in found}
+
+
+def discover(files: Sequence[str | Path] = ()) -> Registry:
+    """All plug-ins: the catalogue, entry points of the group `thirdbody.plugins`, and the files given.
+
+    A broken installed plug-in is told in `failures`; a broken file, which the user asked for, raises UsageError, as do two
+    plug-ins that bring the same name.
+    """
+    from .catalogue import PLUGIN
+
+    plugins, failures = [PLUGIN], {}
+    for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
+        try:
+            plugins.append(point.load())
+        except Exception as problem:  # whatever a plug-in raises on import, the others must still load
+            failures[point.name] = f"{type(problem).__name__}: {problem}"
+    plugins += [load_file(Path(file)) for file in files]
+    _refuse_doubles(plugins)
+    return Registry(tuple(plugins), MappingProxyType(failures))
+
+
+def load_file(path: Path) -> Plugin:
+    """The `PLUGIN` of a Python file. Raises UsageError if it cannot be read, fails, or has none."""
+    if not path.is_file():
+        raise UsageError(f"--plugin {path}: no such file")
+    digest = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]
+    name = f"thirdbody_file_{path.stem}_{digest}"
+    if name not in sys.modules:
+        spec = importlib.util.spec_from_file_location(name, path)
+        if spec is None or spec.loader is None:
+            raise UsageError(f"--plugin {path}: not a Python file")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module
+        try:
+            spec.loader.exec_module(module)
+        except Exception as problem:
+            del sys.modules[name]
+            raise UsageError(f"--plugin {path}: {type(problem).__name__}: {problem}") from problem
+    plugin = getattr(sys.modules[name], "PLUGIN", None)
+    if not isinstance(plugin, Plugin):
+        raise UsageError(f"--plugin {path}: the file has no PLUGIN = Plugin(...)")
+    return plugin
+
+
+def commands() -> list[tuple[str, Command]]:
+    """Subcommands of installed plug-ins, by the plug-in's name; broken plug-ins have none."""
+    return [(plugin.name, command) for plugin in discover().plugins for command in plugin.commands]
+
+
+def _refuse_doubles(plugins: Iterable[Plugin]) -> None:
+    owners: dict[str, str] = {}
+    for plugin in plugins:
+        names = [family.name for family in plugin.families] + [effect.name for effect in plugin.effects]
+        for name in names:
+            if name in owners:
+                raise UsageError(f"plug-ins '{owners[name]}' and '{plugin.name}' both bring '{name}'")
+            owners[name] = plugin.name

@@ -1,0 +1,1 @@
+"""What a run leaves behind: the trajectory file, its reader, its pictures and what opens it in ParaView."""

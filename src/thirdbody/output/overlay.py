@@ -1,0 +1,79 @@
+"""Flat shapes and words laid over a picture."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from thirdbody.output.palette import rgb
+
+INK = "#20242A"
+
+# Pictures are drawn larger by this and averaged: the edges of ray-cast spheres know no other smoothing.
+OVERSAMPLING = 2
+
+
+def unit_rgb(text: str) -> tuple[float, float, float]:
+    """Red, green and blue (0 to 1) of a colour written as `#RRGGBB`, as VTK takes them."""
+    red, green, blue = rgb(text)
+    return red / 255.0, green / 255.0, blue / 255.0
+
+
+class Overlay:
+    """Flat shapes and words over the whole picture; places in pixels from its lower left corner."""
+
+    def __init__(self, window: Any, size: tuple[int, int]):
+        import vtk
+
+        self._vtk, self._size, self._unit = vtk, size, size[1] / 900.0
+        self._renderer = vtk.vtkRenderer()
+        self._renderer.SetLayer(1)
+        self._renderer.InteractiveOff()
+        window.AddRenderer(self._renderer)
+
+    def px(self, length: float) -> float:
+        """Pixels of a length given for a picture 900 pixels high."""
+        return length * self._unit
+
+    def text(self, words: str, x: float, y: float, height: float, color: str = INK, **style: Any) -> float:
+        """Words of a given height; `align` left, center or right, `bold`. Returns their width in pixels."""
+        actor = self._vtk.vtkTextActor()
+        actor.SetInput(words)
+        # Fonts are measured in pixels only at 72 dpi, which the window is set to.
+        look = actor.GetTextProperty()
+        look.SetFontFamilyToArial()
+        look.SetFontSize(int(self.px(height) * OVERSAMPLING))
+        look.SetColor(*unit_rgb(color))
+        look.SetBold(style.get("bold", False))
+        align = {"left": look.SetJustificationToLeft, "center": look.SetJustificationToCentered}
+        align.get(style.get("align", "left"), look.SetJustificationToRight)()
+        look.SetVerticalJustificationToCentered()
+        actor.SetPosition(x * OVERSAMPLING, y * OVERSAMPLING)
+        self._renderer.AddViewProp(actor)
+        box = [0.0] * 4
+        actor.GetBoundingBox(self._renderer, box)
+        return (box[1] - box[0]) / OVERSAMPLING
+
+    def polygon(self, corners: np.ndarray, color: str, outline: bool = False) -> None:
+        """A filled polygon, or its outline."""
+        vtk = self._vtk
+        points, cells = vtk.vtkPoints(), vtk.vtkCellArray()
+        numbers = [points.InsertNextPoint(x * OVERSAMPLING, y * OVERSAMPLING, 0.0) for x, y in corners]
+        if outline:
+            numbers.append(numbers[0])
+        cells.InsertNextCell(len(numbers), numbers)
+        data = vtk.vtkPolyData()
+        data.SetPoints(points)
+        (data.SetLines if outline else data.SetPolys)(cells)
+        mapper = vtk.vtkPolyDataMapper2D()
+        mapper.SetInputData(data)
+        actor = vtk.vtkActor2D()
+        actor.SetMapper(mapper)
+        actor.GetProperty().SetColor(*unit_rgb(color))
+        actor.GetProperty().SetLineWidth(self.px(1.5) * OVERSAMPLING)
+        self._renderer.AddViewProp(actor)
+
+    def disc(self, x: float, y: float, radius: float, color: str) -> None:
+        angle = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+        self.polygon(np.stack([x + radius * np.cos(angle), y + radius * np.sin(angle)], axis=1), color)

@@ -1,0 +1,57 @@
+"""The colours of the states and of scalar fields, the same in every picture, plot and viewer script.
+
+The state colours stay apart under protanopia, deuteranopia and tritanopia (Tableau 10, the blue, orange and
+green).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+STATE_COLORS = {"free": "#8E939A", "sticking": "#4C78A8", "sliding": "#F58518", "rolling": "#54A24B"}
+
+# For states that a labeller of a plug-in adds.
+SPARE_COLORS = ("#B279A2", "#E45756", "#72B7B2", "#EECA3B", "#9D755D")
+
+# Viridis (S. van der Walt, N. Smith, 2015) at nine equal steps; linear between them is within 2 of 255.
+FIELD_STOPS = (
+    "#440154",
+    "#472D7B",
+    "#3B528B",
+    "#2C728E",
+    "#21918C",
+    "#28AE80",
+    "#5EC962",
+    "#ADDC30",
+    "#FDE725",
+)
+
+
+def rgb(color: str) -> tuple[int, int, int]:
+    """Red, green and blue (0 to 255) of a colour written as `#RRGGBB`."""
+    return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
+
+
+def state_colors(names: Sequence[str]) -> list[str]:
+    """One colour `#RRGGBB` per state name, in the order given; unknown names take spare colours in turn."""
+    spare = 0
+    colors = []
+    for name in names:
+        if name not in STATE_COLORS:
+            colors.append(SPARE_COLORS[spare % len(SPARE_COLORS)])
+            spare += 1
+        else:
+            colors.append(STATE_COLORS[name])
+    return colors
+
+
+def field_colors(fraction: np.ndarray) -> np.ndarray:
+    """Colours (n, 3) uint8 of values from 0 to 1; values outside take the end colours, NaN light grey."""
+    stops = np.array([rgb(stop) for stop in FIELD_STOPS], dtype=np.float64)
+    known = np.nan_to_num(np.clip(fraction, 0.0, 1.0))
+    place = np.linspace(0.0, 1.0, len(stops))
+    colors = np.stack([np.interp(known, place, stops[:, channel]) for channel in range(3)], axis=-1)
+    colors[np.isnan(fraction)] = 215.0
+    return np.rint(colors).astype(np.uint8)

@@ -1,0 +1,80 @@
+"""The one door through which plug-ins reach the engine. Nothing else of `thirdbody` is theirs to import.
+
+A plug-in is a module with `PLUGIN = Plugin(...)`: installed under the entry-point group `thirdbody.plugins`, or a file given
+to `--plugin`. `plugins/dmt_adhesion.py` is the template; `thirdbody laws --check FILE` runs the conformance suite on it.
+"""
+
+from __future__ import annotations
+
+from .errors import Fault, InputError, UsageError
+from .kernels.layout import (
+    C_A,
+    C_CRITICAL,
+    C_CURVATURE,
+    C_FN,
+    C_IDENTITY,
+    C_LIMIT,
+    C_LOAD,
+    C_MEMORY,
+    C_NORMAL,
+    C_OVERLAP,
+    C_PARTNER,
+    C_POINT,
+    C_SLIP,
+    C_T,
+    C_V,
+    DEBRIS,
+    LOWER,
+    O_COLS,
+    O_DRAG,
+    O_EF,
+    O_ELAPSED,
+    O_ET,
+    O_F,
+    O_LDOT,
+    O_MA,
+    O_MASS,
+    O_Q,
+    O_SHIFT,
+    O_SPEED,
+    O_T,
+    O_V,
+    O_W,
+    O_X,
+    UPPER,
+)
+from .laws.contract import (
+    Adhesion,
+    Body,
+    BodyEffect,
+    Command,
+    Contact,
+    Labeller,
+    Law,
+    LawFamily,
+    Load,
+    Material,
+    Normal,
+    Option,
+    Options,
+    Pair,
+    Plugin,
+    Tangential,
+    Wrench,
+    kernel,
+)
+from .laws.coulomb import COULOMB
+from .laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
+from .laws.elasticity import dundurs_beta, e_star, g_star
+from .laws.hertz import HERTZ
+from .laws.mindlin import MINDLIN
+
+__all__ = [
+    "C_A", "C_CRITICAL", "C_CURVATURE", "C_FN", "C_IDENTITY", "C_LIMIT", "C_LOAD", "C_MEMORY", "C_NORMAL", "C_OVERLAP",
+    "C_PARTNER", "C_POINT", "C_SLIP", "C_T", "C_V", "COULOMB", "DEBRIS", "HERTZ", "HERTZ_DAMPING", "LOWER", "MINDLIN", "O_COLS",
+    "O_DRAG", "O_EF", "O_ELAPSED", "O_ET", "O_F", "O_LDOT", "O_MA", "O_MASS", "O_Q", "O_SHIFT", "O_SPEED", "O_T", "O_V", "O_W",
+    "O_X", "TANGENTIAL_DAMPING", "UPPER",
+    "Adhesion", "Body", "BodyEffect", "Command", "Contact", "Fault", "InputError", "Labeller", "Law", "LawFamily", "Load",
+    "Material", "Normal", "Option", "Options", "Pair", "Plugin", "Tangential", "UsageError", "Wrench",
+    "dundurs_beta", "e_star", "g_star", "kernel",
+]  # fmt: skip

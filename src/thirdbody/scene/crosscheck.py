@@ -1,0 +1,118 @@
+"""Faults between the tables of a scene: names of materials, missing pairs, sliding without a moving plate.
+
+Works on the raw tables, as far as they can be read, so that these faults are told together with all others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+from typing import Any
+
+from thirdbody.errors import nearest
+from thirdbody.scene.fields import show
+from thirdbody.scene.part import Place, Wrong
+
+
+def get(node: Any, key: str) -> Any:
+    """The entry of a raw table or of a checked one; None when there is none."""
+    return node.get(key) if isinstance(node, Mapping) else getattr(node, key, None)
+
+
+def _items(node: Any) -> list[Any]:
+    return list(node) if isinstance(node, list | tuple) else []
+
+
+def material_faults(raw: dict[str, Any]) -> list[Wrong]:
+    """Names that are used but not defined."""
+    materials = raw.get("materials")
+    if not isinstance(materials, Mapping) or not materials:
+        return []
+    return [
+        (place, f"unknown material {show(name)}, {nearest(name, materials)}")
+        for place, name in _used(raw)
+        if isinstance(name, str) and name not in materials
+    ]
+
+
+def _used(raw: dict[str, Any]) -> Iterator[tuple[Place, Any]]:
+    for i, debris in enumerate(_items(raw.get("debris"))):
+        yield ("debris", i, "material"), get(debris, "material")
+    for side in ("lower", "upper"):
+        yield ("plates", side, "material"), get(get(raw.get("plates"), side), "material")
+    for i, pair in enumerate(_items(raw.get("pairs"))):
+        for k, name in enumerate(_items(get(pair, "between"))):
+            yield ("pairs", i, "between", k), name
+
+
+def pair_faults(raw: dict[str, Any]) -> list[Wrong]:
+    """Pairs given twice, and pairs of materials that can meet but are not given."""
+    wrongs: list[Wrong] = []
+    known: dict[frozenset[str], int] = {}
+    for i, pair in enumerate(_items(raw.get("pairs"))):
+        names = [name for name in _items(get(pair, "between")) if isinstance(name, str)]
+        if len(names) != 2 or not _defined(raw, names):
+            return wrongs  # told already; which pair was meant is not known, so none can be called missing
+        if frozenset(names) in known:
+            first = known[frozenset(names)]
+            wrongs.append((("pairs", i, "between"), f"{_both(names)} are given by pairs[{first}] already"))
+        known.setdefault(frozenset(names), i)
+    needed: dict[frozenset[str], tuple[list[str], str]] = {}
+    for first, second, where in _meetings(raw):
+        if _defined(raw, [first, second]):
+            needed.setdefault(frozenset((first, second)), ([first, second], where))
+    for key, (names, where) in needed.items():
+        if key not in known:
+            text = f"no pair for {_both(names)}, which can meet ({where}): add a [[pairs]] table with"
+            wrongs.append((("pairs",), f'{text} between = ["{names[0]}", "{names[1]}"]'))
+    return wrongs
+
+
+def _both(names: list[str]) -> str:
+    return f"'{names[0]}' and '{names[1]}'"
+
+
+def _defined(raw: dict[str, Any], names: list[Any]) -> bool:
+    materials = raw.get("materials")
+    return isinstance(materials, Mapping) and all(isinstance(n, str) and n in materials for n in names)
+
+
+def _meetings(raw: dict[str, Any]) -> Iterator[tuple[Any, Any, str]]:
+    """Materials that can touch, and who carries them."""
+    debris = [
+        (f"debris[{i}]", get(d, "material"), _bodies(d)) for i, d in enumerate(_items(raw.get("debris")))
+    ]
+    for name, material, _ in debris:
+        for side in ("lower", "upper"):
+            plate = get(raw.get("plates"), side)
+            if plate is not None:
+                yield material, get(plate, "material"), f"{name} and plates.{side}"
+    if get(raw.get("contact"), "debris_contact") == "none":
+        return
+    for name, material, bodies in debris:
+        if bodies > 1:
+            yield material, material, f"the bodies of {name}"
+    for (name, material, _), (other, other_material, _) in combinations(debris, 2):
+        yield material, other_material, f"{name} and {other}"
+
+
+def _bodies(debris: Any) -> int:
+    """Number of bodies as far as it can be read; 0 when it cannot."""
+    count, positions = get(debris, "count"), get(debris, "positions")
+    if isinstance(count, int):
+        return count
+    return len(positions) if hasattr(positions, "__len__") and not isinstance(positions, str) else 0
+
+
+def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[Wrong]:
+    """Lengths of sliding without a plate that slides."""
+    wrongs: list[Wrong] = []
+    if moving:
+        return wrongs
+    if get(raw.get("solver"), "distance") is not None:
+        hint = "add plates.upper.motion, or give duration instead"
+        wrongs.append((("solver", "distance"), f"a distance needs an upper plate that moves: {hint}"))
+    if every_kind == "distance":
+        hint = "add plates.upper.motion, or give a time"
+        wrongs.append((("output", "every"), f"a length of sliding needs an upper plate that moves: {hint}"))
+    return wrongs

@@ -1,0 +1,183 @@
+"""The field types of the scene model: each checks one value and says in plain English what is wrong."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from pydantic import BeforeValidator, ValidationInfo
+from pydantic_core import core_schema
+
+from thirdbody.scene import units
+
+
+def show(value: Any) -> str:
+    """A value as the user wrote it, shortened for a message."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        return "a table"
+    text = f"'{value}'" if isinstance(value, str) else str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def plain(value: Any) -> Any:
+    """Tables, lists, numpy arrays and numbers as plain dicts, lists and Python numbers."""
+    if isinstance(value, Mapping):
+        return {key: plain(entry) for key, entry in value.items()}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def in_file(info: ValidationInfo) -> bool:
+    """True when a file is read, where a bare number for a quantity with a unit is a fault."""
+    return bool(isinstance(info.context, dict) and info.context.get("file"))
+
+
+@dataclass(frozen=True)
+class Range:
+    """Limits of a number; `word` says them."""
+
+    gt: float | None = None
+    ge: float | None = None
+    lt: float | None = None
+    le: float | None = None
+
+    def check(self, value: float, shown: str) -> None:
+        """Raises ValueError outside the limits."""
+        limits = [
+            ("greater than", self.gt, self.gt is None or value > self.gt),
+            ("at least", self.ge, self.ge is None or value >= self.ge),
+            ("less than", self.lt, self.lt is None or value < self.lt),
+            ("at most", self.le, self.le is None or value <= self.le),
+        ]
+        if not all(kept for _, _, kept in limits):
+            if self.ge is not None and self.ge == self.le:
+                raise ValueError(f"{shown} must be {self.ge:g}")
+            told = " and ".join(f"{word} {limit:g}" for word, limit, _ in limits if limit is not None)
+            raise ValueError(f"{shown} must be {told}")
+
+
+@dataclass(frozen=True)
+class Quantity(Range):
+    """A float in SI of one dimension; text with a unit is converted, and written back with a unit.
+
+    `words` are texts that stand for themselves, such as "auto".
+    """
+
+    dimension: str = "dimensionless"
+    words: tuple[str, ...] = ()
+
+    def read(self, value: Any, info: ValidationInfo) -> float | str:
+        """The SI float. Raises ValueError."""
+        if isinstance(value, str):
+            return value if value in self.words else self._text(value)
+        if isinstance(value, bool) or not isinstance(value, numbers.Real):
+            raise ValueError(f"expected {units.DIMENSIONS[self.dimension].phrase}, got {show(value)}")
+        if in_file(info) and self.dimension != "dimensionless" and math.isfinite(value):
+            units.parse(str(value), self.dimension)  # raises: a bare number has no unit
+        if not math.isfinite(value):
+            raise ValueError(f"{value} is not a finite number")
+        self.check(float(value), show(value))
+        return float(value)
+
+    def _text(self, text: str) -> float:
+        try:
+            value = units.parse(text, self.dimension)
+        except ValueError as error:
+            also = " or ".join(f"'{word}'" for word in self.words)
+            raise ValueError(f"{error} or {also}" if also else str(error)) from None
+        self.check(value, show(text))
+        return value
+
+    def write(self, value: float | str) -> float | str:
+        """The value as a file holds it."""
+        if isinstance(value, str) or self.dimension == "dimensionless":
+            return value
+        return units.format_si(value, self.dimension)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return _function_schema(self.read, self.write)
+
+
+@dataclass(frozen=True)
+class Whole(Range):
+    """A whole number, never made from a text, a truth value or 20.0."""
+
+    def read(self, value: Any, info: ValidationInfo) -> int:
+        """The int. Raises ValueError."""
+        if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+            raise ValueError(f"expected a whole number, got {show(value)}")
+        self.check(int(value), show(value))
+        return int(value)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return _function_schema(self.read)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of the names in the field's Literal; `later` are names of the file format that do not work yet."""
+
+    later: tuple[str, ...] = ()
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        names = get_args(source)
+
+        def read(value: Any, info: ValidationInfo) -> str:
+            return choose(value, names, self.later, info.field_name or "value")
+
+        return _function_schema(read)
+
+
+def choose(value: Any, names: Iterable[str], later: Iterable[str], key: str) -> str:
+    """The value when it is one of the names. Raises ValueError that lists them."""
+    listed = ", ".join(f"'{name}'" for name in names)
+    if isinstance(value, str) and value in later:
+        raise ValueError(f"{key} = '{value}' is known but not available in this version; available: {listed}")
+    if not isinstance(value, str) or value not in names:
+        raise ValueError(f"{show(value)} is not one of {listed}")
+    return value
+
+
+@dataclass(frozen=True)
+class _Typed:
+    """A value that must have the type already: no conversion, so a misplaced value is noticed."""
+
+    kind: type
+    name: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        def read(value: Any, info: ValidationInfo) -> Any:
+            if not isinstance(value, self.kind):
+                raise ValueError(f"expected {self.name}, got {show(value)}")
+            return value
+
+        return _function_schema(read)
+
+
+TEXT = _Typed(str, "a text")
+FLAG = _Typed(bool, "true or false")
+
+
+def _function_schema(read: Any, write: Any = None) -> core_schema.CoreSchema:
+    serial = core_schema.plain_serializer_function_ser_schema(write) if write else None
+    return core_schema.with_info_plain_validator_function(read, serialization=serial)
+
+
+def listing(what: str, length: int | None = None) -> BeforeValidator:
+    """Checks that a list is given, of this length; takes numpy arrays too."""
+
+    def check(value: Any) -> list[Any]:
+        value = value.tolist() if hasattr(value, "tolist") else value
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"expected {what}, got {show(value)}")
+        if len(value) != (len(value) if length is None else length):
+            raise ValueError(f"expected {what}, got {len(value)} of them")
+        return list(value)
+
+    return BeforeValidator(check)

@@ -1,0 +1,156 @@
+"""The scene: everything a scene file may hold, checked, frozen and in SI units.
+
+In Python, quantities are given as floats in SI or as text with a unit; in a file always as text with a unit.
+The tables themselves stand in `tables` and `debris`; import them from here.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import PrivateAttr, ValidationError
+
+from thirdbody.errors import Fault, InputError
+from thirdbody.scene import crosscheck
+from thirdbody.scene.debris import (
+    Ball,
+    Constant,
+    Debris,
+    Irregular,
+    Lognormal,
+    Normal,
+    Spheres,
+    Uniform,
+)
+from thirdbody.scene.fields import Whole, listing, plain
+from thirdbody.scene.part import MISSING, Part, Place, Wrong, wrongs_of
+from thirdbody.scene.read import Source, read_text, read_toml
+from thirdbody.scene.settings import apply_settings
+from thirdbody.scene.tables import (
+    Contact,
+    Domain,
+    Drive,
+    Effects,
+    LowerPlate,
+    Material,
+    Motion,
+    Output,
+    Pair,
+    Plates,
+    Solver,
+    UpperPlate,
+)
+from thirdbody.scene.types import Text
+from thirdbody.scene.write import save_text, toml_text
+
+__all__ = [
+    "Ball", "Constant", "Contact", "Debris", "Domain", "Drive", "Effects", "Irregular", "Lognormal",
+    "LowerPlate", "Material", "Motion", "Normal", "Output", "Pair", "Plates", "Scene", "Solver", "Spheres",
+    "Uniform", "UpperPlate",
+]  # fmt: skip
+
+VERSION = 1
+
+
+class Scene(Part):
+    """A whole scene. `Scene.load(path)`, or built in Python; either raises InputError with all faults."""
+
+    scene: Annotated[int, Whole(ge=VERSION, le=VERSION)] = VERSION
+    title: Text = ""
+    materials: dict[str, Material]
+    pairs: Annotated[tuple[Pair, ...], listing("a list of tables [[pairs]]")] = ()
+    debris: Annotated[tuple[Debris, ...], listing("a list of tables [[debris]]")]
+    domain: Domain
+    plates: Plates = Plates()
+    contact: Contact = Contact()
+    effects: Effects = Effects()
+    solver: Solver
+    output: Output
+
+    _source: Source = PrivateAttr(default_factory=Source)
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Scene:
+        """The scene in a TOML file. Raises InputError with every fault, each with file, line and column."""
+        return cls.parse(read_text(path), os.fspath(path))
+
+    @classmethod
+    def parse(cls, text: str, name: str = "scene") -> Scene:
+        """The scene in a TOML text; `name` stands for the file in messages. Raises InputError like `load`."""
+        document, source = read_toml(text, name)
+        wrongs: list[Wrong] = []
+        if "scene" not in document:
+            document["scene"] = VERSION  # read on, so that the other faults are told too
+            wrongs.append((("scene",), f"{MISSING}: write scene = {VERSION}"))
+        return cls._checked(document, source, wrongs)
+
+    @classmethod
+    def _checked(cls, document: dict[str, Any], source: Source, wrongs: list[Wrong]) -> Scene:
+        try:
+            scene = cls.model_validate(document, context={"file": True})
+        except ValidationError as error:
+            wrongs = wrongs + wrongs_of(error)
+        if wrongs:
+            raise InputError(source.in_order(wrongs))
+        scene._source = source
+        return scene
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Faults between tables, as far as they can be read."""
+        wrongs: list[Wrong] = []
+        if isinstance(raw.get("materials", {}), Mapping) and not raw.get("materials"):
+            wrongs.append((("materials",), "at least one [materials.NAME] table is needed"))
+        if isinstance(raw.get("debris", []), list | tuple) and not raw.get("debris"):
+            wrongs.append((("debris",), "at least one [[debris]] table is needed"))
+        wrongs += crosscheck.material_faults(raw) + crosscheck.pair_faults(raw)
+        plates = _sound(Plates, raw.get("plates", {}), context)
+        output = _sound(Output, raw.get("output"), context)
+        # Plates that are wrong themselves may be meant to move.
+        moving = plates is None or plates.moving()
+        return wrongs + crosscheck.sliding_faults(raw, moving, output.every_kind if output else "")
+
+    def pair(self, first: str, second: str) -> Pair:
+        """The pair of two materials, in either order. Raises KeyError when the scene has none."""
+        for pair in self.pairs:
+            if set(pair.between) == {first, second}:
+                return pair
+        raise KeyError(f"no pair for '{first}' and '{second}'")
+
+    def document(self) -> dict[str, Any]:
+        """The scene as a file holds it: plain tables, defaults written out, quantities as text with units."""
+        return plain(self.model_dump(exclude_none=True))
+
+    def to_toml(self) -> str:
+        """The scene as TOML text; `Scene.parse` gives an equal scene. Raises InputError for odd options."""
+        return toml_text(self.document())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes the scene file; `Scene.load` gives an equal scene. Raises InputError or OutputError."""
+        save_text(path, self.to_toml())
+
+    def with_settings(self, settings: Mapping[str, Any]) -> Scene:
+        """The scene with values replaced, such as {"solver.distance": "1 um", "debris.0.count": "20"}.
+
+        Text is taken as a TOML value if it is one, else as it stands. Giving one of two keys that exclude
+        each other (distance and duration; load, pressure and gap) drops the other. Raises InputError.
+        """
+        document, places = apply_settings(self.document(), settings)
+        # A setting can put a key of the file in the wrong, so every fault here is one of the settings.
+        scene = self._checked(document, Source().overridden([()]), [])
+        scene._source = self._source.overridden(places)
+        return scene
+
+    def fault(self, place: Place, message: str) -> Fault:
+        """A fault at a place such as ("contact", "springs"), with file and line if there is a file."""
+        return self._source.fault(place, message)
+
+
+def _sound(part: type[Any], raw: Any, context: Any) -> Any:
+    """The checked table, or None when it has faults of its own."""
+    try:
+        return part.model_validate(raw, context=context)
+    except ValidationError:
+        return None

@@ -1,0 +1,221 @@
+"""The tables of a scene other than the debris: materials, pairs, plates, contact, effects, solver, output."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import SerializerFunctionWrapHandler, model_serializer
+
+from thirdbody.scene import units
+from thirdbody.scene.fields import Choice, Quantity, listing, show
+from thirdbody.scene.part import Part, Wrong, bundle, one_of
+from thirdbody.scene.types import (
+    AccelerationVector,
+    Damping,
+    Flag,
+    Fraction,
+    PositiveDensity,
+    PositiveForce,
+    PositiveLength,
+    PositiveMass,
+    PositivePressure,
+    PositiveTime,
+    Speed,
+    Text,
+)
+
+
+class Material(Part):
+    """An isotropic elastic solid; pressures in Pa, density in kg/m3."""
+
+    youngs_modulus: PositivePressure | None = None
+    shear_modulus: PositivePressure | None = None
+    poisson_ratio: Annotated[float, Quantity(gt=-1, le=0.5)]
+    density: PositiveDensity
+    yield_strength: PositivePressure | None = None
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Faults that show in which keys are given."""
+        return one_of(raw, ("youngs_modulus", "shear_modulus"))
+
+    def young(self) -> float:
+        """Young's modulus E = 2 G (1 + nu), Pa."""
+        if self.youngs_modulus is not None:
+            return self.youngs_modulus
+        assert self.shear_modulus is not None  # one of the two is given: `rules`
+        return 2.0 * self.shear_modulus * (1.0 + self.poisson_ratio)
+
+    def shear(self) -> float:
+        """Shear modulus G = E / (2 (1 + nu)), Pa."""
+        if self.shear_modulus is not None:
+            return self.shear_modulus
+        return self.young() / (2.0 * (1.0 + self.poisson_ratio))
+
+
+class Pair(Part):
+    """What two materials, or one with itself, do to each other; there is no mixing rule."""
+
+    between: Annotated[tuple[Text, Text], listing("a list of 2 materials", 2)]
+    friction: Annotated[float, Quantity(ge=0)]
+    restitution: Fraction
+
+
+class Domain(Part):
+    """Extent in x and y, m."""
+
+    size: Annotated[tuple[PositiveLength, PositiveLength], listing("a list of 2 lengths", 2)]
+    periodic: Flag = True
+
+
+class Drive(Part):
+    """Motion along one axis: a constant velocity, m/s."""
+
+    later: ClassVar[dict[str, str]] = dict.fromkeys(("stroke", "frequency", "ramp", "table"), "velocity")
+    velocity: Speed
+
+
+class Motion(Part):
+    """Motion of the upper plate along x and y; an axis that is not named rests."""
+
+    x: Drive | None = None
+    y: Drive | None = None
+
+    def velocity(self) -> tuple[float, float]:
+        """Velocity along x and y, m/s."""
+        return (self.x.velocity if self.x else 0.0, self.y.velocity if self.y else 0.0)
+
+
+class LowerPlate(Part):
+    """The plate at z = 0, at rest."""
+
+    material: Text
+
+
+_LOADINGS = ("load", "pressure", "gap")
+
+
+class UpperPlate(Part):
+    """The plate above: how it is held and loaded (N, Pa of the domain's area, or m between the surfaces)."""
+
+    later: ClassVar[dict[str, str]] = {"closing": "load, pressure, gap", "stiffness": "support = 'rigid'"}
+
+    material: Text
+    support: Annotated[Literal["rigid", "load_per_particle"], Choice(later=("foundation",))] = "rigid"
+    load: PositiveForce | None = None
+    pressure: PositivePressure | None = None
+    gap: PositiveLength | None = None
+    motion: Motion = Motion()
+    mass: PositiveMass | None = None
+    damping: Damping | None = None
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Faults that show in which keys are given."""
+        wrongs = one_of(raw, _LOADINGS)
+        if raw.get("support") == "load_per_particle" and not wrongs and "load" not in raw:
+            given = next(key for key in _LOADINGS if key in raw)
+            wrongs.append(((given,), "support = 'load_per_particle' takes a load, not a " + given))
+        return wrongs
+
+
+class Plates(Part):
+    """None, the lower plate, or both."""
+
+    lower: LowerPlate | None = None
+    upper: UpperPlate | None = None
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Faults that show in which keys are given."""
+        alone = "upper" in raw and "lower" not in raw
+        return [(("upper",), "an upper plate needs a lower one: add [plates.lower]")] if alone else []
+
+    def moving(self) -> bool:
+        """True when the upper plate slides."""
+        return self.upper is not None and self.upper.motion.velocity() != (0.0, 0.0)
+
+
+class Contact(Part):
+    """The contact law by name, and its options as the file gives them: only the law knows them."""
+
+    rest: ClassVar[str] = "options"
+    law: Text = "three_spot"
+    level: Text | None = None
+    debris_contact: Annotated[Literal["auto", "none"], Choice()] = "auto"
+    options: dict[str, Any] = {}
+
+    @classmethod
+    def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
+        """The table with the level that belongs to the default law; other laws may have no levels."""
+        return {"level": "mindlin"} | raw if raw.get("law", "three_spot") == "three_spot" else raw
+
+
+class Effects(Part):
+    """Gravity (m/s2) if any, and further effects by name as the file gives them; what is absent is off."""
+
+    rest: ClassVar[str] = "named"
+    gravity: AccelerationVector | None = None
+    named: dict[str, Any] = {}
+
+
+class Solver(Part):
+    """How long and how the motion is integrated. Distance and duration count after settling."""
+
+    integrator: Annotated[Literal["auto", "explicit"], Choice(later=("implicit",))] = "auto"
+    time_step: Annotated[float | Literal["auto"], Quantity(dimension="time", gt=0, words=("auto",))] = "auto"
+    distance: PositiveLength | None = None
+    duration: PositiveTime | None = None
+    initial_overlap: Annotated[Literal["refuse"], Choice(later=("relax",))] = "refuse"
+    settle: Annotated[float | Literal["auto"], Quantity(dimension="time", ge=0, words=("auto",))] = "auto"
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Faults that show in which keys are given."""
+        return one_of(raw, ("distance", "duration"))
+
+
+_EVERY = {"distance": "length", "time": "time"}
+
+
+class Output(Part):
+    """The interval between outputs: of sliding (m) or of time (s), as `every_kind` says.
+
+    In Python: Output(every="0.5 um"), or Output(every=5e-7, every_kind="distance").
+    """
+
+    every: Annotated[float, Quantity(gt=0)]
+    every_kind: Annotated[Literal["distance", "time"], Choice()] = (
+        "time"  # `rules`: never left to the default
+    )
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Faults that show in which keys are given."""
+        every, from_file = raw.get("every"), bool(context and context.get("file"))
+        if from_file and "every_kind" in raw:
+            return [(("every_kind",), "unknown key: the unit of every says whether it is a length or a time")]
+        if type(every) in (int, float) and (from_file or "every_kind" not in raw):
+            or_kind = "" if from_file else ", or give every_kind"
+            return [(("every",), f'no unit: write "{every} um" or another unit of length or time{or_kind}')]
+        return []
+
+    @classmethod
+    def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
+        """The interval as a number and its kind. Raises ValidationError."""
+        if not isinstance(raw.get("every"), str):
+            return raw
+        try:
+            value, dimension = units.parse_any(raw["every"], ("length", "time"))
+            kind = "time" if dimension == "time" else "distance"
+            if raw.get("every_kind", kind) != kind:
+                raise ValueError(f"{show(raw['every'])} is not a {raw['every_kind']}")
+            if value <= 0.0:
+                raise ValueError(f"{show(raw['every'])} must be greater than 0")
+        except ValueError as error:
+            raise bundle([(("every",), str(error))]) from None
+        return raw | {"every": value, "every_kind": kind}
+
+    @model_serializer(mode="wrap")
+    def _spread(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {"every": units.format_si(self.every, _EVERY[self.every_kind])}

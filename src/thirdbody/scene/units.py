@@ -1,0 +1,291 @@
+"""Quantities written with their unit, "60 um" or "7850 kg/m3", to SI floats and back.
+
+Scaling is done in exact fractions and rounded once, so "60 um" is the very float 60e-6. (A unit library that
+multiplies floats gives 5.9999999999999995e-05, takes a second to import, and reads "20 mu" as a mass.)
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
+
+from thirdbody.errors import nearest
+
+# Powers of metre, kilogram, second, radian, cycle. Radian and cycle are kept apart from pure numbers because
+# "10 Hz" as an angular velocity could mean 10 or 62.8 rad/s: that is refused instead of guessed.
+Powers = tuple[int, int, int, int, int]
+Unit = tuple[Fraction, Powers]
+
+_PURE: Powers = (0, 0, 0, 0, 0)
+_PI = Fraction(Decimal("3.14159265358979323846264338327950288419716939937510582097494459"))
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """A kind of quantity: how messages call it, and its units from small to large with their power of ten."""
+
+    phrase: str
+    powers: Powers
+    ladder: tuple[tuple[str, int], ...]
+    usual: str
+    also: tuple[Powers, ...] = ()
+
+    @property
+    def si_unit(self) -> str:
+        """The unit whose factor is 1."""
+        return next(unit for unit, power in self.ladder if power == 0)
+
+
+def _dimension(phrase: str, powers: Powers, ladder: str, usual: str = "", *also: Powers) -> Dimension:
+    """A dimension from a ladder such as "nm:-9 um:-6 m:0"; a blank inside a unit is written "_"."""
+    steps = [step.split(":") for step in ladder.split()]
+    units = tuple((unit.replace("_", " "), int(power)) for unit, power in steps)
+    return Dimension(phrase, powers, units, usual or units[0][0], also)
+
+
+DIMENSIONS: dict[str, Dimension] = {
+    "dimensionless": Dimension("a pure number", _PURE, (("", 0),), ""),
+    "length": _dimension("a length", (1, 0, 0, 0, 0), "pm:-12 nm:-9 um:-6 mm:-3 m:0", "um"),
+    "area": _dimension("an area", (2, 0, 0, 0, 0), "nm2:-18 um2:-12 mm2:-6 m2:0", "um2"),
+    "volume": _dimension("a volume", (3, 0, 0, 0, 0), "nm3:-27 um3:-18 mm3:-9 m3:0", "um3"),
+    "time": _dimension("a time", (0, 0, 1, 0, 0), "ps:-12 ns:-9 us:-6 ms:-3 s:0", "ms"),
+    "mass": _dimension("a mass", (0, 1, 0, 0, 0), "pg:-15 ng:-12 ug:-9 mg:-6 g:-3 kg:0", "kg"),
+    "velocity": _dimension("a velocity", (1, 0, -1, 0, 0), "nm/s:-9 um/s:-6 mm/s:-3 m/s:0", "m/s"),
+    "acceleration": _dimension("an acceleration", (1, 0, -2, 0, 0), "m/s2:0"),
+    "force": _dimension("a force", (1, 1, -2, 0, 0), "pN:-12 nN:-9 uN:-6 mN:-3 N:0 kN:3", "mN"),
+    "pressure": _dimension("a pressure", (-1, 1, -2, 0, 0), "Pa:0 kPa:3 MPa:6 GPa:9", "MPa"),
+    "density": _dimension("a density", (-3, 1, 0, 0, 0), "kg/m3:0"),
+    "stiffness": _dimension("a stiffness", (0, 1, -2, 0, 0), "mN/m:-3 N/m:0 kN/m:3 N/um:6", "N/m"),
+    "energy_per_area": _dimension(
+        "an energy per area", (0, 1, -2, 0, 0), "uJ/m2:-6 mJ/m2:-3 J/m2:0", "mJ/m2"
+    ),
+    "damping": _dimension("a damping", (0, 1, -1, 0, 0), "kg/s:0"),
+    "energy": _dimension("an energy", (2, 1, -2, 0, 0), "fJ:-15 pJ:-12 nJ:-9 uJ:-6 mJ:-3 J:0", "nJ"),
+    "torque": _dimension("a torque", (2, 1, -2, 0, 0), "pN_m:-12 nN_m:-9 uN_m:-6 mN_m:-3 N_m:0", "nN m"),
+    "power": _dimension("a power", (2, 1, -3, 0, 0), "pW:-12 nW:-9 uW:-6 mW:-3 W:0 kW:3", "mW"),
+    "viscosity": _dimension("a viscosity", (-1, 1, -1, 0, 0), "mPa_s:-3 Pa_s:0", "mPa s"),
+    "inertia": _dimension("a moment of inertia", (2, 1, 0, 0, 0), "kg_m2:0"),
+    "rate": _dimension("a rate", (0, 0, -1, 0, 0), "1/s:0", "", (0, 0, -1, 0, 1)),
+    "frequency": _dimension("a frequency", (0, 0, -1, 0, 1), "Hz:0 kHz:3 MHz:6 GHz:9", "", (0, 0, -1, 0, 0)),
+    "angular_velocity": _dimension("an angular velocity", (0, 0, -1, 1, 0), "rad/s:0", "", (0, 0, -1, 0, 0)),
+    "angle": _dimension("an angle", (0, 0, 0, 1, 0), "rad:0", "deg"),
+}
+
+_PREFIXES = {
+    "f": -15, "p": -12, "n": -9, "u": -6, "\N{MICRO SIGN}": -6, "\N{GREEK SMALL LETTER MU}": -6,
+    "m": -3, "c": -2, "d": -1, "h": 2, "k": 3, "M": 6, "G": 9, "T": 12,
+}  # fmt: skip
+
+_PREFIXED: dict[str, Unit] = {
+    "m": (Fraction(1), (1, 0, 0, 0, 0)),
+    "g": (Fraction(1, 1000), (0, 1, 0, 0, 0)),
+    "s": (Fraction(1), (0, 0, 1, 0, 0)),
+    "N": (Fraction(1), (1, 1, -2, 0, 0)),
+    "Pa": (Fraction(1), (-1, 1, -2, 0, 0)),
+    "bar": (Fraction(100_000), (-1, 1, -2, 0, 0)),
+    "J": (Fraction(1), (2, 1, -2, 0, 0)),
+    "W": (Fraction(1), (2, 1, -3, 0, 0)),
+    "Hz": (Fraction(1), (0, 0, -1, 0, 1)),
+    "rad": (Fraction(1), (0, 0, 0, 1, 0)),
+}
+
+_PLAIN: dict[str, Unit] = {
+    "min": (Fraction(60), (0, 0, 1, 0, 0)),
+    "h": (Fraction(3600), (0, 0, 1, 0, 0)),
+    "deg": (_PI / 180, (0, 0, 0, 1, 0)),
+    "\N{DEGREE SIGN}": (_PI / 180, (0, 0, 0, 1, 0)),
+    "rpm": (_PI / 30, (0, 0, -1, 1, 0)),
+    "angstrom": (Fraction(1, 10**10), (1, 0, 0, 0, 0)),
+    "%": (Fraction(1, 100), _PURE),
+}
+
+# Close by meaning, not by letters, so difflib cannot find them.
+_MEANT = {
+    "mu": "um", "micron": "um", "microns": "um", "micrometer": "um", "micrometre": "um", "meter": "m",
+    "metre": "m", "sec": "s", "second": "s", "seconds": "s", "newton": "N", "pascal": "Pa", "joule": "J",
+    "hertz": "Hz", "degree": "deg", "degrees": "deg", "psi": "kPa", "inch": "mm", "in": "mm",
+}  # fmt: skip
+
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
+_TOKEN = re.compile(
+    r"(?P<space>\s+)|(?P<times>\*(?!\*)|·|⋅|×)|(?P<over>/)|(?P<open>\()|(?P<close>\))|(?P<one>1(?=\s*/))"
+    r"|(?P<name>[^\W\d_¹²³⁴-⁹]+|%|°)(?:(?:\^|\*\*)?(?P<power>[+-]?\d)(?!\d)|(?P<high>⁻?[¹²³⁴-⁹]))?"
+)
+_HIGH = str.maketrans("⁻¹²³⁴⁵⁶⁷⁸⁹", "-123456789")
+
+
+def parse(text: str, dimension: str) -> float:
+    """The SI value of a quantity such as "60 um", correctly rounded.
+
+    `dimension` is a key of DIMENSIONS. Raises ValueError, with the unit that was probably meant, when the
+    text is no quantity, has no unit, or is a quantity of another dimension.
+    """
+    return parse_any(text, (dimension,))[0]
+
+
+def parse_any(text: str, dimensions: tuple[str, ...]) -> tuple[float, str]:
+    """The SI value, and which of the dimensions the text has. Raises ValueError like `parse`."""
+    wanted = [DIMENSIONS[name] for name in dimensions]
+    number, unit = _split(text, wanted[0])
+    if not unit and "dimensionless" not in dimensions:
+        expected = " or ".join(entry.phrase for entry in wanted)
+        raise ValueError(
+            f'no unit: write "{text.strip()} {wanted[0].usual}" or another unit of {_bare(expected)}'
+        )
+    factor, powers = _product(unit, wanted[0])
+    for name, entry in zip(dimensions, wanted, strict=True):
+        if powers == entry.powers or powers in entry.also:
+            return _rounded(number, factor, text), name
+    found = " or ".join(entry.phrase for entry in DIMENSIONS.values() if entry.powers == powers)
+    expected = " or ".join(entry.phrase for entry in wanted)
+    raise ValueError(f"'{text}' is {found or 'a quantity in ' + unit}, expected {expected}")
+
+
+def format_si(value: float, dimension: str) -> str:
+    """The value with its unit; `parse` gives the bit-same float. Raises ValueError for NaN, infinity."""
+    if not math.isfinite(value):
+        raise ValueError(f"{value} cannot be written as {DIMENSIONS[dimension].phrase}")
+    # Moving the decimal point of the shortest repr is exact, so a readable prefix costs no accuracy.
+    return _with_prefix(Decimal(repr(float(value))), DIMENSIONS[dimension])
+
+
+def pretty(value: float, dimension: str) -> str:
+    """The value for human eyes: three significant digits and a prefix, "12.3 nm"."""
+    entry = DIMENSIONS[dimension]
+    if not math.isfinite(value):
+        return f"{value} {entry.si_unit}".strip()
+    return _with_prefix(Decimal(f"{value:.3g}"), entry)
+
+
+def _bare(phrase: str) -> str:
+    return re.sub(r"\ban? ", "", phrase)
+
+
+def _split(text: str, wanted: Dimension) -> tuple[Decimal, str]:
+    """Number and unit text. Raises ValueError when there is no number in front."""
+    match = _NUMBER.match(text.strip())
+    if len(text) > 100 or not match:
+        example = f': write for example "10 {wanted.usual}"' if wanted.usual else ""
+        raise ValueError(f"cannot read '{text[:40]}' as {wanted.phrase}{example}")
+    rest = text.strip()[match.end() :]
+    if rest.startswith(","):
+        raise ValueError(
+            f"cannot read '{text}': the decimal sign is a point, and thousands are not separated"
+        )
+    return Decimal(match[0]), rest.strip()
+
+
+def _rounded(number: Decimal, factor: Fraction, text: str) -> float:
+    """number * factor as the nearest float. Raises ValueError outside the range of floats."""
+    if number == 0:
+        return float(number)
+    if abs(number.adjusted()) > 400:  # keeps the exact integers below small
+        raise ValueError(f"'{text}' is outside the range of numbers")
+    try:
+        value = float(Fraction(number) * factor)
+    except OverflowError:
+        value = 0.0
+    if value == 0.0:
+        raise ValueError(f"'{text}' is outside the range of numbers")
+    return value
+
+
+def _product(text: str, wanted: Dimension) -> Unit:
+    """The factor and powers of a unit such as "kg/m3" or "J/(m2 s)". Raises ValueError."""
+    tokens = _tokens(text, wanted)
+    unit = _group(tokens, text, wanted)
+    if tokens:
+        raise ValueError(f"cannot read the unit '{text}'")
+    return unit
+
+
+def _tokens(text: str, wanted: Dimension) -> list[re.Match[str]]:
+    tokens, at = [], 0
+    while at < len(text):
+        match = _TOKEN.match(text, at)
+        if match is None:
+            raise ValueError(f"cannot read the unit '{text}'; {nearest_unit(text, wanted)}".rstrip("; "))
+        tokens.append(match)
+        at = match.end()
+    return [token for token in tokens if token.lastgroup != "space"]
+
+
+def _group(tokens: list[re.Match[str]], text: str, wanted: Dimension) -> Unit:
+    """The product up to the end or a closing bracket; takes its tokens off the list."""
+    factor, powers = Fraction(1), _PURE
+    sign, divided, ready = 1, False, False
+    while tokens and not tokens[0]["close"]:
+        token = tokens.pop(0)
+        if token["over"] or token["times"]:
+            if sign < 0 or (token["times"] and not ready):
+                raise ValueError(f"cannot read the unit '{text}'")
+            sign, divided, ready = (-1 if token["over"] else 1), divided or bool(token["over"]), False
+            continue
+        if ready and divided:
+            raise ValueError(f"the unit '{text}' can be read in two ways: put what is divided by in brackets")
+        part = _factor(token, tokens, text, wanted)
+        factor *= part[0] ** sign
+        powers = _add(powers, part[1], sign)
+        sign, ready = 1, True
+    if sign < 0 or (text and not ready):
+        raise ValueError(f"cannot read the unit '{text}'")
+    return factor, powers
+
+
+def _factor(token: re.Match[str], tokens: list[re.Match[str]], text: str, wanted: Dimension) -> Unit:
+    if token["one"]:
+        return Fraction(1), _PURE
+    if token["open"]:
+        inside = _group(tokens, text, wanted)
+        if not tokens:
+            raise ValueError(f"a bracket is not closed in the unit '{text}'")
+        tokens.pop(0)
+        return inside
+    power = int(token["power"] or (token["high"] or "1").translate(_HIGH))
+    factor, powers = _symbol(token["name"], wanted)
+    return factor**power, _add(_PURE, powers, power)
+
+
+def _add(first: Powers, second: Powers, times: int) -> Powers:
+    a, b, c, d, e = (x + times * y for x, y in zip(first, second, strict=True))
+    return a, b, c, d, e
+
+
+def _symbol(name: str, wanted: Dimension) -> Unit:
+    """One unit with or without prefix. Raises ValueError with the nearest known unit."""
+    if name in _PLAIN:
+        return _PLAIN[name]
+    if name in _PREFIXED:
+        return _PREFIXED[name]
+    if name[0] in _PREFIXES and name[1:] in _PREFIXED:
+        factor, powers = _PREFIXED[name[1:]]
+        return factor * Fraction(10) ** _PREFIXES[name[0]], powers
+    raise ValueError(f"unknown unit '{name}', {nearest_unit(name, wanted)}")
+
+
+def nearest_unit(name: str, wanted: Dimension) -> str:
+    """A phrase that offers the unit probably meant, those of the wanted dimension first."""
+    own = [unit for unit, _ in wanted.ladder if unit]
+    if name.lower() in _MEANT:
+        return f"did you mean '{_MEANT[name.lower()]}'?"
+    same_letters = [unit for unit in (*own, *_PREFIXED, *_PLAIN) if unit.lower() == name.lower()]
+    close = same_letters or difflib.get_close_matches(name, own, 1, 0.5)
+    if close:
+        return f"did you mean '{close[0]}'?"
+    return nearest(name, own or [*_PREFIXED, *_PLAIN])
+
+
+def _with_prefix(number: Decimal, entry: Dimension) -> str:
+    """The decimal number with the unit of the ladder that leaves 1 to 999 before the point."""
+    unit, power = entry.si_unit, 0
+    if number:
+        fitting = [step for step in entry.ladder if step[1] <= number.adjusted()]
+        unit, power = fitting[-1] if fitting else entry.ladder[0]
+    scaled = number.scaleb(-power).normalize()
+    plain = -5 <= scaled.adjusted() <= 6 and scaled.adjusted() - len(scaled.as_tuple().digits) > -20
+    text = format(scaled, "f") if plain else str(scaled).lower()
+    return f"{text} {unit}".strip()
