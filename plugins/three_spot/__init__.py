@@ -1,0 +1,40 @@
+"""The three-spot Hertz-Mindlin contact of an irregular particle between two elastic half-spaces, and its labels.
+
+Source: E. Willert, Self-consistency conditions in static three-body elastic tangential contact. An ordinary plug-in: it
+imports nothing of the engine but `thirdbody.plugin`. A level is a preset: which law stands at each stage.
+
+| level | tangential law | neglects |
+|---|---|---|
+| coulomb | elastic-plastic spring with a slip scale | tangential elasticity |
+| mindlin | no-slip stiffness, rescaled force form | partial slip |
+"""
+
+from thirdbody.plugin import COULOMB, HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING, Labeller, LawFamily, Plugin
+
+from . import classify
+
+LABELLER = Labeller(
+    name="three_spot",
+    observe=classify.observe,
+    label=classify.label,
+    states=classify.STATES,
+    reasons=classify.REASONS,
+    margins=classify.MARGINS,
+    extras=classify.EXTRAS,
+    memory=classify.MEMORY,
+    contact_memory=classify.CONTACT_MEMORY,
+    source="Willert, Self-consistency conditions in static three-body elastic tangential contact; labels by travel",
+)
+
+THREE_SPOT = LawFamily(
+    name="three_spot",
+    levels={
+        "coulomb": (HERTZ, HERTZ_DAMPING, COULOMB, TANGENTIAL_DAMPING),
+        "mindlin": (HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING),
+    },
+    default_level="mindlin",
+    labeller=LABELLER,
+    source="Willert, Self-consistency conditions in static three-body elastic tangential contact",
+)
+
+PLUGIN = Plugin(name="three_spot", families=(THREE_SPOT,), source=THREE_SPOT.source)

@@ -299,7 +299,9 @@ def maw_gross_slip(psi: float, chi: float) -> float:
     Raises ValueError below, where the answer is no closed form.
     """
     if psi < 4.0 * chi - 1.0:
-        raise ValueError(f"psi_1 = {psi} is below 4 chi - 1 = {4.0 * chi - 1.0}: the contact sticks for a while")
+        raise ValueError(
+            f"psi_1 = {psi} is below 4 chi - 1 = {4.0 * chi - 1.0}: the contact sticks for a while"
+        )
     return psi - 4.0 * chi
 
 
@@ -345,7 +347,9 @@ def top_period(moments: Sequence[float], spin: Sequence[float]) -> float:
     square = sum((i * o) ** 2 for i, o in zip(moments, spin, strict=True))
     twice_energy = sum(i * o**2 for i, o in zip(moments, spin, strict=True))
     i_1, i_2, i_3 = moments
-    if square < twice_energy * i_2:  # circles the axis of least inertia: the formulas hold with 1 and 3 exchanged
+    if (
+        square < twice_energy * i_2
+    ):  # circles the axis of least inertia: the formulas hold with 1 and 3 exchanged
         i_1, i_3 = i_3, i_1
     fast = (i_3 - i_2) * (square - twice_energy * i_1)
     slow = (i_2 - i_1) * (twice_energy * i_3 - square)

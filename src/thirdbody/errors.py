@@ -52,6 +52,12 @@ class GuardStop(ThirdbodyError):
     exit_code = 4
 
 
+class Interrupted(ThirdbodyError):
+    """The user or the system asked the run to end; what it had computed is kept."""
+
+    exit_code = 130
+
+
 class OutputError(ThirdbodyError):
     """The disk is full, the folder is read-only or exists already."""
 

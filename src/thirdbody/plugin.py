@@ -47,7 +47,6 @@ from .laws.contract import (
     Adhesion,
     Body,
     BodyEffect,
-    Command,
     Contact,
     Labeller,
     Law,
@@ -74,7 +73,7 @@ __all__ = [
     "C_PARTNER", "C_POINT", "C_SLIP", "C_T", "C_V", "COULOMB", "DEBRIS", "HERTZ", "HERTZ_DAMPING", "LOWER", "MINDLIN", "O_COLS",
     "O_DRAG", "O_EF", "O_ELAPSED", "O_ET", "O_F", "O_LDOT", "O_MA", "O_MASS", "O_Q", "O_SHIFT", "O_SPEED", "O_T", "O_V", "O_W",
     "O_X", "TANGENTIAL_DAMPING", "UPPER",
-    "Adhesion", "Body", "BodyEffect", "Command", "Contact", "Fault", "InputError", "Labeller", "Law", "LawFamily", "Load",
+    "Adhesion", "Body", "BodyEffect", "Contact", "Fault", "InputError", "Labeller", "Law", "LawFamily", "Load",
     "Material", "Normal", "Option", "Options", "Pair", "Plugin", "Tangential", "UsageError", "Wrench",
     "dundurs_beta", "e_star", "g_star", "kernel",
 ]  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody.errors import Fault, InputError
-from thirdbody.kernels.union import links, quadrature, union_moments
+from thirdbody.kernels.union import MOMENTS, break_heights, links, quadrature, union_moments
 
 # Spheres that touch in one point belong together although rounding may part them by this much.
 _TOUCH = 1e-9
@@ -89,6 +89,24 @@ def quaternion_from_matrix(rotation: np.ndarray) -> np.ndarray:
     return q / math.copysign(np.linalg.norm(q), q[0])
 
 
+def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Quaternion (4,) of the turn q followed by the turn p."""
+    vector = p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])
+    return np.array([p[0] * q[0] - p[1:] @ q[1:], *vector])
+
+
+def matrix_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
+    """Rotation matrix (3, 3), body to world, of a unit quaternion (4,)."""
+    w, x, y, z = quaternion
+    return np.array(
+        [
+            [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+            [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+            [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+        ]
+    )
+
+
 def _checked(centers, radii) -> tuple[np.ndarray, np.ndarray]:
     centers = np.array(centers, dtype=np.float64, order="C")
     radii = np.array(radii, dtype=np.float64, order="C")
@@ -131,7 +149,7 @@ def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[float, np.ndarray, n
         volume = 4.0 / 3.0 * math.pi * r[0] ** 3
         return volume, c[0].copy(), 0.4 * volume * r[0] ** 2 * np.eye(3), 0.0
     middle = (c * r[:, None] ** 3).sum(axis=0) / (r**3).sum()
-    moments, errors = union_moments(np.ascontiguousarray(c - middle), r, *_QUADRATURE, _TOLERANCE)
+    moments, errors = _moments(np.ascontiguousarray(c - middle), r)
     volume, offset = moments[0], moments[1:4] / moments[0]
     xx, yy, zz, xy, xz, yz = moments[4:]
     second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - volume * np.outer(offset, offset)
@@ -142,6 +160,17 @@ def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[float, np.ndarray, n
     least = np.linalg.eigvalsh(tensor)[0]
     error = max(errors[0] / volume, moved / least, _ROUNDING)
     return float(volume), middle + offset, tensor, float(error)
+
+
+def _moments(c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Moments of the union and their error estimates, (2, 10)."""
+    n = r.size
+    heights = np.empty(2 * n + n * (n - 1) + n * (n - 1) * (n - 2) // 3)
+    # Sorted here: numpy's sort inside a kernel costs a second of compile time.
+    heights = np.sort(heights[: break_heights(c, r, heights)])
+    total = np.zeros((2, MOMENTS))
+    union_moments(c, r, heights, *_QUADRATURE, _TOLERANCE, np.empty((6, 2 * n + 7)), total)
+    return total
 
 
 def _not_swallowed(c: np.ndarray, r: np.ndarray) -> np.ndarray:

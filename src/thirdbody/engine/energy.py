@@ -34,10 +34,13 @@ class Ledger:
         self.start = sum(stored(state))
         self.peak = self.start
 
+    def watch(self, state: State) -> None:
+        """Note the largest stored plus kinetic energy; needs a record of the last step."""
+        self.peak = max(self.peak, sum(stored(state)))
+
     def lines(self, state: State) -> dict[str, float]:
         """Every line of the ledger, J; `residual` is the absolute one."""
         kinetic, normal, tangential = stored(state)
-        self.peak = max(self.peak, kinetic + normal + tangential)
         A = state.A
         gained = A[at.A_PLATE_WORK] + A[at.A_EFFECTS]
         spent = kinetic + normal + tangential - self.start + A[at.A_DAMPING] + A[at.A_FRICTION]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,8 +45,16 @@ class Guards:
 class Explicit:
     """Advances a state; `time_step=None` chooses the step automatically."""
 
-    def __init__(self, state: State, materials: list[Material], time_step: float | None = None, guards: Guards = Guards()):  # noqa: B008
-        self.state, self.materials, self.fixed = state, materials, time_step
+    def __init__(
+        self,
+        state: State,
+        materials: list[Material],
+        time_step: float | None = None,
+        guards: Guards | None = None,
+        force: bool = False,
+    ):
+        guards = guards or Guards()
+        self.state, self.materials, self.fixed, self.force = state, materials, time_step, force
         state.D[at.D_GUARD_OVERLAP], state.D[at.D_GUARD_TRAVEL] = guards.overlap, guards.travel
         if state.world.lower is not None:
             state.D[at.D_FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
@@ -61,8 +70,10 @@ class Explicit:
         self.state.A[at.A_STEPS] = self.state.A[at.A_ELAPSED] = 0.0
         self._choose_step()
 
-    def advance_to(self, time: float = math.inf, distance: float = math.inf) -> None:
-        """Run until the first step at or after a time (s) or a sliding distance (m).
+    def advance_to(
+        self, time: float = math.inf, distance: float = math.inf, watch: Callable[[], None] = lambda: None
+    ) -> None:
+        """Run until the first step at or after a time (s) or a sliding distance (m); `watch` is called at every event.
 
         Raises GuardStop when the run leaves its valid range; the state is the one that tripped the guard.
         """
@@ -70,15 +81,17 @@ class Explicit:
         while True:
             budget = BUDGET - int(state.A[at.A_STEPS]) % BUDGET
             code, number = self._advance(budget, time, distance, state.dt)
-            if code == step.DONE:
-                return
             if code == step.SEARCH:
                 search(state)
                 self._tables()
-            elif code != step.BUDGET:
+            elif code not in (step.BUDGET, step.DONE):
                 raise GuardStop(self._explain(code, number))
+            if code == step.BUDGET:
+                watch()
             if int(state.A[at.A_STEPS]) % BUDGET == 0:
                 self._choose_step()
+            if code == step.DONE:
+                return
 
     def _tables(self) -> None:
         slots = self.state.slots
@@ -103,6 +116,8 @@ class Explicit:
             self.tightest = self.bound
         if self.fixed is not None:
             self.state.dt = self.fixed
+            if self.fixed > self.bound.stability and not self.force and self.state.time > 0.0:
+                raise GuardStop(self._explain_step(self.bound))
         elif self.state.dt == 0.0 or self.bound.step < self.state.dt or self.bound.step > GROWTH * self.state.dt:
             self.state.dt = self.bound.step
 
@@ -142,6 +157,13 @@ class Explicit:
         return (
             f"{when}: {body} moves more than {s.D[at.D_GUARD_TRAVEL]:g} of a radius in one step; "
             "a smaller time step is needed"
+        )
+
+    def _explain_step(self, limit: Bound) -> str:
+        s = self.state
+        return (
+            f"stopped at t = {s.time:.6g} s (step {int(s.A[at.A_STEPS])}): the time step {s.dt:.3g} s exceeds the stability limit "
+            f"{limit.stability:.3g} s of body {limit.body}, whose contacts have become stiffer"
         )
 
     def _who(self, slot: int) -> tuple[str, str]:

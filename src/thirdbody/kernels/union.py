@@ -14,6 +14,8 @@ import math
 import numpy as np
 from numba import njit
 
+from .options import INNER, OPTIONS
+
 TWO_PI = 2.0 * math.pi
 # Order of the ten moments: 1, x, y, z, xx, yy, zz, xy, xz, yz.
 MOMENTS = 10
@@ -31,7 +33,7 @@ def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> tuple[np.ndarra
     return np.concatenate(nodes), np.concatenate(weights), offsets
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def add_arc(x, y, radius, start, end, out):
     """Adds the arc's part of area, x, y, xx, yy, xy (oint x dy and its kin) of the enclosed region."""
     s0, c0, s1, c1 = math.sin(start), math.cos(start), math.sin(end), math.cos(end)
@@ -59,7 +61,7 @@ def add_arc(x, y, radius, start, end, out):
     out[5] += 0.5 * r * (y * xx_c + r * xx_cs)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def cover(starts, ends, m, start, end):
     """Inserts the covered interval into the list sorted by start; gives the new length."""
     k = m
@@ -72,7 +74,7 @@ def cover(starts, ends, m, start, end):
     return m + 1
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**OPTIONS)
 def disc_moments(x, y, rho, n, starts, ends, out):
     """Area, x, y, xx, yy, xy moments of the union of the first n discs into out (6,).
 
@@ -120,7 +122,7 @@ def disc_moments(x, y, rho, n, starts, ends, out):
             at = max(at, ends[k])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**INNER)
 def covered(px, py, pz, c, r, i, j, k):
     """Whether the point lies well inside a sphere other than i, j, k."""
     for n in range(r.size):
@@ -131,7 +133,7 @@ def covered(px, py, pz, c, r, i, j, k):
     return False
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**OPTIONS)
 def break_heights(c, r, z):
     """Heights (unsorted) where the union's slices change their kind, into z; gives their number.
 
@@ -184,61 +186,65 @@ def break_heights(c, r, z):
     return m
 
 
-@njit(cache=True, error_model="numpy")
-def union_moments(c, r, nodes, weights, offsets, tolerance):
-    """Ten moments (see MOMENTS) of the union and the sum of their errors over the intervals, (2, 10).
-
-    c: (n, 3), r: (n,), no sphere swallowed by another. An interval's order is raised until the moments of
-    two orders differ by less than tolerance; that difference, the error of the lower order, is kept.
-    """
+@njit(**INNER)
+def add_slices(c, r, mid, half, nodes, weights, first, last, scratch, out):
+    """Adds the ten moments of the layer mid +- half by the nodes first..last; scratch: (6, 2 n + 1)."""
     n = r.size
-    z = np.empty(2 * n + n * (n - 1) + n * (n - 1) * (n - 2) // 3)
-    count = break_heights(c, r, z)
-    z = np.sort(z[:count])
-    x, y, rho = np.empty(n), np.empty(n), np.empty(n)
-    starts, ends = np.empty(2 * n + 1), np.empty(2 * n + 1)
-    plane = np.empty(6)
-    total = np.zeros((2, MOMENTS))
+    x, y, rho = scratch[0], scratch[1], scratch[2]
+    plane = scratch[5]
+    for p in range(first, last):
+        height, weight = mid + half * nodes[p], half * weights[p]
+        m = 0
+        for i in range(n):
+            dz = height - c[i, 2]
+            square = r[i] * r[i] - dz * dz
+            if square > 0.0:
+                x[m], y[m], rho[m] = c[i, 0], c[i, 1], math.sqrt(square)
+                m += 1
+        disc_moments(x, y, rho, m, scratch[3], scratch[4], plane)
+        out[0] += weight * plane[0]
+        out[1] += weight * plane[1]
+        out[2] += weight * plane[2]
+        out[3] += weight * height * plane[0]
+        out[4] += weight * plane[3]
+        out[5] += weight * plane[4]
+        out[6] += weight * height * height * plane[0]
+        out[7] += weight * plane[5]
+        out[8] += weight * height * plane[1]
+        out[9] += weight * height * plane[2]
+
+
+@njit(**OPTIONS)
+def union_moments(c, r, z, nodes, weights, offsets, tolerance, scratch, total):
+    """Ten moments (see MOMENTS) of the union and the sum of their errors over the layers, into total (2, 10).
+
+    c: (n, 3), r: (n,), no sphere swallowed by another; z: the break heights, rising; scratch: (6, 2 n + 7).
+    A layer's order is raised until the moments of two orders differ by less than tolerance; that difference,
+    the error of the lower order, is kept.
+    """
     old, new = np.empty(MOMENTS), np.empty(MOMENTS)
-    for b in range(count - 1):
+    for b in range(z.size - 1):
         mid, half = 0.5 * (z[b] + z[b + 1]), 0.5 * (z[b + 1] - z[b])
         if half < 1e-14:
             continue
+        worst = np.inf
         for level in range(offsets.size - 1):
-            new[:] = 0.0
-            for p in range(offsets[level], offsets[level + 1]):
-                height, weight = mid + half * nodes[p], half * weights[p]
-                m = 0
-                for i in range(n):
-                    square = r[i] * r[i] - (height - c[i, 2]) ** 2
-                    if square > 0.0:
-                        x[m], y[m], rho[m] = c[i, 0], c[i, 1], math.sqrt(square)
-                        m += 1
-                disc_moments(x, y, rho, m, starts, ends, plane)
-                new[0] += weight * plane[0]
-                new[1] += weight * plane[1]
-                new[2] += weight * plane[2]
-                new[3] += weight * height * plane[0]
-                new[4] += weight * plane[3]
-                new[5] += weight * plane[4]
-                new[6] += weight * height * height * plane[0]
-                new[7] += weight * plane[5]
-                new[8] += weight * height * plane[1]
-                new[9] += weight * height * plane[2]
-            worst = 0.0
+            if worst < tolerance:
+                break
+            for q in range(MOMENTS):
+                old[q] = new[q]
+                new[q] = 0.0
+            add_slices(c, r, mid, half, nodes, weights, offsets[level], offsets[level + 1], scratch, new)
             if level > 0:
+                worst = 0.0
                 for q in range(MOMENTS):
                     worst = max(worst, abs(new[q] - old[q]))
-                if worst < tolerance or level == offsets.size - 2:
-                    for q in range(MOMENTS):
-                        total[0, q] += new[q]
-                        total[1, q] += abs(new[q] - old[q])
-                    break
-            old[:] = new
-    return total
+        for q in range(MOMENTS):
+            total[0, q] += new[q]
+            total[1, q] += abs(new[q] - old[q])
 
 
-@njit(cache=True, error_model="numpy")
+@njit(**OPTIONS)
 def links(c, r, reach):
     """Grows a tree from sphere 0, nearest first: reach[i] = distance over sum of radii at which i joined.
 

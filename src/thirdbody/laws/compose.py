@@ -75,7 +75,9 @@ def compose(laws: Iterable[Law]) -> Chain:
 
 def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
     """Compile the loop over bodies that applies these effects, each with its own parameters, in their order."""
-    lines, imports, offset = [], [], 0
+    lines: list[str] = []
+    imports: list[str] = []
+    offset = 0
     for k, effect in enumerate(effects):
         imports += _imports(k, effect.kernel, effect.parameters)
         count = len(effect.parameters._fields)
@@ -83,7 +85,7 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
         lines.append(f"        e{k} = kernel_{k}(b, parameters_{k}({values}))")
         offset += count
     sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
-    lines += [f"        B[i, {at.B_EF + i}] = {total}" for i, total in enumerate(sums)]
+    lines += [f"        B[i, {at.B_EF + i}] = {total or 0.0}" for i, total in enumerate(sums)]
     body = f"""@njit(EFFECTS, error_model="numpy", cache=True)
 def effects(B, first, last, time, P):
     for i in range(first, last):

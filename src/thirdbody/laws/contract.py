@@ -26,7 +26,7 @@ what the friction limit leaves. It computes the powers of both dashpots from the
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from numba import njit
@@ -201,8 +201,7 @@ class Labeller:
     `observe(contacts, n, body, memory)` runs every `stride` steps and `label(contacts, n, body, memory, out)` at output
     frames, on a copy of the memory, so that output changes nothing. Columns: `thirdbody.kernels.layout`, names C_* for
     contacts and O_* for the body. `out` holds state, reason, then `margins`, then `extras`. `memory` and `contact_memory`
-    name the floats that the engine keeps per body and per contact, zero at the start. `forecast`, if given, is plain
-    Python and gets `Loaded` bodies at output frames.
+    name the floats that the engine keeps per body and per contact, zero at the start.
     """
 
     name: str
@@ -230,21 +229,11 @@ class LawFamily:
 
 
 @dataclass(frozen=True)
-class Command:
-    """A subcommand; `target` is "module:function", imported only when it is called."""
-
-    name: str
-    target: str
-    help: str
-
-
-@dataclass(frozen=True)
 class Plugin:
-    """Everything that one plug-in brings."""
+    """Everything that one plug-in brings but its commands, which are entry points of the group `thirdbody.commands`: a
+    function for typer, imported only when it is called."""
 
     name: str
     families: tuple[LawFamily, ...] = ()
     effects: tuple[Law | BodyEffect, ...] = ()
-    commands: tuple[Command, ...] = ()
     source: str = ""
-    notes: Mapping[str, str] = field(default_factory=dict)

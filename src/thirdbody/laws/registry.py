@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from ..errors import UsageError
-from .contract import BodyEffect, Command, Law, LawFamily, Plugin
+from .contract import BodyEffect, Law, LawFamily, Plugin
 
 GROUP = "thirdbody.plugins"
 
@@ -82,11 +82,6 @@ def load_file(path: Path) -> Plugin:
     if not isinstance(plugin, Plugin):
         raise UsageError(f"--plugin {path}: the file has no PLUGIN = Plugin(...)")
     return plugin
-
-
-def commands() -> list[tuple[str, Command]]:
-    """Subcommands of installed plug-ins, by the plug-in's name; broken plug-ins have none."""
-    return [(plugin.name, command) for plugin in discover().plugins for command in plugin.commands]
 
 
 def _refuse_doubles(plugins: Iterable[Plugin]) -> None:

@@ -1,0 +1,46 @@
+"""thirdbody: wear debris between two surfaces, particle by particle: sticking, sliding or rolling, and why.
+
+    scene = thirdbody.Scene.load("scene.toml")
+    result = thirdbody.run(scene, out="runs/scene")
+    result.states, result.series["friction_coefficient"]
+
+Names are imported when first used, so that importing the package costs nothing (PEP 562).
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .output.run import Run
+    from .output.run import open_run as open
+    from .scene.model import Scene
+    from .simulate import run
+
+__all__ = ["Run", "Scene", "open", "run"]
+
+_PLACES = {
+    "Scene": ("scene.model", "Scene"),
+    "Run": ("output.run", "Run"),
+    "open": ("output.run", "open_run"),
+    "run": ("simulate", "run"),
+}
+
+try:
+    __version__ = version("thirdbody")
+except PackageNotFoundError:  # a source tree that is not installed
+    __version__ = "0+unknown"
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PLACES:
+        raise AttributeError(f"module 'thirdbody' has no attribute '{name}'")
+    from importlib import import_module
+
+    module, attribute = _PLACES[name]
+    return getattr(import_module(f".{module}", __name__), attribute)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_PLACES])

@@ -1,0 +1,218 @@
+"""Random debris: irregular clumps and size distributions, reproducible body by body."""
+
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+
+from thirdbody.bodies.clump import Clump, clump
+from thirdbody.errors import Fault, InputError
+from thirdbody.kernels.union import links
+
+# Neighbours overlap until their centers are this fraction of the sum of radii apart: less looks like a
+# string of beads, more hides the single spheres.
+_NECK = (0.65, 0.85)
+# Smallest radius over largest, before chance.
+_UNEQUAL = 0.6
+# Least part of a sphere's surface that the other spheres leave free.
+_EXPOSED = 0.08
+_TRIES = 200
+
+
+def _sphere_points(count: int) -> np.ndarray:
+    """Points (count, 3) spread evenly over the unit sphere (Fibonacci lattice)."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    turn = math.pi * (1.0 + math.sqrt(5.0)) * k
+    ring = np.sqrt(1.0 - z * z)
+    return np.column_stack((ring * np.cos(turn), ring * np.sin(turn), z))
+
+
+_SURFACE = _sphere_points(48)
+
+
+def irregular(rng: np.random.Generator, n_spheres: int, aspect, diameter: float) -> Clump:
+    """Connected clump of unequal spheres filling an envelope with the axis ratios aspect (3,).
+
+    The volume-equivalent diameter (m) holds to a third of the clump's stated error. Every sphere keeps at
+    least 8 % of its surface free. A flat envelope needs many spheres: with few, the clump is as flat as
+    connected spheres can be. One sphere is a sphere, whatever the aspect.
+    InputError: n_spheres < 1, aspect or diameter not positive, or too many spheres to leave each one free.
+    """
+    envelope = _checked_envelope(n_spheres, aspect, diameter)
+    if n_spheres == 1:
+        return clump(np.zeros((1, 3)), [0.5 * diameter])
+    for _ in range(_TRIES):
+        centers, radii = _grown(rng, n_spheres, envelope)
+        if _all_exposed(centers, radii):
+            body = clump(centers, radii)
+            return body.scaled(diameter / body.diameter)
+    raise InputError(
+        f"no irregular clump of {n_spheres} spheres with aspect {list(aspect)} in {_TRIES} tries leaves every "
+        "sphere partly free; take fewer spheres or a longer aspect"
+    )
+
+
+def population(
+    seed: int, population_index: int, count: int, spheres: tuple[int, int], aspect, **size
+) -> list[Clump]:
+    """Clumps of one population; size: the keywords of `diameters`, spheres: least and most per body.
+
+    Body k draws from its own stream, so it is the same for every count.
+    InputError: as `irregular` and `diameters`.
+    """
+    least, most = spheres
+    if not 1 <= least <= most:
+        raise InputError(Fault("spheres", f"[{least}, {most}] must be 1 or more, the lesser first"))
+    bodies = []
+    for k in range(count):
+        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k)))
+        n_spheres = int(rng.integers(least, most + 1))
+        diameter = float(diameters(rng, 1, **size)[0])
+        bodies.append(irregular(rng, n_spheres, aspect, diameter))
+    return bodies
+
+
+def diameters(
+    rng: np.random.Generator,
+    count: int,
+    distribution: str,
+    *,
+    median: float | None = None,
+    mean: float | None = None,
+    sigma: float | None = None,
+    value: float | None = None,
+    min: float | None = None,
+    max: float | None = None,
+) -> np.ndarray:
+    """Diameters (count,) in m from a distribution cut off (not clipped) at min and max.
+
+    lognormal: median (m), sigma (of the logarithm); normal: mean, sigma (m); uniform: min, max;
+    constant: value. The cut is exact: a uniform number between the cumulative values of the limits is
+    inverted. InputError: a parameter that is missing, not used, or out of range, an unknown distribution.
+    """
+    given = {"median": median, "mean": mean, "sigma": sigma, "value": value, "min": min, "max": max}
+    _check_size(distribution, given)
+    low, high = min or 0.0, math.inf if max is None else max
+    if value is not None:
+        return np.full(count, value)
+    if distribution == "uniform":
+        return low + (high - low) * rng.random(count)
+    if median is not None:
+        normal = NormalDist(math.log(median), sigma or 0.0)
+        low, high = math.log(low) if low > 0.0 else -math.inf, math.log(high)
+        return np.exp(_cut_normal(rng, count, normal, low, high))
+    return _cut_normal(rng, count, NormalDist(mean or 0.0, sigma or 0.0), low, high)
+
+
+def _cut_normal(
+    rng: np.random.Generator, count: int, normal: NormalDist, low: float, high: float
+) -> np.ndarray:
+    # The far tail above the mean loses its digits in 1 - tail: mirror it to the side below.
+    if low > normal.mean:
+        mirrored = NormalDist(-normal.mean, normal.stdev)
+        return -_cut_normal(rng, count, mirrored, -high, -low)
+    first, last = normal.cdf(low), normal.cdf(high)
+    if not last - first > 0.0:
+        raise InputError(Fault("size", "the distribution has nothing between min and max"))
+    # 1 - random() lies in (0, 1]; the open end at 1 is closed by the limit itself.
+    levels = first + (last - first) * rng.random(count)
+    smallest = np.nextafter(first, 1.0)
+    drawn = [normal.inv_cdf(float(np.maximum(level, smallest))) for level in levels]
+    return np.clip(drawn, low, high)  # rounding of the inversion only
+
+
+_SIZE_KEYS = {
+    "lognormal": ({"median", "sigma"}, {"min", "max"}),
+    "normal": ({"mean", "sigma"}, {"min", "max"}),
+    "uniform": ({"min", "max"}, set()),
+    "constant": ({"value"}, set()),
+}
+
+
+def _check_size(distribution: str, given: dict[str, float | None]) -> None:
+    if distribution not in _SIZE_KEYS:
+        known = ", ".join(_SIZE_KEYS)
+        raise InputError(Fault("size.distribution", f"'{distribution}' is not known; known: {known}"))
+    needed, optional = _SIZE_KEYS[distribution]
+    faults = []
+    for key, number in given.items():
+        if number is None:
+            if key in needed:
+                faults.append(Fault(f"size.{key}", f"a {distribution} distribution needs it"))
+        elif key not in needed | optional:
+            faults.append(Fault(f"size.{key}", f"a {distribution} distribution does not use it"))
+        elif not (math.isfinite(number) and number > 0.0):
+            faults.append(Fault(f"size.{key}", f"{number:g} must be positive and finite"))
+    low, high = given["min"], given["max"]
+    if not faults and low is not None and high is not None and low > high:
+        faults.append(Fault("size.min", f"{low:g} m is more than max = {high:g} m"))
+    if faults:
+        raise InputError(faults)
+
+
+def _checked_envelope(n_spheres: int, aspect, diameter: float) -> np.ndarray:
+    """Half axes (3,) of the envelope, the longest 1."""
+    axes = np.array(aspect, dtype=np.float64)
+    faults = []
+    if n_spheres < 1:
+        faults.append(Fault("spheres", f"{n_spheres} must be 1 or more"))
+    if axes.shape != (3,) or not np.isfinite(axes).all() or not (axes > 0.0).all():
+        faults.append(Fault("aspect", f"{axes.tolist()} must be three positive numbers"))
+    if not (math.isfinite(diameter) and diameter > 0.0):
+        faults.append(Fault("size", f"diameter {diameter:g} m must be positive and finite"))
+    if faults:
+        raise InputError(faults)
+    return axes / axes.max()
+
+
+def _grown(rng: np.random.Generator, n: int, envelope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centers (n, 3) and radii (n,) of a connected trial clump inside the envelope."""
+    seeds = _spread(rng, n, envelope)
+    weights = rng.uniform(_UNEQUAL, 1.0, n)
+    neck = rng.uniform(*_NECK)
+    reach = np.empty(n)
+    thinnest = envelope.min()
+
+    def stretched(radius: float) -> float:
+        links(seeds * (envelope - radius), radius * weights, reach)
+        return float(reach.max()) / neck
+
+    # The larger the spheres, the smaller the room for their centers: the least radius that connects them.
+    low, high = 0.02 * thinnest, thinnest
+    if (excess := stretched(high)) > 1.0:
+        # Too flat for this many spheres: drawn together in the plane until they connect.
+        return seeds * (envelope - high) / excess, high * weights
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if stretched(middle) > 1.0 else (low, middle)
+    return seeds * (envelope - high), high * weights
+
+
+def _spread(rng: np.random.Generator, n: int, envelope: np.ndarray) -> np.ndarray:
+    """Points (n, 3) in the unit ball, far apart once stretched to the envelope (Mitchell's best candidate)."""
+    candidates = rng.normal(size=(n, 12, 3))
+    candidates /= np.linalg.norm(candidates, axis=2, keepdims=True)
+    candidates *= rng.random((n, 12, 1)) ** (1.0 / 3.0)
+    points = np.empty((n, 3))
+    points[0] = candidates[0, 0]
+    for k in range(1, n):
+        gaps = (candidates[k][:, None] - points[:k]) * envelope
+        points[k] = candidates[k, np.argmax((gaps * gaps).sum(axis=2).min(axis=1))]
+    if n >= 4:
+        # Filled to the envelope's sides, or few spheres would not show the aspect.
+        low, high = points.min(axis=0), points.max(axis=0)
+        points = (2.0 * points - low - high) / (high - low)
+    return points
+
+
+def _all_exposed(centers: np.ndarray, radii: np.ndarray) -> bool:
+    """Whether every sphere shows at least the part _EXPOSED of its surface."""
+    n = radii.size
+    points = centers[:, None] + radii[:, None, None] * _SURFACE
+    square = ((points[:, :, None] - centers) ** 2).sum(axis=3)
+    inside = square < radii**2
+    inside[np.arange(n), :, np.arange(n)] = False
+    return bool(((~inside.any(axis=2)).mean(axis=1) >= _EXPOSED).all())

@@ -1,0 +1,251 @@
+"""The command line. Heavy modules are imported inside the commands that need them: `--help` stays instant."""
+
+from __future__ import annotations
+
+import json as json_module
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import entry_points
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from .errors import Interrupted, OutputError, ThirdbodyError, UsageError
+
+COMMAND_GROUP = "thirdbody.commands"
+
+
+class _Group(TyperGroup):
+    """Our commands and those of installed plug-ins, which are imported only when they are called."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return [*super().list_commands(ctx), *sorted(point.name for point in entry_points(group=COMMAND_GROUP))]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        own = super().get_command(ctx, cmd_name)
+        if own is not None:
+            return own
+        for point in entry_points(group=COMMAND_GROUP):
+            if point.name == cmd_name:
+                plugged = typer.Typer(rich_markup_mode=None)
+                plugged.command(name=cmd_name)(point.load())
+                return typer.main.get_command(plugged)
+        return None
+
+
+app = typer.Typer(
+    cls=_Group,
+    name="thirdbody",
+    help="Wear debris between two surfaces: sticking, sliding or rolling, and why.",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    no_args_is_help=True,
+)
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="scene file (TOML)")]
+RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="run folder or its run.vtkhdf")]
+Json = Annotated[bool, typer.Option("--json", help="print JSON")]
+Plugins = Annotated[list[Path] | None, typer.Option("--plugin", help="Python file with a PLUGIN; may be repeated")]
+Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the scene")]
+Threads = Annotated[int | None, typer.Option("--threads", min=1, help="cores to use (same bits for any number)")]
+
+
+@app.callback(invoke_without_command=True)
+def top(version: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
+    """Options that need no command."""
+    if version:
+        from . import __version__
+
+        typer.echo(f"thirdbody {__version__}")
+        raise typer.Exit
+
+
+@app.command()
+def new(
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="scene file to write")] = Path("scene.toml"),
+) -> None:
+    """Write a small scene to start from."""
+    from .scene.template import TEMPLATE
+
+    if path.exists():
+        raise OutputError(f"{path}: exists already")
+    try:
+        path.write_text(TEMPLATE, encoding="utf-8")
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
+    typer.echo(f"{path} written; next: thirdbody check {path}")
+
+
+@app.command()
+def check(
+    scene: SceneFile,
+    settings: Settings = None,
+    plugin: Plugins = None,
+    force: Annotated[bool, typer.Option("--force", help="accept a time step above its bound")] = False,
+    json: Json = False,
+) -> None:
+    """Print the resolved scene: defaults, laws and their sources, time step and what limits it, cost."""
+    from .laws.registry import discover
+    from .report import check_report, print_check
+    from .scene.build import build
+
+    built = build(_load(scene, settings), discover(plugin or ()), force)
+    told = check_report(built)
+    if json:
+        typer.echo(json_module.dumps(told, indent=1))
+    else:
+        print_check(told)
+
+
+@app.command()
+def run(
+    scene: SceneFile,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="run folder [runs/<scene name>]")] = None,
+    settings: Settings = None,
+    threads: Threads = None,
+    plugin: Plugins = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing run")] = False,
+    force: Annotated[bool, typer.Option("--force", help="accept a time step above its bound")] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress")] = False,
+    json: Json = False,
+) -> None:
+    """Run a scene and write its trajectory, labels and series."""
+    from contextlib import nullcontext
+
+    from .laws.registry import discover
+    from .progress import reporter_for_terminal
+    from .report import print_warnings, run_report
+    from .scene.build import build
+    from .simulate import default_folder, execute, refuse_existing
+
+    loaded = _load(scene, settings)
+    folder = out or default_folder(loaded, scene.stem)
+    refuse_existing(folder, overwrite)
+    _check_threads(threads)
+    built = build(loaded, discover(plugin or ()), force)
+    print_warnings(built.warnings)
+    try:
+        with _signals() as stop, nullcontext() if quiet else reporter_for_terminal(loaded.title) as report:
+            execute(built, folder, threads, report, overwrite, stop)
+    finally:
+        if (folder / "run.vtkhdf").exists():
+            run_report(folder, json)
+
+
+@app.command()
+def states(
+    run: RunPath,
+    frame: Annotated[int | None, typer.Option("--frame", help="one frame [all: a table over frames]")] = None,
+    json: Json = False,
+) -> None:
+    """Table of the states with their reasons, over the frames or body by body for one frame."""
+    from .report import states_report
+
+    states_report(run, frame, json)
+
+
+@app.command()
+def render(
+    run: RunPath,
+    out: Annotated[Path, typer.Option("--out", "-o", help="PNG file")] = Path("picture.png"),
+    frame: Annotated[int, typer.Option("--frame", help="frame number, negative from the end")] = -1,
+    color: Annotated[str, typer.Option("--color", help="state, or the name of an array")] = "state",
+    width: Annotated[int, typer.Option("--width", min=64, max=8192)] = 1600,
+    height: Annotated[int, typer.Option("--height", min=64, max=8192)] = 900,
+) -> None:
+    """Draw one frame: the debris between its plates, coloured by state."""
+    from .output.render import render as draw
+
+    typer.echo(f"{draw(run, out, frame=frame, color=color, size=(width, height))}")
+
+
+@app.command()
+def laws(
+    check: Annotated[list[Path] | None, typer.Option("--check", help="plug-in file to put through the conformance suite")] = None,
+    plugin: Plugins = None,
+    json: Json = False,
+) -> None:
+    """List laws, levels and effects with their sources, or check those of a file."""
+    from .laws.registry import discover
+    from .report import conformance_report, laws_report
+
+    if check:
+        conformance_report(check, json)
+    else:
+        laws_report(discover(plugin or ()), json)
+
+
+def _load(path: Path, settings: list[str] | None) -> Any:
+    from .scene.model import Scene
+
+    scene = Scene.load(path)
+    if not settings:
+        return scene
+    pairs = {}
+    for text in settings:
+        key, sign, value = text.partition("=")
+        if not sign or not key.strip():
+            raise UsageError(f"--set {text}: write KEY=VALUE, such as solver.distance='1 um'")
+        pairs[key.strip()] = value.strip()
+    return scene.with_settings(pairs)
+
+
+def _check_threads(threads: int | None) -> None:
+    if threads is None:
+        return
+    import numba
+
+    if threads > numba.config.NUMBA_NUM_THREADS:
+        raise UsageError(f"--threads {threads}: this machine has {numba.config.NUMBA_NUM_THREADS}")
+
+
+@contextmanager
+def _signals() -> Iterator[Any]:
+    """Ctrl-C and SIGTERM end a run between two compiled calls; yields the question whether one came."""
+    caught: list[int] = []
+
+    def note(number: int, _frame: object) -> None:
+        caught.append(number)
+
+    def stop() -> bool:
+        return bool(caught)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    except Interrupted as error:
+        error.exit_code = 128 + caught[0]
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def main() -> None:
+    """Entry point: every error becomes one message and its exit code."""
+    try:
+        app()
+    except ThirdbodyError as error:
+        print(f"thirdbody: {error}" if "\n" not in str(error) else str(error), file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except BrokenPipeError:
+        # the reader of our output went away (| head); the interpreter must not complain while it closes
+        sys.stderr.close()
+        sys.exit(141)
+    except Exception:
+        import traceback
+
+        traceback.print_exc()
+        print("thirdbody: this is a bug in thirdbody; please report it with the lines above and the scene", file=sys.stderr)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,71 @@
+"""Progress of a run: a bar with remaining time on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from .simulate import Progress, Reporter
+
+LINES = 10
+"""Plain lines of a whole run, where there is no terminal to draw a bar on."""
+
+
+@contextmanager
+def reporter_for_terminal(title: str) -> Iterator[Reporter]:
+    """A reporter that draws on standard error."""
+    if sys.stderr.isatty():
+        with _bar(title) as report:
+            yield report
+    else:
+        yield _plain()
+
+
+def headline(progress: Progress) -> str:
+    """Friction coefficient and state fractions in one line."""
+    series = progress.series
+    mu = series.get("friction_coefficient", math.nan)
+    parts = [] if math.isnan(mu) else [f"mu {mu:.3f}"]
+    for name, value in series.items():
+        if name.startswith("fraction_") and value > 0.0:
+            parts.append(f"{name.removeprefix('fraction_')} {100.0 * value:.0f} %")
+    return ", ".join(parts)
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Reporter]:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn(), TextColumn("{task.fields[line]}"))  # fmt: skip
+    with Progress(*columns, console=Console(stderr=True)) as bar:
+        task = bar.add_task(title[:40], total=1.0, line="")
+
+        def report(progress: Progress) -> None:  # type: ignore[valid-type]
+            bar.update(task, completed=progress.fraction, line=headline(progress))  # type: ignore[attr-defined]
+
+        yield report
+
+
+def _plain() -> Reporter:
+    told = [-1]
+
+    def report(progress: Progress) -> None:
+        tenth = int(LINES * progress.fraction)
+        if tenth <= told[0]:
+            return
+        told[0] = tenth
+        left = progress.elapsed / progress.fraction * (1.0 - progress.fraction) if progress.fraction > 0.0 else math.nan
+        remaining = "" if math.isnan(left) else f", {left:.0f} s left"
+        print(
+            f"{100.0 * progress.fraction:3.0f} %  t = {progress.simulated:.4g} s, {progress.elapsed:.1f} s{remaining}  "
+            f"{headline(progress)}",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    return report

@@ -1,0 +1,194 @@
+"""From the names in a scene to compiled physics: which laws and effects, with which parameters, and where they come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..engine.state import Physics
+from ..errors import Fault, InputError, nearest
+from ..laws.absent import NO_LABELS
+from ..laws.compose import Chain, compose, compose_effects, compose_labeller
+from ..laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair
+from ..laws.registry import Registry
+from . import units
+from .model import Scene
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The physics of a scene in words and in code. `rows[k]` are the parameters of `pairs[k]`, law by law."""
+
+    physics: Physics
+    chain: Chain
+    family: LawFamily
+    level: str
+    labeller: Labeller | None
+    effects: tuple[BodyEffect, ...]
+    materials: tuple[Material, ...]
+    pairs: tuple[Pair, ...]
+    rows: tuple[tuple[Any, ...], ...]
+    off: tuple[str, ...]
+
+
+def choose(scene: Scene, registry: Registry) -> Choice:
+    """Select, check and compile. Raises InputError with all faults of names and options."""
+    faults: list[Fault] = []
+    family, level, laws = _family(scene, registry, faults)
+    contact_effects, effects, values = _effects(scene, registry, faults)
+    materials, pairs = _materials(scene)
+    chosen = tuple(law for law in (*laws, *contact_effects) if law.wanted(pairs))
+    off = tuple(law.name for law in laws if not law.wanted(pairs))
+    law_values = _law_options(scene, laws, faults)
+    if faults:
+        raise InputError(faults)
+    try:
+        chain = compose(chosen)
+    except ValueError as problem:
+        raise InputError(scene.fault(("contact", "law"), str(problem))) from None
+    options = {law.name: values.get(law.name, law_values.get(law.name, {})) for law in chain.laws}
+    rows = tuple(tuple(law.mix(pair, options[law.name]) for law in chain.laws) for pair in pairs)
+    effect_row = [x for effect in effects for x in effect.mix(values[effect.name])]
+    labeller = family.labeller or _any_labeller(registry)
+    physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
+    return Choice(physics, chain, family, level, labeller, effects, materials, pairs, rows, off)
+
+
+def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawFamily, str, tuple[Law, ...]]:
+    families = registry.families
+    name = scene.contact.law
+    if name not in families:
+        hint = nearest(name, families)
+        raise InputError(scene.fault(("contact", "law"), f"no law '{name}' is installed, {hint}"))
+    family = families[name]
+    level = scene.contact.level or family.default_level
+    if level not in family.levels:
+        hint = nearest(level, family.levels)
+        message = f"'{level}' is not a level of '{name}' in this version, {hint}"
+        faults.append(scene.fault(("contact", "level"), message))
+        return family, level, ()
+    return family, level, family.levels[level]
+
+
+def _any_labeller(registry: Registry) -> Labeller | None:
+    """A labeller for a family that brings none: labels look at forces and motion, whatever law made them."""
+    return next((family.labeller for family in registry.families.values() if family.labeller), None)
+
+
+def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
+    materials = tuple(
+        Material(name, m.shear(), m.poisson_ratio, m.density, m.yield_strength) for name, m in scene.materials.items()
+    )
+    by_name = {material.name: material for material in materials}
+    pairs = tuple(
+        Pair(by_name[p.between[0]], by_name[p.between[1]], p.friction, p.restitution) for p in scene.pairs
+    )
+    return materials, pairs
+
+
+def _law_options(scene: Scene, laws: Sequence[Law], faults: list[Fault]) -> dict[str, dict[str, Any]]:
+    known = {option.name for law in laws for option in law.options}
+    given = scene.contact.options
+    for key in given:
+        if key not in known:
+            hint = nearest(key, known | {"law", "level", "debris_contact"})
+            faults.append(scene.fault(("contact", key), f"unknown key for this law and level, {hint}"))
+    return {law.name: _values(scene, law.options, given, ("contact",), faults) for law in laws}
+
+
+def _effects(
+    scene: Scene, registry: Registry, faults: list[Fault]
+) -> tuple[list[Law], tuple[BodyEffect, ...], dict[str, dict[str, Any]]]:
+    """Contact effects, body effects (gravity first, then by name) and the option values of each."""
+    known = registry.effects
+    named: dict[str, Any] = dict(scene.effects.named)
+    contact_effects, body_effects, values = [], [], {}
+    if scene.effects.gravity is not None:
+        body_effects.append(known["gravity"])
+        values["gravity"] = {"acceleration": scene.effects.gravity}
+    for name in sorted(named):
+        place = ("effects", name)
+        if name not in known:
+            faults.append(scene.fault(place, f"no effect '{name}' is installed, {nearest(name, known)}"))
+            continue
+        effect, given = known[name], named[name]
+        if not isinstance(given, Mapping):
+            given = {effect.options[0].name: given} if effect.options else {}
+        for key in given:
+            names = [option.name for option in effect.options]
+            if key not in names:
+                faults.append(scene.fault((*place, key), f"unknown key, {nearest(key, names)}"))
+        values[name] = _values(scene, effect.options, given, place, faults)
+        (contact_effects if isinstance(effect, Law) else body_effects).append(effect)
+    return contact_effects, tuple(body_effects), values  # type: ignore[return-value]
+
+
+def _values(
+    scene: Scene, options: Sequence[Option], given: Mapping[str, Any], place: tuple[str, ...], faults: list[Fault]
+) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for option in options:
+        raw = given.get(option.name, option.default)
+        if raw is None:
+            faults.append(scene.fault(place, f"required key '{option.name}' is missing: {option.doc}"))
+            continue
+        try:
+            values[option.name] = _value(option, raw, option.name in given)
+        except ValueError as problem:
+            faults.append(scene.fault((*place, option.name), str(problem)))
+    return values
+
+
+def _value(option: Option, raw: Any, given: bool) -> float | tuple[float, ...]:
+    if option.size == 1:
+        return _number(option, raw, given)
+    if not isinstance(raw, list | tuple) or len(raw) != option.size:
+        raise ValueError(f"expected a list of {option.size} values")
+    return tuple(_number(option, x, given) for x in raw)
+
+
+def _number(option: Option, raw: Any, given: bool) -> float:
+    """A number of the option's dimension in SI; a bare one needs no unit only if it is dimensionless or the default."""
+    if isinstance(raw, str):
+        value = units.parse(raw, option.dimension)
+    elif isinstance(raw, bool) or not isinstance(raw, int | float):
+        raise ValueError(f"expected a number or a text with a unit, got {raw!r}")
+    elif given and option.dimension != "dimensionless":
+        value = units.parse(str(raw), option.dimension)
+    else:
+        value = float(raw)
+    if not option.low <= value <= option.high:
+        raise ValueError(f"{raw} must lie between {option.low:g} and {option.high:g}")
+    return value
+
+
+def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Physics:
+    index = {material.name: k for k, material in enumerate(materials)}
+    kinds = np.full((len(materials), len(materials)), -1, np.int64)
+    for k, pair in enumerate(pairs):
+        a, b = index[pair.a.name], index[pair.b.name]
+        kinds[a, b] = kinds[b, a] = k
+    parameters = np.array([[x for values in row for x in values] for row in rows], float)
+    if parameters.size == 0:
+        parameters = np.zeros((1, chain.width))
+    observe, label = compose_labeller(labeller or NO_LABELS)
+    return Physics(
+        law=chain.law,
+        stiffness=chain.stiffness,
+        history=chain.history,
+        pairs=np.ascontiguousarray(parameters.ravel()),
+        kinds=kinds,
+        effects=compose_effects(effects),
+        effect_parameters=np.array(effect_row or [0.0]),
+        has_effects=bool(effects),
+        observe=observe,
+        label=label,
+        memory=len(labeller.memory) if labeller else 0,
+        contact_memory=len(labeller.contact_memory) if labeller else 0,
+        stride=labeller.stride if labeller else 1,
+        labels=labeller is not None,
+        outputs=2 + len(labeller.margins) + len(labeller.extras) if labeller else 2,
+    )

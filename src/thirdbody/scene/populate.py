@@ -1,0 +1,140 @@
+"""From the debris of a scene to bodies in their places."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..bodies.clump import Clump, clump_with_frame
+from ..bodies.placement import overlaps, place_layer
+from ..bodies.poses import settle
+from ..bodies.shapes import population
+from ..engine.state import Placed, rotation_matrices
+from ..errors import Fault, InputError
+from . import units
+from .debris import Irregular, Spheres
+from .model import Scene
+
+LAYER_STREAM = 1_000_003
+"""Spawn key of the random stream that poses and places the layer, apart from those of the populations."""
+
+
+def populate(scene: Scene) -> Placed:
+    """All bodies of the scene, in the order of its populations. Raises InputError when they cannot be placed.
+
+    The bodies of all layers are laid together, each in a stable pose on the lower plate.
+    """
+    clumps: list[Clump] = []
+    positions, quaternions, layered = [], [], []
+    for index, debris in enumerate(scene.debris):
+        shapes, turn = _shapes(index, debris)
+        clumps += shapes
+        in_layer = not (isinstance(debris, Spheres) and debris.positions is not None)
+        layered += [in_layer] * len(shapes)
+        given = np.full((len(shapes), 3), np.nan) if in_layer else np.array(_given(debris), float)
+        positions.append(given)
+        quaternions.append(np.tile(turn, (len(shapes), 1)))
+    x, q = np.concatenate(positions), np.concatenate(quaternions)
+    mask = np.array(layered)
+    if mask.any():
+        _lay(scene, clumps, mask, x, q)
+    counts = [debris.count for debris in scene.debris]
+    placed = _placed(scene, clumps, x, q, counts)
+    _refuse_overlaps(scene, placed)
+    return placed
+
+
+def _given(debris: Irregular | Spheres) -> tuple[tuple[float, float, float], ...]:
+    assert isinstance(debris, Spheres) and debris.positions is not None
+    return debris.positions
+
+
+def _shapes(index: int, debris: Irregular | Spheres) -> tuple[list[Clump], np.ndarray]:
+    """Clumps of one population and the orientation that given positions start from."""
+    if isinstance(debris, Irregular):
+        size = debris.size.model_dump(mode="python")
+        sizes = {name: getattr(debris.size, name) for name in size if getattr(debris.size, name) is not None}
+        shapes = population(debris.seed, index, debris.count, debris.spheres, debris.aspect, sizes)
+        return shapes, np.array([1.0, 0.0, 0.0, 0.0])
+    if debris.radius is not None:
+        body, _, frame = clump_with_frame(np.zeros((1, 3)), np.array([debris.radius]))
+    else:
+        assert debris.shape is not None
+        centers = np.array([ball.center for ball in debris.shape], float)
+        body, _, frame = clump_with_frame(centers, np.array([ball.radius for ball in debris.shape]))
+    turn = np.array([1.0, 0.0, 0.0, 0.0]) if debris.orientation is None else np.array(debris.orientation)
+    return [body] * debris.count, quaternion_product(turn, frame)
+
+
+def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """The rotation q followed by p, (4,)."""
+    w, x, y, z = p
+    a, b, c, d = q
+    return np.array(
+        [w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a]
+    )  # fmt: skip
+
+
+def _lay(scene: Scene, clumps: list[Clump], mask: np.ndarray, x: np.ndarray, q: np.ndarray) -> None:
+    """Give the bodies of the layer a stable pose, a height and a place."""
+    if scene.plates.lower is None:
+        raise InputError(scene.fault(("debris",), 'placement = "layer" lays bodies on [plates.lower], which is missing'))
+    rng = np.random.default_rng(np.random.SeedSequence(scene.debris[0].seed, spawn_key=(LAYER_STREAM,)))
+    members = np.flatnonzero(mask)
+    for b in members:
+        q[b], x[b, 2] = settle(clumps[b], rng)
+    laid = [clumps[b] for b in members]
+    try:
+        x[members, :2] = place_layer(laid, q[members], np.array(scene.domain.size), scene.domain.periodic, rng)
+    except InputError as error:
+        raise InputError(scene.fault(("domain", "size"), str(error))) from None
+
+
+def _placed(scene: Scene, clumps: list[Clump], x: np.ndarray, q: np.ndarray, counts: list[int]) -> Placed:
+    names = list(scene.materials)
+    of_population = np.array([names.index(debris.material) for debris in scene.debris])
+    populations = np.repeat(np.arange(len(counts)), counts)
+    densities = np.array([material.density for material in scene.materials.values()])
+    materials = of_population[populations]
+    return Placed(
+        clumps=clumps,
+        densities=densities[materials],
+        materials=materials,
+        populations=populations,
+        positions=x,
+        quaternions=q,
+        velocities=np.array([debris.velocity for debris in scene.debris], float)[populations],
+        angular_velocities=np.array([debris.angular_velocity for debris in scene.debris], float)[populations],
+    )
+
+
+def sphere_centres(placed: Placed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres (n, 3), radii (n,) and body of every sphere."""
+    body = np.repeat(np.arange(len(placed.clumps)), [len(clump.radii) for clump in placed.clumps])
+    offsets = np.concatenate([clump.centers for clump in placed.clumps])
+    turns = rotation_matrices(placed.quaternions)
+    centres = placed.positions[body] + np.einsum("nij,nj->ni", turns[body], offsets)
+    return centres, np.concatenate([clump.radii for clump in placed.clumps]), body
+
+
+def _refuse_overlaps(scene: Scene, placed: Placed) -> None:
+    """Raise InputError for bodies that overlap each other or the lower plate by more than rounding."""
+    centres, radii, body = sphere_centres(placed)
+    faults: list[Fault] = []
+    place = ("debris",)
+    if scene.contact.debris_contact != "none":
+        found = overlaps(centres, radii, body, np.array(scene.domain.size), scene.domain.periodic)
+        deep = [(a, b, depth) for a, b, depth in found if depth > 1e-9 * radii.min()]
+        if deep:
+            a, b, depth = deep[0]
+            more = f" ({len(deep)} pairs overlap)" if len(deep) > 1 else ""
+            how_much = units.pretty(depth, "length")
+            message = f"bodies {a} and {b} overlap by {how_much} at the start{more}; initial_overlap = 'refuse'"
+            faults.append(scene.fault(place, message))
+    if scene.plates.lower is not None:
+        depth_below = radii - centres[:, 2]
+        deepest = int(np.argmax(depth_below))
+        if depth_below[deepest] > 1e-9 * radii[deepest]:
+            how_much = units.pretty(float(depth_below[deepest]), "length")
+            faults.append(scene.fault(place, f"body {body[deepest]} starts {how_much} deep in the lower plate (z = 0)"))
+    if faults:
+        raise InputError(faults)

@@ -1,0 +1,265 @@
+"""Running a scene: build, integrate from output to output, write the trajectory, sum up."""
+
+from __future__ import annotations
+
+import platform
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .engine.energy import Ledger
+from .errors import GuardStop, Interrupted, OutputError
+from .kernels import layout as at
+from .output.frames import UNITS, FrameMaker
+from .output.paraview import write_paraview_files
+from .output.run import FILE_NAME, Run, open_run
+from .output.vtkhdf import TrajectoryWriter
+from .scene.build import Simulation, build
+from .scene.model import Scene
+
+SCENE_FILE = "scene.toml"
+SUBTICKS = 8
+"""Reports of progress per output interval: a run with few frames still shows that it moves."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is, for a progress bar: the fraction of simulated time and the latest series."""
+
+    fraction: float
+    simulated: float
+    elapsed: float
+    frame: int
+    series: dict[str, Any]
+
+
+Reporter = Callable[[Progress], None]
+
+
+def run(
+    scene: Scene,
+    out: str | Path | None = None,
+    threads: int | None = None,
+    progress: bool | Reporter = True,
+    *,
+    overwrite: bool = False,
+    plugins: tuple[str | Path, ...] = (),
+    force: bool = False,
+) -> Run:
+    """Simulate a scene into the folder `out` and return the opened result.
+
+    `threads` is the number of cores (all that numba sees if None); results have the same bits for any number.
+    `progress` may be a callable that takes a `Progress`. `plugins` are Python files with a `PLUGIN`.
+    Raises InputError, OutputError, GuardStop (what was computed is kept and can be opened), Interrupted.
+    """
+    from .laws.registry import discover
+
+    simulation = build(scene, discover(plugins), force)
+    folder = Path(out) if out is not None else default_folder(scene)
+    reporter: Reporter | None
+    if progress is True:
+        from .progress import reporter_for_terminal
+
+        with reporter_for_terminal(simulation.scene.title) as reporter:
+            execute(simulation, folder, threads, reporter, overwrite)
+    else:
+        execute(simulation, folder, threads, progress or None, overwrite)
+    return open_run(folder)
+
+
+def default_folder(scene: Scene, name: str | None = None) -> Path:
+    """`runs/<scene name>`: the name of the scene's file, else its title."""
+    title = "".join(c if c.isalnum() else "_" for c in scene.title.lower()).strip("_")
+    return Path("runs") / (name or title[:40] or "scene")
+
+
+def execute(
+    simulation: Simulation,
+    folder: Path,
+    threads: int | None = None,
+    report: Reporter | None = None,
+    overwrite: bool = False,
+    stop: Callable[[], bool] = lambda: False,
+) -> dict[str, Any]:
+    """Integrate a built simulation into a folder; returns the summary that the file also holds.
+
+    `stop` is asked between compiled calls; when it says so, the run ends with what it has and Interrupted is raised.
+    """
+    set_threads(threads)
+    _prepare(folder, overwrite)
+    started = time.perf_counter()
+    ledger = Ledger(simulation.state)
+    maker = FrameMaker(simulation.state, ledger, simulation.labeller, simulation.integrator.drag)
+    header = _header(simulation)
+    problem: GuardStop | Interrupted | None = None
+    with TrajectoryWriter(folder / FILE_NAME, header, maker.static()) as writer:
+        (folder / SCENE_FILE).write_text(header["scene_text"])
+        write_paraview_files(folder / FILE_NAME, header["state_names"])
+        try:
+            _integrate(simulation, ledger, maker, writer, report, started, stop)
+        except (GuardStop, Interrupted) as error:
+            problem = error
+        summary = _summary(simulation, ledger, started, writer.frames, problem)
+        writer.finish(summary)
+    if problem is not None:
+        raise problem
+    return summary
+
+
+def set_threads(threads: int | None) -> None:
+    """Number of cores that the compiled loops use. Raises ValueError outside 1 .. what numba was started with."""
+    import numba
+
+    if threads is not None:
+        numba.set_num_threads(threads)
+
+
+def _integrate(simulation, ledger, maker, writer, report, started, stop) -> None:
+    integrator, state = simulation.integrator, simulation.state
+
+    def watch() -> None:
+        ledger.watch(state)
+        if stop():
+            raise Interrupted(f"interrupted at t = {state.time:.6g} s; {writer.frames} frames are kept")
+
+    def write() -> dict[str, Any]:
+        frame = maker.frame(integrator.label() if simulation.labeller else None)
+        writer.append(frame)
+        return dict(frame.series)
+
+    series = write()
+    tick(report, simulation, started, writer.frames, series)
+    for target_time, target_distance, is_output in targets(simulation):
+        integrator.advance_to(target_time, target_distance, watch)
+        if is_output:
+            series = write()
+        tick(report, simulation, started, writer.frames, series)
+
+
+def tick(report: Reporter | None, simulation: Simulation, started: float, frame: int, series: dict[str, Any]) -> None:
+    """Tell the progress so far."""
+    if report is not None:
+        simulated = simulation.state.time
+        fraction = min(simulated / simulation.planned_time, 1.0)
+        report(Progress(fraction, simulated, time.perf_counter() - started, frame, series))
+
+
+def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
+    """(time, distance, whether to write) of every stop: the end of settling, then output by output to the end.
+
+    A run by distance stops by distance; one by time stops by time. Stops in between only report progress.
+    """
+    solver, output = simulation.scene.solver, simulation.scene.output
+    settle = simulation.settle
+    infinite = float("inf")
+    if output.every_kind == "time":
+        end = simulation.planned_time
+        for x, write in _ladder(0.0, end, output.every):
+            yield (x, infinite, write) if solver.duration is not None or x < settle else (x, solver.distance, write)
+        return
+    if settle > 0.0:
+        for k in range(1, SUBTICKS + 1):
+            yield settle * k / SUBTICKS, infinite, k == SUBTICKS
+    if solver.duration is not None:
+        velocity = simulation.scene.plates.upper.motion.velocity()
+        every = output.every / float(np.hypot(*velocity))
+        for x, write in _ladder(settle, simulation.end_time, every):
+            yield x, infinite, write
+        return
+    for x, write in _ladder(0.0, solver.distance, output.every):
+        yield infinite, x, write
+
+
+def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
+    """Stops from start (excluded) to end: every `every` a written one, with reports between; the end is written."""
+    count = max(1, int(np.ceil((end - start) / every - 1e-9)))
+    for k in range(1, count + 1):
+        low, high = start + (k - 1) * every, min(start + k * every, end)
+        for part in range(1, SUBTICKS):
+            yield low + (high - low) * part / SUBTICKS, False
+        yield high, True
+
+
+def refuse_existing(folder: Path, overwrite: bool) -> None:
+    """Raise OutputError if the folder exists, unless it is that of a run and may be overwritten."""
+    if not folder.exists():
+        return
+    if not overwrite:
+        raise OutputError(f"{folder}: exists already; --overwrite replaces it, -o names another folder")
+    if not folder.is_dir() or (any(folder.iterdir()) and not (folder / FILE_NAME).exists()):
+        raise OutputError(f"{folder}: is not the folder of a run and will not be overwritten")
+
+
+def _prepare(folder: Path, overwrite: bool) -> None:
+    """Make the run's folder. Raises OutputError if it exists (unless told to overwrite a run) or cannot be made."""
+    refuse_existing(folder, overwrite)
+    try:
+        if folder.exists():
+            shutil.rmtree(folder)
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+
+
+def _header(simulation: Simulation) -> dict[str, Any]:
+    import h5py
+    import numba
+
+    from . import __version__
+
+    scene, labeller = simulation.scene, simulation.labeller
+    units = dict(UNITS)
+    if labeller is not None:
+        units |= {f"fraction_{name}": "1" for name in labeller.states}
+    return {
+        "scene_text": scene.to_toml(),
+        "title": scene.title,
+        "state_names": list(labeller.states) if labeller else ["unlabelled"],
+        "reason_names": list(labeller.reasons) if labeller else ["none"],
+        "units": units,
+        "domain": {"size": list(scene.domain.size), "periodic": scene.domain.periodic},
+        "materials": list(scene.materials),
+        "laws": [{"name": law.name, "stage": law.stage, "source": law.source} for law in simulation.choice.chain.laws],
+        "law": {"family": simulation.choice.family.name, "level": simulation.choice.level},
+        "effects": [effect.name for effect in simulation.choice.effects],
+        "debris_contact": "searched" if simulation.state.world.debris_meets else "none: bodies do not see each other",
+        "warnings": simulation.warnings,
+        "versions": {
+            "thirdbody": __version__,
+            "numba": numba.__version__,
+            "numpy": np.__version__,
+            "h5py": h5py.__version__,
+            "python": platform.python_version(),
+        },
+    }
+
+
+def _summary(simulation: Simulation, ledger: Ledger, started: float, frames: int, problem: Exception | None) -> dict[str, Any]:
+    state = simulation.state
+    wall = time.perf_counter() - started
+    steps = int(state.A[at.A_STEPS])
+    lines = ledger.lines(state)
+    tightest = simulation.integrator.tightest
+    assert tightest is not None
+    return {
+        "finished": problem is None,
+        "stopped": None if problem is None else str(problem),
+        "wall_time": wall,
+        "steps": steps,
+        "searches": state.searches,
+        "frames": frames,
+        "bodies": state.n_bodies,
+        "spheres": state.n_spheres,
+        "sphere_steps_per_second": steps * state.n_spheres / wall if wall > 0.0 else 0.0,
+        "simulated_time": state.time,
+        "distance": state.distance,
+        "time_step": state.dt,
+        "time_step_limit": {"mechanism": tightest.mechanism, "body": tightest.body, "smallest": tightest.step},
+        "energy": lines,
+        "energy_residual": ledger.relative_residual(state, lines["residual"]),
+    }
