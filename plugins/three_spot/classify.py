@@ -48,16 +48,56 @@ import math
 from numba import njit
 
 from thirdbody.plugin import (
-    C_A, C_CRITICAL, C_FN, C_LIMIT, C_POINT, C_SLIP, C_T, O_DRAG, O_F, O_LDOT, O_MA, O_T,
+    C_A,
+    C_CRITICAL,
+    C_FN,
+    C_LIMIT,
+    C_POINT,
+    C_SLIP,
+    C_T,
+    O_DRAG,
+    O_F,
+    O_LDOT,
+    O_MA,
+    O_T,
 )  # fmt: skip
 
 from .posture import (
-    ABOVE, BELOW, BOTH, NEITHER, Array, Posture, Triple, helper, length, patch_travel, plain, posture,
-    rotation_since, side_of, split,
+    ABOVE,
+    BELOW,
+    BOTH,
+    NEITHER,
+    Array,
+    Posture,
+    Triple,
+    helper,
+    length,
+    patch_travel,
+    plain,
+    posture,
+    rotation_since,
+    side_of,
+    split,
 )  # fmt: skip
 from .travel import (
-    CHANGE, CHANGE_X, CHANGE_Y, CONTACT_MEMORY, EPS_ROLL, LEAST_TRAVEL, LIFTED, MEMORY, PIVOTED, REFERENCE,
-    ROLL_RATIO, ROLLED, SLIP_LAST, SLIP_RATIO, SLIP_REFERENCE, TRAVEL, WINDOWS, observe,
+    CHANGE,
+    CHANGE_X,
+    CHANGE_Y,
+    CONTACT_MEMORY,
+    EPS_ROLL,
+    LEAST_TRAVEL,
+    LIFTED,
+    MEMORY,
+    PIVOTED,
+    REFERENCE,
+    ROLL_RATIO,
+    ROLLED,
+    SLIP_LAST,
+    SLIP_RATIO,
+    SLIP_REFERENCE,
+    TRAVEL,
+    WINDOWS,
+    observe,
 )  # fmt: skip
 
 __all__ = ["CONTACT_MEMORY", "EXTRAS", "MARGINS", "MEMORY", "REASONS", "STATES", "label", "observe"]
@@ -127,8 +167,7 @@ def utilisation(C: Array, i: int) -> float:
 
 @helper
 def friction(C: Array, n: int, side: int) -> tuple[float, float, bool]:
-    """Least and largest eta of a side (inf and 0 without spots), and whether all its spots are at the limit
-    and slip."""
+    """Least and largest eta of a side (inf, 0 without spots); whether all of it is at the limit and slips."""
     least, largest, slides = math.inf, 0.0, True
     for i in range(n):
         if side_of(C, i) == side:
@@ -141,8 +180,7 @@ def friction(C: Array, n: int, side: int) -> tuple[float, float, bool]:
 
 @helper
 def friction_margins(C: Array, n: int, pose: Posture, out: Array) -> bool:
-    """Write 1 - max eta of all spots, 1 - min eta of each side and the sides that slide; whether the body
-    slides."""
+    """Write the friction margins and the sliding sides; gives whether the body slides."""
     lower = friction(C, n, BELOW)
     upper = friction(C, n, ABOVE)
     lateral = friction(C, n, NEITHER)
@@ -183,8 +221,7 @@ def determinacy(C: Array, n: int, b: Array, a: float) -> float:
 
 @helper
 def turn_with_drag(b: Array, m: Array, pose: Posture) -> float:
-    """Share of the drag taken up by turning since the set of loaded spots last changed; 0 below .02 a of
-    drag."""
+    """Share of the drag taken up by turning since the set of loaded spots last changed; 0 below .02 a."""
     x, y = m[CHANGE_X], m[CHANGE_Y]
     size = length(x, y, 0.0)
     if size < LEAST_TRAVEL * pose[1] or size <= 0.0:
@@ -195,8 +232,7 @@ def turn_with_drag(b: Array, m: Array, pose: Posture) -> float:
 
 @helper
 def rotation_margin(b: Array, m: Array, pose: Posture, p: float, held: bool) -> float:
-    """Positive unless the body rolls: min of 1 - p/a, 1 - r/.05 once a window closed, 1 - turn/.5 if it is
-    not held."""
+    """Min of 1 - p/a, 1 - r/.05 once a window closed, 1 - turn/.5 if it is not held: <= 0 is rolling."""
     margin = 1.0 - p / pose[1]
     if m[WINDOWS] > 0.0:
         margin = min(margin, 1.0 - m[ROLL_RATIO] / EPS_ROLL)
@@ -207,8 +243,7 @@ def rotation_margin(b: Array, m: Array, pose: Posture, p: float, held: bool) -> 
 
 @helper
 def rolling_reason(m: Array, pose: Posture, turn: Triple, p: float) -> int:
-    """Why a body counts as rolling: lift_off, pivoting, rotation, or indeterminate while its rotation is
-    still elastic."""
+    """Why a body counts as rolling: lift_off, pivoting, rotation, indeterminate (rotation still elastic)."""
     if m[LIFTED] > 0.0:
         return LIFT_OFF
     if p >= pose[1]:

@@ -1,5 +1,4 @@
-"""Where a body is held and how it moves: sides, lever, drag, rotation. The geometry under the labeller, see
-`classify`."""
+"""Where a body is held and how it moves: sides, lever, drag, rotation. The geometry under `classify`."""
 
 from __future__ import annotations
 
@@ -12,7 +11,19 @@ from numba import njit
 from numpy.typing import NDArray
 
 from thirdbody.plugin import (
-    C_A, C_CURVATURE, C_LOAD, C_NORMAL, C_PARTNER, C_POINT, C_V, DEBRIS, LOWER, O_ELAPSED, O_Q, O_SHIFT, O_V,
+    C_A,
+    C_CURVATURE,
+    C_LOAD,
+    C_NORMAL,
+    C_PARTNER,
+    C_POINT,
+    C_V,
+    DEBRIS,
+    LOWER,
+    O_ELAPSED,
+    O_Q,
+    O_SHIFT,
+    O_V,
 )  # fmt: skip
 
 Array = NDArray[np.float64]
@@ -28,8 +39,7 @@ helper = njit(**INNER)
 
 
 def plain(value: int) -> int:
-    """The same number as a numpy integer: of a Python one numba makes a type, and compiles every helper anew
-    for it."""
+    """The same number from numpy: a Python one is a type to numba, and helpers compile anew for each."""
     return np.int64(value)  # type: ignore[return-value]
 
 
@@ -56,8 +66,7 @@ def length(x: float, y: float, z: float) -> float:
 
 @helper
 def load_mean(C: Array, n: int, sides: int, k: int) -> Triple:
-    """Load-weighted mean of C[:, k:k+3] over the spots on `sides` (bits; NEITHER: every spot); zero without
-    load."""
+    """Load-weighted mean of C[:, k:k+3] over the spots on `sides` (bits; NEITHER: all); zero without load."""
     total = x = y = z = 0.0
     for i in range(n):
         if sides == NEITHER or (side_of(C, i) & sides) != 0:
@@ -73,8 +82,7 @@ def load_mean(C: Array, n: int, sides: int, k: int) -> Triple:
 
 @helper
 def posture(C: Array, n: int) -> Posture:
-    """Sides that carry load (bits), largest contact radius a (m, never zero), lever D (m), unit axis of the
-    surfaces."""
+    """Sides that carry load (bits), largest contact radius a (m, never zero), lever D (m), unit axis."""
     sides = NEITHER
     a = TINY
     for i in range(n):

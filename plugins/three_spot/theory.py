@@ -1,8 +1,9 @@
-"""Closed forms: the judge of every law and solver. Imports nothing of ours and shares no line with any of them.
+"""Closed forms: the judge of every law and solver. Imports nothing of ours, shares no line with a law.
 
-Plain floats in, plain floats out, SI units. "Eq. n" is E. Willert, Self-consistency conditions in static three-body elastic
-tangential contact, with its misprints repaired: R_i for R_1 in Eq. 5, the bracket of Eqs. 7 and 8, mu_1/mu_2 in Eq. 20. Its signs:
-dh closes the gap, tilt phi about +y (into the page), w down, the drag and u positive toward -x; spot 1 above, 2 and 3 below.
+Plain floats in, plain floats out, SI units. "Eq. n" is E. Willert, Self-consistency conditions in static
+three-body elastic tangential contact, with its misprints repaired: R_i for R_1 in Eq. 5, the bracket of Eqs.
+7 and 8, mu_1/mu_2 in Eq. 20. Its signs: dh closes the gap, tilt phi about +y (into the page), w down, the
+drag and u positive toward -x; spot 1 above, 2 and 3 below.
 `g_star` is the paper's G*, four times the G_eff of most DEM codes: k_t = 2 G* a = 8 G_eff a.
 """
 
@@ -11,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-# ---------------------------------------------------------------------------------------------------------------- moduli
+# -- moduli --
 
 
 def shear_modulus(youngs_modulus: float, nu: float) -> float:
@@ -20,7 +21,7 @@ def shear_modulus(youngs_modulus: float, nu: float) -> float:
 
 
 def e_star(g_a: float, nu_a: float, g_b: float, nu_b: float) -> float:
-    """Effective normal modulus E*, Pa (Eq. 4): 1/E* = (1-nu_a)/(2 G_a) + (1-nu_b)/(2 G_b). A rigid body has G = inf."""
+    """Effective normal modulus E*, Pa (Eq. 4): 1/E* = (1-nu_a)/(2 G_a) + (1-nu_b)/(2 G_b); rigid: G = inf."""
     return 1.0 / ((1.0 - nu_a) / (2.0 * g_a) + (1.0 - nu_b) / (2.0 * g_b))
 
 
@@ -32,13 +33,13 @@ def g_star(g_a: float, nu_a: float, g_b: float, nu_b: float) -> float:
 def dundurs_beta(g_a: float, nu_a: float, g_b: float, nu_b: float) -> float:
     """Elastic mismatch; 0 where Eq. 3, (1-2nu)/G equal, holds and normal and tangential contact decouple.
 
-    beta = [(1-2nu_a)/G_a - (1-2nu_b)/G_b] / [2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b] (Johnson 1985, Eq. 5.3, body a first).
+    beta = [(1-2nu_a)/G_a - (1-2nu_b)/G_b] / [2 (1-nu_a)/G_a + 2 (1-nu_b)/G_b] (Johnson 1985, Eq. 5.3).
     """
     difference = (1.0 - 2.0 * nu_a) / g_a - (1.0 - 2.0 * nu_b) / g_b
     return difference / (2.0 * (1.0 - nu_a) / g_a + 2.0 * (1.0 - nu_b) / g_b)
 
 
-# ----------------------------------------------------------------------------------------------------------------- Hertz
+# -- Hertz --
 
 
 def hertz_force(e: float, radius: float, overlap: float) -> float:
@@ -71,7 +72,7 @@ def peak_pressure(force: float, patch_radius: float) -> float:
     return 1.5 * force / (math.pi * patch_radius**2)
 
 
-# ------------------------------------------------------------------------------------------------ tangential, constant N
+# -- tangential, constant N --
 
 
 def critical_displacement(mu: float, e: float, g: float, overlap: float) -> float:
@@ -80,17 +81,17 @@ def critical_displacement(mu: float, e: float, g: float, overlap: float) -> floa
 
 
 def mindlin_loading(s: float, limit: float, s_c: float) -> float:
-    """First loading at constant N: T = mu N [1 - (1 - s/s_c)^1.5], N; `limit` = mu N. mu N beyond s_c. s >= 0.
+    """First loading at constant N: T = mu N [1 - (1 - s/s_c)^1.5], N; `limit` = mu N.
 
-    Source: Cattaneo 1938, Mindlin 1949.
+    For s >= 0; mu N beyond s_c. Source: Cattaneo 1938, Mindlin 1949.
     """
     return limit * (1.0 - max(1.0 - s / s_c, 0.0) ** 1.5)
 
 
 def mindlin_reversal(s: float, s_turn: float, limit: float, s_c: float) -> float:
-    """After turning at s*: T = T* - 2 mu N [1 - (1 - (s* - s)/(2 s_c))^1.5], N, for s* - 2 s_c <= s <= s* <= s_c.
+    """After turning at s*: T = T* - 2 mu N [1 - (1 - (s* - s)/(2 s_c))^1.5], N.
 
-    Source: Mindlin and Deresiewicz 1953.
+    For s* - 2 s_c <= s <= s* <= s_c. Source: Mindlin and Deresiewicz 1953.
     """
     return mindlin_loading(s_turn, limit, s_c) - 2.0 * mindlin_loading((s_turn - s) / 2.0, limit, s_c)
 
@@ -109,11 +110,11 @@ def mindlin_loop_work(force_ratio: float) -> float:
     return 24.0 / 5.0 * (1.0 - stick ** (5.0 / 3.0) - 5.0 * tau / 6.0 * (1.0 + stick ** (2.0 / 3.0)))
 
 
-# ------------------------------------------------------------------------------------------------- tangential, varying N
+# -- tangential, varying N --
 
 
 def oblique_loading(mu: float, slope: float, force_from: float, force_to: float) -> float:
-    """Gain of T, N, while N grows from `force_from` at ds = D kappa dd with |D| <= 1: mu D (N_1 - N_0), no slip.
+    """Gain of T, N, while N grows from `force_from` at ds = D kappa dd with |D| <= 1: mu D (N_1 - N_0).
 
     Source: memory diagrams, Aleshin et al. 2015; proportional loading of Eqs. 17 to 19 is the case N_0 = 0.
     """
@@ -121,15 +122,15 @@ def oblique_loading(mu: float, slope: float, force_from: float, force_to: float)
 
 
 def closed_cycle_work(overlap_low: float, overlap_high: float) -> float:
-    """Work over k_1 U^2/2 that a full-stick contact loses in a rectangle of overlap and shear: 1 - sqrt(d_0/d_1).
+    """Work over k_1 U^2/2 lost by a contact in a rectangle of overlap and shear, no slip: 1 - sqrt(d_0/d_1).
 
-    Press and lift in turn with shear by U and back; k_1 = 2 G* a_1. The annulus between both patches carries (k_1 - k_0) U
-    when it loses contact (Elata and Berryman 1996).
+    Press and lift in turn with shear by U and back; k_1 = 2 G* a_1. The annulus between both patches carries
+    (k_1 - k_0) U when it loses contact (Elata and Berryman 1996).
     """
     return 1.0 - math.sqrt(overlap_low / overlap_high)
 
 
-# ---------------------------------------------------------------------------------------------- three spots, normal load
+# -- three spots, normal load --
 
 
 def share_ratio(e_1: float, r_1: float, e_2: float, r_2: float, r_3: float) -> float:
@@ -170,27 +171,29 @@ def upper_share_series(alpha: float, m: float) -> float:
     return 1.0 / (1.0 + alpha) + upper_share_slope(alpha) * m + alpha * (1.0 - alpha) / 9.0 * m**2
 
 
-# ----------------------------------------------------------------------------------------------------- self-consistency
+# -- self-consistency --
 
 
 def lower_force_share(x: Sequence[float], mu_h: float) -> float:
-    """N_2/N_1 of a weightless particle whose sides all slide: (x_3 - x_1 + mu h)/(x_3 - x_2); mu h = 0: no friction.
+    """N_2/N_1 of a weightless particle whose sides all slide: (x_3 - x_1 + mu h)/(x_3 - x_2).
 
-    From N_2 + N_3 = N_1 and Eq. 20; `x` = (x_1, x_2, x_3), m. Both shares lie in [0, 1] inside `sliding_interval`.
+    From N_2 + N_3 = N_1 and Eq. 20; mu h = 0: no friction; `x` = (x_1, x_2, x_3), m. In [0, 1] where the
+    particle can slide.
     """
     return (x[2] - x[0] + mu_h) / (x[2] - x[1])
 
 
 def sliding_interval(x: Sequence[float], h: float) -> tuple[float, float]:
-    """(t_min, t_max) = ((x_1 - x_3)/h, (x_1 - x_2)/h) for x_2 < x_3: sliding is possible for t_min <= mu <= t_max.
+    """(t_min, t_max) = ((x_1 - x_3)/h, (x_1 - x_2)/h) for x_2 < x_3: the particle can slide for mu between.
 
-    Equal mu, no weight, elastic tilt free. Above t_max spot 3 has lifted and the particle tips at T/N = t_max.
+    Equal mu, no weight, elastic tilt free. Above t_max spot 3 has lifted and the particle tips
+    at T/N = t_max.
     """
     return (x[0] - x[2]) / h, (x[0] - x[1]) / h
 
 
 def two_spot_friction(x_upper: float, x_lower: float, h: float) -> float:
-    """tan alpha = (x_1 - x_2)/h of a particle on two spots (Eq. 16); it can stick iff |tan alpha| <= mu (Eq. 19)."""
+    """tan alpha = (x_1 - x_2)/h on two spots (Eq. 16); it can stick iff |tan alpha| <= mu (Eq. 19)."""
     return (x_upper - x_lower) / h
 
 
@@ -204,7 +207,8 @@ def sliding_moment_without_tilt(
 ) -> float:
     """mu h at which an untilted particle slides, m (Eq. 21).
 
-    x_1 - (E*_2/E*_1) ((1-delta)/delta)^1.5 [x_2 sqrt(R_2/R_1) + x_3 sqrt(R_3/R_1)], `delta` from `upper_share`.
+    x_1 - (E*_2/E*_1) ((1-delta)/delta)^1.5 [x_2 sqrt(R_2/R_1) + x_3 sqrt(R_3/R_1)], `delta` from
+    `upper_share`.
     """
     arms = x[1] * math.sqrt(radii[1] / radii[0]) + x[2] * math.sqrt(radii[2] / radii[0])
     return x[0] - e_2 / e_1 * ((1.0 - delta) / delta) ** 1.5 * arms
@@ -219,7 +223,8 @@ def sliding_moment_weightless(x: Sequence[float], r_2: float, r_3: float) -> flo
 def third_spot_place(n_2: float, zeta_2: float, big_h: float) -> float:
     """zeta_3 = x_3/x_1 that lets the particle slide (Fig. 2): (1 + n_2 zeta_2 - H)/(1 - n_2).
 
-    n_2 = N_2/N_1, zeta_2 = -x_2/x_1, H = mu h/x_1; weightless, equal friction. Raises ZeroDivisionError at n_2 = 1.
+    n_2 = N_2/N_1, zeta_2 = -x_2/x_1, H = mu h/x_1; weightless, equal friction. Raises ZeroDivisionError at
+    n_2 = 1.
     """
     return (1.0 + n_2 * zeta_2 - big_h) / (1.0 - n_2)
 
@@ -227,10 +232,11 @@ def third_spot_place(n_2: float, zeta_2: float, big_h: float) -> float:
 def tilted_state(
     x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], closing: float, mu_h: float
 ) -> tuple[float, float, tuple[float, float, float]]:
-    """(w, phi, (N_1, N_2, N_3)) of a weightless particle at closing dh, all spots sliding (or mu_h = 0: no friction).
+    """(w, phi, (N_1, N_2, N_3)) of a weightless particle at closing dh, all spots sliding; mu_h = 0: smooth.
 
-    `lower_force_share` fixes N_i/N_1; then d_i = c_i N_1^(2/3), and Eq. 6, d_1 = dh - w - phi x_1, d_2 = w + phi x_2,
-    d_3 = w + phi x_3, is linear in N_1^(2/3), w and phi. Raises ValueError if a spot would have to pull.
+    `lower_force_share` fixes N_i/N_1; then d_i = c_i N_1^(2/3), and Eq. 6, d_1 = dh - w - phi x_1, d_2 = w +
+    phi x_2, d_3 = w + phi x_3, is linear in N_1^(2/3), w and phi. Raises ValueError if a spot would have to
+    pull.
     """
     share = lower_force_share(x, mu_h)
     shares = (1.0, share, 1.0 - share)
@@ -245,11 +251,11 @@ def tilted_state(
     return scale * sink, scale * tilt, (force, share * force, (1.0 - share) * force)
 
 
-# --------------------------------------------------------------------------------------------------------------- impact
+# -- impact --
 
 
 def impact_overlap(mass: float, radius: float, e: float, speed: float) -> float:
-    """Largest overlap of an elastic Hertz impact, m: (15 m v^2/(16 E* sqrt R))^(2/5); reduced mass and radius."""
+    """Largest overlap of an elastic Hertz impact, m: (15 m v^2/(16 E* sqrt R))^(2/5); reduced m, R."""
     return (15.0 * mass * speed**2 / (16.0 * e * math.sqrt(radius))) ** 0.4
 
 
@@ -265,21 +271,28 @@ def impact_duration(mass: float, radius: float, e: float, speed: float) -> float
 
 
 def damping_with_pull(restitution: float) -> float:
-    """alpha of m x'' + K x^1.5 + alpha sqrt(m K) x^.25 x' = 0 for a given e, if the contact may pull at the end.
+    """alpha of m x'' + K x^1.5 + alpha sqrt(m K) x^.25 x' = 0 for a given e; may pull at the end.
 
-    -sqrt(5) ln e/sqrt(ln^2 e + pi^2) (Antypov and Elliott 2011). With the force clipped at zero e comes out higher.
+    -sqrt(5) ln e/sqrt(ln^2 e + pi^2) (Antypov and Elliott 2011). With the force clipped at zero e comes out
+    higher.
     """
     log = math.log(restitution)
     return -math.sqrt(5.0) * log / math.sqrt(log**2 + math.pi**2)
 
 
 def gross_slip_speed_ratio(mu: float, restitution: float, angle: float) -> float:
-    """v_t'/v_t of a sphere on a plane in gross slip: 1 - mu (1+e)/tan(angle), `angle` from the normal (Chung and Ooi 4)."""
+    """v_t'/v_t of a sphere on a plane in gross slip: 1 - mu (1+e)/tan(angle), `angle` from the normal.
+
+    Source: Chung and Ooi 2011, test 4.
+    """
     return 1.0 - mu * (1.0 + restitution) / math.tan(angle)
 
 
 def gross_slip_spin(mu: float, restitution: float, angle: float, speed: float, radius: float) -> float:
-    """Spin after a gross-slip impact without spin before, rad/s: -(5/2) mu (1+e) V cos(angle)/R (Chung and Ooi 4)."""
+    """Spin after a gross-slip impact, none before, rad/s: -(5/2) mu (1+e) V cos(angle)/R.
+
+    Source: Chung and Ooi 2011, test 4.
+    """
     return -2.5 * mu * (1.0 + restitution) * speed * math.cos(angle) / radius
 
 
@@ -305,7 +318,7 @@ def maw_gross_slip(psi: float, chi: float) -> float:
     return psi - 4.0 * chi
 
 
-# --------------------------------------------------------------------------------------------------------------- motion
+# -- motion --
 
 
 def slope_sphere_rolls(mu: float, g_t: float, g_n: float) -> bool:
@@ -314,7 +327,7 @@ def slope_sphere_rolls(mu: float, g_t: float, g_n: float) -> bool:
 
 
 def sliding_sphere(mu: float, g_t: float, g_n: float, radius: float, time: float) -> tuple[float, float]:
-    """(speed m/s, spin rad/s) of a solid sphere that slips down a slope from rest: (g_t - mu g_n) t, (5/2) mu g_n t/R.
+    """(speed m/s, spin rad/s) of a sphere slipping down a slope: (g_t - mu g_n) t, (5/2) mu g_n t/R.
 
     Holds where `slope_sphere_rolls` is false.
     """
@@ -322,7 +335,7 @@ def sliding_sphere(mu: float, g_t: float, g_n: float, radius: float, time: float
 
 
 def pinched_sphere_slip_time(mass: float, mu: float, force: float, plate_speed: float) -> float:
-    """Time for which a solid sphere between plates slips on the upper one, suddenly moved at V: 7 m V/(20 mu N), s."""
+    """Time for which a sphere between plates slips on the upper one, suddenly at V: 7 m V/(20 mu N), s."""
     return 7.0 * mass * plate_speed / (20.0 * mu * force)
 
 
@@ -339,10 +352,11 @@ def _arithmetic_geometric_mean(a: float, b: float) -> float:
 
 
 def top_period(moments: Sequence[float], spin: Sequence[float]) -> float:
-    """Period of the body-frame angular velocity of a torque-free top, s (Landau and Lifshitz, Mechanics, section 37).
+    """Period of the body-frame angular velocity of a torque-free top, s (Landau and Lifshitz I, section 37).
 
-    `moments` I_1 < I_2 < I_3, `spin` in the principal frame at some instant. 4 K(k) divided by the rate, K by the
-    arithmetic-geometric mean. Raises ValueError on the separatrix (and for a top at rest), where the period is infinite.
+    `moments` I_1 < I_2 < I_3, `spin` in the principal frame at some instant. 4 K(k) divided by the rate, K by
+    the arithmetic-geometric mean. Raises ValueError on the separatrix (and for a top at rest), where the
+    period is infinite.
     """
     square = sum((i * o) ** 2 for i, o in zip(moments, spin, strict=True))
     twice_energy = sum(i * o**2 for i, o in zip(moments, spin, strict=True))

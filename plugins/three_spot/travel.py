@@ -1,5 +1,4 @@
-"""What the labeller remembers of a body, and the kernel that keeps it up to date: windows, roll ratio, slip,
-set of spots.
+"""What the labeller remembers of a body, and the kernel that keeps it up to date.
 
 The rules are told in `classify`.
 """
@@ -11,7 +10,18 @@ from numba import njit
 from thirdbody.plugin import C_LOAD, C_MEMORY, C_SLIP, O_DRAG, O_ELAPSED, O_MASS, O_Q, O_SPEED
 
 from .posture import (
-    BOTH, Array, Posture, Triple, drag, helper, length, patch_travel, plain, posture, rotation_since, split,
+    BOTH,
+    Array,
+    Posture,
+    Triple,
+    drag,
+    helper,
+    length,
+    patch_travel,
+    plain,
+    posture,
+    rotation_since,
+    split,
 )  # fmt: skip
 
 CONTACT_MEMORY = ("slip_at_reference", "slip_last_window", "stamp")
@@ -146,8 +156,7 @@ def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Trip
 
 @helper
 def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, turn: Triple, complete: bool) -> None:
-    """End the window here and begin the next; store its roll ratio and slip if it is complete, else forget
-    all.
+    """End the window here and begin the next; store its ratios if it is complete, else forget all.
 
     Adds the length rolled in it, rotation about in-plane axes times D/2, unless the rotation was elastic.
     """

@@ -36,7 +36,7 @@ class Spot:
 
 @dataclasses.dataclass
 class View:
-    """How the same history is told to the labeller: its length unit, mirrored, turned, in another order, more often."""
+    """How a history is told to the labeller: in which unit, mirrored, turned, otherwise ordered, oftener."""
 
     unit: float = 1.0
     mirrored: bool = False
@@ -111,7 +111,7 @@ class Rig:
         return b
 
     def move(self, dx=0.0, dy=0.0, turn=STILL, slip=(), dt=DT, moving=None):
-        """One stride: drag, rotation and slip of each spot during it; observed in as many parts as the view says."""
+        """One stride: drag, rotation and slip of each spot during it; observed in parts."""
         if dx or dy:
             self.direction = tuple(np.array([dx, dy, 0.0]) / math.hypot(dx, dy))
         moving = (math.hypot(dx, dy) / dt if dt > 0.0 else 0.0) if moving is None else moving
@@ -195,7 +195,8 @@ def ball_rolls(view):
     assert rig.frames[-1]["slip_over_travel"] == 0.0
     rig.move(moving=0.0)
     assert rig.label() == ("sticking", "indeterminate")
-    # rotation about in-plane axes times D/2 is half the drag since its first stride, which only tells of the start
+    # rotation about in-plane axes times D/2 is half the drag since its first stride, which only tells of the
+    # start
     assert rig.frames[-1]["rolled_distance"] / view.unit == pytest.approx(
         0.5 * (3 * 0.019 + 100 * 0.097) * A, rel=1e-9
     )
@@ -230,7 +231,9 @@ def slides_below(view):
         rig.frames[-1]["friction_lower"] == pytest.approx(0.0, abs=1e-15)
         and rig.frames[-1]["friction_upper"] == 1.0
     )
-    slide(rig, 0.05, [0, 1], 5)
+    slide(rig, 0.05, [0, 1], 3)  # 0.15 of drag closed a window, in this one nothing slips yet
+    assert rig.label() == ("sliding", "friction_limit")
+    slide(rig, 0.05, [0, 1], 2)
     rig.spots[0].force = (0.97, 0.0, 0.0)  # one spot holds: the side does not slide
     rig.move(1e-6)
     assert rig.label() == ("sticking", "none")
@@ -256,6 +259,28 @@ def stroke_reverses(view):
     slide(rig, -2.0 * S_C, [2])
     assert rig.label() == ("sliding", "friction_limit")
     assert rig.frames[-1]["sliding_side"] == ABOVE
+    return rig
+
+
+def turns_a_little_in_every_window(view):
+    rig = three_spot(view)
+    for share, expected in ((0.04, ("sticking", "none")), (0.06, ("rolling", "rotation"))):
+        for _ in range(20):
+            rig.move(0.01, turn=(0.0, share * 0.01 / 2.0, 0.0))
+        assert rig.label() == expected
+        assert rig.frames[-1]["rotation"] == pytest.approx(
+            1.0 - share / 0.05, rel=0.1
+        )  # D is 2 but for the tilt
+    return rig
+
+
+def spins_many_turns(view):
+    rig = three_spot(view).move(0.01 * A).move(0.01 * A, turn=(0.0, 0.0, 0.1 * math.pi))
+    for _ in range(100):  # 5 turns within one A of drag; to a quaternion a whole turn is none
+        rig.move(0.01 * A, turn=(0.0, 0.0, 0.1 * math.pi))
+        rig.label()
+    assert {f["state"] for f in rig.frames} == {float(c.STATES.index("rolling"))}
+    assert {f["reason"] for f in rig.frames} == {float(c.REASONS.index("pivoting"))}
     return rig
 
 
@@ -352,7 +377,7 @@ def without_friction(view):
 
 
 def layer_of_debris(view, turning=0.0, slipping=0.0):
-    """A body on two debris under one, dragged by their surfaces; a fourth, nearly lateral one slides all the time."""
+    """A body on two debris under one, dragged by their surfaces; a nearly lateral fourth always slides."""
     up = (0.0, 0.3, -math.sqrt(0.91))
     side = Spot(k.DEBRIS, (1.0, 0.0, 0.2), (-math.sqrt(0.96), 0.0, -0.2), force=(0.0, 1.0, 0.0))
     spots = [
@@ -449,6 +474,8 @@ HISTORIES = [
     slides_below,
     slides_on_both_sides_then_stops,
     stroke_reverses,
+    turns_a_little_in_every_window,
+    spins_many_turns,
     tips,
     pivots,
     skids_on_one_plate,
@@ -491,13 +518,24 @@ def test_frames_do_not_depend_on_the_view(history, view):
         assert list(here.values()) == pytest.approx(list(there.values()), rel=1e-10, abs=1e-10)
 
 
-# a start or stop counts from the observation that sees it, so that finer observation loses less of the first stride:
-# histories built to sit within one stride of a threshold are left out
+# a start or stop counts from the observation that sees it, so that finer observation loses less of the first
+# stride: histories built to sit within one stride of a threshold are left out
 COARSE = [
     h
     for h in HISTORIES
     if h not in (ball_rolls, slides_below, slides_on_both_sides_then_stops, stroke_reverses)
 ]
+
+
+def test_both_quaternions_of_an_orientation_are_the_same():
+    def flipping(view):
+        rig = three_spot(view)
+        for _ in range(10):
+            rig.q = -rig.q
+            rig.move(1e-4, turn=(0.0, 1e-6, 0.0))
+            assert rig.label() == ("sticking", "none")
+
+    flipping(View())
 
 
 @pytest.mark.parametrize("parts", [2, 5])

@@ -128,7 +128,7 @@ def _checked(centers, radii) -> tuple[np.ndarray, np.ndarray]:
 def _refuse_parts(c: np.ndarray, r: np.ndarray) -> None:
     """Raises InputError that names the spheres cut off from sphere 0."""
     reach = np.empty(r.size)
-    links(c, r, reach)
+    links(c, r, reach, np.empty(r.size, np.bool_))
     if reach.max() <= 1.0 + _TOUCH:
         return
     together = np.linalg.norm(c[:, None] - c, axis=-1) <= (r[:, None] + r) * (1.0 + _TOUCH)
@@ -165,11 +165,11 @@ def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[float, np.ndarray, n
 def _moments(c: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Moments of the union and their error estimates, (2, 10)."""
     n = r.size
-    heights = np.empty(2 * n + n * (n - 1) + n * (n - 1) * (n - 2) // 3)
-    # Sorted here: numpy's sort inside a kernel costs a second of compile time.
-    heights = np.sort(heights[: break_heights(c, r, heights)])
     total = np.zeros((2, MOMENTS))
-    union_moments(c, r, heights, *_QUADRATURE, _TOLERANCE, np.empty((6, 2 * n + 7)), total)
+    old, new = np.empty((2, MOMENTS))
+    union_moments(
+        c, r, break_heights(c, r), *_QUADRATURE, _TOLERANCE, np.empty((6, 2 * n + 7)), total, old, new
+    )
     return total
 
 

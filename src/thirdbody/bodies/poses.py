@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from thirdbody.bodies.clump import Clump, quaternion_product
 from thirdbody.errors import ThirdbodyError
-from thirdbody.kernels.options import INNER, OPTIONS
+from thirdbody.kernels.union import triples
 
 # In units of the largest radius: spheres this near to the plane count as contacts, and a centroid this near
 # to the edge of the support as on it. Poses come out of closed forms, good to some 1e-15 of the body.
@@ -19,7 +18,7 @@ _EDGE = 1e-7
 # Poses whose up-vectors differ by less are one: a pad of four contacts is found by each of its triples.
 _SAME = 1e-6
 # Directions tried where the height does not depend on the direction (a ball, a rod rolling on its axis).
-_TURNS = 8
+_TURNED = [(math.cos(k * math.pi / 4.0), math.sin(k * math.pi / 4.0)) for k in range(8)]
 
 
 def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
@@ -30,10 +29,14 @@ def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
     pose stands for all.
     """
     scale = clump.radii.max()
-    c, r = np.ascontiguousarray(clump.centers / scale), clump.radii / scale
-    n = r.size
-    found = np.empty((2 * n + n * n + n * n * n, 3))
-    ups = found[: _minima(c, r, found, np.empty((3, n + 1)), np.empty(n + 1, np.int64))]
+    c, r = clump.centers / scale, clump.radii / scale
+    ups, touches, family = _candidates(c, r)
+    # Most candidates stand below the plane with another sphere.
+    bottom = ups @ c.T - r
+    deep = bottom[np.arange(len(ups)), touches] > bottom.min(axis=1) + _TOLERANCE
+    ups, family = ups[~deep], family[~deep]
+    resting = _rests(ups, c, r)
+    ups = _distinct(ups[resting], family[resting])
     if not len(ups):
         raise ThirdbodyError(
             f"no resting pose found for the clump with centers {c.tolist()}, radii {r.tolist()}"
@@ -64,146 +67,92 @@ def _turned_up(ups: np.ndarray) -> np.ndarray:
     return quaternions / np.linalg.norm(quaternions, axis=1)[:, None]
 
 
-@njit(**INNER)
-def _rests(u, c, r, flat, ids):
-    """Whether the body, up along u, is at a local minimum of its centroid's height.
+def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:
+    """The first of those that are the same direction or belong to the same family."""
+    same = ((ups[:, None] - ups) ** 2).sum(axis=2) < _SAME**2
+    same |= (family[:, None] == family) & (family >= 0)
+    return ups[~np.tril(same, -1).any(axis=1)]
+
+
+def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Whether (m,) the body, up along each of ups (m, 3), is at a local minimum of its centroid's height.
 
     Equilibrium: the origin lies in the hull of the contacts' projections (multipliers >= 0). Well inside, any
     tilt raises the height at first order. On a corner or edge of the hull the second order decides: u.w >= 0
     with w the supporting combination of the contact centers.
     """
-    ux, uy, uz = u
-    if abs(uz) < 0.7:
-        s = math.sqrt(ux * ux + uy * uy)
-        ax, ay, az = -uy / s, ux / s, 0.0
-    else:
-        s = math.sqrt(uz * uz + uy * uy)
-        ax, ay, az = 0.0, -uz / s, uy / s
-    bx, by, bz = uy * az - uz * ay, uz * ax - ux * az, ux * ay - uy * ax
-    angle, arm, up = flat[0], flat[1], flat[2]
-    lowest = np.inf
-    for i in range(r.size):
-        up[i] = ux * c[i, 0] + uy * c[i, 1] + uz * c[i, 2]
-        lowest = min(lowest, up[i] - r[i])
-    m = 0
-    for i in range(r.size):
-        if up[i] - r[i] > lowest + _TOLERANCE:
-            continue
-        p = ax * c[i, 0] + ay * c[i, 1] + az * c[i, 2]
-        q = bx * c[i, 0] + by * c[i, 1] + bz * c[i, 2]
-        arm[i] = math.sqrt(p * p + q * q)
-        if arm[i] <= _TOLERANCE:
-            if up[i] >= -_TOLERANCE:
-                return True
-            continue
-        turn = math.atan2(q, p)
-        k = m
-        while k > 0 and angle[k - 1] > turn:
-            angle[k] = angle[k - 1]
-            ids[k] = ids[k - 1]
-            k -= 1
-        angle[k] = turn
-        ids[k] = i
-        m += 1
-    if m == 0:
-        return False
-    angle[m] = angle[0] + 2.0 * math.pi
-    ids[m] = ids[0]
-    widest, first, last = 0.0, 0, 0
-    for k in range(m):
-        if angle[k + 1] - angle[k] > widest:
-            widest, first, last = angle[k + 1] - angle[k], ids[k], ids[k + 1]
-    if widest < math.pi - _EDGE or widest > math.pi + _EDGE:
-        return widest < math.pi
-    return arm[last] * up[first] + arm[first] * up[last] >= -_TOLERANCE * (arm[first] + arm[last])
+    m, n = len(ups), len(r)
+    rows = np.arange(m)
+    up = ups @ c.T
+    bottom = up - r
+    a, b = _tangents(ups)
+    p, q = a @ c.T, b @ c.T
+    arm = np.hypot(p, q)
+    touching = bottom <= bottom.min(axis=1)[:, None] + _TOLERANCE
+    below = touching & (arm <= _TOLERANCE)
+    around = touching & ~below
+    count = around.sum(axis=1)
+    angle = np.where(around, np.arctan2(q, p), np.inf)
+    order = np.argsort(angle, axis=1)
+    angle = np.column_stack((np.take_along_axis(angle, order, axis=1), np.full(m, np.inf)))
+    angle[rows, count] = angle[:, 0] + 2.0 * math.pi
+    # Behind the last contact there is nothing to measure.
+    angle[np.isinf(angle)] = 0.0
+    gaps = np.where(np.arange(n) < count[:, None], angle[:, 1:] - angle[:, :-1], 0.0)
+    widest = gaps.argmax(axis=1)
+    gap = gaps[rows, widest]
+    first = order[rows, widest]
+    last = order[rows, (widest + 1) % np.maximum(count, 1)]
+    lever = arm[rows, last] * up[rows, first] + arm[rows, first] * up[rows, last]
+    edge = (np.abs(gap - math.pi) <= _EDGE) & (lever >= -_TOLERANCE * (arm[rows, first] + arm[rows, last]))
+    corner = (below & (up >= -_TOLERANCE)).any(axis=1)
+    return corner | ((count > 0) & ((gap < math.pi - _EDGE) | edge))
 
 
-@njit(**INNER)
-def _added(u, c, r, found, m, flat, ids):
-    """Number of poses found after trying u."""
-    for k in range(m):
-        dx, dy, dz = found[k, 0] - u[0], found[k, 1] - u[1], found[k, 2] - u[2]
-        if dx * dx + dy * dy + dz * dz < _SAME * _SAME:
-            return m
-    if not _rests(u, c, r, flat, ids):
-        return m
-    found[m, 0], found[m, 1], found[m, 2] = u
-    return m + 1
+def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Up-vectors (m, 3) that may be resting poses, one sphere (m,) that each must touch with, families (m,).
+
+    One sphere: u = c/|c|. Two: u = alpha d + beta e, d along c_i - c_j, e the part of c_i normal to d. Three:
+    u.(c_i - c_j) = r_i - r_j and the same for k. Of a family >= 0 one that rests is enough. c, r in
+    units of the largest radius.
+    """
+    far = np.sqrt((c * c).sum(axis=1))
+    single = np.where(far[:, None] > _TOLERANCE, c / np.maximum(far, _TOLERANCE)[:, None], (0.0, 0.0, 1.0))
+    i, j = np.triu_indices(r.size, 1)
+    d = c[i] - c[j]
+    length = np.sqrt((d * d).sum(axis=1))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        d = np.where((length > np.abs(r[i] - r[j]) + _TOLERANCE)[:, None], d / length[:, None], np.nan)
+        alpha = ((r[i] - r[j]) / length)[:, None]
+        beta = np.sqrt(1.0 - alpha * alpha)
+        e = c[i] - (c[i] * d).sum(axis=1)[:, None] * d
+        off = np.sqrt((e * e).sum(axis=1))[:, None]
+        # Where the centroid lies on the line of the centers all e are equal: a few turns stand for all.
+        free = np.flatnonzero(off <= _TOLERANCE)
+        e = np.where(off > _TOLERANCE, e / off, _tangents(d)[0])
+        f = np.cross(d, e)
+        double = alpha * d + beta * e
+        turned = [alpha[free] * d[free] + beta[free] * (x * e[free] + y * f[free]) for x, y in _TURNED]
+        (h, _, k), pair = triples(r.size)
+        d, e, f, alpha, beta = d[pair], e[pair], f[pair], alpha[pair], beta[pair]
+        g = c[h] - c[k]
+        g_e, g_f = (g * e).sum(axis=1)[:, None], (g * f).sum(axis=1)[:, None]
+        square = g_e * g_e + g_f * g_f
+        near = ((r[h] - r[k])[:, None] - alpha * (g * d).sum(axis=1)[:, None]) / square
+        side = np.sqrt(beta * beta / square - near * near)
+        middle = alpha * d + near * (g_e * e + g_f * f)
+        out = side * (g_e * f - g_f * e)
+    ups = np.concatenate([single, double, middle - out, middle + out, *turned])
+    touches = np.concatenate([np.arange(r.size), i, h, h, *(i[free] for _ in turned)])
+    family = np.concatenate([np.full(len(ups) - len(turned) * len(free), -1), *(free for _ in turned)])
+    valid = np.isfinite(ups).all(axis=1)
+    return ups[valid], touches[valid], family[valid]
 
 
-@njit(**INNER)
-def _axis(u):
-    """Unit vector along u."""
-    s = 1.0 / math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    return u[0] * s, u[1] * s, u[2] * s
-
-
-@njit(**INNER)
-def _across(d):
-    """A unit vector normal to the unit vector d."""
-    if abs(d[2]) < 0.7:
-        return _axis((-d[1], d[0], 0.0))
-    return _axis((0.0, -d[2], d[1]))
-
-
-@njit(**OPTIONS)
-def _minima(c, r, found, flat, ids):
-    """Up-vectors of all resting poses into found; gives their number. c, r in units of the largest radius."""
-    n = r.size
-    m = 0
-    for i in range(n):
-        ci = (c[i, 0], c[i, 1], c[i, 2])
-        square = ci[0] * ci[0] + ci[1] * ci[1] + ci[2] * ci[2]
-        if square > _TOLERANCE * _TOLERANCE:
-            m = _added(_axis(ci), c, r, found, m, flat, ids)
-        else:
-            m = _added((0.0, 0.0, 1.0), c, r, found, m, flat, ids)
-    for i in range(n):
-        for j in range(i + 1, n):
-            # d along c_i - c_j; u.d = alpha for every u that touches with both.
-            dx, dy, dz = c[i, 0] - c[j, 0], c[i, 1] - c[j, 1], c[i, 2] - c[j, 2]
-            length = math.sqrt(dx * dx + dy * dy + dz * dz)
-            if length <= abs(r[i] - r[j]) + _TOLERANCE:
-                continue
-            dx, dy, dz = dx / length, dy / length, dz / length
-            alpha = (r[i] - r[j]) / length
-            beta = math.sqrt(1.0 - alpha * alpha)
-            along = c[i, 0] * dx + c[i, 1] * dy + c[i, 2] * dz
-            ex, ey, ez = c[i, 0] - along * dx, c[i, 1] - along * dy, c[i, 2] - along * dz
-            if ex * ex + ey * ey + ez * ez > _TOLERANCE * _TOLERANCE:
-                ex, ey, ez = _axis((ex, ey, ez))
-                turns = 1
-            else:
-                ex, ey, ez = _across((dx, dy, dz))
-                turns = _TURNS
-            fx, fy, fz = dy * ez - dz * ey, dz * ex - dx * ez, dx * ey - dy * ex
-            before = m
-            for k in range(turns):
-                p = beta * math.cos(2.0 * math.pi * k / _TURNS)
-                q = beta * math.sin(2.0 * math.pi * k / _TURNS)
-                u = (alpha * dx + p * ex + q * fx, alpha * dy + p * ey + q * fy, alpha * dz + p * ez + q * fz)
-                if m == before:
-                    m = _added(u, c, r, found, m, flat, ids)
-            # e, f span the plane normal to d: u = alpha d + p e + q f, and the third sphere gives p, q.
-            for k in range(j + 1, n):
-                gx, gy, gz = c[i, 0] - c[k, 0], c[i, 1] - c[k, 1], c[i, 2] - c[k, 2]
-                g_e, g_f = gx * ex + gy * ey + gz * ez, gx * fx + gy * fy + gz * fz
-                off = math.sqrt(g_e * g_e + g_f * g_f)
-                if off <= _TOLERANCE:
-                    continue
-                g_e, g_f = g_e / off, g_f / off
-                near = (r[i] - r[k] - alpha * (gx * dx + gy * dy + gz * dz)) / off
-                square = beta * beta - near * near
-                if square < 0.0:
-                    continue
-                side = math.sqrt(square)
-                for _ in range(2):
-                    side = -side
-                    p, q = near * g_e - side * g_f, near * g_f + side * g_e
-                    u = (
-                        alpha * dx + p * ex + q * fx,
-                        alpha * dy + p * ey + q * fy,
-                        alpha * dz + p * ez + q * fz,
-                    )
-                    m = _added(u, c, r, found, m, flat, ids)
-    return m
+def _tangents(ups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (m, 3) normal to the unit vectors given and to each other."""
+    x, y, z = ups.T
+    none = np.zeros_like(x)
+    a = np.where(np.abs(ups[:, 2:]) < 0.7, np.column_stack((-y, x, none)), np.column_stack((none, -z, y)))
+    a /= np.sqrt((a * a).sum(axis=1))[:, None]
+    return a, np.cross(ups, a)

@@ -13,7 +13,7 @@ from thirdbody.kernels.union import links
 
 # Neighbours overlap until their centers are this fraction of the sum of radii apart: less looks like a
 # string of beads, more hides the single spheres.
-_NECK = (0.65, 0.85)
+_NECK = (0.55, 0.8)
 # Smallest radius over largest, before chance.
 _UNEQUAL = 0.6
 # Least part of a sphere's surface that the other spheres leave free.
@@ -50,8 +50,8 @@ def irregular(rng: np.random.Generator, n_spheres: int, aspect, diameter: float)
             body = clump(centers, radii)
             return body.scaled(diameter / body.diameter)
     raise InputError(
-        f"no irregular clump of {n_spheres} spheres with aspect {list(aspect)} in {_TRIES} tries leaves every "
-        "sphere partly free; take fewer spheres or a longer aspect"
+        f"no irregular clump of {n_spheres} spheres with aspect {list(aspect)} in {_TRIES} tries leaves "
+        "every sphere partly free; take fewer spheres or a longer aspect"
     )
 
 
@@ -173,11 +173,11 @@ def _grown(rng: np.random.Generator, n: int, envelope: np.ndarray) -> tuple[np.n
     seeds = _spread(rng, n, envelope)
     weights = rng.uniform(_UNEQUAL, 1.0, n)
     neck = rng.uniform(*_NECK)
-    reach = np.empty(n)
+    reach, joined = np.empty(n), np.empty(n, np.bool_)
     thinnest = envelope.min()
 
     def stretched(radius: float) -> float:
-        links(seeds * (envelope - radius), radius * weights, reach)
+        links(seeds * (envelope - radius), radius * weights, reach, joined)
         return float(reach.max()) / neck
 
     # The larger the spheres, the smaller the room for their centers: the least radius that connects them.
@@ -192,7 +192,7 @@ def _grown(rng: np.random.Generator, n: int, envelope: np.ndarray) -> tuple[np.n
 
 
 def _spread(rng: np.random.Generator, n: int, envelope: np.ndarray) -> np.ndarray:
-    """Points (n, 3) in the unit ball, far apart once stretched to the envelope (Mitchell's best candidate)."""
+    """Points (n, 3) in the unit ball, far apart once stretched to the envelope (best candidate of 12)."""
     candidates = rng.normal(size=(n, 12, 3))
     candidates /= np.linalg.norm(candidates, axis=2, keepdims=True)
     candidates *= rng.random((n, 12, 1)) ** (1.0 / 3.0)

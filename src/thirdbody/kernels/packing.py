@@ -18,7 +18,7 @@ def column(at, size, cells):
 @njit(**INNER)
 def apart(d, size, periodic):
     """The difference of two coordinates, to the nearest image if periodic."""
-    return d - size * round(d / size) if periodic else d
+    return d - size * math.floor(d / size + 0.5) if periodic else d
 
 
 @njit(**INNER)

@@ -17,6 +17,7 @@ from .layout import (
     P_DAMPING, P_F, P_FREE, P_LOAD, P_MASS, P_V, P_Z, P_Z0,
 )  # fmt: skip
 from .observe import observe_chunk
+from .options import CHUNK as CALLED
 from .options import INNER, OPTIONS
 from .signatures import EFFECTS, LAW, OBSERVE
 
@@ -149,7 +150,7 @@ ADVANCE = types.Tuple((types.int64, types.int64))(
 )  # fmt: skip
 
 
-@njit(**INNER)
+@njit(**CALLED)
 def work(task, c, record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start, offsets, X0, S, B, P, H, F, R, M,
          pairs, effect_parameters, D, A, sums, moves, n_history, width, has_effects, drag, law, effects, observe):  # fmt: skip
     """Chunk c of one pass of the step; one parallel region serves all passes, which keeps the compilation short."""

@@ -10,6 +10,8 @@ Gauss-Legendre in t then converges geometrically. Lengths are in units of the la
 from __future__ import annotations
 
 import math
+from functools import cache
+from itertools import combinations
 
 import numpy as np
 from numba import njit
@@ -83,7 +85,8 @@ def disc_moments(x, y, rho, n, starts, ends, out):
     for k in range(6):
         out[k] = 0.0
     for i in range(n):
-        m = 0
+        # Typed: numba compiles what a literal 0 is handed to twice, once for the literal.
+        m = np.int64(0)
         hidden = False
         for j in range(n):
             if j == i:
@@ -122,68 +125,49 @@ def disc_moments(x, y, rho, n, starts, ends, out):
             at = max(at, ends[k])
 
 
-@njit(**INNER)
-def covered(px, py, pz, c, r, i, j, k):
-    """Whether the point lies well inside a sphere other than i, j, k."""
-    for n in range(r.size):
-        if n != i and n != j and n != k:
-            dx, dy, dz = px - c[n, 0], py - c[n, 1], pz - c[n, 2]
-            if dx * dx + dy * dy + dz * dz < r[n] * r[n] * (1.0 - 1e-9):
-                return True
-    return False
+@cache
+def triples(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Triples i < j < k out of n, (3, m), and for each the place (m,) of (i, j) among the pairs."""
+    pairs = list(combinations(range(n), 2))
+    rows = np.array(list(combinations(range(n), 3)), dtype=np.int64).reshape(-1, 3).T
+    return rows, np.array([pairs.index((i, j)) for i, j, _ in rows.T], dtype=np.int64)
 
 
-@njit(**OPTIONS)
-def break_heights(c, r, z):
-    """Heights (unsorted) where the union's slices change their kind, into z; gives their number.
+def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Heights (m,), rising, where slices of the union change: poles, ends of circles, triple points.
 
-    z: at least 2 n + n (n - 1) + n (n - 1) (n - 2) / 3 long. Heights hidden inside a sphere are left out.
+    What another sphere covers is left out: no slice sees it. Plain numpy: as a kernel it took 0.1 ms less per
+    clump and 0.6 s more at every cold start.
     """
-    n = r.size
-    m = 0
-    for i in range(n):
-        for sign in (-1.0, 1.0):
-            top = c[i, 2] + sign * r[i]
-            if not covered(c[i, 0], c[i, 1], top, c, r, i, i, i):
-                z[m] = top
-                m += 1
-        for j in range(i + 1, n):
-            ax, ay, az = c[j, 0] - c[i, 0], c[j, 1] - c[i, 1], c[j, 2] - c[i, 2]
-            d = math.sqrt(ax * ax + ay * ay + az * az)
-            if d >= r[i] + r[j] or d <= abs(r[i] - r[j]):
-                continue
-            ax, ay, az = ax / d, ay / d, az / d
-            u = (d * d + (r[i] - r[j]) * (r[i] + r[j])) / (2.0 * d)
-            ring = math.sqrt(max(0.0, r[i] * r[i] - u * u))
-            flat = math.sqrt(ax * ax + ay * ay)
-            for sign in (-1.0, 1.0):
-                tilt = sign * ring / max(flat, 1e-12)
-                px = c[i, 0] + u * ax - tilt * az * ax
-                py = c[i, 1] + u * ay - tilt * az * ay
-                pz = c[i, 2] + u * az + sign * ring * flat
-                if flat < 1e-6 or not covered(px, py, pz, c, r, i, j, j):
-                    z[m] = pz
-                    m += 1
-            for k in range(j + 1, n):
-                bx, by, bz = c[k, 0] - c[i, 0], c[k, 1] - c[i, 1], c[k, 2] - c[i, 2]
-                v = bx * ax + by * ay + bz * az
-                bx, by, bz = bx - v * ax, by - v * ay, bz - v * az
-                w = math.sqrt(bx * bx + by * by + bz * bz)
-                if w < 1e-9:
-                    continue
-                bx, by, bz = bx / w, by / w, bz / w
-                t = (r[i] * r[i] - r[k] * r[k] + v * v + w * w - 2.0 * u * v) / (2.0 * w)
-                if t * t >= ring * ring:
-                    continue
-                s = math.sqrt(ring * ring - t * t)
-                for sign in (-1.0, 1.0):
-                    px = c[i, 0] + u * ax + t * bx + sign * s * (ay * bz - az * by)
-                    py = c[i, 1] + u * ay + t * by + sign * s * (az * bx - ax * bz)
-                    pz = c[i, 2] + u * az + t * bz + sign * s * (ax * by - ay * bx)
-                    if not covered(px, py, pz, c, r, i, j, k):
-                        z[m] = pz
-                        m += 1
-    return m
+    points = [c - r[:, None] * (0.0, 0.0, 1.0), c + r[:, None] * (0.0, 0.0, 1.0)]
+    i, j = np.triu_indices(r.size, 1)
+    arm = c[j] - c[i]
+    d = np.sqrt((arm * arm).sum(axis=1))
+    # Pairs that do not cut get a ring of NaN, which every later comparison drops.
+    with np.errstate(invalid="ignore", divide="ignore"):
+        axis = arm / d[:, None]
+        along = (d * d + (r[i] - r[j]) * (r[i] + r[j])) / (2.0 * d)
+        ring2 = np.where((d < r[i] + r[j]) & (d > np.abs(r[i] - r[j])), r[i] ** 2 - along**2, np.nan)
+        center = c[i] + along[:, None] * axis
+        steep = -axis[:, 2:] * axis + (0.0, 0.0, 1.0)
+        flat = np.hypot(axis[:, 0], axis[:, 1])
+        out = (np.sqrt(ring2) / flat)[:, None] * steep
+        # A level circle lies wholly at one height, and no single point of it tells whether it is covered.
+        level = center[flat < 1e-6, 2]
+        points += [center - out, center + out]
+        (i, _, k), pair = triples(r.size)
+        arm = c[k] - c[i]
+        v = (arm * axis[pair]).sum(axis=1)
+        across = arm - v[:, None] * axis[pair]
+        w2 = (across * across).sum(axis=1)
+        t = (r[i] ** 2 - r[k] ** 2 + v * v + w2 - 2.0 * along[pair] * v) / (2.0 * w2)
+        foot = center[pair] + t[:, None] * across
+        out = np.cross(axis[pair], across) * np.sqrt(ring2[pair] / w2 - t * t)[:, None]
+    points = np.concatenate([*points, foot - out, foot + out])
+    points = points[np.isfinite(points).all(axis=1)]
+    away = ((points[:, None] - c) ** 2).sum(axis=2)
+    shown = ~(away < r * r * (1.0 - 1e-9)).any(axis=1)
+    return np.sort(np.concatenate([points[shown, 2], level[np.isfinite(level)]]))
 
 
 @njit(**INNER)
@@ -194,7 +178,7 @@ def add_slices(c, r, mid, half, nodes, weights, first, last, scratch, out):
     plane = scratch[5]
     for p in range(first, last):
         height, weight = mid + half * nodes[p], half * weights[p]
-        m = 0
+        m = np.int64(0)
         for i in range(n):
             dz = height - c[i, 2]
             square = r[i] * r[i] - dz * dz
@@ -215,14 +199,13 @@ def add_slices(c, r, mid, half, nodes, weights, first, last, scratch, out):
 
 
 @njit(**OPTIONS)
-def union_moments(c, r, z, nodes, weights, offsets, tolerance, scratch, total):
+def union_moments(c, r, z, nodes, weights, offsets, tolerance, scratch, total, old, new):
     """Ten moments (see MOMENTS) of the union and the sum of their errors over the layers, into total (2, 10).
 
-    c: (n, 3), r: (n,), no sphere swallowed by another; z: the break heights, rising; scratch: (6, 2 n + 7).
-    A layer's order is raised until the moments of two orders differ by less than tolerance; that difference,
-    the error of the lower order, is kept.
+    c: (n, 3), r: (n,), no sphere swallowed by another; z: the break heights, rising; scratch: (6, 2 n + 7);
+    old, new: scratch (10,). A layer's order is raised until the moments of two orders differ by less than
+    tolerance; that difference, the error of the lower order, is kept.
     """
-    old, new = np.empty(MOMENTS), np.empty(MOMENTS)
     for b in range(z.size - 1):
         mid, half = 0.5 * (z[b] + z[b + 1]), 0.5 * (z[b + 1] - z[b])
         if half < 1e-14:
@@ -245,15 +228,16 @@ def union_moments(c, r, z, nodes, weights, offsets, tolerance, scratch, total):
 
 
 @njit(**OPTIONS)
-def links(c, r, reach):
+def links(c, r, reach, joined):
     """Grows a tree from sphere 0, nearest first: reach[i] = distance over sum of radii at which i joined.
 
     The largest reach is the least factor on all radii that makes one body (Prim's algorithm); 1 or less:
-    the spheres are connected.
+    the spheres are connected. joined: scratch (n,) bool.
     """
     n = r.size
-    joined = np.zeros(n, np.bool_)
-    reach[:] = np.inf
+    for i in range(n):
+        joined[i] = False
+        reach[i] = math.inf
     reach[0] = 0.0
     for _ in range(n):
         best = -1

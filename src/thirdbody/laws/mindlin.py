@@ -28,7 +28,7 @@ def mindlin(c, load, p, h):
     x_old, y_old, a_old = h
     a = load.contact_radius
     stiffness = 2.0 * p.g_star * a
-    kept = a / max(a, a_old)
+    kept = a / max(a, a_old, 1e-300)
     x_kept, y_kept = kept * x_old, kept * y_old
     x_try, y_try = x_kept - stiffness * c.slip_x, y_kept - stiffness * c.slip_y
     limit = p.mu * load.force
@@ -51,7 +51,7 @@ def mindlin_tangent(c, load, p, h):
     a = load.contact_radius
     a_rate = 0.5 * c.radius / max(a, 1e-300)
     stiffness = 2.0 * p.g_star * a
-    kept = a / max(a, a_old)
+    kept = a / max(a, a_old, 1e-300)
     kept_rate = a_rate / a_old if a < a_old else 0.0
     x, y = kept * x_old - stiffness * c.slip_x, kept * y_old - stiffness * c.slip_y
     x_rate = kept_rate * x_old - 2.0 * p.g_star * a_rate * c.slip_x

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..bodies.clump import Clump, clump_with_frame
 from ..bodies.placement import overlaps, place_layer
-from ..bodies.poses import settle
+from ..bodies.poses import quaternion_product, settle
 from ..bodies.shapes import population
 from ..engine.state import Placed, rotation_matrices
 from ..errors import Fault, InputError
@@ -53,7 +53,7 @@ def _shapes(index: int, debris: Irregular | Spheres) -> tuple[list[Clump], np.nd
     if isinstance(debris, Irregular):
         size = debris.size.model_dump(mode="python")
         sizes = {name: getattr(debris.size, name) for name in size if getattr(debris.size, name) is not None}
-        shapes = population(debris.seed, index, debris.count, debris.spheres, debris.aspect, sizes)
+        shapes = population(debris.seed, index, debris.count, debris.spheres, debris.aspect, **sizes)
         return shapes, np.array([1.0, 0.0, 0.0, 0.0])
     if debris.radius is not None:
         body, _, frame = clump_with_frame(np.zeros((1, 3)), np.array([debris.radius]))
@@ -63,15 +63,6 @@ def _shapes(index: int, debris: Irregular | Spheres) -> tuple[list[Clump], np.nd
         body, _, frame = clump_with_frame(centers, np.array([ball.radius for ball in debris.shape]))
     turn = np.array([1.0, 0.0, 0.0, 0.0]) if debris.orientation is None else np.array(debris.orientation)
     return [body] * debris.count, quaternion_product(turn, frame)
-
-
-def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """The rotation q followed by p, (4,)."""
-    w, x, y, z = p
-    a, b, c, d = q
-    return np.array(
-        [w * a - x * b - y * c - z * d, w * b + x * a + y * d - z * c, w * c - x * d + y * a + z * b, w * d + x * c - y * b + z * a]
-    )  # fmt: skip
 
 
 def _lay(scene: Scene, clumps: list[Clump], mask: np.ndarray, x: np.ndarray, q: np.ndarray) -> None:
@@ -84,7 +75,7 @@ def _lay(scene: Scene, clumps: list[Clump], mask: np.ndarray, x: np.ndarray, q: 
         q[b], x[b, 2] = settle(clumps[b], rng)
     laid = [clumps[b] for b in members]
     try:
-        x[members, :2] = place_layer(laid, q[members], np.array(scene.domain.size), scene.domain.periodic, rng)
+        x[members, :2] = place_layer(laid, q[members], scene.domain.size, scene.domain.periodic, rng)
     except InputError as error:
         raise InputError(scene.fault(("domain", "size"), str(error))) from None
 
@@ -122,7 +113,7 @@ def _refuse_overlaps(scene: Scene, placed: Placed) -> None:
     faults: list[Fault] = []
     place = ("debris",)
     if scene.contact.debris_contact != "none":
-        found = overlaps(centres, radii, body, np.array(scene.domain.size), scene.domain.periodic)
+        found = overlaps(centres, radii, body, scene.domain.size, scene.domain.periodic)
         deep = [(a, b, depth) for a, b, depth in found if depth > 1e-9 * radii.min()]
         if deep:
             a, b, depth = deep[0]

@@ -1,0 +1,186 @@
+"""Contact laws with one fault each, as people write them. The conformance suite must find every one."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+from thirdbody.plugin import (
+    HERTZ,
+    HERTZ_DAMPING,
+    MINDLIN,
+    Adhesion,
+    Law,
+    LawFamily,
+    Normal,
+    Plugin,
+    Tangential,
+    e_star,
+    g_star,
+    kernel,
+)
+
+
+class Scale(NamedTuple):
+    """One number."""
+
+    scale: float
+
+
+class Shear(NamedTuple):
+    """G*, Pa, and friction."""
+
+    g_star: float
+    mu: float
+
+
+def mix_scale(pair, _options):
+    """E*."""
+    return Scale(e_star(pair.a, pair.b))
+
+
+def mix_shear(pair, _options):
+    """G* and friction."""
+    return Shear(g_star(pair.a, pair.b), pair.friction)
+
+
+@kernel
+def stored_displacement(c, load, p, h):
+    """F = k_t(d) xi, cut at mu N by shortening xi: makes energy when pressed while sheared (Elata and Berryman)."""
+    k = 2.0 * p.g_star * load.contact_radius
+    x, y = h[0] + c.slip_x, h[1] + c.slip_y
+    limit = p.mu * load.force
+    size = k * math.sqrt(x * x + y * y)
+    back = limit / max(size, limit, 1e-300)
+    slip = (1.0 - back) * math.sqrt(x * x + y * y)
+    x, y = back * x, back * y
+    return Tangential(-k * x, -k * y, limit, 0.0, slip, 0.5 * k * (x * x + y * y), back * size * slip), (x, y)
+
+
+@kernel
+def beyond_friction(c, load, p):
+    """Full sliding, with more force than it admits."""
+    size = max(math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y), 1e-300)
+    limit = p.mu * load.force
+    force = 1.0001 * limit
+    work = force * size
+    return Tangential(-force * c.slip_x / size, -force * c.slip_y / size, limit, 0.0, size, 0.0, work)
+
+
+@kernel
+def generous_limit(c, load, p):
+    """Full sliding within a limit that is not mu N."""
+    size = max(math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y), 1e-300)
+    limit = 1.1 * p.mu * load.force
+    return Tangential(-limit * c.slip_x / size, -limit * c.slip_y / size, limit, 0.0, size, 0.0, limit * size)
+
+
+@kernel
+def square_friction(c, load, p):
+    """Each component cut on its own: the square that stands in the circle, but turned with the frame."""
+    limit = p.mu * load.force
+    k = math.sqrt(0.5) * limit / max(1e-6 * c.radius, 1e-300)
+    edge = math.sqrt(0.5) * limit
+    x, y = -min(max(k * c.slip_x, -edge), edge), -min(max(k * c.slip_y, -edge), edge)
+    work = -x * c.slip_x - y * c.slip_y
+    return Tangential(x, y, limit, 0.0, 0.0, 0.0, work)
+
+
+@kernel
+def swirl(c, load, p):
+    """Part of the force always to the left of the slip: turns with the frame, but has a hand."""
+    size = max(math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y), 1e-300)
+    limit = p.mu * load.force
+    e_x, e_y = c.slip_x / size, c.slip_y / size
+    work = 0.8 * limit * math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
+    return Tangential(
+        -limit * (0.8 * e_x - 0.6 * e_y), -limit * (0.8 * e_y + 0.6 * e_x), limit, 0.0, size, 0.0, work
+    )
+
+
+@kernel
+def lossless_ledger(c, load, p, h):
+    """Full friction whose work appears nowhere."""
+    size = max(math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y), 1e-300)
+    limit = p.mu * load.force
+    return Tangential(-limit * c.slip_x / size, -limit * c.slip_y / size, limit, 0.0, size, 0.0, 0.0), (0.0,)
+
+
+@kernel
+def unguarded(c, p):
+    """Hertz with a = R d/sqrt(R d): 0/0 at first touch."""
+    a = c.radius * c.overlap / math.sqrt(c.radius * c.overlap)
+    force = 4.0 / 3.0 * p.scale * a * c.overlap
+    return Normal(force, a, 0.4 * force * c.overlap, 0.0)
+
+
+@kernel
+def wound_up(c, p):
+    """Softer on the way in than on the way out."""
+    a = math.sqrt(c.radius * c.overlap)
+    force = p.scale * a * c.overlap * (1.0 if c.v_n < 0.0 else 1.1)
+    return Normal(force, a, 0.4 * p.scale * a * c.overlap * c.overlap, 0.0)
+
+
+@kernel
+def secant(c, p):
+    """N/d, the secant stiffness, given as the tangent."""
+    return 4.0 / 3.0 * p.e_star * math.sqrt(c.radius * c.overlap)
+
+
+@kernel
+def stuck(c, load, p, h):
+    """The stiffness of a contact that sticks, whether it does or not."""
+    k = 2.0 * p.g_star * load.contact_radius
+    return -k, 0.0, 0.0, -k, 0.0, 0.0
+
+
+@kernel
+def lasting_pull(c, n, p):
+    """A constant pull that does not look whether the bodies touch."""
+    pull = 1e-9 * p.scale * c.radius
+    return Adhesion(-pull, -pull * c.overlap)
+
+
+@kernel
+def pushing_dashpot(c, n, p):
+    """A dashpot with the wrong sign."""
+    return p.scale * math.sqrt(c.mass * n.contact_radius) * c.v_n
+
+
+def mix_of_first(pair, _options):
+    """Forgets the second material."""
+    return HERTZ.parameters(e_star(pair.a, pair.a))
+
+
+def mix_not_finite(pair, _options):
+    """Divides by what may be nothing, and hides it."""
+    return Scale(1.0 / pair.friction if pair.friction else math.inf)
+
+
+def tangential(name, law_kernel, history=()):
+    """A tangential law around a kernel."""
+    return Law(name, "tangential", law_kernel, Shear, mix_shear, source="nobody", history=history)
+
+
+LAWS = (
+    tangential("stored_displacement", stored_displacement, ("x", "y")),
+    tangential("beyond_friction", beyond_friction),
+    tangential("generous_limit", generous_limit),
+    tangential("square_friction", square_friction),
+    tangential("swirl", swirl),
+    tangential("lossless_ledger", lossless_ledger, ("nothing",)),
+    Law("unguarded", "normal", unguarded, Scale, mix_scale, source="nobody"),
+    Law("wound_up", "normal", wound_up, Scale, mix_scale, source="nobody"),
+    dataclasses.replace(HERTZ, name="secant", tangent=secant),
+    Law("lasting_pull", "adhesion", lasting_pull, Scale, mix_scale, source="nobody"),
+    Law("pushing_dashpot", "damping", pushing_dashpot, Scale, mix_scale, source="nobody"),
+    dataclasses.replace(HERTZ, name="one_sided", mix=mix_of_first),
+    Law("not_finite", "normal", wound_up, Scale, mix_not_finite, source="nobody"),
+    dataclasses.replace(MINDLIN, name="unsourced", source=" "),
+    dataclasses.replace(MINDLIN, name="stuck", tangent=stuck),
+    dataclasses.replace(HERTZ_DAMPING, name="misplaced", stage="dampening"),
+)
+
+PLUGIN = Plugin("bad_laws", families=(LawFamily("bad", {law.name: (law,) for law in LAWS}, "swirl"),))
