@@ -47,7 +47,7 @@ def mix_shear(pair, _options):
 
 @kernel
 def stored_displacement(c, load, p, h):
-    """F = k_t(d) xi, cut at mu N by shortening xi: makes energy when pressed while sheared (Elata and Berryman)."""
+    """F = k_t(d) xi, cut at mu N by shortening xi: pressed while sheared it makes energy."""
     k = 2.0 * p.g_star * load.contact_radius
     x, y = h[0] + c.slip_x, h[1] + c.slip_y
     limit = p.mu * load.force

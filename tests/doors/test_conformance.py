@@ -1,4 +1,4 @@
-"""Every law that we ship passes the conformance suite, and the suite finds each of a set of deliberately bad laws."""
+"""Every law that we ship passes the conformance suite, and the suite finds each of a set of bad laws."""
 
 from __future__ import annotations
 

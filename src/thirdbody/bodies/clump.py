@@ -63,7 +63,7 @@ def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
     InputError: wrong shapes, radii not positive, or spheres that are not connected.
     """
     centers, radii = _checked(centers, radii)
-    scale, anchor = radii.max(), centers[np.argmax(radii)]
+    scale, anchor = float(radii.max()), centers[np.argmax(radii)]
     c, r = (centers - anchor) / scale, radii / scale
     _refuse_parts(c, r)
     volume, centroid, tensor, error = _mass_properties(c, r)
@@ -146,7 +146,7 @@ def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[float, np.ndarray, n
     keep = _not_swallowed(c, r)
     c, r = c[keep], r[keep]
     if r.size == 1:
-        volume = 4.0 / 3.0 * math.pi * r[0] ** 3
+        volume = 4.0 / 3.0 * math.pi * float(r[0]) ** 3
         return volume, c[0].copy(), 0.4 * volume * r[0] ** 2 * np.eye(3), 0.0
     middle = (c * r[:, None] ** 3).sum(axis=0) / (r**3).sum()
     moments, errors = _moments(np.ascontiguousarray(c - middle), r)

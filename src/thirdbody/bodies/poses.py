@@ -31,13 +31,11 @@ def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
     scale = clump.radii.max()
     c, r = clump.centers / scale, clump.radii / scale
     ups, touches, family = _candidates(c, r)
-    # Most candidates stand below the plane with another sphere.
-    bottom = ups @ c.T - r
-    deep = bottom[np.arange(len(ups)), touches] > bottom.min(axis=1) + _TOLERANCE
-    ups, family = ups[~deep], family[~deep]
+    standing = _on_own_sphere(ups, touches, c, r)
+    ups, family = ups[standing], family[standing]
     resting = _rests(ups, c, r)
     ups = _distinct(ups[resting], family[resting])
-    if not len(ups):
+    if not ups.size:
         raise ThirdbodyError(
             f"no resting pose found for the clump with centers {c.tolist()}, radii {r.tolist()}"
         )
@@ -65,6 +63,17 @@ def _turned_up(ups: np.ndarray) -> np.ndarray:
     # Straight down has no shortest way: half a turn about x.
     quaternions[quaternions[:, 0] < 1e-14] = (0.0, 1.0, 0.0, 0.0)
     return quaternions / np.linalg.norm(quaternions, axis=1)[:, None]
+
+
+def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Indices of the candidates that no other sphere keeps off the plane: most fail here already."""
+    kept = []
+    # In blocks: a hundred spheres have 300 000 candidates.
+    for first in range(0, len(ups), 8192):
+        bottom = ups[first : first + 8192] @ c.T - r
+        own = bottom[np.arange(len(bottom)), touches[first : first + 8192]]
+        kept.append(first + np.flatnonzero(own <= bottom.min(axis=1) + _TOLERANCE))
+    return np.concatenate(kept)
 
 
 def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:
@@ -117,7 +126,11 @@ def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     units of the largest radius.
     """
     far = np.sqrt((c * c).sum(axis=1))
-    single = np.where(far[:, None] > _TOLERANCE, c / np.maximum(far, _TOLERANCE)[:, None], (0.0, 0.0, 1.0))
+    bottom = c[:, 2] - r
+    # A sphere round the centroid rolls freely, here on -z; with a second one there it is a pair's matter.
+    alone = (bottom <= bottom.min() + _TOLERANCE).sum() == 1
+    rolling = np.array([0.0, 0.0, 1.0 if alone else np.nan])
+    single = np.where(far[:, None] > _TOLERANCE, c / np.maximum(far, _TOLERANCE)[:, None], rolling)
     i, j = np.triu_indices(r.size, 1)
     d = c[i] - c[j]
     length = np.sqrt((d * d).sum(axis=1))
@@ -127,11 +140,13 @@ def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
         beta = np.sqrt(1.0 - alpha * alpha)
         e = c[i] - (c[i] * d).sum(axis=1)[:, None] * d
         off = np.sqrt((e * e).sum(axis=1))[:, None]
-        # Where the centroid lies on the line of the centers all e are equal: a few turns stand for all.
+        # Where the centroid lies on the line of the centers all e are equal: a few turns stand for all, and
+        # pairs on one line with one u.d are one family.
         free = np.flatnonzero(off <= _TOLERANCE)
         e = np.where(off > _TOLERANCE, e / off, _tangents(d)[0])
         f = np.cross(d, e)
         double = alpha * d + beta * e
+        label = _families(alpha * d, d, free)
         turned = [alpha[free] * d[free] + beta[free] * (x * e[free] + y * f[free]) for x, y in _TURNED]
         (h, _, k), pair = triples(r.size)
         d, e, f, alpha, beta = d[pair], e[pair], f[pair], alpha[pair], beta[pair]
@@ -144,9 +159,20 @@ def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
         out = side * (g_e * f - g_f * e)
     ups = np.concatenate([single, double, middle - out, middle + out, *turned])
     touches = np.concatenate([np.arange(r.size), i, h, h, *(i[free] for _ in turned)])
-    family = np.concatenate([np.full(len(ups) - len(turned) * len(free), -1), *(free for _ in turned)])
+    none = np.full(len(middle), -1)
+    family = np.concatenate([np.full(r.size, -1), label, none, none, *(label[free] for _ in turned)])
     valid = np.isfinite(ups).all(axis=1)
     return ups[valid], touches[valid], family[valid]
+
+
+def _families(shift: np.ndarray, d: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """For each pair -1, or for a free one the first of the free with the same line d and the same u.d d."""
+    label = np.full(len(d), -1)
+    if free.size:
+        kind = np.column_stack((shift, (d[:, :, None] * d[:, None]).reshape(-1, 9)))[free]
+        alike = ((kind[:, None] - kind) ** 2).sum(axis=2) < _SAME**2
+        label[free] = alike.argmax(axis=1)
+    return label
 
 
 def _tangents(ups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,6 +14,7 @@ from thirdbody.kernels.union import links
 # Neighbours overlap until their centers are this fraction of the sum of radii apart: less looks like a
 # string of beads, more hides the single spheres.
 _NECK = (0.55, 0.8)
+_NECK_FLAT = 0.9
 # Smallest radius over largest, before chance.
 _UNEQUAL = 0.6
 # Least part of a sphere's surface that the other spheres leave free.
@@ -183,8 +184,9 @@ def _grown(rng: np.random.Generator, n: int, envelope: np.ndarray) -> tuple[np.n
     # The larger the spheres, the smaller the room for their centers: the least radius that connects them.
     low, high = 0.02 * thinnest, thinnest
     if (excess := stretched(high)) > 1.0:
-        # Too flat for this many spheres: drawn together in the plane until they connect.
-        return seeds * (envelope - high) / excess, high * weights
+        # Too flat for this many spheres: drawn together in the plane until they connect, and no closer than
+        # they must, or it would not look flat.
+        return seeds * (envelope - high) / (excess * neck / _NECK_FLAT), high * weights
     for _ in range(12):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if stretched(middle) > 1.0 else (low, middle)

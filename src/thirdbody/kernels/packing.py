@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from .options import INNER, OPTIONS
+from .options import CHUNK, INNER, OPTIONS
 
 
 @njit(**INNER)
@@ -21,7 +21,7 @@ def apart(d, size, periodic):
     return d - size * math.floor(d / size + 0.5) if periodic else d
 
 
-@njit(**INNER)
+@njit(**CHUNK)
 def free(px, py, spheres, n_first, n_last, placed, heads, following, size, periodic, clearance):
     """Whether the spheres n_first..n_last, moved by (px, py), keep clear of all that stand in the grid."""
     nx, ny = heads.shape
@@ -47,7 +47,7 @@ def free(px, py, spheres, n_first, n_last, placed, heads, following, size, perio
     return True
 
 
-@njit(**INNER)
+@njit(**CHUNK)
 def enter(x, y, z, r, t, placed, heads, following, size, periodic):
     """Puts sphere t into the grid."""
     if periodic:

@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 from numba import njit
 
-from .options import INNER, OPTIONS
+from .options import CHUNK, OPTIONS
 
 TWO_PI = 2.0 * math.pi
 # Order of the ten moments: 1, x, y, z, xx, yy, zz, xy, xz, yz.
@@ -35,7 +35,7 @@ def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> tuple[np.ndarra
     return np.concatenate(nodes), np.concatenate(weights), offsets
 
 
-@njit(**INNER)
+@njit(**CHUNK)
 def add_arc(x, y, radius, start, end, out):
     """Adds the arc's part of area, x, y, xx, yy, xy (oint x dy and its kin) of the enclosed region."""
     s0, c0, s1, c1 = math.sin(start), math.cos(start), math.sin(end), math.cos(end)
@@ -63,7 +63,7 @@ def add_arc(x, y, radius, start, end, out):
     out[5] += 0.5 * r * (y * xx_c + r * xx_cs)
 
 
-@njit(**INNER)
+@njit(**CHUNK)
 def cover(starts, ends, m, start, end):
     """Inserts the covered interval into the list sorted by start; gives the new length."""
     k = m
@@ -128,9 +128,9 @@ def disc_moments(x, y, rho, n, starts, ends, out):
 @cache
 def triples(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Triples i < j < k out of n, (3, m), and for each the place (m,) of (i, j) among the pairs."""
-    pairs = list(combinations(range(n), 2))
     rows = np.array(list(combinations(range(n), 3)), dtype=np.int64).reshape(-1, 3).T
-    return rows, np.array([pairs.index((i, j)) for i, j, _ in rows.T], dtype=np.int64)
+    i, j, _ = rows
+    return rows, i * n - i * (i + 1) // 2 + j - i - 1
 
 
 def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -155,7 +155,9 @@ def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
         # A level circle lies wholly at one height, and no single point of it tells whether it is covered.
         level = center[flat < 1e-6, 2]
         points += [center - out, center + out]
-        (i, _, k), pair = triples(r.size)
+        rows, pair = triples(r.size)
+        meeting = np.isfinite(ring2[pair])
+        (i, _, k), pair = rows[:, meeting], pair[meeting]
         arm = c[k] - c[i]
         v = (arm * axis[pair]).sum(axis=1)
         across = arm - v[:, None] * axis[pair]
@@ -163,14 +165,14 @@ def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
         t = (r[i] ** 2 - r[k] ** 2 + v * v + w2 - 2.0 * along[pair] * v) / (2.0 * w2)
         foot = center[pair] + t[:, None] * across
         out = np.cross(axis[pair], across) * np.sqrt(ring2[pair] / w2 - t * t)[:, None]
-    points = np.concatenate([*points, foot - out, foot + out])
-    points = points[np.isfinite(points).all(axis=1)]
-    away = ((points[:, None] - c) ** 2).sum(axis=2)
+    marks = np.concatenate([*points, foot - out, foot + out])
+    marks = marks[np.isfinite(marks).all(axis=1)]
+    away = ((marks[:, None] - c) ** 2).sum(axis=2)
     shown = ~(away < r * r * (1.0 - 1e-9)).any(axis=1)
-    return np.sort(np.concatenate([points[shown, 2], level[np.isfinite(level)]]))
+    return np.sort(np.concatenate([marks[shown, 2], level[np.isfinite(level)]]))
 
 
-@njit(**INNER)
+@njit(**CHUNK)
 def add_slices(c, r, mid, half, nodes, weights, first, last, scratch, out):
     """Adds the ten moments of the layer mid +- half by the nodes first..last; scratch: (6, 2 n + 1)."""
     n = r.size

@@ -7,6 +7,7 @@ is a pair of materials, a radius and a set of options, from ordinary to extreme.
 
 from __future__ import annotations
 
+import math
 import types
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..kernels import layout as at
 from .compose import compose
-from .contract import Law, Material, Pair
+from .contract import Law, Material, Option, Pair
 from .hertz import HERTZ
 from .mindlin import MINDLIN
 
@@ -63,20 +64,21 @@ def option_sets(law: Law) -> list[tuple[str, dict[str, Any]]]:
     finite."""
     sets: list[tuple[str, dict[str, Any]]] = []
     for label in ("", "lowest", "highest"):
-        values: dict[str, Any] = {}
-        for option in law.options:
-            usual = TYPICAL.get(option.dimension, 0.1) if option.default is None else option.default
-            end = {"lowest": option.low, "highest": option.high}.get(label, np.nan)
-            if np.ndim(usual):
-                values[option.name] = tuple(usual) if not np.isfinite(end) else (end,) * option.size
-                continue
-            value = (
-                float(np.clip(float(usual), option.low, option.high)) if not np.isfinite(end) else float(end)
-            )
-            values[option.name] = value if option.size == 1 else (value,) * option.size
+        values = {option.name: _value(option, label) for option in law.options}
         if values not in [known for _, known in sets]:
             sets.append((f", options {label}" if label else "", values))
     return sets
+
+
+def _value(option: Option, end: str) -> float | tuple[float, ...]:
+    bound = {"lowest": option.low, "highest": option.high}.get(end, math.nan)
+    usual = TYPICAL.get(option.dimension, 0.1) if option.default is None else option.default
+    if math.isfinite(bound):
+        usual = bound
+    elif isinstance(usual, Sequence):
+        return tuple(usual)
+    value = min(max(float(usual), option.low), option.high)
+    return value if option.size == 1 else (value,) * option.size
 
 
 def settings_of(law: Law) -> list[Setting]:
@@ -166,16 +168,21 @@ class Bench:
         """The tile function without the compiler, on Python floats: a division by zero raises."""
         text = plain(self.chain.law)
         names = dict(text.__globals__)
-        for k, law in enumerate(self.chain.laws):
-            names[f"kernel_{k}"] = plain(law.kernel)
-        law_of_lists = types.FunctionType(text.__code__, names)
+        for k, one in enumerate(self.chain.laws):
+            names[f"kernel_{k}"] = plain(one.kernel)
+        on_lists = types.FunctionType(text.__code__, names)
 
         def law(flat: Array, out: Array, n: int, table: Array) -> None:
             answer = out.tolist()
-            law_of_lists(flat.tolist(), answer, n, table.tolist())
+            on_lists(flat.tolist(), answer, n, table.tolist())
             out[:] = answer
 
         return law
+
+
+def compiler_is_off() -> bool:
+    """Whether numba was told to leave all functions to the interpreter."""
+    return plain(HERTZ.kernel) is HERTZ.kernel
 
 
 def plain(function: Callable) -> Any:

@@ -13,7 +13,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..kernels import layout as at
-from .conformance_paths import PAIRS, Array, Bench, Path, closed_cycles, plain, random_paths, walk
+from .conformance_paths import (
+    PAIRS,
+    Array,
+    Bench,
+    Path,
+    closed_cycles,
+    compiler_is_off,
+    plain,
+    random_paths,
+    walk,
+)
 from .contract import Contact, Load, Normal
 from .hertz import hertz, hertz_tangent
 
@@ -65,7 +75,10 @@ def account(bench: Bench, path: Path, m: int) -> Account:
 def energy(bench: Bench) -> Result:
     """No energy made on random paths and closed cycles, up to any moment of them: work >= stored energy,
     virgin start."""
-    cases = {"random": random_paths(bench, 8, repeats=4), "press-shear cycle": closed_cycles(bench)}
+    repeats = (
+        1 if compiler_is_off() else 4
+    )  # thousands of paths, but not one contact at a time in the interpreter
+    cases = {"random": random_paths(bench, 8, repeats), "press-shear cycle": closed_cycles(bench)}
     worst, told = 0.0, ""
     for name, path in cases.items():
         for m, made in _excess(bench, path):
@@ -113,7 +126,8 @@ def _lasting(coarse: Array, fine: Array) -> Array:
     one."""
     before, after = coarse.mean(1), fine.mean(1)
     slow = ~((after <= ROUND_OFF) | (after <= before / FASTER))
-    stuck = np.any((fine > 0.05) & (fine > coarse / 1.2), 1)
+    # a single path may touch for less than a step, or hardly at all; the mean would hide more than that
+    stuck = np.mean((fine > 0.05) & (fine > coarse / 1.2), 1) > 0.02
     return slow | stuck
 
 

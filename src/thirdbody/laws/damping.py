@@ -36,7 +36,8 @@ def restitution_of(alpha: float) -> float:
     if gamma == omega_0:
         return math.exp(-2.0)
     root = math.sqrt(gamma**2 - omega_0**2)
-    return math.exp(-gamma / root * math.log((gamma + root) / (gamma - root)))
+    # ln((gamma + root)/(gamma - root)), in the form that keeps its digits near critical damping
+    return math.exp(-2.0 * gamma / root * math.atanh(root / gamma))
 
 
 def damping_number(restitution: float) -> float:

@@ -153,14 +153,16 @@ def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _settle(scene: Scene, placed: Placed, masses, mass, dashpot, load: float) -> float:
-    """Time under load before the drag, s. Automatic: twice what a patch needs to fall by the size of the largest body."""
+    """Time under load before the drag, s. Automatic: what a patch needs to fall by a quarter of the largest body's size.
+
+    A body that is pressed off its balance tips into a new seat, and its patch comes down by about that much.
+    """
     if not isinstance(scene.solver.settle, str):
         return scene.solver.settle
     if not scene.plates.moving():
         return 0.0
-    size = max(clump.diameter for clump in placed.clumps)
-    fall = math.sqrt(2.0 * size * (masses.max() + mass.max()) / load)
-    return 2.0 * (fall + float(dashpot.max()) * size / load)
+    way = 0.25 * max(clump.diameter for clump in placed.clumps)
+    return math.sqrt(2.0 * way * (masses.max() + mass.max()) / load) + float(dashpot.max()) * way / load
 
 
 def _warn_pressure(choice: Choice, load, overlap, radius, kind, warnings: list[str]) -> None:

@@ -1,0 +1,136 @@
+"""Irregular clumps and size distributions: reproducible, connected, of the size and shape asked for."""
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+
+from thirdbody.bodies.clump import clump
+from thirdbody.bodies.shapes import diameters, irregular, population
+from thirdbody.errors import InputError
+
+SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, "max": 2e-5}
+
+
+def test_population_is_the_same_for_the_same_seed_whatever_the_count():
+    few = population(1, 0, 3, (4, 6), [1, 0.8, 0.6], **SIZE)
+    more = population(1, 0, 5, (4, 6), [1, 0.8, 0.6], **SIZE)
+    for a, b in zip(few, more, strict=False):
+        assert np.array_equal(a.centers, b.centers) and np.array_equal(a.radii, b.radii)
+    for seed, index in [(2, 0), (1, 1)]:
+        other = population(seed, index, 1, (4, 6), [1, 0.8, 0.6], **SIZE)[0]
+        assert not np.array_equal(other.radii, few[0].radii)
+
+
+@pytest.mark.parametrize(
+    "n, aspect", [(2, [1, 1, 1]), (4, [1, 0.8, 0.6]), (8, [1, 1, 0.2]), (12, [1, 0.5, 0.5])]
+)
+def test_irregular_clump(n, aspect):
+    for seed in range(3):
+        body = irregular(np.random.default_rng(seed), n, aspect, 1e-5)
+        assert len(body.radii) == n and len(set(body.radii)) == n
+        assert body.diameter == pytest.approx(1e-5, rel=1e-12)  # scaled to it: rounding of a cube root
+        # Mass properties survive the scaling; clump() itself refuses parts that are not connected.
+        again = clump(body.centers, body.radii)
+        assert again.volume == pytest.approx(body.volume, rel=body.error + again.error)
+        assert again.inertia == pytest.approx(body.inertia, rel=body.error + again.error)
+        # None swallowed: each sphere alone adds volume.
+        for i in range(n):
+            gap = np.linalg.norm(body.centers - body.centers[i], axis=1) + body.radii[i] - body.radii
+            assert (np.delete(gap, i) > 0.0).all()
+
+
+def test_aspect_shows():
+    rng = np.random.default_rng(0)
+
+    def mean_extent(aspect):
+        spans = []
+        for _ in range(10):
+            body = irregular(rng, 8, aspect, 1.0)
+            low, high = body.centers - body.radii[:, None], body.centers + body.radii[:, None]
+            spans.append(np.sort(high.max(0) - low.min(0))[::-1])
+        spans = np.mean(spans, axis=0)
+        return spans / spans[0]
+
+    # Principal axes and unequal spheres blur the envelope: 0.15 is about their spread, not a theory.
+    assert mean_extent([1.0, 0.8, 0.6]) == pytest.approx([1.0, 0.8, 0.6], abs=0.15)
+    # Eight spheres side by side reach about 3 by 3: no flatter than 1/3 can be asked of them.
+    flake = mean_extent([1.0, 1.0, 0.2])
+    assert flake[1] > 0.75 and flake[2] < 0.45
+    rod = mean_extent([1.0, 0.3, 0.3])
+    assert rod[1] < 0.5 and rod[2] < 0.5
+
+
+def test_one_sphere_is_a_sphere():
+    body = irregular(np.random.default_rng(0), 1, [1, 0.5, 0.5], 2.0)
+    assert body.radii.tolist() == [1.0] and body.error == 0.0
+
+
+@pytest.mark.parametrize(
+    "n, aspect, d", [(0, [1, 1, 1], 1.0), (4, [1, 0, 1], 1.0), (4, [1, 1], 1.0), (4, [1, 1, 1], -1.0)]
+)
+def test_impossible_clumps_are_refused(n, aspect, d):
+    with pytest.raises(InputError):
+        irregular(np.random.default_rng(0), n, aspect, d)
+
+
+def test_population_refuses_a_wrong_range():
+    with pytest.raises(InputError, match="spheres"):
+        population(1, 0, 1, (5, 4), [1, 1, 1], **SIZE)
+
+
+def test_cut_lognormal_has_the_moments_of_theory():
+    count, sigma, low, high = 20_000, 0.5, 0.6, 1.8
+    drawn = diameters(
+        np.random.default_rng(1), count, "lognormal", median=1.0, sigma=sigma, min=low, max=high
+    )
+    phi = NormalDist().cdf
+    a, b = math.log(low) / sigma, math.log(high) / sigma
+    # moments of a truncated lognormal, P(k) = Phi(b - k s) - Phi(a - k s), E x^k = exp(k^2 s^2/2) P(k) / P(0)
+    moment = [
+        math.exp(k * k * sigma**2 / 2.0) * (phi(b - k * sigma) - phi(a - k * sigma)) / (phi(b) - phi(a))
+        for k in (1, 2)
+    ]
+    spread = math.sqrt(moment[1] - moment[0] ** 2)
+    assert drawn.mean() == pytest.approx(moment[0], abs=4.0 * spread / math.sqrt(count))  # four sigma
+    assert drawn.std() == pytest.approx(spread, rel=0.03)  # four sigma of a standard deviation is 0.02
+    # Cut, not clipped: nothing piles up at the limits.
+    assert low < drawn.min() and drawn.max() < high and len(np.unique(drawn)) == count
+
+
+def test_normal_uniform_constant():
+    rng, count = np.random.default_rng(2), 20_000
+    normal = diameters(rng, count, "normal", mean=10.0, sigma=2.0)
+    assert normal.mean() == pytest.approx(10.0, abs=4.0 * 2.0 / math.sqrt(count))  # four sigma
+    assert normal.std() == pytest.approx(2.0, rel=0.03)
+    uniform = diameters(rng, count, "uniform", min=2.0, max=5.0)
+    assert uniform.mean() == pytest.approx(3.5, abs=4.0 * 3.0 / math.sqrt(12.0 * count))
+    assert uniform.min() > 2.0 and uniform.max() < 5.0
+    assert diameters(rng, 3, "constant", value=2.0).tolist() == [2.0, 2.0, 2.0]
+
+
+def test_far_tails_keep_their_shape():
+    rng = np.random.default_rng(3)
+    # Beyond eight sigma the tail falls like exp(-8 t): mean excess 1/8 less the curvature, 2 % of it.
+    high = diameters(rng, 4000, "normal", mean=10.0, sigma=1.0, min=18.0, max=30.0)
+    excess = high.mean() - 18.0
+    # Mills ratio of the normal tail: phi(8)/Q(8) - 8 = 0.1213 (Abramowitz and Stegun 26.2.12)
+    assert excess == pytest.approx(0.1213, rel=0.07)  # four sigma of 4000
+    assert high.min() >= 18.0
+
+
+@pytest.mark.parametrize(
+    "size, word",
+    [
+        ({"distribution": "gauss"}, "distribution"),
+        ({"distribution": "lognormal", "median": 1.0}, "sigma"),
+        ({"distribution": "constant", "value": 1.0, "min": 0.5}, "min"),
+        ({"distribution": "uniform", "min": 2.0, "max": 1.0}, "min"),
+        ({"distribution": "constant", "value": -1.0}, "value"),
+        ({"distribution": "normal", "mean": 1.0, "sigma": 0.01, "min": 8.0, "max": 9.0}, "nothing between"),
+    ],
+)
+def test_wrong_sizes_are_refused(size, word):
+    with pytest.raises(InputError, match=word):
+        diameters(np.random.default_rng(0), 1, **size)
