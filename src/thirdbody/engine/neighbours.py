@@ -27,7 +27,9 @@ def search(state: State) -> None:
 
 def _carry(n_plates, own, partner, old: Slots, source, target) -> None:
     passes.carry_history(0, n_plates, own, partner, target, 0, old.n_plates, old.own, old.partner, source)
-    passes.carry_history(n_plates, len(own), own, partner, target, old.n_plates, old.count, old.own, old.partner, source)
+    passes.carry_history(
+        n_plates, len(own), own, partner, target, old.n_plates, old.count, old.own, old.partner, source
+    )
 
 
 def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
@@ -36,7 +38,15 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
     while True:
         own, partner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
         n = passes.plate_candidates(
-            state.S, state.P, state.body, state.patch, world.lower is not None, world.upper is not None, state.skin, own, partner
+            state.S,
+            state.P,
+            state.body,
+            state.patch,
+            world.lower is not None,
+            world.upper is not None,
+            state.skin,
+            own,
+            partner,
         )
         n_plates = n
         if world.debris_meets:

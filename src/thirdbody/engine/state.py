@@ -250,6 +250,4 @@ def refresh_spheres(state: State) -> None:
     w, still = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for b in range(state.n_bodies):
         q = tuple(state.B[b, at.B_Q : at.B_Q + 4])
-        body_pass.place_spheres(
-            b, state.start, state.offsets, state.S, state.X0, state.B, w, w, still, q, 0.0, 0.0
-        )
+        body_pass.place_spheres(b, state.start, state.offsets, state.S, state.X0, state.B, w, w, still, q, 0.0, 0.0)

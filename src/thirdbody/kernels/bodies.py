@@ -8,10 +8,37 @@ import numpy as np
 from numba import njit
 
 from .layout import (
-    B_EF, B_ET, B_F, B_I, B_L, B_LOW, B_MASS, B_Q, B_SLIP, B_T, B_UP, B_V, B_W, B_WORK, B_X,
-    D_LX, D_LY,
-    F_F, F_SLIP, F_TI, F_TJ, F_WORK,
-    S_ARM, S_O, S_R, S_U, S_V, S_W, S_X, S_Y, S_Z,
+    B_EF,
+    B_ET,
+    B_F,
+    B_I,
+    B_L,
+    B_LOW,
+    B_MASS,
+    B_Q,
+    B_SLIP,
+    B_T,
+    B_UP,
+    B_V,
+    B_W,
+    B_WORK,
+    B_X,
+    D_LX,
+    D_LY,
+    F_F,
+    F_SLIP,
+    F_TI,
+    F_TJ,
+    F_WORK,
+    S_ARM,
+    S_O,
+    S_R,
+    S_U,
+    S_V,
+    S_W,
+    S_X,
+    S_Y,
+    S_Z,
 )  # fmt: skip
 from .options import INNER, OPTIONS
 from .rotation import free_rotation, matrix, spin
@@ -73,7 +100,11 @@ def drift_body(b, start, offsets, S, X0, B, dt, far):
         B[b, B_Q + k] = new[k]
     w_0, w_1 = spin(old, momentum, inertia), spin(new, momentum, inertia)
     w = (0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2]))
-    end = (momentum[0] + 0.5 * dt * B[b, B_T], momentum[1] + 0.5 * dt * B[b, B_T + 1], momentum[2] + 0.5 * dt * B[b, B_T + 2])
+    end = (
+        momentum[0] + 0.5 * dt * B[b, B_T],
+        momentum[1] + 0.5 * dt * B[b, B_T + 1],
+        momentum[2] + 0.5 * dt * B[b, B_T + 2],
+    )
     v_end = (B[b, B_V] + kick * B[b, B_F], B[b, B_V + 1] + kick * B[b, B_F + 1], B[b, B_V + 2] + kick * B[b, B_F + 2])
     return place_spheres(b, start, offsets, S, X0, B, w, spin(new, end, inertia), v_end, new, dt, far)
 

@@ -10,12 +10,69 @@ import numpy as np
 from numba import njit
 
 from .layout import (
-    B_MASS, F_F, F_SLIP, F_TI, F_TJ, F_WORK, H_E, H_LAW, H_ON, H_SLIP, H_STORED,
-    I_HISTORY, I_MASS, I_OVERLAP, I_RADIUS, I_SX, I_SY, I_TYPE, I_VN, I_VX, I_VY,
-    O_A, O_CRITICAL, O_FN, O_HISTORY, O_LIMIT, O_LOAD, O_POWER, O_SLIP, O_STORED_N, O_STORED_T, O_TX, O_TY, O_WORK,
-    P_V, P_Z, R_A, R_CRITICAL, R_CURVATURE, R_CURVATURE_J, R_EFFECTIVE, R_FN, R_LIMIT, R_LOAD, R_N, R_OVERLAP,
-    R_POINT, R_POINT_J, R_STORED_N, R_STORED_T, R_T, R_VI, R_VJ,
-    S_ARM, S_O, S_R, S_U, S_V, S_W, S_X, S_Y, S_Z, TILE,
+    B_MASS,
+    F_F,
+    F_SLIP,
+    F_TI,
+    F_TJ,
+    F_WORK,
+    H_E,
+    H_LAW,
+    H_ON,
+    H_SLIP,
+    H_STORED,
+    I_HISTORY,
+    I_MASS,
+    I_OVERLAP,
+    I_RADIUS,
+    I_SX,
+    I_SY,
+    I_TYPE,
+    I_VN,
+    I_VX,
+    I_VY,
+    O_A,
+    O_CRITICAL,
+    O_FN,
+    O_HISTORY,
+    O_LIMIT,
+    O_LOAD,
+    O_POWER,
+    O_SLIP,
+    O_STORED_N,
+    O_STORED_T,
+    O_TX,
+    O_TY,
+    O_WORK,
+    P_V,
+    P_Z,
+    R_A,
+    R_CRITICAL,
+    R_CURVATURE,
+    R_CURVATURE_J,
+    R_EFFECTIVE,
+    R_FN,
+    R_LIMIT,
+    R_LOAD,
+    R_N,
+    R_OVERLAP,
+    R_POINT,
+    R_POINT_J,
+    R_STORED_N,
+    R_STORED_T,
+    R_T,
+    R_VI,
+    R_VJ,
+    S_ARM,
+    S_O,
+    S_R,
+    S_U,
+    S_V,
+    S_W,
+    S_X,
+    S_Y,
+    S_Z,
+    TILE,
 )  # fmt: skip
 from .options import INNER
 
@@ -199,7 +256,9 @@ def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
 
 
 @njit(**INNER)
-def contact_chunk(c, n, own, partner, kind, S, B, P, body, H, F, R, sums, law, pairs, dt, v_x, v_y, l_x, l_y, n_history, observed):
+def contact_chunk(
+    c, n, own, partner, kind, S, B, P, body, H, F, R, sums, law, pairs, dt, v_x, v_y, l_x, l_y, n_history, observed
+):
     """Forces of the candidate slots of chunk c: filter by gap, then the law in tiles of TILE active contacts."""
     first, last = c * CHUNK, min((c + 1) * CHUNK, n)
     for s in range(SUM_COLS):

@@ -61,11 +61,21 @@ R_COLS = 30
 # Law tile: input fields (then history), output fields (then history); stride TILE.
 TILE = 128
 I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = range(10)
-(O_FN, O_TX, O_TY, O_LOAD, O_LIMIT, O_CRITICAL, O_SLIP, O_A, O_STORED_N, O_STORED_T, O_WORK, O_POWER, O_HISTORY) = range(13)
+(O_FN, O_TX, O_TY, O_LOAD, O_LIMIT, O_CRITICAL, O_SLIP, O_A, O_STORED_N, O_STORED_T, O_WORK, O_POWER, O_HISTORY) = (
+    range(13)
+)
 
 # A: totals since the start of the run (J, N s, m), and the powers of the last step for the trapezoid.
 (A_FRICTION, A_DAMPING, A_PLATE_WORK, A_PLATE_ABS, A_EFFECTS, A_IMPULSE, A_IMPULSE_LOW, A_TIME, A_DISTANCE) = (
-    0, 1, 2, 3, 4, 5, 8, 11, 12,
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    8,
+    11,
+    12,
 )
 A_POWER_DAMPING, A_POWER_EFFECTS, A_POWER_PATCH, A_UPPER, A_LOWER, A_POWER_LOAD = 13, 14, 15, 16, 19, 22
 A_DX, A_DY, A_STEPS, A_ELAPSED, A_PEAK = 23, 24, 25, 26, 27

@@ -5,13 +5,69 @@ from numba import njit, types
 
 from .bodies import BODIES
 from .layout import (
-    A_DX, A_DY, A_ELAPSED,
-    B_EF, B_ET, B_F, B_MASS, B_Q, B_T, B_V, B_W, B_X,
-    C_A, C_CRITICAL, C_CURVATURE, C_FN, C_IDENTITY, C_LIMIT, C_LOAD, C_MEMORY, C_NORMAL, C_OVERLAP, C_PARTNER,
-    C_POINT, C_SLIP, C_T, C_V, DEBRIS, H_LAW, H_ON, H_SLIP, LOWER,
-    O_COLS, O_DRAG, O_EF, O_ELAPSED, O_ET, O_F, O_LDOT, O_MA, O_MASS, O_Q, O_SHIFT, O_SPEED, O_T, O_V, O_W, O_X,
-    R_A, R_CRITICAL, R_CURVATURE, R_CURVATURE_J, R_FN, R_LIMIT, R_LOAD, R_N, R_OVERLAP, R_POINT, R_POINT_J, R_T,
-    R_VI, R_VJ, UPPER,
+    A_DX,
+    A_DY,
+    A_ELAPSED,
+    B_EF,
+    B_ET,
+    B_F,
+    B_MASS,
+    B_Q,
+    B_T,
+    B_V,
+    B_W,
+    B_X,
+    C_A,
+    C_CRITICAL,
+    C_CURVATURE,
+    C_FN,
+    C_IDENTITY,
+    C_LIMIT,
+    C_LOAD,
+    C_MEMORY,
+    C_NORMAL,
+    C_OVERLAP,
+    C_PARTNER,
+    C_POINT,
+    C_SLIP,
+    C_T,
+    C_V,
+    DEBRIS,
+    H_LAW,
+    H_ON,
+    H_SLIP,
+    LOWER,
+    O_COLS,
+    O_DRAG,
+    O_EF,
+    O_ELAPSED,
+    O_ET,
+    O_F,
+    O_LDOT,
+    O_MA,
+    O_MASS,
+    O_Q,
+    O_SHIFT,
+    O_SPEED,
+    O_T,
+    O_V,
+    O_W,
+    O_X,
+    R_A,
+    R_CRITICAL,
+    R_CURVATURE,
+    R_CURVATURE_J,
+    R_FN,
+    R_LIMIT,
+    R_LOAD,
+    R_N,
+    R_OVERLAP,
+    R_POINT,
+    R_POINT_J,
+    R_T,
+    R_VI,
+    R_VJ,
+    UPPER,
 )  # fmt: skip
 from .options import INNER, OPTIONS
 from .signatures import LABEL, OBSERVE
@@ -68,7 +124,9 @@ def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at):
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
         if H[k, H_ON] != 0.0:
-            contact_row(C, n, k, incidence[e] & 1, own, partner, H, R, memory_at + (incidence[e] & 1) * (width - C_MEMORY))
+            contact_row(
+                C, n, k, incidence[e] & 1, own, partner, H, R, memory_at + (incidence[e] & 1) * (width - C_MEMORY)
+            )
             n += 1
     return C
 

@@ -125,7 +125,9 @@ def carry_history(first, last, own, partner, H, old_first, old_last, old_own, ol
     """Copy the memory of candidates that were candidates before, within one sorted part of the list."""
     o = old_first
     for k in range(first, last):
-        while o < old_last and (old_own[o] < own[k] or (old_own[o] == own[k] and rank(old_partner[o]) < rank(partner[k]))):
+        while o < old_last and (
+            old_own[o] < own[k] or (old_own[o] == own[k] and rank(old_partner[o]) < rank(partner[k]))
+        ):
             o += 1
         if o < old_last and old_own[o] == own[k] and rank(old_partner[o]) == rank(partner[k]):
             for h in range(H.shape[1]):

@@ -7,7 +7,19 @@ from numba import njit, types
 
 from .contacts import separation
 from .layout import (
-    B_I, B_MASS, B_Q, I_HISTORY, I_MASS, I_OVERLAP, I_RADIUS, I_TYPE, P_FREE, P_MASS, S_ARM, S_R, TILE,
+    B_I,
+    B_MASS,
+    B_Q,
+    I_HISTORY,
+    I_MASS,
+    I_OVERLAP,
+    I_RADIUS,
+    I_TYPE,
+    P_FREE,
+    P_MASS,
+    S_ARM,
+    S_R,
+    TILE,
 )  # fmt: skip
 from .options import INNER, OPTIONS
 from .rotation import matrix

@@ -194,11 +194,23 @@ def _law_function(chain: Sequence[Law]) -> str:
             lines += [f"        force += a{k}.force", f"        stored += a{k}.stored"]
     lines += _tangential_lines(chain, stages)
     outputs = {
-        "FN": "force", "TX": "t_x", "TY": "t_y", "LOAD": "load.force", "LIMIT": "limit", "CRITICAL": "critical",
-        "SLIP": "slip", "A": "n.contact_radius", "STORED_N": "stored", "STORED_T": "stored_t", "WORK": "work", "POWER": "power",
+        "FN": "force",
+        "TX": "t_x",
+        "TY": "t_y",
+        "LOAD": "load.force",
+        "LIMIT": "limit",
+        "CRITICAL": "critical",
+        "SLIP": "slip",
+        "A": "n.contact_radius",
+        "STORED_N": "stored",
+        "STORED_T": "stored_t",
+        "WORK": "work",
+        "POWER": "power",
     }
     lines += [f"        O[{_field(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
-    head = '@njit(LAW, error_model="numpy", cache=True)\ndef law(I, O, n_contacts, P):\n    for q in range(n_contacts):\n'
+    head = (
+        '@njit(LAW, error_model="numpy", cache=True)\ndef law(I, O, n_contacts, P):\n    for q in range(n_contacts):\n'
+    )
     width = max(sum(len(law.parameters._fields) for law in chain), 1)
     return head + _contact(width) + "\n".join(lines) + "\n"
 

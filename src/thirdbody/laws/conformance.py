@@ -67,10 +67,7 @@ def check(laws: Iterable[Law]) -> list[Finding]:
 def report(findings: Sequence[Finding]) -> str:
     """The findings as a table in plain text, failures first, and a line that counts them."""
     rows = [("", "law", "test", "")]
-    rows += [
-        ("ok" if f.passed else "FAIL", f.law, f.test, f.detail)
-        for f in sorted(findings, key=lambda f: f.passed)
-    ]
+    rows += [("ok" if f.passed else "FAIL", f.law, f.test, f.detail) for f in sorted(findings, key=lambda f: f.passed)]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
     lines = ["  ".join([*(row[k].ljust(widths[k]) for k in range(3)), row[3]]).rstrip() for row in rows]
     failed = sum(not f.passed for f in findings)

@@ -110,8 +110,7 @@ class Bench:
         self.place = self.chain.laws.index(law)
         self.settings = settings_of(law)
         self.rows = [
-            tuple(one.mix(s.pair, s.options if one is law else {}) for one in self.chain.laws)
-            for s in self.settings
+            tuple(one.mix(s.pair, s.options if one is law else {}) for one in self.chain.laws) for s in self.settings
         ]
         self.table = np.zeros((len(self.rows), self.chain.width))
         for k, row in enumerate(self.rows):

@@ -55,9 +55,7 @@ def no_touch(bench: Bench) -> Result:
     """No force and no energy at zero overlap: virgin, after any path, moving, slipping."""
     path = random_paths(bench, 3)
     tiles = len(bench.settings)
-    moved = Contacts(
-        np.zeros_like(path.overlap[0]), path.slip[0], -np.abs(path.overlap[0]) * 1e3, path.slip[0] * 1e3
-    )
+    moved = Contacts(np.zeros_like(path.overlap[0]), path.slip[0], -np.abs(path.overlap[0]) * 1e3, path.slip[0] * 1e3)
     memories = [bench.virgin(tiles), *(moment.after for moment in walk(bench, path, 2))]
     for memory in memories:
         answer, _ = bench.call(moved, memory)
@@ -103,18 +101,14 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
     worst, told = 0.0, ""
     for one, two in zip(walk(bench, path, 3), walk(bench, image, 3), strict=True):
         expected = one.answer.copy()
-        expected[:, at.O_TX : at.O_TY + 1] = np.einsum(
-            "ijtl,tjl->til", matrix, one.answer[:, at.O_TX : at.O_TY + 1]
-        )
+        expected[:, at.O_TX : at.O_TY + 1] = np.einsum("ijtl,tjl->til", matrix, one.answer[:, at.O_TX : at.O_TY + 1])
         size = np.maximum(size, np.abs(expected))
         size[:, at.O_TX : at.O_TY + 1] = np.max(size[:, at.O_TX : at.O_TY + 1], 1, keepdims=True)
         size[:, ENERGIES] = np.max(size[:, ENERGIES], 1, keepdims=True)
         # what the friction limit leaves to a dashpot may be the rounding of a difference: so the scale is
         # force by speed
         speed = np.hypot(*np.moveaxis(one.asked.v, 1, 0)) + np.abs(one.asked.v_n)
-        size[:, at.O_POWER] = np.maximum(
-            size[:, at.O_POWER], np.abs(size[:, at.O_TX] + size[:, at.O_FN]) * speed
-        )
+        size[:, at.O_POWER] = np.maximum(size[:, at.O_POWER], np.abs(size[:, at.O_TX] + size[:, at.O_FN]) * speed)
         error = np.nan_to_num(np.abs(two.answer - expected) / size, nan=np.inf)
         if error.max() > worst:
             worst = float(error.max())
@@ -188,9 +182,7 @@ def compiled(bench: Bench) -> Result:
         a, b = (np.concatenate(bench.call(asked, before, which), 1) for which in (None, law))
         size = np.maximum(np.abs(a), np.abs(b))
         size[:, ENERGIES] = np.max(size[:, ENERGIES], 1, keepdims=True)
-        error = np.where(
-            (a == b) | (np.isnan(a) & np.isnan(b)), 0.0, np.abs(a - b) / np.maximum(size, 1e-300)
-        )
+        error = np.where((a == b) | (np.isnan(a) & np.isnan(b)), 0.0, np.abs(a - b) / np.maximum(size, 1e-300))
         worst = max(worst, float(np.nan_to_num(error, nan=np.inf).max()))
     return worst <= ROUND_OFF, "same bits" if worst == 0.0 else f"differ by {worst:.1e}"
 

@@ -75,9 +75,7 @@ def account(bench: Bench, path: Path, m: int) -> Account:
 def energy(bench: Bench) -> Result:
     """No energy made on random paths and closed cycles, up to any moment of them: work >= stored energy,
     virgin start."""
-    repeats = (
-        1 if compiler_is_off() else 4
-    )  # thousands of paths, but not one contact at a time in the interpreter
+    repeats = 1 if compiler_is_off() else 4  # thousands of paths, but not one contact at a time in the interpreter
     cases = {"random": random_paths(bench, 8, repeats), "press-shear cycle": closed_cycles(bench)}
     worst, told = 0.0, ""
     for name, path in cases.items():
