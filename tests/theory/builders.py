@@ -1,0 +1,196 @@
+"""Scenes of one or two bodies for the tests, and what can be read off a running simulation."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from thirdbody.kernels import layout as at
+from thirdbody.scene.build import Simulation, build
+from thirdbody.scene.model import (
+    Contact,
+    Domain,
+    Effects,
+    LowerPlate,
+    Material,
+    Output,
+    Pair,
+    Plates,
+    Scene,
+    Solver,
+    Spheres,
+    UpperPlate,
+)
+
+RIGID = 1e6
+"""Stiffness of a `rigid` plane over that of the ball: E* is then off by 1e-6, t_c by 4e-7."""
+
+LONG = 1e3
+"""Duration written into scenes that are stopped by hand, s."""
+
+
+def solid(youngs_modulus: float, nu: float, density: float) -> Material:
+    """A material from E (Pa), Poisson's ratio and density (kg/m3)."""
+    return Material(youngs_modulus=youngs_modulus, poisson_ratio=nu, density=density)
+
+
+def stiffened(material: Material) -> Material:
+    """The same material `RIGID` times stiffer in E and G."""
+    return Material(
+        shear_modulus=RIGID * material.shear(), poisson_ratio=material.poisson_ratio, density=material.density
+    )
+
+
+STEEL = solid(210e9, 0.3, 7850.0)
+
+
+def ball(radius: float, where: Sequence[float], velocity=(0.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0), material="ball") -> Spheres:
+    """One ball at `where` (m) with a velocity (m/s) and a spin (rad/s)."""
+    return Spheres(
+        material=material, radius=radius, positions=(tuple(where),), velocity=tuple(velocity), angular_velocity=tuple(spin)
+    )
+
+
+def scene(
+    debris: Sequence[Any],
+    materials: dict[str, Material],
+    friction: float = 0.0,
+    restitution: float = 1.0,
+    lower: str | None = None,
+    upper: UpperPlate | None = None,
+    gravity: tuple[float, float, float] | None = None,
+    time_step: float | str = "auto",
+    size: float = 10.0,
+    **more: Any,
+) -> Scene:
+    """A scene in which every pair of materials has the same friction and restitution; `more` may replace whole tables."""
+    pairs = tuple(
+        Pair(between=names, friction=friction, restitution=restitution)
+        for names in itertools.combinations_with_replacement(materials, 2)
+    )
+    tables = {
+        "domain": Domain(size=(size, size), periodic=lower is not None),
+        "plates": Plates(lower=LowerPlate(material=lower) if lower else None, upper=upper),
+        "contact": Contact(law="three_spot", level="mindlin"),
+        "effects": Effects(gravity=gravity),
+        "solver": Solver(duration=LONG, time_step=time_step),
+        "output": Output(every=LONG, every_kind="time"),
+    }
+    return Scene(materials=materials, pairs=pairs, debris=tuple(debris), **(tables | more))
+
+
+def ball_on_plane(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0.0), **keys: Any) -> Simulation:
+    """A ball that touches a rigid plane of the same Poisson's ratio at time zero, without overlap."""
+    materials = {"ball": material, "plane": stiffened(material)}
+    start = (5.0, 5.0, radius)
+    return build(scene([ball(radius, start, velocity, spin)], materials, lower="plane", **keys))
+
+
+def two_balls(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0.0), **keys: Any) -> Simulation:
+    """Two equal balls that touch at time zero: the left one moves with `velocity` and `spin`, the right one with their opposites."""
+    # a gap of one rounding error of the coordinates keeps the start free of overlap
+    x = radius * (1.0 + 1e-15)
+    pair = [
+        ball(radius, (-x, 0.0, 0.0), velocity, spin),
+        ball(radius, (x, 0.0, 0.0), -np.array(velocity), -np.array(spin)),
+    ]
+    return build(scene(pair, {"ball": material}, **keys))
+
+
+def velocity(simulation: Simulation, body: int = 0) -> np.ndarray:
+    """Velocity (3,) of a body, m/s."""
+    return simulation.state.B[body, at.B_V : at.B_V + 3].copy()
+
+
+def spin(simulation: Simulation, body: int = 0) -> np.ndarray:
+    """Angular velocity (3,) of a body, rad/s."""
+    return simulation.state.B[body, at.B_W : at.B_W + 3].copy()
+
+
+def touching(simulation: Simulation) -> np.ndarray:
+    """Which candidate contacts are closed."""
+    return simulation.state.slots.H[:, at.H_ON] > 0.0
+
+
+def contact(simulation: Simulation) -> np.ndarray:
+    """Record (columns R_*) of the only closed contact; zeros when there is none."""
+    closed = touching(simulation)
+    assert closed.sum() <= 1
+    return simulation.state.slots.R[closed][0].copy() if closed.any() else np.zeros(at.R_COLS)
+
+
+def advance(simulation: Simulation, steps: int = 1) -> None:
+    """Run a few steps, with a record of the last one."""
+    for _ in range(steps):
+        simulation.integrator.advance_to(time=simulation.state.time + 0.5 * simulation.state.dt)
+
+
+def label(simulation: Simulation, body: int = 0) -> str:
+    """Name of the state of a body."""
+    assert simulation.labeller is not None
+    return simulation.labeller.states[int(simulation.integrator.label()[body, 0])]
+
+
+@dataclass(frozen=True)
+class Impact:
+    """An impact step by step: time s, overlap m, normal and tangential force N; the end is when the gap was zero again."""
+
+    time: np.ndarray
+    overlap: np.ndarray
+    normal: np.ndarray
+    tangential: np.ndarray
+    end: float
+
+
+def impact(simulation: Simulation, gap_rate) -> Impact:
+    """Follow the only contact from its start at time zero until it opens; `gap_rate()` is (gap m, speed m/s) after it."""
+    state, rows = simulation.state, []
+    while True:
+        advance(simulation)
+        row = contact(simulation)
+        if row[at.R_A] == 0.0 and rows:
+            break
+        rows.append((state.time, row[at.R_OVERLAP], row[at.R_FN], np.linalg.norm(row[at.R_T : at.R_T + 3])))
+        assert len(rows) < 100_000
+    gap, rate = gap_rate()
+    return Impact(*np.array(rows).T, end=state.time - gap / rate)
+
+
+def plane_impact(simulation: Simulation) -> Impact:
+    """`impact` of a ball on the lower plate."""
+    state = simulation.state
+    return impact(simulation, lambda: (state.S[0, at.S_Z] - state.S[0, at.S_R], velocity(simulation)[2]))
+
+
+def leave(simulation: Simulation, period: float) -> None:
+    """Run, in parts of `period` (s), until nothing touches any more."""
+    for _ in range(100):
+        simulation.integrator.advance_to(time=simulation.state.time + period)
+        if not touching(simulation).any():
+            return
+    raise AssertionError("the bodies never part")
+
+
+def kinetic(simulation: Simulation) -> float:
+    """Kinetic energy of all bodies, J."""
+    B = simulation.state.B
+    spins = np.sum(B[:, at.B_L : at.B_L + 3] * B[:, at.B_W : at.B_W + 3])
+    return 0.5 * float(np.sum(B[:, at.B_MASS, None] * B[:, at.B_V : at.B_V + 3] ** 2) + spins)
+
+
+def momenta(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
+    """Linear and angular momentum (about the origin) of all bodies."""
+    B = simulation.state.B
+    linear = B[:, at.B_MASS, None] * B[:, at.B_V : at.B_V + 3]
+    angular = np.cross(B[:, at.B_X : at.B_X + 3], linear) + B[:, at.B_L : at.B_L + 3]
+    return linear.sum(axis=0), angular.sum(axis=0)
+
+
+def ball_mass(material: Material, radius: float) -> float:
+    """Mass of a ball, kg."""
+    return material.density * 4.0 / 3.0 * math.pi * radius**3
