@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
-import json as json_module
 import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
-from .errors import Interrupted, OutputError, ThirdbodyError, UsageError
+from .errors import GuardStop, Interrupted, OutputError, ThirdbodyError, UsageError
 
 COMMAND_GROUP = "thirdbody.commands"
+
+
+class _Plugged(TyperCommand):
+    """A plug-in's command that `--help` can list without importing it: it becomes the real one when it is called."""
+
+    def __init__(self, point: EntryPoint) -> None:
+        super().__init__(point.name, help=f"Command of the plug-in {point.module.split('.')[0]}.")
+        self.point = point
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        try:
+            function = self.point.load()
+            plugged = typer.Typer(rich_markup_mode=None)
+            plugged.command(name=self.point.name)(function)
+            real = typer.main.get_command(plugged)
+        except Exception as problem:  # whatever a plug-in raises when it is imported is no fault of ours
+            message = f"{self.point.name}: this command of {self.point.module} does not load: {type(problem).__name__}: {problem}"
+            raise UsageError(message) from problem
+        return real.make_context(*args, **kwargs)
 
 
 class _Group(TyperGroup):
@@ -29,12 +47,7 @@ class _Group(TyperGroup):
         own = super().get_command(ctx, cmd_name)
         if own is not None:
             return own
-        for point in entry_points(group=COMMAND_GROUP):
-            if point.name == cmd_name:
-                plugged = typer.Typer(rich_markup_mode=None)
-                plugged.command(name=cmd_name)(point.load())
-                return typer.main.get_command(plugged)
-        return None
+        return next((_Plugged(point) for point in entry_points(group=COMMAND_GROUP) if point.name == cmd_name), None)
 
 
 app = typer.Typer(
@@ -91,13 +104,13 @@ def check(
 ) -> None:
     """Print the resolved scene: defaults, laws and their sources, time step and what limits it, cost."""
     from .laws.registry import discover
-    from .report import check_report, print_check
+    from .report import check_report, print_check, print_json
     from .scene.build import build
 
     built = build(_load(scene, settings), discover(plugin or ()), force)
     told = check_report(built)
     if json:
-        typer.echo(json_module.dumps(told, indent=1))
+        print_json(told)
     else:
         print_check(told)
 
@@ -121,20 +134,24 @@ def run(
     from .progress import reporter_for_terminal
     from .report import print_warnings, run_report
     from .scene.build import build
-    from .simulate import default_folder, execute, refuse_existing
+    from .simulate import check_threads, default_folder, execute, refuse_existing
 
     loaded = _load(scene, settings)
     folder = out or default_folder(loaded, scene.stem)
     refuse_existing(folder, overwrite)
-    _check_threads(threads)
+    check_threads(threads)
     built = build(loaded, discover(plugin or ()), force)
     print_warnings(built.warnings)
-    try:
-        with _signals() as stop, nullcontext() if quiet else reporter_for_terminal(loaded.title) as report:
-            execute(built, folder, threads, report, overwrite, stop)
-    finally:
-        if (folder / "run.vtkhdf").exists():
-            run_report(folder, json)
+    problem: GuardStop | Interrupted | None = None
+    with _signals() as stop:
+        try:
+            with nullcontext() if quiet else reporter_for_terminal(loaded.title) as report:
+                execute(built, folder, threads, report, overwrite, stop)
+        except (GuardStop, Interrupted) as error:
+            problem = error
+        run_report(folder, json)
+        if problem is not None:
+            raise problem
 
 
 @app.command()
@@ -195,21 +212,14 @@ def _load(path: Path, settings: list[str] | None) -> Any:
     return scene.with_settings(pairs)
 
 
-def _check_threads(threads: int | None) -> None:
-    if threads is None:
-        return
-    import numba
-
-    if threads > numba.config.NUMBA_NUM_THREADS:
-        raise UsageError(f"--threads {threads}: this machine has {numba.config.NUMBA_NUM_THREADS}")
-
-
 @contextmanager
 def _signals() -> Iterator[Any]:
     """Ctrl-C and SIGTERM end a run between two compiled calls; yields the question whether one came."""
     caught: list[int] = []
 
     def note(number: int, _frame: object) -> None:
+        if number in caught:  # asked twice: do not wait for the next chance to end in order
+            raise KeyboardInterrupt
         caught.append(number)
 
     def stop() -> bool:

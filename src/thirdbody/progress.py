@@ -41,7 +41,9 @@ def _bar(title: str) -> Iterator[Reporter]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn(), TextColumn("{task.fields[line]}"))  # fmt: skip
+    # a title is text, not markup
+    name, line = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[line]}", markup=False)
+    columns = (name, BarColumn(), TaskProgressColumn(), TimeRemainingColumn(), line)
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(title[:40], total=1.0, line="")
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .errors import InputError
 from .scene.units import pretty
 
 if TYPE_CHECKING:
@@ -28,13 +29,14 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) ->
     from rich.console import Console
     from rich.table import Table
 
-    grid = Table(title=title or None, title_justify="left", header_style="bold", box=None, pad_edge=False)
+    shown = any(headings)
+    grid = Table(title=title or None, title_justify="left", header_style="bold", box=None, pad_edge=False, show_header=shown)
     for heading in headings:
         grid.add_column(heading, overflow="fold")
     for row in rows:
         grid.add_row(*row)
-    # without a terminal rich would assume 80 columns and fold every line
-    Console(width=None if sys.stdout.isatty() else 140, highlight=False).print(grid)
+    # without a terminal rich would assume 80 columns and fold every line; square brackets are text, not markup
+    Console(width=None if sys.stdout.isatty() else 140, highlight=False, markup=False).print(grid)
 
 
 def print_json(value: Any) -> None:
@@ -66,9 +68,11 @@ def check_report(built: Simulation) -> dict[str, Any]:
     """The resolved scene as a dictionary: everything that `thirdbody check` tells, SI."""
     choice, state, bound = built.choice, built.state, built.integrator.bound
     assert bound is not None
+    from .simulate import planned_frames
+
     seconds_per_step = _seconds_per_step(built)
     steps = built.planned_time / state.dt
-    frames = _frames(built)
+    frames = planned_frames(built)
     return {
         "title": built.scene.title,
         "scene": built.scene.document(),
@@ -103,7 +107,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
         "integrator": "explicit",
         "time_step": {
             "step": state.dt,
-            "limited_by": bound.mechanism,
+            "limited_by": "the scene" if built.integrator.fixed is not None else bound.mechanism,
             "body": bound.body,
             "rayleigh": bound.rayleigh,
             "stability_limit": bound.stability,
@@ -162,12 +166,6 @@ def _memory(built: Simulation) -> int:
     return int(sum(array.nbytes for array in arrays))
 
 
-def _frames(built: Simulation) -> int:
-    from .simulate import targets
-
-    return 1 + sum(write for _, _, write in targets(built))
-
-
 def _frame_bytes(built: Simulation) -> int:
     state = built.state
     margins = 0 if built.labeller is None else len(built.labeller.margins) + len(built.labeller.extras)
@@ -196,17 +194,25 @@ def print_check(told: dict[str, Any]) -> None:
         )
     step = told["time_step"]
     print(
-        f"time step {pretty(step['step'], 'time')}, limited by {step['limited_by']} of body {step['body']} "
+        f"time step {pretty(step['step'], 'time')}, {_limit(step)} "
         f"(Rayleigh time {pretty(step['rayleigh'], 'time')}); integrator {told['integrator']}"
     )
     print(f"settling {pretty(told['settle'], 'time')}, simulated {pretty(told['simulated_time'], 'time')}, {told['steps']:.3g} steps")
     print(f"expected overlap {told['expected_overlap_over_radius']:.2g} of the radius")
+    wall = told["estimated_wall_time"]
+    duration = "the trial steps were stopped by a guard" if math.isnan(wall) else f"{wall:.3g} s"
     print(
-        f"estimated: {told['estimated_wall_time']:.3g} s, {told['memory'] / 1e6:.3g} MB of memory, "
+        f"estimated: {duration}, {told['memory'] / 1e6:.3g} MB of memory, "
         f"{told['frames']} frames, {told['disk'] / 1e6:.3g} MB on disk"
     )
     for warning in told["warnings"]:
         print(f"warning: {warning}")
+
+
+def _limit(step: dict[str, Any]) -> str:
+    if step["limited_by"] == "the scene":
+        return "given by the scene"
+    return f"limited by {step['limited_by']} of body {step['body']}"
 
 
 def run_report(folder: Path, json: bool) -> None:
@@ -235,7 +241,8 @@ def run_report(folder: Path, json: bool) -> None:
             ("files", f"{folder} ({', '.join(Path(file).name for file in files)})"),
         ]
         if told.get("stopped"):
-            rows.append(("stopped", told["stopped"]))
+            # the full reason ends the command, on standard error
+            rows.insert(0, ("finished", f"no: {told['stopped'].split(' ')[0]} after {told['frames']} frames, which are kept"))
         table("", ("", ""), rows)
 
 
@@ -260,7 +267,10 @@ def states_report(run: Path, frame: int | None, json: bool) -> None:
             for state, counts in last.items():
                 print(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
             return
-        bodies = result.bodies(frame)
+        try:
+            bodies = result.bodies(frame)
+        except IndexError as error:
+            raise InputError(f"--frame {frame}: {error}") from None
         margins = [name for name in bodies if name.startswith("margin_")]
         per_body = [
             {

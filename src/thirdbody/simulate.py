@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import shutil
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from .engine.energy import Ledger
-from .errors import GuardStop, Interrupted, OutputError
+from .errors import GuardStop, Interrupted, OutputError, UsageError
 from .kernels import layout as at
 from .output.frames import UNITS, FrameMaker
 from .output.paraview import write_paraview_files
@@ -55,12 +57,14 @@ def run(
 
     `threads` is the number of cores (all that numba sees if None); results have the same bits for any number.
     `progress` may be a callable that takes a `Progress`. `plugins` are Python files with a `PLUGIN`.
-    Raises InputError, OutputError, GuardStop (what was computed is kept and can be opened), Interrupted.
+    Raises UsageError, InputError, OutputError, GuardStop (what was computed is kept and can be opened), Interrupted.
     """
     from .laws.registry import discover
 
-    simulation = build(scene, discover(plugins), force)
     folder = Path(out) if out is not None else default_folder(scene)
+    refuse_existing(folder, overwrite)
+    check_threads(threads)
+    simulation = build(scene, discover(plugins), force)
     reporter: Reporter | None
     if progress is True:
         from .progress import reporter_for_terminal
@@ -91,15 +95,13 @@ def execute(
     `stop` is asked between compiled calls; when it says so, the run ends with what it has and Interrupted is raised.
     """
     set_threads(threads)
-    _prepare(folder, overwrite)
     started = time.perf_counter()
     ledger = Ledger(simulation.state)
     maker = FrameMaker(simulation.state, ledger, simulation.labeller, simulation.integrator.drag)
     header = _header(simulation)
     problem: GuardStop | Interrupted | None = None
-    with TrajectoryWriter(folder / FILE_NAME, header, maker.static()) as writer:
-        (folder / SCENE_FILE).write_text(header["scene_text"])
-        write_paraview_files(folder / FILE_NAME, header["state_names"])
+    _prepare(folder, overwrite)
+    with _opened(folder, header, maker) as writer:
         try:
             _integrate(simulation, ledger, maker, writer, report, started, stop)
         except (GuardStop, Interrupted) as error:
@@ -111,12 +113,38 @@ def execute(
     return summary
 
 
-def set_threads(threads: int | None) -> None:
-    """Number of cores that the compiled loops use. Raises ValueError outside 1 .. what numba was started with."""
+@contextmanager
+def _opened(folder: Path, header: dict[str, Any], maker: FrameMaker) -> Iterator[TrajectoryWriter]:
+    """The writer of a run, with the files beside it. A folder in which nothing could be written does not stay."""
+    writer = None
+    try:
+        with TrajectoryWriter(folder / FILE_NAME, header, maker.static()) as writer:
+            try:
+                (folder / SCENE_FILE).write_text(header["scene_text"], encoding="utf-8")
+                write_paraview_files(folder / FILE_NAME, header["state_names"])
+            except OSError as error:
+                raise OutputError(f"{folder}: cannot be written ({error.strerror or error})") from error
+            yield writer
+    finally:
+        if writer is None or not writer.frames:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def check_threads(threads: int | None) -> None:
+    """Raises UsageError for a number of cores outside 1 .. what numba was started with."""
     import numba
 
-    if threads is not None:
-        numba.set_num_threads(threads)
+    most = numba.config.NUMBA_NUM_THREADS
+    if threads is not None and not 1 <= threads <= most:
+        raise UsageError(f"--threads {threads}: must be at least 1 and at most {most}, the cores of this machine")
+
+
+def set_threads(threads: int | None) -> None:
+    """Number of cores that the compiled loops use, all of them if None. Raises UsageError as `check_threads` does."""
+    import numba
+
+    check_threads(threads)
+    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS if threads is None else threads)
 
 
 def _integrate(simulation, ledger, maker, writer, report, started, stop) -> None:
@@ -177,22 +205,45 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
 
 def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
     """Stops from start (excluded) to end: every `every` a written one, with reports between; the end is written."""
-    count = max(1, int(np.ceil((end - start) / every - 1e-9)))
-    for k in range(1, count + 1):
+    for k in range(1, _rungs(start, end, every) + 1):
         low, high = start + (k - 1) * every, min(start + k * every, end)
         for part in range(1, SUBTICKS):
             yield low + (high - low) * part / SUBTICKS, False
         yield high, True
 
 
+def _rungs(start: float, end: float, every: float) -> int:
+    return max(1, int(np.ceil((end - start) / every - 1e-9)))
+
+
+def planned_frames(simulation: Simulation) -> int:
+    """Frames that a whole run writes: what `targets` yields to write, and the first."""
+    solver, output, settle = simulation.scene.solver, simulation.scene.output, simulation.settle
+    if output.every_kind == "time":
+        return 1 + _rungs(0.0, simulation.planned_time, output.every)
+    settled = 1 if settle > 0.0 else 0
+    if solver.duration is None:
+        assert solver.distance is not None
+        return 1 + settled + _rungs(0.0, solver.distance, output.every)
+    every = output.every / float(np.hypot(*simulation.scene.plates.upper.motion.velocity()))
+    return 1 + settled + _rungs(settle, simulation.end_time, every)
+
+
 def refuse_existing(folder: Path, overwrite: bool) -> None:
-    """Raise OutputError if the folder exists, unless it is that of a run and may be overwritten."""
+    """Raise OutputError if the folder exists, unless it is that of a run and may be overwritten, or cannot be made."""
     if not folder.exists():
+        above = next((path for path in folder.absolute().parents if path.exists()), None)
+        if above is None or not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
+            raise OutputError(f"{folder}: cannot be made: {above} is {_why_not(above)}")
         return
     if not overwrite:
         raise OutputError(f"{folder}: exists already; --overwrite replaces it, -o names another folder")
     if not folder.is_dir() or (any(folder.iterdir()) and not (folder / FILE_NAME).exists()):
         raise OutputError(f"{folder}: is not the folder of a run and will not be overwritten")
+
+
+def _why_not(above: Path | None) -> str:
+    return "not a folder" if above is not None and not above.is_dir() else "read-only for you"
 
 
 def _prepare(folder: Path, overwrite: bool) -> None:

@@ -15,10 +15,13 @@ from thirdbody_three_spot import theory
 
 DATA = Path(__file__).with_name("data")
 
-TRUNCATION = 1e-3
-"""The automatic step resolves a 10 m/s impact with 60 steps or more: error of velocity Verlet (2 pi/60)^2/24 = 5e-4."""
+RESOLVED = 200
+"""Steps per contact time where a closed form is the judge: the undamped error falls with its square (tested below)."""
 
-# Young's modulus, Poisson's ratio, density, radius, speed, time-step count; forces and times by physics.md section 10
+TRUNCATION = 1e-4
+"""Largest sample and contact time at `RESOLVED` steps: (2.87/200)^2/2 = 1.0e-4 at most; and E* of the rigid plane, 1e-6."""
+
+# Young's modulus Pa, Poisson's ratio, density kg/m3
 BALLS = {"glass": (48e9, 0.2, 2800.0), "limestone": (20e9, 0.25, 2500.0)}
 PLANES = {"aluminium alloy": (70e9, 0.3, 2699.0), "magnesium alloy": (40e9, 0.35, 1800.0)}
 SWEEP = {"aluminium oxide": (380e9, 0.23, 4000.0), "cast iron": (100e9, 0.25, 7000.0)}
@@ -38,9 +41,10 @@ def plane(make, numbers, radius):
     return make.ball_mass(material, radius), radius, theory.e_star(g, nu, math.inf, nu)
 
 
-def balls_impact(make, numbers, radius, speed, **keys):
+def balls_impact(make, numbers, radius, speed):
     """Two equal balls, each with `speed`, and their impact."""
-    simulation = make.two_balls(make.solid(*numbers), radius, (speed, 0.0, 0.0), **keys)
+    step = hertz(pair(make, numbers, radius), 2.0 * speed)[2] / RESOLVED
+    simulation = make.two_balls(make.solid(*numbers), radius, (speed, 0.0, 0.0), time_step=step)
     S = simulation.state.S
 
     def gap():
@@ -59,9 +63,14 @@ def hertz(effective, speed):
     )
 
 
+def plane_start(make, numbers, radius, speed, count=RESOLVED, **keys):
+    """A ball that falls with `speed` on a rigid plane, `count` steps per elastic contact time."""
+    step = hertz(plane(make, numbers, radius), speed)[2] / count
+    return make.ball_on_plane(make.solid(*numbers), radius, (0.0, 0.0, -speed), time_step=step, **keys)
+
+
 def check_peaks(found, expected):
     overlap, force, duration = expected
-    # the largest of samples dt apart misses the top by (omega dt)^2/8 at most, which is within the truncation
     assert found.overlap.max() == pytest.approx(overlap, rel=TRUNCATION)
     assert found.normal.max() == pytest.approx(force, rel=TRUNCATION)
     assert found.end == pytest.approx(duration, rel=TRUNCATION)
@@ -78,7 +87,7 @@ def test_chung_ooi_1_two_balls(make, name):
 
 @pytest.mark.parametrize("name", PLANES)
 def test_chung_ooi_2_ball_on_a_rigid_plane(make, name):
-    simulation = make.ball_on_plane(make.solid(*PLANES[name]), 0.1, (0.0, 0.0, -0.2))
+    simulation = plane_start(make, PLANES[name], 0.1, 0.2)
     check_peaks(make.plane_impact(simulation), hertz(plane(make, PLANES[name], 0.1), 0.2))
     assert make.velocity(simulation)[2] == pytest.approx(0.2, rel=TRUNCATION)
 
@@ -97,50 +106,93 @@ def test_curves_of_chung_and_ooi(make, name):
     if name.startswith("test1"):
         found = balls_impact(make, BALLS["glass"], 0.01, 10.0)[1]
     else:
-        found = make.plane_impact(make.ball_on_plane(make.solid(*PLANES["aluminium alloy"]), 0.1, (0.0, 0.0, -0.2)))
-    x, force = np.loadtxt(DATA / name).T
-    axis = found.overlap if CURVES[name] == "overlap" else found.time
+        found = make.plane_impact(plane_start(make, PLANES["aluminium alloy"], 0.1, 0.2))
+    points = np.loadtxt(DATA / name)
     rising = slice(0, found.overlap.argmax() + 1) if CURVES[name] == "overlap" else slice(None)
-    ours = np.interp(x, np.r_[0.0, axis[rising] * 1e6], np.r_[0.0, found.normal[rising] / 1e3])
-    # a point read off a figure is some 0.5 % of an axis off in both directions; the steepest part of a curve turns the
-    # abscissa's error into 1.5 times as much force
-    assert np.abs(ours - force).max() < 0.0125 * force.max()
+    axis = found.overlap if CURVES[name] == "overlap" else np.append(found.time, found.end)
+    force = found.normal if CURVES[name] == "overlap" else np.append(found.normal, 0.0)
+    ours = np.column_stack([np.r_[0.0, axis[rising]] * 1e6, np.r_[0.0, force[rising]] / 1e3])
+    places = np.arange(len(ours))
+    between = np.linspace(0.0, places[-1], 20 * len(ours))
+    ours = np.column_stack([np.interp(between, places, column) for column in ours.T])
+    apart = np.linalg.norm((points[:, None] - ours[None]) / points.max(axis=0), axis=-1).min(axis=1)
+    # reading a symbol off a printed figure: 1 % of the axes
+    assert apart.max() < 0.01
 
 
 @pytest.mark.parametrize("name", SWEEP)
 @pytest.mark.parametrize("restitution", [0.2, 0.4, 0.6, 0.8, 1.0])
 def test_chung_ooi_3_restitution(make, name, restitution):
     speed, radius = 3.9, 2.5e-3
-    simulation = make.ball_on_plane(make.solid(*SWEEP[name]), radius, (0.0, 0.0, -speed), restitution=restitution)
-    make.leave(simulation, theory.impact_duration(*plane(make, SWEEP[name], radius), speed))
-    # physics.md section 11: with damping the integrator is of order 1.25 only
-    assert make.velocity(simulation)[2] / speed == pytest.approx(restitution, rel=5e-3)
+    simulation = plane_start(make, SWEEP[name], radius, speed, restitution=restitution)
+    make.leave(simulation, simulation.state.dt * RESOLVED)
+    # order 1.25 (tested below): .3 % at e = .2 and 200 steps, less for less damping
+    assert make.velocity(simulation)[2] / speed == pytest.approx(restitution, rel=4e-3)
+
+
+SIX_DECADES = (1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0)
+NUMBERS = (210e9, 0.3, 7850.0)
 
 
 @pytest.mark.parametrize("restitution", [0.9, 0.5, 0.3])
-@pytest.mark.parametrize("speed", [1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0, 10.0])
-def test_restitution_does_not_depend_on_speed(make, restitution, speed):
-    radius = 1e-3
-    simulation = make.ball_on_plane(make.STEEL, radius, (0.0, 0.0, -speed), restitution=restitution)
-    make.leave(simulation, theory.impact_duration(*plane(make, (210e9, 0.3, 7850.0), radius), speed))
-    # one per cent is what the issue asks; the automatic step leaves about half of it
+def test_restitution_does_not_depend_on_speed(make, restitution):
+    """The same number over six decades of speed, and the scene's."""
+    found = []
+    for speed in SIX_DECADES:
+        simulation = plane_start(make, NUMBERS, 1e-3, speed, restitution=restitution)
+        make.leave(simulation, simulation.state.dt * RESOLVED)
+        found.append(make.velocity(simulation)[2] / speed)
+    # truncation at 200 steps, as above
+    assert found == pytest.approx([restitution] * len(found), rel=2.5e-3)
+    # the equation of motion has no scale of its own: what is left is rounding of z near the radius, 1e-19 of 1e-10 m
+    assert np.ptp(found) < 1e-6
+
+
+@pytest.mark.parametrize("restitution", [0.9, 0.5, 0.3])
+@pytest.mark.parametrize("speed", SIX_DECADES[:4])
+def test_restitution_with_the_automatic_step(make, restitution, speed):
+    """Up to 1 cm/s the automatic step takes 60 steps for a contact of steel, so the error is below 1 %."""
+    simulation = make.ball_on_plane(make.STEEL, 1e-3, (0.0, 0.0, -speed), restitution=restitution)
+    make.leave(simulation, hertz(plane(make, NUMBERS, 1e-3), speed)[2])
     assert make.velocity(simulation)[2] / speed == pytest.approx(restitution, rel=0.01)
 
 
+def order(counts, errors):
+    """Slope of the errors over the step in a log-log fit."""
+    return -np.polyfit(np.log(counts), np.log(errors), 1)[0]
+
+
 def test_undamped_impact_is_of_second_order(make):
-    """Contact time and largest overlap of the undamped impact against the closed form at four fixed steps."""
-    numbers, radius, speed = (210e9, 0.3, 7850.0), 1e-3, 1.0
-    overlap, _, duration = hertz(plane(make, numbers, radius), speed)
-    counts, late, deep = (40, 80, 160, 320), [], []
+    """Contact time, largest overlap and rebound speed against the closed form at four fixed steps."""
+    counts, late, deep, slow = (40, 80, 160, 320), [], [], []
+    overlap, _, duration = hertz(plane(make, NUMBERS, 1e-3), 1.0)
+    overlap *= (1.0 + 1.0 / make.RIGID) ** 0.4  # the plane is not quite rigid
+    duration *= (1.0 + 1.0 / make.RIGID) ** 0.4
     for count in counts:
-        simulation = make.ball_on_plane(make.STEEL, radius, (0.0, 0.0, -speed), time_step=duration / count)
+        simulation = plane_start(make, NUMBERS, 1e-3, 1.0, count)
         found = make.plane_impact(simulation)
         late.append(abs(found.end / duration - 1.0))
         top = found.overlap.argmax()
-        fit = np.polyfit(found.time[top - 1 : top + 2] - found.time[top], found.overlap[top - 1 : top + 2], 2)
-        deep.append(abs((fit[2] - fit[1] ** 2 / (4.0 * fit[0])) / overlap - 1.0))
-    print(late, deep)
+        # the top between samples: a parabola through three of them is exact to the fourth order of the step
+        a, b, c = np.polyfit(np.array([-1.0, 0.0, 1.0]), found.overlap[top - 1 : top + 2], 2)
+        deep.append(abs((c - b**2 / (4.0 * a)) / overlap - 1.0))
+        slow.append(abs(make.velocity(simulation)[2] - 1.0))
+    # slopes differ from 2 by the next term, some (1/40)^1 of the first
+    assert order(counts, late) == pytest.approx(2.0, abs=0.05)
+    assert order(counts, deep) == pytest.approx(2.0, abs=0.07)
+    assert late[-1] < 1e-5 and deep[-1] < 1e-5
+    # a symmetric method on a symmetric impact: what is left is the kink of x^1.5 where the contact ends, order 2.5 and more
+    assert order(counts, slow) > 2.5
+    assert slow[-1] < 1e-6
 
 
-def test_step_is_reversible(make):
-    """Velocity Verlet is time-reversible: an undamped impact run back from its rebound ends where it began."""
+def test_damped_impact_is_of_order_five_quarters(make):
+    """The dashpot's force starts like x^.25 v, whose sum over steps is h^1.25 off (physics.md section 11)."""
+    counts, errors = (80, 160, 320, 640, 1280), []
+    for count in counts:
+        simulation = plane_start(make, NUMBERS, 1e-3, 1.0, count, restitution=0.3)
+        make.leave(simulation, simulation.state.dt * count)
+        errors.append(abs(make.velocity(simulation)[2] / 0.3 - 1.0))
+    # a slope fitted over a decade and a half, with the analytic parts of order 2 still in it
+    assert order(counts, errors) == pytest.approx(1.25, abs=0.08)
+    assert errors[-1] < 3e-4

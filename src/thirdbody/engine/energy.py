@@ -8,7 +8,8 @@ from ..kernels import layout as at
 from .state import State
 
 LINES = (
-    "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical", "residual",
+    "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical",
+    "residual",
 )  # fmt: skip
 
 
@@ -45,7 +46,8 @@ class Ledger:
         gained = A[at.A_PLATE_WORK] + A[at.A_EFFECTS]
         spent = kinetic + normal + tangential - self.start + A[at.A_DAMPING] + A[at.A_FRICTION]
         values = (
-            kinetic, normal, tangential, A[at.A_DAMPING], A[at.A_FRICTION], A[at.A_PLATE_WORK], A[at.A_EFFECTS], 0.0, gained - spent,
+            kinetic, normal, tangential, A[at.A_DAMPING], A[at.A_FRICTION], A[at.A_PLATE_WORK], A[at.A_EFFECTS], 0.0,
+            gained - spent,
         )  # fmt: skip
         return {name: float(value) for name, value in zip(LINES, values, strict=True)}
 

@@ -81,10 +81,10 @@ class Explicit:
         while True:
             budget = BUDGET - int(state.A[at.A_STEPS]) % BUDGET
             code, number = self._advance(budget, time, distance, state.dt)
-            if code == step.SEARCH:
+            if code in (step.SEARCH, step.DONE) and number == 1:
                 search(state)
                 self._tables()
-            elif code not in (step.BUDGET, step.DONE):
+            elif code not in (step.SEARCH, step.BUDGET, step.DONE):
                 raise GuardStop(self._explain(code, number))
             if code == step.BUDGET:
                 watch()
@@ -162,8 +162,8 @@ class Explicit:
     def _explain_step(self, limit: Bound) -> str:
         s = self.state
         return (
-            f"stopped at t = {s.time:.6g} s (step {int(s.A[at.A_STEPS])}): the time step {s.dt:.3g} s exceeds the stability limit "
-            f"{limit.stability:.3g} s of body {limit.body}, whose contacts have become stiffer"
+            f"stopped at t = {s.time:.6g} s (step {int(s.A[at.A_STEPS])}): the time step {s.dt:.3g} s exceeds the "
+            f"stability limit {limit.stability:.3g} s of body {limit.body}, whose contacts have become stiffer"
         )
 
     def _who(self, slot: int) -> tuple[str, str]:

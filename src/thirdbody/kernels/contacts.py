@@ -202,7 +202,7 @@ def release(k, H, F, sums, c):
 
 
 @njit(**INNER)
-def apply(q, k, O, G, own, partner, S, H, F, n_history, sums, c):
+def apply(q, k, O, G, own, partner, S, H, F, n_history, sums, c):  # noqa: E741
     """Take the law's answer for place q of the tile into slot k: force, torques about both centres, history, sums."""
     i, j = own[k], partner[k]
     n_x, n_y, n_z = G[q, 0], G[q, 1], G[q, 2]

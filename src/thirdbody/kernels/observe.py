@@ -98,7 +98,7 @@ def contact_row(C, n, k, second, own, partner, H, R, memory_at):
 
 
 @njit(**INNER)
-def body_row(b, B, A, drag, speed, O):
+def body_row(b, B, A, drag, speed, O):  # noqa: E741
     """Fill O with body b's state and its surroundings."""
     O[O_MASS] = B[b, B_MASS]
     for k in range(3):

@@ -60,12 +60,14 @@ from .layout import (
     P_Z0,
 )  # fmt: skip
 from .observe import observe_chunk
-from .options import CHUNK as CALLED
 from .options import INNER, OPTIONS
 from .signatures import EFFECTS, LAW, OBSERVE
 
 DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT = range(8)
 """Why `advance` returned."""
+
+NEARLY = 1.000001
+"""A target that is missed by rounding only is reached: the run must not add a step for it."""
 
 DRIFT, CONTACTS, GATHER, CLOSE = range(4)
 """Passes of one step, in their order; the last one closes the step and, in sampled steps, lets the labeller look."""
@@ -182,7 +184,8 @@ def search_due(moves, n_groups, far_patch, skin):
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 _I1 = types.Array(types.int64, 1, "C")
 WORK = types.void(
-    types.int64, types.int64, types.boolean, types.float64, types.float64, types.float64, types.float64,  # task, chunk, record ...
+    types.int64, types.int64, types.boolean, types.float64, types.float64, types.float64, types.float64,
+    # ... task, chunk, record, time, v_x, v_y, dt
     types.int64, _I1, _I1, _I1, _I1, _I1,  # number of slots; own, partner, kind; edges, incidence
     _I1, _I1, _F2, _F2, _F2,  # body, start; offsets, X0, S
     _F2, _F2, _F2, _F2, _F2, _F2,  # B, P, H, F, R, M
@@ -204,8 +207,9 @@ ADVANCE = types.Tuple((types.int64, types.int64))(
 
 
 @njit(WORK, **OPTIONS)
-def work(task, c, record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start, offsets, X0, S, B, P, H, F, R, M,
-         pairs, effect_parameters, D, A, sums, moves, n_history, width, has_effects, drag, law, effects, observe):  # fmt: skip
+def work(task, c, record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start, offsets, X0, S, B, P, H,
+         F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, width, has_effects, drag, law, effects,
+         observe):  # fmt: skip
     """Chunk c of one pass of the step; one parallel region serves all passes, which keeps the compilation short."""
     if task == DRIFT:
         drift_chunk(c, start, offsets, S, X0, B, D, dt, D[D_FLOOR], moves)
@@ -225,14 +229,14 @@ def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence
             drag, law, effects, observe, work):  # fmt: skip
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
-    Returns (code, number of the slot or body that a guard names). State is synchronised on return.
+    Returns the code and the slot or body that a guard names, or whether a search is due. State is synchronised on return.
     """
     n_chunks, n_groups = (n + CHUNK - 1) // CHUNK, (B.shape[0] + BODIES - 1) // BODIES
     far_patch = 0.0
     for step in range(budget):
         v_x, v_y = (D[D_VX], D[D_VY]) if A[A_TIME] >= D[D_START] else (0.0, 0.0)
         speed = (v_x * v_x + v_y * v_y) ** 0.5
-        last = A[A_TIME] + 1.000001 * dt >= until or A[A_DISTANCE] + 1.000001 * speed * dt >= distance
+        last = A[A_TIME] + NEARLY * dt >= until or A[A_DISTANCE] + NEARLY * speed * dt >= distance
         sampled = labels and (int(A[A_STEPS]) + 1) % stride == 0
         record = sampled or last or step == budget - 1
         time = A[A_TIME] + dt
@@ -246,21 +250,22 @@ def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence
                     break
             count = n_chunks if task == CONTACTS else n_groups
             if count == 1:
-                work(np.int64(task), np.int64(0), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start, offsets,
-                     X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, width, has_effects, drag,
-                     law, effects, observe)  # fmt: skip
+                work(np.int64(task), np.int64(0), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body,
+                     start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, width,
+                     has_effects, drag, law, effects, observe)  # fmt: skip
             else:
                 for c in prange(count):
-                    work(np.int64(task), np.int64(c), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start,
-                         offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, width,
+                    work(np.int64(task), np.int64(c), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body,
+                         start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, width,
                          has_effects, drag, law, effects, observe)  # fmt: skip
         if sampled:
             A[A_ELAPSED], A[A_DX], A[A_DY] = 0.0, 0.0, 0.0
         code, number = guard(D, sums, n_chunks, moves, n_groups)
         if code != DONE:
             return code, number
+        due = search_due(moves, n_groups, far_patch, D[D_SKIN])
         if last:
-            return DONE, -1
-        if search_due(moves, n_groups, far_patch, D[D_SKIN]):
-            return SEARCH, -1
+            return DONE, int(due)
+        if due:
+            return SEARCH, 1
     return BUDGET, -1

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numba
 
@@ -31,7 +32,8 @@ from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal
 
 """
 
-CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {VN}], I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}])
+CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {VN}],
+                    I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}])
         o = int(I[q + {TYPE}]) * {width}
 """
 
@@ -69,8 +71,7 @@ def compose(laws: Iterable[Law]) -> Chain:
     text = _contact_module(chain)
     module, path = _load("law", text, [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent])
     history = tuple(f"{law.name}.{name}" for law in chain for name in law.history)
-    width = sum(len(law.parameters._fields) for law in chain)
-    return Chain(chain, module.law, getattr(module, "stiffness", None), history, max(width, 1), path)
+    return Chain(chain, module.law, getattr(module, "stiffness", None), history, _width(chain), path)
 
 
 def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
@@ -80,7 +81,7 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
     offset = 0
     for k, effect in enumerate(effects):
         imports += _imports(k, effect.kernel, effect.parameters)
-        count = len(effect.parameters._fields)
+        count = len(field_names(effect.parameters))
         values = ", ".join(f"P[{offset + i}]" for i in range(count))
         lines.append(f"        e{k} = kernel_{k}(b, parameters_{k}({values}))")
         offset += count
@@ -122,6 +123,16 @@ def label(contacts, n, body, memory, out):
     return module.observe, module.label
 
 
+def field_names(parameters: Any) -> tuple[str, ...]:
+    """Names of a law's parameters, which are a NamedTuple class."""
+    return tuple(parameters._fields)
+
+
+def _width(chain: Sequence[Law]) -> int:
+    """Parameters per material pair; at least one, so that the table is never empty."""
+    return max(sum(len(field_names(law.parameters)) for law in chain), 1)
+
+
 def _plain(function: Callable) -> Callable:
     return function.py_func if hasattr(function, "py_func") else function
 
@@ -157,8 +168,8 @@ def _contact(width: int) -> str:
 
 
 def _parameters(chain: Sequence[Law], k: int) -> str:
-    offset = sum(len(law.parameters._fields) for law in chain[:k])
-    values = ", ".join(f"P[o + {offset + i}]" for i in range(len(chain[k].parameters._fields)))
+    offset = sum(len(field_names(law.parameters)) for law in chain[:k])
+    values = ", ".join(f"P[o + {offset + i}]" for i in range(len(field_names(chain[k].parameters))))
     return f"parameters_{k}({values})"
 
 
@@ -211,8 +222,7 @@ def _law_function(chain: Sequence[Law]) -> str:
     head = (
         '@njit(LAW, error_model="numpy", cache=True)\ndef law(I, O, n_contacts, P):\n    for q in range(n_contacts):\n'
     )
-    width = max(sum(len(law.parameters._fields) for law in chain), 1)
-    return head + _contact(width) + "\n".join(lines) + "\n"
+    return head + _contact(_width(chain)) + "\n".join(lines) + "\n"
 
 
 def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
@@ -258,8 +268,7 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
         lines.append("        k_t = 0.0")
     lines += [f"        O[{_field(0)}] = k_n", f"        O[{_field(1)}] = k_t"]
     head = '@njit(LAW, error_model="numpy", cache=True)\ndef stiffness(I, O, n_contacts, P):\n    for q in range(n_contacts):\n'
-    width = max(sum(len(law.parameters._fields) for law in chain), 1)
-    return head + _contact(width) + "\n".join(lines) + "\n"
+    return head + _contact(_width(chain)) + "\n".join(lines) + "\n"
 
 
 def source_files(functions: Iterable[Callable]) -> list[Path]:
@@ -278,7 +287,8 @@ def _imported_beside(module: ModuleType, folder: Path) -> set[Path]:
     """Source files in `folder` that `module` took names from: a one-file plug-in may import a neighbour."""
     origins = {getattr(value, "__module__", None) for value in vars(module).values()}
     loaded = (sys.modules.get(name) for name in origins if name)
-    paths = (Path(m.__file__) for m in loaded if m is not None and getattr(m, "__file__", None))
+    files = (getattr(m, "__file__", None) for m in loaded)
+    paths = (Path(file) for file in files if file)
     return {path for path in paths if path.parent == folder}
 
 

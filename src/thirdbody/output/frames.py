@@ -15,7 +15,8 @@ from .vtkhdf import Frame
 UNITS = {
     "time": "s", "distance": "m", "gap": "m", "upper_force": "N", "lower_force": "N", "friction_coefficient": "1", "loaded": "1",
     **{f"energy_{name}": "J" for name in (
-        "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical", "residual",
+        "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical",
+        "residual",
     )},
 }  # fmt: skip
 

@@ -23,6 +23,9 @@ from .populate import populate, sphere_centres
 SKIN = 0.15
 """Search skin over the mean sphere radius: rare searches, few idle candidates (measured optimum .1 to .2)."""
 
+STEPS = 1e13
+"""Steps that no machine takes in a year; the clock would soon not notice such a step at all."""
+
 MISMATCH = 0.02
 """Dundurs' beta above which the decoupling of normal and tangential contact is told to be an approximation."""
 
@@ -80,7 +83,10 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
     integrator.start()
     if fixed is not None and not force:
         _refuse_large_step(scene, integrator, fixed)
-    return Simulation(scene, choice, labeller, state, integrator, settle, expected, warnings)
+    simulation = Simulation(scene, choice, labeller, state, integrator, settle, expected, warnings)
+    if fixed is not None:
+        _refuse_tiny_step(simulation, fixed)
+    return simulation
 
 
 def _similarity_warnings(choice: Choice) -> list[str]:
@@ -212,8 +218,21 @@ def _refuse_large_step(scene: Scene, integrator: Explicit, step: float) -> None:
     assert bound is not None
     limit = min(bound.rayleigh, bound.stability)
     if step > limit:
+        what = "Rayleigh time" if limit == bound.rayleigh else "stability limit"
         message = (
-            f"{units.pretty(step, 'time')} is above the bound {units.pretty(limit, 'time')} (Rayleigh time of body {bound.body}); "
+            f"{units.pretty(step, 'time')} is above the bound {units.pretty(limit, 'time')} ({what} of body {bound.body}); "
             f'"auto" would take {units.pretty(bound.step, "time")}; --force runs it all the same'
+        )
+        raise InputError(scene.fault(("solver", "time_step"), message))
+
+
+def _refuse_tiny_step(simulation: Simulation, step: float) -> None:
+    steps = simulation.planned_time / step
+    if steps > STEPS:
+        scene, bound = simulation.scene, simulation.integrator.bound
+        assert bound is not None
+        message = (
+            f"{units.pretty(step, 'time')} would take {steps:.2g} steps for {units.pretty(simulation.planned_time, 'time')}; "
+            f'"auto" would take {units.pretty(bound.step, "time")}'
         )
         raise InputError(scene.fault(("solver", "time_step"), message))

@@ -59,7 +59,7 @@ def choose(scene: Scene, registry: Registry) -> Choice:
         chain = compose(chosen)
     except ValueError as problem:
         raise InputError(scene.fault(("contact", "law"), str(problem))) from None
-    except NumbaError as problem:
+    except (NumbaError, ImportError) as problem:
         raise _not_compiled([law.name for law in chosen], problem) from problem
     options = {law.name: values.get(law.name, law_values.get(law.name, {})) for law in chain.laws}
     rows = tuple(tuple(_mixed(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
@@ -67,7 +67,7 @@ def choose(scene: Scene, registry: Registry) -> Choice:
     labeller = family.labeller or _any_labeller(registry)
     try:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
-    except NumbaError as problem:
+    except (NumbaError, ImportError) as problem:
         names = [effect.name for effect in effects] + ([labeller.name] if labeller else [])
         raise _not_compiled(names, problem) from problem
     return Choice(physics, chain, family, level, labeller, effects, materials, pairs, rows, off)
@@ -79,9 +79,9 @@ def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
         row = law.mix(*arguments)
     except Exception as problem:
         raise UsageError(f"the mixing rule of '{law.name}' failed: {type(problem).__name__}: {problem}") from problem
-    wrong = [name for name, value in zip(type(row)._fields, row, strict=True) if not np.isfinite(value)]
+    wrong = [name for name, value in zip(type(row)._fields, row, strict=True) if math.isnan(value)]
     if wrong:
-        raise UsageError(f"the mixing rule of '{law.name}' gives no finite number for {', '.join(wrong)}")
+        raise UsageError(f"the mixing rule of '{law.name}' gives no number for {', '.join(wrong)}")
     return row
 
 

@@ -81,7 +81,7 @@ def _constant_size(value: Any, info: ValidationInfo) -> Any:
     """A single length as the distribution that it stands for."""
     if not isinstance(value, str | int | float):
         return value
-    return Constant(value=_LENGTH.read(value, info))
+    return Constant(value=float(_LENGTH.read(value, info)))
 
 
 Size = Annotated[
