@@ -103,11 +103,10 @@ def check(
     json: Json = False,
 ) -> None:
     """Print the resolved scene: defaults, laws and their sources, time step and what limits it, cost."""
-    from .laws.registry import discover
     from .report import check_report, print_check, print_json
-    from .scene.build import build
+    from .simulate import prepare
 
-    built = build(_load(scene, settings), discover(plugin or ()), force)
+    built = prepare(_load(scene, settings), plugin or (), force)
     told = check_report(built)
     if json:
         print_json(told)
@@ -130,17 +129,15 @@ def run(
     """Run a scene and write its trajectory, labels and series."""
     from contextlib import nullcontext
 
-    from .laws.registry import discover
     from .progress import reporter_for_terminal
     from .report import print_warnings, run_report
-    from .scene.build import build
-    from .simulate import check_threads, default_folder, execute, refuse_existing
+    from .simulate import check_threads, default_folder, execute, prepare, refuse_existing
 
     loaded = _load(scene, settings)
     folder = out or default_folder(loaded, scene.stem)
     refuse_existing(folder, overwrite)
     check_threads(threads)
-    built = build(loaded, discover(plugin or ()), force)
+    built = prepare(loaded, plugin or (), force)
     print_warnings(built.warnings)
     problem: GuardStop | Interrupted | None = None
     with _signals() as stop:

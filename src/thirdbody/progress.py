@@ -29,7 +29,7 @@ def headline(progress: Progress) -> str:
     """Friction coefficient and state fractions in one line."""
     series = progress.series
     mu = series.get("friction_coefficient", math.nan)
-    parts = [] if math.isnan(mu) else [f"mu {mu:.3f}"]
+    parts = [] if math.isnan(mu) else [f"mu {mu:z.3f}"]
     for name, value in series.items():
         if name.startswith("fraction_") and value > 0.0:
             parts.append(f"{name.removeprefix('fraction_')} {100.0 * value:.0f} %")

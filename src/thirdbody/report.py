@@ -235,14 +235,14 @@ def run_report(folder: Path, json: bool) -> None:
             ("wall time", f"{told['wall_time']:.1f} s"),
             ("steps", f"{told['steps']} ({told['sphere_steps_per_second']:.3g} sphere-steps/s)"),
             ("sliding distance", pretty(told["distance"], "length")),
-            ("friction coefficient", f"{mu[-1]:.4f} (last interval)" if len(mu) and not math.isnan(mu[-1]) else "unloaded"),
+            ("friction coefficient", f"{mu[-1]:z.4f} (last interval)" if len(mu) and not math.isnan(mu[-1]) else "unloaded"),
             ("states", ", ".join(fractions)),
             ("energy residual", f"{told['energy_residual']:.2e}"),
             ("files", f"{folder} ({', '.join(Path(file).name for file in files)})"),
         ]
         if told.get("stopped"):
             # the full reason ends the command, on standard error
-            rows.insert(0, ("finished", f"no: {told['stopped'].split(' ')[0]} after {told['frames']} frames, which are kept"))
+            rows.insert(0, ("finished", f"no: {told['stopped'].split(' ')[0]} after {told['frames']} frame(s), kept"))
         table("", ("", ""), rows)
 
 

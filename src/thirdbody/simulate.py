@@ -6,11 +6,11 @@ import os
 import platform
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,8 +21,10 @@ from .output.frames import UNITS, FrameMaker
 from .output.paraview import write_paraview_files
 from .output.run import FILE_NAME, Run, open_run
 from .output.vtkhdf import TrajectoryWriter
-from .scene.build import Simulation, build
 from .scene.model import Scene
+
+if TYPE_CHECKING:
+    from .scene.build import Simulation
 
 SCENE_FILE = "scene.toml"
 SUBTICKS = 8
@@ -59,12 +61,10 @@ def run(
     `progress` may be a callable that takes a `Progress`. `plugins` are Python files with a `PLUGIN`.
     Raises UsageError, InputError, OutputError, GuardStop (what was computed is kept and can be opened), Interrupted.
     """
-    from .laws.registry import discover
-
     folder = Path(out) if out is not None else default_folder(scene)
     refuse_existing(folder, overwrite)
     check_threads(threads)
-    simulation = build(scene, discover(plugins), force)
+    simulation = prepare(scene, plugins, force)
     reporter: Reporter | None
     if progress is True:
         from .progress import reporter_for_terminal
@@ -74,6 +74,18 @@ def run(
     else:
         execute(simulation, folder, threads, progress or None, overwrite)
     return open_run(folder)
+
+
+def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False) -> Simulation:
+    """The simulation of a scene, compiled and in place at time zero. Raises UsageError and InputError."""
+    from .laws.registry import discover
+    from .warm import warm_up
+
+    registry = discover(tuple(plugins))
+    warm_up()
+    from .scene.build import build
+
+    return build(scene, registry, force)
 
 
 def default_folder(scene: Scene, name: str | None = None) -> Path:

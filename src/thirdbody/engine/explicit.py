@@ -78,7 +78,7 @@ class Explicit:
         Raises GuardStop when the run leaves its valid range; the state is the one that tripped the guard.
         """
         state = self.state
-        while True:
+        while state.time < time and state.distance < distance:
             budget = BUDGET - int(state.A[at.A_STEPS]) % BUDGET
             code, number = self._advance(budget, time, distance, state.dt)
             if code in (step.SEARCH, step.DONE) and number == 1:

@@ -1,0 +1,92 @@
+"""The command line called as a user calls it, and a scene of four balls to spoil."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+BALLS = """\
+scene = 1
+title = "four balls"
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.30
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.30
+restitution = 0.60
+[[debris]]
+material = "steel"
+kind = "spheres"
+radius = "5 um"
+count = 4
+seed = 1
+[domain]
+size = ["80 um", "60 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+damping = "7e-5 kg/s"
+motion = {x = {velocity = "0.5 m/s"}}
+[solver]
+distance = "0.1 um"
+settle = "1 us"
+[output]
+every = "0.05 um"
+"""
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a command said and how it ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def balls(tmp_path: Path) -> Callable[..., Path]:
+    """Writes the scene of four balls with texts replaced, as scene.toml in the test's folder; returns its path."""
+
+    def write(*changes: tuple[str, str]) -> Path:
+        text = BALLS
+        for old, new in changes:
+            assert old in text, old
+            text = text.replace(old, new, 1)
+        path = tmp_path / "scene.toml"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def command(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> Callable[..., Told]:
+    """`thirdbody ARGUMENTS` in this process, in the test's folder."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments: object) -> Told:
+        from thirdbody.cli import main
+
+        monkeypatch.setattr(sys, "argv", ["thirdbody", *map(str, arguments)])
+        capsys.readouterr()
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else int(end.code is not None)
+        said = capsys.readouterr()
+        return Told(code, said.out, said.err)
+
+    return call
