@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from .contract import Law, Option, Options, Pair, Tangential, kernel
+from .friction import friction_tangent
 
 
 class CoulombParameters(NamedTuple):
@@ -56,15 +57,7 @@ def coulomb_tangent(c, load, p, h):
     x, y = kept * x_old - stiffness * c.slip_x, kept * y_old - stiffness * c.slip_y
     x_rate = kept_rate * x_old - limit_rate / s_0 * c.slip_x
     y_rate = kept_rate * y_old - limit_rate / s_0 * c.slip_y
-    size = math.sqrt(x * x + y * y)
-    if size <= limit:
-        return -stiffness, 0.0, 0.0, -stiffness, x_rate, y_rate
-    e_x, e_y = x / size, y / size
-    share = limit / size
-    xx, xy, yy = share * (1.0 - e_x * e_x), -share * e_x * e_y, share * (1.0 - e_y * e_y)
-    x_total = limit_rate * e_x + xx * x_rate + xy * y_rate
-    y_total = limit_rate * e_y + xy * x_rate + yy * y_rate
-    return -stiffness * xx, -stiffness * xy, -stiffness * xy, -stiffness * yy, x_total, y_total
+    return friction_tangent(x, y, limit, limit_rate, stiffness, x_rate, y_rate)
 
 
 def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from .contract import Law, Options, Pair, Tangential, kernel
 from .elasticity import e_star, g_star
+from .friction import friction_tangent
 
 
 class MindlinParameters(NamedTuple):
@@ -56,17 +57,7 @@ def mindlin_tangent(c, load, p, h):
     x, y = kept * x_old - stiffness * c.slip_x, kept * y_old - stiffness * c.slip_y
     x_rate = kept_rate * x_old - 2.0 * p.g_star * a_rate * c.slip_x
     y_rate = kept_rate * y_old - 2.0 * p.g_star * a_rate * c.slip_y
-    limit = p.mu * load.force
-    size = math.sqrt(x * x + y * y)
-    if size <= limit:
-        return -stiffness, 0.0, 0.0, -stiffness, x_rate, y_rate
-    e_x, e_y = x / size, y / size
-    share = limit / size
-    xx, xy, yy = share * (1.0 - e_x * e_x), -share * e_x * e_y, share * (1.0 - e_y * e_y)
-    limit_rate = p.mu * load.stiffness
-    x_total = limit_rate * e_x + xx * x_rate + xy * y_rate
-    y_total = limit_rate * e_y + xy * x_rate + yy * y_rate
-    return -stiffness * xx, -stiffness * xy, -stiffness * xy, -stiffness * yy, x_total, y_total
+    return friction_tangent(x, y, p.mu * load.force, p.mu * load.stiffness, stiffness, x_rate, y_rate)
 
 
 def mix_mindlin(pair: Pair, _options: Options) -> MindlinParameters:

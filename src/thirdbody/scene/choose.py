@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba.core.errors import NumbaError
 
 from ..engine.state import Physics
 from ..errors import Fault, InputError, UsageError, nearest
@@ -59,7 +58,7 @@ def choose(scene: Scene, registry: Registry) -> Choice:
         chain = compose(chosen)
     except ValueError as problem:
         raise InputError(scene.fault(("contact", "law"), str(problem))) from None
-    except (NumbaError, ImportError) as problem:
+    except Exception as problem:
         raise _not_compiled([law.name for law in chosen], problem) from problem
     options = {law.name: values.get(law.name, law_values.get(law.name, {})) for law in chain.laws}
     rows = tuple(tuple(_mixed(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
@@ -67,7 +66,7 @@ def choose(scene: Scene, registry: Registry) -> Choice:
     labeller = family.labeller or _any_labeller(registry)
     try:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
-    except (NumbaError, ImportError) as problem:
+    except Exception as problem:
         names = [effect.name for effect in effects] + ([labeller.name] if labeller else [])
         raise _not_compiled(names, problem) from problem
     return Choice(physics, chain, family, level, labeller, effects, materials, pairs, rows, off)
@@ -85,8 +84,10 @@ def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
     return row
 
 
-def _not_compiled(names: Sequence[str], problem: Exception) -> UsageError:
-    """One of these laws is no valid kernel; numba's reason without its colours and advice."""
+def _not_compiled(names: Sequence[str], problem: Exception) -> Exception:
+    """One of these laws is no valid kernel: numba's reason without its colours and advice. Other problems stay as they are."""
+    if not isinstance(problem, ImportError) and not type(problem).__module__.startswith("numba."):
+        return problem
     text = re.sub(r"\x1b\[[0-9;]*m", "", str(problem))
     lines = [line.strip() for line in text.splitlines() if line.strip()]
     place = next((line for line in lines if line.startswith("File ")), "")
