@@ -14,8 +14,9 @@ from thirdbody.output import render as render_module
 from thirdbody.output.palette import STATE_COLORS, field_colors, rgb, state_colors
 from thirdbody.output.render import render
 from thirdbody.output.run import open_run
+from thirdbody.output.schema import Frame
 from thirdbody.output.shot import close_up_window, round_length, take_shot, with_unit
-from thirdbody.output.vtkhdf import Frame, TrajectoryWriter
+from thirdbody.output.vtkhdf import TrajectoryWriter
 
 R = 11e-6
 

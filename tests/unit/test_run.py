@@ -10,7 +10,8 @@ import pytest
 
 from thirdbody.errors import InputError
 from thirdbody.output.run import open_run
-from thirdbody.output.vtkhdf import Frame, TrajectoryWriter
+from thirdbody.output.schema import Frame
+from thirdbody.output.vtkhdf import TrajectoryWriter
 
 HEADER = {
     "scene_text": "scene = 1\n# µm\n",

@@ -18,7 +18,8 @@ from thirdbody.errors import InputError, OutputError
 from thirdbody.output import block, vtkhdf
 from thirdbody.output.paraview import write_paraview_files, write_sidecars
 from thirdbody.output.run import open_run
-from thirdbody.output.vtkhdf import BLOCKS, Frame, TrajectoryWriter
+from thirdbody.output.schema import BLOCKS, Frame
+from thirdbody.output.vtkhdf import TrajectoryWriter
 
 CONTACT_COUNTS = (0, 4, 0, 7, 2)
 SPHERES_PER_CLUMP = (1, 2, 3)

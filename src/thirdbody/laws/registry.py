@@ -53,12 +53,18 @@ def discover(files: Sequence[str | Path] = ()) -> Registry:
     plugins, failures = [PLUGIN], {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         try:
-            plugins.append(point.load())
+            plugins.append(_plugin(point.load()))
         except Exception as problem:  # whatever a plug-in raises on import, the others must still load
             failures[point.name] = f"{type(problem).__name__}: {problem}"
     plugins += [load_file(Path(file)) for file in files]
     _refuse_doubles(plugins)
     return Registry(tuple(plugins), MappingProxyType(failures))
+
+
+def _plugin(found: object) -> Plugin:
+    if not isinstance(found, Plugin):
+        raise TypeError(f"the entry point is a {type(found).__name__}, not a Plugin(...)")
+    return found
 
 
 def load_file(path: Path) -> Plugin:

@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-Arrays = Mapping[str, Any]
+from thirdbody.output.schema import Arrays
 
 CELL_GROUPS = ("Vertices", "Lines", "Polygons", "Strips")
 VERSION = (2, 1)
@@ -27,9 +27,7 @@ class Column:
         """Append rows; returns the row at which they begin."""
         data = np.ascontiguousarray(rows, self._dtype)
         if data.shape[1:] != self._tail:
-            raise ValueError(
-                f"rows of shape {data.shape[1:]} do not fit a data set with rows of {self._tail}"
-            )
+            raise ValueError(f"rows of shape {data.shape[1:]} do not fit a data set with rows of {self._tail}")
         start = self.length
         if len(data):
             self._id.set_extent((start + len(data), *self._tail))
@@ -88,9 +86,7 @@ class Block:
         self._point_count = growing(group, "NumberOfPoints", (), np.int64)
         self._cells = {
             cells: {
-                "Connectivity": growing(
-                    group.require_group(cells), "Connectivity", (), np.int64, self._ahead
-                ),
+                "Connectivity": growing(group.require_group(cells), "Connectivity", (), np.int64, self._ahead),
                 "Offsets": growing(group[cells], "Offsets", (), np.int64, self._ahead),
                 "NumberOfCells": growing(group[cells], "NumberOfCells", (), np.int64),
                 "NumberOfConnectivityIds": growing(group[cells], "NumberOfConnectivityIds", (), np.int64),
@@ -98,8 +94,7 @@ class Block:
             for cells in CELL_GROUPS
         }
         self._step = {"Values": growing(steps, "Values", (), np.float64)} | {
-            name: growing(steps, name, (), np.int64)
-            for name in ("PartOffsets", "NumberOfParts", "PointOffsets")
+            name: growing(steps, name, (), np.int64) for name in ("PartOffsets", "NumberOfParts", "PointOffsets")
         }
         self._zeros = [growing(steps, n, (4,), np.int64) for n in ("CellOffsets", "ConnectivityIdOffsets")]
         for columns in self._cells.values():
@@ -131,9 +126,7 @@ class Block:
         if wrong or count % self._per_cell:
             raise ValueError(f"{self._group.name}: {count} points, but another number of rows in {wrong}")
         if self._point_count.length and set(plain) - {"points"} != set(self._varying):
-            raise ValueError(
-                f"{self._group.name}: arrays {sorted(plain)} differ from those of the first frame"
-            )
+            raise ValueError(f"{self._group.name}: arrays {sorted(plain)} differ from those of the first frame")
         return plain
 
     def append(self, time: float, arrays: Mapping[str, np.ndarray]) -> None:

@@ -10,7 +10,7 @@ from ..engine.energy import Ledger
 from ..engine.state import State
 from ..kernels import layout as at
 from ..laws.contract import Labeller
-from .vtkhdf import Frame
+from .schema import Frame
 
 UNITS = {
     "time": "s", "distance": "m", "gap": "m", "upper_force": "N", "lower_force": "N", "friction_coefficient": "1", "loaded": "1",

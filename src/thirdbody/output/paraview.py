@@ -8,7 +8,8 @@ from pathlib import Path
 from string import Template
 
 from thirdbody.output.palette import rgb, state_colors
-from thirdbody.output.vtkhdf import BLOCKS, FORMAT
+from thirdbody.output.schema import BLOCKS
+from thirdbody.output.vtkhdf import FORMAT
 
 SCRIPT_NAME = "open_in_paraview.py"
 

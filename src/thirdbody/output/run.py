@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.output.vtkhdf import BLOCKS, STATIC_TEXT, SUMMARY_TEXT, Frame
+from thirdbody.output.schema import BLOCKS, STATIC_TEXT, SUMMARY_TEXT, Frame
 
 FILE_NAME = "run.vtkhdf"
 

@@ -20,7 +20,6 @@ import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +27,8 @@ import h5py
 import numpy as np
 
 from thirdbody.errors import InputError, OutputError
-from thirdbody.output.block import VERSION, Arrays, Block, Column, growing
-
-BLOCKS = ("spheres", "clumps", "contacts", "plates")
-REQUIRED_TEXTS = ("scene_text", "state_names", "reason_names", "units")
-STATIC_TEXT, SUMMARY_TEXT = "static_arrays", "summary"
+from thirdbody.output.block import VERSION, Block, Column, growing
+from thirdbody.output.schema import BLOCKS, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
 
 # The lowest format that has the indices of growing data sets; `latest` leaves an open flag when a run is
 # killed, and such a file does not open.
@@ -40,29 +36,6 @@ FORMAT = ("v108", "v110")
 
 # Room that a frame may need beside its own bytes: some sixty data sets may each begin a new page.
 SPARE_BYTES = 512 * 1024
-
-
-@dataclass(frozen=True)
-class Frame:
-    """All that is written at one time: plain arrays by name, SI units.
-
-    `points` of spheres (S, 3) and clumps (B, 3) are centres, of contacts (C, 3) the contact points, of plates
-    (8, 3) the corners of the lower plate, then of the upper one; other arrays have one row per point. C may
-    change and be 0. The names of the arrays are those of the first frame. `series` holds numbers or small
-    vectors.
-    """
-
-    time: float
-    spheres: Arrays
-    clumps: Arrays
-    contacts: Arrays
-    plates: Arrays | None = None
-    series: Mapping[str, Any] = field(default_factory=dict)
-
-    def block(self, name: str) -> Arrays:
-        """The arrays of one block; without plates the block has no points."""
-        arrays = getattr(self, name)
-        return {"points": np.empty((0, 3))} if arrays is None else arrays
 
 
 class TrajectoryWriter:

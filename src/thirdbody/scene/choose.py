@@ -100,7 +100,8 @@ def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawF
     name = scene.contact.law
     if name not in families:
         hint = nearest(name, families)
-        raise InputError(scene.fault(("contact", "law"), f"no law '{name}' is installed, {hint}"))
+        broken = "".join(f"; plug-in {plugin} did not load: {why}" for plugin, why in registry.failures.items())
+        raise InputError(scene.fault(("contact", "law"), f"no law '{name}' is installed, {hint}{broken}"))
     family = families[name]
     level = scene.contact.level or family.default_level
     if level not in family.levels:
