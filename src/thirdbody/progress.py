@@ -39,16 +39,17 @@ def headline(progress: Progress) -> str:
 @contextmanager
 def _bar(title: str) -> Iterator[Reporter]:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
 
     # a title is text, not markup
     name, line = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[line]}", markup=False)
     columns = (name, BarColumn(), TaskProgressColumn(), TimeRemainingColumn(), line)
-    with Progress(*columns, console=Console(stderr=True)) as bar:
+    with Bar(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(title[:40], total=1.0, line="")
 
-        def report(progress: Progress) -> None:  # type: ignore[valid-type]
-            bar.update(task, completed=progress.fraction, line=headline(progress))  # type: ignore[attr-defined]
+        def report(progress: Progress) -> None:
+            bar.update(task, completed=progress.fraction, line=headline(progress))
 
         yield report
 

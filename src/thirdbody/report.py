@@ -18,6 +18,7 @@ from .scene.units import pretty
 
 if TYPE_CHECKING:
     from .laws.registry import Registry
+    from .output.run import Run
     from .scene.build import Simulation
 
 TRIAL_SECONDS = 0.5
@@ -246,47 +247,60 @@ def run_report(folder: Path, json: bool) -> None:
         table("", ("", ""), rows)
 
 
-def states_report(run: Path, frame: int | None, json: bool) -> None:
-    """Print states over frames, or body by body for one frame."""
+def states_report(path: Path, frame: int | None, json: bool) -> None:
+    """Print states over frames, or body by body for one frame. Raises InputError for a frame or labels that are not there."""
     from .output.run import open_run
 
-    with open_run(run) as result:
-        names, reasons = result.state_names, result.reason_names
+    with open_run(path) as run:
+        if run.frames and "state" not in run.bodies(0):
+            raise InputError(f"{run.path}: this run recorded no states: its bodies were not labelled")
         if frame is None:
-            rows = []
-            for k, t in enumerate(result.times):
-                counts = {name: int(np.count_nonzero(result.states[k] == code)) for code, name in enumerate(names)}
-                rows.append({"frame": k, "time": float(t), "distance": float(result.series["distance"][k]), **counts})
-            last = _reasons(result.states[-1], result.reasons[-1], names, reasons) if len(rows) else {}
-            if json:
-                print_json({"frames": rows, "reasons": last})
-                return
-            headings = ["frame", "time", "distance", *names]
-            table("", headings, [[str(row["frame"]), pretty(row["time"], "time"), pretty(row["distance"], "length"),
-                                  *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
-            for state, counts in last.items():
-                print(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
-            return
-        try:
-            bodies = result.bodies(frame)
-        except IndexError as error:
-            raise InputError(f"--frame {frame}: {error}") from None
-        margins = [name for name in bodies if name.startswith("margin_")]
-        per_body = [
-            {
-                "body": b,
-                "state": names[bodies["state"][b]],
-                "reason": reasons[bodies["state_reason"][b]],
-                **{name: float(bodies[name][b]) for name in margins},
-            }
-            for b in range(len(bodies["state"]))
-        ]
-        if json:
-            print_json(per_body)
-            return
-        headings = ["body", "state", "reason", *(name.removeprefix("margin_") for name in margins)]
-        table("margins: positive means satisfied", headings,
-              [[str(row["body"]), row["state"], row["reason"], *(f"{row[name]:.3g}" for name in margins)] for row in per_body])  # fmt: skip
+            _states_over_frames(run, json)
+        else:
+            _states_of_bodies(run, frame, json)
+
+
+def _states_over_frames(run: Run, json: bool) -> None:
+    names = run.state_names
+    rows = []
+    for k in range(run.frames):
+        counts = {name: int(np.count_nonzero(run.states[k] == code)) for code, name in enumerate(names)}
+        rows.append({"frame": k, "time": float(run.times[k]), "distance": float(run.series["distance"][k]), **counts})
+    last = _reasons(run.states[-1], run.reasons[-1], names, run.reason_names) if rows else {}
+    if json:
+        print_json({"frames": rows, "reasons": last})
+        return
+    if not rows:
+        print(f"{run.path}: no frames yet")
+        return
+    headings = ["frame", "time", "distance", *names]
+    table("", headings, [[str(row["frame"]), pretty(row["time"], "time"), pretty(row["distance"], "length"),
+                          *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
+    for state, counts in last.items():
+        print(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
+
+
+def _states_of_bodies(run: Run, frame: int, json: bool) -> None:
+    try:
+        bodies = run.bodies(frame)
+    except IndexError as error:
+        raise InputError(f"--frame {frame}: {error}") from None
+    margins = [name for name in bodies if name.startswith("margin_")]
+    per_body = [
+        {
+            "body": b,
+            "state": run.state_names[bodies["state"][b]],
+            "reason": run.reason_names[bodies["state_reason"][b]],
+            **{name: float(bodies[name][b]) for name in margins},
+        }
+        for b in range(len(bodies["state"]))
+    ]
+    if json:
+        print_json(per_body)
+        return
+    headings = ["body", "state", "reason", *(name.removeprefix("margin_") for name in margins)]
+    table("margins: positive means satisfied", headings,
+          [[str(row["body"]), row["state"], row["reason"], *(f"{row[name]:.3g}" for name in margins)] for row in per_body])  # fmt: skip
 
 
 def _reasons(states: np.ndarray, codes: np.ndarray, names: Sequence[str], reasons: Sequence[str]) -> dict[str, dict[str, int]]:

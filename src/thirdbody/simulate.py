@@ -142,21 +142,22 @@ def _opened(folder: Path, header: dict[str, Any], maker: FrameMaker) -> Iterator
             shutil.rmtree(folder, ignore_errors=True)
 
 
-def check_threads(threads: int | None) -> None:
-    """Raises UsageError for a number of cores outside 1 .. what numba was started with."""
+def check_threads(threads: int | None) -> int:
+    """The largest number of cores. Raises UsageError for a number of cores outside 1 .. what numba was started with."""
     import numba
 
-    most = numba.config.NUMBA_NUM_THREADS
+    most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
     if threads is not None and not 1 <= threads <= most:
         raise UsageError(f"--threads {threads}: must be at least 1 and at most {most}, the cores of this machine")
+    return most
 
 
 def set_threads(threads: int | None) -> None:
     """Number of cores that the compiled loops use, all of them if None. Raises UsageError as `check_threads` does."""
     import numba
 
-    check_threads(threads)
-    numba.set_num_threads(numba.config.NUMBA_NUM_THREADS if threads is None else threads)
+    most = check_threads(threads)
+    numba.set_num_threads(most if threads is None else threads)
 
 
 def _integrate(simulation, ledger, maker, writer, report, started, stop) -> None:

@@ -151,9 +151,11 @@ def _effects(
     """Contact effects, body effects (gravity first, then by name) and the option values of each."""
     known = registry.effects
     named: dict[str, Any] = dict(scene.effects.named)
-    contact_effects, body_effects, values = [], [], {}
+    contact_effects: list[Law] = []
+    body_effects: list[BodyEffect] = []
+    values: dict[str, dict[str, Any]] = {}
     if scene.effects.gravity is not None:
-        body_effects.append(known["gravity"])
+        body_effects += [effect for name, effect in known.items() if name == "gravity" and isinstance(effect, BodyEffect)]
         values["gravity"] = {"acceleration": scene.effects.gravity}
     for name in sorted(named):
         place = ("effects", name)
@@ -162,8 +164,11 @@ def _effects(
             continue
         effect, given = known[name], named[name]
         values[name] = _effect_values(scene, effect, given, place, faults)
-        (contact_effects if isinstance(effect, Law) else body_effects).append(effect)
-    return contact_effects, tuple(body_effects), values  # type: ignore[return-value]
+        if isinstance(effect, Law):
+            contact_effects.append(effect)
+        else:
+            body_effects.append(effect)
+    return contact_effects, tuple(body_effects), values
 
 
 def _effect_values(
