@@ -19,7 +19,6 @@ from ..laws.registry import Registry
 from . import units
 from .model import Scene
 
-
 LATER_LEVELS = ("mdr", "exact")
 """Levels that the scene format names and a later version brings."""
 

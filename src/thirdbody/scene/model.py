@@ -24,6 +24,8 @@ from thirdbody.scene.debris import (
     Spheres,
     Uniform,
 )
+from thirdbody.scene.drives import Constant as ConstantVelocity
+from thirdbody.scene.drives import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.fields import Whole, listing, plain
 from thirdbody.scene.part import MISSING, Part, Place, Wrong, wrongs_of
 from thirdbody.scene.read import Source, read_text, read_toml
@@ -31,11 +33,9 @@ from thirdbody.scene.settings import apply_settings
 from thirdbody.scene.tables import (
     Contact,
     Domain,
-    Drive,
     Effects,
     LowerPlate,
     Material,
-    Motion,
     Output,
     Pair,
     Plates,
@@ -46,9 +46,9 @@ from thirdbody.scene.types import Text
 from thirdbody.scene.write import save_text, toml_text
 
 __all__ = [
-    "Ball", "Constant", "Contact", "Debris", "Domain", "Drive", "Effects", "Irregular", "Lognormal",
-    "LowerPlate", "Material", "Motion", "Normal", "Output", "Pair", "Plates", "Scene", "Solver", "Spheres",
-    "Uniform", "UpperPlate",
+    "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "Irregular", "Lognormal",
+    "LowerPlate", "Material", "Motion", "Normal", "Output", "Pair", "Pause", "Plates", "Ramp", "Scene", "Solver",
+    "Spheres", "Stroke", "Table", "Uniform", "UpperPlate",
 ]  # fmt: skip
 
 VERSION = 1
