@@ -176,9 +176,10 @@ class Run:
     def summary(self) -> dict[str, Any]:
         """The summary that a run stored at its end, and figures computed from its frames.
 
-        `finished` (False when it was killed, interrupted or stopped by a guard; then `stopped` may tell why), `frames`, `bodies`, `duration` (s), `distance` (m), `friction_coefficient` (mean over the
-        loaded frames of the second half, when the start is forgotten), `fractions` (state name to share, last
-        frame), `energy_residual` (largest). Figures that the run has no series for are absent.
+        `finished` (False when it was killed, interrupted or stopped by a guard; then `stopped` may tell why),
+        `frames`, `bodies`, `duration` (s), `distance` (m), `friction_coefficient` (mean over the loaded frames
+        of the second half, when the start is forgotten), `fractions` (state name to share, last frame),
+        `energy_residual` (largest). Figures that the run has no series for are absent.
         """
         stored = self._text(SUMMARY_TEXT) if SUMMARY_TEXT in self._scene else {}
         return self._figures() | {"finished": SUMMARY_TEXT in self._scene} | dict(stored)
