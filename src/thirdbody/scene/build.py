@@ -18,7 +18,7 @@ from ..laws.registry import Registry, discover
 from . import units
 from .choose import Choice, choose
 from .model import Scene
-from .populate import populate, sphere_centres
+from .populate import CLEARANCE, populate, sphere_centres
 
 SKIN = 0.15
 """Search skin over the mean sphere radius: rare searches, few idle candidates (measured optimum .1 to .2)."""
@@ -144,7 +144,7 @@ def _upper_plate(scene: Scene, choice: Choice, placed: Placed, warnings: list[st
         dashpot = 2.0 * np.sqrt(stiffness * mass)
     else:
         dashpot = np.full(len(first), damping)
-    heights = top if single else np.array([top.max()])
+    heights = (top if single else np.array([top.max()])) + CLEARANCE * radius[first]
     settle = _settle(scene, placed, masses, mass, dashpot, load)
     _warn_dashpot(dashpot, load, math.hypot(*velocity), warnings)
     if not single and n > 3:
