@@ -169,8 +169,8 @@ def render(
     out: Annotated[Path, typer.Option("--out", "-o", help="PNG file")] = Path("picture.png"),
     frame: Annotated[int, typer.Option("--frame", help="frame number, negative from the end")] = -1,
     color: Annotated[str, typer.Option("--color", help="state, or the name of an array")] = "state",
-    width: Annotated[int, typer.Option("--width", min=64, max=8192)] = 1600,
-    height: Annotated[int, typer.Option("--height", min=64, max=8192)] = 900,
+    width: Annotated[int, typer.Option("--width", min=200, max=8192)] = 1600,
+    height: Annotated[int, typer.Option("--height", min=200, max=8192)] = 900,
 ) -> None:
     """Draw one frame: the debris between its plates, coloured by state."""
     from .output.render import render as draw

@@ -84,7 +84,9 @@ def check_report(built: Simulation) -> dict[str, Any]:
             "level": choice.level,
             "chain": [{"stage": law.stage, "law": law.name, "source": law.source} for law in choice.chain.laws],
             "not_needed": list(choice.off),
-            "explicit_only": [law.name for law in choice.chain.laws if law.tangent is None and law.stage in ("normal", "tangential")],
+            "explicit_only": [
+                law.name for law in choice.chain.laws if law.tangent is None and law.stage in ("normal", "tangential")
+            ],
         },
         "pairs": [
             {
@@ -190,15 +192,16 @@ def print_check(told: dict[str, Any]) -> None:
     if plate is not None:
         load = f"load {pretty(plate['load'], 'force')} on each" if plate["free"] else "height prescribed"
         print(
-            f"upper plate: {plate['patches']} patch(es), {load}, mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, "
-            f"mean gap {pretty(plate['gap'], 'length')}"
+            f"upper plate: {plate['patches']} patch(es), {load}, mass {plate['mass']:.3g} kg, "
+            f"damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
         )
     step = told["time_step"]
     print(
         f"time step {pretty(step['step'], 'time')}, {_limit(step)} "
         f"(Rayleigh time {pretty(step['rayleigh'], 'time')}); integrator {told['integrator']}"
     )
-    print(f"settling {pretty(told['settle'], 'time')}, simulated {pretty(told['simulated_time'], 'time')}, {told['steps']:.3g} steps")
+    settling, whole = pretty(told["settle"], "time"), pretty(told["simulated_time"], "time")
+    print(f"settling {settling}, simulated {whole}, {told['steps']:.3g} steps")
     print(f"expected overlap {told['expected_overlap_over_radius']:.2g} of the radius")
     wall = told["estimated_wall_time"]
     duration = "the trial steps were stopped by a guard" if math.isnan(wall) else f"{wall:.3g} s"
@@ -299,8 +302,8 @@ def _states_of_bodies(run: Run, frame: int, json: bool) -> None:
         print_json(per_body)
         return
     headings = ["body", "state", "reason", *(name.removeprefix("margin_") for name in margins)]
-    table("margins: positive means satisfied", headings,
-          [[str(row["body"]), row["state"], row["reason"], *(f"{row[name]:.3g}" for name in margins)] for row in per_body])  # fmt: skip
+    rows = [[str(row["body"]), row["state"], row["reason"], *(f"{row[name]:.3g}" for name in margins)] for row in per_body]
+    table("margins: positive means satisfied", headings, rows)
 
 
 def _reasons(states: np.ndarray, codes: np.ndarray, names: Sequence[str], reasons: Sequence[str]) -> dict[str, dict[str, int]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import shutil
@@ -195,24 +196,21 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
 
     A run by distance stops by distance; one by time stops by time. Stops in between only report progress.
     """
-    solver, output = simulation.scene.solver, simulation.scene.output
-    settle = simulation.settle
-    infinite = float("inf")
+    output, settle, infinite = simulation.scene.output, simulation.settle, math.inf
+    by_time = math.isfinite(simulation.end_time)
     if output.every_kind == "time":
         end = simulation.planned_time
         for x, write in _ladder(0.0, end, output.every):
-            yield (x, infinite, write) if solver.duration is not None or x < settle else (x, solver.distance, write)
+            yield x, infinite if x < settle else simulation.end_distance, write
         return
     if settle > 0.0:
         for k in range(1, SUBTICKS + 1):
             yield settle * k / SUBTICKS, infinite, k == SUBTICKS
-    if solver.duration is not None:
-        velocity = simulation.scene.plates.upper.motion.velocity()
-        every = output.every / float(np.hypot(*velocity))
-        for x, write in _ladder(settle, simulation.end_time, every):
+    if by_time:
+        for x, write in _ladder(settle, simulation.end_time, output.every / simulation.speed):
             yield x, infinite, write
         return
-    for x, write in _ladder(0.0, solver.distance, output.every):
+    for x, write in _ladder(0.0, simulation.end_distance, output.every):
         yield infinite, x, write
 
 
@@ -231,15 +229,13 @@ def _rungs(start: float, end: float, every: float) -> int:
 
 def planned_frames(simulation: Simulation) -> int:
     """Frames that a whole run writes: what `targets` yields to write, and the first."""
-    solver, output, settle = simulation.scene.solver, simulation.scene.output, simulation.settle
+    output, settle = simulation.scene.output, simulation.settle
     if output.every_kind == "time":
         return 1 + _rungs(0.0, simulation.planned_time, output.every)
     settled = 1 if settle > 0.0 else 0
-    if solver.duration is None:
-        assert solver.distance is not None
-        return 1 + settled + _rungs(0.0, solver.distance, output.every)
-    every = output.every / float(np.hypot(*simulation.scene.plates.upper.motion.velocity()))
-    return 1 + settled + _rungs(settle, simulation.end_time, every)
+    if math.isfinite(simulation.end_time):
+        return 1 + settled + _rungs(settle, simulation.end_time, output.every / simulation.speed)
+    return 1 + settled + _rungs(0.0, simulation.end_distance, output.every)
 
 
 def refuse_existing(folder: Path, overwrite: bool) -> None:

@@ -70,9 +70,7 @@ def balls(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def command(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> Callable[..., Told]:
+def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Callable[..., Told]:
     """`thirdbody ARGUMENTS` in this process, in the test's folder."""
     monkeypatch.chdir(tmp_path)
 

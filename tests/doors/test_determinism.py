@@ -73,7 +73,12 @@ def simulate(folder: Path, name: str, threads: int, *more: str) -> Path:
 
 def frame_bits(run: thirdbody.Run, frame: int) -> dict[str, bytes]:
     """A digest of every array of a frame, by block and name."""
-    blocks = {"bodies": run.bodies(frame), "spheres": run.spheres(frame), "contacts": run.contacts(frame), "plates": run.plates(frame)}
+    blocks = {
+        "bodies": run.bodies(frame),
+        "spheres": run.spheres(frame),
+        "contacts": run.contacts(frame),
+        "plates": run.plates(frame),
+    }
     return {
         f"{block}.{name}": hashlib.sha256(np.ascontiguousarray(values).tobytes()).digest()
         for block, arrays in blocks.items()

@@ -41,9 +41,7 @@ def solid(youngs_modulus: float, nu: float, density: float) -> Material:
 
 def stiffened(material: Material) -> Material:
     """The same material `RIGID` times stiffer in E and G."""
-    return Material(
-        shear_modulus=RIGID * material.shear(), poisson_ratio=material.poisson_ratio, density=material.density
-    )
+    return Material(shear_modulus=RIGID * material.shear(), poisson_ratio=material.poisson_ratio, density=material.density)
 
 
 STEEL = solid(210e9, 0.3, 7850.0)
@@ -92,7 +90,7 @@ def ball_on_plane(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0
 
 
 def two_balls(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0.0), **keys: Any) -> Simulation:
-    """Two equal balls that touch at time zero: the left one moves with `velocity` and `spin`, the right one with their opposites."""
+    """Two equal balls that touch at time zero: the left one has `velocity` and `spin`, the right one their opposites."""
     # a gap of one rounding error of the coordinates keeps the start free of overlap
     x = radius * (1.0 + 1e-15)
     pair = [

@@ -79,7 +79,7 @@ ANGLES = (5, 20, 36, 50, 65, 76, 85)
 
 
 def undamped(make, nu, friction, degrees, count):
-    """(E'/E - 1, ledger lines, friction work over E) of an undamped oblique impact on a rigid plane."""
+    """(E'/E - 1, lines of the ledger over E) of an undamped oblique impact on a rigid plane."""
     material, radius, angle = make.solid(210e9, nu, 7850.0), 1e-3, math.radians(degrees)
     e = theory.e_star(material.shear(), nu, math.inf, nu)
     mass = make.ball_mass(material, radius)

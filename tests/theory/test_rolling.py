@@ -20,9 +20,7 @@ RUN = 5.0005e-3
 def slope_ball(make, friction):
     """A steel ball after `RUN` seconds on a slope of 45 degrees that it touched at time zero."""
     one = [make.ball(RADIUS, (5.0, 5.0, RADIUS))]
-    simulation = build(
-        make.scene(one, {"ball": make.STEEL}, lower="ball", friction=friction, restitution=0.3, gravity=SLOPE)
-    )
+    simulation = build(make.scene(one, {"ball": make.STEEL}, lower="ball", friction=friction, restitution=0.3, gravity=SLOPE))
     simulation.integrator.advance_to(time=RUN)
     return simulation
 

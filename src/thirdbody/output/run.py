@@ -176,9 +176,11 @@ class Run:
     def summary(self) -> dict[str, Any]:
         """The summary that a run stored at its end, and figures computed from its frames.
 
-        `finished` (False when it was killed, interrupted or stopped by a guard; then `stopped` may tell why), `frames`, `bodies`, `duration` (s), `distance` (m), `friction_coefficient` (mean over the
-        loaded frames of the second half, when the start is forgotten), `fractions` (state name to share, last
-        frame), `energy_residual` (largest). Figures that the run has no series for are absent.
+        `finished` (False when it was killed, interrupted or stopped by a guard; then `stopped` may tell why),
+        `frames`, `bodies`, `duration` (s), `distance` (m), `friction_coefficient` (mean over the loaded frames
+        of the second half, when the start is forgotten), `fractions` (state name to share, last frame); of a run
+        that came to its end also what it stored, among it `energy_residual`, relative. Figures that the run has no
+        series for are absent.
         """
         stored = self._text(SUMMARY_TEXT) if SUMMARY_TEXT in self._scene else {}
         return self._figures() | {"finished": SUMMARY_TEXT in self._scene} | dict(stored)
@@ -199,8 +201,6 @@ class Run:
             counts = np.bincount(self.bodies(-1)["state"], minlength=len(self.state_names))
             shares = (counts / counts.sum()).tolist()
             figures["fractions"] = dict(zip(self.state_names, shares, strict=False))
-        if "energy_residual" in series:
-            figures["energy_residual"] = float(np.nanmax(np.abs(series["energy_residual"])))
         return figures
 
     def to_pandas(self) -> Any:

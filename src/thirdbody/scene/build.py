@@ -18,7 +18,7 @@ from ..laws.registry import Registry, discover
 from . import units
 from .choose import Choice, choose
 from .model import Scene
-from .populate import populate, sphere_centres
+from .populate import CLEARANCE, populate, sphere_centres
 
 SKIN = 0.15
 """Search skin over the mean sphere radius: rare searches, few idle candidates (measured optimum .1 to .2)."""
@@ -50,13 +50,21 @@ class Simulation:
         return math.inf if duration is None else self.settle + duration
 
     @property
+    def end_distance(self) -> float:
+        """Sliding distance at which a run by distance ends, m; infinite for a run by duration."""
+        distance = self.scene.solver.distance
+        return math.inf if distance is None else distance
+
+    @property
+    def speed(self) -> float:
+        """Speed of the upper plate, m/s."""
+        upper = self.scene.plates.upper
+        return 0.0 if upper is None else math.hypot(*upper.motion.velocity())
+
+    @property
     def planned_time(self) -> float:
         """Simulated time of the whole run, s."""
-        solver = self.scene.solver
-        if solver.duration is not None:
-            return self.settle + solver.duration
-        assert solver.distance is not None and self.scene.plates.upper is not None
-        return self.settle + solver.distance / math.hypot(*self.scene.plates.upper.motion.velocity())
+        return self.end_time if math.isfinite(self.end_time) else self.settle + self.end_distance / self.speed
 
 
 def build(scene: Scene, registry: Registry | None = None, force: bool = False) -> Simulation:
@@ -101,9 +109,7 @@ def _similarity_warnings(choice: Choice) -> list[str]:
     return warnings
 
 
-def _upper_plate(
-    scene: Scene, choice: Choice, placed: Placed, warnings: list[str]
-) -> tuple[UpperPlate | None, float, float]:
+def _upper_plate(scene: Scene, choice: Choice, placed: Placed, warnings: list[str]) -> tuple[UpperPlate | None, float, float]:
     """The upper plate with its defaults, the settling time, and the expected overlap over the radius."""
     plate = scene.plates.upper
     if plate is None:
@@ -138,7 +144,7 @@ def _upper_plate(
         dashpot = 2.0 * np.sqrt(stiffness * mass)
     else:
         dashpot = np.full(len(first), damping)
-    heights = top if single else np.array([top.max()])
+    heights = (top if single else np.array([top.max()])) + CLEARANCE * radius[first]
     settle = _settle(scene, placed, masses, mass, dashpot, load)
     _warn_dashpot(dashpot, load, math.hypot(*velocity), warnings)
     if not single and n > 3:
@@ -197,8 +203,8 @@ def _refuse_small_gap(scene: Scene, gap: float, top: np.ndarray) -> None:
     tallest = int(np.argmax(top))
     if top[tallest] > gap * (1.0 + 1e-9):
         message = (
-            f"{units.pretty(gap, 'length')} is smaller than body {tallest}, which is {units.pretty(float(top[tallest]), 'length')} "
-            "tall: it would start inside the plate; initial_overlap = 'refuse'"
+            f"{units.pretty(gap, 'length')} is smaller than body {tallest}, which is "
+            f"{units.pretty(float(top[tallest]), 'length')} tall: it would start inside the plate; initial_overlap = 'refuse'"
         )
         raise InputError(scene.fault(("plates", "upper", "gap"), message))
 

@@ -124,9 +124,7 @@ def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
         Material(name, m.shear(), m.poisson_ratio, m.density, m.yield_strength) for name, m in scene.materials.items()
     )
     by_name = {material.name: material for material in materials}
-    pairs = tuple(
-        Pair(by_name[p.between[0]], by_name[p.between[1]], p.friction, p.restitution) for p in scene.pairs
-    )
+    pairs = tuple(Pair(by_name[p.between[0]], by_name[p.between[1]], p.friction, p.restitution) for p in scene.pairs)
     return materials, pairs
 
 

@@ -15,6 +15,9 @@ from .debris import Constant, Irregular, Lognormal, Spheres
 from .debris import Normal as NormalSize
 from .model import Scene
 
+CLEARANCE = 1e-9
+"""Gap of a resting body to its plates over its size: at the start nothing touches by rounding."""
+
 LAYER_STREAM = 1_000_003
 """Spawn key of the random stream that poses and places the layer, apart from those of the populations."""
 
@@ -115,7 +118,8 @@ def _lay(scene: Scene, clumps: list[Clump], mask: np.ndarray, x: np.ndarray, q: 
     rng = np.random.default_rng(np.random.SeedSequence(scene.debris[0].seed, spawn_key=(LAYER_STREAM,)))
     members = np.flatnonzero(mask)
     for b in members:
-        q[b], x[b, 2] = settle(clumps[b], rng)
+        q[b], height = settle(clumps[b], rng)
+        x[b, 2] = height + CLEARANCE * clumps[b].diameter
     laid = [clumps[b] for b in members]
     try:
         x[members, :2] = place_layer(laid, q[members], scene.domain.size, scene.domain.periodic, rng)
