@@ -128,7 +128,8 @@ class Explicit:
         s, slots, physics = self.state, self.state.slots, self.state.physics
         out = np.zeros((s.n_bodies, physics.outputs))
         label_bodies(
-            slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, s.B, s.A, s.M, self.drag, float(s.A[at.A_SPEED]),
+            slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, s.B, s.A, s.M,
+            self.drag, float(s.A[at.A_SPEED]),
             len(physics.history), at.C_MEMORY + physics.contact_memory, physics.observe, physics.label, out,
         )  # fmt: skip
         return out

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -88,29 +88,40 @@ class Schedule:
         """Largest sideways speed, m/s."""
         return math.hypot(_top_rate(self.x), _top_rate(self.y))
 
-    def time_of(self, distance: float, start: float) -> float:
-        """Time at which the sideways path since `start` reaches `distance`; infinite if the motion ends before.
-
-        Exact for constant velocities; else by summing short chords, good to 1e-6 of a stroke.
-        """
-        t, covered = start, 0.0
-        breaks = sorted({s.start for s in (*self.x, *self.y) if s.start > start})
-        for end in [*breaks, math.inf]:
-            velocity = [_constant_rate(axis, t) for axis in (self.x, self.y)]
-            if None not in velocity:
-                speed = math.hypot(*velocity)  # type: ignore[arg-type]
-                if speed * (end - t) >= distance - covered if speed > 0.0 else False:
-                    return t + (distance - covered) / speed
-                covered += speed * (end - t) if speed > 0.0 else 0.0
+    def _chords(self, start: float, end: float) -> Iterator[tuple[float, float, float]]:
+        """(begin, end, length of path) of pieces from start to end: whole where the velocity is constant, else short chords."""
+        breaks = sorted({s.start for s in (*self.x, *self.y) if start < s.start < end})
+        t = start
+        for until in [*breaks, end]:
+            rates = [_constant_rate(axis, t) for axis in (self.x, self.y)]
+            if None not in rates:
+                speed = math.hypot(*rates)  # type: ignore[arg-type]
+                yield t, until, speed * (until - t) if speed > 0.0 else 0.0
             else:
                 chord = self._chord(t)
-                while t < end and covered < distance:
-                    (x_0, y_0), (x_1, y_1) = self.place(t), self.place(min(t + chord, end))
-                    covered += math.hypot(x_1 - x_0, y_1 - y_0)
-                    t += chord
-                if covered >= distance:
-                    return t
-            t = end
+                begin = t
+                while begin < until:
+                    after = min(begin + chord, until)
+                    yield begin, after, math.dist(self.place(begin), self.place(after))
+                    begin = after
+            t = until
+
+    def path(self, start: float, end: float) -> float:
+        """Length of the sideways path between two times, m; good to 1e-6 of a stroke."""
+        return sum(length for _, _, length in self._chords(start, end))
+
+    def time_of(self, distance: float, start: float) -> float:
+        """Time at which the sideways path since `start` reaches `distance`; infinite if the motion ends before."""
+        if not self.moves:
+            return math.inf
+        covered = 0.0
+        for begin, end, length in self._chords(start, math.inf):
+            if covered + length >= distance:
+                share = (distance - covered) / length if math.isfinite(length) else 0.0
+                if math.isfinite(length):
+                    return begin + share * (end - begin)
+                return begin + (distance - covered) / math.hypot(*(_constant_rate(a, begin) or 0.0 for a in (self.x, self.y)))
+            covered += length
         return math.inf
 
     def _chord(self, t: float) -> float:

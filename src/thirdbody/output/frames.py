@@ -15,8 +15,8 @@ from .schema import Frame
 UNITS = {
     "time": "s", "distance": "m", "gap": "m", "upper_force": "N", "lower_force": "N", "friction_coefficient": "1", "loaded": "1",
     **{f"energy_{name}": "J" for name in (
-        "foundation", "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical",
-        "residual",
+        "foundation", "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects",
+        "numerical", "residual",
     )},
 }  # fmt: skip
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import PrivateAttr, ValidationError
@@ -142,6 +143,10 @@ class Scene(Part):
         scene = self._checked(document, Source().overridden([()]), [])
         scene._source = self._source.overridden(places)
         return scene
+
+    def beside(self, name: str) -> Path:
+        """The path of a file that the scene names: relative to the scene's own file."""
+        return Path(self._source.file).parent / name if self._source.file else Path(name)
 
     def fault(self, place: Place, message: str) -> Fault:
         """A fault at a place such as ("contact", "springs"), with file and line if there is a file."""
