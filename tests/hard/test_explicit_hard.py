@@ -111,21 +111,20 @@ def test_without_friction_a_dragged_ball_stays_where_it_is(make):
     assert make.label(simulation) == "sliding"
 
 
-# The springs of `coulomb` have the stiffness mu N/s_0, so its step falls like mu^-.5; `mindlin` has 2 G* a whatever mu.
-STEPS = {"coulomb": {0.1: 5e-8, 1.0: 5e-8, 1e3: 5e-9}, "mindlin": {0.1: 5e-8, 1.0: 5e-8, 1e3: 5e-8, 1e9: 5e-8}}
-
-
+# 5e-8 s: 100 steps or more per contact; "auto": 16 to 25 at these speeds.
+@pytest.mark.parametrize("step, truncation", [(5e-8, 1e-5), ("auto", 2e-3)])
 @pytest.mark.parametrize("degrees", [20, 36, 60, 76])
-@pytest.mark.parametrize("level, friction", [(level, friction) for level in STEPS for friction in STEPS[level]])
-def test_no_level_makes_energy(make, level, friction, degrees):
+@pytest.mark.parametrize("friction", [0.1, 1.0, 1e3, 1e9])
+@pytest.mark.parametrize("level", ["coulomb", "mindlin"])
+def test_no_level_makes_energy(make, level, friction, degrees, step, truncation):
     angle, law = math.radians(degrees), Contact(law="three_spot", level=level)
-    start, step = (math.sin(angle), 0.0, -math.cos(angle)), STEPS[level][friction]
+    start = (math.sin(angle), 0.0, -math.cos(angle))
     material = make.solid(210e9, 0.1, 7850.0)
     simulation = make.ball_on_plane(material, RADIUS, start, friction=friction, time_step=step, contact=law)
     energy = make.kinetic(simulation)
     make.leave(simulation, 1e-5)
-    # truncation at 100 steps or more; the displacement form gives 1e-2 and more
-    assert make.kinetic(simulation) / energy <= 1.0 + 1e-5
+    # truncation, which has either sign; the displacement form gives 1e-2 and more
+    assert make.kinetic(simulation) / energy <= 1.0 + truncation
 
 
 def test_a_contact_that_opened_remembers_nothing(make):

@@ -114,7 +114,7 @@ def separation(k, own, partner, S, P, l_x, l_y):
 
 
 @njit(**INNER)
-def carry_frame(H, k, n_x, n_y, n_z, twist):
+def carry_frame(H, k, n_x, n_y, n_z, p_x, p_y, p_z, twist):
     """First axis of the contact frame, carried with the normal and turned by `twist` about it; made anew at first touch."""
     if H[k, H_ON] == 0.0:
         # any direction that is never parallel to the normal; the law cannot tell which
@@ -125,10 +125,11 @@ def carry_frame(H, k, n_x, n_y, n_z, twist):
     else:
         e_x, e_y, e_z = H[k, H_E], H[k, H_E + 1], H[k, H_E + 2]
         e_x, e_y, e_z = (
-            e_x + twist * (n_y * e_z - n_z * e_y), e_y + twist * (n_z * e_x - n_x * e_z), e_z + twist * (n_x * e_y - n_y * e_x),
+            e_x + twist * (p_y * e_z - p_z * e_y), e_y + twist * (p_z * e_x - p_x * e_z), e_z + twist * (p_x * e_y - p_y * e_x),
         )  # fmt: skip
-    along = e_x * n_x + e_y * n_y + e_z * n_z
-    e_x, e_y, e_z = e_x - along * n_x, e_y - along * n_y, e_z - along * n_z
+    # along the bisector of old and new normal: a projection along the new one alone would turn the frame by O(step)
+    along = (e_x * n_x + e_y * n_y + e_z * n_z) / (p_x * n_x + p_y * n_y + p_z * n_z)
+    e_x, e_y, e_z = e_x - along * p_x, e_y - along * p_y, e_z - along * p_z
     scale = 1.0 / math.sqrt(e_x * e_x + e_y * e_y + e_z * e_z)
     return e_x * scale, e_y * scale, e_z * scale
 
@@ -153,6 +154,16 @@ def partner_velocity(S, P, j, v, w, r_x, r_y, r_z, v_x, v_y):
 
 
 @njit(**INNER)
+def mid_normal(S, i, j, distance, half, n_x, n_y, n_z):
+    """Unit normal half a step ago: slip is a displacement of the step, so its arms are those of the middle of the step."""
+    x = distance * n_x - half * (S[i, S_U] - S[j, S_U])
+    y = distance * n_y - half * (S[i, S_U + 1] - S[j, S_U + 1])
+    z = distance * n_z - half * (S[i, S_U + 2] - S[j, S_U + 2])
+    inverse = 1.0 / max(math.sqrt(x * x + y * y + z * z), 1e-300)
+    return x * inverse, y * inverse, z * inverse
+
+
+@njit(**INNER)
 def stage(q, k, overlap, n_x, n_y, n_z, own, partner, kind, S, B, P, body, H, dt, v_x, v_y, I, G, n_history):  # noqa: E741
     """Put contact k into place q of the law's tile: effective radius and mass, slip of the step, velocities, history."""
     i, j = own[k], partner[k]
@@ -160,17 +171,20 @@ def stage(q, k, overlap, n_x, n_y, n_z, own, partner, kind, S, B, P, body, H, dt
     m_i = B[body[i], B_MASS]
     radius, mass, arm_j, r_j = r_i, m_i, 0.0, 0.0
     arm_i = r_i - 0.5 * overlap
-    twist = S[i, S_W] * n_x + S[i, S_W + 1] * n_y + S[i, S_W + 2] * n_z
+    p_x, p_y, p_z = n_x, n_y, n_z
+    w_x, w_y, w_z = S[i, S_W], S[i, S_W + 1], S[i, S_W + 2]
     if j >= 0:
         r_j = S[j, S_R]
         arm_j = r_j - 0.5 * overlap
         m_j = B[body[j], B_MASS]
         radius, mass = r_i * r_j / (r_i + r_j), m_i * m_j / (m_i + m_j)
-        twist += S[j, S_W] * n_x + S[j, S_W + 1] * n_y + S[j, S_W + 2] * n_z
-    e_x, e_y, e_z = carry_frame(H, k, n_x, n_y, n_z, 0.5 * dt * twist)
+        p_x, p_y, p_z = mid_normal(S, i, j, r_i + r_j - overlap, 0.5 * dt, n_x, n_y, n_z)
+        w_x, w_y, w_z = w_x + S[j, S_W], w_y + S[j, S_W + 1], w_z + S[j, S_W + 2]
+    twist = w_x * p_x + w_y * p_y + w_z * p_z
+    e_x, e_y, e_z = carry_frame(H, k, n_x, n_y, n_z, p_x, p_y, p_z, 0.5 * dt * twist)
     f_x, f_y, f_z = n_y * e_z - n_z * e_y, n_z * e_x - n_x * e_z, n_x * e_y - n_y * e_x
-    a_x, a_y, a_z = surface_velocity(S, i, S_U, S_W, -arm_i * n_x, -arm_i * n_y, -arm_i * n_z)
-    b_x, b_y, b_z = partner_velocity(S, P, j, S_U, S_W, arm_j * n_x, arm_j * n_y, arm_j * n_z, v_x, v_y)
+    a_x, a_y, a_z = surface_velocity(S, i, S_U, S_W, -arm_i * p_x, -arm_i * p_y, -arm_i * p_z)
+    b_x, b_y, b_z = partner_velocity(S, P, j, S_U, S_W, arm_j * p_x, arm_j * p_y, arm_j * p_z, v_x, v_y)
     I[I_SX * TILE + q] = ((a_x - b_x) * e_x + (a_y - b_y) * e_y + (a_z - b_z) * e_z) * dt
     I[I_SY * TILE + q] = ((a_x - b_x) * f_x + (a_y - b_y) * f_y + (a_z - b_z) * f_z) * dt
     a_x, a_y, a_z = surface_velocity(S, i, S_V, S_O, -arm_i * n_x, -arm_i * n_y, -arm_i * n_z)

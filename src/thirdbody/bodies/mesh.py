@@ -1,0 +1,220 @@
+"""Closed triangle surfaces: read from a file, checked, and their exact mass properties."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from thirdbody.bodies.clump import _principal
+from thirdbody.errors import Fault, InputError
+
+SUFFIXES = (".stl", ".obj", ".ply")
+
+# Files store each corner of a triangle on its own in single precision: corners this near, as part of the largest
+# coordinate, are one vertex (a step of float32 is 1.2e-7).
+_SAME = 2e-7
+# Volume over area times extent: less is a sheet, not a body (a leaf of paper has 2e-4).
+_FLAT = 1e-7
+# Header, count, and bytes per triangle of a binary STL file.
+_STL_HEADER, _STL_TRIANGLE = 84, 50
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A closed surface of one body: vertices (v, 3) m, faces (f, 3) counter-clockwise seen from outside, its name.
+
+    Closed, in one piece, consistent and of positive volume when it comes from `load_mesh` or `checked_mesh`. That the
+    surface does not cut through itself is not checked: volume and inertia then count the common part twice.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    name: str
+
+    @property
+    def corners(self) -> np.ndarray:
+        """Corners of the triangles, (f, 3, 3) m."""
+        return self.vertices[self.faces]
+
+
+@dataclass(frozen=True, eq=False)
+class MassProperties:
+    """Mass properties of a body of unit density: volume m3, centroid (3,) m, principal inertia (3,) m5, I1 <= I2 <= I3.
+
+    axes (3, 3): principal axes as columns, right-handed; error: bound on the relative rounding of volume and inertia.
+    """
+
+    volume: float
+    centroid: np.ndarray
+    inertia: np.ndarray
+    axes: np.ndarray
+    error: float
+
+
+def load_mesh(path: str | Path, unit: float) -> Mesh:
+    """The surface in an STL, OBJ or PLY file; unit: m per unit of the file (files carry none), 1e-3 for mm.
+
+    Corners that coincide are merged, as are the objects of an OBJ file.
+    InputError: one fault with the path, if the file is missing, not readable or cut short, or as `checked_mesh`.
+    """
+    if not (math.isfinite(unit) and unit > 0.0):
+        raise InputError(Fault("unit", f"{unit:g} m per unit of the mesh file must be positive and finite"))
+    path = Path(path)
+    vertices, faces = _read(path)
+    return checked_mesh(vertices * unit, faces, str(path))
+
+
+def checked_mesh(vertices, faces, name: str) -> Mesh:
+    """Mesh of the vertices (v, 3) in m and faces (f, 3), coincident vertices merged, empty triangles left out.
+
+    InputError: one fault that names the file and what to do, for what is not finite, empty, open, of mixed winding,
+    in several pieces, flat or inside out.
+    """
+    vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
+    if not faces.size:
+        raise _fault(name, "holds no triangles: it is empty, cut short, or not of the format its name says")
+    if not np.isfinite(vertices).all():
+        bad = int((~np.isfinite(vertices).all(axis=1)).sum())
+        raise _fault(name, f"{bad} of {len(vertices)} vertices are not finite numbers; export the surface again")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        raise _fault(name, "a triangle names a vertex that is not there: the file is cut short; export it again")
+    vertices, faces = _merged(vertices, faces)
+    if not faces.size:
+        raise _fault(name, "all triangles are empty: every one has two corners in the same place")
+    _refuse_open(faces, name)
+    _refuse_pieces(faces, name)
+    mesh = Mesh(vertices, faces, name)
+    _refuse_flat(mesh)
+    return mesh
+
+
+def mass_properties(mesh: Mesh) -> MassProperties:
+    """Exact volume, centroid and principal inertia of the polyhedron, at unit density.
+
+    Divergence theorem: signed tetrahedra from a common point to each triangle (Tonon 2004, J. Math. Stat. 1, 8). With
+    J = det(a, b, c), s = a + b + c: volume J/6, first moment J s/24, second J (aa + bb + cc + ss)/120.
+    """
+    anchor = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
+    corners = mesh.corners - anchor
+    jacobian = _determinants(corners)
+    total = corners.sum(axis=1)
+    volume = jacobian.sum() / 6.0
+    centroid = (jacobian @ total) / (24.0 * volume)
+    flat = corners.reshape(-1, 3)
+    second = (np.repeat(jacobian, 3) * flat.T) @ flat + (jacobian * total.T) @ total
+    second = second / 120.0 - volume * np.outer(centroid, centroid)
+    inertia, axes = _principal(np.trace(second) * np.eye(3) - second)
+    # Terms of either sign cancel: the rounding is that of the sum of their sizes.
+    size = np.abs(jacobian) @ ((corners**2).sum(axis=(1, 2)) + (total**2).sum(axis=1)) / 120.0
+    lost = max(np.abs(jacobian).sum() / (6.0 * volume), 2.0 * size / inertia[0])
+    error = 4.0 * np.finfo(np.float64).eps * lost
+    return MassProperties(float(volume), anchor + centroid, inertia, axes, float(error))
+
+
+def _determinants(corners: np.ndarray) -> np.ndarray:
+    """Six times the signed volume (f,) of the tetrahedra from the origin to the triangles (f, 3, 3)."""
+    return np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
+
+
+def _fault(name: str, message: str) -> InputError:
+    return InputError(Fault("mesh", message, name))
+
+
+def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (v, 3) in units of the file and faces (f, 3), as they stand there."""
+    name = str(path)
+    if path.suffix.lower() not in SUFFIXES:
+        known = ", ".join(SUFFIXES)
+        raise _fault(name, f"'{path.suffix}' is not a mesh file that can be read; save it as one of {known}")
+    if not path.is_file():
+        raise _fault(name, "there is no such file; give the path from the folder of the scene, or an absolute one")
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise _fault(name, f"cannot be read: {error.strerror}") from None
+    if path.suffix.lower() == ".stl":
+        _refuse_short_stl(data, name)
+    import trimesh
+
+    try:
+        options = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
+        # Unprocessed: what the library would mend in silence (NaN, open seams) is for the checks to see.
+        loaded = trimesh.load_mesh(path, process=False, **options)
+        return np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int64)
+    # The parsers raise whatever a broken file leads them into.
+    except Exception as error:
+        reason = f"{type(error).__name__}: {error}".strip().splitlines()[0]
+        raise _fault(name, f"is damaged or cut short ({reason}); export the surface again") from None
+
+
+def _refuse_short_stl(data: bytes, name: str) -> None:
+    """A binary STL file tells its length; the reader would take a cut one for text without triangles."""
+    if b"endsolid" in data.lower():
+        return
+    if data[:5].lower() == b"solid" and b"facet" in data[: _STL_TRIANGLE * 20].lower():
+        raise _fault(name, "is cut short: no 'endsolid' ends it; export the surface again")
+    count = int.from_bytes(data[_STL_HEADER - 4 : _STL_HEADER], "little")
+    if len(data) < _STL_HEADER or len(data) != _STL_HEADER + _STL_TRIANGLE * count:
+        held = max(0, len(data) - _STL_HEADER) // _STL_TRIANGLE
+        message = f"is cut short or no STL file: {count} triangles announced, {held} held; export the surface again"
+        raise _fault(name, message)
+
+
+def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices that are used, coincident ones as one, and faces without those that have shrunk to a line."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    points, place = np.unique(vertices[faces.ravel()], axis=0, return_inverse=True)
+    pairs = cKDTree(points).query_pairs(_SAME * float(np.abs(points).max()), output_type="ndarray")
+    links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points), len(points)))
+    count, label = connected_components(links, directed=False)
+    merged = np.empty((count, 3))
+    merged[label[::-1]] = points[::-1]
+    faces = label[place.reshape(-1, 3)].astype(np.int64)
+    sound = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    used, faces = np.unique(faces[sound], return_inverse=True)
+    return merged[used], faces.reshape(-1, 3)
+
+
+def _refuse_open(faces: np.ndarray, name: str) -> None:
+    """Every edge must belong to two triangles that run along it in opposite directions."""
+    edges = np.stack((faces, np.roll(faces, -1, axis=1)), axis=2).reshape(-1, 2)
+    _, uses = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
+    if (uses == 1).any():
+        message = f"is not watertight: {(uses == 1).sum()} edges have a triangle on one side only; close the holes"
+        raise _fault(name, message + " in a mesh editor, or export again if the file was cut short")
+    if (uses > 2).any():
+        message = f"is not the surface of a body: {(uses > 2).sum()} edges have more than two triangles; "
+        raise _fault(name, message + "remove inner walls and doubled triangles in a mesh editor")
+    _, uses = np.unique(edges, axis=0, return_counts=True)
+    if (uses > 1).any():
+        message = f"has triangles of mixed winding along {(uses > 1).sum()} edges; make all normals point outwards"
+        raise _fault(name, message + " in a mesh editor")
+
+
+def _refuse_pieces(faces: np.ndarray, name: str) -> None:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    n = int(faces.max()) + 1
+    links = coo_array((np.ones(faces.size), (faces.ravel(), np.roll(faces, 1, axis=1).ravel())), shape=(n, n))
+    count, _ = connected_components(links, directed=False)
+    if count > 1:
+        message = f"holds {count} separate surfaces; save each body to its own file, and fill cavities"
+        raise _fault(name, message)
+
+
+def _refuse_flat(mesh: Mesh) -> None:
+    """The volume must be positive and more than that of a sheet."""
+    corners = mesh.corners - mesh.vertices.mean(axis=0)
+    volume = _determinants(corners).sum() / 6.0
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2.0
+    if abs(volume) <= _FLAT * area * np.ptp(mesh.vertices, axis=0).max():
+        raise _fault(mesh.name, f"encloses no volume ({volume:.3g} m3): a sheet is not a body; give it a thickness")
+    if volume < 0.0:
+        raise _fault(mesh.name, "is inside out: its normals point inwards; flip all normals in a mesh editor")

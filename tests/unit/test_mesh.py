@@ -1,0 +1,313 @@
+"""Meshes: what is refused and how, mass properties against closed forms, and how near the spheres come."""
+
+import math
+
+import numpy as np
+import pytest
+import trimesh
+
+from thirdbody.bodies.closeness import distance_to_union, distances, local_radii, union_samples
+from thirdbody.bodies.clump import clump, matrix_from_quaternion
+from thirdbody.bodies.fit import clump_from_mesh
+from thirdbody.bodies.mesh import Mesh, checked_mesh, load_mesh, mass_properties
+from thirdbody.errors import InputError
+
+ELLIPSOID, FLAKE = (1.0, 0.8, 0.6), (1.0, 0.8, 0.3)
+
+
+def ellipsoid(aspect, subdivisions=3):
+    ball = trimesh.creation.icosphere(subdivisions=subdivisions)
+    return checked_mesh(ball.vertices * aspect, ball.faces, "ellipsoid")
+
+
+def rock(seed=3):
+    """Icosphere with a few long waves on it, stretched."""
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    rng = np.random.default_rng(seed)
+    height = np.zeros(len(ball.vertices))
+    for _ in range(12):
+        wave = rng.normal(size=3)
+        wave *= rng.uniform(1.5, 4.0) / np.linalg.norm(wave)
+        height += rng.normal() * np.cos(ball.vertices @ wave + rng.uniform(0.0, 2.0 * math.pi))
+    return checked_mesh(ball.vertices * (1.0 + 0.07 * height[:, None]) * (1.0, 0.85, 0.75), ball.faces, "rock")
+
+
+def rotation(seed):
+    q = np.random.default_rng(seed).normal(size=4)
+    return matrix_from_quaternion(q / np.linalg.norm(q))
+
+
+def box(size=(1.0, 2.0, 3.0)):
+    solid = trimesh.creation.box(size)
+    return np.array(solid.vertices), np.array(solid.faces)
+
+
+def saved(tmp_path, name, content):
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+# Mass properties
+
+
+def test_box_is_exact():
+    vertices, faces = box()
+    mass = mass_properties(checked_mesh(vertices + (7.0, -2.0, 4.0), faces, "box"))
+    assert mass.volume == pytest.approx(6.0, rel=1e-14)  # polynomials of small numbers: rounding only
+    assert mass.centroid == pytest.approx([7.0, -2.0, 4.0], rel=1e-14)
+    assert mass.inertia == pytest.approx([6.0 * s / 12.0 for s in (5.0, 10.0, 13.0)], rel=1e-14)
+    assert np.linalg.det(mass.axes) == pytest.approx(1.0, rel=1e-14)
+    assert 0.0 < mass.error < 1e-12
+
+
+def test_ellipsoid_converges_to_the_closed_form():
+    a, b, c = ELLIPSOID
+    volume = 4.0 / 3.0 * math.pi * a * b * c
+    inertia = 0.2 * volume * np.array([b * b + c * c, a * a + c * c, a * a + b * b])
+    misses = []
+    for subdivisions in (2, 3):
+        mass = mass_properties(ellipsoid(ELLIPSOID, subdivisions))
+        misses.append([1.0 - mass.volume / volume, *(1.0 - mass.inertia / inertia)])
+    # Inscribed facets lose volume with the square of their edge: a quarter per halving, next order 5 % of that.
+    assert np.array(misses[0]) / misses[1] == pytest.approx([4.0] * 4, rel=0.05)
+    assert max(misses[1]) < 0.02
+
+
+@pytest.mark.parametrize("make", [rock, lambda: ellipsoid(FLAKE)])
+def test_mass_properties_agree_with_trimesh(make):
+    mesh = make()
+    other = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    mass = mass_properties(mesh)
+    assert mass.volume == pytest.approx(other.volume, rel=1e-12)  # two ways to sum the same 1280 terms
+    assert mass.centroid == pytest.approx(other.center_mass, abs=1e-12)
+    tensor = mass.axes @ np.diag(mass.inertia) @ mass.axes.T
+    assert tensor == pytest.approx(other.moment_inertia, rel=1e-11, abs=1e-12)
+
+
+def test_far_from_the_origin_nothing_is_lost():
+    mesh = rock()
+    far = Mesh(mesh.vertices + 1e3, mesh.faces, "far")
+    # The coordinates themselves lose three digits; moments about the origin would lose nine.
+    assert mass_properties(far).inertia == pytest.approx(mass_properties(mesh).inertia, rel=1e-11)
+
+
+# Fit
+
+
+# Bounds of rms/R: those asked for, and for a flake of 8 spheres what one layer of spheres can reach: they cover a disc,
+# and each falls off by the sagitta of its cell (best of twelve random starts: 0.081 one way).
+TARGETS = [
+    (lambda: ellipsoid(ELLIPSOID), 8, 0.06),
+    (lambda: ellipsoid(ELLIPSOID), 20, 0.05),
+    (rock, 8, 0.06),
+    (rock, 20, 0.05),
+    (lambda: ellipsoid(FLAKE), 8, 0.125),
+    (lambda: ellipsoid(FLAKE), 20, 0.05),
+]
+
+
+@pytest.mark.parametrize("make, n, bound", TARGETS, ids=[f"{s}-{n}" for s in ("ellipsoid", "rock", "flake") for n in (8, 20)])
+def test_spheres_follow_the_surface(make, n, bound):
+    mesh = make()
+    body, fit = clump_from_mesh(mesh, n)
+    mass = mass_properties(mesh)
+    assert fit.rms + 2.0 * fit.to_mesh.error < bound
+    assert body.radii.shape == (n,) and body.centers.shape == (n, 3)
+    assert body.volume == mass.volume and body.error == mass.error
+    assert body.inertia.tolist() == mass.inertia.tolist()
+    # The union is in one piece, or the constructor refuses; its volume is off by less than rms times surface.
+    union = clump(body.centers, body.radii)
+    assert union.volume / body.volume == pytest.approx(fit.volume_ratio, rel=1e-5)
+    assert fit.volume_ratio == pytest.approx(1.0, abs=4.0 * bound)
+
+
+@pytest.mark.parametrize("make", [lambda: ellipsoid(ELLIPSOID), rock])
+def test_more_spheres_fit_better(make):
+    mesh = make()
+    rms = [clump_from_mesh(mesh, n)[1].rms for n in (4, 10, 25)]
+    assert rms[1] < 0.6 * rms[0] and rms[2] < 0.6 * rms[1]
+
+
+def test_a_ball_needs_no_more_than_itself():
+    _, fit = clump_from_mesh(ellipsoid((1.0, 1.0, 1.0)), 4)
+    # The facets fall short of the sphere by up to an eighth of their squared edge (0.15).
+    assert fit.maximum < 0.01
+    # z = -s2/2 - s4/8: a parabola over a patch of 0.3 R takes the last term for curvature, some s2/6.
+    assert fit.contacts.ratio == pytest.approx([1.0] * len(fit.contacts.ratio), rel=0.02)
+    assert fit.contacts.share.sum() == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("make", [lambda: box((1.0, 1.0, 1.0)), lambda: box((1.0, 1.0, 5.0))])
+def test_coarse_and_long_bodies_are_fitted_in_one_piece(make):
+    body, fit = clump_from_mesh(checked_mesh(*make(), "box"), 12)
+    clump(body.centers, body.radii)
+    # Edges stay rounded: a corner of the cube is 0.87 edges out, the inscribed ball 0.5, and R 0.62.
+    assert fit.rms < 0.12 and 0.05 < fit.maximum < 0.6
+
+
+def test_a_dumbbell_keeps_its_neck():
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    x = ball.vertices[:, 0]
+    waist = 0.12 + 0.88 * np.abs(x) ** 1.5
+    vertices = ball.vertices * np.column_stack((np.full_like(x, 3.0), waist, waist))
+    body, _ = clump_from_mesh(checked_mesh(vertices, ball.faces, "dumbbell"), 6)
+    clump(body.centers, body.radii)
+
+
+def test_place_turn_and_unit_only_enter_by_rounding():
+    mesh = rock()
+    body, fit = clump_from_mesh(mesh, 8)
+    turn = rotation(5)
+    moved = Mesh(1e-3 * (mesh.vertices @ turn.T + (5.0, -3.0, 2.0)), mesh.faces, "moved")
+    other, again = clump_from_mesh(moved, 8)
+    assert other.volume == pytest.approx(1e-9 * body.volume, rel=1e-11)
+    assert other.inertia == pytest.approx(1e-15 * body.inertia, rel=1e-11)
+    # Samples lie in the principal frame, whose axes the new place may turn by half: the same within least squares.
+    assert again.to_spheres.rms == pytest.approx(fit.to_spheres.rms, rel=0.05)
+    world = again.centroid + other.centers @ matrix_from_quaternion(again.quaternion).T
+    before = fit.centroid + body.centers @ matrix_from_quaternion(fit.quaternion).T
+    # Stopped at 1e-6 of a step, amplified by the flat valley of the fit.
+    assert (1e3 * world - (5.0, -3.0, 2.0)) @ turn == pytest.approx(before, abs=1e-3)
+    assert 1e3 * other.radii == pytest.approx(body.radii, rel=1e-3)
+
+
+def test_the_same_seed_gives_the_same_clump():
+    mesh = rock()
+    (first, fit), (second, again), (other, _) = (clump_from_mesh(mesh, 8, seed) for seed in (1, 1, 2))
+    assert first.centers.tolist() == second.centers.tolist() and first.radii.tolist() == second.radii.tolist()
+    assert fit.rms == again.rms
+    assert first.radii.tolist() != other.radii.tolist()
+
+
+@pytest.mark.parametrize("n", [3, 41])
+def test_too_few_or_too_many_spheres(n):
+    with pytest.raises(InputError, match="outside 4 to 40"):
+        clump_from_mesh(rock(), n)
+
+
+# Closeness
+
+
+def test_distances_of_concentric_balls():
+    mesh = ellipsoid((1.0, 1.0, 1.0), 4)
+    rng = np.random.default_rng(1)
+    there, back = distances(mesh, np.zeros((1, 3)), np.array([0.8]), rng)
+    # Facets of the finer ball lie up to 0.0011 inside it.
+    assert there.rms == pytest.approx(0.2, abs=1.5e-3) and back.rms == pytest.approx(0.2, abs=1.5e-3)
+    assert there.maximum == pytest.approx(0.2, abs=1e-12)
+    apart, closer = distances(mesh, np.array([[0.3, 0.0, 0.0]]), np.array([1.0]), rng)
+    # |1 - |x - c|| averaged over the sphere: s2 = 1.09 - 0.6 t, t uniform in (-1, 1), mean of (s - 1)^2.
+    t = np.linspace(-1.0, 1.0, 20001)
+    rms = math.sqrt(((np.sqrt(1.09 - 0.6 * t) - 1.0) ** 2).mean())
+    assert apart.rms == pytest.approx(rms, abs=3.0 * apart.error + 2e-3)
+    assert closer.rms == pytest.approx(rms, abs=3.0 * closer.error + 2e-3)
+    assert apart.maximum == pytest.approx(0.3, abs=2e-3)
+
+
+def test_depth_inside_two_spheres_is_that_of_the_crease():
+    centers, radii = np.array([[-0.8, 0.0, 0.0], [0.8, 0.0, 0.0]]), np.ones(2)
+    union = union_samples(centers, radii, 20000, np.random.default_rng(0))
+    found = distance_to_union(np.array([[0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]), centers, radii, union)
+    # The middle is nearest to the circle where the spheres meet, here by samples: at most their spacing too far.
+    assert 0.6 <= found[0] < 0.61
+    assert found[1:] == pytest.approx([0.8, 1.2], rel=1e-12)
+
+
+@pytest.mark.parametrize("aspect", [ELLIPSOID, (1.0, 0.9, 0.7)])
+def test_radius_of_curvature_of_an_ellipsoid(aspect):
+    mesh = ellipsoid(aspect, 4)
+    corners = np.random.default_rng(2).choice(len(mesh.vertices), 60, replace=False)
+    found = local_radii(mesh, corners, np.random.default_rng(0))
+    # Gaussian curvature of an ellipsoid: 1 / (abc sum x2/a4)2.
+    exact = np.prod(aspect) * (mesh.vertices[corners] ** 2 / np.array(aspect) ** 4).sum(axis=1)
+    # Patch of 0.15 to 0.2 over the least radius 0.36: fourth-order terms of a tenth at the tips, far less elsewhere.
+    assert found == pytest.approx(exact, rel=0.12)
+    assert np.median(np.abs(found / exact - 1.0)) < 0.04
+
+
+def test_a_plane_has_no_radius():
+    grid = trimesh.creation.box((1.0, 1.0, 1.0)).subdivide().subdivide().subdivide()
+    mesh = checked_mesh(grid.vertices, grid.faces, "box")
+    middle = np.argmin(np.linalg.norm(mesh.vertices - (0.0, 0.0, 0.5), axis=1))
+    assert local_radii(mesh, np.array([middle]), np.random.default_rng(0)).tolist() == [math.inf]
+
+
+# Files
+
+
+@pytest.mark.parametrize("name", ["a.stl", "a.STL", "a.obj", "a.ply"])
+def test_files_are_read_in_the_unit_given(tmp_path, name):
+    vertices, faces = box()
+    path = saved(tmp_path, name, trimesh.Trimesh(vertices, faces).export(file_type=name[-3:].lower()))
+    mesh = load_mesh(path, 1e-3)
+    assert mesh.vertices.shape == (8, 3) and mesh.faces.shape == (12, 3) and mesh.name == str(path)
+    assert mass_properties(mesh).volume == pytest.approx(6e-9, rel=1e-14)
+
+
+def test_text_stl_and_single_precision_are_merged(tmp_path):
+    solid = trimesh.creation.icosphere(subdivisions=3)
+    text = saved(tmp_path, "text.stl", solid.export(file_type="stl_ascii"))
+    assert load_mesh(text, 1.0).vertices.shape == solid.vertices.shape
+    rng = np.random.default_rng(0)
+    loose = solid.vertices[solid.faces.ravel()] * (1.0 + 5e-8 * rng.uniform(-1, 1, (solid.faces.size, 3)))
+    mesh = checked_mesh(loose, np.arange(solid.faces.size).reshape(-1, 3), "loose")
+    assert len(mesh.vertices) == len(solid.vertices)
+    assert mass_properties(mesh).volume == pytest.approx(solid.volume, rel=1e-6)  # the noise itself
+
+
+SOLID = trimesh.Trimesh(*box())
+STL, TEXT, OBJ, PLY = (SOLID.export(file_type=t) for t in ("stl", "stl_ascii", "obj", "ply"))
+SHIFTED = trimesh.Trimesh(SOLID.vertices + (9.0, 0.0, 0.0), SOLID.faces)
+SHEET = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\nf 3 2 1\n"
+TURNED_OVER = trimesh.Trimesh(SOLID.vertices, SOLID.faces[:, ::-1], process=False).export(file_type="stl")
+ONE_OVER = trimesh.Trimesh(SOLID.vertices, np.vstack((SOLID.faces[:1, ::-1], SOLID.faces[1:])), process=False)
+BAD_FILES = {
+    "binary STL cut": ("a.stl", STL[:400], "cut short.*12 triangles announced, 6 held"),
+    "STL header cut": ("a.stl", STL[:50], "cut short"),
+    "text STL cut": ("a.stl", TEXT[: len(TEXT) // 2], "cut short.*endsolid"),
+    "text STL empty": ("a.stl", "solid a\nendsolid a\n", "no triangles"),
+    "STL empty": ("a.stl", b"", "cut short"),
+    "noise": ("a.stl", bytes(range(256)) * 4, "cut short or no STL"),
+    "OBJ without faces": ("a.obj", OBJ[: len(OBJ) // 2], "no triangles"),
+    "OBJ last face cut": ("a.obj", OBJ.rstrip()[: OBJ.rstrip().rfind("\n")], "not watertight"),
+    "OBJ vertex missing": ("a.obj", OBJ.replace("f 2 ", "f 99 "), "damaged or cut short"),
+    "PLY cut": ("a.ply", PLY[:-20], "damaged or cut short"),
+    "PLY empty": ("a.ply", b"", "damaged or cut short"),
+    "STL with NaN": ("a.stl", TEXT.replace("0.5", "nan", 1), "not finite"),
+    "OBJ with NaN": ("a.obj", OBJ.replace("0.5", "nan", 1), "damaged|not finite"),
+    "hole": ("a.stl", trimesh.Trimesh(SOLID.vertices, SOLID.faces[1:]).export(file_type="stl"), "watertight: 3 edges"),
+    "one triangle over": ("a.stl", ONE_OVER.export(file_type="stl"), "mixed winding along 3 edges"),
+    "inside out": ("a.stl", TURNED_OVER, "inside out"),
+    "two bodies": ("a.obj", trimesh.util.concatenate([SOLID, SHIFTED]).export(file_type="obj"), "2 separate surfaces"),
+    "twice the same": ("a.stl", trimesh.util.concatenate([SOLID, SOLID]).export(file_type="stl"), "more than two"),
+    "sheet": ("a.obj", SHEET, "encloses no volume"),
+    "points": ("a.obj", "v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n", "all triangles are empty"),
+    "wrong suffix": ("a.step", STL, r"'\.step'.*\.stl, \.obj, \.ply"),
+    "no suffix": ("a", STL, "save it as one of"),
+}
+
+
+@pytest.mark.parametrize("name, content, message", BAD_FILES.values(), ids=BAD_FILES)
+def test_bad_files_give_one_clear_fault(tmp_path, name, content, message):
+    path = saved(tmp_path, name, content)
+    with pytest.raises(InputError, match=message) as caught:
+        load_mesh(path, 1.0)
+    (fault,) = caught.value.faults
+    assert fault.file == str(path) and fault.key == "mesh" and "\n" not in fault.message
+
+
+def test_missing_files_folders_and_units_are_faults(tmp_path):
+    for path in (tmp_path / "none.stl", tmp_path):
+        with pytest.raises(InputError) as caught:
+            load_mesh(path, 1.0)
+        assert caught.value.faults[0].file == str(path)
+    for unit in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(InputError, match="unit"):
+            load_mesh(tmp_path / "none.stl", unit)
+
+
+def test_wrong_arrays_are_faults():
+    vertices, faces = box()
+    with pytest.raises(InputError, match="names a vertex that is not there"):
+        checked_mesh(vertices[:-1], faces, "short")
