@@ -5,6 +5,7 @@ The main process compiles the step loop, a second one everything else into the s
 
 from __future__ import annotations
 
+import gc
 import subprocess
 import sys
 
@@ -20,23 +21,26 @@ def warm_up() -> None:
     mark = cache.folder() / MARK
     if mark.exists():
         return
-    print("thirdbody: first start of this version, compiling ...", file=sys.stderr, flush=True)
+    if sys.stderr.isatty():
+        print("thirdbody: first start of this version, compiling ...", file=sys.stderr, flush=True)
     command = [sys.executable, "-m", "thirdbody.warm"]
     other = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    gc.disable()  # the compiler makes millions of objects and few cycles: a tenth of its time
     try:
-        from .kernels import stability, step  # noqa: F401  (imported to be compiled)
+        from .kernels import observe, stability, step  # noqa: F401  (imported to be compiled)
 
         if other.wait(PATIENCE) == 0:
             mark.touch()
     except subprocess.TimeoutExpired:
         pass
     finally:
+        gc.enable()
         if other.poll() is None:
             other.terminate()
 
 
 def compile_the_rest() -> None:
-    """Everything but the step loop and its stability bound: labellers and laws that are installed, bodies, search."""
+    """Everything but the step loop, its stability bound and the labels: laws and labellers, bodies, search."""
     from .laws.compose import compose, compose_effects, compose_labeller
     from .laws.registry import discover
 
@@ -45,8 +49,6 @@ def compile_the_rest() -> None:
             compose_labeller(family.labeller)
             compose(family.levels[family.default_level])
     compose_effects([])
-    from .kernels import observe  # noqa: F401  (imported to be compiled)
-
     _bodies()
     _search()
 
@@ -81,4 +83,5 @@ def _search() -> None:
 
 
 if __name__ == "__main__":
+    gc.disable()
     compile_the_rest()

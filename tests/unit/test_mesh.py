@@ -95,8 +95,8 @@ def test_far_from_the_origin_nothing_is_lost():
 # Fit
 
 
-# Bounds of rms/R: those asked for, and for a flake of 8 spheres what one layer of spheres can reach: they cover a disc,
-# and each falls off by the sagitta of its cell (best of twelve random starts: 0.081 one way).
+# Bounds of rms/R: those asked for, but for the flake of 8 spheres, which misses 0.06: its bound lies just above what
+# eight seeds reach (0.105 to 0.117; one way 0.082 to 0.086). One layer of 8 spheres leaves deep creases between them.
 TARGETS = [
     (lambda: ellipsoid(ELLIPSOID), 8, 0.06),
     (lambda: ellipsoid(ELLIPSOID), 20, 0.05),
@@ -218,7 +218,9 @@ def test_depth_inside_two_spheres_is_that_of_the_crease():
 def test_radius_of_curvature_of_an_ellipsoid(aspect):
     mesh = ellipsoid(aspect, 4)
     corners = np.random.default_rng(2).choice(len(mesh.vertices), 60, replace=False)
-    found = local_radii(mesh, corners, np.random.default_rng(0))
+    # Turned, or the axes of the patches would be those of the ellipsoid and the mixed term of the quadric zero.
+    turned = Mesh(mesh.vertices @ rotation(4).T, mesh.faces, "turned")
+    found = local_radii(turned, corners, np.random.default_rng(0))
     # Gaussian curvature of an ellipsoid: 1 / (abc sum x2/a4)2.
     exact = np.prod(aspect) * (mesh.vertices[corners] ** 2 / np.array(aspect) ** 4).sum(axis=1)
     # Patch of 0.15 to 0.2 over the least radius 0.36: fourth-order terms of a tenth at the tips, far less elsewhere.
