@@ -205,11 +205,10 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     if settle > 0.0:
         for k in range(1, SUBTICKS + 1):
             yield settle * k / SUBTICKS, infinite, k == SUBTICKS
+    by_time = math.isfinite(simulation.end_time)
     for x, write in _ladder(0.0, simulation.planned_distance, output.every):
-        yield simulation.end_time, x, write
-    # a run by duration may end with a rest
-    if simulation.state.time < simulation.end_time < infinite:
-        yield simulation.end_time, infinite, True
+        # a run by duration may end with a rest: its last stop is its end
+        yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
 
 
 def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:

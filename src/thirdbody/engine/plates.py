@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -166,7 +167,7 @@ def _first_rate(axis: Iterable[Segment]) -> tuple[float, float]:
 
 def _top_rate(axis: Axis) -> float:
     top = 0.0
-    for s, after in zip(axis, [*axis[1:], None], strict=True):
+    for s, after in zip_longest(axis, axis[1:]):
         if s.kind == motion.SINE:
             top = max(top, 0.5 * abs(s.b * s.c))
         elif s.kind == motion.TRIANGLE:
