@@ -117,7 +117,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
         },
         "settle": built.settle,
         "simulated_time": built.planned_time,
-        "expected_overlap_over_radius": built.expected_overlap,
+        "expected_overlap_over_radius": built.upper.overlap,
         "steps": steps,
         "estimated_wall_time": steps * seconds_per_step,
         "memory": _memory(built),
@@ -138,7 +138,9 @@ def _plate_report(built: Simulation) -> dict[str, Any] | None:
         "mass": float(upper.mass.mean()),
         "damping": float(upper.damping.mean()),
         "gap": float(upper.heights.mean()),
-        "velocity": list(upper.velocity),
+        "moves": upper.schedule.moves,
+        "loaded_at_once": built.upper.loaded,
+        "foundation": None if upper.foundation is None else upper.foundation.stiffness,
     }
 
 

@@ -197,7 +197,6 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     A run by distance stops by distance; one by time stops by time. Stops in between only report progress.
     """
     output, settle, infinite = simulation.scene.output, simulation.settle, math.inf
-    by_time = math.isfinite(simulation.end_time)
     if output.every_kind == "time":
         end = simulation.planned_time
         for x, write in _ladder(0.0, end, output.every):
@@ -206,12 +205,10 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     if settle > 0.0:
         for k in range(1, SUBTICKS + 1):
             yield settle * k / SUBTICKS, infinite, k == SUBTICKS
-    if by_time:
-        for x, write in _ladder(settle, simulation.end_time, output.every / simulation.speed):
-            yield x, infinite, write
-        return
-    for x, write in _ladder(0.0, simulation.end_distance, output.every):
-        yield infinite, x, write
+    by_time = math.isfinite(simulation.end_time)
+    for x, write in _ladder(0.0, simulation.planned_distance, output.every):
+        # a run by duration may end with a rest: its last stop is its end
+        yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
 
 
 def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
@@ -233,9 +230,7 @@ def planned_frames(simulation: Simulation) -> int:
     if output.every_kind == "time":
         return 1 + _rungs(0.0, simulation.planned_time, output.every)
     settled = 1 if settle > 0.0 else 0
-    if math.isfinite(simulation.end_time):
-        return 1 + settled + _rungs(settle, simulation.end_time, output.every / simulation.speed)
-    return 1 + settled + _rungs(0.0, simulation.end_distance, output.every)
+    return 1 + settled + _rungs(0.0, simulation.planned_distance, output.every)
 
 
 def refuse_existing(folder: Path, overwrite: bool) -> None:

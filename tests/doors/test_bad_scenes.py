@@ -55,11 +55,15 @@ FAULTS = {
     "load and gap": ([('load = "0.1 mN"', 'load = "0.1 mN"\ngap = "9 um"')], "25:1: plates.upper.gap", ["only one"]),
     "upper without lower": ([('[plates.lower]\nmaterial = "steel"\n', "")], "19:1: plates.upper", ["[plates.lower]"]),
     # known to the format, but later
-    "foundation": ([('"load_per_particle"', '"foundation"')], "23:1: plates.upper.support", [LATER, "'rigid'"]),
-    "stroke": (
+    "foundation without stiffness": (
+        [('"load_per_particle"', '"foundation"')],
+        "21:1: plates.upper.stiffness",
+        ["missing", "1e4 N/m"],
+    ),
+    "stroke without frequency": (
         [('{velocity = "0.5 m/s"}', '{stroke = "1 um"}')],
-        "26:16: plates.upper.motion.x.stroke",
-        [LATER, "velocity"],
+        "26:11: plates.upper.motion.x.frequency",
+        ["missing"],
     ),
     "implicit": ([('settle = "1 us"', 'integrator = "implicit"')], "29:1: solver.integrator", [LATER, "'explicit'"]),
     "relax": ([('settle = "1 us"', 'initial_overlap = "relax"')], "29:1: solver.initial_overlap", [LATER, "'refuse'"]),

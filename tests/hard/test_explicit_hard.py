@@ -13,7 +13,7 @@ from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels import layout as at
 from thirdbody.output.run import open_run
 from thirdbody.scene.build import build
-from thirdbody.scene.model import Contact, Domain, Drive, Motion, Scene, UpperPlate
+from thirdbody.scene.model import ConstantVelocity, Contact, Domain, Motion, Scene, UpperPlate
 from thirdbody.simulate import run
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -100,7 +100,7 @@ def test_soft_on_stiff(make):
 
 
 def test_without_friction_a_dragged_ball_stays_where_it_is(make):
-    upper = UpperPlate(material="ball", load=1.0, motion=Motion(x=Drive(velocity=1.0)))
+    upper = UpperPlate(material="ball", load=1.0, motion=Motion(x=[ConstantVelocity(velocity=1.0)]))
     one = [make.ball(RADIUS, (5.0, 5.0, RADIUS), spin=(3.0, 4.0, 5.0))]
     simulation = build(make.scene(one, {"ball": make.STEEL}, lower="ball", upper=upper, friction=0.0, restitution=0.5))
     simulation.integrator.advance_to(time=simulation.settle + 1e-3)

@@ -30,7 +30,7 @@ from thirdbody.scene.model import (
 RIGID = 1e6
 """Stiffness of a `rigid` plane over that of the ball: E* is then off by 1e-6, t_c by 4e-7."""
 
-LONG = 1e3
+LONG = 1.0
 """Duration written into scenes that are stopped by hand, s."""
 
 

@@ -10,7 +10,7 @@ from thirdbody_three_spot import theory
 
 from thirdbody.kernels import layout as at
 from thirdbody.scene.build import build
-from thirdbody.scene.model import Drive, Motion, UpperPlate
+from thirdbody.scene.model import ConstantVelocity, Motion, UpperPlate
 
 RADIUS = 1e-3
 SLOPE = (5.0, 0.0, -5.0)
@@ -70,7 +70,7 @@ def pinched(make):
     the distance from the centre to the contact planes.
     """
     speed, load, friction = 10.0, 1.0, 0.3
-    upper = UpperPlate(material="ball", load=load, motion=Motion(x=Drive(velocity=speed)))
+    upper = UpperPlate(material="ball", load=load, motion=Motion(x=[ConstantVelocity(velocity=speed)]))
     one = [make.ball(RADIUS, (5.0, 5.0, RADIUS))]
     tables = make.scene(one, {"ball": make.STEEL}, lower="ball", upper=upper, friction=friction, restitution=0.3)
     simulation = build(tables)

@@ -18,6 +18,7 @@ from thirdbody.errors import InputError, OutputError
 from thirdbody.scene.locate import locate
 from thirdbody.scene.model import (
     Constant,
+    ConstantVelocity,
     Contact,
     Domain,
     Effects,
@@ -45,7 +46,8 @@ def test_the_good_scene_is_read():
     assert (debris.count, debris.spheres, debris.velocity) == (2000, (4, 8), (0.0, 0.0, 0.0))
     assert scene.domain == Domain(size=(600e-6, 400e-6))
     assert scene.plates.upper is not None
-    assert (scene.plates.upper.load, scene.plates.upper.motion.velocity()) == (0.1e-3, (1.0, 0.0))
+    assert scene.plates.upper.load == 0.1e-3
+    assert scene.plates.upper.motion.x == (ConstantVelocity(velocity=1.0),)
     assert scene.contact.options == {"springs": 32}
     assert scene.effects.gravity == (0.0, 0.0, -9.81)
     assert (scene.solver.distance, scene.solver.settle) == (20e-6, "auto")
@@ -124,7 +126,7 @@ def test_faults_in_python_are_input_errors_with_all_faults():
         UpperPlate(material="steel", load="1 mN", gap=-1.0, colour="red")
     told = [str(fault) for fault in caught.value.faults]
     assert told == [
-        "colour: unknown key, known: damping, gap, load, mass, material, motion, pressure, support",
+        "colour: unknown key, known: closing, damping, gap, load, mass, material, motion, preload, pressure, stiffness, support",
         "gap: give only one of load, pressure, gap: load is given too",
     ]
     with pytest.raises(InputError, match="every: no unit: .* or give every_kind"):

@@ -135,7 +135,10 @@ ONE_FAULT = [
         [('"400 um"]', '"400 um"]\nperiodic = "yes"')],
         "22:1: domain.periodic: expected true or false, got 'yes'",
     ),
-    ([("{x = {velocity", "{x = 1, y = {velocity")], "28:11: plates.upper.motion.x: expected a table, got 1"),
+    (
+        [("{x = {velocity", "{x = 1, y = {velocity")],
+        '28:11: plates.upper.motion.x: expected a table such as {velocity = "1 m/s"}, got 1',
+    ),
     (
         [('["0 m/s2", "0 m/s2", "-9.81 m/s2"]', '"9.81 m/s2"')],
         "35:1: effects.gravity: expected a list of 3 values, got '9.81 m/s2'",
@@ -152,22 +155,22 @@ ONE_FAULT = [
     ),
     (
         [('"load_per_particle"', '"foo"')],
-        "26:1: plates.upper.support: 'foo' is not one of 'rigid', 'load_per_particle'",
+        "26:1: plates.upper.support: 'foo' is not one of 'rigid', 'foundation', 'load_per_particle'",
     ),
     # known to the file format, but not yet
     ([('"irregular"', '"spots"')], f"13:1: debris[0].kind: kind = 'spots' {LATER} 'irregular', 'spheres'"),
     ([('"layer"', '"dense"')], f"19:1: debris[0].placement: placement = 'dense' {LATER} 'layer'"),
     (
         [('"load_per_particle"', '"foundation"')],
-        f"26:1: plates.upper.support: support = 'foundation' {LATER} 'rigid', 'load_per_particle'",
+        '24:1: plates.upper.stiffness: required key is missing: the stiffness of each particle\'s patch, such as "1e4 N/m"',
     ),
     (
-        [('load = "0.1 mN"', 'closing = "1 um/s"')],
-        f"27:1: plates.upper.closing: closing = '1 um/s' {LATER} load, pressure, gap",
+        [('load = "0.1 mN"', 'load = "0.1 mN"; closing = "1 um/s"'.replace("; ", "\n"))],
+        "28:1: plates.upper.closing: needs a gap to start from",
     ),
     (
-        [('{velocity = "1 m/s"}', '{ramp = "1 m/s2"}')],
-        f"28:16: plates.upper.motion.x.ramp: ramp = '1 m/s2' {LATER} velocity",
+        [('{velocity = "1 m/s"}', '{ramp = "1 m/s2", duration = "1 us"}')],
+        "28:16: plates.upper.motion.x.ramp: '1 m/s2' is an acceleration, expected a velocity",
     ),
     (
         [('integrator = "auto"', 'integrator = "implicit"')],

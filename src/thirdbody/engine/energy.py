@@ -13,15 +13,16 @@ LINES = (
 )  # fmt: skip
 
 
-def stored(state: State) -> tuple[float, float, float]:
-    """Kinetic, elastic normal and elastic tangential energy, from the record of the last observed step."""
+def stored(state: State) -> tuple[float, float, float, float]:
+    """Kinetic, elastic normal, elastic tangential and foundation energy, from the record of the last observed step."""
     B, P = state.B, state.P
     kinetic = 0.5 * float(np.sum(B[:, at.B_MASS] * np.sum(B[:, at.B_V : at.B_V + 3] ** 2, axis=1)))
     kinetic += 0.5 * float(np.sum(B[:, at.B_L : at.B_L + 3] * B[:, at.B_W : at.B_W + 3]))
     kinetic += 0.5 * float(np.sum(P[:, at.P_FREE] * P[:, at.P_MASS] * P[:, at.P_V] ** 2))
     loaded = state.slots.H[:, at.H_ON] > 0.0
     R = state.slots.R[loaded]
-    return kinetic, float(R[:, at.R_STORED_N].sum()), float(R[:, at.R_STORED_T].sum())
+    springs = 0.5 * float(np.sum(P[:, at.P_SPRING] * (P[:, at.P_Z] - P[-1, at.P_Z]) ** 2))
+    return kinetic, float(R[:, at.R_STORED_N].sum()), float(R[:, at.R_STORED_T].sum()), springs
 
 
 class Ledger:
@@ -41,15 +42,17 @@ class Ledger:
 
     def lines(self, state: State) -> dict[str, float]:
         """Every line of the ledger, J; `residual` is the absolute one."""
-        kinetic, normal, tangential = stored(state)
+        kinetic, normal, tangential, springs = stored(state)
         A = state.A
         gained = A[at.A_PLATE_WORK] + A[at.A_EFFECTS]
-        spent = kinetic + normal + tangential - self.start + A[at.A_DAMPING] + A[at.A_FRICTION]
+        spent = kinetic + normal + tangential + springs - self.start + A[at.A_DAMPING] + A[at.A_FRICTION]
         values = (
             kinetic, normal, tangential, A[at.A_DAMPING], A[at.A_FRICTION], A[at.A_PLATE_WORK], A[at.A_EFFECTS], 0.0,
             gained - spent,
         )  # fmt: skip
-        return {name: float(value) for name, value in zip(LINES, values, strict=True)}
+        lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
+        upper = state.world.upper
+        return lines if upper is None or upper.foundation is None else lines | {"foundation": springs}
 
     def relative_residual(self, state: State, residual: float) -> float:
         """|residual| by the contract's definition, dimensionless."""

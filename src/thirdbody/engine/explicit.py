@@ -105,7 +105,7 @@ class Explicit:
         return step.advance(
             budget, time, distance, dt, slots.count, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence,
             s.body, s.start, s.patch, s.offsets, s.X0, s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
-            physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves,
+            physics.pairs, physics.effect_parameters, s.D, s.A, s.schedule, s.first, self.sums, self.moves,
             len(physics.history), physics.stride, at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels,
             self.drag, physics.law, physics.effects, physics.observe, step.work,
         )  # fmt: skip
@@ -127,10 +127,9 @@ class Explicit:
 
         s, slots, physics = self.state, self.state.slots, self.state.physics
         out = np.zeros((s.n_bodies, physics.outputs))
-        moving = s.time >= s.D[at.D_START]
-        speed = math.hypot(s.D[at.D_VX], s.D[at.D_VY]) if moving else 0.0
         label_bodies(
-            slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, s.B, s.A, s.M, self.drag, speed,
+            slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, s.B, s.A, s.M,
+            self.drag, float(s.A[at.A_SPEED]),
             len(physics.history), at.C_MEMORY + physics.contact_memory, physics.observe, physics.label, out,
         )  # fmt: skip
         return out
@@ -178,6 +177,5 @@ class Explicit:
 
 def _drag(state: State) -> tuple[float, float]:
     """Direction of the planned drag of the upper plate, a unit vector, or (0, 0)."""
-    v_x, v_y = float(state.D[at.D_VX]), float(state.D[at.D_VY])
-    speed = math.hypot(v_x, v_y)
-    return (v_x / speed, v_y / speed) if speed > 0.0 else (0.0, 0.0)
+    upper = state.world.upper
+    return (0.0, 0.0) if upper is None else upper.schedule.direction()

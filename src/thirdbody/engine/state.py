@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..bodies.clump import Clump
 from ..kernels import bodies as body_pass
 from ..kernels import layout as at
+from .plates import Schedule, UpperPlate
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -28,25 +29,6 @@ class Placed:
     quaternions: Array
     velocities: Array
     angular_velocities: Array
-
-
-@dataclass(frozen=True)
-class UpperPlate:
-    """The upper first body: patches (one if rigid, one per body), how they are driven and loaded.
-
-    `load` is the force on each patch, N; a patch that is not `free` keeps its height. The plate moves with
-    `velocity` (x, y) from `start` on.
-    """
-
-    material: int
-    heights: Array
-    mass: Array
-    damping: Array
-    load: Array
-    free: bool
-    patch: Ints
-    velocity: tuple[float, float] = (0.0, 0.0)
-    start: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -113,6 +95,8 @@ class State:
     P: Array
     A: Array
     D: Array
+    schedule: Array
+    first: Ints
     M: Array
     offsets: Array
     X0: Array
@@ -181,12 +165,9 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> Sta
     S[:, at.S_R] = np.concatenate([clump.radii for clump in placed.clumps])
     offsets = np.ascontiguousarray(np.concatenate([clump.centers for clump in placed.clumps]))
     upper = world.upper
-    patches = 0 if upper is None else len(upper.heights)
-    P = np.zeros((patches, at.P_COLS))
-    if upper is not None:
-        P[:, at.P_Z], P[:, at.P_Z0] = upper.heights, upper.heights
-        P[:, at.P_MASS], P[:, at.P_DAMPING], P[:, at.P_LOAD] = upper.mass, upper.damping, upper.load
-        P[:, at.P_FREE] = float(upper.free)
+    # kernels index the patch of every body; without an upper plate nothing is ever a candidate with it
+    P = np.ones((1, at.P_COLS)) * (np.arange(at.P_COLS) == at.P_MASS) if upper is None else upper.table()
+    schedule, first = (Schedule() if upper is None else upper.schedule).tables()
     state = State(
         world=world,
         physics=physics,
@@ -194,7 +175,9 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> Sta
         S=S,
         P=P,
         A=np.zeros(at.A_COLS),
-        D=_drive(world, skin),
+        D=_limits(world, skin),
+        schedule=schedule,
+        first=first,
         M=np.zeros((n_bodies, max(physics.memory, 1))),
         offsets=offsets,
         X0=np.zeros((n_spheres, 3)),
@@ -207,18 +190,12 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> Sta
         slots=empty_slots(memory_columns(physics)),
         skin=skin,
     )
-    if upper is None:
-        # kernels index the patch of every body; without an upper plate nothing is ever a candidate with it
-        state.P = np.zeros((1, at.P_COLS))
-        state.P[0, at.P_MASS] = 1.0
     refresh_spheres(state)
     return state
 
 
-def _drive(world: World, skin: float) -> Array:
+def _limits(world: World, skin: float) -> Array:
     D = np.zeros(at.D_COLS)
-    if world.upper is not None:
-        D[at.D_START], (D[at.D_VX], D[at.D_VY]) = world.upper.start, world.upper.velocity
     sign = 1.0 if world.periodic else (-1.0 if world.bounded else 0.0)
     D[at.D_LX], D[at.D_LY] = sign * world.size[0], sign * world.size[1]
     D[at.D_SKIN] = skin

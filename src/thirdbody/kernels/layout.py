@@ -30,9 +30,10 @@ B_WORK = 38  # friction work, J, cumulative
 B_SLIP = 39  # slip distance, m, cumulative
 B_COLS = 40
 
-# P: patches of the upper body (one for a rigid plate, one per body for load_per_particle).
-P_Z, P_V, P_MASS, P_DAMPING, P_LOAD, P_F, P_FREE, P_Z0 = 0, 1, 2, 3, 4, 5, 6, 7
-P_COLS = 8
+# P: patches of the upper body (one for a rigid plate, else one per body); on a foundation the last row is the common plate.
+# P_SPRING is the stiffness of a patch's spring to that plate; P_F is the force of debris and springs, upwards.
+P_Z, P_V, P_MASS, P_DAMPING, P_LOAD, P_F, P_FREE, P_Z0, P_SPRING = range(9)
+P_COLS = 10
 
 # H: what a candidate contact remembers; law history and labeller memory follow from H_LAW on.
 H_ON, H_E, H_STORED, H_SLIP, H_LAW = 0, 1, 4, 5, 6
@@ -78,12 +79,12 @@ I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = r
     12,
 )
 A_POWER_DAMPING, A_POWER_EFFECTS, A_POWER_PATCH, A_UPPER, A_LOWER, A_POWER_LOAD = 13, 14, 15, 16, 19, 22
-A_DX, A_DY, A_STEPS, A_ELAPSED, A_PEAK = 23, 24, 25, 26, 27
+A_DX, A_DY, A_STEPS, A_ELAPSED, A_SPEED = 23, 24, 25, 26, 27
 A_COLS = 28
 
-# D: how the plates are driven, and the periodic lengths (0 = not periodic).
-D_START, D_VX, D_VY, D_LX, D_LY, D_GUARD_OVERLAP, D_GUARD_TRAVEL, D_SKIN, D_FLOOR = range(9)
-D_COLS = 9
+# D: the periodic lengths (0 = unbounded, negative = walls), limits of guards and search.
+D_LX, D_LY, D_GUARD_OVERLAP, D_GUARD_TRAVEL, D_SKIN, D_FLOOR = range(6)
+D_COLS = 6
 
 # C: one row per loaded contact of a body, handed to a labeller; its own memory follows from C_MEMORY on.
 C_PARTNER, C_POINT, C_NORMAL, C_CURVATURE, C_A, C_OVERLAP, C_FN, C_LOAD = 0, 1, 4, 7, 8, 9, 10, 11

@@ -17,6 +17,7 @@ from .layout import (
     I_TYPE,
     P_FREE,
     P_MASS,
+    P_SPRING,
     S_ARM,
     S_R,
     TILE,
@@ -111,6 +112,10 @@ def frequencies(n, own, partner, kind, body, S, B, P, pairs, l_x, l_y, stiffness
             add_stiffness(K, body[j], B, r, (n_x, n_y, n_z), 2.0 * k_n, 2.0 * k_t)
         r = (S[i, S_ARM] - S[i, S_R] * n_x, S[i, S_ARM + 1] - S[i, S_R] * n_y, S[i, S_ARM + 2] - S[i, S_R] * n_z)
         add_stiffness(K, body[i], B, r, (n_x, n_y, n_z), twice * k_n, twice * k_t)
+    plate = P.shape[0] - 1
+    for p in range(plate):
+        patches[p] += 2.0 * P[p, P_SPRING] / P[p, P_MASS]
+        patches[plate] += 2.0 * P[p, P_SPRING] / P[plate, P_MASS] * P[plate, P_FREE]
     for b in range(B.shape[0]):
         omega[b, 0] = largest_eigenvalue(K[b])
         omega[b, 1] = K[b, 0, 0] + K[b, 1, 1] + K[b, 2, 2]

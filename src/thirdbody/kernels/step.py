@@ -37,30 +37,21 @@ from .layout import (
     A_POWER_EFFECTS,
     A_POWER_LOAD,
     A_POWER_PATCH,
+    A_SPEED,
     A_STEPS,
     A_TIME,
     A_UPPER,
-    B_UP,
     D_FLOOR,
     D_GUARD_OVERLAP,
     D_GUARD_TRAVEL,
     D_LX,
     D_LY,
     D_SKIN,
-    D_START,
-    D_VX,
-    D_VY,
-    P_DAMPING,
-    P_F,
-    P_FREE,
-    P_LOAD,
-    P_MASS,
-    P_V,
-    P_Z,
-    P_Z0,
 )  # fmt: skip
+from .motion import X, Y, mean_rate
 from .observe import observe_chunk
 from .options import INNER, OPTIONS
+from .patches import drift_patches, drive_patches, kick_patches, patch_power
 from .signatures import EFFECTS, LAW, OBSERVE
 
 DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT = range(8)
@@ -71,46 +62,6 @@ NEARLY = 1.000001
 
 DRIFT, CONTACTS, GATHER, CLOSE = range(4)
 """Passes of one step, in their order; the last one closes the step and, in sampled steps, lets the labeller look."""
-
-
-@njit(**INNER)
-def drift_patches(P, dt):
-    """Half kick and drift of the patches of the upper body; returns the largest way since the last search."""
-    far = 0.0
-    for p in range(P.shape[0]):
-        if P[p, P_FREE] != 0.0:
-            force = P[p, P_F] - P[p, P_LOAD] - P[p, P_DAMPING] * P[p, P_V]
-            P[p, P_V] += 0.5 * dt / P[p, P_MASS] * force
-        P[p, P_Z] += dt * P[p, P_V]
-        far = max(far, abs(P[p, P_Z] - P[p, P_Z0]))
-    return far
-
-
-@njit(**INNER)
-def kick_patches(P, B, patch, dt):
-    """Closing half kick of the patches (their dashpot implicit, so it cannot overshoot); returns powers of load and dashpot."""
-    for p in range(P.shape[0]):
-        P[p, P_F] = 0.0
-    for b in range(B.shape[0]):
-        P[patch[b], P_F] -= B[b, B_UP + 2]
-    load, damping = 0.0, 0.0
-    for p in range(P.shape[0]):
-        if P[p, P_FREE] != 0.0:
-            half = 0.5 * dt / P[p, P_MASS]
-            P[p, P_V] = (P[p, P_V] + half * (P[p, P_F] - P[p, P_LOAD])) / (1.0 + half * P[p, P_DAMPING])
-            load -= P[p, P_LOAD] * P[p, P_V]
-            damping += P[p, P_DAMPING] * P[p, P_V] * P[p, P_V]
-    return load, damping
-
-
-@njit(**INNER)
-def patch_power(P):
-    """Power that moves patches whose height is prescribed, W: minus the debris' force times their velocity."""
-    power = 0.0
-    for p in range(P.shape[0]):
-        if P[p, P_FREE] == 0.0:
-            power -= P[p, P_F] * P[p, P_V]
-    return power
 
 
 @njit(**INNER)
@@ -149,6 +100,7 @@ def account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load, patch_dampin
     A[A_DY] += v_y * dt
     A[A_DISTANCE] += (v_x * v_x + v_y * v_y) ** 0.5 * dt
     A[A_STEPS] += 1.0
+    A[A_SPEED] = (v_x * v_x + v_y * v_y) ** 0.5
 
 
 @njit(**INNER)
@@ -199,7 +151,7 @@ ADVANCE = types.Tuple((types.int64, types.int64))(
     types.int64, _I1, _I1, _I1, _I1, _I1,  # number of slots; own, partner, kind; edges, incidence
     _I1, _I1, _I1, _F2, _F2, _F2,  # body, start, patch; offsets, X0, S
     _F2, _F2, _F2, _F2, _F2, _F2,  # B, P, H, F, R, M
-    _F1, _F1, _F1, _F1, _F2, _F2,  # pairs, effect parameters, D, A; sums, moves
+    _F1, _F1, _F1, _F1, _F2, _I1, _F2, _F2,  # pairs, effect parameters, D, A; schedule, first; sums, moves
     types.int64, types.int64, types.int64, types.boolean, types.boolean,  # n_history, stride, width, has_effects, labels
     types.UniTuple(types.float64, 2),  # drag direction
     types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE), types.FunctionType(WORK),
@@ -225,8 +177,8 @@ def work(task, c, record, time, v_x, v_y, dt, n, own, partner, kind, edges, inci
 
 @njit(ADVANCE, parallel=True, **OPTIONS)
 def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence, body, start, patch, offsets, X0, S,
-            B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, stride, width, has_effects, labels,
-            drag, law, effects, observe, work):  # fmt: skip
+            B, P, H, F, R, M, pairs, effect_parameters, D, A, schedule, first, sums, moves, n_history, stride, width, has_effects,
+            labels, drag, law, effects, observe, work):  # fmt: skip
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
     Returns the code and the slot or body that a guard names, or whether a search is due. State is synchronised on return.
@@ -234,7 +186,8 @@ def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence
     n_chunks, n_groups = (n + CHUNK - 1) // CHUNK, (B.shape[0] + BODIES - 1) // BODIES
     far_patch = 0.0
     for step in range(budget):
-        v_x, v_y = (D[D_VX], D[D_VY]) if A[A_TIME] >= D[D_START] else (0.0, 0.0)
+        v_x = mean_rate(schedule, first, np.int64(X), A[A_TIME], dt)
+        v_y = mean_rate(schedule, first, np.int64(Y), A[A_TIME], dt)
         speed = (v_x * v_x + v_y * v_y) ** 0.5
         last = A[A_TIME] + NEARLY * dt >= until or A[A_DISTANCE] + NEARLY * speed * dt >= distance
         sampled = labels and (int(A[A_STEPS]) + 1) % stride == 0
@@ -242,6 +195,7 @@ def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence
         time = A[A_TIME] + dt
         for task in range(CLOSE + 1):
             if task == DRIFT:
+                drive_patches(P, schedule, first, A[A_TIME], dt)
                 far_patch = drift_patches(P, dt)
             elif task == CLOSE:
                 load, damping = kick_patches(P, B, patch, dt)

@@ -15,8 +15,8 @@ from .schema import Frame
 UNITS = {
     "time": "s", "distance": "m", "gap": "m", "upper_force": "N", "lower_force": "N", "friction_coefficient": "1", "loaded": "1",
     **{f"energy_{name}": "J" for name in (
-        "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical",
-        "residual",
+        "foundation", "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects",
+        "numerical", "residual",
     )},
 }  # fmt: skip
 
@@ -120,14 +120,18 @@ class FrameMaker:
         if self._corners is None:
             return None
         points = self._corners.copy()
-        D, A, upper = self.state.D, self.state.A, self.state.world.upper
-        points[4:, :2] += np.array([D[at.D_VX], D[at.D_VY]]) * max(A[at.A_TIME] - D[at.D_START], 0.0)
-        points[4:, 2] = self._gap() if upper is not None else points[:4, 2]
+        upper = self.state.world.upper
+        if upper is not None:
+            points[4:, :2] += np.array(upper.schedule.place(self.state.time))
+            points[4:, 2] = self._gap()
         return {"points": points}
 
     def _gap(self) -> float:
-        """Height of the upper plate's surface over the lower one's; the mean over patches."""
-        return float(np.mean(self.state.P[:, at.P_Z])) if self.state.world.upper is not None else np.nan
+        """Height of the upper plate's surface over the lower one's: of the common plate, else the mean over patches, m."""
+        upper, P = self.state.world.upper, self.state.P
+        if upper is None:
+            return np.nan
+        return float(P[-1, at.P_Z]) if upper.foundation is not None else float(np.mean(P[:, at.P_Z]))
 
     def _impulses(self) -> np.ndarray:
         A = self.state.A

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import PrivateAttr, ValidationError
@@ -24,6 +25,8 @@ from thirdbody.scene.debris import (
     Spheres,
     Uniform,
 )
+from thirdbody.scene.drives import Constant as ConstantVelocity
+from thirdbody.scene.drives import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.fields import Whole, listing, plain
 from thirdbody.scene.part import MISSING, Part, Place, Wrong, wrongs_of
 from thirdbody.scene.read import Source, read_text, read_toml
@@ -31,11 +34,9 @@ from thirdbody.scene.settings import apply_settings
 from thirdbody.scene.tables import (
     Contact,
     Domain,
-    Drive,
     Effects,
     LowerPlate,
     Material,
-    Motion,
     Output,
     Pair,
     Plates,
@@ -46,9 +47,9 @@ from thirdbody.scene.types import Text
 from thirdbody.scene.write import save_text, toml_text
 
 __all__ = [
-    "Ball", "Constant", "Contact", "Debris", "Domain", "Drive", "Effects", "Irregular", "Lognormal",
-    "LowerPlate", "Material", "Motion", "Normal", "Output", "Pair", "Plates", "Scene", "Solver", "Spheres",
-    "Uniform", "UpperPlate",
+    "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "Irregular", "Lognormal",
+    "LowerPlate", "Material", "Motion", "Normal", "Output", "Pair", "Pause", "Plates", "Ramp", "Scene", "Solver",
+    "Spheres", "Stroke", "Table", "Uniform", "UpperPlate",
 ]  # fmt: skip
 
 VERSION = 1
@@ -142,6 +143,10 @@ class Scene(Part):
         scene = self._checked(document, Source().overridden([()]), [])
         scene._source = self._source.overridden(places)
         return scene
+
+    def beside(self, name: str) -> Path:
+        """The path of a file that the scene names: relative to the scene's own file."""
+        return Path(self._source.file).parent / name if self._source.file else Path(name)
 
     def fault(self, place: Place, message: str) -> Fault:
         """A fault at a place such as ("contact", "springs"), with file and line if there is a file."""

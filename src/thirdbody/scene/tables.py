@@ -7,18 +7,21 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import SerializerFunctionWrapHandler, model_serializer
 
 from thirdbody.scene import units
+from thirdbody.scene.drives import Motion
 from thirdbody.scene.fields import Choice, Quantity, listing, show
-from thirdbody.scene.part import Part, Wrong, bundle, one_of
+from thirdbody.scene.part import MISSING, Part, Wrong, bundle, one_of
 from thirdbody.scene.types import (
     AccelerationVector,
     Damping,
     Flag,
+    Force,
     Fraction,
     PositiveDensity,
     PositiveForce,
     PositiveLength,
     PositiveMass,
     PositivePressure,
+    PositiveStiffness,
     PositiveTime,
     Speed,
     Text,
@@ -68,24 +71,6 @@ class Domain(Part):
     periodic: Flag = True
 
 
-class Drive(Part):
-    """Motion along one axis: a constant velocity, m/s."""
-
-    later: ClassVar[dict[str, str]] = dict.fromkeys(("stroke", "frequency", "ramp", "table"), "velocity")
-    velocity: Speed
-
-
-class Motion(Part):
-    """Motion of the upper plate along x and y; an axis that is not named rests."""
-
-    x: Drive | None = None
-    y: Drive | None = None
-
-    def velocity(self) -> tuple[float, float]:
-        """Velocity along x and y, m/s."""
-        return (self.x.velocity if self.x else 0.0, self.y.velocity if self.y else 0.0)
-
-
 class LowerPlate(Part):
     """The plate at z = 0, at rest."""
 
@@ -98,13 +83,14 @@ _LOADINGS = ("load", "pressure", "gap")
 class UpperPlate(Part):
     """The plate above: how it is held and loaded (N, Pa of the domain's area, or m between the surfaces)."""
 
-    later: ClassVar[dict[str, str]] = {"closing": "load, pressure, gap", "stiffness": "support = 'rigid'"}
-
     material: Text
-    support: Annotated[Literal["rigid", "load_per_particle"], Choice(later=("foundation",))] = "rigid"
+    support: Annotated[Literal["rigid", "foundation", "load_per_particle"], Choice()] = "rigid"
     load: PositiveForce | None = None
     pressure: PositivePressure | None = None
     gap: PositiveLength | None = None
+    closing: Speed | None = None
+    stiffness: PositiveStiffness | None = None
+    preload: Force | None = None
     motion: Motion = Motion()
     mass: PositiveMass | None = None
     damping: Damping | None = None
@@ -116,6 +102,12 @@ class UpperPlate(Part):
         if raw.get("support") == "load_per_particle" and not wrongs and "load" not in raw:
             given = next(key for key in _LOADINGS if key in raw)
             wrongs.append(((given,), "support = 'load_per_particle' takes a load, not a " + given))
+        if "closing" in raw and "gap" not in raw:
+            wrongs.append((("closing",), "needs a gap to start from"))
+        if raw.get("support") == "foundation" and "stiffness" not in raw:
+            wrongs.append((("stiffness",), f"{MISSING}: the stiffness of each particle's patch, such as \"1e4 N/m\""))
+        if raw.get("support") != "foundation":
+            wrongs += [((key,), "belongs to support = 'foundation'") for key in ("stiffness", "preload") if key in raw]
         return wrongs
 
 
@@ -133,7 +125,7 @@ class Plates(Part):
 
     def moving(self) -> bool:
         """True when the upper plate slides."""
-        return self.upper is not None and self.upper.motion.velocity() != (0.0, 0.0)
+        return self.upper is not None and self.upper.motion.moving()
 
 
 class Contact(Part):

@@ -1,0 +1,73 @@
+"""The patches of the upper body: driven, loaded, sprung to a common plate, and moved by velocity Verlet."""
+
+from numba import njit
+
+from .layout import B_UP, P_DAMPING, P_F, P_FREE, P_LOAD, P_MASS, P_SPRING, P_V, P_Z, P_Z0
+from .motion import GAP, LOAD, mean_rate, value
+from .options import INNER
+
+
+@njit(**INNER)
+def drive_patches(P, schedule, first, t, dt):
+    """Heights and loads that are prescribed for the step from t to t + dt: of every patch without a spring, or the plate."""
+    gap, load = first[GAP + 1] > first[GAP], first[LOAD + 1] > first[LOAD]
+    if not gap and not load:
+        return
+    for p in range(P.shape[0]):
+        if P[p, P_SPRING] > 0.0:
+            continue
+        if gap and P[p, P_FREE] == 0.0:
+            P[p, P_V] = mean_rate(schedule, first, GAP, t, dt)
+        if load and P[p, P_FREE] != 0.0:
+            P[p, P_LOAD] = value(schedule, first, LOAD, t + dt)
+
+
+@njit(**INNER)
+def drift_patches(P, dt):
+    """Half kick and drift of the patches of the upper body; returns the largest way since the last search."""
+    far = 0.0
+    for p in range(P.shape[0]):
+        if P[p, P_FREE] != 0.0:
+            force = P[p, P_F] - P[p, P_LOAD] - P[p, P_DAMPING] * P[p, P_V]
+            P[p, P_V] += 0.5 * dt / P[p, P_MASS] * force
+        P[p, P_Z] += dt * P[p, P_V]
+        far = max(far, abs(P[p, P_Z] - P[p, P_Z0]))
+    return far
+
+
+@njit(**INNER)
+def press_patches(P, B, patch):
+    """Upward forces: of the debris on its patches, of the springs on patches and plate, in the order of bodies and patches."""
+    plate = P.shape[0] - 1
+    for p in range(P.shape[0]):
+        P[p, P_F] = 0.0
+    for b in range(B.shape[0]):
+        P[patch[b], P_F] -= B[b, B_UP + 2]
+    for p in range(plate):
+        spring = P[p, P_SPRING] * (P[p, P_Z] - P[plate, P_Z])
+        P[p, P_F] -= spring
+        P[plate, P_F] += spring
+
+
+@njit(**INNER)
+def kick_patches(P, B, patch, dt):
+    """Closing half kick of the patches (their dashpot implicit, so it cannot overshoot); returns powers of load and dashpot."""
+    press_patches(P, B, patch)
+    load, damping = 0.0, 0.0
+    for p in range(P.shape[0]):
+        if P[p, P_FREE] != 0.0:
+            half = 0.5 * dt / P[p, P_MASS]
+            P[p, P_V] = (P[p, P_V] + half * (P[p, P_F] - P[p, P_LOAD])) / (1.0 + half * P[p, P_DAMPING])
+            load -= P[p, P_LOAD] * P[p, P_V]
+            damping += P[p, P_DAMPING] * P[p, P_V] * P[p, P_V]
+    return load, damping
+
+
+@njit(**INNER)
+def patch_power(P):
+    """Power that moves patches or a plate whose height is prescribed, W: minus the force on them times their velocity."""
+    power = 0.0
+    for p in range(P.shape[0]):
+        if P[p, P_FREE] == 0.0:
+            power -= P[p, P_F] * P[p, P_V]
+    return power

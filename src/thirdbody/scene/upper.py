@@ -1,0 +1,228 @@
+"""The upper plate of a scene with its defaults: patches, foundation, schedule, settling time, and what can be expected."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..engine.plates import Foundation, UpperPlate
+from ..engine.probe import overlap_at, response
+from ..engine.state import Placed
+from ..errors import InputError
+from . import units
+from .choose import Choice
+from .model import Scene
+from .populate import CLEARANCE, sphere_centres
+from .schedule import schedule
+
+HANDFUL = 3
+"""So few loaded bodies of a larger layer are worth a warning: a parallel rigid plate on stiff bodies rests on one of them."""
+
+
+@dataclass(frozen=True)
+class Upper:
+    """The plate, the settling time (s), the expected overlap over the radius, and how many bodies carry load at once."""
+
+    plate: UpperPlate | None
+    settle: float = 0.0
+    overlap: float = 0.0
+    loaded: int = 0
+
+
+@dataclass(frozen=True)
+class Crown:
+    """Highest point of each body: height (n,), radius of its sphere (n,), row of the pair with the plate (n,), mass (n,)."""
+
+    top: np.ndarray
+    radius: np.ndarray
+    kind: np.ndarray
+    mass: np.ndarray
+
+
+def upper_plate(scene: Scene, choice: Choice, placed: Placed, warnings: list[str]) -> Upper:
+    """The upper plate of a scene, if it has one. Raises InputError for a gap that is too small or a table that is wrong."""
+    plate = scene.plates.upper
+    if plate is None:
+        return Upper(None)
+    material = list(scene.materials).index(plate.material)
+    top, radius = _tops(placed)
+    masses = placed.densities * np.array([clump.volume for clump in placed.clumps])
+    crown = Crown(top, radius, choice.physics.kinds[placed.materials, material], masses)
+    if plate.support == "foundation":
+        return _on_foundation(scene, choice, placed, crown, material, warnings)
+    if plate.gap is not None:
+        return _at_gap(scene, crown, material, plate.gap, warnings)
+    if plate.support == "load_per_particle":
+        return _each_loaded(scene, choice, placed, crown, material, warnings)
+    return _rigid(scene, choice, placed, crown, material, warnings)
+
+
+def _load(scene: Scene) -> float:
+    """Load on the plate, or on each patch, N."""
+    plate = scene.plates.upper
+    assert plate is not None
+    area = scene.domain.size[0] * scene.domain.size[1]
+    return plate.load if plate.load is not None else (plate.pressure or 0.0) * area
+
+
+def _at_gap(scene: Scene, crown: Crown, material: int, gap: float, warnings: list[str]) -> Upper:
+    """A rigid plate at a prescribed height."""
+    tallest = int(np.argmax(crown.top))
+    if crown.top[tallest] > gap * (1.0 + 2.0 * CLEARANCE):
+        message = (
+            f"{units.pretty(gap, 'length')} is smaller than body {tallest}, which is "
+            f"{units.pretty(float(crown.top[tallest]), 'length')} tall: it would start inside the plate; "
+            "initial_overlap = 'refuse'"
+        )
+        raise InputError(scene.fault(("plates", "upper", "gap"), message))
+    if scene.plates.moving():
+        warnings.append("at constant gap a tipping particle wedges and its normal force has no bound; a load lets it tip")
+    settle = 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle
+    patch, zero = np.zeros(len(crown.top), np.int64), np.zeros(1)
+    made = UpperPlate(material, np.array([gap]), np.ones(1), zero, zero, False, patch, schedule(scene, settle))
+    return Upper(made, settle)
+
+
+def _each_loaded(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
+    """Every body under its own free patch."""
+    n, load = len(crown.top), _load(scene)
+    loads = np.full(n, load)
+    mass = np.full(n, scene.plates.upper.mass or crown.mass.mean())  # type: ignore[union-attr]
+    overlap, dashpot = _pressed(scene, choice, crown, np.arange(n), loads, mass, warnings)
+    settle = _settle(scene, placed, crown, mass, dashpot, load)
+    _warn_dashpot(scene, settle, dashpot, load, warnings)
+    heights = crown.top + CLEARANCE * crown.radius
+    made = UpperPlate(material, heights, mass, dashpot, loads, True, np.arange(n), schedule(scene, settle))
+    return Upper(made, settle, float(np.max(overlap / crown.radius)), n)
+
+
+def _rigid(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
+    """One free plate, kept parallel; it comes down on the tallest body, which carries the load at first."""
+    load, tallest = _load(scene), np.array([int(np.argmax(crown.top))])
+    mass = np.full(1, scene.plates.upper.mass or crown.mass.sum())  # type: ignore[union-attr]
+    loads = np.full(1, load)
+    overlap, dashpot = _pressed(scene, choice, crown, tallest, loads, mass, warnings)
+    settle = _settle(scene, placed, crown, mass, dashpot, load)
+    loaded = _carrying(lambda z: _layer_force(choice, crown, z), crown, load)
+    if loaded <= HANDFUL < len(crown.top):
+        warnings.append(
+            f"a rigid flat plate, kept parallel, rests on about {loaded} of {len(crown.top)} bodies: they are stiff and of "
+            'different height; support = "foundation" or "load_per_particle" shares the load'
+        )
+    _warn_dashpot(scene, settle, dashpot, load, warnings)
+    height = crown.top[tallest] + CLEARANCE * crown.radius[tallest]
+    patch = np.zeros(len(crown.top), np.int64)
+    made = UpperPlate(material, height, mass, dashpot, loads, True, patch, schedule(scene, settle))
+    return Upper(made, settle, float(overlap[0] / crown.radius[tallest[0]]), loaded)
+
+
+def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
+    """Every body under its own patch, sprung to a common plate that has a load or a height."""
+    plate = scene.plates.upper
+    assert plate is not None and plate.stiffness is not None
+    n, stiffness, preload = len(crown.top), plate.stiffness, plate.preload or 0.0
+    load = _load(scene)
+    highest = float(crown.top.max())
+    height = plate.gap if plate.gap is not None else highest
+    springs = lambda z: stiffness * np.maximum(crown.top - z, 0.0) + preload * (crown.top > z)  # noqa: E731
+    level = height if plate.gap is not None else _level(springs, crown, load)
+    carried = np.maximum(springs(level), 0.0)
+    loaded = int(np.count_nonzero(carried))
+    largest = np.array([int(np.argmax(carried))])
+    mass = np.full(n, plate.mass or crown.mass.mean())
+    expected = np.maximum(carried[largest], 1e-300)
+    overlap, dashpot = _pressed(scene, choice, crown, largest, expected, mass[:1], warnings)
+    total = float(mass.sum())
+    common = Foundation(
+        stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None
+    )
+    settle = _settle(scene, placed, crown, mass, dashpot, float(expected[0]))
+    heights = np.maximum(height, crown.top) + CLEARANCE * crown.radius
+    made = UpperPlate(
+        material, heights, mass, np.full(n, dashpot[0]), np.full(n, preload), True, np.arange(n), schedule(scene, settle), common
+    )
+    return Upper(made, settle, float(overlap[0] / crown.radius[largest[0]]), loaded)
+
+
+def _pressed(
+    scene: Scene, choice: Choice, crown: Crown, who: np.ndarray, loads: np.ndarray, mass: np.ndarray, warnings: list[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Overlap (m) of these bodies' highest spots under their loads, and the dashpots (kg/s), by default critical with them."""
+    plate, radius, kind = scene.plates.upper, crown.radius[who], crown.kind[who]
+    assert plate is not None
+    overlap = overlap_at(choice.physics, loads, radius, kind)
+    _warn_pressure(choice, loads, overlap, radius, kind, warnings)
+    if plate.damping is not None:
+        return overlap, np.full(len(who), plate.damping)
+    stiffness = response(choice.physics, overlap, radius, kind)[1]
+    if not np.all(np.isfinite(stiffness)):
+        message = "needs a value: the normal law has no tangent to find the critical damping from"
+        raise InputError(scene.fault(("plates", "upper", "damping"), message))
+    return overlap, 2.0 * np.sqrt(stiffness * mass)
+
+
+def _layer_force(choice: Choice, crown: Crown, z: float) -> np.ndarray:
+    """Normal force on each body of a plate at height z, if bodies did not move, N."""
+    overlap = np.maximum(crown.top - z, 0.0)
+    force = response(choice.physics, overlap, crown.radius, crown.kind)[0]
+    return np.where(overlap > 0.0, force, 0.0)
+
+
+def _level(force, crown: Crown, load: float) -> float:
+    """Height of the plate at which the bodies together carry the load, by bisection."""
+    low, high = 0.0, float(crown.top.max())
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if float(np.sum(force(middle))) > load else (low, middle)
+    return high
+
+
+def _carrying(force, crown: Crown, load: float) -> int:
+    """How many bodies carry the load at once."""
+    return max(1, int(np.count_nonzero(force(_level(force, crown, load)))))
+
+
+def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
+    """Height of the highest point of each body and the radius of its sphere there, m."""
+    centres, radii, body = sphere_centres(placed)
+    order = np.lexsort((centres[:, 2] + radii, body))
+    last = np.append(np.flatnonzero(np.diff(body[order])), len(body) - 1)
+    highest = order[last]
+    return centres[highest, 2] + radii[highest], radii[highest]
+
+
+def _settle(scene: Scene, placed: Placed, crown: Crown, mass: np.ndarray, dashpot: np.ndarray, load: float) -> float:
+    """Time under load before the drag, s. Automatic: what a patch needs to fall by a quarter of the largest body's size.
+
+    A body that is pressed off its balance tips into a new seat, and its patch comes down by about that much.
+    """
+    if not isinstance(scene.solver.settle, str):
+        return scene.solver.settle
+    if not scene.plates.moving():
+        return 0.0
+    way = 0.25 * max(clump.diameter for clump in placed.clumps)
+    return math.sqrt(2.0 * way * (crown.mass.max() + mass.max()) / load) + float(dashpot.max()) * way / load
+
+
+def _warn_pressure(choice: Choice, load, overlap, radius, kind, warnings: list[str]) -> None:
+    """First yield under a sphere at p0 = 1.6 Y (Johnson 1985, Eq. 4.35); told when the scene gives Y."""
+    p0 = 1.5 * load / (math.pi * radius * overlap)
+    for k, pair in enumerate(choice.pairs):
+        soft = min((m.yield_strength for m in (pair.a, pair.b) if m.yield_strength), default=None)
+        here = p0[kind == k]
+        if soft is not None and len(here) and here.max() > 1.6 * soft:
+            warnings.append(
+                f"{pair.a.name}/{pair.b.name}: Hertz pressure {units.pretty(float(here.max()), 'pressure')} exceeds first yield "
+                f"({units.pretty(1.6 * soft, 'pressure')}): contacts are computed as elastic all the same"
+            )
+
+
+def _warn_dashpot(scene: Scene, settle: float, dashpot: np.ndarray, load: float, warnings: list[str]) -> None:
+    share = float(dashpot.max()) * schedule(scene, settle).top_speed() / load
+    if share > 1.0:
+        warnings.append(
+            f"the patches' dashpot carries up to {share:.1f} of the load when they rise or fall at the drag speed: "
+            "the motion is not quasi-static; lower plates.upper.damping or the speed"
+        )

@@ -1,0 +1,190 @@
+"""Schedules of motion against closed forms, and foundations against a hand calculation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from thirdbody.engine.plates import Schedule, Segment
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.motion import POLYNOMIAL, SINE, TRIANGLE
+from thirdbody.laws.registry import discover
+from thirdbody.scene.build import build
+from thirdbody.scene.model import Scene
+from thirdbody.scene.schedule import schedule
+
+PLATES = """
+scene = 1
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.3
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.3
+restitution = 0.6
+{debris}
+[domain]
+size = ["100 um", "100 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+{upper}
+[solver]
+{solver}
+[output]
+every = "1 us"
+"""
+
+
+def ball(radius: str, x: str) -> str:
+    return (
+        f'[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "{radius}"\n'
+        f'positions = [["{x}", "50 um", "{radius}"]]\n'
+    )
+
+
+THREE = ball("5 um", "20 um") + ball("5.01 um", "50 um") + ball("5.03 um", "80 um")
+
+
+def scene(upper: str, solver: str = 'duration = "1 us"', debris: str = THREE) -> Scene:
+    return Scene.parse(PLATES.format(upper=upper, solver=solver, debris=debris))
+
+
+def moved(text: str, start: float = 0.0) -> Schedule:
+    return schedule(scene(f'load = "1 mN"\nmotion = {{x = {text}}}'), start)
+
+
+def test_stages_follow_each_other():
+    first = '{ramp = "2 m/s", duration = "2 us"}, {velocity = "2 m/s", duration = "1 us"}'
+    made = moved(f'[{first}, {{pause = "3 us"}}, {{velocity = "-1 m/s"}}]')
+    # ramp: v t/2 = 2 um; then 2 um at 2 m/s; rest; back at 1 m/s
+    places = {1e-6: 0.5e-6, 2e-6: 2e-6, 3e-6: 4e-6, 5e-6: 4e-6, 6e-6: 4e-6, 8e-6: 2e-6}
+    for t, x in places.items():
+        assert made.place(t)[0] == pytest.approx(x, rel=1e-12, abs=0.0)
+
+
+def test_motion_starts_after_settling():
+    made = moved('{velocity = "1 m/s"}', start=5e-6)
+    assert made.place(4e-6) == (0.0, 0.0)
+    assert made.place(7e-6)[0] == pytest.approx(2e-6, rel=1e-12)
+    assert made.direction() == (1.0, 0.0)
+
+
+def test_strokes_are_peak_to_peak():
+    sine = moved('{stroke = "2 um", frequency = "1 MHz"}')
+    triangle = moved('{stroke = "2 um", frequency = "1 MHz", shape = "triangle"}')
+    for made in (sine, triangle):
+        assert made.place(0.0)[0] == 0.0
+        assert made.place(0.5e-6)[0] == pytest.approx(2e-6, rel=1e-12)
+        assert made.place(1e-6)[0] == pytest.approx(0.0, abs=1e-18)
+    # a sine's largest speed is pi s f, a triangle's speed is 2 s f
+    assert sine.top_speed() == pytest.approx(math.pi * 2.0, rel=1e-12)
+    assert triangle.top_speed() == pytest.approx(4.0, rel=1e-12)
+
+
+def test_path_and_its_inverse():
+    made = moved('{stroke = "2 um", frequency = "1 MHz"}')
+    # to and fro: 4 um a cycle; chords of a thousandth of a period fall short by (pi/1000)^2/24 at most
+    assert made.path(0.0, 3e-6) == pytest.approx(12e-6, rel=1e-6)
+    assert made.time_of(6e-6, 0.0) == pytest.approx(1.5e-6, abs=2e-9)  # one chord
+    ending = moved('[{velocity = "1 m/s", duration = "1 us"}, {pause = "1 us"}]')
+    assert ending.time_of(0.5e-6, 0.0) == pytest.approx(0.5e-6, rel=1e-12)
+    assert math.isinf(ending.time_of(2e-6, 0.0))
+
+
+def test_the_engine_follows_the_schedule():
+    text = '[{ramp = "1 m/s", duration = "0.2 us"}, {stroke = "0.3 um", frequency = "5 MHz", cycles = 1}, {velocity = "-1 m/s"}]'
+    built = build(scene(f'load = "1 mN"\nmotion = {{x = {text}}}', 'duration = "0.6 us"\nsettle = "0.1 us"'), discover())
+    shift = 0.0
+    while built.state.time < 0.6e-6:
+        before = built.state.A[at.A_DX]
+        built.integrator.advance_to(time=built.state.time + 0.5 * built.state.dt)
+        after = built.state.A[at.A_DX]
+        shift += after - before if after != 0.0 else -before  # reset by the labeller's look
+    assert built.schedule.place(0.3e-6)[0] > 0.0
+    # the path's length is the sum of the steps' lengths: chords of a curve, relative (omega dt)^2/24
+    assert built.state.distance == pytest.approx(built.schedule.path(0.1e-6, built.state.time), rel=1e-3)
+
+
+def test_segments_rates_are_slopes():
+    for kind in (POLYNOMIAL, SINE, TRIANGLE):
+        segment = Segment(0.0, kind, 1.0, 2.0, 3.0)
+        h = 1e-6
+        slope = (segment.value(0.1 + h) - segment.value(0.1 - h)) / (2.0 * h)
+        assert segment.rate(0.1) == pytest.approx(slope, rel=1e-8)  # h^2 and rounding/h
+
+
+def test_a_closing_gap_presses():
+    debris = ball("5 um", "50 um")
+    built = build(scene('gap = "10.001 um"\nclosing = "10 mm/s"', 'duration = "0.5 us"', debris), discover())
+    built.integrator.advance_to(time=0.5e-6)
+    assert built.state.P[0, at.P_Z] == pytest.approx(10.001e-6 - 0.5e-6 * 10e-3, rel=1e-4)
+    assert built.state.A[at.A_UPPER + 2] > 0.0
+    assert built.state.A[at.A_PLATE_WORK] > 0.0
+
+
+def settled(upper: str, time: float = 40e-6):
+    built = build(scene(upper, f'duration = "{time} s"'), discover())
+    built.integrator.advance_to(time=time)
+    slots = built.state.slots
+    force = np.zeros(3)
+    on = slots.H[:, at.H_ON] > 0.0
+    for k in np.flatnonzero(on & (slots.partner < -1)):
+        force[built.state.body[slots.own[k]]] += slots.R[k, at.R_FN]
+    return built, force
+
+
+def shared(tops, stiffness: float, load: float) -> np.ndarray:
+    """Loads by hand: spring and two Hertz contacts in series under each body, a common plate that carries `load`."""
+    e_star, radii = 210e9 / (2.0 * (1.0 - 0.3**2)), 0.5 * np.asarray(tops)
+
+    def approach(n):
+        return n / stiffness + 2.0 * (3.0 * n / (4.0 * e_star * np.sqrt(radii))) ** (2.0 / 3.0)
+
+    def loads(level):
+        low, high = np.zeros(3), np.full(3, load)
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            below = approach(middle) < np.maximum(tops - level, 0.0)
+            low, high = np.where(below, middle, low), np.where(below, high, middle)
+        return np.where(tops > level, high, 0.0)
+
+    low, high = 0.5 * min(tops), max(tops)
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if loads(middle).sum() > load else (low, middle)
+    return loads(high)
+
+
+def test_a_foundation_shares_the_load_by_its_springs():
+    built, force = settled('support = "foundation"\nstiffness = "100 N/m"\nload = "10 uN"')
+    tops = np.array([10.0e-6, 10.02e-6, 10.06e-6])
+    # 40 us are eight relaxation times c/k of the patches: e^-8
+    assert force == pytest.approx(shared(tops, 100.0, 10e-6), rel=2e-3)
+    assert force.sum() == pytest.approx(10e-6, rel=1e-3)
+    assert built.upper.loaded == 3
+
+
+def test_a_stiff_foundation_is_a_rigid_plate():
+    _, stiff = settled('support = "foundation"\nstiffness = "1e6 N/m"\nload = "10 uN"')
+    _, rigid = settled('support = "rigid"\nload = "10 uN"')
+    # the tallest carries it all: 40 nm more than the overlap under 10 uN
+    assert rigid == pytest.approx([0.0, 0.0, 10e-6], rel=1e-3)
+    assert stiff == pytest.approx(rigid, rel=0.01, abs=1e-9)
+
+
+def test_a_soft_foundation_with_preload_loads_each():
+    _, force = settled('support = "foundation"\nstiffness = "1e-3 N/m"\npreload = "10 uN"\ngap = "10.07 um"')
+    assert force == pytest.approx([10e-6] * 3, rel=0.01)
+
+
+def test_a_rigid_plate_reaches_its_load_and_does_work():
+    built, force = settled('support = "rigid"\nload = "20 uN"')
+    assert built.state.A[at.A_UPPER + 2] == pytest.approx(20e-6, rel=0.01)
+    assert built.upper.loaded == 1
+    assert any("rests on about 1 of 3" in warning for warning in built.warnings) is False  # three bodies are no larger layer
+    assert built.state.A[at.A_PLATE_WORK] > 0.0
