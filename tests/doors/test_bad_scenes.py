@@ -68,7 +68,6 @@ FAULTS = {
     "implicit": ([('settle = "1 us"', 'integrator = "implicit"')], "29:1: solver.integrator", [LATER, "'explicit'"]),
     "relax": ([('settle = "1 us"', 'initial_overlap = "relax"')], "29:1: solver.initial_overlap", [LATER, "'refuse'"]),
     "spots": ([('"spheres"', '"spots"')], "13:1: debris[0].kind", [LATER, "'spheres'"]),
-    "mesh": ([('"spheres"', '"mesh"')], "13:1: debris[0].kind", [LATER, "'irregular'"]),
     "dense": ([("seed = 1", 'placement = "dense"')], "16:1: debris[0].placement", [LATER, "'layer'"]),
     "mdr": ([("[solver]", '[contact]\nlevel = "mdr"\n[solver]')], "28:1: contact.level", [LATER, "'mindlin'"]),
     "springs": ([("[solver]", "[contact]\nsprings = 32\n[solver]")], "28:1: contact.springs", ["mdr", LATER]),

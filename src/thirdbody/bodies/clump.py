@@ -67,7 +67,7 @@ def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
     c, r = (centers - anchor) / scale, radii / scale
     _refuse_parts(c, r)
     volume, centroid, tensor, error = _mass_properties(c, r)
-    inertia, axes = _principal(tensor)
+    inertia, axes = principal_axes(tensor)
     body = Clump((c - centroid) @ axes * scale, radii, volume * scale**3, inertia * scale**5, error)
     return body, anchor + centroid * scale, quaternion_from_matrix(axes)
 
@@ -181,7 +181,7 @@ def _not_swallowed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
     return np.flatnonzero(~((inside & ~twin) | (twin & first)).any(axis=1))
 
 
-def _principal(tensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def principal_axes(tensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Principal moments (3,), rising, and right-handed axes (3, 3) as columns."""
     inertia, axes = np.linalg.eigh(tensor)
     # Without this a ball, whose axes are free, would be turned by rounding.

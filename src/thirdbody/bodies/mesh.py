@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from thirdbody.bodies.clump import _principal
+from thirdbody.bodies.clump import principal_axes
 from thirdbody.errors import Fault, InputError
 
 SUFFIXES = (".stl", ".obj", ".ply")
@@ -106,7 +106,7 @@ def mass_properties(mesh: Mesh) -> MassProperties:
     flat = corners.reshape(-1, 3)
     second = (np.repeat(jacobian, 3) * flat.T) @ flat + (jacobian * total.T) @ total
     second = second / 120.0 - volume * np.outer(centroid, centroid)
-    inertia, axes = _principal(np.trace(second) * np.eye(3) - second)
+    inertia, axes = principal_axes(np.trace(second) * np.eye(3) - second)
     # Terms of either sign cancel: the rounding is that of the sum of their sizes.
     size = np.abs(jacobian) @ ((corners**2).sum(axis=(1, 2)) + (total**2).sum(axis=1)) / 120.0
     lost = max(np.abs(jacobian).sum() / (6.0 * volume), 2.0 * size / inertia[0])

@@ -88,8 +88,8 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
     registry = registry or discover()
     choice = choose(scene, registry)
     labeller = choice.labeller
-    placed = populate(scene)
     warnings = _similarity_warnings(choice)
+    placed = populate(scene, warnings)
     upper = upper_plate(scene, choice, placed, warnings)
     names = list(scene.materials)
     lower = None if scene.plates.lower is None else names.index(scene.plates.lower.material)

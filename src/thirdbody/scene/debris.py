@@ -195,5 +195,24 @@ class Spheres(Part):
         return [(("count",), f"{self.count} is not the number of positions, {len(self.positions)}")]
 
 
-KINDS: dict[str, type[Part]] = {"irregular": Irregular, "spheres": Spheres}
-Debris = Annotated[Irregular | Spheres, tagged("kind", KINDS, later=("file", "spots", "mesh"))]
+class Mesh(Part):
+    """Bodies from a closed surface mesh (STL, OBJ or PLY): clumps of `spheres` spheres with the mesh's volume and inertia.
+
+    `unit` is the length of one unit of the file, m; `size` (volume-equivalent diameter, m), if given, rescales each body.
+    """
+
+    kind: Literal["mesh"] = "mesh"
+    material: Text
+    file: Text
+    unit: PositiveLength
+    spheres: Annotated[int, Whole(ge=4, le=40)] = 12
+    count: Count
+    seed: Seed = 1
+    size: Size | None = None
+    placement: Placement = "layer"
+    velocity: Velocity = REST
+    angular_velocity: AngularVelocity = REST
+
+
+KINDS: dict[str, type[Part]] = {"irregular": Irregular, "spheres": Spheres, "mesh": Mesh}
+Debris = Annotated[Irregular | Spheres | Mesh, tagged("kind", KINDS, later=("file", "spots"))]

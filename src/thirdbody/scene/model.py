@@ -21,6 +21,7 @@ from thirdbody.scene.debris import (
     Debris,
     Irregular,
     Lognormal,
+    Mesh,
     Normal,
     Spheres,
     Uniform,
@@ -48,7 +49,7 @@ from thirdbody.scene.write import save_text, toml_text
 
 __all__ = [
     "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "Irregular", "Lognormal",
-    "LowerPlate", "Material", "Motion", "Normal", "Output", "Pair", "Pause", "Plates", "Ramp", "Scene", "Solver",
+    "LowerPlate", "Material", "Mesh", "Motion", "Normal", "Output", "Pair", "Pause", "Plates", "Ramp", "Scene", "Solver",
     "Spheres", "Stroke", "Table", "Uniform", "UpperPlate",
 ]  # fmt: skip
 

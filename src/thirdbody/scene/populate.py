@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ..bodies.clump import Clump, clump_with_frame
 from ..bodies.placement import overlaps, place_layer
 from ..bodies.poses import quaternion_product, settle
-from ..bodies.shapes import population
+from ..bodies.shapes import diameters, population
 from ..engine.state import Placed, rotation_matrices
 from ..errors import Fault, InputError
 from . import units
-from .debris import Constant, Irregular, Lognormal, Spheres
+from .debris import Constant, Irregular, Lognormal, Mesh, Spheres, Uniform
 from .debris import Normal as NormalSize
 from .model import Scene
 
@@ -25,8 +27,8 @@ COVERAGE = 4.0
 """Bodies of one layer whose equal-volume spheres would cover the domain this often cannot all rest on it, however they nest."""
 
 
-def populate(scene: Scene) -> Placed:
-    """All bodies of the scene, in the order of its populations. Raises InputError when they cannot be placed.
+def populate(scene: Scene, warnings: list[str]) -> Placed:
+    """All bodies of the scene, in the order of its populations. Raises InputError when they cannot be made or placed.
 
     The bodies of all layers are laid together, each in a stable pose on the lower plate.
     """
@@ -34,7 +36,7 @@ def populate(scene: Scene) -> Placed:
     clumps: list[Clump] = []
     positions, quaternions, layered = [], [], []
     for index, debris in enumerate(scene.debris):
-        shapes, turn = _shapes(index, debris)
+        shapes, turn = _shapes(scene, index, debris, warnings)
         clumps += shapes
         in_layer = _in_layer(debris)
         layered += [in_layer] * len(shapes)
@@ -51,7 +53,7 @@ def populate(scene: Scene) -> Placed:
     return placed
 
 
-def _in_layer(debris: Irregular | Spheres) -> bool:
+def _in_layer(debris: Irregular | Spheres | Mesh) -> bool:
     return not (isinstance(debris, Spheres) and debris.positions is not None)
 
 
@@ -78,12 +80,14 @@ def _refuse_crowd(scene: Scene) -> None:
         raise InputError(faults)
 
 
-def _typical(debris: Irregular | Spheres) -> tuple[float, float]:
+def _typical(debris: Irregular | Spheres | Mesh) -> tuple[float, float]:
     """A diameter, m, and the share of the bodies that surely is not smaller."""
     if isinstance(debris, Spheres):
         radii = [debris.radius] if debris.radius is not None else [ball.radius for ball in debris.shape or ()]
         return 2.0 * max(radii), 1.0
     size = debris.size
+    if size is None:  # as in the mesh file, which is read later
+        return 0.0, 1.0
     if isinstance(size, Constant):
         return size.value, 1.0
     if isinstance(size, Lognormal):
@@ -91,17 +95,19 @@ def _typical(debris: Irregular | Spheres) -> tuple[float, float]:
     return (max(size.mean, size.min), 0.5) if isinstance(size, NormalSize) else (0.5 * (size.min + size.max), 0.5)
 
 
-def _given(debris: Irregular | Spheres) -> tuple[tuple[float, float, float], ...]:
+def _given(debris: Irregular | Spheres | Mesh) -> tuple[tuple[float, float, float], ...]:
     assert isinstance(debris, Spheres) and debris.positions is not None
     return debris.positions
 
 
-def _shapes(index: int, debris: Irregular | Spheres) -> tuple[list[Clump], np.ndarray]:
+def _shapes(
+    scene: Scene, index: int, debris: Irregular | Spheres | Mesh, warnings: list[str]
+) -> tuple[list[Clump], np.ndarray]:
     """Clumps of one population and the orientation that given positions start from."""
+    if isinstance(debris, Mesh):
+        return _from_mesh(scene, index, debris, warnings), np.array([1.0, 0.0, 0.0, 0.0])
     if isinstance(debris, Irregular):
-        size = debris.size.model_dump(mode="python")
-        sizes = {name: getattr(debris.size, name) for name in size if getattr(debris.size, name) is not None}
-        shapes = population(debris.seed, index, debris.count, debris.spheres, debris.aspect, **sizes)
+        shapes = population(debris.seed, index, debris.count, debris.spheres, debris.aspect, **_distribution(debris.size))
         return shapes, np.array([1.0, 0.0, 0.0, 0.0])
     if debris.radius is not None:
         body, _, frame = clump_with_frame(np.zeros((1, 3)), np.array([debris.radius]))
@@ -111,6 +117,33 @@ def _shapes(index: int, debris: Irregular | Spheres) -> tuple[list[Clump], np.nd
         body, _, frame = clump_with_frame(centers, np.array([ball.radius for ball in debris.shape]))
     turn = np.array([1.0, 0.0, 0.0, 0.0]) if debris.orientation is None else np.array(debris.orientation)
     return [body] * debris.count, quaternion_product(turn, frame)
+
+
+def _distribution(size: Constant | Lognormal | NormalSize | Uniform) -> dict[str, Any]:
+    """The size distribution as the keywords of `bodies.shapes.diameters`."""
+    given = {name: getattr(size, name) for name in type(size).model_fields}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _from_mesh(scene: Scene, index: int, debris: Mesh, warnings: list[str]) -> list[Clump]:
+    """Clumps that stand for a mesh, each of its own size; tells how well the spheres fit."""
+    from ..bodies.fit import clump_from_mesh
+    from ..bodies.mesh import load_mesh
+
+    try:
+        body, fit = clump_from_mesh(load_mesh(scene.beside(debris.file), debris.unit), debris.spheres, debris.seed)
+    except InputError as error:
+        raise InputError(scene.fault(("debris", index, "file"), str(error))) from None
+    warnings.append(
+        f"{debris.file}: {debris.spheres} spheres follow the mesh to {100.0 * fit.rms:.1f} % of its radius (rms; worst "
+        f"{100.0 * fit.maximum:.0f} %); where a plane can touch, their radius is {float(np.median(fit.contacts.ratio)):.2f} "
+        "times that of the mesh"
+    )
+    if debris.size is None:
+        return [body] * debris.count
+    streams = (np.random.SeedSequence(debris.seed, spawn_key=(index, k)) for k in range(debris.count))
+    sizes = [diameters(np.random.default_rng(stream), 1, **_distribution(debris.size))[0] for stream in streams]
+    return [body.scaled(float(size) / body.diameter) for size in sizes]
 
 
 def _lay(scene: Scene, clumps: list[Clump], mask: np.ndarray, x: np.ndarray, q: np.ndarray) -> None:
