@@ -1,0 +1,57 @@
+"""What the README shows runs as it stands."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from thirdbody.scene.model import Scene
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    (tmp_path / "scenes").symlink_to(ROOT / "scenes")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_python_examples_run(here):
+    examples = blocks("python")
+    assert examples
+    for example in examples:
+        names: dict = {}
+        exec(compile(example, "README.md", "exec"), names)
+    assert names["run"].states.shape == (names["run"].frames, 4)
+    assert (here / "runs" / "flakes" / "run.vtkhdf").is_file()
+
+
+def test_commands_name_what_exists():
+    words = [word for block in blocks("sh") for word in shlex.split(block, comments=True)]
+    for word in words:
+        if re.fullmatch(r"(scenes|plugins|tests)/\S+", word):
+            assert (ROOT / word).is_file(), word
+
+
+def test_every_shipped_scene_is_listed_and_opens_with_its_question():
+    for path in sorted((ROOT / "scenes").glob("*.toml")):
+        assert f"`{path.name}`" in README
+        first = path.read_text(encoding="utf-8").splitlines()[0]
+        assert first.startswith("#") and first.endswith("?"), path.name
+        assert Scene.load(path).title
+
+
+def test_no_line_names_a_file_that_is_gone():
+    for name in re.findall(r"`((?:src|plugins|tests)/[\w/.]+)`", README):
+        assert (ROOT / name).exists(), name
+    for picture in re.findall(r"!\[[^]]*\]\(([^)]+)\)", README):
+        assert (ROOT / picture).is_file(), picture
