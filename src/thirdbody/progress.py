@@ -4,15 +4,27 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from .simulate import Progress, Reporter
+from dataclasses import dataclass
+from typing import Any
 
 LINES = 10
 """Plain lines of a whole run, where there is no terminal to draw a bar on."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is, for a progress bar: the fraction of simulated time and the latest series."""
+
+    fraction: float
+    simulated: float
+    elapsed: float
+    frame: int
+    series: dict[str, Any]
+
+
+Reporter = Callable[[Progress], None]
 
 
 @contextmanager

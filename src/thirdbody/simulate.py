@@ -9,7 +9,6 @@ import shutil
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ from .output.frames import UNITS, FrameMaker
 from .output.paraview import write_paraview_files
 from .output.run import FILE_NAME, Run, open_run
 from .output.vtkhdf import TrajectoryWriter
+from .progress import Progress, Reporter
 from .scene.model import Scene
 
 if TYPE_CHECKING:
@@ -30,20 +30,6 @@ if TYPE_CHECKING:
 SCENE_FILE = "scene.toml"
 SUBTICKS = 8
 """Reports of progress per output interval: a run with few frames still shows that it moves."""
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a run is, for a progress bar: the fraction of simulated time and the latest series."""
-
-    fraction: float
-    simulated: float
-    elapsed: float
-    frame: int
-    series: dict[str, Any]
-
-
-Reporter = Callable[[Progress], None]
 
 
 def run(
