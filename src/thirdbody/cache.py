@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -61,7 +62,8 @@ def _fingerprint(numba_version: str) -> str:
 
 
 def _prune(base: Path) -> None:
-    """Drop all but the folders used last; another process's files may vanish under us, which is no fault."""
-    old = sorted((p for p in base.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime, reverse=True)
+    """Drop all of our folders but those used last; that another process has dropped one already is no fault."""
+    ours = (p for p in base.iterdir() if p.is_dir() and re.fullmatch("[0-9a-f]{16}", p.name))
+    old = sorted(ours, key=lambda p: p.stat().st_mtime, reverse=True)
     for path in old[KEPT:]:
         shutil.rmtree(path, ignore_errors=True)

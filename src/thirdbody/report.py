@@ -133,8 +133,9 @@ def _plate_report(built: Simulation) -> dict[str, Any] | None:
         return None
     return {
         "patches": len(upper.heights),
-        "load": float(upper.load.max()),
-        "free": upper.free,
+        "load": float(upper.load.max()) if upper.foundation is None else upper.foundation.load,
+        "support": built.scene.plates.upper.support if built.scene.plates.upper else "none",
+        "free": upper.free if upper.foundation is None else upper.foundation.free,
         "mass": float(upper.mass.mean()),
         "damping": float(upper.damping.mean()),
         "gap": float(upper.heights.mean()),
@@ -180,7 +181,10 @@ def _frame_bytes(built: Simulation) -> int:
 def print_check(told: dict[str, Any]) -> None:
     """Print what `check_report` found."""
     law = told["law"]
-    print(f"{told['title'] or 'scene'}: {told['bodies']} bodies, {told['spheres']} spheres")
+    from .scene.write import toml_text
+
+    print(toml_text(told["scene"]))
+    print(f"# {told['title'] or 'scene'}: {told['bodies']} bodies, {told['spheres']} spheres")
     table(f"law {law['family']}, level {law['level']}", ("stage", "law", "source"),
           [(entry["stage"], entry["law"], entry["source"]) for entry in law["chain"]])  # fmt: skip
     if law["not_needed"]:
@@ -189,13 +193,18 @@ def print_check(told: dict[str, Any]) -> None:
         values = ", ".join(f"{name} {value:.6g}" for name, value in pair.items() if name != "between")
         print(f"pair {pair['between'][0]}/{pair['between'][1]}: {values}")
     on = ", ".join(effect["effect"] for effect in told["effects"]["on"]) or "none"
-    print(f"body effects: {on}; debris contact: {told['effects']['debris_contact']}; labels: {told['effects']['labels']}")
+    if law["explicit_only"]:
+        print(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
+    contact, labels = told["effects"]["debris_contact"], told["effects"]["labels"]
+    print(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
     plate = told["upper_plate"]
     if plate is not None:
-        load = f"load {pretty(plate['load'], 'force')} on each" if plate["free"] else "height prescribed"
+        load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"
+        carried = f", carried by {plate['loaded_at_once']} of {told['bodies']} bodies at once" if plate["loaded_at_once"] else ""
+        each = " on each" if plate["support"] == "load_per_particle" else ""
         print(
-            f"upper plate: {plate['patches']} patch(es), {load}, mass {plate['mass']:.3g} kg, "
-            f"damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
+            f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
+            f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
         )
     step = told["time_step"]
     print(
@@ -243,7 +252,7 @@ def run_report(folder: Path, json: bool) -> None:
             ("sliding distance", pretty(told["distance"], "length")),
             ("friction coefficient", f"{mu[-1]:z.4f} (last interval)" if len(mu) and not math.isnan(mu[-1]) else "unloaded"),
             ("states", ", ".join(fractions)),
-            ("energy residual", f"{told['energy_residual']:.2e}"),
+            ("energy residual", "not known" if told["energy_residual"] is None else f"{told['energy_residual']:.2e}"),
             ("files", f"{folder} ({', '.join(Path(file).name for file in files)})"),
         ]
         if told.get("stopped"):

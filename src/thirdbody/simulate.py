@@ -76,9 +76,9 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
 
 
 def default_folder(scene: Scene, name: str | None = None) -> Path:
-    """`runs/<scene name>`: the name of the scene's file, else its title."""
+    """`runs/<scene name>`: the name given, or that of the scene's file, else its title."""
     title = "".join(c if c.isalnum() else "_" for c in scene.title.lower()).strip("_")
-    return Path("runs") / (name or title[:40] or "scene")
+    return Path("runs") / (name or scene.name or title[:40] or "scene")
 
 
 def execute(
@@ -302,5 +302,6 @@ def _summary(simulation: Simulation, ledger: Ledger, started: float, frames: int
         "time_step": state.dt,
         "time_step_limit": {"mechanism": tightest.mechanism, "body": tightest.body, "smallest": tightest.step},
         "energy": lines,
-        "energy_residual": ledger.relative_residual(state, lines["residual"]),
+        # a guard trips in a step that was not recorded: what is stored in its contacts is not known
+        "energy_residual": None if isinstance(problem, GuardStop) else ledger.relative_residual(state, lines["residual"]),
     }

@@ -67,6 +67,13 @@ def test_stages_follow_each_other():
         assert made.place(t)[0] == pytest.approx(x, rel=1e-12, abs=0.0)
 
 
+def test_a_ramp_goes_on_from_the_velocity_before():
+    made = moved('[{velocity = "2 m/s", duration = "1 us"}, {ramp = "1 m/s", duration = "2 us"}]')
+    # 2 um at 2 m/s, then 1.5 m/s on average for 2 us, then 1 m/s for ever
+    for t, x in {1e-6: 2e-6, 3e-6: 5e-6, 4e-6: 6e-6}.items():
+        assert made.place(t)[0] == pytest.approx(x, rel=1e-12)
+
+
 def test_motion_starts_after_settling():
     made = moved('{velocity = "1 m/s"}', start=5e-6)
     assert made.place(4e-6) == (0.0, 0.0)
@@ -188,3 +195,36 @@ def test_a_rigid_plate_reaches_its_load_and_does_work():
     assert built.upper.loaded == 1
     assert any("rests on about 1 of 3" in warning for warning in built.warnings) is False  # three bodies are no larger layer
     assert built.state.A[at.A_PLATE_WORK] > 0.0
+
+
+def test_a_reversal_clears_the_windows_of_the_labels():
+    flat = 'motion = {x = {stroke = "0.6 um", frequency = "0.5 MHz", shape = "triangle"}}'
+    upper = f'support = "load_per_particle"\nload = "0.1 mN"\n{flat}'
+    built = build(scene(upper, 'duration = "3 us"\nsettle = "2 us"'), discover())
+    travel = built.labeller.memory.index("travel")
+
+    def travelled(time):
+        built.integrator.advance_to(time=time)
+        return float(built.state.M[:, travel].max())
+
+    # the stroke turns after 1 us; each way is 0.6 um at 0.6 m/s
+    steps = built.state.dt * built.labeller.stride
+    before = travelled(2e-6 + 0.3e-6)
+    assert before > 0.0 and built.state.A[at.A_HEADING] == 1.0
+    after = travelled(3e-6 + 2.0 * steps)
+    assert built.state.A[at.A_HEADING] == -1.0
+    # two looks after the turn the window has seen no more than they have
+    assert after <= 0.6 * 3.0 * steps
+
+
+def test_without_friction_a_dragged_ball_slips_all_the_way():
+    text = 'support = "load_per_particle"\nload = "0.1 mN"\nmotion = {x = {velocity = "0.5 m/s"}}'
+    plain = scene(text, 'duration = "1 us"\nsettle = "1 us"').with_settings(
+        {"contact.law": "hertz_mindlin", "contact.level": "frictionless"}
+    )
+    built = build(plain, discover())
+    built.integrator.advance_to(time=2e-6)
+    on = built.state.slots.H[:, at.H_ON] > 0.0
+    upper = on & (built.state.slots.partner < -1)
+    # the plate slides over balls at rest; the step in which the drag starts is shared
+    assert built.state.slots.H[upper, at.H_SLIP] == pytest.approx(0.5e-6, rel=2e-3)

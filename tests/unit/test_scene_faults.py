@@ -116,7 +116,7 @@ ONE_FAULT = [
     ),
     (
         [("restitution = 0.60", "restitution = 0.0")],
-        "10:1: pairs[0].restitution: 0.0 must be greater than 0 and at most 1",
+        "10:1: pairs[0].restitution: 0.0 must be at least 1e-06 and at most 1",
     ),
     ([("friction = 0.30", "friction = nan")], "9:1: pairs[0].friction: nan is not a finite number"),
     ([('"1 m/s"', "inf")], "28:16: plates.upper.motion.x.velocity: inf is not a finite number"),

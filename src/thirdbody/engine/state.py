@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,7 +110,6 @@ class State:
     skin: float
     dt: float = 0.0
     searches: int = 0
-    limits: dict = field(default_factory=dict)
 
     @property
     def n_bodies(self) -> int:

@@ -51,8 +51,8 @@ RESTING_SPEED, RESTING_MOMENTUM = 1e-60, 1e-90
 and arithmetic on denormal numbers is thirty times slower."""
 
 # columns of `moves`, one row per chunk of bodies
-(MOVE_FAR, MOVE_STEP, MOVE_BAD, MOVE_OUT, MOVE_UP, MOVE_LOW, MOVE_POWER, MOVE_BODY) = 0, 1, 2, 3, 4, 7, 10, 11
-MOVE_COLS = 12
+(MOVE_FAR, MOVE_STEP, MOVE_BAD, MOVE_OUT, MOVE_UP, MOVE_LOW, MOVE_POWER, MOVE_BODY, MOVE_WAY) = 0, 1, 2, 3, 4, 7, 10, 11, 12
+MOVE_COLS = 13
 
 
 @njit(**OPTIONS)
@@ -113,20 +113,21 @@ def drift_body(b, start, offsets, S, X0, B, dt, far):
 def drift_chunk(c, start, offsets, S, X0, B, D, dt, floor, moves):
     """Drift the bodies of chunk c; note how far they went, and the first that is not finite or left the domain."""
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
-    far, step = 0.0, 0.0
+    far, step, way = 0.0, 0.0, 0.0
     moves[c, MOVE_BAD], moves[c, MOVE_OUT] = 0.0, 0.0
     for b in range(first, last):
         far = drift_body(b, start, offsets, S, X0, B, dt, far)
         s = start[b]
         u_x, u_y, u_z = S[s, S_U], S[s, S_U + 1], S[s, S_U + 2]
         speed = (u_x * u_x + u_y * u_y + u_z * u_z) ** 0.5 * dt
+        way = max(way, speed)
         if speed / S[s, S_R] > step:
             step, moves[c, MOVE_BODY] = speed / S[s, S_R], b
         if not abs(B[b, B_X]) + abs(B[b, B_X + 1]) + abs(B[b, B_X + 2]) + speed < 1e300:
             moves[c, MOVE_BAD] = b + 1.0
         if B[b, B_X + 2] < floor or outside(B[b, B_X], D[D_LX]) or outside(B[b, B_X + 1], D[D_LY]):
             moves[c, MOVE_OUT] = b + 1.0
-    moves[c, MOVE_FAR], moves[c, MOVE_STEP] = far, step
+    moves[c, MOVE_FAR], moves[c, MOVE_STEP], moves[c, MOVE_WAY] = far, step, way
 
 
 @njit(**INNER)

@@ -27,7 +27,7 @@ B_ET = 29  # torque of body effects, 3
 B_UP = 32  # force of the upper plate on the body, 3
 B_LOW = 35  # force of the lower plate on the body, 3
 B_WORK = 38  # friction work, J, cumulative
-B_SLIP = 39  # slip distance, m, cumulative
+B_SLIP = 39  # slip distance, m, cumulative: the sum over the body's spots
 B_COLS = 40
 
 # P: patches of the upper body (one for a rigid plate, else one per body); on a foundation the last row is the common plate.
@@ -80,7 +80,8 @@ I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = r
 )
 A_POWER_DAMPING, A_POWER_EFFECTS, A_POWER_PATCH, A_UPPER, A_LOWER, A_POWER_LOAD = 13, 14, 15, 16, 19, 22
 A_DX, A_DY, A_STEPS, A_ELAPSED, A_SPEED = 23, 24, 25, 26, 27
-A_COLS = 28
+A_HEADING = 28  # unit vector of the last relative motion of the plates, 2
+A_COLS = 30
 
 # D: the periodic lengths (0 = unbounded, negative = walls), limits of guards and search.
 D_LX, D_LY, D_GUARD_OVERLAP, D_GUARD_TRAVEL, D_SKIN, D_FLOOR = range(6)

@@ -8,6 +8,7 @@ from .layout import (
     A_DX,
     A_DY,
     A_ELAPSED,
+    A_HEADING,
     B_EF,
     B_ET,
     B_F,
@@ -110,7 +111,11 @@ def body_row(b, B, A, drag, speed, O):  # noqa: E741
     for k in range(4):
         O[O_Q + k] = B[b, B_Q + k]
     O[O_ELAPSED], O[O_SHIFT], O[O_SHIFT + 1] = A[A_ELAPSED], A[A_DX], A[A_DY]
-    O[O_DRAG], O[O_DRAG + 1], O[O_SPEED] = drag[0], drag[1], speed
+    moved = A[A_HEADING] != 0.0 or A[A_HEADING + 1] != 0.0
+    # the planned direction until the plates have moved; then that of their last motion, which a stroke reverses
+    O[O_DRAG] = A[A_HEADING] if moved else drag[0]
+    O[O_DRAG + 1] = A[A_HEADING + 1] if moved else drag[1]
+    O[O_SPEED] = speed
 
 
 @njit(**INNER)

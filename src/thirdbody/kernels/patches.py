@@ -24,14 +24,14 @@ def drive_patches(P, schedule, first, t, dt):
 
 @njit(**INNER)
 def drift_patches(P, dt):
-    """Half kick and drift of the patches of the upper body; returns the largest way since the last search."""
+    """Half kick and drift of the patches of the upper body; returns the largest way since the last search, one step ahead."""
     far = 0.0
     for p in range(P.shape[0]):
         if P[p, P_FREE] != 0.0:
             force = P[p, P_F] - P[p, P_LOAD] - P[p, P_DAMPING] * P[p, P_V]
             P[p, P_V] += 0.5 * dt / P[p, P_MASS] * force
         P[p, P_Z] += dt * P[p, P_V]
-        far = max(far, abs(P[p, P_Z] - P[p, P_Z0]))
+        far = max(far, abs(P[p, P_Z] - P[p, P_Z0]) + dt * abs(P[p, P_V]))
     return far
 
 

@@ -16,6 +16,7 @@ from .bodies import (
     MOVE_POWER,
     MOVE_STEP,
     MOVE_UP,
+    MOVE_WAY,
     drift_chunk,
     gather_chunk,
 )  # fmt: skip
@@ -28,6 +29,7 @@ from .layout import (
     A_EFFECTS,
     A_ELAPSED,
     A_FRICTION,
+    A_HEADING,
     A_IMPULSE,
     A_IMPULSE_LOW,
     A_LOWER,
@@ -101,6 +103,8 @@ def account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load, patch_dampin
     A[A_DISTANCE] += (v_x * v_x + v_y * v_y) ** 0.5 * dt
     A[A_STEPS] += 1.0
     A[A_SPEED] = (v_x * v_x + v_y * v_y) ** 0.5
+    if A[A_SPEED] > 0.0:
+        A[A_HEADING], A[A_HEADING + 1] = v_x / A[A_SPEED], v_y / A[A_SPEED]
 
 
 @njit(**INNER)
@@ -126,11 +130,11 @@ def guard(D, sums, n_chunks, moves, n_groups):
 @njit(**INNER)
 def search_due(moves, n_groups, far_patch, skin):
     """Whether two things could have covered the skin between them by the end of the next step (10 % for acceleration)."""
-    far = 0.0
+    far, way = 0.0, 0.0
     for g in range(n_groups):
-        far = max(far, moves[g, MOVE_FAR])
-    far = far**0.5
-    return 1.1 * (far + max(far, far_patch)) > 0.8 * skin
+        far, way = max(far, moves[g, MOVE_FAR]), max(way, moves[g, MOVE_WAY])
+    far = far**0.5 + way
+    return 1.1 * (far + max(far, far_patch)) > 0.9 * skin
 
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")

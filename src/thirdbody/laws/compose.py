@@ -227,7 +227,10 @@ def _law_function(chain: Sequence[Law]) -> str:
 
 def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
     if "tangential" not in stages:
-        return ["        t_x, t_y, limit, critical, slip, stored_t = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0"]
+        return [
+            "        t_x, t_y, limit, critical, stored_t = 0.0, 0.0, 0.0, 0.0, 0.0",
+            "        slip = math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)",
+        ]
     lines = _call(chain, stages["tangential"], "c, load", "t")
     lines.append("        t_x, t_y, limit, critical, slip, stored_t = t.x, t.y, t.limit, t.critical, t.slip, t.stored")
     lines.append("        work += t.dissipated")
@@ -272,24 +275,45 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
 
 
 def source_files(functions: Iterable[Callable]) -> list[Path]:
-    """Every source file that a law's result can depend on: the law's own file, and all of its package if it has one."""
+    """Every source file that a law's result can depend on.
+
+    The whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there through
+    names (functions, classes, constants of a module, modules), but for installed libraries, whose versions are fixed.
+    """
     files: set[Path] = set()
-    for function in functions:
-        plain = _plain(function)
-        file = Path(plain.__code__.co_filename)
-        package = sys.modules[plain.__module__].__package__
-        files.update(file.parent.rglob("*.py") if package else {file})
-        files.update(_imported_beside(sys.modules[plain.__module__], file.parent))
+    waiting = [sys.modules[_plain(function).__module__] for function in functions]
+    own = {module.__name__.partition(".")[0] for module in waiting}
+    seen: set[str] = set()
+    while waiting:
+        module = waiting.pop()
+        file = getattr(module, "__file__", None)
+        if module.__name__ in seen or file is None or not file.endswith(".py"):
+            continue
+        seen.add(module.__name__)
+        files.add(Path(file))
+        top = sys.modules.get(module.__name__.partition(".")[0])
+        if getattr(top, "__path__", None) and top is not None and top.__file__ is not None:
+            files.update(Path(top.__file__).parent.rglob("*.py"))
+        waiting += [found for found in _named_in(module) if not _installed(found, own)]
     return sorted(files)
 
 
-def _imported_beside(module: ModuleType, folder: Path) -> set[Path]:
-    """Source files in `folder` that `module` took names from: a one-file plug-in may import a neighbour."""
-    origins = {getattr(value, "__module__", None) for value in vars(module).values()}
-    loaded = (sys.modules.get(name) for name in origins if name)
-    files = (getattr(m, "__file__", None) for m in loaded)
-    paths = (Path(file) for file in files if file)
-    return {path for path in paths if path.parent == folder}
+def _named_in(module: ModuleType) -> list[ModuleType]:
+    """Modules that a module's names come from."""
+    values = list(vars(module).values())
+    names = {getattr(value, "__module__", None) for value in values}
+    names |= {getattr(_plain(value), "__module__", None) for value in values if callable(value)}
+    found = [value for value in values if isinstance(value, ModuleType)]
+    return found + [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
+
+
+def _installed(module: ModuleType, own: set[str]) -> bool:
+    """Whether a module belongs to Python, to this engine (the cache folder's name hashes it), or to an installed library."""
+    top = module.__name__.partition(".")[0]
+    if top in own:
+        return False
+    parts = Path(getattr(module, "__file__", None) or "").parts
+    return top in sys.stdlib_module_names or top == "thirdbody" or "site-packages" in parts or "dist-packages" in parts
 
 
 def _load(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:

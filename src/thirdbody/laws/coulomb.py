@@ -24,7 +24,7 @@ def coulomb(c, load, p, h):
 
     The spring is never stiffer than the elastic contact, 2 G* a: a stiffer one, at large mu N, would need a smaller time step
     than the impact of two bodies. U = T^2/(2 k), and, as in `mindlin`, a falling stiffness releases its share of force and
-    energy: no closed path makes energy.
+    energy: no closed path makes energy. As in `mindlin`, a spot that rolls on keeps its tangential force.
     """
     x_old, y_old, k_old = h
     limit = p.mu * load.force

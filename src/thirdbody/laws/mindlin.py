@@ -24,6 +24,8 @@ def mindlin(c, load, p, h):
 
     Loss of contact area releases its share of the force and of the energy (Thornton and Randall 1988; Walton and Braun
     1986), which is why the stored force is rescaled: the stored displacement form makes energy (Elata and Berryman 1996).
+    The spring belongs to the patch, not to the material under it: a spot that rolls on keeps its tangential force, where in
+    truth fresh material enters the patch unloaded and the force dies within about two contact radii of travel.
     Dissipated: the energy that a change of area releases at fixed force or strain, and the work of the slip at the limit.
     """
     x_old, y_old, a_old = h

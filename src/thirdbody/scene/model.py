@@ -145,6 +145,11 @@ class Scene(Part):
         scene._source = self._source.overridden(places)
         return scene
 
+    @property
+    def name(self) -> str | None:
+        """Name of the scene's file without its suffix; None for a scene that was built in Python."""
+        return Path(self._source.file).stem if self._source.file else None
+
     def beside(self, name: str) -> Path:
         """The path of a file that the scene names: relative to the scene's own file."""
         return Path(self._source.file).parent / name if self._source.file else Path(name)

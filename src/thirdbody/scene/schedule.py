@@ -40,10 +40,9 @@ def _axis(scene: Scene, name: str, stages: tuple, start: float) -> Axis:
             return tuple(segments)
         t += length
         x = at_time(tuple(segments), t)
-    if segments and v != 0.0:
-        segments.append(Segment(t, POLYNOMIAL, x, v))
-    elif segments:
-        segments.append(Segment(t, POLYNOMIAL, x))
+    if segments:
+        # a last ramp keeps its velocity, everything else that ends is followed by rest
+        segments.append(Segment(t, POLYNOMIAL, x, v if isinstance(stages[-1], Ramp) else 0.0))
     return tuple(segments)
 
 
@@ -51,7 +50,7 @@ def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tupl
     """Segments of a stage that begins at time t, place x and velocity v; its length in time; the velocity that it leaves."""
     if isinstance(stage, Constant):
         length = math.inf if stage.duration is None else stage.duration
-        return [Segment(t, POLYNOMIAL, x, stage.velocity)], length, 0.0
+        return [Segment(t, POLYNOMIAL, x, stage.velocity)], length, stage.velocity
     if isinstance(stage, Ramp):
         return [Segment(t, POLYNOMIAL, x, v, (stage.ramp - v) / stage.duration)], stage.duration, stage.ramp
     if isinstance(stage, Pause):
@@ -66,7 +65,7 @@ def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tupl
         Segment(t + t_0, POLYNOMIAL, x + x_0, (x_1 - x_0) / (t_1 - t_0))
         for (t_0, x_0), (t_1, x_1) in zip(rows, rows[1:], strict=False)
     ]
-    return segments, rows[-1][0], 0.0
+    return segments, rows[-1][0], segments[-1].b
 
 
 def _read_table(scene: Scene, name: str, stage: Table) -> list[tuple[float, float]]:

@@ -15,7 +15,6 @@ from thirdbody.scene.types import (
     Damping,
     Flag,
     Force,
-    Fraction,
     PositiveDensity,
     PositiveForce,
     PositiveLength,
@@ -61,7 +60,7 @@ class Pair(Part):
 
     between: Annotated[tuple[Text, Text], listing("a list of 2 materials", 2)]
     friction: Annotated[float, Quantity(ge=0)]
-    restitution: Fraction
+    restitution: Annotated[float, Quantity(ge=1e-6, le=1)]
 
 
 class Domain(Part):

@@ -126,9 +126,10 @@ def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, m
     load = _load(scene)
     highest = float(crown.top.max())
     height = plate.gap if plate.gap is not None else highest
-    springs = lambda z: stiffness * np.maximum(crown.top - z, 0.0) + preload * (crown.top > z)  # noqa: E731
-    level = height if plate.gap is not None else _level(springs, crown, load)
-    carried = np.maximum(springs(level), 0.0)
+    # a patch without a body hangs preload/stiffness below the plate
+    springs = lambda z: np.maximum(stiffness * (crown.top - z) + preload, 0.0)  # noqa: E731
+    level = height if plate.gap is not None else _level(springs, crown, load + n * preload)
+    carried = springs(level)
     loaded = int(np.count_nonzero(carried))
     largest = np.array([int(np.argmax(carried))])
     mass = np.full(n, plate.mass or crown.mass.mean())
