@@ -1,4 +1,4 @@
-"""Hard cases of physics.md section 12 that the explicit engine meets with the levels `coulomb` and `mindlin`."""
+"""Hard cases that the explicit engine meets with the levels `coulomb` and `mindlin`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hard cases of rotation: contact history in a turning pair, a thin spinning body, very many steps (physics.md section 12)."""
+"""Hard cases of rotation: contact history in a turning pair, a thin spinning body, very many steps."""
 
 from __future__ import annotations
 

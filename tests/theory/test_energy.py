@@ -96,7 +96,7 @@ def undamped(make, nu, friction, degrees, count):
 @pytest.mark.parametrize("friction", [0.0, 0.1, 1.0, 1e3])
 @pytest.mark.parametrize("count", [30, 100])
 def test_undamped_impacts_make_no_energy(make, nu, friction, count):
-    """A law that keeps the displacement, or the unscaled force, returns up to 2.8 % too much here (physics.md section 12)."""
+    """A law that keeps the displacement, or the unscaled force, returns up to 2.8 % too much here."""
     for degrees in ANGLES:
         gain, lines = undamped(make, nu, friction, degrees, count)
         # the normal part of the rebound is exact to 1e-6 at 100 steps and 1e-4 at 30, with either sign

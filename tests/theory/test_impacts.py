@@ -187,7 +187,7 @@ def test_undamped_impact_is_of_second_order(make):
 
 
 def test_damped_impact_is_of_order_five_quarters(make):
-    """The dashpot's force starts like x^.25 v, whose sum over steps is h^1.25 off (physics.md section 11)."""
+    """The dashpot's force starts like x^.25 v, whose sum over steps is h^1.25 off."""
     counts, errors = (80, 160, 320, 640, 1280), []
     for count in counts:
         simulation = plane_start(make, NUMBERS, 1e-3, 1.0, count, restitution=0.3)

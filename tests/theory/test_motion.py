@@ -13,7 +13,7 @@ from thirdbody.scene.model import Constant, Effects, Irregular, Spheres
 
 MOMENTS, SPIN = (1.0, 2.0, 3.0), (0.05, 1.0, 0.05)
 PERIOD = 27.9060637581754
-"""physics.md section 10, 15 digits."""
+"""Period of the top with moments 1, 2, 3 and spin (.05, 1, .05), 15 digits from the elliptic integral."""
 
 
 def top(make, step):

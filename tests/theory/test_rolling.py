@@ -1,4 +1,4 @@
-"""A ball that slides and a ball that rolls: down a slope and between two plates (physics.md section 10)."""
+"""A ball that slides and a ball that rolls: down a slope and between two plates."""
 
 from __future__ import annotations
 
