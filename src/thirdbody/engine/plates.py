@@ -52,16 +52,15 @@ Axis = tuple[Segment, ...]
 
 @dataclass(frozen=True)
 class Schedule:
-    """What is prescribed: the sideways motion along x and y (m), the height of the plate (m), and its load (N)."""
+    """What is prescribed: the sideways motion along x and y (m), and the height of the plate (m)."""
 
     x: Axis = ()
     y: Axis = ()
     gap: Axis = ()
-    load: Axis = ()
 
     def tables(self) -> tuple[Array, Ints]:
         """The rows and their ranges as the kernels read them."""
-        axes: Sequence[Axis] = (self.x, self.y, self.gap, self.load)
+        axes: Sequence[Axis] = (self.x, self.y, self.gap)
         rows = [[s.start, s.kind, s.a, s.b, s.c] for axis in axes for s in axis]
         first = np.concatenate(([0], np.cumsum([len(axis) for axis in axes]))).astype(np.int64)
         return np.array(rows, float).reshape(-1, motion.COLUMNS), first

@@ -18,10 +18,8 @@ from numba import njit
 
 from .options import INNER
 
-X, Y, GAP, LOAD = range(4)
-"""Axes of a schedule: sideways motion of the upper plate, its height, and the load on it."""
-
-AXES = 4
+X, Y, GAP = range(3)
+"""Axes of a schedule: sideways motion of the upper plate, and its height."""
 
 START, KIND, A, B, C = range(5)
 COLUMNS = 5

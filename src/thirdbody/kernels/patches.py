@@ -3,23 +3,18 @@
 from numba import njit
 
 from .layout import B_UP, P_DAMPING, P_F, P_FREE, P_LOAD, P_MASS, P_SPRING, P_V, P_Z, P_Z0
-from .motion import GAP, LOAD, mean_rate, value
+from .motion import GAP, mean_rate
 from .options import INNER
 
 
 @njit(**INNER)
 def drive_patches(P, schedule, first, t, dt):
-    """Heights and loads that are prescribed for the step from t to t + dt: of every patch without a spring, or the plate."""
-    gap, load = first[GAP + 1] > first[GAP], first[LOAD + 1] > first[LOAD]
-    if not gap and not load:
+    """Velocity from t to t + dt of what has a prescribed height: patches that are neither free nor sprung, or the plate."""
+    if first[GAP + 1] == first[GAP]:
         return
     for p in range(P.shape[0]):
-        if P[p, P_SPRING] > 0.0:
-            continue
-        if gap and P[p, P_FREE] == 0.0:
+        if P[p, P_SPRING] == 0.0 and P[p, P_FREE] == 0.0:
             P[p, P_V] = mean_rate(schedule, first, GAP, t, dt)
-        if load and P[p, P_FREE] != 0.0:
-            P[p, P_LOAD] = value(schedule, first, LOAD, t + dt)
 
 
 @njit(**INNER)
