@@ -134,7 +134,7 @@ def run(
     from .simulate import check_threads, default_folder, execute, prepare, refuse_existing
 
     loaded = _load(scene, settings)
-    folder = out or default_folder(loaded, scene.stem)
+    folder = out or default_folder(loaded)
     refuse_existing(folder, overwrite)
     check_threads(threads)
     built = prepare(loaded, plugin or (), force)

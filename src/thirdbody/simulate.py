@@ -21,7 +21,7 @@ from .output.frames import UNITS, FrameMaker
 from .output.paraview import write_paraview_files
 from .output.run import FILE_NAME, Run, open_run
 from .output.vtkhdf import TrajectoryWriter
-from .progress import Progress, Reporter
+from .progress import Progress, Reporter, reporter_for_terminal
 from .scene.model import Scene
 
 if TYPE_CHECKING:
@@ -54,8 +54,6 @@ def run(
     simulation = prepare(scene, plugins, force)
     reporter: Reporter | None
     if progress is True:
-        from .progress import reporter_for_terminal
-
         with reporter_for_terminal(simulation.scene.title) as reporter:
             execute(simulation, folder, threads, reporter, overwrite)
     else:
@@ -75,10 +73,10 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
     return build(scene, registry, force)
 
 
-def default_folder(scene: Scene, name: str | None = None) -> Path:
-    """`runs/<scene name>`: the name given, or that of the scene's file, else its title."""
+def default_folder(scene: Scene) -> Path:
+    """`runs/<scene name>`: the name of the scene's file, else its title."""
     title = "".join(c if c.isalnum() else "_" for c in scene.title.lower()).strip("_")
-    return Path("runs") / (name or scene.name or title[:40] or "scene")
+    return Path("runs") / (scene.name or title[:40] or "scene")
 
 
 def execute(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ import pytest
 from thirdbody.engine.plates import Schedule, Segment
 from thirdbody.kernels import layout as at
 from thirdbody.kernels.motion import POLYNOMIAL, SINE, TRIANGLE
-from thirdbody.laws.registry import discover
+from thirdbody.laws.registry import Registry, discover
+from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin
 from thirdbody.scene.build import build
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schedule import schedule
@@ -215,6 +217,14 @@ def test_a_reversal_clears_the_windows_of_the_labels():
     assert built.state.A[at.A_HEADING] == -1.0
     # two looks after the turn the window has seen no more than they have
     assert after <= 0.6 * 3.0 * steps
+
+
+def test_a_law_without_a_tangent_is_told():
+    bare = replace(MINDLIN, name="bare", tangent=None)
+    family = LawFamily("bare", {"only": (HERTZ, bare)}, "only")
+    plain = scene('load = "1 mN"\ndamping = "1e-4 kg/s"').with_settings({"contact.law": "bare", "contact.level": "only"})
+    built = build(plain, Registry((Plugin("bare", families=(family,)),)))
+    assert any(warning.startswith("bare has no tangent") for warning in built.warnings)
 
 
 def test_without_friction_a_dragged_ball_slips_all_the_way():

@@ -117,9 +117,9 @@ class Schedule:
         covered = 0.0
         for begin, end, length in self._chords(start, math.inf):
             if covered + length >= distance:
-                share = (distance - covered) / length if math.isfinite(length) else 0.0
                 if math.isfinite(length):
-                    return begin + share * (end - begin)
+                    return begin + (distance - covered) / length * (end - begin)
+                # the last piece goes on for ever at a constant velocity
                 return begin + (distance - covered) / math.hypot(*(_constant_rate(a, begin) or 0.0 for a in (self.x, self.y)))
             covered += length
         return math.inf

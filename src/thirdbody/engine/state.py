@@ -33,7 +33,7 @@ class Placed:
 
 @dataclass(frozen=True)
 class World:
-    """What surrounds the bodies. A period of 0 is an unbounded axis; `walls` makes the domain end at its size instead."""
+    """What surrounds the bodies. Not `periodic`, it is open, or ends at its size if `bounded`."""
 
     size: tuple[float, float]
     periodic: bool

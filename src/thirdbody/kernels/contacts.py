@@ -83,8 +83,8 @@ CHUNK = 1024
 SUM_WORK, SUM_POWER, SUM_OVERLAP, SUM_SLOT, SUM_BAD = range(5)
 SUM_COLS = 8
 
-GEOMETRY = 13
-"""Floats kept per staged contact beside the law's tile: normal, e_1, e_2, arm lengths, and the two surface velocities' lag."""
+GEOMETRY = 11
+"""Floats kept per staged contact beside the law's tile: normal, e_1, e_2 (3 each), and the two arm lengths."""
 
 
 @njit(**INNER)
@@ -95,7 +95,7 @@ def nearest_image(d, length):
 
 @njit(**INNER)
 def separation(k, own, partner, S, P, l_x, l_y):
-    """Vector from the partner to the owner, its overlap and the unit normal (partner to owner)."""
+    """Overlap of candidate k (not positive: apart) and the unit normal, partner to owner, of one that touches."""
     i, j = own[k], partner[k]
     if j == -1:
         return S[i, S_R] - S[i, S_Z], 0.0, 0.0, 1.0

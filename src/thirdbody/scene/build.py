@@ -89,6 +89,9 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
     choice = choose(scene, registry)
     labeller = choice.labeller
     warnings = _similarity_warnings(choice)
+    if choice.physics.stiffness is None:
+        bare = ", ".join(law.name for law in choice.chain.laws if law.tangent is None and law.stage in ("normal", "tangential"))
+        warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
     placed = populate(scene, warnings)
     upper = upper_plate(scene, choice, placed, warnings)
     names = list(scene.materials)
