@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -183,6 +184,33 @@ def test_a_scene_without_plates_has_no_polygons(tmp_path):
         writer.append(Frame(frame.time, frame.spheres, frame.clumps, frame.contacts, None, frame.series))
     plates = vtk_blocks(path, 0)[BLOCKS.index("plates")]
     assert (plates.GetNumberOfPoints(), plates.GetNumberOfCells()) == (0, 0)
+
+
+def test_vtk_reads_the_file_as_a_kill_between_any_two_flushes_leaves_it(tmp_path, monkeypatch):
+    """VTK reads all `Values` into a buffer of `NSteps`: with one more it corrupts its heap."""
+    path, copies = tmp_path / "run.vtkhdf", []
+    flush = h5py.File.flush
+
+    def flush_and_copy(file):
+        flush(file)
+        copies.append(shutil.copy(path, tmp_path / f"{len(copies)}.vtkhdf"))
+
+    monkeypatch.setattr(h5py.File, "flush", flush_and_copy)
+    with TrajectoryWriter(path, HEADER, STATIC) as writer:
+        for number in range(4):
+            writer.append(make_frame(number))
+    assert len(copies) == 1 + 3 * 4
+    for copy in copies:
+        with h5py.File(copy) as file:
+            for block in BLOCKS:
+                steps = file["VTKHDF"][block]["Steps"]
+                assert len(steps["Values"]) <= steps.attrs["NSteps"]
+        with open_run(copy) as run:
+            frames = run.frames
+        # With one frame VTK ignores the steps and shows what is there of the second one too.
+        for number in range(frames if frames > 1 else 0):
+            for name, data in zip(BLOCKS, vtk_blocks(copy, number), strict=True):
+                assert_same_as_vtk(data, name, number)
 
 
 WRITE_FOR_EVER = """

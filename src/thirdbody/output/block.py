@@ -93,7 +93,8 @@ class Block:
             }
             for cells in CELL_GROUPS
         }
-        self._step = {"Values": growing(steps, "Values", (), np.float64)} | {
+        self._values = growing(steps, "Values", (), np.float64)
+        self._step = {
             name: growing(steps, name, (), np.int64) for name in ("PartOffsets", "NumberOfParts", "PointOffsets")
         }
         self._zeros = [growing(steps, n, (4,), np.int64) for n in ("CellOffsets", "ConnectivityIdOffsets")]
@@ -129,11 +130,10 @@ class Block:
             raise ValueError(f"{self._group.name}: arrays {sorted(plain)} differ from those of the first frame")
         return plain
 
-    def append(self, time: float, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write one frame of arrays from `plain`; not seen by readers before `commit`."""
+    def append(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Write one frame of arrays from `plain`; not seen by readers before `count_frames`."""
         count = len(arrays["points"])
         self._append_cells(count)
-        self._step["Values"].add(time)
         self._step["PartOffsets"].add(self._point_count.add(count))
         self._step["NumberOfParts"].add(1)
         self._step["PointOffsets"].add(self._points.extend(arrays["points"]))
@@ -161,5 +161,14 @@ class Block:
             columns["NumberOfCells"].add(number)
             columns["NumberOfConnectivityIds"].add(ids)
 
-    def commit(self, frames: int) -> None:
+    def count_frames(self, frames: int) -> None:
+        """Tell readers of `frames` frames; the file must be flushed before and after it."""
         self._steps.attrs.modify("NSteps", np.int64(frames))
+
+    def add_time(self, time: float) -> None:
+        """Write the time of the frame counted last.
+
+        VTK reads all of `Values` into a buffer of `NSteps` numbers: one more of them overruns it and the
+        reader dies. So the count is on disk before the time is.
+        """
+        self._values.add(time)

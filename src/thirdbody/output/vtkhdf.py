@@ -10,7 +10,10 @@ arrays are plain numbers. Connectivity is 0, 1, 2, ... for every frame, so one c
 cell offsets stay 0.
 
 A frame counts once `NSteps` says so, and `NSteps` is written after the data has been flushed: a killed run
-leaves a file that reads to its last committed frame. Readers never look beyond `NSteps`.
+leaves a file that reads to its last committed frame. Readers never look beyond `NSteps`, but for the times,
+which are therefore written last (`Block.add_time`); the frames of `series` count with them and are the ones
+that our own reader trusts. (With `NSteps` 1 VTK takes a file for static: of a run killed within its second
+frame it shows both; ours shows the first.)
 """
 
 from __future__ import annotations
@@ -134,10 +137,10 @@ class TrajectoryWriter:
         self._require_space(sum(array.nbytes for block in arrays.values() for array in block.values()))
         with self._told():
             for name, block in self._blocks.items():
-                block.append(frame.time, arrays[name])
+                block.append(arrays[name])
             self._append_series(frame.series)
             self._file.flush()
-            self._commit()
+            self._commit(frame.time)
 
     def _append_series(self, series: Mapping[str, Any]) -> None:
         for name, value in series.items():
@@ -147,10 +150,13 @@ class TrajectoryWriter:
                 self._series_group[name].attrs["units"] = self._units.get(name, "1")
             self._series[name].add(row)
 
-    def _commit(self) -> None:
+    def _commit(self, time: float) -> None:
         self.frames += 1
         for block in self._blocks.values():
-            block.commit(self.frames)
+            block.count_frames(self.frames)
+        self._file.flush()
+        for block in self._blocks.values():
+            block.add_time(time)
         self._series_group.attrs.modify("NSteps", np.int64(self.frames))
         self._file.flush()
 
