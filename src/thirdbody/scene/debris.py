@@ -1,4 +1,4 @@
-"""The debris of a scene: populations of irregular bodies or of spheres, and their sizes."""
+"""The debris of a scene: populations of irregular bodies, of spheres, or of bodies from a mesh."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo
 
-from thirdbody.scene.fields import Choice, Quantity, Whole, listing
+from thirdbody.scene.fields import Choice, Whole, listing
 from thirdbody.scene.part import MISSING, Part, Wrong, one_of, tagged
+from thirdbody.scene.sizes import Size
 from thirdbody.scene.types import (
     REST,
     THREE,
@@ -18,7 +19,6 @@ from thirdbody.scene.types import (
     Number,
     Point,
     PositiveLength,
-    PositiveNumber,
     Seed,
     Text,
     Velocity,
@@ -27,66 +27,6 @@ from thirdbody.scene.types import (
 _WHOLE = Whole(ge=1, le=64)
 SpheresPerBody = Annotated[int, _WHOLE]
 Placement = Annotated[Literal["layer"], Choice(later=("dilute", "dense"))]
-
-
-class Constant(Part):
-    """Every body has this size, m."""
-
-    distribution: Literal["constant"] = "constant"
-    value: PositiveLength
-
-
-class _Cut(Part):
-    def checks(self) -> list[Wrong]:
-        """Faults between the limits."""
-        low, high = getattr(self, "min"), getattr(self, "max")  # noqa: B009  (declared by the kinds below)
-        return [(("min",), "min must be less than max")] if low and high and not low < high else []
-
-
-class Lognormal(_Cut):
-    """Size with this median (m), cut at min and max; `sigma` is the standard deviation of ln(size)."""
-
-    distribution: Literal["lognormal"] = "lognormal"
-    median: PositiveLength
-    sigma: PositiveNumber
-    min: PositiveLength | None = None
-    max: PositiveLength | None = None
-
-
-class Normal(_Cut):
-    """Size with this mean and standard deviation (m); `min` is required, for a size must be positive."""
-
-    distribution: Literal["normal"] = "normal"
-    mean: PositiveLength
-    sigma: PositiveLength
-    min: PositiveLength
-    max: PositiveLength | None = None
-
-
-class Uniform(_Cut):
-    """Size evenly spread from min to max, m."""
-
-    distribution: Literal["uniform"] = "uniform"
-    min: PositiveLength
-    max: PositiveLength
-
-
-_LENGTH = Quantity(dimension="length", gt=0)
-_SIZES: dict[str, type[Part]] = {
-    "constant": Constant, "lognormal": Lognormal, "normal": Normal, "uniform": Uniform,
-}  # fmt: skip
-
-
-def _constant_size(value: Any, info: ValidationInfo) -> Any:
-    """A single length as the distribution that it stands for."""
-    if not isinstance(value, str | int | float):
-        return value
-    return Constant(value=float(_LENGTH.read(value, info)))
-
-
-Size = Annotated[
-    Constant | Lognormal | Normal | Uniform, tagged("distribution", _SIZES), BeforeValidator(_constant_size)
-]
 
 
 def _sphere_range(value: Any, info: ValidationInfo) -> Any:

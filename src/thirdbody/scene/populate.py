@@ -13,9 +13,10 @@ from ..bodies.shapes import diameters, population
 from ..engine.state import Placed, rotation_matrices
 from ..errors import Fault, InputError
 from . import units
-from .debris import Constant, Irregular, Lognormal, Mesh, Spheres, Uniform
-from .debris import Normal as NormalSize
+from .debris import Irregular, Mesh, Spheres
 from .model import Scene
+from .sizes import Constant, Lognormal, Uniform
+from .sizes import Normal as NormalSize
 
 CLEARANCE = 1e-9
 """Gap of a resting body to its plates over its size: at the start nothing touches by rounding."""
