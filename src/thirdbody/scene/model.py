@@ -15,23 +15,14 @@ from pydantic import PrivateAttr, ValidationError
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene import crosscheck
-from thirdbody.scene.debris import (
-    Ball,
-    Constant,
-    Debris,
-    Irregular,
-    Lognormal,
-    Mesh,
-    Normal,
-    Spheres,
-    Uniform,
-)
+from thirdbody.scene.debris import Ball, Debris, Irregular, Mesh, Spheres
 from thirdbody.scene.drives import Constant as ConstantVelocity
 from thirdbody.scene.drives import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.fields import Whole, listing, plain
 from thirdbody.scene.part import MISSING, Part, Place, Wrong, wrongs_of
 from thirdbody.scene.read import Source, read_text, read_toml
 from thirdbody.scene.settings import apply_settings
+from thirdbody.scene.sizes import Constant, Lognormal, Normal, Uniform
 from thirdbody.scene.tables import (
     Contact,
     Domain,
