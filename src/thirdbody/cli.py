@@ -179,6 +179,26 @@ def render(
 
 
 @app.command()
+def shapes(
+    path: Annotated[Path, typer.Argument(metavar="SCENE|MESH", help="scene (TOML), or surface mesh (.stl, .obj, .ply)")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file: a picture of the bodies")] = None,
+    settings: Settings = None,
+    unit: Annotated[str | None, typer.Option("--unit", help="mesh: length of one unit of the file, such as '1 um'")] = None,
+    spheres: Annotated[int | None, typer.Option("--spheres", help="mesh: spheres that stand for it [12]")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="mesh: seed of the fit [1]")] = None,
+    json: Json = False,
+) -> None:
+    """Tell and draw the bodies of a scene, or how well spheres stand for a mesh."""
+    from .shapes import draw_shapes, read_shapes, shapes_report
+
+    found = read_shapes(path, unit, spheres, seed, _pairs(settings))
+    shapes_report(found, json)
+    if out is not None:
+        draw_shapes(found, path.name, out)
+        typer.echo(f"{out}", err=json)
+
+
+@app.command()
 def laws(
     check: Annotated[list[Path] | None, typer.Option("--check", help="plug-in file to put through the conformance suite")] = None,
     plugin: Plugins = None,
@@ -198,15 +218,18 @@ def _load(path: Path, settings: list[str] | None) -> Any:
     from .scene.model import Scene
 
     scene = Scene.load(path)
-    if not settings:
-        return scene
+    return scene.with_settings(_pairs(settings)) if settings else scene
+
+
+def _pairs(settings: list[str] | None) -> dict[str, str]:
+    """The values of --set by their keys."""
     pairs = {}
-    for text in settings:
+    for text in settings or ():
         key, sign, value = text.partition("=")
         if not sign or not key.strip():
             raise UsageError(f"--set {text}: write KEY=VALUE, such as solver.distance='1 um'")
         pairs[key.strip()] = value.strip()
-    return scene.with_settings(pairs)
+    return pairs
 
 
 @contextmanager

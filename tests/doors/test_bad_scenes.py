@@ -67,8 +67,8 @@ FAULTS = {
     ),
     "implicit": ([('settle = "1 us"', 'integrator = "implicit"')], "29:1: solver.integrator", [LATER, "'explicit'"]),
     "relax": ([('settle = "1 us"', 'initial_overlap = "relax"')], "29:1: solver.initial_overlap", [LATER, "'refuse'"]),
-    "spots": ([('"spheres"', '"spots"')], "13:1: debris[0].kind", [LATER, "'spheres'"]),
-    "dense": ([("seed = 1", 'placement = "dense"')], "16:1: debris[0].placement", [LATER, "'layer'"]),
+    "heaps": ([('"spheres"', '"heaps"')], "13:1: debris[0].kind", ["is not one of", "'spheres'", "'spots'", "'file'"]),
+    "heap": ([("seed = 1", 'placement = "heap"')], "16:1: debris[0].placement", ["'layer'", "'dense'"]),
     "mdr": ([("[solver]", '[contact]\nlevel = "mdr"\n[solver]')], "28:1: contact.level", [LATER, "'mindlin'"]),
     "springs": ([("[solver]", "[contact]\nsprings = 32\n[solver]")], "28:1: contact.springs", ["mdr", LATER]),
     # names of laws, levels, effects and their options

@@ -22,11 +22,22 @@ SHORT = {
     "sheared_debris.toml": {"debris.0.count": "12", "domain.size": ["100 um", "75 um"], "solver.distance": "1.5 um"},
     "sliding_flakes.toml": {"debris.0.count": "6", "domain.size": ["50 um", "40 um"], "solver.distance": "1.5 um"},
     "roller_bearing.toml": {"debris.0.count": "8", "domain.size": ["60 um", "50 um"], "solver.distance": "1.5 um"},
-}
+    "scanned_debris.toml": {"debris.0.count": "6", "domain.size": ["40 um", "30 um"], "solver.distance": "0.5 um"},
+    "mixed_population.toml": {
+        "debris.0.count": "8", "debris.1.count": "3", "domain.size": ["40 um", "30 um"], "solver.distance": "0.5 um",
+        "plates.upper.load": "1 mN",
+    },
+    "three_spot.toml": {"solver.distance": "20 nm"},
+    "fretting.toml": {"debris.0.count": "3", "domain.size": ["30 um", "25 um"], "solver.distance": "100 nm"},
+    "dense_layer.toml": {"debris.0.count": "60", "domain.size": ["50 um", "50 um"], "solver.distance": "2 um"},
+}  # fmt: skip
+
+REFUSED = {"fretting_rig.toml"}
+"""Scenes that the explicit integrator does not run."""
 
 
 def test_every_shipped_scene_is_here():
-    assert {path.name for path in SCENES.glob("*.toml")} == set(SHORT)
+    assert {path.name for path in SCENES.glob("*.toml")} == set(SHORT) | REFUSED
 
 
 @pytest.fixture(scope="module", params=sorted(SHORT))

@@ -64,7 +64,7 @@ ONE_FAULT = [
     ([("poisson_ratio = 0.30\n", "")], "3:1: materials.steel.poisson_ratio: required key is missing"),
     (
         [('kind = "irregular"\n', "")],
-        "11:1: debris[0].kind: required key is missing: one of 'irregular', 'spheres', 'mesh'",
+        "11:1: debris[0].kind: required key is missing: one of 'irregular', 'spheres', 'mesh', 'spots', 'file'",
     ),
     ([('[output]\nevery = "0.5 um"\n', "")], "1:1: output: required key is missing"),
     ([('every = "0.5 um"\n', "")], "41:1: output.every: required key is missing"),
@@ -146,7 +146,7 @@ ONE_FAULT = [
     # choices
     (
         [('"irregular"', '"irregulr"')],
-        "13:1: debris[0].kind: 'irregulr' is not one of 'irregular', 'spheres', 'mesh'",
+        "13:1: debris[0].kind: 'irregulr' is not one of 'irregular', 'spheres', 'mesh', 'spots', 'file'",
     ),
     (
         [('"lognormal"', '"weibull"')],
@@ -158,8 +158,7 @@ ONE_FAULT = [
         "26:1: plates.upper.support: 'foo' is not one of 'rigid', 'foundation', 'load_per_particle'",
     ),
     # known to the file format, but not yet
-    ([('"irregular"', '"spots"')], f"13:1: debris[0].kind: kind = 'spots' {LATER} 'irregular', 'spheres', 'mesh'"),
-    ([('"layer"', '"dense"')], f"19:1: debris[0].placement: placement = 'dense' {LATER} 'layer'"),
+    ([('"layer"', '"heap"')], "19:1: debris[0].placement: 'heap' is not one of 'layer', 'dilute', 'dense'"),
     (
         [('"load_per_particle"', '"foundation"')],
         '24:1: plates.upper.stiffness: required key is missing: the stiffness of each particle\'s patch, such as "1e4 N/m"',
@@ -318,7 +317,7 @@ def test_spheres_of_one_shape_in_a_layer():
         ),
         (
             'radius = "1 um"\ncount = 1\norientation = [1, 0, 0, 0]',
-            "16:1: debris[0].orientation: needs positions: a layer chooses the pose of each body",
+            "16:1: debris[0].orientation: needs positions: a placement chooses the pose of each body",
         ),
     ],
 )

@@ -24,7 +24,8 @@ class Clump:
     """A rigid union of spheres of unit density in its own principal frame (origin at the centroid).
 
     centers (k, 3) m, radii (k,) m, volume m3, inertia (3,) m5 with I1 <= I2 <= I3 (times density: kg m2),
-    error: bound on the relative error of volume and principal moments, 0 for a single sphere.
+    error: bound on the relative error of volume and principal moments, 0 for a single sphere. sides (k,): what
+    each sphere can meet (`kernels.layout`), None for everything.
     """
 
     centers: np.ndarray
@@ -32,6 +33,7 @@ class Clump:
     volume: float
     inertia: np.ndarray
     error: float
+    sides: np.ndarray | None = None
 
     @property
     def diameter(self) -> float:
@@ -46,6 +48,7 @@ class Clump:
             self.volume * factor**3,
             self.inertia * factor**5,
             self.error,
+            self.sides,
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from thirdbody.bodies.clump import principal_axes
+from thirdbody.bodies.files import LARGEST, SMALLEST, read_bytes
 from thirdbody.errors import Fault, InputError
 
 SUFFIXES = (".stl", ".obj", ".ply")
@@ -64,6 +66,12 @@ def load_mesh(path: str | Path, unit: float) -> Mesh:
         raise InputError(Fault("unit", f"{unit:g} m per unit of the mesh file must be positive and finite"))
     path = Path(path)
     vertices, faces = _read(path)
+    with np.errstate(over="ignore", invalid="ignore"):
+        extent = float(np.ptp(vertices, axis=0).max()) * unit if len(vertices) else math.nan
+    # what is not finite, or a single point, is told below
+    if np.isfinite(vertices).all() and (extent > LARGEST or 0.0 < extent < SMALLEST):
+        message = f"{extent:.3g} m across with {unit:.3g} m per unit, outside {SMALLEST:g} to {LARGEST:g} m; is the unit right?"
+        raise _fault(str(path), message)
     return checked_mesh(vertices * unit, faces, str(path))
 
 
@@ -81,9 +89,12 @@ def checked_mesh(vertices, faces, name: str) -> Mesh:
         raise _fault(name, f"{bad} of {len(vertices)} vertices are not finite numbers; export the surface again")
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise _fault(name, "a triangle names a vertex that is not there: the file is cut short; export it again")
+    largest = float(np.abs(vertices).max())
     vertices, faces = _merged(vertices, faces)
     if not faces.size:
-        raise _fault(name, "all triangles are empty: every one has two corners in the same place")
+        message = "all triangles are empty: every one has two corners in the same place"
+        raise _fault(name, f"{message} (within {_SAME:g} of the largest coordinate, {largest:.3g} m)")
+    _refuse_sheet(vertices, name)
     _refuse_open(faces, name)
     _refuse_pieces(faces, name)
     mesh = Mesh(vertices, faces, name)
@@ -129,12 +140,9 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
     if path.suffix.lower() not in SUFFIXES:
         known = ", ".join(SUFFIXES)
         raise _fault(name, f"'{path.suffix}' is not a mesh file that can be read; save it as one of {known}")
-    if not path.is_file():
-        raise _fault(name, "there is no such file; give the path from the folder of the scene, or an absolute one")
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise _fault(name, f"cannot be read: {error.strerror}") from None
+    data = read_bytes(path, "mesh")
+    if not data:
+        raise _fault(name, "is empty: damaged or cut short; export the surface again")
     if path.suffix.lower() == ".stl":
         _refuse_short_stl(data, name)
     import trimesh
@@ -142,12 +150,14 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         options = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
         # Unprocessed: what the library would mend in silence (NaN, open seams) is for the checks to see.
-        loaded = trimesh.load_mesh(path, process=False, **options)
+        with np.errstate(all="ignore"):
+            loaded = trimesh.load_mesh(io.BytesIO(data), file_type=path.suffix[1:].lower(), process=False, **options)
         return np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int64)
     # The parsers raise whatever a broken file leads them into.
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".strip().splitlines()[0]
-        raise _fault(name, f"is damaged or cut short ({reason}); export the surface again") from None
+        line = _odd_vertex(data) if path.suffix.lower() == ".stl" else None
+        raise _fault(name, line or f"is damaged or cut short ({reason}); export the surface again") from None
 
 
 def _refuse_short_stl(data: bytes, name: str) -> None:
@@ -161,6 +171,22 @@ def _refuse_short_stl(data: bytes, name: str) -> None:
         held = max(0, len(data) - _STL_HEADER) // _STL_TRIANGLE
         message = f"is cut short or no STL file: {count} triangles announced, {held} held; export the surface again"
         raise _fault(name, message)
+
+
+def _odd_vertex(data: bytes) -> str | None:
+    """What is wrong with the first corner of a text STL file that is not three finite numbers."""
+    for number, line in enumerate(data.splitlines(), 1):
+        words = line.split()
+        if not words or words[0].lower() != b"vertex":
+            continue
+        try:
+            sound = len(words) == 4 and all(math.isfinite(float(word)) for word in words[1:])
+        except ValueError:
+            sound = False
+        if not sound:
+            shown = line.strip()[:60].decode("ascii", "replace")
+            return f"line {number}: '{shown}' is not three finite numbers; export the surface again"
+    return None
 
 
 def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -207,6 +233,13 @@ def _refuse_pieces(faces: np.ndarray, name: str) -> None:
     if count > 1:
         message = f"holds {count} separate surfaces; save each body to its own file, and fill cavities"
         raise _fault(name, message)
+
+
+def _refuse_sheet(vertices: np.ndarray, name: str) -> None:
+    """Told before the edges are: the two sides of a flattened body are one, and every edge seems doubled."""
+    spread = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
+    if spread[-1] <= _SAME * spread[0]:
+        raise _fault(name, "encloses no volume: all vertices lie in one plane; a sheet is not a body, give it a thickness")
 
 
 def _refuse_flat(mesh: Mesh) -> None:

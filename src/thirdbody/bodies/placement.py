@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -13,9 +13,9 @@ from thirdbody.kernels.packing import overlapping, place_body
 from thirdbody.kernels.union import disc_moments
 
 # Least gap between spheres over the sum of their radii, so that nothing touches at the start.
-_CLEARANCE = 1e-3
+CLEARANCE = 1e-3
 # Tries per body. Near the jamming of random addition a free place is rarer than one in some ten thousand.
-_TRIES = 50_000
+TRIES = 50_000
 # The grid never has more columns than this along one axis: enough for a million spheres.
 _COLUMNS = 1024
 
@@ -45,13 +45,13 @@ def place_layer(
     low = np.minimum.reduceat(spheres[:, :2] - spheres[:, 3:], starts[:-1])
     high = np.maximum.reduceat(spheres[:, :2] + spheres[:, 3:], starts[:-1])
     _refuse_wide(high - low, size)
-    heads, placed, following = _grid(spheres, size)
+    heads, placed, following = grid(spheres[:, 3], size)
     order = np.argsort(-(high - low).prod(axis=1), kind="stable")
-    margin = _CLEARANCE * spheres[:, 3].max()
+    margin = CLEARANCE * spheres[:, 3].max()
     count = 0
     for done, b in enumerate(order):
         least, most = (np.zeros(2), size) if periodic else (margin - low[b], size - margin - high[b])
-        for batch in _batches():
+        for batch in batches():
             tries = least + (most - least) * rng.random((batch, 2))
             k = place_body(
                 tries,
@@ -64,7 +64,7 @@ def place_layer(
                 following,
                 size,
                 periodic,
-                _CLEARANCE,
+                CLEARANCE,
             )
             if k >= 0:
                 break
@@ -94,7 +94,7 @@ def overlaps(
     ids = np.ascontiguousarray(body, dtype=np.int64)
     room = 1024
     while True:
-        heads, placed, following = _grid(spheres, size)
+        heads, placed, following = grid(spheres[:, 3], size)
         pairs, depth = np.empty((room, 2), np.int64), np.empty(room)
         found = overlapping(spheres, ids, placed, heads, following, size, periodic, pairs, depth)
         if found <= room:
@@ -126,16 +126,16 @@ def _resting_spheres(body: Clump, quaternion: np.ndarray) -> np.ndarray:
     return np.column_stack((centers, body.radii))
 
 
-def _grid(spheres: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Empty grid (heads, placed, following) with columns as wide as two largest spheres with clearance."""
-    width = 2.0 * spheres[:, 3].max() * (1.0 + _CLEARANCE)
+def grid(radii: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Empty grid (heads, placed, following) for spheres of these radii (n,), columns as wide as two largest with clearance."""
+    width = 2.0 * radii.max() * (1.0 + CLEARANCE)
     nx, ny = (min(_COLUMNS, max(1, math.floor(length / width))) for length in size)
-    return np.full((nx, ny), -1, np.int64), np.empty_like(spheres), np.empty(len(spheres), np.int64)
+    return np.full((nx, ny), -1, np.int64), np.empty((len(radii), 4)), np.empty(len(radii), np.int64)
 
 
-def _batches():
+def batches() -> Iterator[int]:
     """Sizes of batches of tries, growing: most bodies find a place at once."""
-    batch, left = 32, _TRIES
+    batch, left = 32, TRIES
     while left > 0:
         yield min(batch, left)
         left -= batch
@@ -144,7 +144,7 @@ def _batches():
 
 def _refuse_wide(widths: np.ndarray, size: np.ndarray) -> None:
     """A body wider than the domain would overlap its own image, or the border."""
-    wide = np.flatnonzero((widths * (1.0 + 2.0 * _CLEARANCE) >= size).any(axis=1))
+    wide = np.flatnonzero((widths * (1.0 + 2.0 * CLEARANCE) >= size).any(axis=1))
     if len(wide):
         b = wide[0]
         raise InputError(
@@ -166,7 +166,7 @@ def _full(
     return InputError(
         Fault(
             "domain.size",
-            f"no place for body {order[done]} after {_TRIES} tries: {done} of {len(order)} bodies placed, "
+            f"no place for body {order[done]} after {TRIES} tries: {done} of {len(order)} bodies placed, "
             f"area fraction {reached / whole:.3f} reached of {area / whole:.3f} wanted; "
             "make domain.size larger or count smaller",
         )

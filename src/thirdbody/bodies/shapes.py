@@ -7,6 +7,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from thirdbody.bodies.asperities import Asperities, sphere_points, with_asperities
 from thirdbody.bodies.clump import Clump, clump
 from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.union import links
@@ -20,33 +21,42 @@ _UNEQUAL = 0.6
 # Least part of a sphere's surface that the other spheres leave free.
 _EXPOSED = 0.08
 _TRIES = 200
+# Of the sharpest clump: the part of the sum of radii that centers are apart (a small sphere must stand farther off to
+# stand out), and the least radius of a corner over that of the core.
+_NECK_SHARP = 0.95
+_CORNER = 0.2
+# Twice the times that the caps of all corners cover the sphere before chance leaves no gap that shows the core (the
+# thinnest covering takes 2.4).
+_COVER = 4.0
+# Fewer spheres cannot surround a core.
+_CORED = 5
 
 
-def _sphere_points(count: int) -> np.ndarray:
-    """Points (count, 3) spread evenly over the unit sphere (Fibonacci lattice)."""
-    k = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * k / count
-    turn = math.pi * (1.0 + math.sqrt(5.0)) * k
-    ring = np.sqrt(1.0 - z * z)
-    return np.column_stack((ring * np.cos(turn), ring * np.sin(turn), z))
+_SURFACE = sphere_points(48)
 
 
-_SURFACE = _sphere_points(48)
-
-
-def irregular(rng: np.random.Generator, n_spheres: int, aspect, diameter: float) -> Clump:
+def irregular(rng: np.random.Generator, n_spheres: int, aspect, diameter: float, angularity: float = 0.0) -> Clump:
     """Connected clump of unequal spheres filling an envelope with the axis ratios aspect (3,).
+
+    angularity (0 to 1): how strongly the spheres shrink towards the corners of the hull, so that summits get sharper
+    (`asperities.summit_radii`). The sphere nearest the middle becomes a core, the others move out onto the hull and
+    shrink, at 1 to the size at which planes still touch them and not the core (0.2 of it at least); links lengthen to
+    0.95 of the sum of radii. Fewer than 5 spheres cannot surround a core: only their links lengthen. Where corners
+    would lose touch with the core (flat or long envelopes), the body is only as angular as keeps its aspect.
 
     The volume-equivalent diameter (m) holds to a third of the clump's stated error. Every sphere keeps at
     least 8 % of its surface free. A flat envelope needs many spheres: with few, the clump is as flat as
     connected spheres can be. One sphere is a sphere, whatever the aspect.
-    InputError: n_spheres < 1, aspect or diameter not positive, or too many spheres to leave each one free.
+    InputError: n_spheres < 1, aspect or diameter not positive, angularity out of range, or too many spheres to leave
+    each one free.
     """
     envelope = _checked_envelope(n_spheres, aspect, diameter)
+    if not 0.0 <= angularity <= 1.0:
+        raise InputError(Fault("angularity", f"{angularity:g} must be 0 to 1"))
     if n_spheres == 1:
         return clump(np.zeros((1, 3)), [0.5 * diameter])
     for _ in range(_TRIES):
-        centers, radii = _grown(rng, n_spheres, envelope)
+        centers, radii = _grown(rng, n_spheres, envelope, angularity)
         if _all_exposed(centers, radii):
             body = clump(centers, radii)
             return body.scaled(diameter / body.diameter)
@@ -57,12 +67,19 @@ def irregular(rng: np.random.Generator, n_spheres: int, aspect, diameter: float)
 
 
 def population(
-    seed: int, population_index: int, count: int, spheres: tuple[int, int], aspect, **size
+    seed: int,
+    population_index: int,
+    count: int,
+    spheres: tuple[int, int],
+    aspect,
+    angularity: float = 0.0,
+    asperities: Asperities | None = None,
+    **size,
 ) -> list[Clump]:
     """Clumps of one population; size: the keywords of `diameters`, spheres: least and most per body.
 
-    Body k draws from its own stream, so it is the same for every count.
-    InputError: as `irregular` and `diameters`.
+    Body k draws from its own stream, so it is the same for every count; asperities draw last, so that the body under
+    them has the shape that it has without. InputError: as `irregular`, `diameters` and `Asperities.fraction`.
     """
     least, most = spheres
     if not 1 <= least <= most:
@@ -72,7 +89,10 @@ def population(
         rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k)))
         n_spheres = int(rng.integers(least, most + 1))
         diameter = float(diameters(rng, 1, **size)[0])
-        bodies.append(irregular(rng, n_spheres, aspect, diameter))
+        body = irregular(rng, n_spheres, aspect, diameter, angularity)
+        if asperities is not None:
+            body = with_asperities(rng, body, asperities.count, asperities.fraction(diameter))
+        bodies.append(body)
     return bodies
 
 
@@ -169,28 +189,81 @@ def _checked_envelope(n_spheres: int, aspect, diameter: float) -> np.ndarray:
     return axes / axes.max()
 
 
-def _grown(rng: np.random.Generator, n: int, envelope: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _grown(
+    rng: np.random.Generator, n: int, envelope: np.ndarray, angularity: float
+) -> tuple[np.ndarray, np.ndarray]:
     """Centers (n, 3) and radii (n,) of a connected trial clump inside the envelope."""
     seeds = _spread(rng, n, envelope)
     weights = rng.uniform(_UNEQUAL, 1.0, n)
     neck = rng.uniform(*_NECK)
-    reach, joined = np.empty(n), np.empty(n, np.bool_)
     thinnest = envelope.min()
+    inset = np.ones((n, 1))
+    if angularity > 0.0:
+        seeds, weights, inset, neck = _sharpened(seeds, weights, neck, envelope, angularity)
 
     def stretched(radius: float) -> float:
-        links(seeds * (envelope - radius), radius * weights, reach, joined)
-        return float(reach.max()) / neck
+        return _reach(seeds, weights, inset, envelope, radius) / neck
 
     # The larger the spheres, the smaller the room for their centers: the least radius that connects them.
     low, high = 0.02 * thinnest, thinnest
     if (excess := stretched(high)) > 1.0:
         # Too flat for this many spheres: drawn together in the plane until they connect, and no closer than
         # they must, or it would not look flat.
-        return seeds * (envelope - high) / (excess * neck / _NECK_FLAT), high * weights
+        return seeds * (envelope - high * inset) / (excess * neck / _NECK_FLAT), high * weights
     for _ in range(12):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if stretched(middle) > 1.0 else (low, middle)
-    return seeds * (envelope - high), high * weights
+    return seeds * (envelope - high * inset), high * weights
+
+
+def _reach(seeds, weights: np.ndarray, inset, envelope: np.ndarray, radius: float) -> float:
+    """Largest distance over sum of radii among the links of the trial clump whose largest radius is `radius`."""
+    reach, joined = np.empty(weights.size), np.empty(weights.size, np.bool_)
+    links(seeds * (envelope - radius * inset), radius * weights, reach, joined)
+    return float(reach.max())
+
+
+def _sharpened(
+    seeds: np.ndarray, weights: np.ndarray, neck: float, envelope: np.ndarray, angularity: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Seeds (n, 3), weights (n,), insets (n, 1) and neck of a sharper trial clump.
+
+    Aspect goes first: where the corners would be too small to reach the core, the angularity is lowered until they do.
+    """
+    thinnest = envelope.min()
+    plain = _reach(seeds, weights, np.ones((weights.size, 1)), envelope, thinnest)
+    low, high = 0.0, angularity
+    for step in range(8):
+        trial = high if step == 0 else 0.5 * (low + high)
+        made = _cored(seeds, weights, neck, trial)
+        connects = _reach(*made[:3], envelope, thinnest) <= max(plain, made[3])
+        low, high = (trial, high) if connects else (low, trial)
+        if low == angularity:
+            break
+    return _cored(seeds, weights, neck, low)
+
+
+def _cored(
+    seeds: np.ndarray, weights: np.ndarray, neck: float, angularity: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """The seed nearest the middle as core, the others as corners that stand on the hull: as `_sharpened`.
+
+    A plane between corners that surround a core of radius 1 evenly, at the distance s (1 + rho), clears it if
+    s (1 + rho) cos t + rho > 1; m caps of the angle t have m (1 - cos t) / 2 times the area of the sphere.
+    """
+    n = weights.size
+    neck = neck + angularity * (_NECK_SHARP - neck)
+    inset = np.ones((n, 1))
+    if n < _CORED:
+        return seeds, weights, inset, neck
+    cosine = _NECK_SHARP * max(0.0, 1.0 - _COVER / (n - 1))
+    corner = max(_CORNER, (1.0 - cosine) / (1.0 + cosine))
+    far = np.linalg.norm(seeds, axis=1, keepdims=True)
+    core = np.arange(n) == far.argmin()
+    moved = np.where(core[:, None], 1.0 - angularity, 1.0 - angularity + angularity / far)
+    shrunk = np.where(core, 1.0, 1.0 - angularity * (1.0 - corner))
+    full = np.where(core, weights + angularity * (1.0 - weights), weights * shrunk)
+    return seeds * moved, full, shrunk[:, None], neck
 
 
 def _spread(rng: np.random.Generator, n: int, envelope: np.ndarray) -> np.ndarray:

@@ -111,7 +111,9 @@ class Explicit:
         )  # fmt: skip
 
     def _choose_step(self) -> None:
-        self.bound = bound(self.state, self.materials)
+        # a fixed step is judged by the contacts as they are
+        steps = BUDGET if self.fixed is None else 0
+        self.bound = bound(self.state, self.materials, steps, float(self.state.D[at.D_GUARD_OVERLAP]))
         if self.tightest is None or self.bound.step < self.tightest.step:
             self.tightest = self.bound
         if self.fixed is not None:

@@ -30,6 +30,11 @@ class Placed:
     velocities: Array
     angular_velocities: Array
 
+    def sides(self) -> Ints:
+        """What every sphere can meet (`kernels.layout`)."""
+        given = [np.zeros(len(c.radii), np.int64) if c.sides is None else c.sides for c in self.clumps]
+        return np.concatenate(given)
+
 
 @dataclass(frozen=True)
 class World:
@@ -162,6 +167,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> Sta
     B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
     S = np.zeros((n_spheres, at.S_COLS))
     S[:, at.S_R] = np.concatenate([clump.radii for clump in placed.clumps])
+    S[:, at.S_SIDE] = placed.sides()
     offsets = np.ascontiguousarray(np.concatenate([clump.centers for clump in placed.clumps]))
     upper = world.upper
     # kernels index the patch of every body; without an upper plate nothing is ever a candidate with it

@@ -10,6 +10,7 @@ S_W = 7  # mid-step angular velocity, 3
 S_V = 10  # velocity predicted for the end of the step, 3
 S_O = 13  # angular velocity predicted for the end of the step, 3
 S_ARM = 16  # centre of the sphere from its body's centre of mass, world axes, 3
+S_SIDE = 19  # what the sphere can meet
 S_COLS = 20
 
 # B: bodies.
@@ -97,3 +98,6 @@ O_ELAPSED, O_SHIFT, O_DRAG, O_SPEED = 32, 33, 35, 37
 O_COLS = 38
 
 LOWER, UPPER, DEBRIS = 0, 1, 2
+
+# values of S_SIDE: a spot of a given particle meets one plate only
+ONLY_LOWER, EVERYTHING, ONLY_UPPER = -1, 0, 1

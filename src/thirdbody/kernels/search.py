@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from .contacts import nearest_image
-from .layout import P_Z, S_R, S_X, S_Y, S_Z
+from .layout import EVERYTHING, ONLY_LOWER, ONLY_UPPER, P_Z, S_R, S_SIDE, S_X, S_Y, S_Z
 from .options import INNER, OPTIONS
 
 
@@ -17,11 +17,11 @@ def plate_candidates(S, P, body, patch, has_lower, has_upper, skin, own, partner
     """Fill own and partner with the spheres within `skin` of a plate; returns how many (also beyond the capacity)."""
     n = 0
     for i in range(S.shape[0]):
-        if has_lower and S[i, S_Z] - S[i, S_R] < skin:
+        if has_lower and S[i, S_SIDE] != ONLY_UPPER and S[i, S_Z] - S[i, S_R] < skin:
             if n < own.shape[0]:
                 own[n], partner[n] = i, -1
             n += 1
-        if has_upper:
+        if has_upper and S[i, S_SIDE] != ONLY_LOWER:
             p = patch[body[i]]
             if P[p, P_Z] - S[i, S_Z] - S[i, S_R] < skin:
                 if n < own.shape[0]:
@@ -81,7 +81,7 @@ def collect(i, S, body, l_x, l_y, skin, head, follow, place, count, periodic, fo
                     continue
                 j = head[(c_x * count[1] + c_y) * count[2] + c_z]
                 while j >= 0:
-                    if j > i and body[j] != body[i]:
+                    if j > i and body[j] != body[i] and S[j, S_SIDE] == EVERYTHING:
                         d_x = nearest_image(S[i, S_X] - S[j, S_X], l_x)
                         d_y = nearest_image(S[i, S_Y] - S[j, S_Y], l_y)
                         d_z = S[i, S_Z] - S[j, S_Z]
@@ -106,6 +106,8 @@ def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own,
     found = np.empty(n_spheres, np.int64)
     fill_cells(S, low, size, count, periodic, head, follow, place)
     for i in range(n_spheres):
+        if S[i, S_SIDE] != EVERYTHING:
+            continue
         m = collect(i, S, body, l_x, l_y, skin, head, follow, place, count, periodic, found)
         for p in range(m):
             if n < own.shape[0]:

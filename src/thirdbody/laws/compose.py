@@ -251,7 +251,10 @@ def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]
 
 
 def _stiffness_function(chain: Sequence[Law]) -> str:
-    """Normal and virgin tangential stiffness of a tile: what the time step is bounded by."""
+    """Normal and virgin tangential stiffness, then both dashpots, of a tile: what the time step is bounded by.
+
+    The tile is asked for an approach at 1 m/s, so the viscous force is the coefficient of the dashpot.
+    """
     stages = {law.stage: k for k, law in enumerate(chain)}
     k = stages["normal"]
     zeros = "(" + "0.0, " * _history(chain, k)[1] + ")" if _history(chain, k)[1] else ""
@@ -259,6 +262,12 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
     arguments = f"c, p{k}" + (f", {zeros}" if zeros else "")
     lines.append(f"        k_n = tangent_{k}({arguments})")
     lines.append(f"        n = kernel_{k}({arguments})" + ("[0]" if zeros else ""))
+    lines.append("        c_n, c_t = 0.0, 0.0")
+    if "damping" in stages:
+        lines += _virgin_call(chain, stages["damping"], "c, n", "c_n")
+    if "tangential_damping" in stages:
+        lines.append("        load = Load(n.force, n.force, n.contact_radius, k_n)")
+        lines += _virgin_call(chain, stages["tangential_damping"], "c, load", "c_t")
     if "tangential" in stages:
         k = stages["tangential"]
         zeros = ", (" + "0.0, " * _history(chain, k)[1] + ")" if _history(chain, k)[1] else ""
@@ -269,9 +278,17 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
         ]
     else:
         lines.append("        k_t = 0.0")
-    lines += [f"        O[{_field(0)}] = k_n", f"        O[{_field(1)}] = k_t"]
+    lines += [f"        O[{_field(i)}] = {name}" for i, name in enumerate(("k_n", "k_t", "c_n", "c_t"))]
     head = '@njit(LAW, error_model="numpy", cache=True)\ndef stiffness(I, O, n_contacts, P):\n    for q in range(n_contacts):\n'
     return head + _contact(_width(chain)) + "\n".join(lines) + "\n"
+
+
+def _virgin_call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
+    """Lines that call law k without any history."""
+    count = _history(chain, k)[1]
+    zeros = ", (" + "0.0, " * count + ")" if count else ""
+    first = "[0]" if count else ""
+    return [f"        p{k} = {_parameters(chain, k)}", f"        {answer} = kernel_{k}({arguments}, p{k}{zeros}){first}"]
 
 
 def source_files(functions: Iterable[Callable]) -> list[Path]:

@@ -21,19 +21,22 @@ def unit_rgb(text: str) -> tuple[float, float, float]:
 
 
 class Overlay:
-    """Flat shapes and words over the whole picture; places in pixels from its lower left corner."""
+    """Flat shapes and words over the whole picture; places in pixels from its lower left corner.
 
-    def __init__(self, window: Any, size: tuple[int, int]):
+    Lengths given to `px` and heights of words hold for a picture `reference` pixels high, and grow with it.
+    """
+
+    def __init__(self, window: Any, size: tuple[int, int], reference: float = 900.0):
         import vtk
 
-        self._vtk, self._size, self._unit = vtk, size, size[1] / 900.0
+        self._vtk, self._size, self._unit = vtk, size, size[1] / reference
         self._renderer = vtk.vtkRenderer()
         self._renderer.SetLayer(1)
         self._renderer.InteractiveOff()
         window.AddRenderer(self._renderer)
 
     def px(self, length: float) -> float:
-        """Pixels of a length given for a picture 900 pixels high."""
+        """Pixels of a length given for a picture of the reference height."""
         return length * self._unit
 
     def text(self, words: str, x: float, y: float, height: float, color: str = INK, **style: Any) -> float:

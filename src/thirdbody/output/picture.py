@@ -12,12 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody.output.canvas import PAPER, SOFT_INK, add_lights, make_glossy, new_window, save, sphere_mapper
 from thirdbody.output.overlay import INK, OVERSAMPLING, Overlay, unit_rgb
 from thirdbody.output.palette import field_colors
 from thirdbody.output.shot import Legend, Shot, close_up_window, round_length, with_unit
 
-SOFT_INK = "#5A626C"
-PAPER = "#FFFFFF"
 PLATE = "#DDE1E6"
 SHADOW = "#A9B0BA"
 GLASS = "#9DB9DD"
@@ -50,7 +49,7 @@ class View:
         self._renderer.SetBackground(*unit_rgb(paper))
         window.AddRenderer(self._renderer)
         self._window = window
-        self._add_light()
+        add_lights(self._renderer)
         self._add_spheres(shot.inside(low, high))
         self._corners = [self._low - [0, 0, self._thick], self._high + [0, 0, self._thick]]
         if shot.has_plates:
@@ -59,49 +58,12 @@ class View:
     def _scaled(self, point: np.ndarray) -> np.ndarray:
         return (point - self._origin) * self._scale
 
-    def _add_light(self) -> None:
-        self._renderer.AutomaticLightCreationOff()
-        for place, strength in (((-0.6, 1.2, 1.0), 0.85), ((0.8, 0.2, 1.0), 0.35)):
-            light = self._vtk.vtkLight()
-            light.SetLightTypeToCameraLight()
-            light.SetPosition(*place)
-            light.SetFocalPoint(0.0, 0.0, 0.0)
-            light.SetIntensity(strength)
-            self._renderer.AddLight(light)
-
     def _add_spheres(self, chosen: np.ndarray) -> None:
-        from vtkmodules.util.numpy_support import numpy_to_vtk
-
-        vtk, shot = self._vtk, self._shot
-        points = vtk.vtkPoints()
-        centers = np.ascontiguousarray(self._scaled(shot.centers[chosen]), np.float32)
-        points.SetData(numpy_to_vtk(centers, deep=True))
-        data = vtk.vtkPolyData()
-        data.SetPoints(points)
-        radii, colors = (
-            np.float32(shot.radii[chosen] * self._scale),
-            np.ascontiguousarray(shot.colors[chosen]),
-        )
-        for name, values in (("radius", radii), ("color", colors)):
-            array = numpy_to_vtk(values, deep=True)
-            array.SetName(name)
-            data.GetPointData().AddArray(array)
-        cells = vtk.vtkVertexGlyphFilter()  # points without cells are not drawn
-        cells.SetInputData(data)
+        shot = self._shot
+        mapper, data = sphere_mapper(self._scaled(shot.centers[chosen]), shot.radii[chosen] * self._scale, shot.colors[chosen])
         if shot.has_plates:
             self._add_shadows(data)
-        mapper = vtk.vtkOpenGLSphereMapper()
-        mapper.SetInputConnection(cells.GetOutputPort())
-        mapper.SetScaleArray("radius")
-        mapper.SetScalarModeToUsePointFieldData()
-        mapper.SelectColorArray("color")
-        mapper.SetColorModeToDirectScalars()
-        actor = self._add(mapper)
-        look = actor.GetProperty()
-        look.SetAmbient(0.30)
-        look.SetDiffuse(0.80)
-        look.SetSpecular(0.22)
-        look.SetSpecularPower(35.0)
+        make_glossy(self._add(mapper))
 
     def _add_shadows(self, spheres: Any) -> None:
         """A disc on the lower plate under each sphere: without it nobody can tell how high a body is."""
@@ -282,17 +244,7 @@ def draw(shot: Shot, path: Path, size: tuple[int, int], zoom: float | None) -> N
     Without `zoom` the whole is shown, and of many bodies a part beside it enlarged; `zoom` is the share of
     the domain's width and depth that is shown alone. Raises OSError when the file cannot be written.
     """
-    import vtk
-
-    window = vtk.vtkRenderWindow()
-    window.SetOffScreenRendering(True)
-    window.SetMultiSamples(0)
-    window.SetDPI(72)
-    window.SetNumberOfLayers(2)
-    window.SetSize(size[0] * OVERSAMPLING, size[1] * OVERSAMPLING)
-    blank = vtk.vtkRenderer()
-    blank.SetBackground(*unit_rgb(PAPER))
-    window.AddRenderer(blank)
+    window = new_window(size)
     overlay = Overlay(window, size)
     part = close_up_window(shot) if zoom is None else None
     low, high = shot.low[:2], shot.high[:2]
@@ -308,8 +260,8 @@ def draw(shot: Shot, path: Path, size: tuple[int, int], zoom: float | None) -> N
     if part:
         _draw_close_up(window, shot, overlay, part, size)
     _write_words(overlay, shot, size)
-    _draw_legend(overlay, shot.legend, size)
-    _save(window, path, size)
+    draw_legend(overlay, shot.legend, size)
+    save(window, path, size)
 
 
 def _finish_view(view: View, overlay: Overlay, direction: tuple[float, float, float]) -> None:
@@ -340,7 +292,8 @@ def _write_words(overlay: Overlay, shot: Shot, size: tuple[int, int]) -> None:
     overlay.text(shot.facts, left, size[1] - overlay.px(88), 26, SOFT_INK)
 
 
-def _draw_legend(overlay: Overlay, legend: Legend, size: tuple[int, int]) -> None:
+def draw_legend(overlay: Overlay, legend: Legend, size: tuple[int, int]) -> None:
+    """The states and their colours, or a colour scale, along the lower edge."""
     y = overlay.px(48)
     if legend.limits is None:
         x = overlay.px(44)
@@ -358,26 +311,3 @@ def _draw_legend(overlay: Overlay, legend: Legend, size: tuple[int, int]) -> Non
         strip = np.array([[a, y - tall], [b, y - tall], [b, y + tall], [a, y + tall]])
         overlay.polygon(strip, f"#{bytes(color).hex()}")
     overlay.text(high, x + wide + overlay.px(16), y, 26)
-
-
-def _save(window: Any, path: Path, size: tuple[int, int]) -> None:
-    import vtk
-    from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
-
-    window.Render()
-    grab = vtk.vtkWindowToImageFilter()
-    grab.SetInput(window)
-    grab.ReadFrontBufferOff()
-    grab.Update()
-    pixels = vtk_to_numpy(grab.GetOutput().GetPointData().GetScalars())
-    fine = pixels.reshape(size[1], OVERSAMPLING, size[0], OVERSAMPLING, 3)
-    coarse = np.rint(fine.mean(axis=(1, 3))).astype(np.uint8).reshape(-1, 3)
-    image = vtk.vtkImageData()
-    image.SetDimensions(size[0], size[1], 1)
-    image.GetPointData().SetScalars(numpy_to_vtk(coarse, deep=True))
-    writer = vtk.vtkPNGWriter()
-    writer.WriteToMemoryOn()
-    writer.SetInputData(image)
-    writer.Write()
-    # Written by Python: VTK tells a full disk or a missing folder on the screen only.
-    path.write_bytes(vtk_to_numpy(writer.GetResult()).tobytes())

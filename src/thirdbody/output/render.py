@@ -41,15 +41,11 @@ def render(
     from thirdbody.output.run import open_run
     from thirdbody.output.shot import take_shot
 
-    output_png = Path(output_png)
-    if output_png.suffix.lower() != ".png":
-        raise InputError(f"{output_png}: pictures are written as PNG only in this version; name it .png")
+    output_png = checked_png(output_png)
     if zoom is not None and not 0.0 < zoom <= 1.0:
         raise InputError(f"zoom: {zoom:g} is outside 0 to 1, the share of the domain that is shown")
     if min(size) < 200:
         raise InputError(f"size: {size[0]} x {size[1]} is too small, 200 pixels are the least")
-    if not output_png.absolute().parent.is_dir():
-        raise OutputError(f"{output_png}: the folder {output_png.parent} does not exist")
     with open_run(run_path) as run:
         try:
             take_shot(run, frame, color)
@@ -64,8 +60,18 @@ def render(
         "size": size,
         "zoom": zoom,
     }
-    _draw_elsewhere(job, usable_windows())
+    draw_elsewhere(job, usable_windows())
     return output_png
+
+
+def checked_png(path: str | Path) -> Path:
+    """The path of a picture to write. Raises InputError for another suffix, OutputError without its folder."""
+    path = Path(path)
+    if path.suffix.lower() != ".png":
+        raise InputError(f"{path}: pictures are written as PNG only in this version; name it .png")
+    if not path.absolute().parent.is_dir():
+        raise OutputError(f"{path}: the folder {path.parent} does not exist")
+    return path
 
 
 def usable_windows() -> list[str | None]:
@@ -89,8 +95,11 @@ def _loads(library: str) -> bool:
     return True
 
 
-def _draw_elsewhere(job: dict, windows: list[str | None]) -> None:
-    """Let a second process draw, with the first kind of window that does not crash."""
+def draw_elsewhere(job: dict, windows: list[str | None]) -> None:
+    """Let a second process draw, with the first kind of window that does not crash.
+
+    Raises OutputError when the file cannot be written, MissingLibrary when every window crashes.
+    """
     crash = ""
     for kind in windows:
         done = _start(job, kind)
@@ -117,20 +126,29 @@ def _start(job: dict, kind: str | None) -> subprocess.CompletedProcess[str]:
 
 
 def main(argument: str) -> int:
-    """The second process: draw the job that `render` wrote as JSON; returns the exit code."""
-    from thirdbody.output.picture import draw
-    from thirdbody.output.run import open_run
-    from thirdbody.output.shot import take_shot
-
+    """The second process: draw the job that `render` or `gallery` wrote as JSON; returns the exit code."""
     job = json.loads(argument)
-    with open_run(job["run"]) as run:
-        shot = take_shot(run, job["frame"], job["color"])
     try:
-        draw(shot, Path(job["png"]), tuple(job["size"]), job["zoom"])
+        if "gallery" in job:
+            from thirdbody.output import gallery
+
+            gallery.draw(Path(job["gallery"]), Path(job["png"]))
+        else:
+            _draw_run(job)
     except OSError as error:
         print(f"{job['png']}: cannot be written ({error.strerror})", file=sys.stderr)
         return OutputError.exit_code
     return 0
+
+
+def _draw_run(job: dict) -> None:
+    from thirdbody.output.picture import draw
+    from thirdbody.output.run import open_run
+    from thirdbody.output.shot import take_shot
+
+    with open_run(job["run"]) as run:
+        shot = take_shot(run, job["frame"], job["color"])
+    draw(shot, Path(job["png"]), tuple(job["size"]), job["zoom"])
 
 
 if __name__ == "__main__":

@@ -80,27 +80,32 @@ def _defined(raw: dict[str, Any], names: list[Any]) -> bool:
 def _meetings(raw: dict[str, Any]) -> Iterator[tuple[Any, Any, str]]:
     """Materials that can touch, and who carries them."""
     debris = [
-        (f"debris[{i}]", get(d, "material"), _bodies(d)) for i, d in enumerate(_items(raw.get("debris")))
+        (f"debris[{i}]", get(d, "material"), _bodies(d), get(d, "kind"))
+        for i, d in enumerate(_items(raw.get("debris")))
     ]
-    for name, material, _ in debris:
+    for name, material, _, _ in debris:
         for side in ("lower", "upper"):
             plate = get(raw.get("plates"), side)
             if plate is not None:
                 yield material, get(plate, "material"), f"{name} and plates.{side}"
     if get(raw.get("contact"), "debris_contact") == "none":
         return
-    for name, material, bodies in debris:
+    # the spots of a given particle meet their plate only
+    debris = [entry for entry in debris if entry[3] != "spots"]
+    for name, material, bodies, _ in debris:
         if bodies > 1:
             yield material, material, f"the bodies of {name}"
-    for (name, material, _), (other, other_material, _) in combinations(debris, 2):
+    for (name, material, _, _), (other, other_material, _, _) in combinations(debris, 2):
         yield material, other_material, f"{name} and {other}"
 
 
 def _bodies(debris: Any) -> int:
-    """Number of bodies as far as it can be read; 0 when it cannot."""
+    """Number of bodies as far as it can be read; 0 when it cannot, 2 for a table of bodies."""
     count, positions = get(debris, "count"), get(debris, "positions")
     if isinstance(count, int):
         return count
+    if get(debris, "kind") == "file":  # which is read later
+        return 2
     return len(positions) if hasattr(positions, "__len__") and not isinstance(positions, str) else 0
 
 

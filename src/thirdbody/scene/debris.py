@@ -1,15 +1,19 @@
-"""The debris of a scene: populations of irregular bodies, of spheres, or of bodies from a mesh."""
+"""The debris of a scene: populations of irregular bodies, of spheres, or of bodies from a mesh or a table."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo
+from pydantic_core import core_schema
 
-from thirdbody.scene.fields import Choice, Whole, listing
+from thirdbody.scene import units
+from thirdbody.scene.fields import Choice, Quantity, Whole, listing
 from thirdbody.scene.part import MISSING, Part, Wrong, one_of, tagged
 from thirdbody.scene.sizes import Size
+from thirdbody.scene.spots import Spots
 from thirdbody.scene.types import (
     REST,
     THREE,
@@ -26,7 +30,25 @@ from thirdbody.scene.types import (
 
 _WHOLE = Whole(ge=1, le=64)
 SpheresPerBody = Annotated[int, _WHOLE]
-Placement = Annotated[Literal["layer"], Choice(later=("dilute", "dense"))]
+Placement = Annotated[Literal["layer", "dilute", "dense"], Choice()]
+
+
+class _Volume(Part):
+    """What the debris of one scene may say of the volume that all "dilute", or all "dense" bodies share: its `height`
+    over the lower plate (m) or the `solid_fraction` in it; the default is a solid fraction of 0.05, or 0.5."""
+
+    height: PositiveLength | None = None
+    solid_fraction: Fraction | None = None
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Faults that show in which keys are given."""
+        if "height" in raw and "solid_fraction" in raw:
+            return [(("solid_fraction",), "give only one of height, solid_fraction: height is given too")]
+        if raw.get("placement", "layer") != "layer":
+            return []
+        why = "needs placement = 'dilute' or 'dense'"
+        return [((key,), why) for key in ("height", "solid_fraction") if key in raw]
 
 
 def _sphere_range(value: Any, info: ValidationInfo) -> Any:
@@ -37,8 +59,45 @@ def _sphere_range(value: Any, info: ValidationInfo) -> Any:
     return [number, number]
 
 
-class Irregular(Part):
-    """Random clumps. `size` is the volume-equivalent diameter (m), `spheres` the least and most per clump."""
+_RELATIVE = Quantity(gt=0, le=0.5)
+_ABSOLUTE = Quantity(dimension="length", gt=0)
+
+
+@dataclass(frozen=True)
+class _LengthOrFraction:
+    """A length as text with a unit, kept as that text, or a bare fraction: in a scene nothing else tells them apart."""
+
+    def read(self, value: Any, info: ValidationInfo) -> float | str:
+        """The fraction, or the text. Raises ValueError."""
+        if isinstance(value, str):
+            _ABSOLUTE.read(value, info)
+            return value
+        try:
+            return _RELATIVE.read(value, info)
+        except ValueError as error:
+            raise ValueError(f"{error}: a length ('0.5 um'), or a fraction of the body's equivalent radius") from None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.with_info_plain_validator_function(self.read)
+
+
+class Asperities(Part):
+    """Small spheres on each body: `count` of one `radius`, a length ("0.5 um") or a fraction of the body's equivalent radius."""
+
+    count: Annotated[int, Whole(ge=1, le=32)] = 3
+    radius: Annotated[float | str, _LengthOrFraction()]
+
+    @property
+    def length(self) -> float | None:
+        """The radius in m; None if it is a fraction."""
+        return units.parse(self.radius, "length") if isinstance(self.radius, str) else None
+
+
+class Irregular(_Volume):
+    """Random clumps. `size` is the volume-equivalent diameter (m), `spheres` the least and most per clump.
+
+    `angularity` (0 to 1) shrinks the spheres towards the corners of the hull; `asperities` sit on the surface.
+    """
 
     kind: Literal["irregular"] = "irregular"
     material: Text
@@ -51,6 +110,8 @@ class Irregular(Part):
         BeforeValidator(_sphere_range),
     ]
     aspect: Annotated[tuple[Fraction, Fraction, Fraction], THREE]
+    angularity: Annotated[float, Quantity(ge=0, le=1)] | None = None
+    asperities: Asperities | None = None
     placement: Placement = "layer"
     velocity: Velocity = REST
     angular_velocity: AngularVelocity = REST
@@ -88,8 +149,8 @@ Quaternion = Annotated[
 ]
 
 
-class Spheres(Part):
-    """Bodies of given spheres: single balls of one `radius`, or all of one `shape`; laid as a layer or at
+class Spheres(_Volume):
+    """Bodies of given spheres: single balls of one `radius`, or all of one `shape`; by `placement` or at
     `positions` (centres of mass, m) in one `orientation` (w, x, y, z; body to world)."""
 
     kind: Literal["spheres"] = "spheres"
@@ -107,7 +168,7 @@ class Spheres(Part):
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Faults that show in which keys are given."""
-        wrongs = one_of(raw, ("radius", "shape"))
+        wrongs = super().rules(raw, context) + one_of(raw, ("radius", "shape"))
         for key in ("shape", "positions"):
             if isinstance(raw.get(key), list | tuple) and not raw[key]:
                 wrongs.append(((key,), "the list is empty"))
@@ -115,7 +176,7 @@ class Spheres(Part):
             if "count" not in raw:
                 wrongs.append((("count",), f"{MISSING}: give count, or positions"))
             if "orientation" in raw:
-                wrongs.append((("orientation",), "needs positions: a layer chooses the pose of each body"))
+                wrongs.append((("orientation",), "needs positions: a placement chooses the pose of each body"))
         elif "placement" in raw:
             wrongs.append((("placement",), "give only one of placement, positions"))
         return wrongs
@@ -135,7 +196,7 @@ class Spheres(Part):
         return [(("count",), f"{self.count} is not the number of positions, {len(self.positions)}")]
 
 
-class Mesh(Part):
+class Mesh(_Volume):
     """Bodies from a closed surface mesh (STL, OBJ or PLY): clumps of `spheres` spheres with the mesh's volume and inertia.
 
     `unit` is the length of one unit of the file, m; `size` (volume-equivalent diameter, m), if given, rescales each body.
@@ -154,5 +215,34 @@ class Mesh(Part):
     angular_velocity: AngularVelocity = REST
 
 
-KINDS: dict[str, type[Part]] = {"irregular": Irregular, "spheres": Spheres, "mesh": Mesh}
-Debris = Annotated[Irregular | Spheres | Mesh, tagged("kind", KINDS, later=("file", "spots"))]
+class File(_Volume):
+    """Bodies from a table of spheres, CSV (units in its header) or NPZ (SI); `file` is relative to the scene.
+
+    Without `placement` the bodies lie where the file says: its centers are world coordinates, and quaternions turn each
+    body about its centre of mass. With `placement` only the shapes are taken, one after the other, from the first again
+    after the last, for `count` bodies (as many as the file has), each rescaled to `size` (volume-equivalent diameter, m).
+    `velocity` and `angular_velocity` hold for all bodies, where the file has none.
+    """
+
+    kind: Literal["file"] = "file"
+    material: Text
+    file: Text
+    count: Count | None = None
+    seed: Seed = 1
+    size: Size | None = None
+    placement: Placement | None = None
+    velocity: Velocity | None = None
+    angular_velocity: AngularVelocity | None = None
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Faults that show in which keys are given."""
+        wrongs = super().rules(raw, context)
+        if "placement" in raw:
+            return wrongs
+        why = "needs placement: without one, the bodies are those of the file, where it says"
+        return wrongs + [((key,), why) for key in ("count", "size") if key in raw]
+
+
+KINDS: dict[str, type[Part]] = {"irregular": Irregular, "spheres": Spheres, "mesh": Mesh, "spots": Spots, "file": File}
+Debris = Annotated[Irregular | Spheres | Mesh | Spots | File, tagged("kind", KINDS)]

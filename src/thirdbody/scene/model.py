@@ -15,7 +15,7 @@ from pydantic import PrivateAttr, ValidationError
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene import crosscheck
-from thirdbody.scene.debris import Ball, Debris, Irregular, Mesh, Spheres
+from thirdbody.scene.debris import Ball, Debris, File, Irregular, Mesh, Spheres
 from thirdbody.scene.drives import Constant as ConstantVelocity
 from thirdbody.scene.drives import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.fields import Whole, listing, plain
@@ -23,6 +23,7 @@ from thirdbody.scene.part import MISSING, Part, Place, Wrong, wrongs_of
 from thirdbody.scene.read import Source, read_text, read_toml
 from thirdbody.scene.settings import apply_settings
 from thirdbody.scene.sizes import Constant, Lognormal, Normal, Uniform
+from thirdbody.scene.spots import Spot, Spots
 from thirdbody.scene.tables import (
     Contact,
     Domain,
@@ -39,9 +40,9 @@ from thirdbody.scene.types import Text
 from thirdbody.scene.write import save_text, toml_text
 
 __all__ = [
-    "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "Irregular", "Lognormal",
+    "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "File", "Irregular", "Lognormal",
     "LowerPlate", "Material", "Mesh", "Motion", "Normal", "Output", "Pair", "Pause", "Plates", "Ramp", "Scene", "Solver",
-    "Spheres", "Stroke", "Table", "Uniform", "UpperPlate",
+    "Spheres", "Spot", "Spots", "Stroke", "Table", "Uniform", "UpperPlate",
 ]  # fmt: skip
 
 VERSION = 1
@@ -104,6 +105,18 @@ class Scene(Part):
         # Plates that are wrong themselves may be meant to move.
         moving = plates is None or plates.moving()
         return wrongs + crosscheck.sliding_faults(raw, moving, output.every_kind if output else "")
+
+    def checks(self) -> list[Wrong]:
+        """Faults between tables that are right by themselves."""
+        if not any(isinstance(debris, Spots) and debris.planar for debris in self.debris):
+            return []
+        wrongs: list[Wrong] = []
+        upper, why = self.plates.upper, "drives planar particles out of their plane y = 0"
+        if upper is not None and upper.motion.y:
+            wrongs.append((("plates", "upper", "motion", "y"), why))
+        if self.effects.gravity is not None and self.effects.gravity[1] != 0.0:
+            wrongs.append((("effects", "gravity", 1), why))
+        return wrongs
 
     def pair(self, first: str, second: str) -> Pair:
         """The pair of two materials, in either order. Raises KeyError when the scene has none."""

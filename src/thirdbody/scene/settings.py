@@ -24,7 +24,9 @@ _REPLACES = {
     "shear_modulus": {"youngs_modulus"},
     "radius": {"shape"},
     "shape": {"radius"},
-    "positions": {"count", "placement"},
+    "positions": {"count", "placement", "height", "solid_fraction"},
+    "height": {"solid_fraction"},
+    "solid_fraction": {"height"},
 }
 
 

@@ -11,14 +11,20 @@ from ..engine.plates import Foundation, UpperPlate
 from ..engine.probe import overlap_at, response
 from ..engine.state import Placed
 from ..errors import InputError
+from ..kernels.layout import ONLY_LOWER
 from . import units
 from .choose import Choice
 from .model import Scene
-from .populate import CLEARANCE, sphere_centres
+from .place import CLEARANCE
+from .populate import sphere_centres
 from .schedule import schedule
 
 HANDFUL = 3
 """So few loaded bodies of a larger layer are worth a warning: a parallel rigid plate on stiff bodies rests on one of them."""
+
+
+RELAXED = 8.0
+"""Relaxation times (dashpot over spring of a patch) that a foundation is given to share the load: e^-8 is 3e-4."""
 
 
 @dataclass(frozen=True)
@@ -140,6 +146,8 @@ def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, m
         stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None
     )
     settle = _settle(scene, placed, crown, mass, dashpot, float(expected[0]))
+    if isinstance(scene.solver.settle, str) and settle > 0.0:
+        settle = max(settle, RELAXED * float(dashpot[0]) / stiffness)
     heights = np.maximum(height, crown.top) + CLEARANCE * crown.radius
     made = UpperPlate(
         material, heights, mass, np.full(n, dashpot[0]), np.full(n, preload), True, np.arange(n), schedule(scene, settle), common
@@ -188,6 +196,8 @@ def _carrying(force, crown: Crown, load: float) -> int:
 def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
     """Height of the highest point of each body and the radius of its sphere there, m."""
     centres, radii, body = sphere_centres(placed)
+    meets = placed.sides() != ONLY_LOWER
+    centres, radii, body = centres[meets], radii[meets], body[meets]
     order = np.lexsort((centres[:, 2] + radii, body))
     last = np.append(np.flatnonzero(np.diff(body[order])), len(body) - 1)
     highest = order[last]
@@ -197,13 +207,14 @@ def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
 def _settle(scene: Scene, placed: Placed, crown: Crown, mass: np.ndarray, dashpot: np.ndarray, load: float) -> float:
     """Time under load before the drag, s. Automatic: what a patch needs to fall by a quarter of the largest body's size.
 
-    A body that is pressed off its balance tips into a new seat, and its patch comes down by about that much.
+    A body that is pressed off its balance tips into a new seat, and its patch comes down by about that much; a bed of several
+    layers is compacted by about a tenth of its height.
     """
     if not isinstance(scene.solver.settle, str):
         return scene.solver.settle
     if not scene.plates.moving():
         return 0.0
-    way = 0.25 * max(clump.diameter for clump in placed.clumps)
+    way = max(0.25 * max(clump.diameter for clump in placed.clumps), 0.1 * float(crown.top.max()))
     return math.sqrt(2.0 * way * (crown.mass.max() + mass.max()) / load) + float(dashpot.max()) * way / load
 
 

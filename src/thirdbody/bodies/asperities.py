@@ -1,0 +1,106 @@
+"""Where planes touch a clump, and small spheres (asperities) that sit there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from thirdbody.bodies.clump import Clump, clump
+from thirdbody.errors import Fault, InputError
+
+MOST = 32
+"""Most asperities of one body: the mass properties of a union cost time like the cube of its spheres."""
+LARGEST = 0.5
+"""Largest radius of an asperity over the body's equivalent radius: beyond it the body is another one."""
+
+# Places to choose each asperity from: the one farthest from those that sit already (best candidate).
+_CANDIDATES = 12
+# The radius follows the size of the whole body, which it adds to: each round leaves less than this share of the misfit
+# (0.5 at the most; 0.01 for small ones), so that rounding is reached long before.
+_ROUNDS = 60
+
+
+@dataclass(frozen=True)
+class Asperities:
+    """Spheres that sit on a body: their `count`, and their `radius` in m, or `relative` to the equivalent radius."""
+
+    count: int
+    radius: float | None = None
+    relative: float | None = None
+
+    def fraction(self, diameter: float) -> float:
+        """Radius over the equivalent radius of a body of this volume-equivalent diameter (m).
+
+        InputError: count or fraction out of range, or not exactly one of radius and relative.
+        """
+        if not 1 <= self.count <= MOST:
+            raise InputError(Fault("asperities.count", f"{self.count} must be 1 to {MOST}"))
+        if (self.radius is None) == (self.relative is None):
+            raise InputError(Fault("asperities.radius", "give the radius, or its relation to the body's"))
+        value = self.relative if self.radius is None else 2.0 * self.radius / diameter
+        assert value is not None
+        if not 0.0 < value <= LARGEST:
+            told = f"{value:.3g} of the equivalent radius of a body of diameter {diameter:.3g} m"
+            raise InputError(Fault("asperities.radius", f"{told} must be more than 0 and at most {LARGEST:g}"))
+        return value
+
+
+def with_asperities(rng: np.random.Generator, body: Clump, count: int, fraction: float) -> Clump:
+    """The body with `count` spheres sitting on it, of the same volume-equivalent diameter as before (m).
+
+    Each sphere's centre lies on the surface of the body, where a plane from a random direction would touch it: its
+    summit stands out by its own radius, towards that plane, which then touches it and nothing else; the body stays in
+    one piece. Places are spread: the farthest of 12 from those taken before. Their radius is `fraction` of the
+    equivalent radius (half the diameter) of the whole; they come last among the spheres, all of one radius.
+    """
+    centers = _spread_places(rng, body, count)
+    radius = 0.5 * body.diameter
+    small, size = fraction * radius, radius
+    for _ in range(_ROUNDS):
+        whole = clump(np.concatenate((body.centers, centers)), np.concatenate((body.radii, np.full(count, small))))
+        before, size = size, 0.5 * whole.diameter
+        if abs(size - before) <= 1e-14 * size:
+            break
+        small = fraction * size
+    return whole.scaled(radius / size)
+
+
+def _spread_places(rng: np.random.Generator, body: Clump, count: int) -> np.ndarray:
+    """Points (count, 3) of the surface that a plane can touch, far from each other."""
+    normals = rng.normal(size=(count, _CANDIDATES, 3))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    sphere = touched(body, normals.reshape(-1, 3)).reshape(count, _CANDIDATES)
+    places = body.centers[sphere] + body.radii[sphere][:, :, None] * normals
+    chosen = np.empty((count, 3))
+    chosen[0] = places[0, 0]
+    for k in range(1, count):
+        apart = ((places[k][:, None] - chosen[:k]) ** 2).sum(axis=2).min(axis=1)
+        chosen[k] = places[k, np.argmax(apart)]
+    return chosen
+
+
+def touched(body: Clump, normals: np.ndarray) -> np.ndarray:
+    """Number (m,) of the sphere that a plane meets first, for its unit normals (m, 3) out of the body."""
+    return (normals @ body.centers.T + body.radii).argmax(axis=1)
+
+
+def sphere_points(count: int) -> np.ndarray:
+    """Points (count, 3) spread evenly over the unit sphere (Fibonacci lattice)."""
+    k = np.arange(count) + 0.5
+    z = 1.0 - 2.0 * k / count
+    turn = math.pi * (1.0 + math.sqrt(5.0)) * k
+    ring = np.sqrt(1.0 - z * z)
+    return np.column_stack((ring * np.cos(turn), ring * np.sin(turn), z))
+
+
+_DIRECTIONS = sphere_points(400)
+
+
+def summit_radii(body: Clump) -> np.ndarray:
+    """Radius (400,) in m of the sphere that a plane touches, over directions spread evenly.
+
+    Over the equivalent radius it tells how sharp the body is where it can be touched: 1 for a ball.
+    """
+    return body.radii[touched(body, _DIRECTIONS)]

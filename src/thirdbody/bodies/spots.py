@@ -1,0 +1,33 @@
+"""Bodies that are known by their spots: each spot is a sphere that meets one plate only."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from thirdbody.bodies.clump import Clump
+from thirdbody.kernels.layout import ONLY_LOWER, ONLY_UPPER
+
+
+def spot_body(
+    summits: np.ndarray, radii: np.ndarray, upper: np.ndarray, mass: float, inertia: Sequence[float], density: float
+) -> Clump:
+    """A body in its own axes, origin at the centre of mass, axes x, y, z its principal ones.
+
+    summits (k, 3): the points that touch first, m; radii of curvature (k,), m; upper (k,) bool: which plate a spot
+    meets. mass in kg, inertia (3,) in kg m2; the volume is that of the mass at this density (kg/m3).
+    """
+    up = np.where(upper, 1.0, -1.0)
+    centers = summits - np.outer(up * radii, (0.0, 0.0, 1.0))
+    sides = np.where(upper, ONLY_UPPER, ONLY_LOWER)
+    return Clump(centers, np.array(radii, float), mass / density, np.array(inertia, float) / density, 0.0, sides)
+
+
+def rows(count: int, size: tuple[float, float]) -> np.ndarray:
+    """Places (count, 2) in rows over a domain of this size, m: as evenly as a rectangular grid can."""
+    columns = max(1, round(math.sqrt(count * size[0] / size[1])))
+    lines = math.ceil(count / columns)
+    k = np.arange(count)
+    return np.column_stack(((k % columns + 0.5) * size[0] / columns, (k // columns + 0.5) * size[1] / lines))

@@ -1,0 +1,112 @@
+"""From one population of a scene to its bodies: a branch for every kind of debris."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..bodies.asperities import Asperities
+from ..bodies.clump import Clump, clump_with_frame
+from ..bodies.poses import quaternion_product
+from ..bodies.shapes import diameters, population
+from ..bodies.spots import spot_body
+from ..bodies.table import Bodies
+from ..errors import InputError
+from . import units
+from .debris import Debris, File, Irregular, Mesh
+from .filed import drawn, read_tables
+from .model import Scene
+from .sizes import Constant, Lognormal, Normal, Uniform
+from .spots import Spots
+
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+
+
+def _from_spots(scene: Scene, debris: Spots) -> list[Clump]:
+    summits = np.array([(spot.x, spot.y, spot.z) for spot in debris.spots])
+    radii = np.array([spot.radius for spot in debris.spots])
+    upper = np.array([spot.side == "upper" for spot in debris.spots])
+    density = scene.materials[debris.material].density
+    return [spot_body(summits, radii, upper, debris.mass, debris.inertia, density)] * debris.count
+
+
+def shapes_of(scene: Scene, index: int, warnings: list[str]) -> list[Clump]:
+    """The bodies of one population, at unit density. Raises InputError when they cannot be made."""
+    return make_bodies(scene, index, scene.debris[index], warnings, read_tables(scene, warnings))[0]
+
+
+def make_bodies(
+    scene: Scene, index: int, debris: Debris, warnings: list[str], tables: dict[int, Bodies]
+) -> tuple[list[Clump], np.ndarray]:
+    """Clumps of one population and the orientation that given positions start from, one for all or (n, 4)."""
+    if isinstance(debris, File):
+        shapes = drawn(debris, tables[index])
+        placed = debris.placement is not None
+        return _sized(index, debris, shapes), UPRIGHT if placed else tables[index].quaternions
+    if isinstance(debris, Spots):
+        return _from_spots(scene, debris), UPRIGHT
+    if isinstance(debris, Mesh):
+        return _from_mesh(scene, index, debris, warnings), UPRIGHT
+    if isinstance(debris, Irregular):
+        return _irregular(scene, index, debris), UPRIGHT
+    if debris.radius is not None:
+        body, _, frame = clump_with_frame(np.zeros((1, 3)), np.array([debris.radius]))
+    else:
+        assert debris.shape is not None
+        centers = np.array([ball.center for ball in debris.shape], float)
+        body, _, frame = clump_with_frame(centers, np.array([ball.radius for ball in debris.shape]))
+    turn = UPRIGHT if debris.orientation is None else np.array(debris.orientation)
+    return [body] * debris.count, quaternion_product(turn, frame)
+
+
+def _irregular(scene: Scene, index: int, debris: Irregular) -> list[Clump]:
+    named, asperities = debris.asperities, None
+    if named is not None:
+        relative = None if isinstance(named.radius, str) else named.radius
+        asperities = Asperities(named.count, named.length, relative)
+    shape = (debris.spheres, debris.aspect, debris.angularity or 0.0, asperities)
+    try:
+        return population(debris.seed, index, debris.count, *shape, **_distribution(debris.size))
+    except InputError as error:
+        told = [(tuple(fault.key.split(".")) if fault.key else (), fault.message) for fault in error.faults]
+        raise InputError(scene.fault(("debris", index, *key), message) for key, message in told) from None
+
+
+def _distribution(size: Constant | Lognormal | Normal | Uniform) -> dict[str, Any]:
+    """The size distribution as the keywords of `bodies.shapes.diameters`."""
+    given = {name: getattr(size, name) for name in type(size).model_fields}
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def _from_mesh(scene: Scene, index: int, debris: Mesh, warnings: list[str]) -> list[Clump]:
+    """Clumps that stand for a mesh, each of its own size; tells how well the spheres fit."""
+    from ..bodies.fit import clump_from_mesh
+    from ..bodies.mesh import load_mesh
+
+    try:
+        body, fit = clump_from_mesh(load_mesh(scene.beside(debris.file), debris.unit), debris.spheres, debris.seed)
+    except InputError as error:
+        raise InputError(scene.fault(("debris", index, "file"), str(error))) from None
+    if debris.size is None and body.diameter > min(scene.domain.size):
+        width, depth = (units.pretty(v, "length") for v in scene.domain.size)
+        message = (
+            f"{units.pretty(debris.unit, 'length')} per unit of {debris.file} makes bodies of "
+            f"{units.pretty(body.diameter, 'length')}, which do not fit into the domain ({width} by {depth})"
+        )
+        raise InputError(scene.fault(("debris", index, "unit"), message))
+    warnings.append(
+        f"{debris.file}: {debris.spheres} spheres follow the mesh to {100.0 * fit.rms:.1f} % of its radius (rms; worst "
+        f"{100.0 * fit.maximum:.0f} %); where a plane can touch, their radius is {float(np.median(fit.contacts.ratio)):.2f} "
+        "times that of the mesh"
+    )
+    return _sized(index, debris, [body] * debris.count)
+
+
+def _sized(index: int, debris: Mesh | File, shapes: list[Clump]) -> list[Clump]:
+    """The shapes, each rescaled to a size of its own when the scene gives sizes; body k draws from its own stream."""
+    if debris.size is None:
+        return shapes
+    streams = (np.random.SeedSequence(debris.seed, spawn_key=(index, k)) for k in range(len(shapes)))
+    sizes = [diameters(np.random.default_rng(stream), 1, **_distribution(debris.size))[0] for stream in streams]
+    return [body.scaled(float(size) / body.diameter) for body, size in zip(shapes, sizes, strict=True)]

@@ -1,0 +1,110 @@
+"""The debris kind `spots`: a particle known by the spots that it rests on, as in Willert's three-spot theory."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ValidationInfo
+
+from thirdbody.scene.fields import Choice, Quantity, listing
+from thirdbody.scene.part import Part, Wrong
+from thirdbody.scene.types import (
+    REST,
+    THREE,
+    AngularVelocity,
+    Count,
+    Flag,
+    Length,
+    PositiveLength,
+    PositiveMass,
+    Text,
+    Velocity,
+)
+
+_INERTIA = Quantity(dimension="inertia", gt=0)
+
+
+class Spot(Part):
+    """A summit that meets one plate only: its place relative to the centre of mass (m), and its radius of curvature."""
+
+    side: Annotated[Literal["lower", "upper"], Choice()]
+    x: Length
+    y: Length = 0.0
+    z: Length
+    radius: PositiveLength
+
+
+def _three_moments(value: Any, info: ValidationInfo) -> Any:
+    """A single moment of inertia as the three that it stands for."""
+    if not isinstance(value, str | int | float):
+        return value
+    _INERTIA.read(value, info)  # so that a fault is told once
+    return [value, value, value]
+
+
+Moments = Annotated[
+    tuple[Annotated[float, _INERTIA], Annotated[float, _INERTIA], Annotated[float, _INERTIA]],
+    THREE,
+    BeforeValidator(_three_moments),
+]
+
+
+class Spots(Part):
+    """Particles given by spots, their mass (kg) and their moments of inertia about x, y, z (kg m2; one stands for all).
+
+    Every spot meets the plate of its side and nothing else, however large its radius. `planar` particles have their spots
+    in the plane y = 0, and nothing may drive them out of it. They stand as they are given, on the lower plate, in rows
+    over the domain or at `positions` (x, y; m).
+    """
+
+    kind: Literal["spots"] = "spots"
+    material: Text
+    spots: Annotated[tuple[Spot, ...], listing("a list of tables {side, x, y, z, radius}")]
+    mass: PositiveMass
+    inertia: Moments
+    planar: Flag = False
+    count: Count = 1
+    positions: Annotated[
+        tuple[Annotated[tuple[Length, Length], listing("a list of 2 lengths", 2)], ...], listing("a list of points [x, y]")
+    ] | None = None  # fmt: skip
+    velocity: Velocity = REST
+    angular_velocity: AngularVelocity = REST
+
+    @classmethod
+    def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
+        """The table with the count of the positions."""
+        positions = raw.get("positions")
+        return {"count": len(positions)} | raw if isinstance(positions, list | tuple) and positions else raw
+
+    def checks(self) -> list[Wrong]:
+        """Faults between the keys."""
+        sides = {spot.side for spot in self.spots}
+        wrongs: list[Wrong] = [
+            (("spots",), f"no spot on the {side} side: a third body touches both")
+            for side in ("lower", "upper")
+            if side not in sides
+        ]
+        if self.positions is not None and len(self.positions) != self.count:
+            wrongs.append((("count",), f"{self.count} is not the number of positions, {len(self.positions)}"))
+        if not wrongs and self.height() <= 0.0:
+            message = "the upper spots are not above the lower ones: z is measured upwards from the centre of mass"
+            wrongs.append((("spots",), message))
+        return wrongs + (self._out_of_plane() if self.planar else [])
+
+    def height(self) -> float:
+        """Distance between the highest upper and the lowest lower spot, m."""
+        z = {side: [spot.z for spot in self.spots if spot.side == side] for side in ("lower", "upper")}
+        return max(z["upper"]) - min(z["lower"])
+
+    def _out_of_plane(self) -> list[Wrong]:
+        wrongs: list[Wrong] = [
+            (("spots", k, "y"), "must be 0 in a planar particle") for k, spot in enumerate(self.spots) if spot.y != 0.0
+        ]
+        if self.velocity[1] != 0.0:
+            wrongs.append((("velocity", 1), "must be 0 in a planar particle, which moves in the plane y = 0"))
+        wrongs += [
+            (("angular_velocity", axis), "must be 0 in a planar particle, which turns about y only")
+            for axis in (0, 2)
+            if self.angular_velocity[axis] != 0.0
+        ]
+        return wrongs

@@ -1,0 +1,252 @@
+"""What `thirdbody shapes` tells: the bodies of a scene's populations, or how spheres stand for a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .errors import InputError, UsageError
+
+if TYPE_CHECKING:
+    from .bodies.clump import Clump
+    from .bodies.fit import Fit
+    from .bodies.mesh import Mesh
+    from .scene.model import Scene
+
+SPHERES, SEED = 12, 1
+"""Of a mesh file, as for debris of the kind `mesh`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Population:
+    """Bodies that are made alike: their name, kind, material, density (kg/m3), and the mesh that they follow, if any."""
+
+    name: str
+    kind: str
+    material: str
+    density: float
+    clumps: list[Clump]
+    mesh: Mesh | None = None
+    fit: Fit | None = None
+
+
+def populations(scene: Scene) -> list[Population]:
+    """The bodies of every population of a scene. Raises InputError when they cannot be made."""
+    from .scene.make import shapes_of
+
+    found = []
+    for index, debris in enumerate(scene.debris):
+        clumps = shapes_of(scene, index, [])
+        mesh, fit = _followed(scene, debris)
+        density = scene.materials[debris.material].density
+        found.append(Population(f"debris[{index}]", debris.kind, debris.material, density, clumps, mesh, fit))
+    return found
+
+
+def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int | None) -> Population:
+    """One body that follows a mesh file, of unit density. Raises UsageError for the unit, InputError for the mesh."""
+    from .bodies.fit import clump_from_mesh
+    from .bodies.mesh import load_mesh
+    from .scene.units import parse
+
+    if unit is None:
+        raise UsageError(f"{path}: a mesh file carries no unit: give one, such as --unit '1 um'")
+    try:
+        length = parse(unit, "length")
+    except ValueError as error:
+        raise UsageError(f"--unit: {error}") from None
+    mesh = load_mesh(path, length)
+    body, fit = clump_from_mesh(mesh, SPHERES if spheres is None else spheres, SEED if seed is None else seed)
+    return Population(path.name, "mesh", "", 1.0, [body], mesh, fit)
+
+
+def read_shapes(
+    path: Path,
+    unit: str | None = None,
+    spheres: int | None = None,
+    seed: int | None = None,
+    settings: Mapping[str, str] | None = None,
+) -> list[Population]:
+    """The populations of a scene file, or the one of a mesh file.
+
+    Raises UsageError for options that do not belong to the file, InputError for the file.
+    """
+    from .bodies.mesh import SUFFIXES
+
+    if path.suffix.lower() in SUFFIXES:
+        if settings:
+            raise UsageError("--set replaces values of a scene; a mesh file has --unit, --spheres and --seed")
+        return [mesh_population(path, unit, spheres, seed)]
+    given = [name for name, value in (("--unit", unit), ("--spheres", spheres), ("--seed", seed)) if value is not None]
+    if given:
+        known = ", ".join(SUFFIXES)
+        raise UsageError(f"{', '.join(given)}: only for a mesh file ({known}); a scene holds these values itself")
+    from .scene.model import Scene
+
+    if path.suffix.lower() != ".toml":
+        raise InputError(f"{path}: neither a scene (.toml) nor a mesh ({', '.join(SUFFIXES)})")
+    scene = Scene.load(path)
+    return populations(scene.with_settings(settings) if settings else scene)
+
+
+def _followed(scene: Scene, debris: Any) -> tuple[Mesh | None, Fit | None]:
+    """The mesh of a population and how well its spheres fit."""
+    from .bodies.fit import clump_from_mesh
+    from .bodies.mesh import load_mesh
+
+    if debris.kind != "mesh":
+        return None, None
+    mesh = load_mesh(scene.beside(debris.file), debris.unit)
+    return mesh, clump_from_mesh(mesh, debris.spheres, debris.seed)[1]
+
+
+def told(population: Population) -> dict[str, Any]:
+    """Statistics of a population, SI; each over its bodies, but `sphere_radius` over all spheres.
+
+    `contact_radius` is the radius of the sphere that a plane touches, mean over all directions; `sharpness` the same
+    over the body's equivalent radius (1 for a ball).
+    """
+    from .bodies.asperities import summit_radii
+
+    clumps, density = population.clumps, population.density
+    diameter = np.array([body.diameter for body in clumps])
+    summit = np.array([summit_radii(body).mean() for body in clumps])
+    inertia = density * np.array([body.inertia for body in clumps])
+    entry: dict[str, Any] = {
+        "name": population.name,
+        "kind": population.kind,
+        "material": population.material,
+        "density": density,
+        "count": len(clumps),
+        "diameter": _statistics(diameter),
+        "spheres": _statistics(np.array([len(body.radii) for body in clumps], float)),
+        "volume": _statistics(np.array([body.volume for body in clumps])),
+        "mass": _statistics(density * np.array([body.volume for body in clumps])),
+        "inertia": [_statistics(column) for column in inertia.T],
+        "sphere_radius": _statistics(np.concatenate([body.radii for body in clumps])),
+        "contact_radius": _statistics(summit),
+        "sharpness": _statistics(2.0 * summit / diameter),
+        "relative_error": max(body.error for body in clumps),
+    }
+    if population.mesh is not None and population.fit is not None:
+        entry["fit"] = _fit(population.mesh, population.fit)
+    return entry
+
+
+def _statistics(values: np.ndarray) -> dict[str, float]:
+    low, high = float(values.min()), float(values.max())
+    # sizes that are equal but for rounding do not spread
+    mean, spread = (low, 0.0) if high - low <= 1e-12 * high else (float(values.mean()), float(values.std()))
+    return {"mean": mean, "std": spread, "min": low, "median": float(np.median(values)), "max": high}
+
+
+def _fit(mesh: Mesh, fit: Fit) -> dict[str, Any]:
+    from .bodies.mesh import mass_properties
+
+    mass, ratio = mass_properties(mesh), fit.contacts.ratio
+    return {
+        "mesh": mesh.name,
+        "triangles": len(mesh.faces),
+        "radius": fit.size,
+        "rms": fit.rms,
+        "maximum": fit.maximum,
+        "mesh_volume": mass.volume,
+        "mesh_inertia": mass.inertia,
+        "union_volume_ratio": fit.volume_ratio,
+        "contact_radius_ratio": {"min": float(ratio.min()), "median": float(np.median(ratio)), "max": float(ratio.max())},
+    }
+
+
+def shapes_report(found: list[Population], json: bool) -> None:
+    """Print the statistics of all populations, as tables or as JSON."""
+    from .report import print_json
+
+    entries = [told(population) for population in found]
+    if json:
+        print_json({"populations": entries})
+        return
+    for number, entry in enumerate(entries):
+        if number:
+            print()
+        _print(entry)
+
+
+_ROWS = (
+    ("diameter (of equal volume)", "diameter", "length"), ("spheres per body", "spheres", "dimensionless"),
+    ("volume", "volume", "volume"), ("mass", "mass", "mass"), ("radius of the spheres", "sphere_radius", "length"),
+    ("radius where a plane touches", "contact_radius", "length"), ("  over the equivalent radius", "sharpness", "dimensionless"),
+)  # fmt: skip
+
+
+def _bodies(count: int) -> str:
+    return "1 body" if count == 1 else f"{count} bodies"
+
+
+def _print(entry: dict[str, Any]) -> None:
+    from .report import table
+    from .scene.units import pretty
+
+    columns = ("mean", "std", "min", "median", "max")
+
+    def row(name: str, values: dict[str, float], dimension: str) -> list[str]:
+        return [name, *(pretty(values[column], dimension) for column in columns)]
+
+    rows = [row(name, entry[key], dimension) for name, key, dimension in _ROWS]
+    for number, values in enumerate(entry["inertia"], 1):
+        rows.append([f"moment of inertia I{number}, kg m2", *(f"{values[column]:.3g}" for column in columns)])
+    made_of = f" of {entry['material']}" if entry["material"] else ", density 1 kg/m3"
+    table(f"{entry['name']}: {_bodies(entry['count'])}, {entry['kind']}{made_of}", ("", *columns), rows)
+    fit = entry.get("fit")
+    if fit is None:
+        return
+    ratio = fit["contact_radius_ratio"]
+    volume, inertia = pretty(fit["mesh_volume"], "volume"), ", ".join(f"{value:.4g}" for value in fit["mesh_inertia"])
+    span = f"{ratio['min']:.3g} to {ratio['max']:.3g}"
+    lines = [
+        ("mesh", f"{fit['mesh']}, {fit['triangles']} triangles, R = {pretty(fit['radius'], 'length')} (ball of the same volume)"),
+        ("distance of surfaces", f"{100 * fit['rms']:.2g} % of R (rms), {100 * fit['maximum']:.2g} % at most"),
+        ("volume, inertia", f"those of the mesh: {volume}; {inertia} m5 at density 1"),
+        ("union of the spheres", f"{fit['union_volume_ratio']:.4g} of the mesh's volume"),
+        ("where a plane touches", f"{ratio['median']:.3g} of the mesh's radius (median; {span})"),
+    ]  # fmt: skip
+    table("fit to the mesh", ("", ""), lines)
+
+
+def draw_shapes(found: list[Population], title: str, png: Path) -> Path:
+    """Draw a gallery of the populations' bodies; returns the path. Raises like `output.gallery.draw_gallery`."""
+    from .output.gallery import draw_gallery
+
+    return draw_gallery([_group(population) for population in found], title, png)
+
+
+def _group(population: Population) -> Any:
+    """What the picture says and shows of a population."""
+    from .bodies.clump import matrix_from_quaternion
+    from .output.gallery import Group
+    from .output.shot import with_unit
+
+    entry = told(population)
+    diameter, spheres = entry["diameter"], entry["spheres"]
+    # the fonts of VTK draw square brackets round
+    name = population.name.replace("[", " ").replace("]", "")
+    heading = ", ".join(part for part in (name, population.kind, population.material, _bodies(entry["count"])) if part)
+    size = with_unit(diameter["mean"], "m")
+    if diameter["std"] > 0.0:
+        size += f" ({with_unit(diameter['min'], 'm')} to {with_unit(diameter['max'], 'm')})"
+    number = f"{spheres['min']:g}" if spheres["min"] == spheres["max"] else f"{spheres['min']:g} to {spheres['max']:g}"
+    touching = f"radius where a plane touches {entry['sharpness']['mean']:.2f} of the equivalent radius"
+    facts = f"diameter {size}   ·   {number} sphere{'s' * (spheres['max'] > 1)}   ·   {touching}"
+    if population.mesh is None or population.fit is None:
+        return Group(heading, facts, population.clumps)
+    fit, body = population.fit, population.clumps[0]
+    error = f"surfaces {100 * fit.rms:.2g} % of R apart (rms; {100 * fit.maximum:.2g} % at most)"
+    touching = f"radius where a plane touches {np.median(fit.contacts.ratio):.2f} of the mesh's"
+    facts = f"diameter {size}   ·   {error}   ·   {touching}"
+    # bodies of another size than the file's carry the mesh scaled with them
+    scale = body.diameter / (2.0 * fit.size)
+    vertices = (population.mesh.vertices - fit.centroid) @ matrix_from_quaternion(fit.quaternion) * scale
+    return Group(heading, facts, population.clumps, vertices, population.mesh.faces)

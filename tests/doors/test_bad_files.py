@@ -1,0 +1,346 @@
+"""Files that a scene names and that are spoilt: one clear message each, exit code 3, nothing left behind."""
+
+from __future__ import annotations
+
+import io
+import pickle
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+GOOD = "clump,x [um],y [um],z [um],radius [um]\n0,10,10,5,5\n0,14,10,4,4\n7,40,30,5,5\n7,40,35,4,4\n"
+TURNED = "clump,x [um],y [um],z [um],radius [um],qw,qx,qy,qz\n0,10,10,5,5,{}\n0,14,10,4,4,{}\n"
+ARRAYS = {
+    "center": np.array([[10, 10, 5], [14, 10, 4], [40, 30, 5], [40, 35, 4]]) * 1e-6,
+    "radius": np.array([5, 4, 5, 4]) * 1e-6,
+    "clump": np.array([0, 0, 7, 7]),
+}
+
+
+def csv(*changes: tuple[str, str]) -> bytes:
+    """The good table with texts replaced."""
+    text = GOOD
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return text.encode()
+
+
+def npz(drop: str = "", **changes: object) -> bytes:
+    """The good arrays with others in place of some, as a file."""
+    arrays = {name: array for name, array in (ARRAYS | changes).items() if name != drop}
+    file = io.BytesIO()
+    np.savez(file, **arrays)
+    return file.getvalue()
+
+
+def changed(name: str, place: object, value: object) -> np.ndarray:
+    array = ARRAYS[name].copy()
+    array[place] = value
+    return array
+
+
+def torn(name: str, at: int) -> bytes:
+    """A sound archive in which the array of this name is cut short."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive, zipfile.ZipFile(io.BytesIO(npz())) as sound:
+        for entry in sound.namelist():
+            data = sound.read(entry)
+            archive.writestr(entry, data[:at] if entry == f"{name}.npy" else data)
+    return file.getvalue()
+
+
+def flipped(data: bytes) -> bytes:
+    """One bit of the first array is wrong, which the archive's check sum notices."""
+    at = data.index(b"NUMPY") + 130
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+
+
+def huge() -> bytes:
+    """A header that promises more than any memory holds."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name in ("center", "radius", "clump"):
+            array = io.BytesIO()
+            np.lib.format.write_array_header_1_0(array, {"descr": "<f8", "fortran_order": False, "shape": (10**15,)})
+            archive.writestr(f"{name}.npy", array.getvalue())
+    return file.getvalue()
+
+
+def scattered(n: int = 4) -> str:
+    return "clump,x [um],y [um],z [um],radius [um]\n" + "".join(f"{k},{k},x{k},5,5\n" for k in range(n))
+
+
+# name of the file, its bytes, the place in it, words of the message
+TABLES = {
+    # not a table at all
+    "empty": ("b.csv", b"", "", ["is empty"]),
+    "empty npz": ("b.npz", b"", "", ["is empty"]),
+    "blank": ("b.csv", b"\n\n \n", "", ["is empty", "clump,x [um]"]),
+    "header only": ("b.csv", csv()[:39], "", ["holds no spheres"]),
+    "wrong suffix": ("b.txt", csv(), "", ["'.txt'", ".csv or .npz"]),
+    "no suffix": ("b", csv(), "", ["''", ".csv or .npz"]),
+    "binary junk": ("b.csv", bytes(range(256)) * 20, "", ["binary data"]),
+    "binary junk as npz": ("b.npz", bytes(range(256)) * 20, "", ["no ZIP archive", "numpy.savez"]),
+    "pickle as csv": ("b.csv", pickle.dumps(ARRAYS), "", ["is a pickle", "never loaded"]),
+    "pickle as npz": ("b.npz", pickle.dumps(ARRAYS), "", ["is a pickle", "never loaded"]),
+    "npz as csv": ("b.csv", npz(), "", ["ZIP archive", "expected a CSV"]),
+    "csv as npz": ("b.npz", csv(), "", ["no ZIP archive", "expected an NPZ"]),
+    "npy as npz": ("b.npz", b"\x93NUMPY\x01\x00", "", ["single array"]),
+    "latin-1": ("b.csv", csv(("x [um]", "x [\N{MICRO SIGN}m]")).decode().encode("latin-1"), ":1", ["0xb5", "UTF-8"]),
+    "utf-16": ("b.csv", csv().decode().encode("utf-16"), "", ["UTF-16", "UTF-8"]),
+    # the header
+    "no header": ("b.csv", csv()[39:], ":1: header", ["names of the columns", "clump,x [um]"]),
+    "semicolons": ("b.csv", csv().replace(b",", b";"), ":1: header", ["separated by ';'"]),
+    "unknown column": ("b.csv", csv(("radius", "raduis")), ":1: raduis [um]", ["did you mean 'radius'"]),
+    "missing column": ("b.csv", b"clump,x [um],y [um],radius [um]\n0,1,1,1\n", ":1: header", ["column z is missing"]),
+    "column twice": ("b.csv", csv(("y [um]", "center_x [um]")), ":1: center_x [um]", ["x is given twice"]),
+    "column without a name": ("b.csv", csv(("y [um]", "")), ":1: header", ["no name"]),
+    "no unit": ("b.csv", csv(("radius [um]", "radius")), ":1: radius", ["no unit", "radius [um]"]),
+    "wrong dimension": ("b.csv", csv(("radius [um]", "radius [s]")), ":1: radius [s]", ["a time, expected a length"]),
+    "unknown unit": ("b.csv", csv(("radius [um]", "radius [mu]")), ":1: radius [mu]", ["unknown unit 'mu'", "'um'"]),
+    "unit of an id": ("b.csv", csv(("clump", "clump [um]")), ":1: clump [um]", ["a length, expected a pure number"]),
+    "half a quaternion": ("b.csv", TURNED.format("1,0,0,0", "1,0,0,0").replace(",qz", "").replace(",0\n", "\n").encode(),
+                          ":1: header", ["qz is missing"]),
+    # the rows
+    "cut short": ("b.csv", csv()[:-5], ":5: row", ["3 cells", "5 columns", "cut short"]),
+    "decimal comma": ("b.csv", csv(("14,10", "14,5,10")), ":3: row", ["6 cells", "comma too many"]),
+    "open quote": ("b.csv", csv(("14,10", '"14,10')), ":5", ["is no CSV table"]),
+    "text": ("b.csv", csv(("14,10", "l4,10")), ":3: x [um]", ["'l4' is not a number"]),
+    "nan": ("b.csv", csv(("14,10", "nan,10")), ":3: x [um]", ["'nan' is not a finite number"]),
+    "infinite": ("b.csv", csv(("14,10", "1e999,10")), ":3: x [um]", ["'1e999' is not a finite number"]),
+    "empty cell": ("b.csv", csv(("14,10", ",10")), ":3: x [um]", ["cell is empty"]),
+    "negative radius": ("b.csv", csv((",4,4", ",4,-4")), ":3: radius [um]", ["'-4' must be greater than 0"]),
+    "zero radius": ("b.csv", csv((",4,4", ",4,0")), ":3: radius [um]", ["'0' must be greater than 0"]),
+    "id not whole": ("b.csv", csv(("\n7", "\n7.5")), ":4: clump", ["'7.5' is not a whole number from 0"]),
+    "id negative": ("b.csv", csv(("\n7", "\n-7")), ":4: clump", ["'-7' is not a whole number from 0"]),
+    "id too long": ("b.csv", csv(("\n7", "\n" + "7" * 5000)), ":4: clump", ["is not a whole number from 0"]),
+    "out of range": ("b.csv", csv((",4,4", ",4,4e-50")), ":3: sphere", ["4e-56 m", "1e-30 to 1e+30", "unit right"]),
+    # the bodies
+    "in pieces": ("b.csv", csv(("40,35", "40,45")), ":4: clump 7", ["line 5 not connected to line 4", "one piece"]),
+    "no unit quaternion": ("b.csv", TURNED.format("1,0,0,.1", "1,0,0,.1").encode(), ":2: clump 0", ["1.00498756", "1e-06"]),
+    "quaternion of zero": ("b.csv", TURNED.format("0,0,0,0", "0,0,0,0").encode(), ":2: clump 0", ["has length 0"]),
+    "two quaternions": ("b.csv", TURNED.format("1,0,0,0", "0,1,0,0").encode(), ":3: qw, qx, qy, qz",
+                        ["clump 0 differs", "line 2"]),
+    "powder as one body": ("b.csv", GOOD.encode() + b"7,40,30,5,5\n" * 99, ":4: clump 7", ["101 spheres, at most 100"]),
+    # arrays
+    "npz cut short": ("b.npz", npz()[:300], "", ["damaged or cut short"]),
+    "npz cut inside an array": ("b.npz", torn("radius", 140), ": radius", ["is damaged"]),
+    "npz bit flipped": ("b.npz", flipped(npz()), "", ["damaged or cut short", "CRC"]),
+    "npz header of an array lost": ("b.npz", torn("radius", 3), ": radius", ["no array of numbers"]),
+    "npz too large": ("b.npz", huge(), ": center", ["does not fit into memory"]),
+    "npz pickle inside": ("b.npz", npz(radius=np.array([{}, 1, 2, 3], object)), ": radius", ["Python objects (a pickle)"]),
+    "npz unknown array": ("b.npz", npz("center", centre=ARRAYS["center"]), ": centre", ["did you mean 'center'"]),
+    "npz missing array": ("b.npz", npz("radius"), ": radius", ["missing"]),
+    "npz without arrays": ("b.npz", b"PK\x05\x06" + b"\0" * 18, ": center, radius, clump", ["missing"]),
+    "npz text": ("b.npz", npz(radius=np.array(["a"] * 4)), ": radius", ["<U1, expected real numbers"]),
+    "npz complex": ("b.npz", npz(radius=ARRAYS["radius"] + 0j), ": radius", ["complex128, expected real numbers"]),
+    "npz ids as floats": ("b.npz", npz(clump=ARRAYS["clump"] / 1), ": clump", ["float64, expected whole numbers"]),
+    "npz ids of two columns": ("b.npz", npz(clump=np.zeros((4, 2), int)), ": clump", ["shape (4, 2), expected (n,)"]),
+    "npz no spheres": ("b.npz", npz(clump=np.zeros(0, int)), ": clump", ["no spheres"]),
+    "npz turned over": ("b.npz", npz(center=ARRAYS["center"].T), ": center", ["shape (3, 4), expected (4, 3)"]),
+    "npz one radius": ("b.npz", npz(radius=np.array(5e-6)), ": radius", ["shape (), expected (4,)"]),
+    "npz quaternion of spheres": ("b.npz", npz(quaternion=np.ones((4, 4))), ": quaternion", ["expected (2, 4)", "2 bodies"]),
+    "npz nan": ("b.npz", npz(center=changed("center", (2, 1), np.nan)), ": center[2, 1]", ["nan is not a finite"]),
+    "npz infinite": ("b.npz", npz(velocity=[[0, 0, 0], [np.inf, 0, 0]]), ": velocity[1, 0]", ["inf is not a finite"]),
+    "npz negative radius": ("b.npz", npz(radius=changed("radius", 3, -4e-6)), ": radius[3]", ["-4e-06 m must be greater"]),
+    "npz negative id": ("b.npz", npz(clump=changed("clump", 3, -1)), ": clump[3]", ["-1 must be at least 0"]),
+    "npz in pieces": ("b.npz", npz(center=changed("center", (3, 1), 1e-3)), ": clump 7", ["sphere 3 not connected to sphere 2"]),
+    "npz no unit quaternion": ("b.npz", npz(quaternion=np.ones((2, 4)) * [[0.5], [0.6]]), ": clump 7", ["has length 1.2"]),
+    "npz in the wrong unit": ("b.npz", npz(radius=ARRAYS["radius"] * 1e50), ": sphere[0]",
+                              ["5e+44 m", "and 3 more", "is the unit right"]),
+}  # fmt: skip
+
+BALL = trimesh.creation.icosphere(subdivisions=1, radius=5.0)
+STL, TEXT = BALL.export(file_type="stl"), BALL.export(file_type="stl_ascii")
+FIRST = TEXT.split("vertex ")[1].split("\n")[0]
+
+
+def spoilt(value: float) -> bytes:
+    """The binary STL file with one coordinate replaced."""
+    return STL[:96] + np.float32(value).tobytes() + STL[100:]
+
+
+def saved(vertices: np.ndarray, faces: np.ndarray, kind: str = "stl") -> bytes:
+    data = trimesh.Trimesh(vertices, faces, process=False).export(file_type=kind)
+    return data if isinstance(data, bytes) else data.encode()
+
+
+MESHES = {
+    "binary cut": ("m.stl", STL[:900], ["80 triangles announced, 16 held", "cut short"]),
+    "binary cut in its header": ("m.stl", STL[:60], ["cut short"]),
+    "text cut": ("m.stl", TEXT[: len(TEXT) // 2].encode(), ["cut short", "endsolid"]),
+    "text cut in a number": ("m.stl", TEXT.replace(FIRST, FIRST.split()[0], 1).encode(), ["line 4", "not three finite numbers"]),
+    "text with nan": ("m.stl", TEXT.replace(FIRST, "nan 0 0", 1).encode(), ["1 of 240 vertices are not finite"]),
+    "nan": ("m.stl", spoilt(np.nan), ["1 of 240 vertices are not finite"]),
+    "infinite": ("m.stl", spoilt(np.inf), ["1 of 240 vertices are not finite"]),
+    "far corner": ("m.stl", spoilt(3e38), ["3e+32 m across", "is the unit right"]),
+    "empty": ("m.stl", b"", ["is empty"]),
+    "no triangles": ("m.stl", b"\0" * 84, ["holds no triangles"]),
+    "pickle": ("m.stl", pickle.dumps(ARRAYS), ["no STL file"]),
+    "web page": ("m.stl", b"<html>" + b"not found " * 50, ["no STL file"]),
+    "hole": ("m.stl", saved(BALL.vertices, BALL.faces[1:]), ["not watertight", "3 edges"]),
+    "flat": ("m.stl", saved(BALL.vertices * [1, 1, 0], BALL.faces), ["encloses no volume"]),
+    "inside out": ("m.stl", saved(BALL.vertices, BALL.faces[:, ::-1]), ["inside out"]),
+    "two bodies": (
+        "m.stl",
+        saved(np.vstack((BALL.vertices, BALL.vertices + 20)), np.vstack((BALL.faces, BALL.faces + len(BALL.vertices)))),
+        ["2 separate surfaces"],
+    ),
+    "ply cut": ("m.ply", saved(BALL.vertices, BALL.faces, "ply")[:-20], ["damaged or cut short"]),
+    "obj cut": ("m.obj", saved(BALL.vertices, BALL.faces, "obj")[:-20], ["m.obj"]),
+    "obj of bytes": ("m.obj", bytes(range(256)) * 4, ["m.obj"]),
+    "wrong suffix": ("m.step", STL, ["'.step'", ".stl, .obj, .ply"]),
+}
+
+
+@pytest.fixture
+def scene(balls: Callable) -> Callable:
+    """Writes the scene with its debris from a file: a table, or a mesh."""
+
+    def write(file: str, kind: str = "file", more: str = "") -> None:
+        balls(
+            ('kind = "spheres"', f'kind = "{kind}"'),
+            ('radius = "5 um"', f'file = "{file}"'),
+            ("count = 4\n", 'unit = "1 um"\ncount = 1\n' if kind == "mesh" else ""),
+            ("seed = 1\n", f"seed = 1\n{more}\n"),
+        )
+
+    return write
+
+
+def refused(command, tmp_path, place: str, words: list[str]) -> None:
+    """The command says one line that names the place and holds the words, ends with 3 and leaves nothing behind."""
+    before = sorted(tmp_path.rglob("*"))
+    for arguments in (("check", "scene.toml"), ("run", "scene.toml", "--quiet")):
+        told = command(*arguments)
+        assert told.code == 3, told
+        assert len(told.err.strip().splitlines()) == 1 and not told.out, told
+        assert told.err.startswith(f"thirdbody: scene.toml:14:1: debris[0].file: {place}: "), told.err
+        for word in words:
+            assert word in told.err, (word, told.err)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_bad_table_is_told_in_one_line(name, scene, command, tmp_path):
+    file, data, place, words = TABLES[name]
+    (tmp_path / file).write_bytes(data)
+    scene(file)
+    refused(command, tmp_path, file + place, words)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_a_bad_mesh_is_told_in_one_line(name, scene, command, tmp_path):
+    file, data, words = MESHES[name]
+    (tmp_path / file).write_bytes(data)
+    scene(file, "mesh")
+    refused(command, tmp_path, f"{file}: mesh", words)
+
+
+@pytest.mark.parametrize(("kind", "suffix"), [("file", "csv"), ("file", "npz"), ("mesh", "stl")])
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        ("missing.{}", ["no such file"]),
+        ("folder.{}", ["is a folder"]),
+        ("scene.toml/a.{}", ["no such file"]),
+        ("locked.{}", ["cannot be read: Permission denied"]),
+        ("device.{}", ["is a device"]),
+        ("a" * 300 + ".{}", ["cannot be read: File name too long"]),
+    ],
+    ids=["missing", "folder", "below a file", "permission", "device", "long name"],
+)
+def test_a_file_that_cannot_be_read(kind, suffix, file, words, scene, command, tmp_path, monkeypatch):
+    file = file.format(suffix)
+    scene(file, kind)
+    (tmp_path / f"folder.{suffix}").mkdir()
+    (tmp_path / f"locked.{suffix}").write_bytes(b"x")
+    (tmp_path / f"device.{suffix}").symlink_to("/dev/zero")
+    if "locked" in file:  # root may read what is locked, so the system's answer is played
+
+        sound = Path.read_bytes
+
+        def locked(path):
+            if path.name == file:
+                raise PermissionError(13, "Permission denied")
+            return sound(path)
+
+        monkeypatch.setattr(Path, "read_bytes", locked)
+    place = file if len(file) < 200 else f"{file[:200]}..."
+    refused(command, tmp_path, place + (": mesh" if kind == "mesh" else ""), words)
+
+
+def test_many_faults_are_told_at_once_and_counted(scene, command, tmp_path):
+    (tmp_path / "b.csv").write_text(scattered(25))
+    scene("b.csv")
+    told = command("check", "scene.toml")
+    lines = told.err.splitlines()
+    assert told.code == 3 and len(lines) == 11
+    assert [line.split("b.csv:")[1].split(":")[0] for line in lines[:10]] == [str(k) for k in range(2, 12)]
+    assert lines[-1].endswith("b.csv: and 15 more faults")
+
+
+def test_two_bad_tables_are_told_together(scene, command, tmp_path):
+    (tmp_path / "b.csv").write_bytes(csv(("radius", "raduis")))
+    scene("b.csv", more='[[debris]]\nmaterial = "steel"\nkind = "file"\nfile = "none.csv"')
+    told = command("check", "scene.toml")
+    assert told.code == 3
+    assert [line.split(": ")[1] for line in told.err.splitlines()] == ["debris[0].file", "debris[1].file"]
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ("count = 3", ["debris[0].count", "needs placement"]),
+        ('size = "3 um"', ["debris[0].size", "needs placement"]),
+        ('placement = "layr"', ["debris[0].placement", "'layr' is not one of"]),
+        ('velocity = ["1 m/s", "0 m/s", "0 m/s"]', ["debris[0].velocity", "give only one", "b.npz"]),
+        ('placement = "layer"\ncount = 100000000', ["debris[0].count", "would cover the domain"]),
+        ('radius = "1 um"', ["debris[0].radius", "unknown key"]),
+    ],
+)
+def test_keys_that_do_not_go_together(more, words, scene, command, tmp_path):
+    (tmp_path / "b.npz").write_bytes(npz(velocity=np.zeros((2, 3))))
+    scene("b.npz", more=more)
+    told = command("check", "scene.toml")
+    # a velocity in the file and a placement give a warning besides, in `check` only
+    assert told.code == 3 and len(told.err.strip().splitlines()) == 1
+    for word in words:
+        assert word in told.err
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ([("40,30", "12,10"), ("40,35", "12,15")], ["bodies 0 and 1 overlap", "initial_overlap"]),
+        ([("0,14,10,4,4", "0,14,10,4,5")], ["body 0 starts 1 um deep in the lower plate"]),
+        ([("radius [um]", "radius [mm]")], ["overlap"]),
+    ],
+)
+def test_places_that_cannot_be(changes, words, scene, command, tmp_path):
+    """Places are those of the file, so the fault is told at its key."""
+    (tmp_path / "b.csv").write_bytes(csv(*changes))
+    scene("b.csv")
+    told = command("check", "scene.toml")
+    assert told.code == 3 and "debris[0].file: " in told.err
+    for word in words:
+        assert word in told.err
+
+
+@pytest.mark.parametrize(
+    ("unit", "place"),
+    [("1 m", "debris[0].unit: 1 m per unit of m.stl"), ("1e300 m", "debris[0].file"), ("1e-300 m", "debris[0].file"),
+     ("1e-20 m", "debris[0]: a sphere of body 0")],
+)  # fmt: skip
+def test_a_mesh_in_the_wrong_unit(unit, place, scene, command, tmp_path):
+    (tmp_path / "m.stl").write_bytes(STL)
+    scene("m.stl", "mesh")
+    path = tmp_path / "scene.toml"
+    path.write_text(path.read_text().replace('unit = "1 um"', f'unit = "{unit}"'))
+    told = command("check", "scene.toml")
+    assert told.code == 3 and place in told.err and len(told.err.strip().splitlines()) == 1, told

@@ -1,0 +1,184 @@
+"""A dense layer of clumps sheared between rough plates at a constant gap, against LAMMPS from the same configuration.
+
+`data/dense_clumps.npz`: 300 clumps of 4 to 8 unequal spheres (um, pg, us), a state of the sheared layer. What LAMMPS did with it,
+how, and why its own time step is 16 times smaller in the first comparison is told in `../theory/data/lammps_dense_clumps.json`.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thirdbody.bodies.clump import Clump
+from thirdbody.engine.explicit import Explicit
+from thirdbody.engine.plates import Schedule, Segment, UpperPlate
+from thirdbody.engine.state import Placed, World, assemble
+from thirdbody.kernels import layout as at
+from thirdbody.kernels import motion
+from thirdbody.laws.contract import LawFamily, Plugin
+from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
+from thirdbody.laws.hertz import HERTZ
+from thirdbody.laws.mindlin import MINDLIN
+from thirdbody.laws.registry import Registry
+from thirdbody.scene.choose import choose
+from thirdbody.scene.model import Contact, Domain, Material, Output, Pair, Plates, Scene, Solver, Spheres
+
+HERE = Path(__file__).parent
+LAMMPS = json.loads((HERE.parent / "theory" / "data" / "lammps_dense_clumps.json").read_text(encoding="utf-8"))
+LENGTH, MASS, TIME = 1e-6, 1e-15, 1e-6
+"""um, pg and us in SI."""
+
+MEASURED = ("upper_x", "upper_z", "lower_x", "lower_z", "pairs", "plate")
+"""Forces on the plates, N, averaged over every step; contacts between clumps and with plates, at the ends of equal intervals."""
+
+STEEL = LAMMPS["material"]
+LAWS = {"bare": (HERTZ, HERTZ_DAMPING, MINDLIN), "full": (HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING)}
+
+
+@pytest.fixture(scope="module")
+def layer() -> dict[str, np.ndarray]:
+    """The configuration as it is in the file, in double precision."""
+    with np.load(HERE / "data" / "dense_clumps.npz") as data:
+        return {name: np.asarray(data[name], float) for name in data.files} | {"mol": data["mol"].astype(np.int64)}
+
+
+def quaternion(axes: np.ndarray) -> np.ndarray:
+    """(w, x, y, z) of a rotation matrix, from its largest component (Shepperd 1978)."""
+    w = np.trace(axes)
+    diagonal = np.array([w, *np.diag(axes)])
+    k = int(np.argmax(diagonal))
+    skew = np.array([axes[2, 1] - axes[1, 2], axes[0, 2] - axes[2, 0], axes[1, 0] - axes[0, 1]])
+    if k == 0:
+        q = np.array([1.0 + w, *skew])
+    else:
+        i = k - 1
+        q = np.array([skew[i], *(axes[i] + axes[:, i])])
+        q[k] = 1.0 + 2.0 * axes[i, i] - w
+    return q / np.linalg.norm(q)
+
+
+def placed(layer: dict[str, np.ndarray]) -> Placed:
+    """The clumps with the masses and moments of inertia that LAMMPS was given."""
+    density = STEEL["density"]
+    clumps, turns = [], []
+    for b, (mass, inertia) in enumerate(zip(layer["bm"], layer["bI"], strict=True)):
+        own = layer["mol"] == b
+        moments, axes = np.linalg.eigh(inertia)
+        axes[:, 2] *= np.linalg.det(axes)
+        centers = (layer["x"][own] - layer["bx"][b]) @ axes * LENGTH
+        per_density = MASS * LENGTH**2 / density
+        clumps.append(Clump(centers, layer["rad"][own] * LENGTH, mass * MASS / density, moments * per_density, 0.0))
+        turns.append(quaternion(axes))
+    n = len(clumps)
+    zeros = np.zeros(n, np.int64)
+    velocity, spin = layer["bv"].copy(), layer["bw"] / TIME
+    return Placed(clumps, np.full(n, density), zeros, zeros, layer["bx"] * LENGTH, np.array(turns), velocity, spin)
+
+
+def scene(level: str) -> Scene:
+    """The materials and the law; the bodies of this scene are never placed."""
+    steel = Material(**STEEL)
+    frictions = {("clump", "clump"): LAMMPS["friction"], ("clump", "plate"): LAMMPS["plate_friction"], ("plate", "plate"): 0.0}
+    return Scene(
+        materials={"clump": steel, "plate": steel},
+        pairs=tuple(Pair(between=names, friction=mu, restitution=LAMMPS["restitution"]) for names, mu in frictions.items()),
+        debris=(Spheres(material="clump", radius=1e-6, positions=((0.0, 0.0, 0.0),)),),
+        domain=Domain(size=(1.0, 1.0)),
+        plates=Plates(),
+        contact=Contact(law="peer", level=level),
+        solver=Solver(duration=1.0),
+        output=Output(every=1.0, every_kind="time"),
+    )
+
+
+def shear(layer: dict[str, np.ndarray], level: str, time_step: float | None) -> Explicit:
+    """The layer between plates at the file's gap, the upper one moving along x, at time zero. SI."""
+    family = LawFamily(name="peer", levels=LAWS, default_level="full")
+    choice = choose(scene(level), Registry((Plugin(name="peer", families=(family,)),)))
+    n, one = len(layer["bm"]), np.ones(1)
+    x = (Segment(0.0, motion.POLYNOMIAL, 0.0, LAMMPS["speed"]),)
+    gap = (Segment(0.0, motion.POLYNOMIAL, float(layer["H"]) * LENGTH),)
+    heights = one * gap[0].a
+    patch = np.zeros(n, np.int64)
+    plate = UpperPlate(1, heights, one, 0.0 * one, 0.0 * one, False, patch, Schedule(x=x, gap=gap))
+    l_x, l_y = (float(length) * LENGTH for length in layer["L"])
+    state = assemble(placed(layer), World((l_x, l_y), True, False, 1, plate, True), choice.physics, 0.9e-6)
+    run = Explicit(state, list(choice.materials), time_step)
+    run.start()
+    return run
+
+
+def measure(run: Explicit, end: float, intervals: int) -> np.ndarray:
+    """(intervals, 7) the columns `MEASURED` and the solid fraction of the middle half, in equal intervals up to `end` (s)."""
+    state, rows = run.state, []
+    begin = state.time
+    for k in range(1, intervals + 1):
+        old, since = state.A.copy(), state.time
+        run.advance_to(time=begin + (end - begin) * k / intervals)
+        force = (state.A - old) / (state.time - since)
+        up, low = force[at.A_IMPULSE : at.A_IMPULSE + 3], force[at.A_IMPULSE_LOW : at.A_IMPULSE_LOW + 3]
+        closed = state.slots.H[:, at.H_ON] > 0.0
+        n = state.slots.n_plates
+        height = state.B[:, at.B_X + 2] / state.P[0, at.P_Z]
+        middle = state.B[np.abs(height - 0.5) < 0.25, at.B_MASS].sum() / STEEL["density"]
+        share = middle / (0.5 * np.prod(state.world.size) * state.P[0, at.P_Z])
+        rows.append((up[0], up[2], low[0], low[2], closed[n:].sum(), closed[:n].sum(), share))
+    return np.array(rows)
+
+
+def averages(layer: dict[str, np.ndarray], level: str) -> dict[str, float]:
+    """Means over the first half microsecond or so."""
+    run = shear(layer, level, LAMMPS["trace_time_step"])
+    rows = measure(run, LAMMPS["trace_duration"], LAMMPS["trace_intervals"])
+    return dict(zip(MEASURED, rows.mean(axis=0), strict=False))
+
+
+@pytest.fixture(scope="module")
+def bare(layer) -> dict[str, float]:
+    """Our averages without the tangential dashpot."""
+    return averages(layer, "bare")
+
+
+@pytest.fixture(scope="module")
+def full(layer) -> dict[str, float]:
+    """Our averages with every stage of the law."""
+    return averages(layer, "full")
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_without_the_tangential_dashpot_both_engines_walk_the_same_path(bare, name):
+    # 3200 steps, some 10 collision times: 7e-4 was measured, falling to 4e-4 at half our step. Later the paths part, as
+    # those of any two runs do that differ by rounding. A count is off by a few of the contacts that just open or close.
+    tolerance = 4e-3 if name in ("pairs", "plate") else 1.5e-3
+    assert bare[name] == pytest.approx(LAMMPS["trace_bare"][name], rel=tolerance)
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_the_rule_for_dashpot_and_friction_limit_costs_a_few_percent(full, name):
+    # see `friction_rule` in the file: our spring keeps mu N in sliding, LAMMPS' only what the dashpot leaves of it
+    assert full[name] == pytest.approx(LAMMPS["trace_full"][name], rel=0.03)
+
+
+@pytest.fixture(scope="module")
+def steady(layer) -> dict[str, tuple[float, float]]:
+    """Mean and its standard error of what LAMMPS' file calls `steady`, from as many windows of the same length."""
+    run = shear(layer, "full", None)
+    start, width, windows = (LAMMPS[f"steady_{name}"] for name in ("start", "window", "windows"))
+    run.advance_to(time=start)
+    rows = np.array([measure(run, start + (k + 1) * width, 20).mean(axis=0) for k in range(windows)])
+    drag, load = rows[:, 2] - rows[:, 0], rows[:, 1] - rows[:, 3]
+    columns = np.column_stack((drag / load, 0.5 * load, rows[:, 4:]))
+    error = columns.std(axis=0, ddof=1) / np.sqrt(windows)
+    return dict(zip(LAMMPS["steady"], zip(columns.mean(axis=0), error, strict=True), strict=True))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LAMMPS["steady"])
+def test_the_sheared_layer_has_the_same_steady_state(steady, name):
+    # the means differ as those of any two runs: by three standard errors of windows of 200 um of sliding at the most
+    ours, error = steady[name]
+    theirs = LAMMPS["steady"][name]
+    assert abs(ours - theirs["mean"]) < 3.0 * np.hypot(error, theirs["error"])

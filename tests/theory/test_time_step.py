@@ -1,0 +1,30 @@
+"""The longest stable step against the amplification of the scheme itself, written out for one oscillator."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thirdbody.engine.timestep import stable_step
+
+
+def growth(omega: float, rate: float, dt: float) -> float:
+    """Spectral radius of one step of velocity Verlet; the dashpot sees v + dt a, predicted from the force before."""
+    w, g = (omega * dt) ** 2, rate * dt
+    # x, v dt, a dt^2: drift, new acceleration, closing half kick
+    drift = np.array([[1.0, 1.0, 0.5], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+    force = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-w, -g, -0.5 * g]])
+    kick = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+    return float(np.abs(np.linalg.eigvals(kick @ force @ drift)).max())
+
+
+@pytest.mark.parametrize(("omega", "rate"), [(1.0, 0.0), (1.0, 0.1), (1.0, 1.0), (1.0, 4.0), (1.0, 100.0), (1e-3, 1.0)])
+def test_the_stable_step_is_the_edge_of_stability(omega, rate):
+    limit = float(stable_step(omega**2, rate))
+    # undamped the scheme is neutral below the limit: rounding of the double eigenvalue is 1e-8
+    assert growth(omega, rate, 0.999 * limit) <= 1.0 + 1e-7
+    assert growth(omega, rate, 1.001 * limit) > 1.0 + 1e-4
+
+
+def test_without_stiffness_and_damping_any_step_is_stable():
+    assert np.isinf(stable_step(0.0, 0.0))

@@ -1,0 +1,189 @@
+"""Dense beds, against all pairs with all images and a count of random points; and both kinds of bed in a scene."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from thirdbody.bodies.clump import clump, matrix_from_quaternion
+from thirdbody.bodies.dense import pack
+from thirdbody.bodies.shapes import population
+from thirdbody.errors import InputError
+from thirdbody.scene.model import Scene
+from thirdbody.scene.place import spheres_of
+from thirdbody.scene.populate import populate
+
+SIZE = (45e-6, 40e-6)
+
+
+@pytest.fixture(scope="module")
+def bodies():
+    size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.3, "min": 5e-6, "max": 2e-5}
+    ball = clump([[0, 0, 0]], [3e-6])
+    return population(1, 0, 50, (3, 6), (1.0, 0.8, 0.6), **size) + [ball] * 30
+
+
+def images(spheres, ids, size, periodic):
+    """Spheres and bodies with all images next to the domain, bodies of images numbered apart."""
+    shifts = list(itertools.product((0, 1, -1), repeat=2)) if periodic else [(0, 0)]
+    many = [spheres + (a * size[0], b * size[1], 0.0, 0.0) for a, b in shifts]
+    return np.vstack(many), np.concatenate([ids + k * (ids.max() + 1) for k in range(len(shifts))])
+
+
+def least_gap(spheres, ids, size, periodic):
+    """Least gap over the sum of radii of spheres of different bodies, or of a body and its own image."""
+    all_spheres, all_ids = images(spheres, ids, size, periodic)
+    reach = spheres[:, None, 3] + all_spheres[:, 3]
+    gap = (np.linalg.norm(spheres[:, None, :3] - all_spheres[:, :3], axis=2) - reach) / reach
+    return gap[ids[:, None] != all_ids].min()
+
+
+@pytest.mark.parametrize("periodic", [True, False])
+@pytest.mark.parametrize("fraction", [0.3, 0.5])
+def test_a_bed_has_no_overlap_and_the_fraction_it_says(bodies, periodic, fraction):
+    bed = pack(bodies, fraction, SIZE, periodic, np.random.default_rng(1))
+    spheres = np.vstack(
+        [
+            np.column_stack((b.centers @ matrix_from_quaternion(q).T + x, b.radii))
+            for b, x, q in zip(bodies, bed.positions, bed.quaternions, strict=True)
+        ]
+    )
+    ids = np.repeat(np.arange(len(bodies)), [len(b.radii) for b in bodies])
+    assert least_gap(spheres, ids, SIZE, periodic) >= 5e-4 * (1.0 - 1e-6)  # as promised, to rounding
+    low, high = (spheres[:, :3] - spheres[:, 3:]).min(axis=0), (spheres[:, :3] + spheres[:, 3:]).max(axis=0)
+    assert low[2] == pytest.approx(0.0, abs=1e-12 * bed.height)
+    assert high[2] == pytest.approx(bed.height, rel=1e-12)
+    if not periodic:
+        assert (low[:2] > 0.0).all() and (high[:2] < SIZE).all()
+    # the box of the fraction asked for, less the gaps at floor and top
+    assert fraction <= bed.solid_fraction < fraction * 1.02
+    points = np.random.default_rng(0).random((20_000, 3)) * (*SIZE, bed.height)
+    near, _ = images(spheres, ids, SIZE, periodic)
+    inside = np.zeros(len(points), bool)
+    for x, y, z, r in near:
+        inside |= ((points - (x, y, z)) ** 2).sum(axis=1) < r * r
+    # counting 20 000 points scatters by sqrt(0.25/20 000) = 0.0035, four times that is allowed
+    assert inside.mean() == pytest.approx(bed.solid_fraction, abs=0.014)
+
+
+def test_beds_are_reproducible(bodies):
+    first, same, other = (pack(bodies, 0.4, SIZE, True, np.random.default_rng(s)) for s in (1, 1, 2))
+    assert np.array_equal(first.positions, same.positions) and np.array_equal(first.quaternions, same.quaternions)
+    assert not np.array_equal(first.positions, other.positions)
+
+
+def test_a_bed_that_jams_tells_how_far_it_came():
+    # Balls of one size, flat floor and top: random close packing ends at 0.64 (O'Hern et al. 2003), less beside a plate.
+    balls = [clump([[0, 0, 0]], [0.5])] * 40
+    with pytest.raises(InputError, match=r"jam: a solid fraction of about 0\.[45]\d* is reached, 0\.700 wanted") as caught:
+        pack(balls, 0.7, (3.0, 3.0), True, np.random.default_rng(0))
+    assert caught.value.faults[0].key == "solid_fraction"
+
+
+def test_a_bed_lower_than_a_sphere_is_refused():
+    with pytest.raises(InputError, match="lower than its largest sphere"):
+        pack([clump([[0, 0, 0]], [0.5])] * 2, 0.5, (3.0, 3.0), True, np.random.default_rng(0))
+
+
+TEXT = """
+scene = 1
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.3
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.3
+restitution = 0.6
+[[debris]]
+material = "steel"
+kind = "spheres"
+radius = "3 um"
+count = 30
+{first}
+[[debris]]
+material = "steel"
+kind = "spheres"
+shape = [{{radius = "2 um"}}, {{center = ["2 um", "0 um", "0 um"], radius = "1.5 um"}}]
+count = 30
+{second}
+[domain]
+size = ["{side}", "{side}"]
+[plates.lower]
+material = "steel"
+[solver]
+duration = "1 us"
+[output]
+every = "1 us"
+"""
+
+
+def built(first, second, side="25 um"):
+    scene = Scene.parse(TEXT.format(first=first, second=second, side=side))
+    warnings: list[str] = []
+    return populate(scene, warnings), warnings
+
+
+def test_dense_populations_are_mixed():
+    placed, warnings = built('placement = "dense"\nsolid_fraction = 0.45', 'placement = "dense"')
+    centres, radii, _ = spheres_of(placed.clumps, placed.positions, placed.quaternions)
+    top = (centres[:, 2] + radii).max()
+    volume = sum(body.volume for body in placed.clumps)
+    assert volume / (625e-12 * top) == pytest.approx(0.45, rel=0.02)  # as above
+    assert 0.0 < (centres[:, 2] - radii).min() < 1e-8 * 3e-6  # just clear of the plate
+    assert "solid fraction" in warnings[0] and "60 bodies fill 0.45" in warnings[0]
+    heights = placed.positions[:, 2] / top
+    # of 30 places over the bed the mean scatters by sqrt(1/12/30) = 0.05: two layers one over the other would be 0.5 apart
+    assert abs(heights[:30].mean() - heights[30:].mean()) < 0.2
+
+
+def test_a_height_stands_for_a_fraction():
+    placed, warnings = built('placement = "dense"\nheight = "18 um"', 'placement = "dense"\nheight = "18 um"')
+    centres, radii, _ = spheres_of(placed.clumps, placed.positions, placed.quaternions)
+    assert 0.97 * 18e-6 < (centres[:, 2] + radii).max() <= 18e-6
+
+
+@pytest.mark.parametrize(("key", "height"), [("", None), ('\nheight = "60 um"', 60e-6), ("\nsolid_fraction = 0.1", None)])
+def test_dilute_debris_fills_its_height(key, height):
+    placed, warnings = built(f'placement = "dilute"{key}', 'placement = "dilute"')
+    volume = sum(body.volume for body in placed.clumps)
+    height = height or volume / 625e-12 / (0.1 if key else 0.05)
+    tops = placed.positions[:, 2].max()
+    # 60 bodies: the highest lies in the uppermost tenth but with a probability of 0.9^60 = 0.002
+    assert 0.85 * height < tops < height
+    assert "dilute: 60 bodies fill" in warnings[0]
+
+
+def test_dilute_debris_lies_clear_of_a_layer():
+    # that nothing overlaps populate itself checks
+    placed, _ = built('placement = "dilute"\nheight = "40 um"', 'placement = "layer"', side="35 um")
+    assert placed.positions[:30, 2].max() > 20e-6 > placed.positions[30:, 2].max()
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "told"),
+    [
+        ('placement = "dense"', 'placement = "layer"', r'22:1: debris\[1\].placement: "layer" and the "dense" of debris\[0\]'),
+        ('placement = "dilute"', 'placement = "dense"', r'16:1: debris\[0\].placement: "dilute" and the "dense" of debris\[1\]'),
+        ('height = "9 um"', "", r"16:1: debris\[0\].height: needs placement = 'dilute' or 'dense'"),
+        ("", 'placement = "dense"\nheight = "9 um"\nsolid_fraction = 0.3', r"debris\[1\].solid_fraction: give only one"),
+        (
+            'placement = "dense"\nheight = "30 um"',
+            'placement = "dense"\nsolid_fraction = 0.3',
+            r"24:1: debris\[1\].solid_fraction: all \"dense\" bodies share one volume, of which debris\[0\] says another height",
+        ),
+        ('placement = "dense"\nheight = "4 um"', 'placement = "dense"', r"15:1: debris\[0\].count: .* this height 1.36 times"),
+        ('placement = "dense"\nheight = "6.2 um"', 'placement = "dense"', r"17:1: debris\[0\].height: .* would fill 1.\d+ times"),
+        ('placement = "dilute"\nheight = "9 um"', 'placement = "dilute"', r"17:1: debris\[0\].height: no place for body"),
+    ],
+)
+def test_faults_of_beds(first, second, told):
+    with pytest.raises(InputError, match=told):
+        built(first, second)
+
+
+def test_faults_of_the_packing_are_told_at_the_key_that_asks_for_it():
+    with pytest.raises(InputError, match=r"17:1: debris\[0\].solid_fraction: the bed would be"):
+        built('placement = "dense"\nsolid_fraction = 0.6', 'placement = "dense"', side="60 um")
+    with pytest.raises(InputError, match=r"16:1: debris\[0\].placement: the bed would be"):
+        built('placement = "dense"', 'placement = "dense"', side="60 um")

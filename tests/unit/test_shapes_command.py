@@ -1,0 +1,172 @@
+"""`thirdbody shapes`: what it tells about the bodies of a scene and about a mesh, and the picture."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+
+from thirdbody.cli import main
+from thirdbody.errors import OutputError
+from thirdbody.scene.make import shapes_of
+from thirdbody.scene.model import Scene
+
+SCENE = """
+scene = 1
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.3
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.3
+restitution = 0.6
+[[debris]]
+material = "steel"
+kind = "irregular"
+count = 15
+size = "10 um"
+spheres = [5, 7]
+aspect = [1.0, 0.8, 0.6]
+angularity = 0.5
+asperities = {count = 2, radius = "0.5 um"}
+[[debris]]
+material = "steel"
+kind = "spheres"
+radius = "4 um"
+count = 3
+[[debris]]
+material = "steel"
+kind = "mesh"
+file = "rock.stl"
+unit = "1 um"
+spheres = 6
+count = 2
+[domain]
+size = ["150 um", "150 um"]
+[plates.lower]
+material = "steel"
+[solver]
+duration = "1 us"
+[output]
+every = "1 us"
+"""
+
+
+@pytest.fixture
+def rock(tmp_path):
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=5.0)
+    mesh.apply_scale([1.0, 0.8, 0.6])
+    mesh.export(tmp_path / "rock.stl")
+    return mesh
+
+
+@pytest.fixture
+def call(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", ["thirdbody", "shapes", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = end.code
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return run
+
+
+@pytest.fixture
+def scene(tmp_path, rock):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE, encoding="utf-8")
+    return path
+
+
+def test_a_mesh_is_told_by_its_own_volume_and_inertia(call, rock):
+    code, out, _ = call("rock.stl", "--unit", "1 um", "--spheres", 8, "--json")
+    assert code == 0
+    (entry,) = json.loads(out)["populations"]
+    fit = entry["fit"]
+    # STL holds single precision
+    assert entry["volume"]["mean"] == pytest.approx(rock.volume * 1e-18, rel=1e-6, abs=0.0)
+    assert fit["mesh_volume"] == pytest.approx(rock.volume * 1e-18, rel=1e-6, abs=0.0)
+    moments = np.sort(np.linalg.eigvalsh(rock.moment_inertia)) * 1e-30
+    assert [moment["mean"] for moment in entry["inertia"]] == pytest.approx(moments, rel=1e-5, abs=0.0)
+    assert entry["count"] == 1 and entry["spheres"]["max"] == 8
+    assert 0.0 < fit["rms"] < fit["maximum"] < 0.3
+    assert fit["radius"] == pytest.approx(0.5 * entry["diameter"]["mean"], rel=1e-9, abs=0.0)  # R of the same volume
+    assert 0.0 < fit["contact_radius_ratio"]["min"] <= fit["contact_radius_ratio"]["median"] < 1.0
+
+
+def test_every_population_of_a_scene_is_told(call, scene):
+    code, out, _ = call(scene, "--json")
+    assert code == 0
+    rough, balls, rocks = json.loads(out)["populations"]
+    assert [entry["kind"] for entry in (rough, balls, rocks)] == ["irregular", "spheres", "mesh"]
+    assert (rough["count"], balls["count"], rocks["count"]) == (15, 3, 2)
+    assert rough["diameter"]["mean"] == pytest.approx(1e-5, rel=1e-12, abs=0.0)  # scaled to it
+    assert rough["sphere_radius"]["min"] == pytest.approx(5e-7, rel=1e-12, abs=0.0)  # the asperities
+    bodies = shapes_of(Scene.load(scene), 0, [])
+    assert rough["spheres"]["mean"] == pytest.approx(np.mean([len(body.radii) for body in bodies]))
+    mass = 7850.0 * 4.0 / 3.0 * np.pi * 4e-6**3
+    # closed forms of the ball, to rounding
+    assert [balls["mass"][key] for key in ("mean", "min", "median", "max")] == pytest.approx([mass] * 4, rel=1e-12, abs=0.0)
+    assert balls["mass"]["std"] == 0.0
+    assert balls["inertia"][2]["mean"] == pytest.approx(0.4 * mass * 4e-6**2, rel=1e-12, abs=0.0)
+    assert balls["sharpness"]["mean"] == pytest.approx(1.0, rel=1e-12) and rough["sharpness"]["max"] < 0.7
+    assert "fit" in rocks and "fit" not in rough
+
+
+def test_tables_name_populations_and_the_fit(call, scene):
+    code, out, err = call(scene, "--set", "debris.0.count=3")
+    assert code == 0 and not err
+    for words in ("debris[0]: 3 bodies, irregular of steel", "debris[2]: 2 bodies, mesh", "fit to the mesh", "% of R (rms)"):
+        assert words in out
+
+
+def test_a_picture_of_the_bodies_is_made(call, scene, tmp_path):
+    code, out, _ = call(scene, "-o", "shapes.png")
+    assert code == 0 and out.rstrip().endswith("shapes.png")
+    import vtk
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    reader = vtk.vtkPNGReader()
+    reader.SetFileName(str(tmp_path / "shapes.png"))
+    reader.Update()
+    image = reader.GetOutput()
+    width, height, _ = image.GetDimensions()
+    pixels = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, -1)[:, :, :3].astype(int)
+    assert width == 1600 and height > 900
+    # bodies are coloured, words and paper are grey: two rows of bodies, one ball and three views fill some of the picture
+    coloured = np.ptp(pixels, axis=2) > 40
+    assert 0.05 < coloured.mean() < 0.6
+    assert (pixels == 255).all(axis=2)[:, :20].all(), "nothing is cut at the edge"
+
+
+@pytest.mark.parametrize(
+    "arguments, code, words",
+    [
+        (["rock.stl"], 2, "--unit"),
+        (["rock.stl", "--unit", "1 N"], 2, "expected a length"),
+        (["rock.stl", "--unit", "1 um", "--set", "a=1"], 2, "--set"),
+        (["scene.toml", "--unit", "1 um", "--seed", "2"], 2, "--unit, --seed"),
+        (["scene.toml", "--set", "debris"], 2, "KEY=VALUE"),
+        (["rock.stl", "--unit", "1 um", "--spheres", "3"], 3, "spheres"),
+        (["absent.stl", "--unit", "1 um"], 3, "absent.stl"),
+        (["absent.toml"], 3, "absent.toml"),
+        (["rock.step"], 3, "neither a scene"),
+        (["scene.toml", "--set", "debris.0.angularity=2"], 3, "angularity"),
+        (["scene.toml", "--set", "debris.0.asperities.radius=4 um"], 3, "asperities.radius"),
+        (["rock.stl", "--unit", "1 um", "-o", "a.jpg"], 3, ".png"),
+        (["rock.stl", "--unit", "1 um", "-o", "absent/a.png"], OutputError.exit_code, "does not exist"),
+    ],
+)
+def test_what_cannot_be_ends_with_its_code(call, scene, arguments, code, words):
+    found, _, err = call(*arguments)
+    assert found == code and words in err
