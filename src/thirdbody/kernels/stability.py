@@ -49,6 +49,17 @@ def add_stiffness(K, b, B, r, n, k_n, k_t):
 
 
 @njit(**INNER)
+def add_rolling(K, b, B, n, k_r):
+    """Add k_r (1 - n n^T), which resists all rotation but that about n, to the rotations in body b's matrix."""
+    a, b_, c, d, e, f, g, h, i = matrix(B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
+    m = (a * n[0] + d * n[1] + g * n[2], b_ * n[0] + e * n[1] + h * n[2], c * n[0] + f * n[1] + i * n[2])
+    for p in range(3):
+        for q in range(3):
+            same = 1.0 if p == q else 0.0
+            K[b, 3 + p, 3 + q] += k_r * (same - m[p] * m[q]) / math.sqrt(B[b, B_I + p] * B[b, B_I + q])
+
+
+@njit(**INNER)
 def largest_eigenvalue(K):
     """An upper bound of the largest eigenvalue of a positive semidefinite 6x6 matrix, at most 12 % high: tr(K^16)^(1/16)."""
     scale = 0.0
@@ -87,7 +98,7 @@ def frequencies(n, own, partner, kind, body, S, B, P, pairs, l_x, l_y, stiffness
     A contact between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
     `patches` gets those of the patches.
     """
-    I, O = np.empty((I_HISTORY + 1) * TILE), np.zeros(2 * TILE)  # noqa: E741
+    I, O = np.empty((I_HISTORY + 1) * TILE), np.zeros(3 * TILE)  # noqa: E741
     K = np.zeros((B.shape[0], 6, 6))
     for p in range(patches.shape[0]):
         patches[p] = 0.0
@@ -101,7 +112,7 @@ def frequencies(n, own, partner, kind, body, S, B, P, pairs, l_x, l_y, stiffness
             I[f * TILE] = 0.0
         I[I_OVERLAP * TILE], I[I_RADIUS * TILE], I[I_MASS * TILE], I[I_TYPE * TILE] = overlap, radius, 1.0, kind[k]
         stiffness(I, O, 1, pairs)
-        k_n, k_t = O[0], O[TILE]
+        k_n, k_t, k_r = O[0], O[TILE], O[2 * TILE]
         twice = 1.0
         if j < -1 and P[-j - 2, P_FREE] != 0.0:
             twice = 2.0
@@ -110,8 +121,12 @@ def frequencies(n, own, partner, kind, body, S, B, P, pairs, l_x, l_y, stiffness
             twice = 2.0
             r = (S[j, S_ARM] + S[j, S_R] * n_x, S[j, S_ARM + 1] + S[j, S_R] * n_y, S[j, S_ARM + 2] + S[j, S_R] * n_z)
             add_stiffness(K, body[j], B, r, (n_x, n_y, n_z), 2.0 * k_n, 2.0 * k_t)
+            if k_r > 0.0:
+                add_rolling(K, body[j], B, (n_x, n_y, n_z), 2.0 * k_r)
         r = (S[i, S_ARM] - S[i, S_R] * n_x, S[i, S_ARM + 1] - S[i, S_R] * n_y, S[i, S_ARM + 2] - S[i, S_R] * n_z)
         add_stiffness(K, body[i], B, r, (n_x, n_y, n_z), twice * k_n, twice * k_t)
+        if k_r > 0.0:
+            add_rolling(K, body[i], B, (n_x, n_y, n_z), twice * k_r)
     plate = P.shape[0] - 1
     for p in range(plate):
         patches[p] += 2.0 * P[p, P_SPRING] / P[p, P_MASS]

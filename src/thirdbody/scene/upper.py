@@ -45,7 +45,7 @@ def upper_plate(scene: Scene, choice: Choice, placed: Placed, warnings: list[str
     """The upper plate of a scene, if it has one. Raises InputError for a gap that is too small or a table that is wrong."""
     plate = scene.plates.upper
     if plate is None:
-        return Upper(None)
+        return Upper(None, 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle)
     material = list(scene.materials).index(plate.material)
     top, radius = _tops(placed)
     masses = placed.densities * np.array([clump.volume for clump in placed.clumps])
