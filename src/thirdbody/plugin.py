@@ -58,7 +58,9 @@ from .laws.contract import (
     Options,
     Pair,
     Plugin,
+    Rolling,
     Tangential,
+    Turn,
     Wrench,
     kernel,
 )
@@ -74,6 +76,6 @@ __all__ = [
     "O_DRAG", "O_EF", "O_ELAPSED", "O_ET", "O_F", "O_LDOT", "O_MA", "O_MASS", "O_Q", "O_SHIFT", "O_SPEED", "O_T", "O_V", "O_W",
     "O_X", "TANGENTIAL_DAMPING", "UPPER",
     "Adhesion", "Body", "BodyEffect", "Contact", "Fault", "InputError", "Labeller", "Law", "LawFamily", "Load",
-    "Material", "Normal", "Option", "Options", "Pair", "Plugin", "Tangential", "UsageError", "Wrench",
+    "Material", "Normal", "Option", "Options", "Pair", "Plugin", "Rolling", "Tangential", "Turn", "UsageError", "Wrench",
     "dundurs_beta", "e_star", "g_star", "kernel",
 ]  # fmt: skip

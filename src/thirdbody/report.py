@@ -69,6 +69,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
     """The resolved scene as a dictionary: everything that `thirdbody check` tells, SI."""
     choice, state, bound = built.choice, built.state, built.integrator.bound
     assert bound is not None
+    from .laws.contract import STIFF
     from .simulate import planned_frames
 
     seconds_per_step = _seconds_per_step(built)
@@ -84,9 +85,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
             "level": choice.level,
             "chain": [{"stage": law.stage, "law": law.name, "source": law.source} for law in choice.chain.laws],
             "not_needed": list(choice.off),
-            "explicit_only": [
-                law.name for law in choice.chain.laws if law.tangent is None and law.stage in ("normal", "tangential")
-            ],
+            "explicit_only": [law.name for law in choice.chain.laws if law.tangent is None and law.stage in STIFF],
         },
         "pairs": [
             {

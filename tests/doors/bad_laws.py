@@ -15,6 +15,7 @@ from thirdbody.plugin import (
     LawFamily,
     Normal,
     Plugin,
+    Rolling,
     Tangential,
     e_star,
     g_star,
@@ -149,6 +150,28 @@ def pushing_dashpot(c, n, p):
     return p.scale * math.sqrt(c.mass * n.contact_radius) * c.v_n
 
 
+@kernel
+def heavy_roller(c, turn, load, p):
+    """Full moment, with more of it than it admits."""
+    size = max(math.sqrt(turn.x * turn.x + turn.y * turn.y), 1e-300)
+    limit = p.mu * c.radius * load.force
+    moment = 1.0001 * limit
+    return Rolling(-moment * turn.x / size, -moment * turn.y / size, limit, 0.0, size, 0.0, moment * size)
+
+
+@kernel
+def rocking_motor(c, turn, load, p, h):
+    """M = k(d) theta, cut by shortening theta: pressed while it is bent it makes energy."""
+    k = p.g_star * load.contact_radius * c.radius * c.radius
+    x, y = h[0] + turn.x, h[1] + turn.y
+    limit = p.mu * c.radius * load.force
+    size = k * math.sqrt(x * x + y * y)
+    back = limit / max(size, limit, 1e-300)
+    turned = (1.0 - back) * math.sqrt(x * x + y * y)
+    x, y = back * x, back * y
+    return Rolling(-k * x, -k * y, limit, 0.0, turned, 0.5 * k * (x * x + y * y), back * size * turned), (x, y)
+
+
 def mix_of_first(pair, _options):
     """Forgets the second material."""
     return HERTZ.parameters(e_star(pair.a, pair.a))
@@ -180,6 +203,8 @@ LAWS = (
     Law("not_finite", "normal", wound_up, Scale, mix_not_finite, source="nobody"),
     dataclasses.replace(MINDLIN, name="unsourced", source=" "),
     dataclasses.replace(MINDLIN, name="stuck", tangent=stuck),
+    Law("heavy_roller", "rolling", heavy_roller, Shear, mix_shear, source="nobody"),
+    Law("rocking_motor", "rolling", rocking_motor, Shear, mix_shear, source="nobody", history=("x", "y")),
     dataclasses.replace(HERTZ_DAMPING, name="misplaced", stage="dampening"),
 )
 

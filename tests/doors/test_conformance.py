@@ -37,6 +37,8 @@ FOUND_BY = {
     "pushing_dashpot": {"dissipates"},
     "one_sided": {"swap"},
     "not_finite": {"parameters"},
+    "heavy_roller": {"friction limit"},
+    "rocking_motor": {"energy", "ledger"},
     "unsourced": {"declaration"},
     "misplaced": {"declaration"},
 }

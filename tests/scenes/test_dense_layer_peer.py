@@ -164,7 +164,7 @@ def test_the_rule_for_dashpot_and_friction_limit_costs_a_few_percent(full, name)
 
 @pytest.fixture(scope="module")
 def steady(layer) -> dict[str, tuple[float, float]]:
-    """Mean and its standard error of what LAMMPS' file calls `steady`, from as many windows of the same length."""
+    """Mean and its standard error, from windows, of what the file calls `steady`; our own automatic time step."""
     run = shear(layer, "full", None)
     start, width, windows = (LAMMPS[f"steady_{name}"] for name in ("start", "window", "windows"))
     run.advance_to(time=start)
@@ -178,7 +178,8 @@ def steady(layer) -> dict[str, tuple[float, float]]:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", LAMMPS["steady"])
 def test_the_sheared_layer_has_the_same_steady_state(steady, name):
-    # the means differ as those of any two runs: by three standard errors of windows of 200 um of sliding at the most
+    # three standard errors of the difference, but no finer than 2 %: the two rules for dashpot and friction limit differ, and
+    # the error of our single run, from its windows, understates what the slow density profile does from run to run
     ours, error = steady[name]
     theirs = LAMMPS["steady"][name]
-    assert abs(ours - theirs["mean"]) < 3.0 * np.hypot(error, theirs["error"])
+    assert abs(ours - theirs["mean"]) < max(3.0 * np.hypot(error, theirs["error"]), 0.02 * theirs["mean"])

@@ -7,7 +7,7 @@ import os
 import sys
 
 from thirdbody import cache
-from thirdbody.laws.compose import source_files
+from thirdbody.laws.generated import source_files
 
 
 def test_only_our_own_folders_are_dropped(tmp_path):

@@ -106,8 +106,8 @@ class Explicit:
             budget, time, distance, dt, slots.count, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence,
             s.body, s.start, s.patch, s.offsets, s.X0, s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, s.schedule, s.first, self.sums, self.moves,
-            len(physics.history), physics.stride, at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels,
-            self.drag, physics.law, physics.effects, physics.observe, step.work,
+            len(physics.history), physics.rolling, physics.stride, at.C_MEMORY + physics.contact_memory,
+            physics.has_effects, physics.labels, self.drag, physics.law, physics.effects, physics.observe, step.work,
         )  # fmt: skip
 
     def _choose_step(self) -> None:

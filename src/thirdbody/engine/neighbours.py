@@ -15,7 +15,7 @@ def search(state: State) -> None:
     old = state.slots
     columns = old.H.shape[1]
     n = len(own)
-    H, F, R = np.zeros((n, columns)), np.zeros((n, at.F_COLS)), np.zeros((n, at.R_COLS))
+    H, F, R = np.zeros((n, columns)), np.zeros((n, at.F_COLS)), np.zeros((n, old.R.shape[1]))
     for source, target in ((old.H, H), (old.F, F), (old.R, R)):
         _carry(n_plates, own, partner, old, source, target)
     edges, incidence = passes.incidences(n, own, partner, state.body, state.n_bodies)

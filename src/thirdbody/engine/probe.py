@@ -11,11 +11,13 @@ from .state import Array, Ints, Physics
 def response(physics: Physics, overlap: Array, radius: Array, kind: Ints) -> tuple[Array, Array]:
     """Normal force (n,) N and normal stiffness (n,) N/m of virgin contacts at rest; the stiffness is NaN without tangents."""
     force, stiffness = np.empty(len(overlap)), np.full(len(overlap), np.nan)
-    width = at.I_HISTORY + len(physics.history)
+    width, answers = at.I_HISTORY + len(physics.history), at.O_HISTORY + len(physics.history)
+    if physics.rolling:
+        width, answers = width + at.J_COLS, answers + at.Q_COLS
     for first in range(0, len(overlap), at.TILE):
         part = slice(first, min(first + at.TILE, len(overlap)))
         n = part.stop - part.start
-        inputs, outputs = np.zeros((width, at.TILE)), np.zeros((at.O_HISTORY + len(physics.history), at.TILE))
+        inputs, outputs = np.zeros((width, at.TILE)), np.zeros((answers, at.TILE))
         inputs[at.I_OVERLAP, :n], inputs[at.I_RADIUS, :n] = overlap[part], radius[part]
         inputs[at.I_MASS], inputs[at.I_TYPE, :n] = 1.0, kind[part]
         physics.law(inputs.ravel(), outputs.ravel(), n, physics.pairs)

@@ -50,11 +50,13 @@ class World:
 
 @dataclass(frozen=True)
 class Physics:
-    """Compiled laws and effects with their parameters; `kinds[a, b]` is the row of `pairs` for two materials, -1 if none."""
+    """Compiled laws and effects with their parameters; `kinds[a, b]` is the row of `pairs` for two materials, -1 if none.
+    `rolling`: a contact carries a moment."""
 
     law: Callable
     stiffness: Callable | None
     history: tuple[str, ...]
+    rolling: bool
     pairs: Array
     kinds: Ints
     effects: Callable
@@ -137,11 +139,11 @@ class State:
         return float(self.A[at.A_DISTANCE])
 
 
-def empty_slots(memory: int) -> Slots:
+def empty_slots(memory: int, record: int) -> Slots:
     """No candidates."""
     none = np.zeros(0, np.int64)
     return Slots(
-        none, none, none, none, none, 0, np.zeros((0, memory)), np.zeros((0, at.F_COLS)), np.zeros((0, at.R_COLS))
+        none, none, none, none, none, 0, np.zeros((0, memory)), np.zeros((0, at.F_COLS)), np.zeros((0, record))
     )
 
 
@@ -192,7 +194,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> Sta
         material=placed.materials,
         population=placed.populations,
         rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
-        slots=empty_slots(memory_columns(physics)),
+        slots=empty_slots(memory_columns(physics), at.R_ROLLING_COLS if physics.rolling else at.R_COLS),
         skin=skin,
     )
     refresh_spheres(state)

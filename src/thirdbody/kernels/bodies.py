@@ -197,7 +197,7 @@ def gather_chunk(c, incidence, edges, partner, F, B, dt, time, effects, effect_p
     for k in range(MOVE_UP, MOVE_POWER + 1):
         moves[c, k] = 0.0
     if has_effects:
-        effects(B, first, last, time, effect_parameters)
+        effects(B, first, last, time, dt, effect_parameters)
         for b in range(first, last):
             kick_body(b, B, np.int64(B_EF), np.int64(B_ET), dt)
             for k in range(3):

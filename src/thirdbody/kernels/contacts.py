@@ -31,6 +31,7 @@ from .layout import (
     I_VN,
     I_VX,
     I_VY,
+    J_COLS,
     O_A,
     O_CRITICAL,
     O_FN,
@@ -46,6 +47,7 @@ from .layout import (
     O_WORK,
     P_V,
     P_Z,
+    Q_COLS,
     R_A,
     R_CRITICAL,
     R_CURVATURE,
@@ -75,6 +77,7 @@ from .layout import (
     TILE,
 )  # fmt: skip
 from .options import INNER
+from .rolling import apply_rolling, record_rolling, stage_rolling
 
 CHUNK = 1024
 """Slots per chunk."""
@@ -271,14 +274,14 @@ def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
 
 @njit(**INNER)
 def contact_chunk(
-    c, n, own, partner, kind, S, B, P, body, H, F, R, sums, law, pairs, dt, v_x, v_y, l_x, l_y, n_history, observed
+    c, n, own, partner, kind, S, B, P, body, H, F, R, sums, law, pairs, dt, v_x, v_y, l_x, l_y, n_history, rolling, observed
 ):
     """Forces of the candidate slots of chunk c: filter by gap, then the law in tiles of TILE active contacts."""
     first, last = c * CHUNK, min((c + 1) * CHUNK, n)
     for s in range(SUM_COLS):
         sums[c, s] = 0.0
-    I = np.empty((I_HISTORY + n_history) * TILE)  # noqa: E741
-    O = np.empty((O_HISTORY + n_history) * TILE)  # noqa: E741
+    I = np.empty((I_HISTORY + n_history + J_COLS) * TILE)  # noqa: E741
+    O = np.empty((O_HISTORY + n_history + Q_COLS) * TILE)  # noqa: E741
     G = np.empty((TILE, GEOMETRY))
     slots = np.empty(TILE, np.int64)
     m = np.int64(0)  # not the literal 0, for which the callees would be compiled once more
@@ -294,9 +297,17 @@ def contact_chunk(
         else:
             release(k, H, F, sums, c)
         if m == TILE or (k == last - 1 and m > 0):
+            if rolling:
+                for q in range(m):
+                    stage_rolling(q, slots[q], own, partner, S, dt, I, G, n_history)
             law(I, O, m, pairs)
             for q in range(m):
                 apply(q, slots[q], O, G, own, partner, S, H, F, n_history, sums, c)
                 if observed:
                     record(q, slots[q], I, O, G, own, partner, S, P, R, v_x, v_y)
+            if rolling:
+                for q in range(m):
+                    apply_rolling(q, slots[q], partner, O, G, F, n_history)
+                    if observed:
+                        record_rolling(q, slots[q], O, G, R, n_history)
             m = np.int64(0)

@@ -59,6 +59,8 @@ R_VJ = 23  # velocity of the partner's surface at the contact, 3
 R_STORED_N, R_STORED_T = 26, 27
 R_EFFECTIVE = 28
 R_COLS = 30
+R_M, R_M_LIMIT = 30, 33  # moment on the owner, 3, and its limit: columns that only a scene with a rolling law has
+R_ROLLING_COLS = 34
 
 # Law tile: input fields (then history), output fields (then history); stride TILE.
 TILE = 128
@@ -66,6 +68,9 @@ I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = r
 (O_FN, O_TX, O_TY, O_LOAD, O_LIMIT, O_CRITICAL, O_SLIP, O_A, O_STORED_N, O_STORED_T, O_WORK, O_POWER, O_HISTORY) = (
     range(13)
 )
+# Behind the history, only if a law of the rolling stage is named: relative rotation of the step and its rate; the moment.
+J_X, J_Y, J_RATE_X, J_RATE_Y, J_COLS = range(5)
+Q_X, Q_Y, Q_LIMIT, Q_COLS = range(4)
 
 # A: totals since the start of the run (J, N s, m), and the powers of the last step for the trapezoid.
 (A_FRICTION, A_DAMPING, A_PLATE_WORK, A_PLATE_ABS, A_EFFECTS, A_IMPULSE, A_IMPULSE_LOW, A_TIME, A_DISTANCE) = (

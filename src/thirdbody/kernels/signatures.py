@@ -8,8 +8,8 @@ _ROW = types.Array(types.float64, 1, "C")
 LAW = types.void(_ROW, _ROW, types.int64, _ROW)
 """law(inputs, outputs, number of contacts in the tile, parameters of all pairs)"""
 
-EFFECTS = types.void(_TABLE, types.int64, types.int64, types.float64, _ROW)
-"""effects(bodies, first, last, time, parameters)"""
+EFFECTS = types.void(_TABLE, types.int64, types.int64, types.float64, types.float64, _ROW)
+"""effects(bodies, first, last, time, time step, parameters)"""
 
 OBSERVE = types.void(_TABLE, types.int64, _ROW, _ROW)
 """observe(contacts of the body, how many, body, memory)"""

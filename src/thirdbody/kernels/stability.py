@@ -59,6 +59,19 @@ def add_contact(K, C, b, B, r, n, k_n, k_t, c_n, c_t):
 
 
 @njit(**INNER)
+def add_rolling(K, C, b, B, n, k_r, c_r):
+    """Add k_r (1 - n n^T), which resists all rotation but that about n, to body b's stiffness, and c_r to its damping."""
+    a, b_, c, d, e, f, g, h, i = matrix(B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
+    m = (a * n[0] + d * n[1] + g * n[2], b_ * n[0] + e * n[1] + h * n[2], c * n[0] + f * n[1] + i * n[2])
+    for p in range(3):
+        for q in range(3):
+            same = 1.0 if p == q else 0.0
+            share = (same - m[p] * m[q]) / math.sqrt(B[b, B_I + p] * B[b, B_I + q])
+            K[b, 3 + p, 3 + q] += k_r * share
+            C[b, 3 + p, 3 + q] += c_r * share
+
+
+@njit(**INNER)
 def largest_eigenvalue(K):
     """An upper bound of the largest eigenvalue of a positive semidefinite 6x6 matrix, at most 12 % high: tr(K^16)^(1/16)."""
     scale = 0.0
@@ -116,7 +129,7 @@ def frequencies(n, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, 
     Contacts are taken as deep as they can be after the `horizon` (s), but no new depth beyond `limit` times the radius.
     A contact between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
     """
-    I, O = np.empty((I_HISTORY + 1) * TILE), np.zeros(4 * TILE)  # noqa: E741
+    I, O = np.empty((I_HISTORY + 1) * TILE), np.zeros(6 * TILE)  # noqa: E741
     K, C = np.zeros((B.shape[0], 6, 6)), np.zeros((B.shape[0], 6, 6))
     plate = P.shape[0] - 1
     for p in range(plate + 1):
@@ -136,7 +149,8 @@ def frequencies(n, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, 
         I[I_OVERLAP * TILE], I[I_RADIUS * TILE], I[I_MASS * TILE], I[I_TYPE * TILE] = overlap, radius, mass, kind[k]
         I[I_VN * TILE] = -1.0
         stiffness(I, O, 1, pairs)
-        k_n, k_t, c_n, c_t = O[0], O[TILE], O[2 * TILE], O[3 * TILE]
+        k_n, k_t, k_r = O[0], O[TILE], O[2 * TILE]
+        c_n, c_t, c_r = O[3 * TILE], O[4 * TILE], O[5 * TILE]
         twice = 1.0
         if j < -1 and P[-j - 2, P_FREE] != 0.0:
             twice = 2.0
@@ -147,8 +161,12 @@ def frequencies(n, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, 
             twice = 2.0
             r = (S[j, S_ARM] + S[j, S_R] * n_x, S[j, S_ARM + 1] + S[j, S_R] * n_y, S[j, S_ARM + 2] + S[j, S_R] * n_z)
             add_contact(K, C, body[j], B, r, n_, 2.0 * k_n, 2.0 * k_t, 2.0 * c_n, 2.0 * c_t)
+            if k_r > 0.0 or c_r > 0.0:
+                add_rolling(K, C, body[j], B, n_, 2.0 * k_r, 2.0 * c_r)
         r = (S[i, S_ARM] - S[i, S_R] * n_x, S[i, S_ARM + 1] - S[i, S_R] * n_y, S[i, S_ARM + 2] - S[i, S_R] * n_z)
         add_contact(K, C, body[i], B, r, n_, twice * k_n, twice * k_t, twice * c_n, twice * c_t)
+        if k_r > 0.0 or c_r > 0.0:
+            add_rolling(K, C, body[i], B, n_, twice * k_r, twice * c_r)
     for p in range(plate):
         patches[p, 0] += 2.0 * P[p, P_SPRING] / P[p, P_MASS]
         patches[plate, 0] += 2.0 * P[p, P_SPRING] / P[plate, P_MASS] * P[plate, P_FREE]

@@ -146,7 +146,7 @@ WORK = types.void(
     _I1, _I1, _F2, _F2, _F2,  # body, start; offsets, X0, S
     _F2, _F2, _F2, _F2, _F2, _F2,  # B, P, H, F, R, M
     _F1, _F1, _F1, _F1, _F2, _F2,  # pairs, effect parameters, D, A; sums, moves
-    types.int64, types.int64, types.boolean,  # n_history, width, has_effects
+    types.int64, types.boolean, types.int64, types.boolean,  # n_history, rolling, width, has_effects
     types.UniTuple(types.float64, 2),  # drag direction
     types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE),
 )  # fmt: skip
@@ -156,7 +156,8 @@ ADVANCE = types.Tuple((types.int64, types.int64))(
     _I1, _I1, _I1, _F2, _F2, _F2,  # body, start, patch; offsets, X0, S
     _F2, _F2, _F2, _F2, _F2, _F2,  # B, P, H, F, R, M
     _F1, _F1, _F1, _F1, _F2, _I1, _F2, _F2,  # pairs, effect parameters, D, A; schedule, first; sums, moves
-    types.int64, types.int64, types.int64, types.boolean, types.boolean,  # n_history, stride, width, has_effects, labels
+    types.int64, types.boolean, types.int64, types.int64, types.boolean, types.boolean,
+    # ... n_history, rolling, stride, width, has_effects, labels
     types.UniTuple(types.float64, 2),  # drag direction
     types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE), types.FunctionType(WORK),
 )  # fmt: skip
@@ -164,14 +165,14 @@ ADVANCE = types.Tuple((types.int64, types.int64))(
 
 @njit(WORK, **OPTIONS)
 def work(task, c, record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start, offsets, X0, S, B, P, H,
-         F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, width, has_effects, drag, law, effects,
+         F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects,
          observe):  # fmt: skip
     """Chunk c of one pass of the step; one parallel region serves all passes, which keeps the compilation short."""
     if task == DRIFT:
         drift_chunk(c, start, offsets, S, X0, B, D, dt, D[D_FLOOR], moves)
     elif task == CONTACTS:
         contact_chunk(c, n, own, partner, kind, S, B, P, body, H, F, R, sums, law, pairs, dt, v_x, v_y,
-                      max(D[D_LX], 0.0), max(D[D_LY], 0.0), n_history, record)  # fmt: skip
+                      max(D[D_LX], 0.0), max(D[D_LY], 0.0), n_history, rolling, record)  # fmt: skip
     elif task == GATHER:
         gather_chunk(c, incidence, edges, partner, F, B, dt, time, effects, effect_parameters, has_effects, moves)
     else:
@@ -181,8 +182,8 @@ def work(task, c, record, time, v_x, v_y, dt, n, own, partner, kind, edges, inci
 
 @njit(ADVANCE, parallel=True, **OPTIONS)
 def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence, body, start, patch, offsets, X0, S,
-            B, P, H, F, R, M, pairs, effect_parameters, D, A, schedule, first, sums, moves, n_history, stride, width, has_effects,
-            labels, drag, law, effects, observe, work):  # fmt: skip
+            B, P, H, F, R, M, pairs, effect_parameters, D, A, schedule, first, sums, moves, n_history, rolling, stride,
+            width, has_effects, labels, drag, law, effects, observe, work):  # fmt: skip
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
     Returns the code and the slot or body that a guard names, or whether a search is due. State is synchronised on return.
@@ -209,13 +210,13 @@ def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence
             count = n_chunks if task == CONTACTS else n_groups
             if count == 1:
                 work(np.int64(task), np.int64(0), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body,
-                     start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, width,
-                     has_effects, drag, law, effects, observe)  # fmt: skip
+                     start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling,
+                     width, has_effects, drag, law, effects, observe)  # fmt: skip
             else:
                 for c in prange(count):
                     work(np.int64(task), np.int64(c), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body,
-                         start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, width,
-                         has_effects, drag, law, effects, observe)  # fmt: skip
+                         start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling,
+                         width, has_effects, drag, law, effects, observe)  # fmt: skip
         if sampled:
             A[A_ELAPSED], A[A_DX], A[A_DY] = 0.0, 0.0, 0.0
         code, number = guard(D, sums, n_chunks, moves, n_groups)

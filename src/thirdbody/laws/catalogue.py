@@ -7,7 +7,9 @@ from .contract import LawFamily, Plugin
 from .coulomb import COULOMB
 from .damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from .hertz import HERTZ
+from .local_damping import LOCAL_DAMPING
 from .mindlin import MINDLIN
+from .rolling import ROLLING_RESISTANCE
 
 PLUGIN = Plugin(
     name="catalogue",
@@ -23,6 +25,6 @@ PLUGIN = Plugin(
             source="Hertz 1882; Mindlin 1949",
         ),
     ),
-    effects=(GRAVITY, DAMPING),
+    effects=(GRAVITY, DAMPING, LOCAL_DAMPING, ROLLING_RESISTANCE),
     source="thirdbody's catalogue",
 )

@@ -7,30 +7,25 @@ a source hash behind a function pointer; same speed as hand-inlined, the engine 
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
-import os
-import sys
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
-import numba
-
-from .. import cache
 from ..kernels import layout as at
-from .contract import STAGES, BodyEffect, Labeller, Law
+from .contract import STAGES, STIFF, BodyEffect, Labeller, Law
+from .generated import load, plain
 
 HEAD = """# generated: {title}
 import math
 from numba import njit
 from thirdbody.kernels.signatures import EFFECTS, LAW
-from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal
+from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
 {imports}
 
 """
+
+STILL = "Turn(0.0, 0.0, 0.0, 0.0)"
 
 CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {VN}],
                     I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}])
@@ -69,26 +64,31 @@ def compose(laws: Iterable[Law]) -> Chain:
     """Compile the chain of contact laws; raises ValueError as `ordered` does."""
     chain = ordered(laws)
     text = _contact_module(chain)
-    module, path = _load("law", text, [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent])
+    module, path = load("law", text, [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent])
     history = tuple(f"{law.name}.{name}" for law in chain for name in law.history)
     return Chain(chain, module.law, getattr(module, "stiffness", None), history, _width(chain), path)
 
 
 def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
-    """Compile the loop over bodies that applies these effects, each with its own parameters, in their order."""
+    """Compile the loop over bodies that applies these effects, each with its own parameters, in their order.
+
+    Effects that see forces come last. Behind all parameters stands the end of settling, s, if any effect asks for it.
+    """
     lines: list[str] = []
     imports: list[str] = []
-    offset = 0
-    for k, effect in enumerate(effects):
+    counts = [len(field_names(effect.parameters)) for effect in effects]
+    first = [k for k, effect in enumerate(effects) if not effect.sees_forces]
+    for k, effect in sorted(enumerate(effects), key=lambda entry: entry[1].sees_forces):
         imports += _imports(k, effect.kernel, effect.parameters)
-        count = len(field_names(effect.parameters))
-        values = ", ".join(f"P[{offset + i}]" for i in range(count))
-        lines.append(f"        e{k} = kernel_{k}(b, parameters_{k}({values}))")
-        offset += count
+        values = ", ".join(f"P[{sum(counts[:k]) + i}]" for i in range(counts[k]))
+        seen = f"{_late(first)}, {_total(first)}" if effect.sees_forces else "b"
+        call = f"kernel_{k}({seen}, parameters_{k}({values}))"
+        until = f" if time < P[{sum(counts)}] else Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)" if effect.settling else ""
+        lines.append(f"        e{k} = {call}{until}")
     sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
     lines += [f"        B[i, {at.B_EF + i}] = {total or 0.0}" for i, total in enumerate(sums)]
     body = f"""@njit(EFFECTS, error_model="numpy", cache=True)
-def effects(B, first, last, time, P):
+def effects(B, first, last, time, dt, P):
     for i in range(first, last):
         mean = (B[i, {at.B_I}] + B[i, {at.B_I + 1}] + B[i, {at.B_I + 2}]) / 3.0
         b = Body(B[i, {at.B_MASS}], B[i, {at.B_X}], B[i, {at.B_X + 1}], B[i, {at.B_X + 2}],
@@ -97,8 +97,26 @@ def effects(B, first, last, time, P):
 """ + "\n".join(lines)
     title = " + ".join(effect.name for effect in effects)
     text = HEAD.format(title=title, imports="\n".join(imports)) + body + "\n"
-    module, _ = _load("effects", text, [effect.kernel for effect in effects])
+    module, _ = load("effects", text, [effect.kernel for effect in effects])
     return module.effects
+
+
+def _sum(effects: Sequence[int], component: int) -> str:
+    return "".join(f" + e{k}[{component}]" for k in effects)
+
+
+def _total(effects: Sequence[int]) -> str:
+    """Force and torque of the contacts, which the table holds when effects are asked, and of these effects."""
+    columns = (*range(at.B_F, at.B_F + 3), *range(at.B_T, at.B_T + 3))
+    parts = [f"B[i, {column}]{_sum(effects, k)}" for k, column in enumerate(columns)]
+    return f"Wrench({', '.join(parts)})"
+
+
+def _late(effects: Sequence[int]) -> str:
+    """The body with the closing half kick of these effects: without it the sign of the velocity has a bias of g dt/2, and what
+    opposes the motion would keep a body trembling instead of bringing it to rest."""
+    kicks = [f"b[{4 + k}] + 0.5 * dt / {'mean' if k > 2 else 'b.mass'} * (0.0{_sum(effects, k)})" for k in range(6)]
+    return f"Body(b.mass, b.x, b.y, b.z, {', '.join(kicks)}, mean, time)"
 
 
 def compose_labeller(labeller: Labeller) -> tuple[Callable, Callable]:
@@ -106,7 +124,7 @@ def compose_labeller(labeller: Labeller) -> tuple[Callable, Callable]:
     text = "# generated: " + labeller.name + "\nfrom numba import njit\n"
     text += "from thirdbody.kernels.signatures import LABEL, OBSERVE\n"
     for name in ("observe", "label"):
-        function = _plain(getattr(labeller, name))
+        function = plain(getattr(labeller, name))
         text += f"from {function.__module__} import {function.__name__} as {name}_kernel\n"
     text += """
 
@@ -119,7 +137,7 @@ def observe(contacts, n, body, memory):
 def label(contacts, n, body, memory, out):
     label_kernel(contacts, n, body, memory, out)
 """
-    module, _ = _load("labeller", text, [labeller.observe, labeller.label])
+    module, _ = load("labeller", text, [labeller.observe, labeller.label])
     return module.observe, module.label
 
 
@@ -133,12 +151,8 @@ def _width(chain: Sequence[Law]) -> int:
     return max(sum(len(field_names(law.parameters)) for law in chain), 1)
 
 
-def _plain(function: Callable) -> Callable:
-    return function.py_func if hasattr(function, "py_func") else function
-
-
 def _imports(k: int, kernel: Callable, parameters: type) -> list[str]:
-    function = _plain(kernel)
+    function = plain(kernel)
     return [
         f"from {function.__module__} import {function.__name__} as kernel_{k}",
         f"from {parameters.__module__} import {parameters.__name__} as parameters_{k}",
@@ -150,10 +164,10 @@ def _contact_module(chain: Sequence[Law]) -> str:
     for k, law in enumerate(chain):
         imports += _imports(k, law.kernel, law.parameters)
         if law.tangent is not None:
-            function = _plain(law.tangent)
+            function = plain(law.tangent)
             imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
     text = HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports)) + _law_function(chain)
-    if all(law.tangent is not None for law in chain if law.stage in ("normal", "tangential")):
+    if all(law.tangent is not None for law in chain if law.stage in STIFF):
         text += "\n\n" + _stiffness_function(chain)
     return text
 
@@ -204,6 +218,8 @@ def _law_function(chain: Sequence[Law]) -> str:
             lines += _call(chain, k, "c, n", f"a{k}")
             lines += [f"        force += a{k}.force", f"        stored += a{k}.stored"]
     lines += _tangential_lines(chain, stages)
+    if "rolling" in stages:
+        lines += _rolling_lines(chain, stages["rolling"])
     outputs = {
         "FN": "force",
         "TX": "t_x",
@@ -237,21 +253,37 @@ def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]
     if "tangential_damping" in stages:
         k = stages["tangential_damping"]
         lines += _call(chain, k, "c, load", "viscosity")
-        lines += [
-            # the largest share s in [0, 1] of the viscous force d that keeps |t + s d| inside the friction limit
-            "        d_x, d_y = -viscosity * c.v_x, -viscosity * c.v_y",
-            "        dd, td = d_x * d_x + d_y * d_y, t_x * d_x + t_y * d_y",
-            "        room = max(limit * limit - t_x * t_x - t_y * t_y, 0.0)",
-            "        share = min(max((math.sqrt(td * td + dd * room) - td) / max(dd, 1e-300), 0.0), 1.0)",
-            "        t_x += share * d_x",
-            "        t_y += share * d_y",
-            "        power -= share * (d_x * c.v_x + d_y * c.v_y)",
-        ]
+        lines += _fitted("t_x", "t_y", "viscosity", "c.v", "limit", "t")
     return lines
 
 
+def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
+    """The moment; its spring and its losses join those of friction. Its columns stand behind the history."""
+    history = sum(len(law.history) for law in chain)
+    turn = ", ".join(f"I[{_field(at.I_HISTORY + history + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
+    lines = [f"        turn = Turn({turn})", *_call(chain, k, "c, turn, load", "r")]
+    lines += _fitted("r.x", "r.y", "r.viscosity", "turn.w", "r.limit", "m")
+    lines += ["        stored_t += r.stored", "        work += r.dissipated"]
+    outputs = {at.Q_X: "m_x", at.Q_Y: "m_y", at.Q_LIMIT: "r.limit"}
+    return lines + [f"        O[{_field(at.O_HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
+
+
+def _fitted(x: str, y: str, viscosity: str, rate: str, limit: str, name: str) -> list[str]:
+    """`name`_x, `name`_y: (x, y) plus the largest share s in [0, 1] of the viscous part d that keeps |t + s d| in the limit."""
+    return [
+        f"        {name}_x, {name}_y = {x}, {y}",
+        f"        d_x, d_y = -{viscosity} * {rate}_x, -{viscosity} * {rate}_y",
+        f"        dd, td = d_x * d_x + d_y * d_y, {name}_x * d_x + {name}_y * d_y",
+        f"        room = max({limit} * {limit} - {name}_x * {name}_x - {name}_y * {name}_y, 0.0)",
+        "        share = min(max((math.sqrt(td * td + dd * room) - td) / max(dd, 1e-300), 0.0), 1.0)",
+        f"        {name}_x += share * d_x",
+        f"        {name}_y += share * d_y",
+        f"        power -= share * (d_x * {rate}_x + d_y * {rate}_y)",
+    ]
+
+
 def _stiffness_function(chain: Sequence[Law]) -> str:
-    """Normal and virgin tangential stiffness, then both dashpots, of a tile: what the time step is bounded by.
+    """Normal, virgin tangential and rolling stiffness, then the dashpots, of a tile: what the time step is bounded by.
 
     The tile is asked for an approach at 1 m/s, so the viscous force is the coefficient of the dashpot.
     """
@@ -262,23 +294,27 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
     arguments = f"c, p{k}" + (f", {zeros}" if zeros else "")
     lines.append(f"        k_n = tangent_{k}({arguments})")
     lines.append(f"        n = kernel_{k}({arguments})" + ("[0]" if zeros else ""))
-    lines.append("        c_n, c_t = 0.0, 0.0")
+    lines.append("        c_n, c_t, c_r = 0.0, 0.0, 0.0")
+    lines.append("        load = Load(n.force, n.force, n.contact_radius, k_n)")
     if "damping" in stages:
         lines += _virgin_call(chain, stages["damping"], "c, n", "c_n")
     if "tangential_damping" in stages:
-        lines.append("        load = Load(n.force, n.force, n.contact_radius, k_n)")
         lines += _virgin_call(chain, stages["tangential_damping"], "c, load", "c_t")
-    if "tangential" in stages:
-        k = stages["tangential"]
+    if "rolling" in stages:
+        lines += _virgin_call(chain, stages["rolling"], f"c, {STILL}, load", "r") + ["        c_r = r.viscosity"]
+    for stage, name, moved in (("tangential", "k_t", "c"), ("rolling", "k_r", f"c, {STILL}")):
+        if stage not in stages:
+            lines.append(f"        {name} = 0.0")
+            continue
+        k = stages[stage]
         zeros = ", (" + "0.0, " * _history(chain, k)[1] + ")" if _history(chain, k)[1] else ""
         lines += [
             f"        p{k} = {_parameters(chain, k)}",
-            f"        t = tangent_{k}(c, Load(n.force, n.force, n.contact_radius, k_n), p{k}{zeros})",
-            "        k_t = max(-t[0], -t[3])",
+            f"        t = tangent_{k}({moved}, load, p{k}{zeros})",
+            f"        {name} = max(-t[0], -t[3])",
         ]
-    else:
-        lines.append("        k_t = 0.0")
-    lines += [f"        O[{_field(i)}] = {name}" for i, name in enumerate(("k_n", "k_t", "c_n", "c_t"))]
+    names = ("k_n", "k_t", "k_r", "c_n", "c_t", "c_r")
+    lines += [f"        O[{_field(i)}] = {name}" for i, name in enumerate(names)]
     head = '@njit(LAW, error_model="numpy", cache=True)\ndef stiffness(I, O, n_contacts, P):\n    for q in range(n_contacts):\n'
     return head + _contact(_width(chain)) + "\n".join(lines) + "\n"
 
@@ -289,66 +325,3 @@ def _virgin_call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> l
     zeros = ", (" + "0.0, " * count + ")" if count else ""
     first = "[0]" if count else ""
     return [f"        p{k} = {_parameters(chain, k)}", f"        {answer} = kernel_{k}({arguments}, p{k}{zeros}){first}"]
-
-
-def source_files(functions: Iterable[Callable]) -> list[Path]:
-    """Every source file that a law's result can depend on.
-
-    The whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there through
-    names (functions, classes, constants of a module, modules), but for installed libraries, whose versions are fixed.
-    """
-    files: set[Path] = set()
-    waiting = [sys.modules[_plain(function).__module__] for function in functions]
-    own = {module.__name__.partition(".")[0] for module in waiting}
-    seen: set[str] = set()
-    while waiting:
-        module = waiting.pop()
-        file = getattr(module, "__file__", None)
-        if module.__name__ in seen or file is None or not file.endswith(".py"):
-            continue
-        seen.add(module.__name__)
-        files.add(Path(file))
-        top = sys.modules.get(module.__name__.partition(".")[0])
-        if getattr(top, "__path__", None) and top is not None and top.__file__ is not None:
-            files.update(Path(top.__file__).parent.rglob("*.py"))
-        waiting += [found for found in _named_in(module) if not _installed(found, own)]
-    return sorted(files)
-
-
-def _named_in(module: ModuleType) -> list[ModuleType]:
-    """Modules that a module's names come from."""
-    values = list(vars(module).values())
-    names = {getattr(value, "__module__", None) for value in values}
-    names |= {getattr(_plain(value), "__module__", None) for value in values if callable(value)}
-    found = [value for value in values if isinstance(value, ModuleType)]
-    return found + [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
-
-
-def _installed(module: ModuleType, own: set[str]) -> bool:
-    """Whether a module belongs to Python, to this engine (the cache folder's name hashes it), or to an installed library."""
-    top = module.__name__.partition(".")[0]
-    if top in own:
-        return False
-    parts = Path(getattr(module, "__file__", None) or "").parts
-    return top in sys.stdlib_module_names or top == "thirdbody" or "site-packages" in parts or "dist-packages" in parts
-
-
-def _load(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
-    """Write the generated text under a name that hashes all it depends on, and import it."""
-    digest = hashlib.sha256(text.encode() + numba.__version__.encode())
-    for file in source_files(functions):
-        digest.update(file.read_bytes())
-    name = f"thirdbody_{kind}_{digest.hexdigest()[:20]}"
-    path = cache.folder() / f"{name}.py"
-    if name in sys.modules:
-        return sys.modules[name], path
-    if not path.exists():
-        draft = path.with_suffix(f".{os.getpid()}")
-        draft.write_text(text)
-        os.replace(draft, path)  # atomic: several processes may race for the same name
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module, path

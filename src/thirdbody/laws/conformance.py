@@ -16,9 +16,9 @@ from .conformance_symmetry import compiled, finite, friction_limit, history, no_
 from .conformance_work import energy, ledger, tangent
 from .contract import STAGES, Law
 
-ELASTIC = ("normal", "adhesion", "tangential")
+ELASTIC = ("normal", "adhesion", "tangential", "rolling")
 VISCOUS = ("damping", "tangential_damping")
-SHEARED = ("tangential", "tangential_damping")
+SHEARED = ("tangential", "tangential_damping", "rolling")
 
 TESTS: tuple[tuple[str, tuple[str, ...], Callable[[Bench], tuple[bool, str]]], ...] = (
     ("finite", STAGES, finite),
@@ -93,7 +93,9 @@ def declaration_faults(law: Law) -> list[str]:
         faults.append("a history name stands twice")
     for option in law.options:
         values = option.default if isinstance(option.default, Sequence) else [option.default]
-        if any(x is not None and not option.low <= x <= option.high for x in values):
+        if isinstance(option.default, str) or option.words:
+            faults.append(f"option '{option.name}' of a contact law is a word: kernels take numbers")
+        elif any(x is not None and not option.low <= float(x) <= option.high for x in values):
             faults.append(f"the default of option '{option.name}' is outside its own range")
     return faults
 

@@ -3,6 +3,9 @@ contacts.
 
 Arrays are (T, 128) or (T, k, 128): one tile for each setting, times `repeats`, all driven at once. A setting
 is a pair of materials, a radius and a set of options, from ordinary to extreme.
+
+A rolling law is driven along the same paths: its moment over R* is the tangential force, and the slip over R* is the turn, so
+that work and power are the same and every test of a tangential law is one of a rolling law.
 """
 
 from __future__ import annotations
@@ -75,7 +78,7 @@ def _value(option: Option, end: str) -> float | tuple[float, ...]:
     usual = TYPICAL.get(option.dimension, 0.1) if option.default is None else option.default
     if math.isfinite(bound):
         usual = bound
-    elif isinstance(usual, Sequence):
+    elif isinstance(usual, Sequence) and not isinstance(usual, str):
         return tuple(usual)
     value = min(max(float(usual), option.low), option.high)
     return value if option.size == 1 else (value,) * option.size
@@ -117,6 +120,8 @@ class Bench:
             numbers = [x for p in row for x in p]
             self.table[k, : len(numbers)] = numbers
         self.width = len(self.chain.history)
+        self.rolling = law.stage == "rolling"
+        self.sheared = law.stage in ("tangential", "rolling")
 
     def parameters(self, setting: int) -> Any:
         """The law's own parameters in a setting."""
@@ -142,22 +147,30 @@ class Bench:
         """The tiles as the engine stages them, (T, fields, 128)."""
         tiles = len(asked.overlap)
         radius = self.radius(tiles)
-        I = np.empty((tiles, at.I_HISTORY + self.width, at.TILE))  # noqa: E741
+        end = at.I_HISTORY + self.width
+        I = np.empty((tiles, end + (at.J_COLS if self.rolling else 0), at.TILE))  # noqa: E741
         I[:, at.I_OVERLAP], I[:, at.I_RADIUS], I[:, at.I_MASS] = asked.overlap, radius, 8e3 * radius**3
         I[:, at.I_VN] = asked.v_n
         I[:, at.I_SX : at.I_SY + 1], I[:, at.I_VX : at.I_VY + 1] = asked.slip, asked.v
         I[:, at.I_TYPE] = self.setting_of(tiles)[:, None]
-        I[:, at.I_HISTORY :] = history
+        I[:, at.I_HISTORY : end] = history
+        if self.rolling:
+            I[:, end : end + 2], I[:, end + 2 :] = asked.slip / radius[:, None], asked.v / radius[:, None]
         return I
 
     def call(self, asked: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
         """Answers (T, 12, 128) by `kernels.layout` names O_*, and the new history (T, h, 128)."""
         I = self.inputs(asked, history)  # noqa: E741
-        O = np.full((len(I), at.O_HISTORY + self.width, at.TILE), np.nan)  # noqa: E741
+        end = at.O_HISTORY + self.width
+        O = np.full((len(I), end + (at.Q_COLS if self.rolling else 0), at.TILE), np.nan)  # noqa: E741
         flat, out, table = I.reshape(len(I), -1), O.reshape(len(I), -1), self.table.ravel()
         for t in range(len(I)):
             (law or self.chain.law)(flat[t], out[t], at.TILE, table)
-        return O[:, : at.O_HISTORY], O[:, at.O_HISTORY :]
+        if self.rolling:
+            per_arm = 1.0 / self.radius(len(I))
+            for force, moment in ((at.O_TX, at.Q_X), (at.O_TY, at.Q_Y), (at.O_LIMIT, at.Q_LIMIT)):
+                O[:, force] = O[:, end + moment] * per_arm
+        return O[:, : at.O_HISTORY], O[:, at.O_HISTORY : end]
 
     def virgin(self, tiles: int) -> Array:
         """Empty history."""

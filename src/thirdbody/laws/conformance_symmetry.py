@@ -3,6 +3,8 @@ compiler, history. Each gives (passed, detail)."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..kernels import layout as at
@@ -17,7 +19,6 @@ from .conformance_paths import (
     random_paths,
     walk,
 )
-from .contract import Pair
 
 Result = tuple[bool, str]
 
@@ -87,7 +88,7 @@ def swap(bench: Bench) -> Result:
         return passed, detail
     for k, setting in enumerate(bench.settings):
         pair = setting.pair
-        other = bench.law.mix(Pair(pair.b, pair.a, pair.friction, pair.restitution), setting.options)
+        other = bench.law.mix(replace(pair, a=pair.b, b=pair.a), setting.options)
         if not np.allclose(bench.parameters(k), other, rtol=ROUND_OFF, atol=0.0):
             return False, f"mix depends on the order of the materials: {bench.parameters(k)}, {other}"
     return True, detail
@@ -119,10 +120,13 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
 
 def friction_limit(bench: Bench) -> Result:
     """|T| never beyond the stated limit, and the limit is mu times the load where the law has a parameter
-    `mu`."""
+    `mu` (rolling: `mu_r`)."""
     path = random_paths(bench, 8, repeats=2)
-    mu = bench.friction(len(path.overlap[0]))
-    has_mu = bench.law.stage == "tangential" and hasattr(bench.law.parameters, "mu")
+    tiles = len(path.overlap[0])
+    mu = bench.friction(tiles)
+    has_mu = bench.sheared and hasattr(bench.law.parameters, "mu_r" if bench.rolling else "mu")
+    if bench.rolling and has_mu:
+        mu = bench.per_tile([bench.parameters(k).mu_r for k in range(len(bench.settings))], tiles)
     for m in (1, 4):
         for moment in walk(bench, path, m):
             answer = moment.answer
@@ -137,7 +141,7 @@ def friction_limit(bench: Bench) -> Result:
                 tile, lane = np.argwhere(~np.isclose(limit, allowed, rtol=ROUND_OFF, atol=0.0))[0]
                 ratio = limit[tile, lane] / max(allowed[tile, lane], 1e-300)
                 return False, f"limit is {ratio:.6g} mu N, {_place(bench, moment.asked, tile, lane)}"
-    return True, "" if has_mu or bench.law.stage != "tangential" else "no parameter mu: only |T| <= limit"
+    return True, "" if has_mu or not bench.sheared else "no parameter mu: only |T| <= limit"
 
 
 def passive(bench: Bench) -> Result:

@@ -15,6 +15,7 @@ import numpy as np
 from ..kernels import layout as at
 from .conformance_paths import (
     PAIRS,
+    SPAN,
     Array,
     Bench,
     Path,
@@ -24,7 +25,7 @@ from .conformance_paths import (
     random_paths,
     walk,
 )
-from .contract import Contact, Load, Normal
+from .contract import Contact, Load, Normal, Turn
 from .hertz import hertz, hertz_tangent
 
 Result = tuple[bool, str]
@@ -49,7 +50,7 @@ class Account(NamedTuple):
 def account(bench: Bench, path: Path, m: int) -> Account:
     """Drive the paths and keep their accounts. A contact that opens dissipates what its tangential spring
     holds."""
-    tangential = bench.law.stage == "tangential"
+    tangential = bench.sheared
     column = at.O_STORED_T if tangential else at.O_STORED_N
     zero = np.zeros_like(path.overlap[0])
     work, total, heat, stored, made, negative = zero, zero, zero, zero, zero, zero
@@ -64,7 +65,7 @@ def account(bench: Bench, path: Path, m: int) -> Account:
             done, lost = 0.5 * (answer[:, at.O_FN] + force) * (new_depth - depth), zero
         force, depth = answer[:, at.O_FN], new_depth
         work, total = work + done, total + np.abs(done)
-        stored, heat = answer[:, column], heat + answer[:, at.O_WORK] + lost
+        stored, heat = answer[:, column], heat + answer[:, at.O_WORK] + answer[:, at.O_POWER] * (SPAN / m) + lost
         made = np.maximum(made, stored - work)
         negative = np.minimum(negative, answer[:, at.O_WORK])
         total = np.maximum(total, np.abs(stored))
@@ -90,7 +91,7 @@ def energy(bench: Bench) -> Result:
 
 def _excess(bench: Bench, path: Path) -> Iterator[tuple[int, Array]]:
     """Energy made with small and large steps; by the trapezoid, only what does not fall with the step."""
-    if bench.law.stage == "tangential":
+    if bench.sheared:
         for m in (1, 3, 16):
             yield m, account(bench, path, m).made
         return
@@ -142,7 +143,7 @@ def samples(bench: Bench) -> list[Sample]:
     huge."""
     rng = np.random.default_rng(5)
     usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
-    own = len(bench.law.history)
+    own, end = len(bench.law.history), at.I_HISTORY + bench.width
     found: list[Sample] = []
     for moment in walk(bench, random_paths(bench, 3), 4):
         I = bench.inputs(moment.asked, moment.before)  # noqa: E741
@@ -150,7 +151,7 @@ def samples(bench: Bench) -> list[Sample]:
             for lane in rng.integers(at.TILE, size=3):
                 numbers = I[k, :, lane].tolist()
                 if numbers[at.I_OVERLAP] > 0.0:
-                    memory = tuple(numbers[len(numbers) - own :])
+                    memory = tuple(numbers[end - own : end])
                     found.append(Sample(k, Contact(*numbers[: at.I_TYPE]), memory))
     return found
 
@@ -206,7 +207,8 @@ def _arguments(bench: Bench, sample: Sample, c: Contact) -> tuple[Any, ...]:
     n, stiffness = _load(bench, sample, c)
     if bench.law.stage == "adhesion":
         return (c, n, p, *memory)
-    return (c, Load(n.force, n.force, n.contact_radius, stiffness), p, *memory)
+    turn = (Turn(c.slip_x / c.radius, c.slip_y / c.radius, c.v_x / c.radius, c.v_y / c.radius),) if bench.rolling else ()
+    return (c, *turn, Load(n.force, n.force, n.contact_radius, stiffness), p, *memory)
 
 
 def _answer(bench: Bench, sample: Sample, c: Contact) -> Any:
@@ -217,12 +219,15 @@ def _answer(bench: Bench, sample: Sample, c: Contact) -> Any:
 
 def _force(bench: Bench, sample: Sample, c: Contact) -> Array:
     answer = _answer(bench, sample, c)
-    return np.array([answer.x, answer.y] if bench.law.stage == "tangential" else [answer.force])
+    if bench.rolling:
+        return np.array([answer.x, answer.y]) / c.radius
+    return np.array([answer.x, answer.y] if bench.sheared else [answer.force])
 
 
 def _tangent(bench: Bench, sample: Sample) -> Any:
     assert bench.law.tangent is not None
-    return plain(bench.law.tangent)(*_arguments(bench, sample, sample.contact))
+    given, radius = plain(bench.law.tangent)(*_arguments(bench, sample, sample.contact)), sample.contact.radius
+    return [x / radius**2 for x in given[:4]] + [x / radius for x in given[4:]] if bench.rolling else given
 
 
 def _difference(bench: Bench, sample: Sample) -> tuple[Array, Array]:
@@ -230,8 +235,9 @@ def _difference(bench: Bench, sample: Sample) -> tuple[Array, Array]:
     c = sample.contact
     here = _force(bench, sample, c)
     directions = [("overlap", 1e-6 * c.overlap)]
-    if bench.law.stage == "tangential":
-        step = 1e-6 * (_answer(bench, sample, c).critical or c.overlap)
+    if bench.sheared:
+        critical = 0.0 if bench.rolling else _answer(bench, sample, c).critical
+        step = 1e-6 * (critical or c.overlap)
         directions = [("slip_x", step), ("slip_y", step), *directions]
     central, apart = [], []
     for name, step in directions:
@@ -239,7 +245,7 @@ def _difference(bench: Bench, sample: Sample) -> tuple[Array, Array]:
         behind = _force(bench, sample, c._replace(**{name: getattr(c, name) - step}))
         central.append((ahead - behind) / (2.0 * step))
         apart.append(np.abs(ahead - 2.0 * here + behind) / step)
-    if bench.law.stage != "tangential":
+    if not bench.sheared:
         return central[0], apart[0]
     order = [central[0][0], central[1][0], central[0][1], central[1][1], *central[2]]
     return np.array(order), np.array([apart[0][0], apart[1][0], apart[0][1], apart[1][1], *apart[2]])

@@ -17,10 +17,13 @@ Stage by stage (`h` only for laws that name a history; then the result is `(answ
 | damping | `(c, n, p)` | viscous normal force, N |
 | tangential | `(c, load, p[, h])` | `Tangential` |
 | tangential_damping | `(c, load, p)` | viscous force opposing slip per unit slip velocity, N s/m |
+| rolling | `(c, turn, load, p[, h])` | `Rolling` |
 
 The engine clips `normal + damping` at zero (a dashpot cannot pull a dry contact back), hands that sum to the tangential
 stage as the load that friction may use, adds adhesion to the total force only, and scales the viscous tangential force into
-what the friction limit leaves. It computes the powers of both dashpots from the forces that really acted.
+what the friction limit leaves; the same for the viscous part of a rolling moment. It computes the powers of all dashpots from the
+forces and moments that really acted. A moment acts on i, and turned round on j; `turn` is the rotation of i relative to j
+about the two tangential axes, so that the work of the pair is moment times turn.
 """
 
 from __future__ import annotations
@@ -31,7 +34,9 @@ from typing import Any, NamedTuple
 
 from numba import njit
 
-STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping")
+STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling")
+STIFF = ("normal", "tangential", "rolling")
+"""Stages whose tangents bound the time step."""
 
 kernel = njit(error_model="numpy", forceinline=True)
 """Decorator of every law kernel: IEEE arithmetic, inlined into the generated contact loop."""
@@ -87,6 +92,27 @@ class Tangential(NamedTuple):
     dissipated: float  # J, during this step
 
 
+class Turn(NamedTuple):
+    """Rotation of i relative to j about the contact frame's tangential axes, for the laws of the rolling stage."""
+
+    x: float  # during the step
+    y: float
+    w_x: float  # 1/s, synchronised with the overlap
+    w_y: float
+
+
+class Rolling(NamedTuple):
+    """Answer of a rolling law."""
+
+    x: float  # moment on i about the frame's axes, N m
+    y: float
+    limit: float  # N m, the largest moment
+    viscosity: float  # N m s, viscous moment per unit rate of rolling; the engine fits it into what the limit leaves
+    turn: float  # irreversible rotation during this step
+    stored: float  # J
+    dissipated: float  # J, during this step
+
+
 class Body(NamedTuple):
     """What the engine tells a body effect about one body, SI, world axes."""
 
@@ -134,6 +160,7 @@ class Pair:
     b: Material
     friction: float
     restitution: float
+    rolling: float | None = None  # coefficient of rolling resistance where the scene gives one for the pair
 
 
 @dataclass(frozen=True)
@@ -141,16 +168,17 @@ class Option:
     """One value that a scene may give to a law or an effect.
 
     `dimension` is a name of `thirdbody.scene.units`, or "dimensionless"; `size` > 1 makes it a vector; `default=None`
-    makes it required; values outside [low, high] are a fault.
+    makes it required; values outside [low, high] are a fault. An option with `words` is one of them and no number.
     """
 
     name: str
     dimension: str
-    default: float | Sequence[float] | None
+    default: float | Sequence[float] | str | None
     low: float = -float("inf")
     high: float = float("inf")
     size: int = 1
     doc: str = ""
+    words: tuple[str, ...] = ()
 
 
 Options = Mapping[str, Any]
@@ -166,8 +194,9 @@ class Law:
 
     `mix(pair, options)` is plain Python, run once per material pair; it returns the kernel's parameter tuple `p`, an instance
     of `parameters`. `tangent` has the kernel's arguments and returns dN/dd (normal, adhesion) or the six numbers
-    dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd (tangential); a law without one runs in the explicit integrator only.
-    `wanted(pairs)` says whether these materials call for the law at all: if not, it is absent from the compiled code.
+    dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd (tangential; rolling: of moment and turn); a law without one runs in the
+    explicit integrator only. `wanted(pairs)` says whether these materials call for the law at all: if not, it is absent from
+    the compiled code.
     """
 
     name: str
@@ -184,7 +213,11 @@ class Law:
 
 @dataclass(frozen=True)
 class BodyEffect:
-    """A force and torque on every body: `kernel(body, p) -> Wrench`."""
+    """A force and torque on every body: `kernel(body, p) -> Wrench`.
+
+    One that `sees_forces` is `kernel(body, total, p)`, with the force and torque of all contacts and of all effects that do not.
+    One that is for `settling` acts until the upper plate is set in motion; a scene without such a phase is refused.
+    """
 
     name: str
     kernel: Callable
@@ -192,6 +225,8 @@ class BodyEffect:
     mix: Callable[[Options], Any]
     source: str
     options: tuple[Option, ...] = ()
+    sees_forces: bool = False
+    settling: bool = False
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ class FrameMaker:
         tangential = R[:, at.R_T : at.R_T + 3]
         size, limit = np.linalg.norm(tangential, axis=1), R[:, at.R_LIMIT]
         eta = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
-        return {
+        arrays = {
             "points": s.B[body, at.B_X : at.B_X + 3] + R[:, at.R_POINT : at.R_POINT + 3],
             "body": body,
             "partner": other,
@@ -77,6 +77,12 @@ class FrameMaker:
             "contact_radius": R[:, at.R_A],
             "critical_slip": R[:, at.R_CRITICAL],
         }
+        if s.physics.rolling:
+            moment = R[:, at.R_M : at.R_M + 3]
+            size, limit = np.linalg.norm(moment, axis=1), R[:, at.R_M_LIMIT]
+            arrays["moment"] = moment
+            arrays["rolling_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
+        return arrays
 
     def _clumps(self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         s, B = self.state, self.state.B

@@ -13,7 +13,7 @@ from ..engine.plates import Schedule
 from ..engine.state import State, World, assemble
 from ..errors import InputError
 from ..kernels import layout as at
-from ..laws.contract import Labeller
+from ..laws.contract import STIFF, Labeller
 from ..laws.elasticity import dundurs_beta
 from ..laws.registry import Registry, discover
 from . import units
@@ -90,10 +90,11 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
     labeller = choice.labeller
     warnings = _similarity_warnings(choice)
     if choice.physics.stiffness is None:
-        bare = ", ".join(law.name for law in choice.chain.laws if law.tangent is None and law.stage in ("normal", "tangential"))
+        bare = ", ".join(law.name for law in choice.chain.laws if law.tangent is None and law.stage in STIFF)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
     placed = populate(scene, warnings)
     upper = upper_plate(scene, choice, placed, warnings)
+    _end_settling(scene, choice, upper)
     names = list(scene.materials)
     lower = None if scene.plates.lower is None else names.index(scene.plates.lower.material)
     meets = scene.contact.debris_contact == "auto" and len(placed.clumps) > 1
@@ -110,6 +111,17 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
     simulation = Simulation(scene, choice, labeller, state, integrator, upper, warnings)
     _refuse_endless(simulation, force)
     return simulation
+
+
+def _end_settling(scene: Scene, choice: Choice, upper: Upper) -> None:
+    """Tell effects that are for settling when it ends. Raises InputError for a scene that has no such phase."""
+    passing = [effect.name for effect in choice.effects if effect.settling]
+    if not passing:
+        return
+    if upper.settle <= 0.0:
+        message = 'acts while the debris settles, and this scene has no such phase: give solver.settle, such as "20 us"'
+        raise InputError([scene.fault(("effects", name), message) for name in passing])
+    choice.physics.effect_parameters[-1] = upper.settle
 
 
 def _similarity_warnings(choice: Choice) -> list[str]:

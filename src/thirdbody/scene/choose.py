@@ -62,6 +62,8 @@ def choose(scene: Scene, registry: Registry) -> Choice:
     options = {law.name: values.get(law.name, law_values.get(law.name, {})) for law in chain.laws}
     rows = tuple(tuple(_mixed(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
     effect_row = [x for effect in effects for x in _mixed(effect, values[effect.name])]
+    if any(effect.settling for effect in effects):
+        effect_row.append(math.inf)  # the end of settling: `build` knows it
     labeller = family.labeller or _any_labeller(registry)
     try:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
@@ -124,7 +126,10 @@ def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
         Material(name, m.shear(), m.poisson_ratio, m.density, m.yield_strength) for name, m in scene.materials.items()
     )
     by_name = {material.name: material for material in materials}
-    pairs = tuple(Pair(by_name[p.between[0]], by_name[p.between[1]], p.friction, p.restitution) for p in scene.pairs)
+    pairs = tuple(
+        Pair(by_name[p.between[0]], by_name[p.between[1]], p.friction, p.restitution, p.rolling_friction)
+        for p in scene.pairs
+    )
     return materials, pairs
 
 
@@ -203,7 +208,11 @@ def _values(
     return values
 
 
-def _value(option: Option, raw: Any, given: bool) -> float | tuple[float, ...]:
+def _value(option: Option, raw: Any, given: bool) -> float | str | tuple[float, ...]:
+    if option.words:
+        if raw not in option.words:
+            raise ValueError(f"expected {' or '.join(repr(word) for word in option.words)}, got {raw!r}")
+        return raw
     if option.size == 1:
         return _number(option, raw, given)
     if not isinstance(raw, list | tuple) or len(raw) != option.size:
@@ -250,6 +259,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Ph
         law=chain.law,
         stiffness=chain.stiffness,
         history=chain.history,
+        rolling=any(law.stage == "rolling" for law in chain.laws),
         pairs=np.ascontiguousarray(parameters.ravel()),
         kinds=kinds,
         effects=compose_effects(effects),

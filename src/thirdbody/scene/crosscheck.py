@@ -68,6 +68,15 @@ def pair_faults(raw: dict[str, Any]) -> list[Wrong]:
     return wrongs
 
 
+def rolling_faults(raw: dict[str, Any]) -> list[Wrong]:
+    """Coefficients of an effect that is off: it would be silently ignored."""
+    if get(raw.get("effects"), "rolling_resistance") is not None or get(get(raw.get("effects"), "named"), "rolling_resistance"):
+        return []
+    hint = "the effect that it belongs to is off: add [effects] rolling_resistance = {coefficient = ...}"
+    pairs = enumerate(_items(raw.get("pairs")))
+    return [(("pairs", i, "rolling_friction"), hint) for i, pair in pairs if get(pair, "rolling_friction") is not None]
+
+
 def _both(names: list[str]) -> str:
     return f"'{names[0]}' and '{names[1]}'"
 

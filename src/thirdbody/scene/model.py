@@ -99,7 +99,7 @@ class Scene(Part):
             wrongs.append((("materials",), "at least one [materials.NAME] table is needed"))
         if isinstance(raw.get("debris", []), list | tuple) and not raw.get("debris"):
             wrongs.append((("debris",), "at least one [[debris]] table is needed"))
-        wrongs += crosscheck.material_faults(raw) + crosscheck.pair_faults(raw)
+        wrongs += crosscheck.material_faults(raw) + crosscheck.pair_faults(raw) + crosscheck.rolling_faults(raw)
         plates = _sound(Plates, raw.get("plates", {}), context)
         output = _sound(Output, raw.get("output"), context)
         # Plates that are wrong themselves may be meant to move.

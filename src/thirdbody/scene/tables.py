@@ -61,6 +61,7 @@ class Pair(Part):
     between: Annotated[tuple[Text, Text], listing("a list of 2 materials", 2)]
     friction: Annotated[float, Quantity(ge=0)]
     restitution: Annotated[float, Quantity(ge=1e-6, le=1)]
+    rolling_friction: Annotated[float, Quantity(ge=0, le=1)] | None = None
 
 
 class Domain(Part):

@@ -23,8 +23,9 @@ HANDFUL = 3
 """So few loaded bodies of a larger layer are worth a warning: a parallel rigid plate on stiff bodies rests on one of them."""
 
 
-RELAXED = 8.0
-"""Relaxation times (dashpot over spring of a patch) that a foundation is given to share the load: e^-8 is 3e-4."""
+RELAXED = 12.0
+"""Relaxation times (dashpot over spring of a patch) that a foundation is given to share the load: some are spent in coming down,
+the others leave less than 1e-3."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def upper_plate(scene: Scene, choice: Choice, placed: Placed, warnings: list[str
     """The upper plate of a scene, if it has one. Raises InputError for a gap that is too small or a table that is wrong."""
     plate = scene.plates.upper
     if plate is None:
-        return Upper(None)
+        return Upper(None, 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle)
     material = list(scene.materials).index(plate.material)
     top, radius = _tops(placed)
     masses = placed.densities * np.array([clump.volume for clump in placed.clumps])

@@ -1,0 +1,102 @@
+"""Rolling resistance: a moment that opposes relative rolling, elastic up to mu_r R* N. Off unless a scene names it."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from .contract import Law, Option, Options, Pair, Rolling, kernel
+from .elasticity import e_star
+from .friction import friction_tangent
+
+STIFFNESS = 2.25
+"""k_r over k_n (mu_r R*)^2 (Iwashita and Oda 1998; Wensrich and Katterfeld 2012, Eq. 10)."""
+
+INERTIA = 7.0 / 5.0
+"""Moment of inertia of a ball about the point it rolls on, over m R^2."""
+
+
+class RollingParameters(NamedTuple):
+    """Coefficient; k_r over mu_r^2 R*^2 a, Pa; viscosity over that of critical damping of a ball that rolls on a plane."""
+
+    mu_r: float
+    scale: float
+    ratio: float
+
+
+@kernel
+def rolling_resistance(c, turn, load, p, h):
+    """Spring cut at mu_r R* N, k_r = 2.25 k_n (mu_r R*)^2 with k_n = 2 E* a, the normal stiffness of any round contact.
+
+    As in `coulomb`, a falling stiffness releases its share of moment and energy: U = M^2/(2 k_r), and no closed path makes
+    energy. The spring yields at the angle N/(2.25 k_n mu_r R*), in Hertz' contact 0.296 d/(mu_r R*) at the overlap d.
+    """
+    x_old, y_old, k_old = h
+    arm = p.mu_r * c.radius
+    limit = arm * load.force
+    stiffness = p.scale * arm * arm * load.contact_radius
+    kept = stiffness / max(max(stiffness, k_old), 1e-300)
+    x_kept, y_kept = kept * x_old, kept * y_old
+    x_try, y_try = x_kept - stiffness * turn.x, y_kept - stiffness * turn.y
+    size = math.sqrt(x_try * x_try + y_try * y_try)
+    back = limit / max(size, max(limit, 1e-300))
+    x, y = back * x_try, back * y_try
+    compliance = 1.0 / max(stiffness, 1e-300)
+    turned = (1.0 - back) * size * compliance
+    before = 0.5 * (x_old * x_old + y_old * y_old) / max(k_old, 1e-300)
+    loaded = 0.5 * (x_kept * x_kept + y_kept * y_kept) * compliance
+    stored = 0.5 * (x * x + y * y) * compliance
+    dissipated = before - loaded + back * size * turned
+    viscosity = p.ratio * c.radius * math.sqrt(c.mass * stiffness)
+    return Rolling(x, y, limit, viscosity, turned, stored, dissipated), (x, y, stiffness)
+
+
+@kernel
+def rolling_tangent(c, turn, load, p, h):
+    """Consistent tangent of one step: dM/d(turn) and dM/d(overlap)."""
+    x_old, y_old, k_old = h
+    arm = p.mu_r * c.radius
+    stiffness = p.scale * arm * arm * load.contact_radius
+    rate = p.scale * arm * arm * 0.5 * c.radius / max(load.contact_radius, 1e-300)
+    kept = stiffness / max(max(stiffness, k_old), 1e-300)
+    kept_rate = rate / k_old if stiffness < k_old else 0.0
+    x, y = kept * x_old - stiffness * turn.x, kept * y_old - stiffness * turn.y
+    x_rate = kept_rate * x_old - rate * turn.x
+    y_rate = kept_rate * y_old - rate * turn.y
+    return friction_tangent(x, y, arm * load.force, arm * load.stiffness, stiffness, x_rate, y_rate)
+
+
+def mix_rolling(pair: Pair, options: Options) -> RollingParameters:
+    """The pair's coefficient if the scene gives it one, else that of all pairs; 2.25 * 2 E*; 2 zeta sqrt(7/5)."""
+    mu_r = options["coefficient"] if pair.rolling is None else pair.rolling
+    return RollingParameters(mu_r, STIFFNESS * 2.0 * e_star(pair.a, pair.b), 2.0 * options["damping"] * math.sqrt(INERTIA))
+
+
+ROLLING_RESISTANCE = Law(
+    name="rolling_resistance",
+    stage="rolling",
+    kernel=rolling_resistance,
+    tangent=rolling_tangent,
+    parameters=RollingParameters,
+    mix=mix_rolling,
+    history=("moment_x", "moment_y", "stiffness"),
+    options=(
+        Option(
+            "coefficient",
+            "dimensionless",
+            None,
+            low=0.0,
+            high=1.0,
+            doc="largest moment over R* N; a pair's own rolling_friction replaces it",
+        ),
+        Option(
+            "damping",
+            "dimensionless",
+            0.0,
+            low=0.0,
+            high=10.0,
+            doc="viscous part of the spring's moment over critical damping of a ball that rolls on a plane",
+        ),
+    ),
+    source="Ai, Chen, Rotter and Ooi 2011 (type C), Powder Technology 206, 269; stiffness: Iwashita and Oda 1998",
+)

@@ -1,0 +1,110 @@
+"""Local damping: its closed decay whatever the force law, and that it ends with the settling."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from thirdbody_three_spot import theory
+
+from thirdbody.engine.energy import Ledger
+from thirdbody.errors import InputError
+from thirdbody.kernels import layout as at
+from thirdbody.scene.build import build
+from thirdbody.scene.model import Effects, Solver
+
+RADIUS, GRAVITY, DROP = 1e-3, 1e4, 1e-3
+"""Such a strong gravity makes short falls: two thousand steps each."""
+
+
+def dropped(make, alpha, settle, drop=DROP, **more):
+    """A ball at a height over a plane, without any other damping; every body of the scene settles for `settle` seconds."""
+    effects = {"gravity": (0.0, 0.0, -GRAVITY), "named": {"local_damping": {"coefficient": alpha}} | more}
+    solver = Solver(duration=1.0, settle=settle)
+    one = [make.ball(RADIUS, (5.0, 5.0, RADIUS + drop))]
+    return build(make.scene(one, {"ball": make.STEEL}, lower="ball", effects=Effects(**effects), solver=solver))
+
+
+def height(simulation):
+    """Gap below the ball, m."""
+    return simulation.state.S[0, at.S_Z] - RADIUS
+
+
+@pytest.mark.parametrize("alpha", [0.1, 0.3, 0.6])
+def test_a_dropped_ball_bounces_lower(make, alpha):
+    """Between turning points (1 + alpha) U_2 = (1 - alpha) U_1, U from the equilibrium: two of them make a bounce."""
+    simulation = dropped(make, alpha, 1.0)
+    ledger, scale = Ledger(simulation.state), GRAVITY * DROP * make.ball_mass(make.STEEL, RADIUS)
+    fall, ratio = math.sqrt(2.0 * DROP / (GRAVITY * (1.0 - alpha))), ((1.0 - alpha) / (1.0 + alpha)) ** 2
+    simulation.integrator.advance_to(time=0.9 * fall)
+    # the first half step, from rest, is not damped yet: alpha/(1 - alpha) of it
+    assert DROP - height(simulation) == pytest.approx(DROP * (simulation.state.time / fall) ** 2, rel=1e-3)
+    simulation.integrator.advance_to(time=1.1 * fall)
+    while make.velocity(simulation)[2] > 0.0:
+        make.advance(simulation)
+    g, nu = make.STEEL.shear(), make.STEEL.poisson_ratio
+    weight = GRAVITY * make.ball_mass(make.STEEL, RADIUS)
+    # potential of the equilibrium below first touch: m g d - (2/5) m g d, an equivalent height
+    sunk = 0.6 * theory.hertz_overlap(theory.e_star(g, nu, g, nu), RADIUS, weight)
+    # the force turns at a step, not at the turning point: some 1/30 of the impact's depth, squared
+    assert height(simulation) + sunk == pytest.approx(ratio * (DROP + sunk), rel=5e-3)
+    lines = ledger.lines(simulation.state)
+    # the ledger: gravity's work and the damping's own stand together as body effects; truncation of the short impact
+    assert abs(lines["residual"]) < 3e-3 * scale
+    assert lines["damping"] == lines["friction"] == 0.0
+    assert lines["body_effects"] == pytest.approx(lines["kinetic"] + lines["elastic_normal"], abs=3e-3 * scale)
+
+
+def test_a_dropped_ball_comes_to_rest_in_the_time_of_a_geometric_series(make):
+    alpha = 0.3
+    e = (1.0 - alpha) / (1.0 + alpha)
+    down, up = math.sqrt(2.0 * DROP / (GRAVITY * (1.0 - alpha))), math.sqrt(2.0 * DROP / (GRAVITY * (1.0 + alpha)))
+    rest = (down + e * up) / (1.0 - e)
+    simulation = dropped(make, alpha, 1.0)
+    simulation.integrator.advance_to(time=0.8 * rest)
+    # flights are left: after n of them the height is e^2n, the time left e^n of the whole
+    assert abs(make.velocity(simulation)[2]) > 1e-2 * math.sqrt(2.0 * GRAVITY * DROP)
+    simulation.integrator.advance_to(time=1.5 * rest)
+    assert abs(make.velocity(simulation)[2]) < 1e-4 * math.sqrt(2.0 * GRAVITY * DROP)
+    # it rests where it would without: the damping vanishes with the unbalanced force
+    weight = GRAVITY * make.ball_mass(make.STEEL, RADIUS)
+    assert make.contact(simulation)[at.R_FN] == pytest.approx(weight, rel=1e-6)
+
+
+def test_a_rocking_ball_decays_by_the_logarithmic_decrement(make):
+    """ln((1 + alpha)/(1 - alpha)) a period, whatever the frequency: here that of the rolling spring; torques like forces."""
+    alpha = 0.1
+    rolling = {"rolling_resistance": {"coefficient": 0.5}}
+    simulation = dropped(make, alpha, 1.0, drop=0.0, **rolling)
+    simulation.integrator.advance_to(time=2e-3)
+    B = simulation.state.B
+    B[0, at.B_W + 1], B[0, at.B_L + 1] = 1.0, B[0, at.B_I]
+    spins = []
+    while len(spins) < 20000 and np.count_nonzero(np.diff(np.sign(spins))) < 9:
+        make.advance(simulation)
+        spins.append(make.spin(simulation)[1])
+    turns = np.flatnonzero(np.diff(np.sign(spins)))
+    peaks = [np.abs(spins[a:b]).max() for a, b in zip(turns, turns[1:], strict=False)]
+    # the sign turns at a step, with omega dt = 0.08: 7e-4, and a quarter with half the step
+    decrement = 2.0 * np.log(peaks[0] / peaks[-1]) / (len(peaks) - 1)
+    assert decrement == pytest.approx(math.log((1.0 + alpha) / (1.0 - alpha)), rel=2e-3)
+
+
+def test_it_ends_with_the_settling(make):
+    settle = 2e-4
+    simulation = dropped(make, 0.5, settle)
+    simulation.integrator.advance_to(time=settle)
+    start, speed = simulation.state.time, make.velocity(simulation)[2]
+    # the step that ends the settling may be half damped: 1 in 1000 steps
+    assert speed == pytest.approx(-0.5 * GRAVITY * start, rel=2e-3)
+    force = simulation.state.B[0, at.B_F : at.B_F + 3]
+    assert np.array_equal(force, simulation.state.B[0, at.B_MASS] * np.array([0.0, 0.0, -GRAVITY]))
+    simulation.integrator.advance_to(time=1.5 * settle)
+    # free fall: only round-off
+    assert make.velocity(simulation)[2] - speed == pytest.approx(-GRAVITY * (simulation.state.time - start), rel=1e-10)
+
+
+def test_a_scene_that_does_not_settle_is_refused(make):
+    with pytest.raises(InputError, match=r"effects.local_damping: acts while the debris settles, and this scene has no"):
+        dropped(make, 0.3, 0.0)

@@ -1,0 +1,158 @@
+"""Rolling resistance and local damping in a scene: what can be given, what is refused, what an absent effect leaves behind."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.engine.energy import Ledger
+from thirdbody.errors import InputError
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.layout import DEBRIS
+from thirdbody.scene.build import build
+from thirdbody.scene.model import Scene
+
+TEXT = """\
+scene = 1
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.30
+density = "7850 kg/m3"
+[materials.brass]
+youngs_modulus = "105 GPa"
+poisson_ratio = 0.34
+density = "8500 kg/m3"
+[[pairs]]
+between = ["steel", "brass"]
+friction = 0.30
+restitution = 0.60
+PAIR
+[[pairs]]
+between = ["brass", "brass"]
+friction = 0.30
+restitution = 0.60
+[[debris]]
+material = "brass"
+kind = "irregular"
+count = 12
+seed = 1
+size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "5 um", max = "20 um"}
+spheres = [4, 8]
+aspect = [1.0, 0.8, 0.6]
+placement = "layer"
+[domain]
+size = ["60 um", "50 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+damping = "7e-5 kg/s"
+motion = {x = {velocity = "1 m/s"}}
+[effects]
+EFFECTS
+[solver]
+distance = "2 um"
+settle = "3 us"
+[output]
+every = "1 um"
+"""
+
+ROLLING = "rolling_resistance = {coefficient = 0.05}"
+
+
+def scene(effects: str = "", pair: str = "") -> Scene:
+    return Scene.parse(TEXT.replace("EFFECTS", effects).replace("PAIR", pair))
+
+
+def told(*texts: str) -> str:
+    with pytest.raises(InputError) as caught:
+        build(scene(*texts))
+    return str(caught.value)
+
+
+def test_an_effect_that_is_not_named_leaves_nothing_behind():
+    bare, rolling = build(scene()), build(scene(ROLLING))
+    assert not any("rolling" in law.name for law in bare.choice.chain.laws)
+    assert bare.state.slots.R.shape[1] == at.R_COLS and rolling.state.slots.R.shape[1] == at.R_ROLLING_COLS
+    assert set(rolling.choice.chain.history) - set(bare.choice.chain.history) == {
+        "rolling_resistance.moment_x", "rolling_resistance.moment_y", "rolling_resistance.stiffness"
+    }  # fmt: skip
+    assert not bare.choice.effects
+
+
+def test_contacts_tell_the_moment_only_if_it_is_named(tmp_path):
+    with thirdbody.run(scene(), tmp_path / "bare", progress=False) as run:
+        assert not {"moment", "rolling_utilisation"} & set(run.contacts(-1))
+    with thirdbody.run(scene(ROLLING), tmp_path / "rolling", progress=False) as run:
+        contacts = run.contacts(-1)
+        size = np.linalg.norm(contacts["moment"], axis=1)
+        assert size.max() > 0.0
+        # the moment has no part about the normal; arrays are stored as float32
+        assert np.abs(np.sum(contacts["moment"] * contacts["normal"], axis=1)).max() < 1e-6 * size.max()
+        used = contacts["rolling_utilisation"]
+        assert np.all((used >= 0.0) & (used < 1.0 + 1e-6)) and used.max() > 0.5
+
+
+def test_the_ledger_of_a_sheared_layer_closes_and_moments_are_balanced():
+    """As in the shipped scenes; and the body's torque is that of its contacts' forces and moments."""
+    rolling = build(scene("rolling_resistance = {coefficient = 0.2, damping = 0.3}\nlocal_damping = {coefficient = 0.3}"))
+    state, ledger = rolling.state, Ledger(rolling.state)
+    rolling.integrator.advance_to(time=rolling.settle)
+    rolling.integrator.advance_to(distance=2e-6, watch=lambda: ledger.watch(state))
+    assert ledger.relative_residual(state, ledger.lines(state)["residual"]) < 1e-3
+    slots = state.slots
+    torque = np.zeros((state.n_bodies, 3))
+    for k in np.flatnonzero(slots.H[:, at.H_ON] > 0.0):
+        R = slots.R[k]
+        force = R[at.R_FN] * R[at.R_N : at.R_N + 3] + R[at.R_T : at.R_T + 3]
+        moment = R[at.R_M : at.R_M + 3]
+        torque[state.body[slots.own[k]]] += np.cross(R[at.R_POINT : at.R_POINT + 3], force) + moment
+        if slots.partner[k] >= 0:
+            other = state.body[slots.partner[k]]
+            torque[other] -= np.cross(R[at.R_POINT_J : at.R_POINT_J + 3], force) + moment
+    # sums of a few numbers in another order
+    assert np.allclose(torque, state.B[:, at.B_T : at.B_T + 3], rtol=0.0, atol=1e-12 * np.abs(torque).max())
+
+
+def test_a_pair_may_have_its_own_coefficient():
+    rows = build(scene(ROLLING, "rolling_friction = 0.2")).choice.rows
+    assert [row[-1].mu_r for row in rows] == [0.2, 0.05]
+    assert Scene.parse(scene(ROLLING, "rolling_friction = 0.2").to_toml()).pairs[0].rolling_friction == 0.2
+
+
+def test_a_pair_s_coefficient_without_the_effect_is_refused():
+    message = told("", "rolling_friction = 0.2")
+    assert "pairs[0].rolling_friction: the effect that it belongs to is off" in message
+
+
+@pytest.mark.parametrize(
+    "effects, words",
+    [
+        ("rolling_resistance = 0.05", ["effects.rolling_resistance: expected a table with coefficient, damping"]),
+        ("rolling_resistance = {coefficient = 1.5}", ["rolling_resistance.coefficient: 1.5 must lie between 0 and 1"]),
+        ("rolling_resistance = {damping = 0.1}", ["required key 'coefficient' is missing"]),
+        ("local_damping = {coefficient = 0.95}", ["local_damping.coefficient: 0.95 must lie between 0 and 0.9"]),
+        ('local_damping = {coefficient = 0.3, until = "ever"}', ["local_damping.until: expected 'settled', got 'ever'"]),
+    ],
+)
+def test_faults_are_told(effects, words):
+    message = told(effects)
+    assert all(word in message for word in words), message
+
+
+def test_local_damping_may_say_when_it_ends():
+    built = build(scene('local_damping = {coefficient = 0.3, until = "settled"}\ngravity = ["0 m/s2", "0 m/s2", "-9.81 m/s2"]'))
+    assert built.choice.physics.effect_parameters.tolist() == [0.0, 0.0, -9.81, 0.3, built.settle]
+
+
+def test_debris_meets_debris_with_a_moment():
+    text = TEXT.replace("EFFECTS", ROLLING).replace("PAIR", "").replace("count = 12", "count = 20")
+    built = build(Scene.parse(text.replace('"60 um", "50 um"', '"80 um", "70 um"')))
+    built.integrator.advance_to(distance=1.5e-6)
+    slots = built.state.slots
+    on = (slots.H[:, at.H_ON] > 0.0) & (slots.partner >= 0)
+    assert DEBRIS == 2 and on.any(), "the layer is crowded enough that bodies collide"
+    assert np.linalg.norm(slots.R[on, at.R_M : at.R_M + 3], axis=1).max() > 0.0
