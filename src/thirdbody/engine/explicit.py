@@ -21,8 +21,9 @@ from .timestep import Bound, bound
 BUDGET = 64
 """Steps between two evaluations of the time step, counted from the start of the run, so that output cannot shift them."""
 
-GROWTH = 1.25
-"""The automatic step follows its bound down at once, but up only by this factor: a step that wobbles loses energy."""
+GROWTH, PATIENCE = 1.25, 16
+"""The automatic step follows its bound down at once, but up only by this factor or after so many bounds that all allow more: a
+step that wobbles loses energy."""
 
 OVERLAP_GUARD = 0.3
 """Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape mean nothing."""
@@ -60,6 +61,7 @@ class Explicit:
             state.D[at.D_FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
         self.bound: Bound | None = None
         self.tightest: Bound | None = None
+        self.waiting: list[float] = []  # bounds since the last change of the step, all above it
         self.drag = _drag(state)
 
     def start(self) -> None:
@@ -120,8 +122,20 @@ class Explicit:
             self.state.dt = self.fixed
             if self.fixed > self.bound.stability and not self.force and self.state.time > 0.0:
                 raise GuardStop(self._explain_step(self.bound))
-        elif self.state.dt == 0.0 or self.bound.step < self.state.dt or self.bound.step > GROWTH * self.state.dt:
-            self.state.dt = self.bound.step
+        else:
+            self.state.dt = self._next_step(self.bound.step, self.state.dt)
+
+    def _next_step(self, allowed: float, now: float) -> float:
+        """The automatic time step after a bound of `allowed`, s."""
+        if now == 0.0 or allowed <= now or allowed > GROWTH * now:
+            self.waiting.clear()
+            return allowed
+        self.waiting.append(allowed)
+        if len(self.waiting) < PATIENCE:
+            return now
+        least = min(self.waiting)
+        self.waiting.clear()
+        return least
 
     def label(self) -> np.ndarray:
         """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""

@@ -1,0 +1,43 @@
+"""A periodic box is the same world as a box of twice the length with everything in it twice."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thirdbody.kernels import layout as at
+from thirdbody.scene.build import build
+from thirdbody.scene.model import Domain
+
+RADIUS, LENGTH, WIDTH, COUNT = 1e-3, 8e-3, 6e-3, 14
+
+
+def balls(make, shifts):
+    """Fast balls on a jittered grid, each once per shift along x."""
+    rng = np.random.default_rng(5)
+    cells = np.array([(i, j, k) for i in range(3) for j in range(2) for k in range(3)])[:COUNT]
+    places = (cells + 0.5) * [LENGTH / 3, WIDTH / 2, 2.7e-3] + rng.uniform(-0.3e-3, 0.3e-3, (COUNT, 3)) + [0.0, 0.0, RADIUS]
+    speeds, spins = rng.normal(0.0, 20.0, (COUNT, 3)), rng.normal(0.0, 1e4, (COUNT, 3))
+    return [
+        make.ball(RADIUS, place + [shift, 0.0, 0.0], speed, spin)
+        for shift in shifts
+        for place, speed, spin in zip(places, speeds, spins, strict=True)
+    ]
+
+
+def world(make, length, shifts):
+    keys = {"friction": 0.4, "restitution": 0.8, "lower": "ball", "domain": Domain(size=(length, WIDTH), periodic=True)}
+    simulation = build(make.scene(balls(make, shifts), {"ball": make.STEEL}, time_step=1e-7, **keys))
+    simulation.integrator.advance_to(time=1.2e-4)
+    return simulation
+
+
+def test_a_doubled_box_moves_alike(make):
+    one, two = world(make, LENGTH, (0.0,)), world(make, 2.0 * LENGTH, (0.0, LENGTH))
+    columns = [*range(at.B_V, at.B_V + 3), *range(at.B_W, at.B_W + 3)]
+    assert np.any(one.state.B[:, at.B_WORK] > 0.0), "balls have rubbed on each other"
+    crossed = (one.state.B[:, at.B_X] < 0.0) | (one.state.B[:, at.B_X] > LENGTH)
+    assert crossed.any(), "some balls are beyond a face"
+    scale = np.abs(one.state.B[:, columns]).max(axis=0)
+    for copy in (slice(0, COUNT), slice(COUNT, 2 * COUNT)):
+        # places differ by rounding (1e-16 of the box over 1e-3 of a radius of overlap), which collisions amplify
+        assert np.all(np.abs(two.state.B[copy, columns] - one.state.B[:, columns]) < 1e-8 * scale)
