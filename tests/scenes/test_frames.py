@@ -108,7 +108,9 @@ def test_forces_balance_and_energy_closes(name, runs):
     assert run.summary()["energy_residual"] < 1e-3
     for line in ("friction", "damping"):
         losses = run.series[f"energy_{line}"]
-        assert np.all(np.diff(losses) >= -1e-9 * np.abs(losses).max()), "dissipation never comes back"
+        # rounding of the stored energies, where nothing slips
+        least = 1e-9 * np.abs(losses).max() + 1e-14 * np.abs(run.series["energy_elastic_normal"]).max()
+        assert np.all(np.diff(losses) >= -least), "dissipation never comes back"
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -66,7 +66,8 @@ def test_lines_have_their_sign(history):
     scale = ledger.peak
     for name in ("kinetic", "elastic_normal", "elastic_tangential", "damping", "friction"):
         values = np.array([row[name] for row in lines])
-        assert np.all(values >= 0.0), name
+        # friction is work less what is stored: without any slip rounding is left of it
+        assert np.all(values >= -1e-14 * scale), name
     for name in ("damping", "friction"):
         # what is lost stays lost; the trapezoid of a power that is never negative cannot fall
         assert np.all(np.diff([row[name] for row in lines]) >= -1e-12 * scale), name
