@@ -243,8 +243,8 @@ def _group(population: Population) -> Any:
     if population.mesh is None or population.fit is None:
         return Group(heading, facts, population.clumps)
     fit, body = population.fit, population.clumps[0]
-    error = f"surfaces {100 * fit.rms:.2g} % of R apart (rms; {100 * fit.maximum:.2g} % at most)"
-    touching = f"radius where a plane touches {np.median(fit.contacts.ratio):.2f} of the mesh's"
+    error = f"surfaces {100 * fit.rms:.2g} % of R apart (at most {100 * fit.maximum:.2g} %)"
+    touching = f"touching radius {np.median(fit.contacts.ratio):.2f} of the mesh's"
     facts = f"diameter {size}   ·   {error}   ·   {touching}"
     # bodies of another size than the file's carry the mesh scaled with them
     scale = body.diameter / (2.0 * fit.size)

@@ -62,7 +62,7 @@ def test_ledger_closes(history):
 
 
 def test_lines_have_their_sign(history):
-    _, simulation, ledger, lines = history
+    scene, simulation, ledger, lines = history
     scale = ledger.peak
     for name in ("kinetic", "elastic_normal", "elastic_tangential", "damping", "friction"):
         values = np.array([row[name] for row in lines])
@@ -71,7 +71,9 @@ def test_lines_have_their_sign(history):
     for name in ("damping", "friction"):
         # what is lost stays lost; the trapezoid of a power that is never negative cannot fall
         assert np.all(np.diff([row[name] for row in lines]) >= -1e-12 * scale), name
-    assert lines[-1]["friction"] > 0.0 and lines[-1]["plate_work"] > 0.0
+    assert lines[-1]["plate_work"] > 0.0
+    # balls that are set rolling by a ramp never slip
+    assert lines[-1]["friction"] > 0.0 or scene == "roller_bearing.toml"
 
 
 def test_drag_pays_for_friction(history):
