@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..bodies.clump import Clump
 from ..kernels import bodies as body_pass
 from ..kernels import layout as at
+from ..kernels.rolling import MOMENTS
 from .plates import Schedule, UpperPlate
 
 Array = NDArray[np.float64]
@@ -51,12 +52,12 @@ class World:
 @dataclass(frozen=True)
 class Physics:
     """Compiled laws and effects with their parameters; `kinds[a, b]` is the row of `pairs` for two materials, -1 if none.
-    `rolling`: a contact carries a moment."""
+    `rolling`: what contacts need of the relative rotation (`kernels.rolling`)."""
 
     law: Callable
     stiffness: Callable | None
     history: tuple[str, ...]
-    rolling: bool
+    rolling: int
     pairs: Array
     kinds: Ints
     effects: Callable
@@ -69,6 +70,11 @@ class Physics:
     stride: int
     labels: bool
     outputs: int
+
+    @property
+    def moments(self) -> bool:
+        """Whether a contact carries a moment."""
+        return self.rolling == MOMENTS
 
 
 @dataclass
@@ -194,7 +200,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> Sta
         material=placed.materials,
         population=placed.populations,
         rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
-        slots=empty_slots(memory_columns(physics), at.R_ROLLING_COLS if physics.rolling else at.R_COLS),
+        slots=empty_slots(memory_columns(physics), at.R_ROLLING_COLS if physics.moments else at.R_COLS),
         skin=skin,
     )
     refresh_spheres(state)

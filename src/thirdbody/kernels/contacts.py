@@ -45,7 +45,6 @@ from .layout import (
     O_TX,
     O_TY,
     O_WORK,
-    P_V,
     P_Z,
     Q_COLS,
     R_A,
@@ -77,7 +76,8 @@ from .layout import (
     TILE,
 )  # fmt: skip
 from .options import INNER
-from .rolling import apply_rolling, record_rolling, stage_rolling
+from .rolling import MOMENTS, apply_rolling, record_rolling, stage_rolling
+from .surface import partner_velocity, surface_velocity
 
 CHUNK = 1024
 """Slots per chunk."""
@@ -135,25 +135,6 @@ def carry_frame(H, k, n_x, n_y, n_z, p_x, p_y, p_z, twist):
     e_x, e_y, e_z = e_x - along * p_x, e_y - along * p_y, e_z - along * p_z
     scale = 1.0 / math.sqrt(e_x * e_x + e_y * e_y + e_z * e_z)
     return e_x * scale, e_y * scale, e_z * scale
-
-
-@njit(**INNER)
-def surface_velocity(S, i, v, w, r_x, r_y, r_z):
-    """Velocity of sphere i's surface at the arm r from its centre, from the velocity columns v and w of the table."""
-    o_x, o_y, o_z = S[i, w], S[i, w + 1], S[i, w + 2]
-    return (
-        S[i, v] + o_y * r_z - o_z * r_y, S[i, v + 1] + o_z * r_x - o_x * r_z, S[i, v + 2] + o_x * r_y - o_y * r_x,
-    )  # fmt: skip
-
-
-@njit(**INNER)
-def partner_velocity(S, P, j, v, w, r_x, r_y, r_z, v_x, v_y):
-    """Velocity of the partner's surface: a plate (the upper one moves with v_x, v_y) or a sphere."""
-    if j == -1:
-        return 0.0, 0.0, 0.0
-    if j < -1:
-        return v_x, v_y, P[-j - 2, P_V]
-    return surface_velocity(S, j, v, w, r_x, r_y, r_z)
 
 
 @njit(**INNER)
@@ -297,15 +278,15 @@ def contact_chunk(
         else:
             release(k, H, F, sums, c)
         if m == TILE or (k == last - 1 and m > 0):
-            if rolling:
+            if rolling > 0:
                 for q in range(m):
-                    stage_rolling(q, slots[q], own, partner, S, dt, I, G, n_history)
+                    stage_rolling(q, slots[q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
             law(I, O, m, pairs)
             for q in range(m):
                 apply(q, slots[q], O, G, own, partner, S, H, F, n_history, sums, c)
                 if observed:
                     record(q, slots[q], I, O, G, own, partner, S, P, R, v_x, v_y)
-            if rolling:
+            if rolling == MOMENTS:
                 for q in range(m):
                     apply_rolling(q, slots[q], partner, O, G, F, n_history)
                     if observed:

@@ -68,8 +68,8 @@ I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = r
 (O_FN, O_TX, O_TY, O_LOAD, O_LIMIT, O_CRITICAL, O_SLIP, O_A, O_STORED_N, O_STORED_T, O_WORK, O_POWER, O_HISTORY) = (
     range(13)
 )
-# Behind the history, only if a law of the rolling stage is named: relative rotation of the step and its rate; the moment.
-J_X, J_Y, J_RATE_X, J_RATE_Y, J_COLS = range(5)
+# Behind the history, only if a law asks for it: relative rotation of the step and its rate, travel of the patch; the moment.
+J_X, J_Y, J_RATE_X, J_RATE_Y, J_TRAVEL, J_COLS = range(6)
 Q_X, Q_Y, Q_LIMIT, Q_COLS = range(4)
 
 # A: totals since the start of the run (J, N s, m), and the powers of the last step for the trapezoid.

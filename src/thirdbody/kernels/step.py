@@ -146,7 +146,7 @@ WORK = types.void(
     _I1, _I1, _F2, _F2, _F2,  # body, start; offsets, X0, S
     _F2, _F2, _F2, _F2, _F2, _F2,  # B, P, H, F, R, M
     _F1, _F1, _F1, _F1, _F2, _F2,  # pairs, effect parameters, D, A; sums, moves
-    types.int64, types.boolean, types.int64, types.boolean,  # n_history, rolling, width, has_effects
+    types.int64, types.int64, types.int64, types.boolean,  # n_history, rolling, width, has_effects
     types.UniTuple(types.float64, 2),  # drag direction
     types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE),
 )  # fmt: skip
@@ -156,7 +156,7 @@ ADVANCE = types.Tuple((types.int64, types.int64))(
     _I1, _I1, _I1, _F2, _F2, _F2,  # body, start, patch; offsets, X0, S
     _F2, _F2, _F2, _F2, _F2, _F2,  # B, P, H, F, R, M
     _F1, _F1, _F1, _F1, _F2, _I1, _F2, _F2,  # pairs, effect parameters, D, A; schedule, first; sums, moves
-    types.int64, types.boolean, types.int64, types.int64, types.boolean, types.boolean,
+    types.int64, types.int64, types.int64, types.int64, types.boolean, types.boolean,
     # ... n_history, rolling, stride, width, has_effects, labels
     types.UniTuple(types.float64, 2),  # drag direction
     types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE), types.FunctionType(WORK),

@@ -13,11 +13,13 @@ from pathlib import Path
 from typing import Any
 
 from ..kernels import layout as at
+from ..kernels.rolling import MOMENTS
 from .contract import STAGES, STIFF, BodyEffect, Labeller, Law
 from .generated import load, plain
 
 HEAD = """# generated: {title}
 import math
+import numpy as np
 from numba import njit
 from thirdbody.kernels.signatures import EFFECTS, LAW
 from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
@@ -28,21 +30,33 @@ from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal, Turn,
 STILL = "Turn(0.0, 0.0, 0.0, 0.0)"
 
 CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {VN}],
-                    I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}])
+                    I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}], {roll})
         o = int(I[q + {TYPE}]) * {width}
 """
 
 
 @dataclass(frozen=True)
 class Chain:
-    """The compiled laws of one scene. `law` and `stiffness` work on tiles; `width` is the number of parameters per pair."""
+    """The compiled laws of one scene. `law`, `stiffness` and `tangents` work on tiles; `width` is the number of parameters per
+    pair; `history` names all floats that are kept per contact, fields included.
+
+    `tangents` answers with history: dN/dd of the elastic force, then the six numbers of the tangential law (`contract.Law`).
+    """
 
     laws: tuple[Law, ...]
     law: Callable
     stiffness: Callable | None
+    tangents: Callable | None
     history: tuple[str, ...]
     width: int
     path: Path
+
+    @property
+    def rolling(self) -> int:
+        """What the laws need of the relative rotation: `kernels.rolling.MOMENTS`, 1 for the travel of the patch only, or 0."""
+        if any(law.stage == "rolling" for law in self.laws):
+            return MOMENTS
+        return int(any(law.rolls for law in self.laws))
 
 
 def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
@@ -65,8 +79,9 @@ def compose(laws: Iterable[Law]) -> Chain:
     chain = ordered(laws)
     text = _contact_module(chain)
     module, path = load("law", text, [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent])
-    history = tuple(f"{law.name}.{name}" for law in chain for name in law.history)
-    return Chain(chain, module.law, getattr(module, "stiffness", None), history, _width(chain), path)
+    history = tuple(f"{law.name}.{name}" for law in chain for name in law.memory())
+    stiffness, tangents = getattr(module, "stiffness", None), getattr(module, "tangents", None)
+    return Chain(chain, module.law, stiffness, tangents, history, _width(chain), path)
 
 
 def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
@@ -168,7 +183,7 @@ def _contact_module(chain: Sequence[Law]) -> str:
             imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
     text = HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports)) + _law_function(chain)
     if all(law.tangent is not None for law in chain if law.stage in STIFF):
-        text += "\n\n" + _stiffness_function(chain)
+        text += "\n\n" + _stiffness_function(chain) + "\n\n" + _tangent_function(chain)
     return text
 
 
@@ -176,9 +191,11 @@ def _field(offset: int) -> str:
     return f"q + {offset * at.TILE}" if offset else "q"
 
 
-def _contact(width: int) -> str:
+def _contact(chain: Sequence[Law], still: bool = False) -> str:
     names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY", "TYPE")
-    return CONTACT.format(width=width, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
+    behind = at.I_HISTORY + sum(len(law.memory()) for law in chain) + at.J_TRAVEL
+    roll = "0.0" if still or not any(law.rolls for law in chain) else f"I[{_field(behind)}]"
+    return CONTACT.format(width=_width(chain), roll=roll, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
 
 
 def _parameters(chain: Sequence[Law], k: int) -> str:
@@ -188,18 +205,42 @@ def _parameters(chain: Sequence[Law], k: int) -> str:
 
 
 def _history(chain: Sequence[Law], k: int) -> tuple[int, int]:
-    return sum(len(law.history) for law in chain[:k]), len(chain[k].history)
+    return sum(len(law.memory()) for law in chain[:k]), len(chain[k].history)
+
+
+def _remembered(chain: Sequence[Law], k: int) -> tuple[list[str], str]:
+    """Lines that read the field of law k, and the arguments for its memory."""
+    start, count = _history(chain, k)
+    if not count:
+        return [], ""
+    read = ", ".join(f"I[{_field(at.I_HISTORY + start + i)}]" for i in range(count))
+    size = len(chain[k].memory()) - count
+    if not size:
+        return [], f", ({read},)"
+    lines = [f"        for f in range({size}):", f"            w[f] = I[q + (f + {at.I_HISTORY + start + count}) * {at.TILE}]"]
+    return lines, f", ({read},), w"
 
 
 def _call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
-    """Lines that call law k and, if it has a history, read and write it."""
+    """Lines that call law k and, if it has a memory, read and write it."""
     start, count = _history(chain, k)
     lines = [f"        p{k} = {_parameters(chain, k)}"]
     if not count:
         return lines + [f"        {answer} = kernel_{k}({arguments}, p{k})"]
-    read = ", ".join(f"I[{_field(at.I_HISTORY + start + i)}]" for i in range(count))
-    lines.append(f"        {answer}, h{k} = kernel_{k}({arguments}, p{k}, ({read},))")
-    return lines + [f"        O[{_field(at.O_HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
+    before, memory = _remembered(chain, k)
+    size = len(chain[k].memory()) - count
+    lines += [*before, f"        {answer}, h{k} = kernel_{k}({arguments}, p{k}{memory}{', w_new' if size else ''})"]
+    lines += [f"        O[{_field(at.O_HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
+    if size:
+        to = f"q + (f + {at.O_HISTORY + start + count}) * {at.TILE}"
+        lines += [f"        for f in range({size}):", f"            O[{to}] = w_new[f]"]
+    return lines
+
+
+def _scratch(chain: Sequence[Law]) -> str:
+    """Arrays for the field of the law that has one."""
+    size = max((len(law.memory()) - len(law.history) for law in chain), default=0)
+    return f"    w, w_new = np.zeros({size}), np.zeros({size})\n" if size else ""
 
 
 def _law_function(chain: Sequence[Law]) -> str:
@@ -235,10 +276,12 @@ def _law_function(chain: Sequence[Law]) -> str:
         "POWER": "power",
     }
     lines += [f"        O[{_field(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
-    head = (
-        '@njit(LAW, error_model="numpy", cache=True)\ndef law(I, O, n_contacts, P):\n    for q in range(n_contacts):\n'
-    )
-    return head + _contact(_width(chain)) + "\n".join(lines) + "\n"
+    return _tile_function("law", chain, _contact(chain), lines)
+
+
+def _tile_function(name: str, chain: Sequence[Law], contact: str, lines: Sequence[str]) -> str:
+    head = f'@njit(LAW, error_model="numpy", cache=True)\ndef {name}(I, O, n_contacts, P):\n'
+    return head + _scratch(chain) + "    for q in range(n_contacts):\n" + contact + "\n".join(lines) + "\n"
 
 
 def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
@@ -259,7 +302,7 @@ def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]
 
 def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
     """The moment; its spring and its losses join those of friction. Its columns stand behind the history."""
-    history = sum(len(law.history) for law in chain)
+    history = sum(len(law.memory()) for law in chain)
     turn = ", ".join(f"I[{_field(at.I_HISTORY + history + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
     lines = [f"        turn = Turn({turn})", *_call(chain, k, "c, turn, load", "r")]
     lines += _fitted("r.x", "r.y", "r.viscosity", "turn.w", "r.limit", "m")
@@ -307,21 +350,47 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
             lines.append(f"        {name} = 0.0")
             continue
         k = stages[stage]
-        zeros = ", (" + "0.0, " * _history(chain, k)[1] + ")" if _history(chain, k)[1] else ""
         lines += [
             f"        p{k} = {_parameters(chain, k)}",
-            f"        t = tangent_{k}({moved}, load, p{k}{zeros})",
+            f"        t = tangent_{k}({moved}, load, p{k}{_virgin(chain, k)})",
             f"        {name} = max(-t[0], -t[3])",
         ]
     names = ("k_n", "k_t", "k_r", "c_n", "c_t", "c_r")
     lines += [f"        O[{_field(i)}] = {name}" for i, name in enumerate(names)]
-    head = '@njit(LAW, error_model="numpy", cache=True)\ndef stiffness(I, O, n_contacts, P):\n    for q in range(n_contacts):\n'
-    return head + _contact(_width(chain)) + "\n".join(lines) + "\n"
+    return _tile_function("stiffness", chain, _contact(chain, still=True), lines)
+
+
+def _tangent_function(chain: Sequence[Law]) -> str:
+    """Tangents with history, at rest: dN/dd with adhesion, and the six numbers of the tangential law."""
+    stages = {law.stage: k for k, law in enumerate(chain)}
+    k = stages["normal"]
+    before, memory = _remembered(chain, k)
+    lines = [*before, f"        p{k} = {_parameters(chain, k)}", f"        k_n = tangent_{k}(c, p{k}{memory})"]
+    lines.append(f"        n = kernel_{k}(c, p{k}{memory})" + ("[0]" if memory else ""))
+    lines.append("        load = Load(n.force, n.force, n.contact_radius, k_n)")
+    for k, law in enumerate(chain):
+        if law.stage == "adhesion" and law.tangent is not None:
+            before, memory = _remembered(chain, k)
+            lines += [*before, f"        p{k} = {_parameters(chain, k)}", f"        k_n += tangent_{k}(c, n, p{k}{memory})"]
+    lines.append("        t = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)")
+    if "tangential" in stages:
+        k = stages["tangential"]
+        before, memory = _remembered(chain, k)
+        lines += [*before, f"        p{k} = {_parameters(chain, k)}", f"        t = tangent_{k}(c, load, p{k}{memory})"]
+    lines.append(f"        O[{_field(0)}] = k_n")
+    lines += [f"        O[{_field(1 + i)}] = t[{i}]" for i in range(6)]
+    return _tile_function("tangents", chain, _contact(chain), lines)
+
+
+def _virgin(chain: Sequence[Law], k: int) -> str:
+    """Arguments for the memory of law k when there is none yet."""
+    count = _history(chain, k)[1]
+    field = ", w" if len(chain[k].memory()) > count else ""
+    return ", (" + "0.0, " * count + ")" + field if count else ""
 
 
 def _virgin_call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
     """Lines that call law k without any history."""
-    count = _history(chain, k)[1]
-    zeros = ", (" + "0.0, " * count + ")" if count else ""
-    first = "[0]" if count else ""
-    return [f"        p{k} = {_parameters(chain, k)}", f"        {answer} = kernel_{k}({arguments}, p{k}{zeros}){first}"]
+    first = "[0]" if _history(chain, k)[1] else ""
+    call = f"kernel_{k}({arguments}, p{k}{_virgin(chain, k)}){first}"
+    return [f"        p{k} = {_parameters(chain, k)}", f"        {answer} = {call}"]

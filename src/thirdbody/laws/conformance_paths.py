@@ -108,7 +108,7 @@ class Bench:
 
     def __init__(self, law: Law):
         below: dict[str, tuple[Law, ...]] = {"normal": (), "tangential_damping": (HERTZ, MINDLIN)}
-        self.law = law
+        self.law = law = law.sized(option_sets(law)[0][1])
         self.chain = compose((*below.get(law.stage, (HERTZ,)), law))
         self.place = self.chain.laws.index(law)
         self.settings = settings_of(law)
@@ -148,14 +148,14 @@ class Bench:
         tiles = len(asked.overlap)
         radius = self.radius(tiles)
         end = at.I_HISTORY + self.width
-        I = np.empty((tiles, end + (at.J_COLS if self.rolling else 0), at.TILE))  # noqa: E741
+        I = np.zeros((tiles, end + (at.J_COLS if self.chain.rolling else 0), at.TILE))  # noqa: E741
         I[:, at.I_OVERLAP], I[:, at.I_RADIUS], I[:, at.I_MASS] = asked.overlap, radius, 8e3 * radius**3
         I[:, at.I_VN] = asked.v_n
         I[:, at.I_SX : at.I_SY + 1], I[:, at.I_VX : at.I_VY + 1] = asked.slip, asked.v
         I[:, at.I_TYPE] = self.setting_of(tiles)[:, None]
         I[:, at.I_HISTORY : end] = history
         if self.rolling:
-            I[:, end : end + 2], I[:, end + 2 :] = asked.slip / radius[:, None], asked.v / radius[:, None]
+            I[:, end : end + 2], I[:, end + 2 : end + 4] = asked.slip / radius[:, None], asked.v / radius[:, None]
         return I
 
     def call(self, asked: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:

@@ -143,7 +143,7 @@ def samples(bench: Bench) -> list[Sample]:
     huge."""
     rng = np.random.default_rng(5)
     usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
-    own, end = len(bench.law.history), at.I_HISTORY + bench.width
+    own, end = len(bench.law.memory()), at.I_HISTORY + bench.width
     found: list[Sample] = []
     for moment in walk(bench, random_paths(bench, 3), 4):
         I = bench.inputs(moment.asked, moment.before)  # noqa: E741
@@ -152,7 +152,7 @@ def samples(bench: Bench) -> list[Sample]:
                 numbers = I[k, :, lane].tolist()
                 if numbers[at.I_OVERLAP] > 0.0:
                     memory = tuple(numbers[end - own : end])
-                    found.append(Sample(k, Contact(*numbers[: at.I_TYPE]), memory))
+                    found.append(Sample(k, Contact._make((*numbers[: at.I_TYPE], 0.0)), memory))
     return found
 
 
@@ -201,7 +201,10 @@ def _load(bench: Bench, sample: Sample, c: Contact) -> tuple[Normal, float]:
 
 def _arguments(bench: Bench, sample: Sample, c: Contact) -> tuple[Any, ...]:
     p = bench.parameters(sample.setting)
-    memory = (sample.history,) if bench.law.history else ()
+    count = len(bench.law.history)
+    memory: tuple[Any, ...] = (sample.history[:count],) if count else ()
+    if len(sample.history) > count:
+        memory += (np.array(sample.history[count:]),)
     if bench.law.stage == "normal":
         return (c, p, *memory)
     n, stiffness = _load(bench, sample, c)
@@ -213,7 +216,8 @@ def _arguments(bench: Bench, sample: Sample, c: Contact) -> tuple[Any, ...]:
 
 def _answer(bench: Bench, sample: Sample, c: Contact) -> Any:
     kernel: Callable = plain(bench.law.kernel)
-    answer = kernel(*_arguments(bench, sample, c))
+    size = len(sample.history) - len(bench.law.history)
+    answer = kernel(*_arguments(bench, sample, c), *((np.zeros(size),) if size else ()))
     return answer[0] if bench.law.history else answer
 
 

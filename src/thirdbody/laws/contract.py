@@ -19,6 +19,10 @@ Stage by stage (`h` only for laws that name a history; then the result is `(answ
 | tangential_damping | `(c, load, p)` | viscous force opposing slip per unit slip velocity, N s/m |
 | rolling | `(c, turn, load, p[, h])` | `Rolling` |
 
+A tangential law may also keep a *field*, a number of floats per contact that its options may decide. Its kernel is
+`(c, load, p, h, w, w_new)`: it reads the array `w`, zeros in a virgin contact, and fills all of `w_new`; its tangent is
+`(c, load, p, h, w)`. The arrays are for it alone and end with the call.
+
 The engine clips `normal + damping` at zero (a dashpot cannot pull a dry contact back), hands that sum to the tangential
 stage as the load that friction may use, adds adhesion to the total force only, and scales the viscous tangential force into
 what the friction limit leaves; the same for the viscous part of a rolling moment. It computes the powers of all dashpots from the
@@ -29,7 +33,7 @@ about the two tangential axes, so that the work of the pair is moment times turn
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 from numba import njit
@@ -53,6 +57,7 @@ class Contact(NamedTuple):
     slip_y: float
     v_x: float  # slip velocity, synchronised with the overlap
     v_y: float
+    roll: float  # way of the patch over the two surfaces during the step (their mean); 0 for a law that does not ask
 
 
 class Normal(NamedTuple):
@@ -195,8 +200,9 @@ class Law:
     `mix(pair, options)` is plain Python, run once per material pair; it returns the kernel's parameter tuple `p`, an instance
     of `parameters`. `tangent` has the kernel's arguments and returns dN/dd (normal, adhesion) or the six numbers
     dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd (tangential; rolling: of moment and turn); a law without one runs in the
-    explicit integrator only. `wanted(pairs)` says whether these materials call for the law at all: if not, it is absent from
-    the compiled code.
+    explicit integrator only. `field` is the number of floats of the field, or a function of the options that gives it; a law
+    that `rolls` is told the way of the patch, for history that belongs to the material under it. `wanted(pairs)` says whether
+    these materials call for the law at all: if not, it is absent from the compiled code.
     """
 
     name: str
@@ -209,6 +215,18 @@ class Law:
     history: tuple[str, ...] = ()
     tangent: Callable | None = None
     wanted: Callable[[Sequence[Pair]], bool] = _always
+    field: int | Callable[[Options], int] = 0
+    rolls: bool = False
+
+    def memory(self) -> tuple[str, ...]:
+        """Names of all floats that are kept per contact: the history, then the field."""
+        if callable(self.field):
+            raise ValueError(f"the size of the field of '{self.name}' depends on its options: see `sized`")
+        return self.history + tuple(f"field[{i}]" for i in range(self.field))
+
+    def sized(self, options: Options) -> Law:
+        """The law with the size of its field for these options."""
+        return replace(self, field=self.field(options)) if callable(self.field) else self
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ class FrameMaker:
             "contact_radius": R[:, at.R_A],
             "critical_slip": R[:, at.R_CRITICAL],
         }
-        if s.physics.rolling:
+        if s.physics.moments:
             moment = R[:, at.R_M : at.R_M + 3]
             size, limit = np.linalg.norm(moment, axis=1), R[:, at.R_M_LIMIT]
             arrays["moment"] = moment

@@ -54,7 +54,7 @@ def choose(scene: Scene, registry: Registry) -> Choice:
     if faults:
         raise InputError(faults)
     try:
-        chain = compose(chosen)
+        chain = compose(law.sized(values.get(law.name, law_values.get(law.name, {}))) for law in chosen)
     except ValueError as problem:
         raise InputError(scene.fault(("contact", "law"), str(problem))) from None
     except Exception as problem:
@@ -259,7 +259,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Ph
         law=chain.law,
         stiffness=chain.stiffness,
         history=chain.history,
-        rolling=any(law.stage == "rolling" for law in chain.laws),
+        rolling=chain.rolling,
         pairs=np.ascontiguousarray(parameters.ravel()),
         kinds=kinds,
         effects=compose_effects(effects),
