@@ -7,11 +7,13 @@ imports nothing of the engine but `thirdbody.plugin`. A level is a preset: which
 |---|---|---|
 | coulomb | elastic-plastic spring with a slip scale | tangential elasticity |
 | mindlin | no-slip stiffness, rescaled force form | partial slip |
+| mdr | a row of `springs` under the patch, each with its limit | discretisation: the error falls with the springs |
 """
 
 from thirdbody.plugin import COULOMB, HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING, Labeller, LawFamily, Plugin
 
 from . import classify
+from .mdr import MDR
 
 LABELLER = Labeller(
     name="three_spot",
@@ -31,6 +33,7 @@ THREE_SPOT = LawFamily(
     levels={
         "coulomb": (HERTZ, HERTZ_DAMPING, COULOMB, TANGENTIAL_DAMPING),
         "mindlin": (HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING),
+        "mdr": (HERTZ, HERTZ_DAMPING, MDR, TANGENTIAL_DAMPING),
     },
     default_level="mindlin",
     labeller=LABELLER,

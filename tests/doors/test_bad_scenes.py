@@ -69,8 +69,12 @@ FAULTS = {
     "relax": ([('settle = "1 us"', 'initial_overlap = "relax"')], "29:1: solver.initial_overlap", [LATER, "'refuse'"]),
     "heaps": ([('"spheres"', '"heaps"')], "13:1: debris[0].kind", ["is not one of", "'spheres'", "'spots'", "'file'"]),
     "heap": ([("seed = 1", 'placement = "heap"')], "16:1: debris[0].placement", ["'layer'", "'dense'"]),
-    "mdr": ([("[solver]", '[contact]\nlevel = "mdr"\n[solver]')], "28:1: contact.level", [LATER, "'mindlin'"]),
-    "springs": ([("[solver]", "[contact]\nsprings = 32\n[solver]")], "28:1: contact.springs", ["mdr", LATER]),
+    "springs": ([("[solver]", "[contact]\nsprings = 32\n[solver]")], "28:1: contact.springs", ["belongs to", "mdr"]),
+    "too few springs": (
+        [("[solver]", '[contact]\nlevel = "mdr"\nsprings = 2\n[solver]')],
+        "29:1: contact.springs",
+        ["between 4"],
+    ),
     # names of laws, levels, effects and their options
     "law": ([("[solver]", '[contact]\nlaw = "three_spt"\n[solver]')], "28:1: contact.law", ["'three_spot'"]),
     "level": (

@@ -19,13 +19,6 @@ from ..laws.registry import Registry
 from . import units
 from .model import Scene
 
-LATER_LEVELS = ("mdr", "exact")
-"""Levels that the scene format names and a later version brings."""
-
-LATER_OPTIONS = {"springs": 'level = "mdr"'}
-"""Options of such levels, and what they belong to."""
-
-
 @dataclass(frozen=True)
 class Choice:
     """The physics of a scene in words and in code. `rows[k]` are the parameters of `pairs[k]`, law by law."""
@@ -50,7 +43,7 @@ def choose(scene: Scene, registry: Registry) -> Choice:
     materials, pairs = _materials(scene)
     chosen = tuple(law for law in (*laws, *contact_effects) if law.wanted(pairs))
     off = tuple(law.name for law in laws if not law.wanted(pairs))
-    law_values = _law_options(scene, laws, faults)
+    law_values = _law_options(scene, family, laws, faults)
     if faults:
         raise InputError(faults)
     try:
@@ -106,11 +99,7 @@ def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawF
     family = families[name]
     level = scene.contact.level or family.default_level
     if level not in family.levels:
-        if level in LATER_LEVELS:
-            listed = ", ".join(f"'{known}'" for known in sorted(family.levels))
-            message = f"level = '{level}' is known but not available in this version; available: {listed}"
-        else:
-            message = f"'{level}' is not a level of '{name}', {nearest(level, family.levels)}"
+        message = f"'{level}' is not a level of '{name}', {nearest(level, family.levels)}"
         faults.append(scene.fault(("contact", "level"), message))
         return family, level, ()
     return family, level, family.levels[level]
@@ -133,14 +122,15 @@ def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
     return materials, pairs
 
 
-def _law_options(scene: Scene, laws: Sequence[Law], faults: list[Fault]) -> dict[str, dict[str, Any]]:
+def _law_options(scene: Scene, family: LawFamily, laws: Sequence[Law], faults: list[Fault]) -> dict[str, dict[str, Any]]:
     known = {option.name for law in laws for option in law.options}
     given = scene.contact.options
     for key in given:
         if key in known:
             continue
-        if key in LATER_OPTIONS:
-            message = f"belongs to {LATER_OPTIONS[key]}, which is known but not available in this version"
+        owners = [level for level, laws in family.levels.items() if any(o.name == key for law in laws for o in law.options)]
+        if owners:
+            message = f'belongs to level = "{owners[0]}"'
         else:
             message = f"unknown key for this law and level, {nearest(key, known | {'law', 'level', 'debris_contact'})}"
         faults.append(scene.fault(("contact", key), message))

@@ -1,0 +1,187 @@
+"""Partial slip by the method of dimensionality reduction: a row of springs under the patch, each with its own friction limit.
+
+T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap exceeds their gap, and that slip at
+|w| = kappa h, h the local overlap (Popov and Hess, Method of Dimensionality Reduction in Contact Mechanics and Friction,
+2015; kappa = mu E*/G*, Willert, Eq. 13). w is a 2-D vector in the contact plane.
+
+* On a straight path of overlap and slip a spring takes the share of the slip that came after it touched, and is then returned
+  onto its limit. Along a line that is exact whatever the length of the step, so 100 steps give what one gives; on a curved
+  path the return makes an error of first order in the angle that a step turns by.
+* The grid of n springs doubles its spacing at the very moment when the patch reaches its end, by merging neighbours: between
+  n/2 and n springs carry a growing patch, and the state depends on the path alone. A patch that shrinks keeps its coarse grid
+  until the contact opens. The gap of a spring is the mean over its cell, so merging keeps every field that is linear in x^2,
+  and the springs together never pass mu N (they fall short of it by 1.5 (spacing/2a)^2 at most: 4e-4 for 32 springs).
+* Springs that leave the patch forget; so does, exponentially within half a contact radius of way, the material that rolls out
+  of it (fresh material enters unloaded): a rolling spot has lost 98 % of its force after two contact radii.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from thirdbody.plugin import Contact, Law, Load, Option, Options, Pair, Tangential, e_star, g_star, kernel
+
+FIRST = 2.0**-20
+"""Half width of the first grid over the radius of curvature: an overlap of 1e-12 of it."""
+
+RENEWED = 2.0
+"""Rate at which a rolling patch renews its material, per contact radius of way. The share of a disc that is still the same
+falls by .64 per radius at first and to nothing after two; the exponential is shorter lived than the one and never ends."""
+
+STEP = 1e-6
+"""Relative step of the central differences that the tangent is made of: half the digits of the forces are left."""
+
+helper = njit(error_model="numpy")
+
+
+class SpringParameters(NamedTuple):
+    """Effective shear modulus (the paper's G*), Pa; friction; ratio of the moduli mu E*/G*; renewal per contact radius."""
+
+    g_star: float
+    mu: float
+    kappa: float
+    renewal: float
+
+
+@helper
+def merge(w, n):
+    """Two neighbouring springs become one; the outer half of the row is empty afterwards."""
+    for part in range(2):
+        first = part * n
+        for i in range(n // 2):
+            w[first + i] = 0.5 * (w[first + 2 * i] + w[first + 2 * i + 1])
+        for i in range(n // 2, n):
+            w[first + i] = 0.0
+
+
+@helper
+def squares(w):
+    """Sum of the squared elongations."""
+    total = 0.0
+    for i in range(len(w)):
+        total += w[i] * w[i]
+    return total
+
+
+@helper
+def segment(w, n, spacing, radius, before, after, slip_x, slip_y, bound, back):
+    """One straight piece of the path, overlap from `before` to `after`; returns (slipped work, lost squares, slip of the middle).
+
+    The work is sum w . (slip of the spring), in m2: times stiffness it is the energy that friction takes. `back` is scratch.
+    Two loops, each without branches or sums over the expensive part, so that the compiler does several springs at once.
+    """
+    rise = max(after - before, 1e-300)
+    cell = spacing * spacing / 12.0
+    for i in range(n):
+        x = (i + 0.5) * spacing
+        gap = (x * x + cell) / radius
+        depth = max(after - gap, 0.0)
+        share = 1.0 if before > gap else depth / rise
+        x_try, y_try = w[i] - share * slip_x, w[n + i] - share * slip_y
+        size, limit = math.sqrt(x_try * x_try + y_try * y_try), bound * depth
+        back[i] = limit / max(size, limit, 1e-300)
+        back[n + i] = size
+        back[2 * n + i] = 0.0 if depth > 0.0 else w[i] * w[i] + w[n + i] * w[n + i]
+        w[i], w[n + i] = back[i] * x_try, back[i] * y_try
+    work, lost = 0.0, 0.0
+    for i in range(n):
+        work += back[i] * back[n + i] * (1.0 - back[i]) * back[n + i]
+        lost += back[2 * n + i]
+    return work, lost, (1.0 - back[0]) * back[n]
+
+
+@kernel
+def springs(c, load, p, h, w, w_new):
+    """Force, energies and the new row of springs after a straight step from the overlap and the spacing in h."""
+    before, spacing = h
+    n = len(w) // 2
+    for i in range(2 * n):
+        w_new[i] = w[i]
+    scratch = np.empty(3 * n)
+    if spacing == 0.0:
+        spacing = FIRST * c.radius / n
+    # Coulomb's limit uses the whole normal force, dashpot included
+    bound = p.kappa * load.force / max(load.elastic, 1e-300)
+    kept = math.exp(-p.renewal * c.roll / max(load.contact_radius, 1e-300))
+    energy = 0.0
+    if kept < 1.0:
+        energy += (1.0 - kept * kept) * p.g_star * spacing * squares(w_new)
+        for i in range(2 * n):
+            w_new[i] *= kept
+    done, slip = before, 0.0
+    end = (n * spacing) * (n * spacing) / c.radius
+    while c.overlap > end:
+        share = (end - done) / (c.overlap - before)
+        work, lost, middle = segment(w_new, n, spacing, c.radius, done, end, share * c.slip_x, share * c.slip_y, bound, scratch)
+        stored = p.g_star * spacing * squares(w_new)
+        merge(w_new, n)
+        energy += p.g_star * spacing * (2.0 * work + lost) + stored - 2.0 * p.g_star * spacing * squares(w_new)
+        spacing, done, slip = 2.0 * spacing, end, slip + middle
+        end = (n * spacing) * (n * spacing) / c.radius
+    share = (c.overlap - done) / (c.overlap - before) if done > before else 1.0
+    work, lost, middle = segment(w_new, n, spacing, c.radius, done, c.overlap, share * c.slip_x, share * c.slip_y, bound, scratch)
+    energy += p.g_star * spacing * (2.0 * work + lost)
+    x, y = 0.0, 0.0
+    for i in range(n):
+        x += w_new[i]
+        y += w_new[n + i]
+    stiffness = 2.0 * p.g_star * spacing
+    stored = 0.5 * stiffness * squares(w_new)
+    limit = p.mu * load.force
+    return Tangential(stiffness * x, stiffness * y, limit, p.kappa * c.overlap, slip + middle, stored, energy), (c.overlap, spacing)
+
+
+@helper
+def trial(c, load, p, h, w, overlap, slip_x, slip_y):
+    """Force (x, y) after another step from the same state; the load follows the overlap by its stiffness."""
+    w_new = w.copy()
+    rise = overlap - c.overlap
+    moved = Contact(overlap, c.radius, c.mass, c.v_n, slip_x, slip_y, c.v_x, c.v_y, c.roll)
+    force = load.force + load.stiffness * rise
+    answer = springs(moved, Load(force, force, load.contact_radius, load.stiffness), p, h, w, w_new)[0]
+    return answer.x, answer.y
+
+
+@kernel
+def springs_tangent(c, load, p, h, w):
+    """Central differences of the step itself: consistent with it also where springs touch, slip or merge in the step."""
+    e_d, e_s = STEP * c.overlap, STEP * max(p.kappa, 1e-3) * c.overlap
+    x_a, y_a = trial(c, load, p, h, w, c.overlap, c.slip_x + e_s, c.slip_y)
+    x_b, y_b = trial(c, load, p, h, w, c.overlap, c.slip_x - e_s, c.slip_y)
+    x_c, y_c = trial(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y + e_s)
+    x_d, y_d = trial(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y - e_s)
+    x_e, y_e = trial(c, load, p, h, w, c.overlap + e_d, c.slip_x, c.slip_y)
+    x_f, y_f = trial(c, load, p, h, w, c.overlap - e_d, c.slip_x, c.slip_y)
+    return (
+        0.5 * (x_a - x_b) / e_s,
+        0.5 * (x_c - x_d) / e_s,
+        0.5 * (y_a - y_b) / e_s,
+        0.5 * (y_c - y_d) / e_s,
+        0.5 * (x_e - x_f) / e_d,
+        0.5 * (y_e - y_f) / e_d,
+    )
+
+
+def mix_springs(pair: Pair, _options: Options) -> SpringParameters:
+    """G*, friction and kappa = mu E*/G* (Willert, Eqs. 13, 14)."""
+    g = g_star(pair.a, pair.b)
+    return SpringParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, RENEWED)
+
+
+MDR = Law(
+    name="mdr",
+    stage="tangential",
+    kernel=springs,
+    tangent=springs_tangent,
+    parameters=SpringParameters,
+    mix=mix_springs,
+    options=(Option("springs", "dimensionless", 32.0, low=4.0, high=512.0, doc="springs per contact, an even number"),),
+    history=("overlap", "spacing"),
+    field=lambda options: 2 * round(options["springs"]),
+    rolls=True,
+    source="Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact, Eqs. 11-13",
+)

@@ -1,0 +1,305 @@
+"""One rigid particle between two first bodies, in balance at every point of a path: Newton's method, no inertia, no time.
+
+The lower plate is fixed; the upper one is lowered by its closing (or pressed down by a load, its closing being found) and
+dragged sideways. Kinematics is linear, as in Willert's theory (Eqs. 1, 6, 11): a spot at r from the centre of mass moves by
+t + theta x r, with the translation t and the rotation vector theta of the particle since first touch. Its normal part changes
+the overlap, its tangential part against the plate is the slip. That is the theory itself for a planar particle, and holds in
+3-D as long as |theta| is small; finite rotation is another solver's task.
+
+Nothing is known of the laws but their compiled `law` and `tangents`. A step takes the history from the last point in balance and
+commits it only when the new one is found: a law that is exact for straight paths of overlap and slip is used as such.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .state import Array
+from .static_contacts import Answer, Contacts
+
+CONVERGED = 1e-12
+"""Largest unbalanced force, or moment over the arm, as a share of all normal forces, weight and load."""
+NEWTON_STEPS, HALVINGS, CUTS, BISECTIONS = 60, 12, 12, 50
+NEUTRAL = 1e-10
+"""Stiffness, as a share of the largest, below which a motion meets no resistance."""
+REACH = 0.5
+"""Largest change of an overlap in one Newton step, in parts of the largest overlap: Hertz' force is far from linear."""
+
+
+class NoStaticState(Exception):
+    """No balance was found on the way from the last point; `plate` is closing or load, and drag (2,), where it failed."""
+
+    def __init__(self, message: str, plate: Array):
+        super().__init__(message)
+        self.plate = plate
+
+
+@dataclass(frozen=True, eq=False)
+class Grip:
+    """Spots of one particle. place (n, 3) from the centre of mass, m; gap (n,) to their plate at first touch, m; upper (n,) bool;
+    weight, N; `planar` allows x, z and the rotation about y only."""
+
+    place: Array
+    gap: Array
+    upper: Array
+    weight: float = 0.0
+    planar: bool = False
+
+    @property
+    def arm(self) -> float:
+        """Largest distance of a spot from the centre of mass, m: turns rotations into lengths; 1 if all spots are there."""
+        return float(np.linalg.norm(self.place, axis=1).max()) or 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Balance:
+    """A point in balance. `plate`: closing or load, drag x, y; `motion` (6,): translation, m, and rotation vector since first touch;
+    `closing` of the upper plate, m; `slip` (n,) accumulated irreversible slip, m; `hold` (n,) tangential stiffness along the
+    tangential force, as a share of that without any slip; `free` number of motions that met no resistance; `rest` what is
+    unbalanced, as a share of the forces."""
+
+    plate: Array
+    closing: float
+    motion: Array
+    overlap: Array
+    answer: Answer
+    slip: Array
+    hold: Array
+    free: int
+    rest: float
+    coordinates: Array = field(repr=False)
+    shift: Array = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A point that is tried: coordinates, unbalanced forces, and what the laws were asked."""
+
+    y: Array
+    force: Array
+    scale: float
+    overlap: Array
+    shift: Array
+    slip: Array
+    share: Array
+    answer: Answer
+
+    @property
+    def rest(self) -> float:
+        """Largest unbalanced force as a share of all; infinite where nothing is loaded."""
+        return float(np.abs(self.force).max()) / self.scale if self.scale > 0.0 else float("inf")
+
+
+class QuasiStatic:
+    """Walks one particle along a path of the upper plate. `now` is the last point in balance, None before the first."""
+
+    def __init__(self, grip: Grip, contacts: Contacts, under_load: bool = False) -> None:
+        self.grip, self.contacts, self.under_load = grip, contacts, under_load
+        self.now: Balance | None = None
+        self._kept = [0, 2, 4] if grip.planar else list(range(6))
+        self._rows = _rows(grip, self._kept, under_load)
+        self._memory = contacts.virgin()
+
+    def move(self, plate: Sequence[float]) -> Balance:
+        """The balance at closing, m (or load, N), and drag x, y, m, of the upper plate; the path there is straight.
+
+        A step without answer is cut in halves; raises NoStaticState, and keeps the last balance, when that leads nowhere.
+        """
+        target = np.asarray(plate, float)
+        start = np.zeros(3) if self.now is None else self.now.plate
+        done, size, cuts = 0.0, 1.0, 0
+        while done < 1.0:
+            size = min(size, 1.0 - done)
+            goal = target if done + size >= 1.0 else start + (done + size) * (target - start)
+            found = self._find(goal)
+            if found is None:
+                cuts, size = cuts + 1, 0.5 * size
+                if cuts > CUTS:
+                    raise NoStaticState("no balance of forces and moments was found near the last one", goal)
+                continue
+            self._commit(goal, *found)
+            done += size
+        assert self.now is not None
+        return self.now
+
+    def _commit(self, plate: Array, trial: _Trial, free: int) -> None:
+        motion = np.zeros(6)
+        motion[self._kept] = trial.y[: len(self._kept)]
+        motion[3:] /= self.grip.arm
+        before = 0.0 if self.now is None else self.now.slip
+        slip = np.where(trial.overlap > 0.0, before + trial.answer.slip, 0.0)
+        closing = float(trial.y[-1] if self.under_load else plate[0])
+        hold = self.contacts.hold(trial.overlap, trial.slip * trial.share[:, None], self._memory, trial.answer)
+        self._memory = trial.answer.memory
+        points = (motion, trial.overlap, trial.answer, slip, hold, free, trial.rest, trial.y, trial.shift)
+        self.now = Balance(plate, closing, *points)
+
+    def _find(self, plate: Array) -> tuple[_Trial, int] | None:
+        for guess in self._guesses(plate):
+            found = self._newton(guess, plate)
+            if found is not None:
+                free, vector = self._free(found, plate)
+                return (self._nearest(found, vector, plate) if free == 1 else found), free
+        return None
+
+    def _guesses(self, plate: Array) -> list[Array]:
+        """Where to start: the last point; while the plate only closes its continuation first; upright before the first."""
+        if self.now is None:
+            return [self._upright(plate)]
+        last = self.now.coordinates
+        if np.any(plate[1:] != self.now.plate[1:]) or self.now.plate[0] <= 0.0:
+            return [last]
+        ratio = plate[0] / self.now.plate[0]
+        # of Hertz' contacts that grow alike
+        return [last * (ratio ** (2.0 / 3.0) if self.under_load else ratio), last]
+
+    def _upright(self, plate: Array) -> Array:
+        """Coordinates of the particle that only sinks until the sums of the normal forces agree, by bisection."""
+        y = np.zeros(self._rows.shape[2])
+        vertical, up = self._kept.index(2), self.grip.upper
+        size = float(self.contacts.radius.max() + self.grip.gap.max())
+
+        def pressed(sink: float, closing: float) -> tuple[float, float]:
+            overlap = np.where(up, closing - sink, sink) - self.grip.gap
+            normal = self.contacts.ask(overlap, np.zeros((len(overlap), 2)), self.contacts.virgin()).normal
+            return float(normal[up].sum()), float(normal[~up].sum())
+
+        if self.under_load:
+            sink = _root(lambda s: pressed(s, 0.0)[1] - plate[0] - self.grip.weight, size)
+            y[-1] = sink + _root(lambda d: pressed(0.0, d)[0] - plate[0], size)
+        else:
+
+            def excess(sink: float) -> float:
+                above, below = pressed(sink, plate[0])
+                return below - above - self.grip.weight
+
+            sink = _root(excess, size)
+        y[vertical] = -sink
+        return y
+
+    def _trial(self, y: Array, plate: Array) -> _Trial:
+        grip = self.grip
+        local = self._rows @ y  # (3, n): overlap, displacement along x and y
+        overlap = local[0] - grip.gap + (0.0 if self.under_load else plate[0] * grip.upper)
+        shift = (local[1:] - plate[1:, None] * grip.upper).T
+        before = np.zeros(len(overlap)) if self.now is None else self.now.overlap
+        slip = shift - (0.0 if self.now is None else self.now.shift)
+        # a spot that closes within the step slips only for the rest of it
+        touched = (before < 0.0) & (overlap > 0.0)
+        share = np.where(touched, overlap / np.where(touched, overlap - before, 1.0), 1.0)
+        answer = self.contacts.ask(overlap, slip * share[:, None], self._memory)
+        force = np.einsum("nm,n->m", self._rows[1], answer.tangential[:, 0])
+        force += np.einsum("nm,n->m", self._rows[2], answer.tangential[:, 1])
+        force -= np.einsum("nm,n->m", self._rows[0], answer.normal)
+        force[self._kept.index(2)] -= grip.weight
+        scale = float(answer.normal.sum()) + grip.weight
+        if self.under_load:
+            force[-1] += plate[0]
+            scale += abs(plate[0])
+        return _Trial(y, force, scale, overlap, shift, slip, share, answer)
+
+    def _jacobian(self, trial: _Trial) -> Array:
+        """d(force)/d(coordinates), exact for the step: the laws' tangents, and the share of a step that closes a spot."""
+        k = self.contacts.stiffness(trial.overlap, trial.slip * trial.share[:, None], self._memory)
+        before = np.zeros(len(k[0])) if self.now is None else self.now.overlap
+        growth = np.where(trial.share < 1.0, -before / np.where(trial.share < 1.0, trial.overlap - before, 1.0) ** 2, 0.0)
+        d, x, y = self._rows
+        own = trial.slip * growth[:, None]
+        t_x = (trial.share * k[1])[:, None] * x + (trial.share * k[2])[:, None] * y
+        t_x += (k[5] + k[1] * own[:, 0] + k[2] * own[:, 1])[:, None] * d
+        t_y = (trial.share * k[3])[:, None] * x + (trial.share * k[4])[:, None] * y
+        t_y += (k[6] + k[3] * own[:, 0] + k[4] * own[:, 1])[:, None] * d
+        return x.T @ t_x + y.T @ t_y - d.T @ (k[0][:, None] * d)
+
+    def _newton(self, y: Array, plate: Array) -> _Trial | None:
+        """Newton's method with a line search, then with damping where that fails; None without an answer."""
+        trial = self._trial(y, plate)
+        for _ in range(NEWTON_STEPS):
+            if trial.rest <= CONVERGED:
+                # nothing pressed anywhere is a balance, but not one of a particle between two bodies
+                return trial if trial.answer.normal.any() else None
+            jacobian = self._jacobian(trial)
+            if not jacobian.any() or not np.isfinite(jacobian).all():
+                return None
+            better = self._search(trial, np.linalg.lstsq(jacobian, -trial.force, rcond=NEUTRAL)[0], plate)
+            for damping in () if better else (1e-6, 1e-4, 1e-2, 1.0):
+                size = damping * float(np.linalg.norm(jacobian, 2))
+                stack = np.vstack([jacobian, size * np.eye(len(y))])
+                step = np.linalg.lstsq(stack, np.concatenate([-trial.force, np.zeros(len(y))]), rcond=None)[0]
+                better = self._search(trial, step, plate)
+                if better:
+                    break
+            if better is None:
+                return None
+            trial = better
+        return None
+
+    def _search(self, trial: _Trial, step: Array, plate: Array) -> _Trial | None:
+        """The first point on the way back from the full step with less unbalanced force."""
+        change = np.abs(self._rows @ step).max(axis=1)
+        reach = REACH * max(float(trial.overlap.max()), 0.0)
+        part = min(1.0, reach / change[0]) if change[0] > 0.0 and reach > 0.0 else 1.0
+        size = float(np.linalg.norm(trial.force))
+        for _ in range(HALVINGS):
+            tried = self._trial(trial.y + part * step, plate)
+            if float(np.linalg.norm(tried.force)) < (1.0 - 1e-4 * part) * size:
+                return tried
+            part *= 0.5
+        return None
+
+    def _free(self, trial: _Trial, plate: Array) -> tuple[int, Array]:
+        """How many motions meet no resistance, and the last of them."""
+        _, values, vectors = np.linalg.svd(self._jacobian(trial))
+        return int(np.sum(values <= NEUTRAL * values[0])), vectors[-1]
+
+    def _nearest(self, trial: _Trial, vector: Array, plate: Array) -> _Trial:
+        """Of balances in a row along `vector` that nothing tells apart (both sides slide), the one nearest to the last point.
+
+        So the particle stays where the sliding reached it; a particle with the least weight does so by itself, for its lower
+        spots can bear the more.
+        """
+        if self.now is None:
+            return trial
+        back = float(vector @ (trial.y - self.now.coordinates)) * vector
+        best = self._trial(trial.y - back, plate)
+        if best.rest <= CONVERGED:
+            return best
+        low, high, best = 0.0, 1.0, trial
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            tried = self._trial(trial.y - middle * back, plate)
+            if tried.rest <= CONVERGED:
+                low, best = middle, tried
+            else:
+                high = middle
+        return best
+
+
+def _rows(grip: Grip, kept: Sequence[int], under_load: bool) -> Array:
+    """(3, n, m): change of overlap and of the displacement along x and y with the coordinates: translation, arm times rotation
+    vector, and under load the closing."""
+    x, y, z = grip.place.T
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    sign = np.where(grip.upper, 1.0, -1.0)
+    overlap = sign * np.array([zero, zero, one, y / grip.arm, -x / grip.arm, zero])
+    along_x = np.array([one, zero, zero, zero, z / grip.arm, -y / grip.arm])
+    along_y = np.array([zero, one, zero, -z / grip.arm, zero, x / grip.arm])
+    rows = np.stack([overlap, along_x, along_y]).transpose(0, 2, 1)[:, :, list(kept)]
+    if not under_load:
+        return np.ascontiguousarray(rows)
+    closing = np.stack([np.where(grip.upper, 1.0, 0.0), zero, zero])[:, :, None]
+    return np.concatenate([rows, closing], axis=2)
+
+
+def _root(excess: Callable[[float], float], high: float) -> float:
+    """Zero of a growing function of a length in [0, high], m, by bisection in the exponent first: overlaps are tiny."""
+    low = 0.0
+    while high > 0.0 and excess(0.5 * high) > 0.0 and high > 1e-300:
+        high *= 0.5
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if excess(middle) > 0.0 else (middle, high)
+    return 0.5 * (low + high)

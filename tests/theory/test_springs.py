@@ -1,0 +1,204 @@
+"""The level `mdr`: its springs against Cattaneo-Mindlin theory, straight and curved paths, rolling, and oblique impacts."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import njit
+from thirdbody_three_spot import mdr, theory
+
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.rolling import travel
+from thirdbody.laws.contract import Contact as Touch
+from thirdbody.laws.contract import Load
+from thirdbody.scene.model import Contact
+
+E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
+KAPPA = MU * E_STAR / G_STAR
+DATA = Path(__file__).with_name("data")
+
+
+class Driver:
+    """One contact, driven step by step: `move(overlap, slip)` gives the answer of the law."""
+
+    def __init__(self, springs: int, mu: float = MU):
+        self.p = mdr.SpringParameters(G_STAR, mu, mu * E_STAR / G_STAR, mdr.RENEWED)
+        self.h, self.w = (0.0, 0.0), np.zeros(2 * springs)
+
+    def move(self, overlap: float, slip: float = 0.0, across: float = 0.0, roll: float = 0.0):
+        force, a = theory.hertz_force(E_STAR, RADIUS, overlap), theory.contact_radius(RADIUS, overlap)
+        load = Load(force, force, a, theory.hertz_stiffness(E_STAR, RADIUS, overlap))
+        w_new = np.full_like(self.w, np.nan)
+        touch = Touch(overlap, RADIUS, 1.0, 0.0, slip, across, 0.0, 0.0, roll)
+        answer, self.h = mdr.springs(touch, load, self.p, self.h, self.w, w_new)
+        self.w = w_new
+        return answer
+
+    def straight(self, overlap: float, slip: float, pieces: int):
+        """The same segment in so many steps."""
+        start = self.h[0]
+        for k in range(1, pieces + 1):
+            answer = self.move(start + (overlap - start) * k / pieces, slip / pieces)
+        return answer
+
+
+LIMIT, CRITICAL = MU * theory.hertz_force(E_STAR, RADIUS, 0.01), KAPPA * 0.01
+
+
+# 16 to 32 (and so on) springs of the doubling grid lie under the patch; its edge falls somewhere in the last cell
+@pytest.mark.parametrize(("springs", "error"), [(16, 1.5e-3), (64, 1e-4), (256, 6e-6)])
+def test_the_virgin_curve(springs, error):
+    driver = Driver(springs)
+    driver.move(0.01)
+    for k in range(1, 13):
+        force = -driver.move(0.01, 0.1 * CRITICAL).x
+        expected = theory.mindlin_loading(min(0.1 * k, 1.0) * CRITICAL, LIMIT, CRITICAL)
+        assert force == pytest.approx(expected, abs=error * LIMIT)
+    assert force <= LIMIT * (1.0 + 1e-12), "never beyond Coulomb's limit"
+
+
+def test_reversal_and_loop():
+    """Mindlin and Deresiewicz: the branches after a turn, and the work of the closed loop."""
+    driver, turn, work = Driver(512), 0.7 * CRITICAL, 0.0
+    driver.move(0.01)
+    top = -driver.move(0.01, turn).x
+    for sign in (-1.0, 1.0):
+        for k in range(1, 201):
+            answer = driver.move(0.01, sign * 0.01 * turn)
+            work += answer.dissipated
+            branch = theory.mindlin_reversal(turn - 0.01 * k * turn, turn, LIMIT, CRITICAL)
+            # 256 to 512 springs carry the patch: 2e-6
+            assert -answer.x == pytest.approx(-sign * branch, abs=4e-6 * LIMIT)
+    assert -answer.x == pytest.approx(top, abs=4e-6 * LIMIT)
+    # the law's own dissipation, step by step of the first order
+    assert work == pytest.approx(theory.mindlin_loop_work(top / LIMIT) * LIMIT * CRITICAL, rel=0.02)
+
+
+def test_a_straight_step_is_a_hundred():
+    """Along a line, with the grid doubling on the way: to rounding, undamped."""
+    rng = np.random.default_rng(3)
+    one, hundred = Driver(32), Driver(32)
+    for _ in range(40):
+        overlap, slip = rng.uniform(1e-4, 0.02), rng.normal() * 3e-3
+        a, b = one.move(overlap, slip), hundred.straight(overlap, slip, 100)
+        assert a.x == pytest.approx(b.x, abs=1e-13 * MU * theory.hertz_force(E_STAR, RADIUS, 0.02))
+    assert one.w == pytest.approx(hundred.w, abs=1e-15)
+
+
+def test_curved_paths_are_of_first_order():
+    """A quarter turn of slip after partial slip, in 8, 16, 32 steps, against 2048."""
+
+    def end(steps: int) -> np.ndarray:
+        driver = Driver(128)
+        driver.move(0.01, 0.0)
+        driver.move(0.01, 0.8 * CRITICAL)
+        for k in range(steps):
+            angle = 0.5 * math.pi * (k + 0.5) / steps
+            chord = 2.0 * CRITICAL * math.sin(0.25 * math.pi / steps)
+            answer = driver.move(0.01, chord * math.cos(angle), chord * math.sin(angle))
+        return np.array([answer.x, answer.y])
+
+    fine = end(2048)
+    errors = [np.linalg.norm(end(steps) - fine) / LIMIT for steps in (8, 16, 32)]
+    orders = np.diff(np.log2(errors)) * -1.0
+    assert errors[0] < 0.06
+    assert np.all((orders > 0.8) & (orders < 1.3))
+
+
+def test_without_friction_and_with_a_great_deal():
+    assert Driver(32, mu=0.0).move(0.01, 1.0).x == 0.0
+    driver = Driver(256, mu=1e9)
+    driver.move(0.01)
+    # all stick: T = 2 G* a s; the grid carries the edge of the patch to half a spring of 128 at least
+    assert -driver.move(0.01, 1e-5).x == pytest.approx(2.0 * G_STAR * 0.1 * 1e-5, rel=0.5 / 128)
+
+
+def test_rolling_renews_the_material():
+    driver = Driver(64)
+    driver.move(0.01)
+    force = -driver.move(0.01, 0.3 * CRITICAL).x
+    energy, lost = None, 0.0
+    for _ in range(20):
+        answer = driver.move(0.01, 0.0, roll=0.01)  # two contact radii in all
+        lost += answer.dissipated
+        energy = answer.stored
+    assert -answer.x == pytest.approx(force * math.exp(-4.0), rel=1e-12)
+    assert lost == pytest.approx(energy * (math.exp(8.0) - 1.0), rel=1e-9)
+
+
+def spheres(*rows):
+    """A table of spheres from (radius, velocity, spin)."""
+    S = np.zeros((len(rows), at.S_COLS))
+    for k, (radius, velocity, spin) in enumerate(rows):
+        S[k, at.S_R], S[k, at.S_U : at.S_U + 3], S[k, at.S_W : at.S_W + 3] = radius, velocity, spin
+    return S
+
+
+@njit
+def travel_speed(i, j, S, P, G, plate):
+    """The engine's function has no wrapper for Python."""
+    return travel(i, j, 0, S, P, G, plate, 0.0)
+
+
+def way(S, i, j, normal, arms, plate=0.0):
+    """Travel speed of the patch of a contact in the frame of x and y, or of y and z for a normal along x."""
+    G = np.zeros((1, 11))
+    e, f = ((1, 0, 0), (0, 1, 0)) if abs(normal[2]) == 1 else ((0, 1, 0), (0, 0, 1))
+    G[0, :3], G[0, 3:6], G[0, 6:9], G[0, 9:] = normal, e, f, arms
+    return travel_speed(i, j, S, np.zeros((1, at.P_COLS)), G, plate)
+
+
+def test_the_way_of_the_patch():
+    up = (0.0, 0.0, 1.0)
+    rolling = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 1.5, 0.0)))
+    assert way(rolling, 0, -1, up, (2.0, 0.0)) == pytest.approx(3.0)
+    skidding = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    assert way(skidding, 0, -1, up, (2.0, 0.0)) == pytest.approx(1.5), "new material on one side only"
+    riding = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    assert way(riding, 0, -2, (0.0, 0.0, -1.0), (2.0, 0.0), plate=3.0) == 0.0
+    gears = spheres((1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 2.0)), (1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -2.0)))
+    assert way(gears, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0)) == pytest.approx(2.0)
+    # two spheres that turn about their common centre as one body
+    dumbbell = spheres((1.0, (0.0, -2.0, 0.0), (0.0, 0.0, 2.0)), (1.0, (0.0, 2.0, 0.0), (0.0, 0.0, 2.0)))
+    assert way(dumbbell, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0)) == pytest.approx(0.0, abs=1e-15)
+
+
+SLOW = 1.5e-10
+"""m/s: an overlap of 1e-10 of the radius, so that the patch rolls on by 3e-5 of its own radius during the impact."""
+
+
+def impact(make, psi: float, level: str, nu: float = 0.3, **options) -> tuple[float, float]:
+    """psi_2 of an undamped oblique impact that starts with psi_1, without spin, and its kinetic energy over that before."""
+    material, radius, mu = make.solid(210e9, nu, 7850.0), 1e-3, 0.3
+    e = theory.e_star(material.shear(), nu, math.inf, 0.0)
+    duration = theory.impact_duration(make.ball_mass(material, radius), radius, e, SLOW)
+    scale = 2.0 * (1.0 - nu) / (mu * (2.0 - nu))
+    simulation = make.ball_on_plane(
+        material, radius, (psi / scale * SLOW, 0.0, -SLOW), friction=mu, time_step=duration / 1000.0,
+        contact=Contact(law="three_spot", level=level, options=options),
+    )  # fmt: skip
+    before = make.kinetic(simulation)
+    make.leave(simulation, duration)
+    after = (make.velocity(simulation)[0] - radius * make.spin(simulation)[1]) * scale / SLOW
+    return after, make.kinetic(simulation) / before
+
+
+CURVE = np.loadtxt(DATA / "maw_barber_fawcett_nu03.csv", delimiter=",", comments="#", skiprows=2)
+
+
+@pytest.mark.parametrize("row", range(0, len(CURVE), 3))
+def test_maw_barber_fawcett(make, row):
+    """The rebound of a sphere over its angle of incidence; 64 springs."""
+    psi, expected = CURVE[row, 2], CURVE[row, 3]
+    # 32 to 64 springs carry the patch (4e-4 of the limit), at 1000 steps an impact
+    assert impact(make, psi, "mdr", springs=64)[0] == pytest.approx(expected, abs=1e-3)
+
+
+@pytest.mark.parametrize("nu", [0.0, 0.1, 0.23, 0.45])
+@pytest.mark.parametrize("psi", [0.3, 1.5, 4.0])
+def test_undamped_impacts_gain_nothing(make, nu, psi):
+    # the normal part comes back to 1e-5 at 1000 steps
+    assert impact(make, psi, "mdr", nu)[1] <= 1.0 + 2e-5
