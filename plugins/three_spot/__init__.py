@@ -23,6 +23,7 @@ LABELLER = Labeller(
     reasons=classify.REASONS,
     margins=classify.MARGINS,
     extras=classify.EXTRAS,
+    codes=classify.CODES,
     memory=classify.MEMORY,
     contact_memory=classify.CONTACT_MEMORY,
     source="Willert, Self-consistency conditions in static three-body elastic tangential contact; labels by travel",

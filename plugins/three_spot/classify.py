@@ -62,6 +62,7 @@ from thirdbody.plugin import (
     O_T,
 )  # fmt: skip
 
+from .outlook import UNTOLD, write_outlook
 from .posture import (
     ABOVE,
     BELOW,
@@ -137,10 +138,14 @@ MARGINS = (
     "determinacy",
     "rotation",
 )
-EXTRAS = ("sliding_side", "roll_ratio", "slip_over_travel", "rolled_distance")
+EXTRAS = (
+    "sliding_side", "roll_ratio", "slip_over_travel", "rolled_distance", "forecast", "mu_required", "t_min", "t_max",
+)  # fmt: skip
+CODES = ("sliding_side", "forecast")
 OUTPUTS = 2 + len(MARGINS) + len(EXTRAS)
 OUT_FRICTION, OUT_UPPER, OUT_LOWER, OUT_FORCE, OUT_MOMENT, OUT_DETERMINACY, OUT_ROTATION = range(2, 9)
-OUT_SIDE, OUT_ROLL, OUT_SLIP, OUT_ROLLED = range(9, 13)
+OUT_SIDE, OUT_ROLL, OUT_SLIP, OUT_ROLLED, OUT_FORECAST = range(9, 14)
+OUTLOOK = plain(OUT_FORECAST)
 PUSH, PUSH_RATE, TWIST, TWIST_RATE = plain(O_F), plain(O_MA), plain(O_T), plain(O_LDOT)
 
 EPS_LIMIT = 0.02
@@ -280,16 +285,18 @@ def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
     """Write state, reason, MARGINS and EXTRAS of one body into `out` (OUTPUTS,), after `observe` at the same
     instant.
 
-    `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` (m) grows when a window closes.
+    `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` (m) grows when a window closes; `forecast` is 0
+    for a body that can only roll, 1 can stick, 3 can stick or slide, 4 untold (`outlook`), with the ratios behind it.
     Reads only: the memories stay as they are. Every number is finite. Margins come first, then the rules in
     their order.
     """
     for k in range(OUTPUTS):
         out[k] = 1.0 if OUT_FRICTION <= k < OUT_SIDE else 0.0
-    out[OUT_ROLLED] = m[ROLLED]
+    out[OUT_ROLLED], out[OUT_FORECAST] = m[ROLLED], UNTOLD
     if n == 0:
         return
     pose = posture(C, n)
+    write_outlook(C, n, b, pose, out, OUTLOOK)
     turn = rotation_since(b, m, REFERENCE)
     p = patch_travel(C, n, turn)
     total = normal_sum(C, n)

@@ -274,6 +274,8 @@ def states_report(path: Path, frame: int | None, json: bool) -> None:
 
 
 def _states_over_frames(run: Run, json: bool) -> None:
+    from .foretold import forecast_against_fact, tell_forecast
+
     names = run.state_names
     rows = []
     for k in range(run.frames):
@@ -281,7 +283,7 @@ def _states_over_frames(run: Run, json: bool) -> None:
         rows.append({"frame": k, "time": float(run.times[k]), "distance": float(run.series["distance"][k]), **counts})
     last = _reasons(run.states[-1], run.reasons[-1], names, run.reason_names) if rows else {}
     if json:
-        print_json({"frames": rows, "reasons": last})
+        print_json({"frames": rows, "reasons": last, "forecast": forecast_against_fact(run)})
         return
     if not rows:
         print(f"{run.path}: no frames yet")
@@ -291,6 +293,7 @@ def _states_over_frames(run: Run, json: bool) -> None:
                           *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
     for state, counts in last.items():
         print(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
+    tell_forecast(forecast_against_fact(run))
 
 
 def _states_of_bodies(run: Run, frame: int, json: bool) -> None:

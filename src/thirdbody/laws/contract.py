@@ -268,6 +268,7 @@ class Labeller:
     contact_memory: tuple[str, ...]
     source: str
     stride: int = 8
+    codes: tuple[str, ...] = ()  # extras that are small whole numbers
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,8 @@ class FrameMaker:
         for k, name in enumerate(self.labeller.margins):
             arrays[f"margin_{name}"] = labels[:, 2 + k].copy()
         for k, name in enumerate(self.labeller.extras):
-            arrays[name] = labels[:, 2 + len(self.labeller.margins) + k].copy()
+            values = labels[:, 2 + len(self.labeller.margins) + k]
+            arrays[name] = values.astype(np.uint8) if name in self.labeller.codes else values.copy()
         assert len(arrays["state"]) == s.n_bodies
         return arrays
 

@@ -19,6 +19,7 @@ from ..laws.registry import Registry
 from . import units
 from .model import Scene
 
+
 @dataclass(frozen=True)
 class Choice:
     """The physics of a scene in words and in code. `rows[k]` are the parameters of `pairs[k]`, law by law."""
