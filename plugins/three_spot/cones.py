@@ -1,0 +1,157 @@
+"""Can friction cones balance a wrench? The general case by linear programming: weight, a friction per spot, any normals.
+
+`hulls` and `conditions` are exact where they hold; this is their judge, and the answer where they do not. A cone is replaced by
+an inscribed pyramid of K edges. The circumscribed pyramid is the inscribed one of a friction larger by 1/cos(pi/K), so one
+search gives both ends of a bracket. Feasibility grows with friction (cones contain smaller cones), hence bisection.
+Imports nothing of ours. Cf. static slip and sliding in E. Willert's Eqs. 1 and 20, and force closure of grasps (R. M. Murray,
+Z. Li, S. S. Sastry 1994, chapter 5).
+
+Arrays: `points` (n, 3), m, from the point about which `moment` counts (the centre of mass: weight then has none); `normals`
+(n, 3), unit, into the particle; `mu` (n,); `pressed` (n,) bool, the spots whose normal forces add up to `load`, N (one side,
+say the upper: without it the answer is no force at all).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linprog
+
+Array = NDArray[np.float64]
+
+EDGES = 32
+LARGEST = 1e3  # scale of friction beyond which a wrench counts as out of reach
+ROUNDS = 60
+RESIDUAL = 1e-8  # wrench left unbalanced that counts as none, over the load (forces) and load times largest arm (moments)
+PRECISE = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+
+
+@dataclass(frozen=True, eq=False)
+class Grasp:
+    """Spots that hold a particle against an external force (3,), N, and moment (3,), N m; `axis` makes it planar.
+
+    With `axis` (3,) friction acts along it only and the plane's cones are exact: no pyramids.
+    """
+
+    points: Array
+    normals: Array
+    mu: Array
+    pressed: NDArray[np.bool_]
+    load: float
+    force: Array
+    moment: Array
+    axis: Array | None = None
+
+
+def grasp(
+    points: ArrayLike, normals: ArrayLike, mu: ArrayLike, pressed: ArrayLike, load: float = 1.0,
+    force: ArrayLike = (0.0, 0.0, 0.0), moment: ArrayLike = (0.0, 0.0, 0.0), axis: ArrayLike | None = None,
+) -> Grasp:  # fmt: skip
+    """A checked `Grasp`. Raises ValueError for shapes that disagree, normals not of unit length, or no positive load."""
+    places, outward = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
+    count = len(places)
+    frictions = np.broadcast_to(np.asarray(mu, dtype=np.float64), (count,))
+    chosen = np.asarray(pressed, dtype=bool)
+    if places.shape != (count, 3) or outward.shape != (count, 3) or chosen.shape != (count,) or not count:
+        raise ValueError("points and normals must be (n, 3) and pressed (n,), n >= 1")
+    if np.any(np.abs(np.sum(outward**2, axis=1) - 1.0) > 1e-9) or not load > 0.0 or np.any(frictions < 0.0):
+        raise ValueError("needs unit normals, a positive load and frictions that are not negative")
+    line = None if axis is None else np.asarray(axis, dtype=np.float64)
+    push, turn = np.asarray(force, dtype=np.float64), np.asarray(moment, dtype=np.float64)
+    return Grasp(places, outward, frictions, chosen, load, push, turn, line)
+
+
+def between_plates(
+    upper: ArrayLike, lower: ArrayLike, h: float, mu_upper: float, mu_lower: float, weight_ratio: float = 0.0,
+    axis: ArrayLike | None = None,
+) -> Grasp:  # fmt: skip
+    """`Grasp` of a particle between horizontal plates, spots at (n, 2), m, from the centre of mass, at +-h/2.
+
+    `weight_ratio` = m g/N_1, N_1 = 1 the load of the upper side.
+    """
+    above, below = (np.asarray(side, dtype=np.float64).reshape(-1, 2) for side in (upper, lower))
+    signs = np.repeat([1.0, -1.0], [len(above), len(below)])
+    points = np.column_stack([np.concatenate([above, below]), 0.5 * h * signs])
+    normals = np.column_stack([np.zeros((len(signs), 2)), -signs])
+    mu = np.where(signs > 0.0, mu_upper, mu_lower)
+    return grasp(points, normals, mu, signs > 0.0, 1.0, (0.0, 0.0, -weight_ratio), axis=axis)
+
+
+def required_scale(held: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> tuple[float, float]:
+    """(lower, upper) bracket of the least s for which cones of friction s mu_i balance the wrench.
+
+    upper/lower = 1/cos(pi/K) up to `accuracy` of the bisection (relative; below it, absolute); without pyramids (`axis`) only
+    that is left. (inf, inf) beyond `LARGEST`. Sticking is possible if upper <= 1 and impossible if lower > 1. `RESIDUAL` is felt
+    where s is that small. Raises ValueError for fewer than 3 edges.
+    """
+    if edges < 3:
+        raise ValueError(f"{edges} edges are no pyramid")
+    shrink = 1.0 if held.axis is not None else math.cos(math.pi / edges)
+    if can_balance(held, 0.0, edges):
+        return 0.0, 0.0
+    low, high = 0.0, 1.0
+    while not can_balance(held, high, edges):
+        low, high = high, 4.0 * high
+        if high > LARGEST:
+            return math.inf, math.inf
+    for _ in range(ROUNDS):
+        if high - low <= accuracy * max(high, 1.0):
+            break
+        middle = 0.5 * (low + high)
+        if can_balance(held, middle, edges):
+            high = middle
+        else:
+            low = middle
+    return low * shrink, high
+
+
+def can_balance(held: Grasp, scale: float = 1.0, edges: int = EDGES) -> bool:
+    """Whether inscribed pyramids of friction `scale` mu_i balance the wrench; `scale`/cos(pi/K) asks the circumscribed ones."""
+    if held.axis is not None:
+        line = held.axis / np.linalg.norm(held.axis)
+        ways = np.broadcast_to(np.stack([line, -line]), (len(held.points), 2, 3))
+    else:
+        angles = 2.0 * math.pi * np.arange(edges) / edges
+        first, second = _tangents(held.normals)
+        ways = np.cos(angles)[:, None] * first[:, None, :] + np.sin(angles)[:, None] * second[:, None, :]
+    rays = held.normals[:, None, :] + scale * held.mu[:, None, None] * ways
+    return _feasible(held, rays)
+
+
+def can_slide(held: Grasp, pulls: ArrayLike) -> bool:
+    """Whether spot forces N_i (n_i + mu_i pull_i), all at their limit, balance the wrench.
+
+    `pulls` (n, 3): unit direction of the friction on the particle at each spot: along the drag above, against it below.
+    """
+    return _feasible(held, (held.normals + held.mu[:, None] * np.asarray(pulls, dtype=np.float64))[:, None, :])
+
+
+def _tangents(normals: Array) -> tuple[Array, Array]:
+    """Two unit vectors (n, 3) each that complete the normals to right-handed frames."""
+    helper = np.where(np.abs(normals[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+    first = np.cross(normals, helper)
+    first /= np.linalg.norm(first, axis=1, keepdims=True)
+    return first, np.cross(normals, first)
+
+
+def _feasible(held: Grasp, rays: Array) -> bool:
+    """Whether non-negative multiples of the rays (n, k, 3), each of normal part 1, balance wrench and load."""
+    count, edges = rays.shape[:2]
+    arms = held.points - held.points.mean(axis=0)
+    size = max(float(np.max(np.abs(arms))), np.finfo(np.float64).tiny)  # lengths and forces of order 1 for the solver
+    turns = np.cross(arms[:, None, :] / size, rays)
+    wrench = np.concatenate([rays, turns], axis=2).reshape(count * edges, 6).T
+    pressed = np.repeat(held.pressed.astype(np.float64), edges)
+    turn = held.moment - np.cross(held.points.mean(axis=0), held.force)
+    right = np.concatenate([-held.force / held.load, -turn / (held.load * size), [1.0]])
+    balance = np.vstack([wrench, pressed])
+    # what is left unbalanced is minimised, not forbidden: at the edge of the possible, plain feasibility ends without an answer
+    rest = np.eye(len(balance))
+    costs = np.concatenate([np.zeros(count * edges), np.ones(2 * len(balance))])
+    found = linprog(costs, A_eq=np.hstack([balance, rest, -rest]), b_eq=right, method="highs", options=PRECISE)
+    if found.status != 0:
+        raise ArithmeticError(f"the linear program gave no answer: {found.message}")
+    return bool(found.fun <= RESIDUAL)

@@ -1,0 +1,42 @@
+"""`thirdbody map`: where a three-spot particle sticks, slides or rolls, by theory alone."""
+
+from __future__ import annotations
+
+import json as js
+import math
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from thirdbody.plugin import OutputError, UsageError
+
+FORMATS = (".png", ".pdf", ".svg")
+PICTURE = Path("map.png")
+
+
+def map_command(
+    out: Annotated[Path | None, typer.Option("-o", "--out", help="picture to write: png, pdf or svg [map.png]")] = None,
+    big_h: Annotated[float, typer.Option("--H", help="H = mu h/x_1 of Fig. 2")] = 1.0,
+    half_width: Annotated[float, typer.Option("--half-width", help="lower spots at -+ this, over the height h")] = 0.5,
+    json: Annotated[bool, typer.Option("--json", help="print the numbers as JSON; a picture only with -o")] = False,
+) -> None:
+    """Draw the paper's Fig. 2 and the map of regimes over friction and geometry."""
+    from .regime_map import draw_map, map_numbers
+
+    if not math.isfinite(big_h):
+        raise UsageError(f"--H {big_h}: must be finite")
+    if not 0.0 < half_width < math.inf:
+        raise UsageError(f"--half-width {half_width}: must be positive and finite")
+    picture = out if out is not None or json else PICTURE
+    if picture is not None:
+        if picture.suffix.lower() not in FORMATS:
+            raise UsageError(f"{picture}: a picture ends in {', '.join(FORMATS)}")
+        try:
+            draw_map(picture, big_h, half_width)
+        except OSError as error:
+            raise OutputError(f"{picture}: {error.strerror or error}") from error
+    if json:
+        typer.echo(js.dumps(map_numbers(big_h, half_width), indent=1))
+    if picture is not None:
+        typer.echo(f"{picture}", err=json)

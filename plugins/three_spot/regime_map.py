@@ -1,0 +1,207 @@
+"""The paper's Fig. 2 and a map of what a three-spot particle does, over friction and geometry: numbers and picture.
+
+Weightless, equal friction on both sides, spots 2 and 3 at -+L around the middle, drag toward -x. Three regimes (E. Willert's
+Eqs. 19 and 20 with the tilt left free):
+
+sliding   t_min <= mu <= t_max: it sticks until T = mu N, then slides on both sides
+sticking  mu > t_max but mu >= mu_required: it sticks at rest; dragged on, a spot lifts off at T = t_max N and it tips
+rolling   mu < mu_required = max(t_min, -t_max, 0): friction cannot hold it at all
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import conditions, theory
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Array = NDArray[np.float64]
+
+COLORS: Mapping[str, str] = {"sticking": "#4C78A8", "sliding": "#F58518", "rolling": "#54A24B"}
+"""Of the states, as in every picture of the program; apart for the colour-blind."""
+REGIMES = ("rolling", "sticking", "sliding")
+WORDS = {"rolling": "rolls", "sticking": "sticks at rest,\ntips when dragged", "sliding": "sticks,\nthen slides"}
+HATCHES = {"rolling": "", "sticking": "....", "sliding": "////"}  # the regimes stay apart in a black and white print
+MARKERS = {"rolling": "o", "sticking": "s", "sliding": "D"}
+PANELS = ("fig2", "regimes")
+
+LEVELS = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.25, 0.5, 1.0, 2.0, 4.0, 8.0)  # of zeta_3
+SHARES = (0.02, 0.98)  # n_2: zeta_3 is infinite at 1
+ZETA_2 = (0.0, 4.0)
+MU = 1.0  # largest on the map, or the half width if that is more
+GRID = 401
+INK, PALE = "#222222", 0.55  # share of white in the areas, so that lines and letters on them can be read
+
+
+@dataclass(frozen=True)
+class MapPoint:
+    """A computed particle to draw: `panel` "fig2" with x = n_2, y = zeta_2, or "regimes" with x = x_1/h, y = mu."""
+
+    panel: str
+    x: float
+    y: float
+    state: str
+    label: str = ""
+
+    def __post_init__(self) -> None:
+        if self.panel not in PANELS or self.state not in COLORS:
+            raise ValueError(f"panel {self.panel!r}, state {self.state!r}: the panels are {PANELS}, the states {tuple(COLORS)}")
+
+
+def third_spots(n_2: Array, zeta_2: Array, big_h: float) -> Array:
+    """zeta_3 (len(zeta_2), len(n_2)) of Fig. 2 by `theory.third_spot_place`."""
+    return np.array([[theory.third_spot_place(float(n), float(z), big_h) for n in n_2] for z in zeta_2])
+
+
+def regime(x_1: float, half_width: float, mu: float) -> str:
+    """One of `REGIMES` for the upper spot at x_1/h and the lower ones at -+`half_width`, all in units of h."""
+    spots = ((x_1,), (-half_width, half_width), 1.0)
+    try:
+        state = conditions.dragged_friction(*spots, mu)[1]
+    except ValueError:  # it cannot stick even at rest
+        return "rolling"
+    return "sliding" if state == "sliding" else "sticking"
+
+
+def map_numbers(big_h: float, half_width: float, count: int = 9) -> dict[str, Any]:
+    """What the map shows at `count` stations per axis, for JSON: zeta_3[zeta_2][n_2], and the limits of mu over x_1/h."""
+    n_2, zeta_2 = np.linspace(0.1, 0.9, count), np.linspace(*ZETA_2, count)
+    places = np.linspace(*_places(half_width), count)
+    limits = [_limits(float(x), half_width) for x in places]
+    return {
+        "fig2": {
+            "H": big_h,
+            "n_2": n_2.tolist(),
+            "zeta_2": zeta_2.tolist(),
+            "zeta_3": third_spots(n_2, zeta_2, big_h).tolist(),
+        },
+        "regimes": {
+            "half_width": half_width,
+            "x_1": places.tolist(),
+            **{name: [limit[i] for limit in limits] for i, name in enumerate(("t_min", "t_max", "mu_required"))},
+        },
+    }
+
+
+def draw_map(
+    path: Path, big_h: float = 1.0, half_width: float = 0.5, points: Sequence[MapPoint] = (), colors: Mapping[str, str] = COLORS
+) -> None:
+    """Write both panels to `path`, in the format of its suffix. Raises OSError, and ValueError for an unknown format."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.4, 4.7), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    _draw_fig2(left, big_h)
+    _draw_regimes(right, half_width, colors)
+    for panel, axes in zip(PANELS, (left, right), strict=True):
+        _draw_points(axes, [point for point in points if point.panel == panel], colors)
+    figure.savefig(path, dpi=200)
+
+
+def _places(half_width: float) -> tuple[float, float]:
+    """Range of x_1/h that shows both ends of every regime."""
+    top = max(MU, half_width)
+    return -half_width - 0.6 * top, half_width + 1.1 * top
+
+
+def _limits(x_1: float, half_width: float) -> tuple[float, float, float]:
+    """(t_min, t_max, mu_required)."""
+    spots = ((x_1,), (-half_width, half_width), 1.0)
+    return *conditions.planar_interval(*spots), conditions.required_scale(*spots, 1.0, 1.0)
+
+
+def _draw_fig2(axes: Axes, big_h: float) -> None:
+    n_2, zeta_2 = np.linspace(*SHARES, GRID), np.linspace(*ZETA_2, GRID)
+    values = third_spots(n_2, zeta_2, big_h)
+    for level in LEVELS:
+        if values.min() < level < values.max():
+            line = axes.contour(n_2, zeta_2, values, [level], colors=INK, linewidths=2.0 if level == 0.0 else 1.1)
+            axes.clabel(line, fmt="%g", fontsize=9, manual=_label_places(level, big_h))
+    if not any(values.min() < level < values.max() for level in LEVELS):
+        note = f"$\\zeta_3$ is nowhere in this panel\nbetween {LEVELS[0]:g} and {LEVELS[-1]:g}"
+        axes.text(0.5, 0.5, note, transform=axes.transAxes, ha="center", va="center", color=INK)
+    axes.set_xlabel("share of the load on spot 2,  $n_2 = N_2/N_1$")
+    axes.set_ylabel(r"place of spot 2,  $\zeta_2 = -x_2/x_1$")
+    axes.set_title(rf"place of spot 3, $\zeta_3 = x_3/x_1$, that lets it slide at $H = \mu h/x_1 = {big_h:g}$", fontsize=10)
+    axes.set_xlim(0.0, 1.0)
+    axes.set_ylim(*ZETA_2)
+
+
+def _label_places(level: float, big_h: float) -> list[tuple[float, float]]:
+    """Where a contour crosses the panel's rising diagonal, or else the falling one: its numbers stay apart and inside."""
+    n_2 = np.linspace(0.05, 0.95, GRID)
+    for zeta_2 in (ZETA_2[1] * n_2, ZETA_2[1] * (1.0 - n_2)):
+        values = np.array([theory.third_spot_place(float(n), float(z), big_h) for n, z in zip(n_2, zeta_2, strict=True)])
+        crossed = np.flatnonzero((values[:-1] - level) * (values[1:] - level) < 0.0)
+        if len(crossed):
+            return [(float(n_2[k]), float(zeta_2[k])) for k in crossed]
+    return []
+
+
+def _draw_regimes(axes: Axes, half_width: float, colors: Mapping[str, str]) -> None:
+    ends, highest = _places(half_width), max(MU, half_width)
+    kinks = [side * half_width + reach for side in (-1.0, 1.0) for reach in (-highest, 0.0, highest)]  # areas with sharp corners
+    places = np.union1d(np.linspace(*ends, GRID), [x for x in kinks if ends[0] < x < ends[1]])
+    low, high, need = np.array([_limits(float(x), half_width) for x in places]).T
+    areas = {
+        "rolling": (np.zeros(len(places)), need),
+        "sliding": (np.maximum(low, 0.0), np.maximum(high, 0.0)),
+        "sticking": (np.maximum(need, high), np.full(len(places), highest)),
+    }
+    for name, (bottom, top) in areas.items():
+        top = np.minimum(top, highest)
+        axes.fill_between(
+            places, bottom, top, where=top >= bottom, facecolor=_pale(colors[name]), edgecolor=colors[name],
+            hatch=HATCHES[name], linewidth=0.0,
+        )  # fmt: skip
+    axes.plot(places, high, color=INK, linewidth=1.8)
+    axes.plot(places, low, color=INK, linewidth=1.8, linestyle="--")
+    axes.plot(places, -high, color=INK, linewidth=1.8, linestyle=":")
+    _name_regimes(axes, half_width, highest)
+    axes.set_xlim(*ends)
+    axes.set_ylim(0.0, highest)
+    axes.set_xlabel("place of the upper spot,  $x_1/h$")
+    axes.set_ylabel(r"coefficient of friction,  $\mu$")
+    axes.set_title(f"lower spots at $x/h = \\pm{half_width:g}$, drag to the left, no weight", fontsize=10)
+
+
+def _name_regimes(axes: Axes, half_width: float, top: float) -> None:
+    """The regimes' words, the lines' names along the lines, and the places of the lower spots."""
+    plain: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9.5, "color": INK}
+    paper: dict[str, Any] = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "boxstyle": "round,pad=0.2"}
+    words = (("rolling", half_width + 0.72 * top, 0.2), ("rolling", -half_width - 0.45 * top, 0.12),
+             ("sticking", -half_width, 0.8), ("sliding", 0.8 * top, 0.8))  # fmt: skip
+    for name, x, y in words:
+        axes.text(x, y * top, WORDS[name], bbox=paper, **plain)
+    ends = _places(half_width)
+    turn: dict[str, Any] = {"rotation_mode": "anchor", "transform_rotates_text": True, "bbox": paper, **plain}
+    for text, end, reach, angle in (
+        (r"$t_\mathrm{max} = (x_1 - x_2)/h$", -half_width, 0.32 * top, 45.0),
+        (r"$t_\mathrm{min} = (x_1 - x_3)/h$", half_width, 0.62 * top, 45.0),
+        (r"$-t_\mathrm{max}$", -half_width, -0.42 * top, -45.0),
+    ):
+        axes.text(end + reach, abs(reach), text, rotation=angle, **turn)
+    for number, x in ((2, -half_width), (3, half_width)):
+        axes.axvline(x, color=INK, linewidth=0.7, linestyle=(0, (1, 3)))
+        axes.text((x - ends[0]) / (ends[1] - ends[0]), 1.0 - 0.03, f"spot {number}", transform=axes.transAxes, ha="center",
+                  va="top", fontsize=8, color=INK, bbox=paper)  # fmt: skip
+
+
+def _draw_points(axes: Axes, points: Sequence[MapPoint], colors: Mapping[str, str]) -> None:
+    for point in points:
+        axes.plot(point.x, point.y, MARKERS[point.state], color=colors[point.state], markeredgecolor=INK, markersize=8, zorder=5)
+        axes.annotate(point.label, (point.x, point.y), (7, 5), textcoords="offset points", fontsize=8.5, color=INK, zorder=6)
+
+
+def _pale(color: str) -> tuple[float, float, float]:
+    """The colour `#RRGGBB` with a share `PALE` of white."""
+    red, green, blue = (int(color[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
+    return red + (1.0 - red) * PALE, green + (1.0 - green) * PALE, blue + (1.0 - blue) * PALE

@@ -1,0 +1,103 @@
+"""A thousand random clumps: the forecast when the drag starts against what each of them then did. Marked slow: two minutes."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.foretold import WATCHED, forecast_against_fact
+
+SCENE = """
+scene = 1
+title = "one friction coefficient of the forecast table"
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.30
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = {friction}
+restitution = 0.60
+[[debris]]
+material = "steel"
+kind = "irregular"
+count = {count}
+seed = {seed}
+size = {{distribution = "lognormal", median = "10 um", sigma = 0.2, min = "6 um", max = "16 um"}}
+spheres = [3, 8]
+aspect = [1.0, 0.8, 0.6]
+placement = "layer"
+[domain]
+size = ["260 um", "260 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+motion = {{x = {{velocity = "0.1 m/s"}}}}
+[contact]
+debris_contact = "none"
+[solver]
+distance = "7 um"
+[output]
+every = "0.1 um"
+"""
+
+BAND = 0.02
+"""Relative distance of mu from t_min and t_max within which the answer is open."""
+
+
+def doubtful(bodies: dict[str, np.ndarray], friction: float) -> np.ndarray:
+    """Bodies whose friction lies within the band around an end of their sliding interval."""
+    near = np.zeros(len(bodies["t_min"]), bool)
+    for end in ("t_min", "t_max"):
+        near |= np.abs(bodies[end] - friction) <= BAND * friction
+    return near
+
+
+def changes(run: thirdbody.Run, start: int) -> np.ndarray:
+    """Changes of label of every body between the frames of the drag."""
+    return np.count_nonzero(np.diff(run.states[start + 1 :].astype(int), axis=0), axis=0)
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """Rows: friction, bodies that were told about outside the band, those that agree, label changes per body."""
+    folder, rows = tmp_path_factory.mktemp("forecast"), []
+    for k, friction in enumerate((0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)):
+        scene = thirdbody.Scene.parse(SCENE.format(friction=friction, count=100, seed=k + 1))
+        with thirdbody.run(scene, out=folder / f"{k}", progress=False) as run:
+            found = forecast_against_fact(run)
+            bodies = run.bodies(found["frame"])
+            clear = ~doubtful(bodies, friction)
+            wrong = [b for name in ("rolls_instead", "slides_instead") for b in found[name] if clear[b]]
+            told = int(np.count_nonzero(clear & (run.forecast[found["frame"]] != 4)))
+            row = {"friction": friction, "told": told, "agree": told - len(wrong), "wrong": wrong}
+            rows.append(row | {"changes": float(changes(run, found["frame"]).mean())})
+            rows[-1] |= {"slides": len(found["slides_as_told"]), "residual": run.summary()["energy_residual"]}
+            print(json.dumps(rows[-1]))
+    return rows
+
+
+@pytest.mark.slow
+def test_forecast_and_fact_agree(table):
+    told, agree = sum(row["told"] for row in table), sum(row["agree"] for row in table)
+    assert told > 900
+    assert agree >= 0.98 * told, f"{agree} of {told}"
+    # both answers occur
+    assert 50 < sum(row["slides"] for row in table) < told - 50
+
+
+@pytest.mark.slow
+def test_labels_do_not_flicker(table):
+    assert np.mean([row["changes"] for row in table]) < 3.0
+
+
+@pytest.mark.slow
+def test_the_ledgers_close(table):
+    assert max(row["residual"] for row in table) < 1e-3
+    assert WATCHED == 40.0

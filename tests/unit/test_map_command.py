@@ -1,0 +1,128 @@
+"""`thirdbody map`: the numbers it prints and the pictures it draws."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+from thirdbody_three_spot import regime_map
+from thirdbody_three_spot.regime_map import COLORS, MapPoint, draw_map, map_numbers, regime
+
+from thirdbody import cli
+from thirdbody.output.palette import STATE_COLORS
+
+PROJECT = Path(__file__).parents[2] / "pyproject.toml"
+GROUP = "thirdbody.commands"
+
+
+@pytest.fixture
+def command(monkeypatch, capsys, tmp_path):
+    """Run `thirdbody map` as pyproject.toml declares it, installed or not; gives exit code, out and err."""
+    declared = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["entry-points"][GROUP]
+    points = [EntryPoint(name, value, GROUP) for name, value in declared.items()]
+    monkeypatch.setattr(cli, "entry_points", lambda group: points if group == GROUP else [])
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words):
+        monkeypatch.setattr("sys.argv", ["thirdbody", "map", *map(str, words)])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        told = capsys.readouterr()
+        return stop.value.code or 0, told.out, told.err
+
+    return run
+
+
+def test_draws_a_picture(command, tmp_path):
+    assert command() == (0, "map.png\n", "")
+    data = (tmp_path / "map.png").read_bytes()
+    assert data.startswith(b"\x89PNG") and len(data) > 20_000  # an empty canvas of this size takes 8 kB
+
+
+@pytest.mark.parametrize("name, start", [("a.pdf", b"%PDF"), ("b.svg", b"<?xml"), ("c.PNG", b"\x89PNG")])
+def test_the_suffix_is_the_format(command, tmp_path, name, start):
+    assert command("-o", name, "--H", "0.6")[0] == 0
+    assert (tmp_path / name).read_bytes().startswith(start)
+
+
+def test_json_tells_fig_2_and_the_limits(command, tmp_path):
+    code, out, err = command("--json", "--H", "0.6", "--half-width", "0.25")
+    assert code == 0 and err == "" and not list(tmp_path.iterdir())
+    told = json.loads(out)
+    fig, limits = told["fig2"], told["regimes"]
+    n, z = np.meshgrid(fig["n_2"], fig["zeta_2"])
+    # moments about S over N_1 x_1, with N_3 = N_1 - N_2: 1 + n_2 zeta_2 - (1 - n_2) zeta_3 = H
+    assert np.allclose(1.0 + n * z - (1.0 - n) * np.array(fig["zeta_3"]), 0.6, rtol=0.0, atol=1e-13)  # zeta_3 up to 40
+    x = np.array(limits["x_1"])
+    assert np.allclose(limits["t_min"], x - 0.25) and np.allclose(limits["t_max"], x + 0.25)
+    assert np.allclose(limits["mu_required"], np.maximum(np.abs(x) - 0.25, 0.0))  # how far x_1 is outside the lower spots
+
+
+def test_json_beside_a_picture_stays_json(command, tmp_path):
+    code, out, err = command("--json", "-o", "m.png")
+    assert code == 0 and json.loads(out)["fig2"]["H"] == 1.0 and err == "m.png\n" and (tmp_path / "m.png").exists()
+
+
+@pytest.mark.parametrize(
+    "words, status, told",
+    [(("--H", "nan"), 2, "--H"), (("--H", "wide"), 2, "--H"), (("--half-width", "0"), 2, "--half"),
+     (("--half-width", "inf"), 2, "--half"), (("-o", "map.gif"), 2, ".png, .pdf, .svg"),
+     (("-o", "nowhere/map.png"), 5, "nowhere"),
+     (("extra",), 2, "extra")],
+)  # fmt: skip
+def test_what_cannot_be_drawn_is_told(command, tmp_path, words, status, told):
+    code, out, err = command(*words)
+    assert code == status and told in err and "Traceback" not in err and not out and not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "x_1, mu, name",
+    [(0.0, 0.4, "sliding"), (0.0, 0.6, "sticking"), (0.9, 0.3, "rolling"), (0.9, 0.5, "sliding"), (-0.9, 0.3, "rolling"),
+     (-0.9, 0.5, "sticking")],
+)  # fmt: skip
+def test_regimes(x_1, mu, name):
+    assert regime(x_1, 0.5, mu) == name  # t_max = x_1 + .5, t_min = x_1 - .5
+
+
+def test_areas_are_the_regimes():
+    """What is painted at a place is what `regime` says there."""
+    from matplotlib.colors import to_rgba
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    regime_map._draw_regimes(axes, 0.5, COLORS)
+    areas = {name: [c for c in axes.collections if np.allclose(c.get_facecolor()[0][:3], regime_map._pale(COLORS[name]))]
+             for name in regime_map.REGIMES}  # fmt: skip
+    assert to_rgba(COLORS["sliding"]) and all(len(found) == 1 for found in areas.values())
+    random = np.random.default_rng(3)
+    for x, mu in zip(random.uniform(-1.05, 1.55, 300), random.uniform(0.0, 1.0, 300), strict=True):
+        painted = [name for name, (area,) in areas.items() if any(p.contains_point((x, mu)) for p in area.get_paths())]
+        assert painted == [regime(x, 0.5, mu)]
+
+
+def test_points_are_drawn_where_they_are():
+    from matplotlib.figure import Figure
+
+    axes = Figure().subplots()
+    regime_map._draw_points(axes, [MapPoint("regimes", 0.3, 0.4, "sliding", "body 7")], COLORS)
+    assert axes.lines[0].get_xydata().tolist() == [[0.3, 0.4]] and axes.texts[0].get_text() == "body 7"
+    with pytest.raises(ValueError, match="panels"):
+        MapPoint("fig3", 0.0, 0.0, "sliding")
+    with pytest.raises(ValueError, match="states"):
+        MapPoint("fig2", 0.0, 0.0, "gliding")
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("big_h, half_width", [(1.0, 0.5), (2.0, 3.0), (-1.0, 0.02), (50.0, 0.2)])
+def test_no_setting_makes_matplotlib_complain(tmp_path, big_h, half_width):
+    points = [MapPoint("fig2", 0.5, 1.0, "rolling", "a"), MapPoint("regimes", 0.0, 0.5, "sticking", "b")]
+    draw_map(tmp_path / "map.svg", big_h, half_width, points)
+    assert map_numbers(big_h, half_width, 3)["regimes"]["half_width"] == half_width
+
+
+def test_colours_are_those_of_every_other_picture():
+    assert {name: STATE_COLORS[name] for name in COLORS} == COLORS
