@@ -8,11 +8,13 @@ imports nothing of the engine but `thirdbody.plugin`. A level is a preset: which
 | coulomb | elastic-plastic spring with a slip scale | tangential elasticity |
 | mindlin | no-slip stiffness, rescaled force form | partial slip |
 | mdr | a row of `springs` under the patch, each with its limit | discretisation: the error falls with the springs |
+| exact | the field of such springs in closed form between turning points | nothing on slip along one line |
 """
 
 from thirdbody.plugin import COULOMB, HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING, Labeller, LawFamily, Plugin
 
 from . import classify
+from .exact import EXACT
 from .mdr import MDR
 
 LABELLER = Labeller(
@@ -35,6 +37,7 @@ THREE_SPOT = LawFamily(
         "coulomb": (HERTZ, HERTZ_DAMPING, COULOMB, TANGENTIAL_DAMPING),
         "mindlin": (HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING),
         "mdr": (HERTZ, HERTZ_DAMPING, MDR, TANGENTIAL_DAMPING),
+        "exact": (HERTZ, HERTZ_DAMPING, EXACT, TANGENTIAL_DAMPING),
     },
     default_level="mindlin",
     labeller=LABELLER,

@@ -1,15 +1,18 @@
-"""`thirdbody map`: where a three-spot particle sticks, slides or rolls, by theory alone."""
+"""`thirdbody map`: where a three-spot particle sticks, slides or rolls, by theory, and by the full solution if asked."""
 
 from __future__ import annotations
 
 import json as js
 import math
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from thirdbody.plugin import OutputError, UsageError
+
+if TYPE_CHECKING:
+    from .regime_map import MapPoint
 
 FORMATS = (".png", ".pdf", ".svg")
 PICTURE = Path("map.png")
@@ -19,6 +22,7 @@ def map_command(
     out: Annotated[Path | None, typer.Option("-o", "--out", help="picture to write: png, pdf or svg [map.png]")] = None,
     big_h: Annotated[float, typer.Option("--H", help="H = mu h/x_1 of Fig. 2")] = 1.0,
     half_width: Annotated[float, typer.Option("--half-width", help="lower spots at -+ this, over the height h")] = 0.5,
+    computed: Annotated[bool, typer.Option("--computed", help="put particles on it that were solved with partial slip")] = False,
     json: Annotated[bool, typer.Option("--json", help="print the numbers as JSON; a picture only with -o")] = False,
 ) -> None:
     """Draw the paper's Fig. 2 and the map of regimes over friction and geometry."""
@@ -33,10 +37,16 @@ def map_command(
         if picture.suffix.lower() not in FORMATS:
             raise UsageError(f"{picture}: a picture ends in {', '.join(FORMATS)}")
         try:
-            draw_map(picture, big_h, half_width)
+            draw_map(picture, big_h, half_width, _computed(half_width) if computed else ())
         except OSError as error:
             raise OutputError(f"{picture}: {error.strerror or error}") from error
     if json:
         typer.echo(js.dumps(map_numbers(big_h, half_width), indent=1))
     if picture is not None:
         typer.echo(f"{picture}", err=json)
+
+
+def _computed(half_width: float) -> tuple[MapPoint, ...]:
+    from .computed import computed_points
+
+    return computed_points(half_width)

@@ -21,22 +21,14 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from thirdbody.plugin import Contact, Law, Load, Option, Options, Pair, Tangential, e_star, g_star, kernel
+from thirdbody.plugin import Law, Option, Options, Pair, Tangential, e_star, g_star, kernel
+
+from .differences import STEP, helper, moved, risen, slopes
+from .renewal import RENEWAL
 
 FIRST = 2.0**-20
 """Half width of the first grid over the radius of curvature: an overlap of 1e-12 of it."""
-
-RENEWED = 2.0
-"""Rate at which a rolling patch renews its material, per contact radius of way. The share of a disc that is still the same
-falls by .64 per radius at first and to nothing after two; the exponential is shorter lived than the one and never ends."""
-
-STEP = 1e-6
-"""Relative step of the central differences that the tangent is made of: half the digits of the forces are left."""
-
-helper = njit(error_model="numpy")
-
 
 class SpringParameters(NamedTuple):
     """Effective shear modulus (the paper's G*), Pa; friction; ratio of the moduli mu E*/G*; renewal per contact radius."""
@@ -132,44 +124,43 @@ def springs(c, load, p, h, w, w_new):
     stiffness = 2.0 * p.g_star * spacing
     stored = 0.5 * stiffness * squares(w_new)
     limit = p.mu * load.force
-    return Tangential(stiffness * x, stiffness * y, limit, p.kappa * c.overlap, slip + middle, stored, energy), (c.overlap, spacing)
+    answer = Tangential(stiffness * x, stiffness * y, limit, p.kappa * c.overlap, slip + middle, stored, energy)
+    return answer, (c.overlap, spacing)
 
 
 @helper
 def trial(c, load, p, h, w, overlap, slip_x, slip_y):
-    """Force (x, y) after another step from the same state; the load follows the overlap by its stiffness."""
-    w_new = w.copy()
-    rise = overlap - c.overlap
-    moved = Contact(overlap, c.radius, c.mass, c.v_n, slip_x, slip_y, c.v_x, c.v_y, c.roll)
-    force = load.force + load.stiffness * rise
-    answer = springs(moved, Load(force, force, load.contact_radius, load.stiffness), p, h, w, w_new)[0]
+    """Force (x, y) after another step from the same state."""
+    other = moved(c, overlap, slip_x, slip_y)
+    answer = springs(other, risen(load, overlap - c.overlap), p, h, w, np.empty(len(w)))[0]
     return answer.x, answer.y
 
 
 @kernel
 def springs_tangent(c, load, p, h, w):
-    """Central differences of the step itself: consistent with it also where springs touch, slip or merge in the step."""
+    """Differences: springs may touch, slip or merge in the step."""
     e_d, e_s = STEP * c.overlap, STEP * max(p.kappa, 1e-3) * c.overlap
-    x_a, y_a = trial(c, load, p, h, w, c.overlap, c.slip_x + e_s, c.slip_y)
-    x_b, y_b = trial(c, load, p, h, w, c.overlap, c.slip_x - e_s, c.slip_y)
-    x_c, y_c = trial(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y + e_s)
-    x_d, y_d = trial(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y - e_s)
-    x_e, y_e = trial(c, load, p, h, w, c.overlap + e_d, c.slip_x, c.slip_y)
-    x_f, y_f = trial(c, load, p, h, w, c.overlap - e_d, c.slip_x, c.slip_y)
-    return (
-        0.5 * (x_a - x_b) / e_s,
-        0.5 * (x_c - x_d) / e_s,
-        0.5 * (y_a - y_b) / e_s,
-        0.5 * (y_c - y_d) / e_s,
-        0.5 * (x_e - x_f) / e_d,
-        0.5 * (y_e - y_f) / e_d,
+    return slopes(
+        trial(c, load, p, h, w, c.overlap, c.slip_x + e_s, c.slip_y),
+        trial(c, load, p, h, w, c.overlap, c.slip_x - e_s, c.slip_y),
+        trial(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y + e_s),
+        trial(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y - e_s),
+        trial(c, load, p, h, w, c.overlap + e_d, c.slip_x, c.slip_y),
+        trial(c, load, p, h, w, c.overlap - e_d, c.slip_x, c.slip_y),
+        e_s,
+        e_d,
     )
 
 
-def mix_springs(pair: Pair, _options: Options) -> SpringParameters:
+def mix_springs(pair: Pair, options: Options) -> SpringParameters:
     """G*, friction and kappa = mu E*/G* (Willert, Eqs. 13, 14)."""
     g = g_star(pair.a, pair.b)
-    return SpringParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, RENEWED)
+    return SpringParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, options["renewal"])
+
+
+def width(options: Options) -> int:
+    """Floats of the field: two per spring, of which there is an even number."""
+    return 4 * round(0.5 * options["springs"])
 
 
 MDR = Law(
@@ -179,9 +170,9 @@ MDR = Law(
     tangent=springs_tangent,
     parameters=SpringParameters,
     mix=mix_springs,
-    options=(Option("springs", "dimensionless", 32.0, low=4.0, high=512.0, doc="springs per contact, an even number"),),
+    options=(Option("springs", "dimensionless", 32.0, low=4.0, high=512.0, doc="springs per contact, an even number"), RENEWAL),
     history=("overlap", "spacing"),
-    field=lambda options: 2 * round(options["springs"]),
+    field=width,
     rolls=True,
     source="Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact, Eqs. 11-13",
 )

@@ -4,12 +4,13 @@
     result = thirdbody.run(scene, out="runs/scene")
     result.states, result.series["friction_coefficient"]
 
-Names are imported when first used, so that importing the package costs nothing (PEP 562).
+Names are imported when first used, so that importing the package costs nothing (PEP 562). Installed plug-ins may bring functions
+of their own, as entry points of the group `thirdbody.functions`: `thirdbody.balance(file)` is one.
 """
 
 from __future__ import annotations
 
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import EntryPoints, PackageNotFoundError, entry_points, version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ _PLACES = {
     "run": ("simulate", "run"),
 }
 
+FUNCTION_GROUP = "thirdbody.functions"
+
 try:
     __version__ = version("thirdbody")
 except PackageNotFoundError:  # a source tree that is not installed
@@ -34,13 +37,21 @@ except PackageNotFoundError:  # a source tree that is not installed
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _PLACES:
-        raise AttributeError(f"module 'thirdbody' has no attribute '{name}'")
-    from importlib import import_module
+    if name in _PLACES:
+        from importlib import import_module
 
-    module, attribute = _PLACES[name]
-    return getattr(import_module(f".{module}", __name__), attribute)
+        module, attribute = _PLACES[name]
+        return getattr(import_module(f".{module}", __name__), attribute)
+    for point in () if name.startswith("_") else _plugged():
+        if point.name == name:
+            return point.load()
+    raise AttributeError(f"module 'thirdbody' has no attribute '{name}'")
+
+
+def _plugged() -> EntryPoints:
+    """Functions that installed plug-ins bring."""
+    return entry_points(group=FUNCTION_GROUP)
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_PLACES])
+    return sorted([*globals(), *_PLACES, *(point.name for point in _plugged())])

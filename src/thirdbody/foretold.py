@@ -24,8 +24,10 @@ def forecast_against_fact(run: Run) -> dict[str, Any]:
     Keys: `frame` of the forecast, `agree`, `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of
     bodies). Empty when the run has no forecast or no drag.
     """
+    if not run.frames or "distance" not in run.series or "forecast" not in run.bodies(0):
+        return {}
     distance = run.series["distance"]
-    if not run.frames or not distance[-1] > 0.0 or "forecast" not in run.bodies(0):
+    if not distance[-1] > 0.0:
         return {}
     # settling ends within a step of the drag: the first frame well beyond that is the one after the start
     start = max(int(np.argmax(distance > 1e-4 * distance[-1])) - 1, 0)

@@ -25,7 +25,7 @@ BELOW = {
 }
 OPEN = {"errors", "cache"}
 # `plugin` is the facade of the contract: it may show what plug-ins need and nothing above it
-FACADE = {"errors", "kernels", "laws"}
+FACADE = {"bodies", "engine", "errors", "kernels", "laws", "scene"}
 
 HEAVY = {"numba", "vtk", "vtkmodules", "pyvista", "matplotlib", "h5py", "scipy", "pint", "pandas"}
 LIGHT = ["__init__.py", "cli.py", "errors.py", "progress.py", *(

@@ -25,7 +25,7 @@ class Driver:
     """One contact, driven step by step: `move(overlap, slip)` gives the answer of the law."""
 
     def __init__(self, springs: int, mu: float = MU):
-        self.p = mdr.SpringParameters(G_STAR, mu, mu * E_STAR / G_STAR, mdr.RENEWED)
+        self.p = mdr.SpringParameters(G_STAR, mu, mu * E_STAR / G_STAR, 2.0)
         self.h, self.w = (0.0, 0.0), np.zeros(2 * springs)
 
     def move(self, overlap: float, slip: float = 0.0, across: float = 0.0, roll: float = 0.0):

@@ -16,13 +16,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .state import Array
 from .static_contacts import Answer, Contacts
 
 CONVERGED = 1e-12
 """Largest unbalanced force, or moment over the arm, as a share of all normal forces, weight and load."""
-NEWTON_STEPS, HALVINGS, CUTS, BISECTIONS = 60, 12, 12, 50
+NEWTON_STEPS, HALVINGS, CUTS, BISECTIONS = 30, 12, 8, 50
 NEUTRAL = 1e-10
 """Stiffness, as a share of the largest, below which a motion meets no resistance."""
 REACH = 0.5
@@ -30,11 +31,15 @@ REACH = 0.5
 
 
 class NoStaticState(Exception):
-    """No balance was found on the way from the last point; `plate` is closing or load, and drag (2,), where it failed."""
+    """No balance was found on the way from the last point; `plate` is closing or load, and drag (2,), where it failed.
 
-    def __init__(self, message: str, plate: Array):
+    `closest` is the least share of the forces that was left unbalanced there. Where the particle tips it is some percent; far
+    less means that the search failed next to a balance, which the laws may be too rough for.
+    """
+
+    def __init__(self, message: str, plate: Array, closest: float):
         super().__init__(message)
-        self.plate = plate
+        self.plate, self.closest = plate, closest
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +49,7 @@ class Grip:
 
     place: Array
     gap: Array
-    upper: Array
+    upper: NDArray[np.bool_]
     weight: float = 0.0
     planar: bool = False
 
@@ -56,9 +61,9 @@ class Grip:
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """A point in balance. `plate`: closing or load, drag x, y; `motion` (6,): translation, m, and rotation vector since first touch;
-    `closing` of the upper plate, m; `slip` (n,) accumulated irreversible slip, m; `hold` (n,) tangential stiffness along the
-    tangential force, as a share of that without any slip; `free` number of motions that met no resistance; `rest` what is
+    """A point in balance. `plate`: closing or load, drag x, y; `motion` (6,): translation, m, and rotation vector since first
+    touch; `closing` of the upper plate, m; `slip` (n,) accumulated irreversible slip, m; `hold` (n,) tangential stiffness along
+    the tangential force, as a share of that without any slip; `free` number of motions that met no resistance; `rest` what is
     unbalanced, as a share of the forces."""
 
     plate: Array
@@ -102,6 +107,9 @@ class QuasiStatic:
         self._kept = [0, 2, 4] if grip.planar else list(range(6))
         self._rows = _rows(grip, self._kept, under_load)
         self._memory = contacts.virgin()
+        self._closest = float("inf")  # least `rest` that the search for the present point has met
+        # drag of the last step, and what the coordinates gained by it
+        self._dragged, self._gained = np.zeros(2), np.zeros(self._rows.shape[2])
 
     def move(self, plate: Sequence[float]) -> Balance:
         """The balance at closing, m (or load, N), and drag x, y, m, of the upper plate; the path there is straight.
@@ -115,11 +123,11 @@ class QuasiStatic:
             size = min(size, 1.0 - done)
             goal = target if done + size >= 1.0 else start + (done + size) * (target - start)
             found = self._find(goal)
-            if found is None:
+            if found is None and cuts < CUTS:
                 cuts, size = cuts + 1, 0.5 * size
-                if cuts > CUTS:
-                    raise NoStaticState("no balance of forces and moments was found near the last one", goal)
                 continue
+            if found is None:
+                raise NoStaticState("no balance of forces and moments was found near the last one", goal, self._closest)
             self._commit(goal, *found)
             done += size
         assert self.now is not None
@@ -134,11 +142,15 @@ class QuasiStatic:
         closing = float(trial.y[-1] if self.under_load else plate[0])
         hold = self.contacts.hold(trial.overlap, trial.slip * trial.share[:, None], self._memory, trial.answer)
         self._memory = trial.answer.memory
+        if self.now is not None:
+            self._dragged, self._gained = plate[1:] - self.now.plate[1:], trial.y - self.now.coordinates
         points = (motion, trial.overlap, trial.answer, slip, hold, free, trial.rest, trial.y, trial.shift)
         self.now = Balance(plate, closing, *points)
 
     def _find(self, plate: Array) -> tuple[_Trial, int] | None:
-        for guess in self._guesses(plate):
+        self._closest = float("inf")
+        # the better guess first; a particle that slides on stays where it is, although it could do otherwise
+        for guess in sorted(self._guesses(plate), key=lambda y: self._trial(y, plate).rest):
             found = self._newton(guess, plate)
             if found is not None:
                 free, vector = self._free(found, plate)
@@ -146,11 +158,16 @@ class QuasiStatic:
         return None
 
     def _guesses(self, plate: Array) -> list[Array]:
-        """Where to start: the last point; while the plate only closes its continuation first; upright before the first."""
+        """Where to start: the continuation of the path, and the last point; upright before the first."""
         if self.now is None:
             return [self._upright(plate)]
         last = self.now.coordinates
-        if np.any(plate[1:] != self.now.plate[1:]) or self.now.plate[0] <= 0.0:
+        step = plate[1:] - self.now.plate[1:]
+        if step.any():
+            square = float(self._dragged @ self._dragged)
+            ratio = float(step @ self._dragged) / square if square > 0.0 else 0.0
+            return [last + ratio * self._gained, last] if ratio > 0.0 else [last]
+        if self.now.plate[0] <= 0.0:
             return [last]
         ratio = plate[0] / self.now.plate[0]
         # of Hertz' contacts that grow alike
@@ -221,6 +238,7 @@ class QuasiStatic:
             if trial.rest <= CONVERGED:
                 # nothing pressed anywhere is a balance, but not one of a particle between two bodies
                 return trial if trial.answer.normal.any() else None
+            self._closest = min(self._closest, trial.rest)
             jacobian = self._jacobian(trial)
             if not jacobian.any() or not np.isfinite(jacobian).all():
                 return None
@@ -228,16 +246,16 @@ class QuasiStatic:
             for damping in () if better else (1e-6, 1e-4, 1e-2, 1.0):
                 size = damping * float(np.linalg.norm(jacobian, 2))
                 stack = np.vstack([jacobian, size * np.eye(len(y))])
-                step = np.linalg.lstsq(stack, np.concatenate([-trial.force, np.zeros(len(y))]), rcond=None)[0]
-                better = self._search(trial, step, plate)
+                pull = np.concatenate([-trial.force, np.zeros(len(y))])
+                better = self._search(trial, np.linalg.lstsq(stack, pull, rcond=None)[0], plate)
                 if better:
                     break
             if better is None:
-                return None
+                break
             trial = better
         return None
 
-    def _search(self, trial: _Trial, step: Array, plate: Array) -> _Trial | None:
+    def _search(self, trial: _Trial, step: NDArray, plate: Array) -> _Trial | None:
         """The first point on the way back from the full step with less unbalanced force."""
         change = np.abs(self._rows @ step).max(axis=1)
         reach = REACH * max(float(trial.overlap.max()), 0.0)

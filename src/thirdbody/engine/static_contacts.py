@@ -11,7 +11,7 @@ import numpy as np
 from ..kernels import layout as at
 from ..laws.compose import Chain, compose
 from ..laws.contract import Law, Pair
-from .state import Array
+from .state import Array, Ints
 
 AT_REST = ("damping", "tangential_damping")
 """Stages that have nothing to say where nothing moves in time."""
@@ -19,7 +19,7 @@ AT_REST = ("damping", "tangential_damping")
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What the laws say of all spots; zero where a spot is open. Forces in N, lengths in m; `tangential` (n, 2) acts on the body."""
+    """What the laws say of all spots, N and m; zero where a spot is open. `tangential` (n, 2) acts on the body."""
 
     normal: Array
     tangential: Array
@@ -40,7 +40,7 @@ class Contacts:
         self,
         laws: Sequence[Law],
         pairs: Sequence[Pair],
-        kind: Sequence[int],
+        kind: Ints,
         radius: Array,
         options: Mapping[str, Any] | None = None,
     ) -> None:
@@ -68,8 +68,8 @@ class Contacts:
         count = at.O_HISTORY + len(self.chain.history)
         out = self._call(self.chain.law, count, overlap, slip, memory)
         tangential = np.stack([out[at.O_TX], out[at.O_TY]], axis=1)
-        parts = (out[k] for k in (at.O_LIMIT, at.O_CRITICAL, at.O_SLIP, at.O_A))
-        return Answer(out[at.O_FN], tangential, *parts, out[at.O_HISTORY :].T)
+        limit, critical, slid, radius = (out[k] for k in (at.O_LIMIT, at.O_CRITICAL, at.O_SLIP, at.O_A))
+        return Answer(out[at.O_FN], tangential, limit, critical, slid, radius, out[at.O_HISTORY :].T)
 
     def stiffness(self, overlap: Array, slip: Array, memory: Array) -> Array:
         """(7, n): dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd of the step, N/m; 0 for open spots."""

@@ -1,0 +1,243 @@
+"""A single particle pressed and dragged quasi-statically: forces, tilt, partial slip, label and forecast along the path.
+
+    result = thirdbody.balance("particle.toml")
+    result.points[-1].N, result.points[-1].label
+
+Signs are those of Willert (Eqs. 1, 2, 6, 11): w down, phi about +y (into the page), and for a planar particle u and T positive
+toward -x, T_i being the force that the upper body hands to the particle and the particle to the lower body. Out of the plane
+u (2,) is the displacement of the centre of mass and T_i (2,) that same force, both along world x, y; phi is the rotation vector.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from thirdbody.plugin import (
+    Balance,
+    Contacts,
+    Grip,
+    NoStaticState,
+    Pair,
+    QuasiStatic,
+    UsageError,
+    dundurs_beta,
+    e_star,
+    g_star,
+    nearest,
+)
+
+from . import THREE_SPOT, conditions, hulls
+from .balance_file import BalanceFile, Spots
+from .balance_label import Observer
+
+PRESS_STEPS = 100
+"""Steps of the pressing: one for laws that are exact along the straight paths of a weightless particle."""
+MISMATCH = 0.01  # Dundurs' beta below which the coupling of normal and tangential contact is not worth a word
+LARGE = 0.1  # rotation, rad, or overlap over radius, beyond which linear kinematics or Hertz' theory is a rough guess
+UNDECIDED = 1e-3
+"""Unbalanced share of the forces below which a failed search says nothing of the particle: where it tips, 2 to 20 % were left,
+where a law was too rough for the solver, 1e-6."""
+DEFAULT_LEVEL = "exact"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One balance. SI; `N`, `T`, `spots` in the order of the file; signs in the module's docstring."""
+
+    indentation: float
+    drag: float
+    N: list[float]
+    T: list[float] | list[list[float]]
+    w: float
+    u: float | list[float]
+    phi: float | list[float]
+    spots: list[str]
+    label: str
+    reason: str
+    margins: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What geometry and friction allow the spots that are loaded after pressing: least friction that can hold the particle, the
+    frictions t_min to t_max with which it can slide along the drag (None if it never can), and the possible states."""
+
+    mu_required: float | None
+    t_min: float | None
+    t_max: float | None
+    possible: list[str]
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Where the path ended: `rolling` where no static state exists and the particle tips or rolls away, `undecided` where the
+    solver failed close to a balance."""
+
+    indentation: float | None
+    load: float | None
+    drag: float
+    label: str
+    message: str
+
+
+@dataclass(frozen=True)
+class Result:
+    """The end of pressing, then the steps of the drag, as far as they exist; `stopped` tells where they end too early."""
+
+    points: list[Point]
+    forecast: Forecast
+    moduli: dict[str, dict[str, float]]
+    level: str
+    planar: bool
+    stopped: Stop | None
+    warnings: list[str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain dicts, lists and numbers, as `to_json` writes them."""
+        return asdict(self)
+
+    def to_json(self) -> str:
+        """The result as JSON text, SI."""
+        return json.dumps(self.to_dict(), indent=1, allow_nan=False)
+
+
+def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, level: str | None = None) -> Result:
+    """The path of one particle from a balance file, or tables built in Python.
+
+    `level` is a level of the law `three_spot`, "exact" if not given. Raises InputError with every fault of the input, UsageError
+    for an unknown level. That no static state exists is no error: see `Result.stopped`.
+    """
+    level = level or DEFAULT_LEVEL
+    if level not in THREE_SPOT.levels:
+        raise UsageError(f"level '{level}': {nearest(level, THREE_SPOT.levels)}")
+    if isinstance(source, BalanceFile):
+        told = source
+    else:
+        told = BalanceFile.made(source) if isinstance(source, Mapping) else BalanceFile.load(source)
+    spots = told.spots()
+    pairs = _pairs(told)
+    walk = _Walk(told, spots, pairs, level)
+    stopped = walk.go()
+    first = walk.balances[0] if walk.balances else None
+    moduli = {
+        side: {"e_star": e_star(p.a, p.b), "g_star": g_star(p.a, p.b), "dundurs_beta": dundurs_beta(p.a, p.b)}
+        for side, p in zip(("lower", "upper"), pairs, strict=True)
+    }
+    warnings = _warnings(told, spots, walk, moduli)
+    return Result(walk.points, _forecast(told, spots, first), moduli, level, spots.planar, stopped, warnings)
+
+
+def _pairs(told: BalanceFile) -> tuple[Pair, Pair]:
+    """Particle against the lower and the upper body; nothing bounces, so the restitution is 1."""
+    made = {side: getattr(told.materials, side).material(side) for side in ("lower", "upper", "particle")}
+    lower, upper = (Pair(made["particle"], made[side], getattr(told.friction, side), 1.0) for side in ("lower", "upper"))
+    return lower, upper
+
+
+class _Walk:
+    """Solver, observer and the points so far."""
+
+    def __init__(self, told: BalanceFile, spots: Spots, pairs: tuple[Pair, Pair], level: str) -> None:
+        z, up = spots.place[:, 2], spots.upper
+        gap = np.where(up, z[up].max() - z, z - z[~up].min())
+        self.path, self.planar = told.path, spots.planar
+        self.under_load = told.path.load is not None
+        self.grip = Grip(spots.place, gap, up, told.particle.weight, spots.planar)
+        contacts = Contacts(THREE_SPOT.levels[level], pairs, up.astype(np.int64), spots.radius)
+        self.solver = QuasiStatic(self.grip, contacts, self.under_load)
+        self.observer = Observer(self.grip, spots.radius, told.path.heading(), level)
+        self.balances: list[Balance] = []
+        self.points: list[Point] = []
+
+    def go(self) -> Stop | None:
+        """Press, then drag; tells where no static state exists."""
+        given = self.path.load if self.under_load else self.path.indentation
+        assert given is not None  # one of the two is given: `Path.rules`
+        e_x, e_y = self.path.heading()
+        steps = self.path.steps if self.path.drag > 0.0 else 0
+        try:
+            for k in range(1, PRESS_STEPS + 1):
+                found = self.solver.move((given * k / PRESS_STEPS, 0.0, 0.0))
+            self._note(found)
+            for k in range(1, steps + 1):
+                drag = self.path.drag * k / steps
+                self._note(self.solver.move((given, drag * e_x, drag * e_y)))
+        except NoStaticState as problem:
+            return self._stop(problem)
+        return None
+
+    def _note(self, found: Balance) -> None:
+        spots, label, reason, margins = self.observer.see(found)
+        downwards = np.where(self.grip.upper, 1.0, -1.0)[:, None] * found.answer.tangential
+        drag = float(np.hypot(*found.plate[1:]))
+        t: Any = (-downwards[:, 0]).tolist() if self.planar else downwards.tolist()
+        u: Any = -float(found.motion[0]) if self.planar else found.motion[:2].tolist()
+        phi: Any = float(found.motion[4]) if self.planar else found.motion[3:].tolist()
+        normal, sink = found.answer.normal.tolist(), -float(found.motion[2])
+        self.points.append(Point(found.closing, drag, normal, t, sink, u, phi, spots, label, reason, margins))
+        self.balances.append(found)
+
+    def _stop(self, problem: NoStaticState) -> Stop:
+        pressed, drag = float(problem.plate[0]), float(np.hypot(*problem.plate[1:]))
+        when = f"at a drag of {drag:.4g} m" if self.points else "while it is pressed"
+        failed = problem.closest < UNDECIDED
+        message = f"no static state exists {when}: the particle tips or rolls ({problem})"
+        if failed:
+            message = f"undecided {when}: the solver failed, {problem.closest:.1g} of the forces unbalanced; try another level"
+        label = "undecided" if failed else "rolling"
+        return Stop(None if self.under_load else pressed, pressed if self.under_load else None, drag, label, message)
+
+
+def _forecast(told: BalanceFile, spots: Spots, first: Balance | None) -> Forecast:
+    """Conditions of self-consistency for the spots that are loaded after pressing; for all if it cannot even be pressed."""
+    up, place = spots.upper, spots.place
+    loaded = first.overlap > 0.0 if first is not None else np.ones(len(up), bool)
+    above, below = place[up & loaded], place[~up & loaded]
+    if not len(above) or not len(below):
+        return Forecast(None, None, None, [])
+    h = float(above[:, 2].mean() - below[:, 2].mean())
+    heading, friction = told.path.heading(), told.friction
+    load = float(first.answer.normal[up].sum()) if first is not None else 0.0
+    ratio = told.particle.weight / load if load > 0.0 else 0.0
+    if spots.planar:
+        # the theory drags toward -x: places along the opposite of the drag
+        over, under = ((-heading[0] * side[:, 0]).tolist() for side in (above, below))
+        low, high = conditions.planar_interval(over, under, h, ratio)
+        required = max(low, -high, 0.0)
+    else:
+        ratio = 0.0
+        low, high = hulls.sliding_interval(above[:, :2], below[:, :2], h, heading)
+        required = hulls.required_friction(above[:, :2], below[:, :2], h)
+    limit = conditions.friction_limit(friction.upper, friction.lower, ratio)
+    slack = conditions.ROUND_OFF * float(np.ptp(place[:, :2], axis=0).max()) / h
+    possible = ["sticking"] if required <= limit + slack else []
+    possible += ["sliding"] if low - slack <= limit <= high + slack else []
+    ever = bool(np.isfinite([low, high]).all())
+    return Forecast(float(required), float(low) if ever else None, float(high) if ever else None, possible)
+
+
+def _warnings(told: BalanceFile, spots: Spots, walk: _Walk, moduli: Mapping[str, Mapping[str, float]]) -> list[str]:
+    found = []
+    for side, values in moduli.items():
+        beta = values["dundurs_beta"]
+        if abs(beta) > MISMATCH:
+            found.append(f"{side} side: not elastically similar (Dundurs' beta {beta:.3g}); the coupling is neglected")
+    if not walk.balances:
+        return found
+    turn = max(float(np.linalg.norm(b.motion[3:])) for b in walk.balances)
+    deep = max(float((b.overlap / spots.radius).max()) for b in walk.balances)
+    if turn > LARGE:
+        found.append(f"the particle turns by {turn:.3g} rad, beyond the linear kinematics")
+    if deep > LARGE:
+        found.append(f"overlaps of {deep:.3g} radii, beyond Hertz' theory")
+    if told.particle.weight > 0.0 and not spots.planar:
+        found.append("the forecast leaves out the weight")
+    if any(point.label == "rolling" for point in walk.points) and not walk.under_load:
+        found.append("a particle that tips at constant indentation wedges: its forces grow without bound; give a load instead")
+    return found

@@ -1,0 +1,234 @@
+"""The file of a single particle: what `thirdbody balance` reads, checked in one go.
+
+    balance = 1
+    [materials.upper]                 # also lower, particle
+    shear_modulus = "80 GPa"          # or youngs_modulus
+    poisson_ratio = 0.3
+    [friction]
+    upper = 0.3
+    lower = 0.3
+    [particle]
+    weight = "0 N"
+    spots = [{side = "upper", x = "0.2 um", z = "2 um", radius = "2 um"}, ...]   # y = "0 um"
+    [path]
+    indentation = "10 nm"             # or load
+    drag = "24 nm"
+    steps = 480
+    direction = [-1, 0]
+
+In place of `spots` a `clump = [{center = ["0 um", "0 um", "0 um"], radius = "5 um"}, ...]` turned by `quaternion` = [w, x, y, z]:
+every sphere is a candidate of both sides, in the order upper, lower of the first sphere, then of the next.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from thirdbody.plugin import (
+    Choice,
+    Fault,
+    InputError,
+    Material,
+    Part,
+    Quantity,
+    Whole,
+    Wrong,
+    clump_with_frame,
+    listing,
+    matrix_from_quaternion,
+    one_of,
+    read_text,
+    read_toml,
+    wrongs_of,
+)
+
+VERSION = 1
+
+Array = NDArray[np.float64]
+Length = Annotated[float, Quantity(dimension="length")]
+PositiveLength = Annotated[float, Quantity(dimension="length", gt=0)]
+PositivePressure = Annotated[float, Quantity(dimension="pressure", gt=0)]
+Friction = Annotated[float, Quantity(ge=0)]
+Number = Annotated[float, Quantity()]
+
+
+class Solid(Part):
+    """An isotropic elastic half-space or particle; moduli in Pa."""
+
+    youngs_modulus: PositivePressure | None = None
+    shear_modulus: PositivePressure | None = None
+    poisson_ratio: Annotated[float, Quantity(gt=-1, le=0.5)]
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """One of the two moduli."""
+        return one_of(raw, ("youngs_modulus", "shear_modulus"))
+
+    def material(self, name: str) -> Material:
+        """The material of the contact laws; its density plays no part where nothing is accelerated."""
+        if self.shear_modulus is not None:
+            return Material(name, self.shear_modulus, self.poisson_ratio, 1.0)
+        assert self.youngs_modulus is not None  # one of the two is given: `rules`
+        return Material(name, 0.5 * self.youngs_modulus / (1.0 + self.poisson_ratio), self.poisson_ratio, 1.0)
+
+
+class Materials(Part):
+    """The two first bodies and the particle."""
+
+    upper: Solid
+    lower: Solid
+    particle: Solid
+
+
+class Frictions(Part):
+    """Coefficient of friction of each side."""
+
+    upper: Friction
+    lower: Friction
+
+
+class Spot(Part):
+    """A summit bound to a side: its place from the centre of mass, and its radius of curvature, m."""
+
+    side: Annotated[Literal["lower", "upper"], Choice()]
+    x: Length
+    y: Length = 0.0
+    z: Length
+    radius: PositiveLength
+
+
+class Ball(Part):
+    """A sphere of a clump, m."""
+
+    center: Annotated[tuple[Length, Length, Length], listing("a list of 3 lengths", 3)]
+    radius: PositiveLength
+
+
+class Particle(Part):
+    """A rigid particle by its spots, or by the spheres that it is made of."""
+
+    weight: Annotated[float, Quantity(dimension="force", ge=0)] = 0.0
+    spots: Annotated[tuple[Spot, ...], listing("a list of tables {side, x, y, z, radius}")] | None = None
+    clump: Annotated[tuple[Ball, ...], listing("a list of tables {center, radius}")] | None = None
+    quaternion: Annotated[tuple[Number, Number, Number, Number], listing("a list of 4 numbers w, x, y, z", 4)] | None = None
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Spots or a clump, and a quaternion for a clump only."""
+        if "quaternion" in raw and "clump" not in raw:
+            return [*one_of(raw, ("spots", "clump")), (("quaternion",), "turns a clump; spots stand as they are given")]
+        return one_of(raw, ("spots", "clump"))
+
+    def checks(self) -> list[Wrong]:
+        """Both sides, and the upper one above."""
+        if self.quaternion is not None and not any(self.quaternion):
+            return [(("quaternion",), "has no length")]
+        if self.spots is None:
+            return [] if self.clump else [(("clump",), "at least one sphere is needed")]
+        sides = {spot.side for spot in self.spots}
+        missing = [side for side in ("lower", "upper") if side not in sides]
+        if missing:
+            return [(("spots",), f"no spot on the {side} side: nothing holds the particle against the other") for side in missing]
+        if max(s.z for s in self.spots if s.side == "upper") <= min(s.z for s in self.spots if s.side == "lower"):
+            return [(("spots",), "the upper spots are not above the lower ones: z is measured upwards from the centre of mass")]
+        return []
+
+
+class Path(Part):
+    """Pressing, then drag of the upper body along `direction`; lengths in m, load in N. Without drag, the pressed state only."""
+
+    indentation: PositiveLength | None = None
+    load: Annotated[float, Quantity(dimension="force", gt=0)] | None = None
+    drag: Annotated[float, Quantity(dimension="length", ge=0)] = 0.0
+    steps: Annotated[int, Whole(ge=1, le=1_000_000)] = 480
+    direction: Annotated[tuple[Number, Number], listing("a list of 2 numbers", 2)] = (-1.0, 0.0)
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Indentation or load."""
+        return one_of(raw, ("indentation", "load"))
+
+    def checks(self) -> list[Wrong]:
+        """A direction that is one."""
+        return [] if any(self.direction) else [(("direction",), "has no length")]
+
+    def heading(self) -> tuple[float, float]:
+        """Unit vector of the drag."""
+        size = math.hypot(*self.direction)
+        return self.direction[0] / size, self.direction[1] / size
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """The spots of a particle: place (n, 3) from its centre of mass, radius (n,), upper (n,) bool; m."""
+
+    place: Array
+    radius: Array
+    upper: NDArray[np.bool_]
+    planar: bool
+
+
+class BalanceFile(Part):
+    """A whole balance file. `BalanceFile.load(path)`, or built in Python; either raises InputError with all faults."""
+
+    balance: Annotated[int, Whole(ge=VERSION, le=VERSION)] = VERSION
+    materials: Materials
+    friction: Frictions
+    particle: Particle
+    path: Path
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> BalanceFile:
+        """The particle in a TOML file. Raises InputError with every fault, each with file, line and column."""
+        document, source = read_toml(read_text(path), os.fspath(path))
+        wrongs: list[Wrong] = []
+        if "balance" not in document:
+            document["balance"] = VERSION  # read on, so that the other faults are told too
+            wrongs.append((("balance",), f"required key is missing: write balance = {VERSION}"))
+        try:
+            found = cls.model_validate(document, context={"file": True})
+        except ValidationError as error:
+            wrongs += wrongs_of(error)
+        if wrongs:
+            raise InputError(source.in_order(wrongs))
+        return found
+
+    @classmethod
+    def made(cls, tables: Mapping[str, Any]) -> BalanceFile:
+        """The particle in tables built in Python, numbers in SI or texts with units. Raises InputError."""
+        return cls(**tables)
+
+    def spots(self) -> Spots:
+        """The particle's spots. Raises InputError for a clump in several parts."""
+        flat = self.path.heading()[1] == 0.0
+        if self.particle.spots is not None:
+            spots = self.particle.spots
+            place = np.array([(s.x, s.y, s.z) for s in spots])
+            upper = np.array([s.side == "upper" for s in spots])
+            return Spots(place, np.array([s.radius for s in spots]), upper, flat and not place[:, 1].any())
+        return self._clump_spots(flat)
+
+    def _clump_spots(self, flat: bool) -> Spots:
+        balls = self.particle.clump or ()
+        center, radius = np.array([b.center for b in balls]), np.array([b.radius for b in balls])
+        try:
+            centroid = clump_with_frame(center, radius)[1]
+        except InputError as problem:
+            raise InputError([Fault("particle.clump", fault.message) for fault in problem.faults]) from None
+        turn = np.array(self.particle.quaternion or (1.0, 0.0, 0.0, 0.0))
+        planar = bool(flat and not center[:, 1].any() and turn[1] == 0.0 == turn[3])
+        arm = (center - centroid) @ matrix_from_quaternion(turn / np.linalg.norm(turn)).T
+        if planar:
+            arm[:, 1] = 0.0  # the centroid of a plane of spheres is off it by rounding only
+        place = np.repeat(arm, 2, axis=0)
+        place[::2, 2] += radius
+        place[1::2, 2] -= radius
+        return Spots(place, np.repeat(radius, 2), np.arange(2 * len(radius)) % 2 == 0, planar)

@@ -1,0 +1,128 @@
+"""The picture of a balance: normal forces, use of friction, tilt and states over the drag."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thirdbody.plugin import OutputError, UsageError
+
+from .balance import Result
+
+LABELS = {"free": "#8E939A", "sticking": "#4C78A8", "sliding": "#F58518", "rolling": "#54A24B"}  # as in every picture
+SPOTS = {"open": "#FFFFFF", "stick": "#4C78A8", "partial": "#9ECAE9", "slide": "#F58518"}
+# Okabe and Ito: apart for every kind of colour vision
+LINES = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
+PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
+
+
+def plot(result: Result, path: Path, title: str = "") -> None:
+    """Write the picture; its kind is told by the suffix. Raises UsageError for an unknown one, or without any point; OutputError
+    if the file cannot be written."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    if not result.points:
+        raise UsageError(f"nothing to draw: {result.stopped.message if result.stopped else 'no point'}")
+    if path.suffix.lower().lstrip(".") not in FigureCanvasAgg.get_supported_filetypes():
+        raise UsageError(f"{path}: a picture ends in .png, .pdf or .svg")
+    figure = Figure(figsize=(8.0, 9.0), layout="constrained")
+    top, middle, tilt, bar = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 2.0, 1.6))
+    drag, unit = scaled(np.array([p.drag for p in result.points]))
+    _forces(top, result, drag)
+    _friction(middle, result, drag)
+    _tilt(tilt, result, drag)
+    _states(bar, result, drag)
+    bar.set_xlabel(f"drag of the upper body ({unit}m)")
+    for axes in (top, middle, tilt):
+        axes.grid(alpha=0.25, linewidth=0.6)
+        axes.margins(x=0.0)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.suptitle(f"{title}, level {result.level}" if title else f"level {result.level}")
+    try:
+        figure.savefig(path, dpi=150)
+    except OSError as problem:
+        raise OutputError(f"{path}: cannot be written ({problem.strerror})") from problem
+
+
+def scaled(values: np.ndarray) -> tuple[np.ndarray, str]:
+    """The values in a unit that makes the largest 1 to 1000, and the prefix of that unit."""
+    size = float(np.abs(values).max(initial=0.0))
+    factor, prefix = next(((f, p) for f, p in PREFIXES if size >= f), PREFIXES[0] if size == 0.0 else PREFIXES[-1])
+    return values / factor, prefix
+
+
+def _loaded(result: Result) -> list[int]:
+    """Spots that are loaded at some point; the others would be lines at zero."""
+    return [k for k in range(len(result.points[0].N)) if any(p.N[k] > 0.0 for p in result.points)]
+
+
+def _forces(axes: Any, result: Result, drag: np.ndarray) -> None:
+    forces, unit = scaled(np.array([p.N for p in result.points]))
+    for place, k in enumerate(_loaded(result)):
+        axes.plot(drag, forces[:, k], color=LINES[place % len(LINES)], label=f"spot {k + 1}", **_style(drag))
+    axes.set_ylabel(f"N ({unit}N)")
+    axes.set_ylim(bottom=0.0)
+    axes.legend(frameon=False, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
+
+
+def _friction(axes: Any, result: Result, drag: np.ndarray) -> None:
+    """T signed in the plane, its size out of it, over the friction limit of the spot: eta stands in the margins."""
+    eta = 1.0 - np.array([p.margins["friction_spots"] for p in result.points])
+    eta[np.array([p.N for p in result.points]) <= 0.0] = np.nan
+    if result.planar:
+        eta = eta * np.sign(np.array([p.T for p in result.points]))
+    for place, k in enumerate(_loaded(result)):
+        axes.plot(drag, eta[:, k], color=LINES[place % len(LINES)], **_style(drag))
+    for limit in (1.0, -1.0) if np.nanmin(eta) < 0.0 else (1.0,):
+        axes.axhline(limit, color="#555555", linewidth=0.8, linestyle="--")
+    axes.set_ylabel(r"T / $\mu$N")
+
+
+def _tilt(axes: Any, result: Result, drag: np.ndarray) -> None:
+    turn = np.array([p.phi for p in result.points]).reshape(len(drag), -1)
+    values, unit = scaled(turn)
+    names = [r"$\varphi$"] if result.planar else [rf"$\varphi_{axis}$" for axis in "xyz"]
+    for k, name in enumerate(names):
+        axes.plot(drag, values[:, k], color=LINES[k], label=name, **_style(drag))
+    axes.set_ylabel(f"tilt ({unit}rad)")
+    if len(names) > 1:
+        axes.legend(frameon=False, ncols=3, loc="best")
+
+
+def _style(drag: np.ndarray) -> dict[str, Any]:
+    return {"linewidth": 1.6} if len(drag) > 1 else {"marker": "o"}
+
+
+def _states(axes: Any, result: Result, drag: np.ndarray) -> None:
+    """One row of colour for the label, one per loaded spot."""
+    from matplotlib.patches import Patch
+
+    spots = _loaded(result)
+    rows = [[LABELS[p.label] for p in result.points], *([SPOTS[p.spots[k]] for p in result.points] for k in spots)]
+    width = drag[1] - drag[0] if len(drag) > 1 else 1.0
+    for y, colors in enumerate(rows):
+        for start, end, color in runs(colors):
+            axes.barh(y, (end - start) * width, left=drag[start] - 0.5 * width, color=color, height=0.8)
+    axes.set_yticks(range(len(rows)), ["particle", *(f"spot {k + 1}" for k in spots)])
+    axes.invert_yaxis()
+    axes.spines[["top", "right", "left"]].set_visible(False)
+    axes.tick_params(left=False)
+    if len(drag) > 1:
+        axes.set_xlim(drag[0], drag[-1])
+    met = {p.label for p in result.points}, {s for p in result.points for s in p.spots}
+    patches = [Patch(color=c, label=f"particle {n}") for n, c in LABELS.items() if n in met[0]]
+    patches += [Patch(facecolor=c, edgecolor="#999999", label=f"spot: {n}") for n, c in SPOTS.items() if n in met[1]]
+    axes.legend(handles=patches, frameon=False, ncols=4, loc="upper center", bbox_to_anchor=(0.5, -0.45), columnspacing=1.2)
+
+
+def runs(values: list[str]) -> list[tuple[int, int, str]]:
+    """(start, end, value) of every stretch of equal values."""
+    found, start = [], 0
+    for k in range(1, len(values) + 1):
+        if k == len(values) or values[k] != values[start]:
+            found.append((start, k, values[start]))
+            start = k
+    return found

@@ -1,0 +1,40 @@
+"""Central differences of a law's own step: a tangent that is consistent with it whatever happens within the step."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from thirdbody.plugin import Contact, Load
+
+STEP = 1e-6
+"""Relative step: half the digits of the forces are left."""
+
+helper = njit(error_model="numpy")
+
+
+@helper
+def moved(c, overlap, slip_x, slip_y):
+    """The same contact at another overlap and after another slip."""
+    return Contact(overlap, c.radius, c.mass, c.v_n, slip_x, slip_y, c.v_x, c.v_y, c.roll)
+
+
+@helper
+def risen(load, rise):
+    """The load when the overlap grows by `rise`, without dashpot; the patch grows with it, a^2 being linear in the overlap."""
+    force = load.force + load.stiffness * rise
+    # dN/dd = 2 E* a and N = (2/3) dN/dd d, so a^2 grows as 1 + rise/d with d = (3/2) N/(dN/dd)
+    share = rise * load.stiffness / max(1.5 * load.force, 1e-300)
+    return Load(force, force, load.contact_radius * (1.0 + 0.5 * share), load.stiffness)
+
+
+@helper
+def slopes(right, left, back, front, deep, high, e_s, e_d):
+    """The six numbers of a tangent from forces (x, y) at slips and overlaps to both sides."""
+    return (
+        0.5 * (right[0] - left[0]) / e_s,
+        0.5 * (back[0] - front[0]) / e_s,
+        0.5 * (right[1] - left[1]) / e_s,
+        0.5 * (back[1] - front[1]) / e_s,
+        0.5 * (deep[0] - high[0]) / e_d,
+        0.5 * (deep[1] - high[1]) / e_d,
+    )

@@ -1,0 +1,339 @@
+"""The spring field of one spot: a vector w, piecewise linear in q = x^2/R over the patch [0, d].
+
+Springs stand at half width x with normal compression d - q (method of dimensionality reduction, Popov and Hess 2015). A field is
+a flat array of nodes (q, w_x, w_y), q rising from 0 at the centre to the overlap d at the edge, where w = 0. As q is measured
+from the centre, a change of overlap cuts or lengthens the field at its edge and moves no node. On integrals: with y = sqrt(q),
+so that x = sqrt(R) y, a piece has the width h = y_2 - y_1, and every moment of w over dy is a sum of terms of one sign.
+
+No step makes energy: with w_t the old field displaced by the slip, the work T_new ds less the gain of stored energy is half the
+square of w_new - w_old plus w_new.(w_t - w_new), over the patch. A radial return, a chord within a right angle between springs
+so returned, and a projection all leave the second term positive; tidying spends at most half of what the slip just lost.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import njit
+
+NODES = 32
+"""Room for nodes, of which a field at rest uses at most `KEPT`: a step may add some before it thins them out again."""
+KEPT = 22
+WIDTH = 3 * NODES
+COLLINEAR = 1e-12
+"""Largest difference of slopes, over the larger of the two, of pieces that count as one. Smooth loading at one rate would add a
+piece per step otherwise. It bounds the error of all merging together, however small the steps: 1e-12 of the field."""
+ROUNDING = 8.0 * 2.0**-52
+CURVED = 1e-3
+"""Least difference of slopes, over the slopes, that thinning assumes between pieces: so the longest of many straight ones survive
+last."""
+TURNED = 1e-9
+"""Sine of the angle between springs from which a sliding piece counts as turned."""
+RUNGS = 8.0
+"""A sliding zone that turns has nodes on the multiples of a power of two, at least 8 and at most 16 steps wide. Springs turn at a
+rate 1/(d - q), which one piece cannot follow; and places that do not depend on the step keep a long sequence of small steps from
+smearing the field."""
+ALIGNED = 1e-7
+GAUSS = ((0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0))
+
+helper = njit(error_model="numpy")
+"""Not inlined: a call costs some nanoseconds, the body in every tile function seconds of compilation."""
+
+
+@helper
+def piece_mean(q_1, q_2):
+    """(h, phi): int w dy over a piece is h [(1 - phi) w_1 + phi w_2]."""
+    y_1, y_2 = math.sqrt(q_1), math.sqrt(q_2)
+    total = max(y_1 + y_2, 1e-300)
+    return (q_2 - q_1) / total, (2.0 * y_1 + y_2) / (3.0 * total)
+
+
+@helper
+def piece_products(q_1, q_2):
+    """(c_11, c_12, c_22): int u.v dy = c_11 u_1.v_1 + c_12 (u_1.v_2 + u_2.v_1) + c_22 u_2.v_2 over a piece."""
+    y_1, y_2 = math.sqrt(q_1), math.sqrt(q_2)
+    total = max(y_1 + y_2, 1e-300)
+    h = (q_2 - q_1) / total
+    s, u = y_1 / total, h / total
+    first = (4.0 * s * s + 5.0 * s * u + 1.6 * u * u) / 3.0
+    mixed = 2.0 * (s * s + s * u + 0.2 * u * u) / 3.0
+    last = 4.0 * s * s / 3.0 + s * u + 0.2 * u * u
+    return h * first, h * mixed, h * last
+
+
+@helper
+def field_force(w, n):
+    """int w dy over the patch, both components."""
+    x = y = 0.0
+    for i in range(0, 3 * n - 3, 3):
+        h, phi = piece_mean(w[i], w[i + 3])
+        x += h * (w[i + 1] + phi * (w[i + 4] - w[i + 1]))
+        y += h * (w[i + 2] + phi * (w[i + 5] - w[i + 2]))
+    return x, y
+
+
+@helper
+def field_energy(w, n, start):
+    """int |w|^2 dy over what lies beyond q = start."""
+    total = 0.0
+    for i in range(0, 3 * n - 3, 3):
+        q_1, q_2 = w[i], w[i + 3]
+        if q_2 > start:
+            x_1, y_1 = w[i + 1], w[i + 2]
+            if q_1 < start:
+                part = (start - q_1) / (q_2 - q_1)
+                x_1, y_1, q_1 = x_1 + part * (w[i + 4] - x_1), y_1 + part * (w[i + 5] - y_1), start
+            c_11, c_12, c_22 = piece_products(q_1, q_2)
+            total += c_11 * (x_1 * x_1 + y_1 * y_1) + c_22 * (w[i + 4] * w[i + 4] + w[i + 5] * w[i + 5])
+            total += 2.0 * c_12 * (x_1 * w[i + 4] + y_1 * w[i + 5])
+    return total
+
+
+@helper
+def push(w, n, q, x, y):
+    """Append a node and return the new number; a last node that lies on the line to the new one gives way to it."""
+    j = 3 * n - 3
+    if n >= 2:
+        i = j - 3
+        l_1, l_2 = w[j] - w[i], q - w[j]
+        x_1, y_1, x_2, y_2 = w[j + 1] - w[i + 1], w[j + 2] - w[i + 2], x - w[j + 1], y - w[j + 2]
+        bend = (x_2 * l_1 - x_1 * l_2) ** 2 + (y_2 * l_1 - y_1 * l_2) ** 2
+        rise_1, rise_2 = x_1 * x_1 + y_1 * y_1, x_2 * x_2 + y_2 * y_2
+        slope = max(rise_1 * l_2 * l_2, rise_2 * l_1 * l_1)
+        size = w[j + 1] * w[j + 1] + w[j + 2] * w[j + 2]
+        noise = size * (l_1 + l_2) ** 2 + q * q * (rise_1 + rise_2)
+        if bend <= COLLINEAR * COLLINEAR * slope + ROUNDING * ROUNDING * noise or l_2 <= ROUNDING * q or n == NODES:
+            n -= 1
+    w[3 * n], w[3 * n + 1], w[3 * n + 2] = q, x, y
+    return n + 1
+
+
+@helper
+def released(w, j):
+    """int w_new.(w_old - w_new) dy if the node at w[j] is dropped: energy let go where positive, made where negative."""
+    part = (w[j] - w[j - 3]) / max(w[j + 3] - w[j - 3], 1e-300)
+    x, y = w[j - 2] + part * (w[j + 4] - w[j - 2]), w[j - 1] + part * (w[j + 5] - w[j - 1])
+    v_x, v_y = w[j + 1] - x, w[j + 2] - y
+    _, c_12, c_22 = piece_products(w[j - 3], w[j])
+    inner = c_12 * (w[j - 2] * v_x + w[j - 1] * v_y) + c_22 * (x * v_x + y * v_y)
+    c_11, c_12, _ = piece_products(w[j], w[j + 3])
+    return inner + c_11 * (x * v_x + y * v_y) + c_12 * (w[j + 4] * v_x + w[j + 5] * v_y)
+
+
+@helper
+def drop(w, n, j):
+    """Take the node at w[j] out; returns the new number of nodes."""
+    for i in range(j, 3 * n - 3):
+        w[i] = w[i + 3]
+    return n - 1
+
+
+@helper
+def thin(w, n):
+    """Drop the node whose loss changes the field least; returns the new number of nodes.
+
+    Least: the area between the old and the new line as if the two pieces were chords of a smooth curve, |slope change| times
+    length squared. The area itself would let a long last piece swallow any number of short new ones unseen. Where the new chord
+    holds more energy than the two pieces, the whole field shrinks to its projection: int w_new.(w_old - w_new) >= 0 is what
+    keeps a step from making energy.
+    """
+    best, least = 3, math.inf
+    for j in range(3, 3 * n - 3, 3):
+        l_1, l_2 = w[j] - w[j - 3], w[j + 3] - w[j]
+        x_1, y_1, x_2, y_2 = w[j + 1] - w[j - 2], w[j + 2] - w[j - 1], w[j + 4] - w[j + 1], w[j + 5] - w[j + 2]
+        bend = (x_2 * l_1 - x_1 * l_2) ** 2 + (y_2 * l_1 - y_1 * l_2) ** 2
+        bend += CURVED * CURVED * ((x_1 * x_1 + y_1 * y_1) * l_2 * l_2 + (x_2 * x_2 + y_2 * y_2) * l_1 * l_1)
+        length = (l_1 + l_2) * (l_1 + l_2) / max(l_1 * l_2, 1e-300)
+        cost = bend * length * length
+        if cost < least:
+            best, least = j, cost
+    lost = released(w, best)
+    n = drop(w, n, best)
+    if lost < 0.0:
+        shrink = max(0.0, 1.0 + lost / max(field_energy(w, n, 0.0), 1e-300))
+        for i in range(0, 3 * n, 3):
+            w[i + 1], w[i + 2] = shrink * w[i + 1], shrink * w[i + 2]
+    return n
+
+
+@helper
+def rung(zone):
+    """The power of two below or at zone/RUNGS."""
+    return math.ldexp(0.5, math.frexp(zone / RUNGS)[1])
+
+
+@helper
+def tidy(w, n, start, d, budget):
+    """Drop nodes of the sliding zone beyond q = start that stand on no rung, where that makes no more energy than `budget`."""
+    width = rung(d - start)
+    j = 3 * n - 6
+    while j > 0 and w[j - 3] >= start:
+        if math.floor(w[j] / width) * width != w[j]:
+            gain = released(w, j)
+            if budget + gain >= 0.0:
+                n = drop(w, n, j)
+                budget += min(gain, 0.0)
+        j -= 3
+    return n
+
+
+@helper
+def crossing(ax, ay, b_a, bx, by, b_b, t):
+    """Place t in [0, 1] between a and b at which |w| meets the bound, sought from the end t beyond it; -1 if there is none.
+
+    |w| - bound is convex along a piece, so Newton's steps from outside never pass the root; on a line they meet it at once.
+    """
+    dx, dy, db = bx - ax, by - ay, b_b - b_a
+    for _ in range(60):
+        x, y = ax + t * dx, ay + t * dy
+        size = math.sqrt(x * x + y * y)
+        rate = (x * dx + y * dy) / max(size, 1e-300) - db
+        if rate == 0.0:
+            return -1.0
+        new = t - (size - b_a - t * db) / rate
+        if not 0.0 <= new <= 1.0:
+            return -1.0
+        if abs(new - t) <= 4e-16:
+            return new
+        t = new
+    return t
+
+
+@helper
+def slip_loss(q, size, x, y, step):
+    """Energy lost by a spring that slides in the step, over 2 G* dy: mean bound while it slides times the distance.
+
+    `size` = |w| of the trial, (x, y) its vector. Bound and trial move on straight lines in time, so the spring begins to slide
+    after the share t of the step, at the bound b_t.
+    """
+    sx, sy, d_old, d, k = step
+    touched = 1.0 if q <= d_old else (d - q) / max(d - d_old, 1e-300)
+    x_0, y_0 = x - touched * sx, y - touched * sy
+    size_0 = math.sqrt(x_0 * x_0 + y_0 * y_0) if q <= d_old else 0.0
+    b_0, b_1 = max(k * (d_old - q), size_0), k * (d - q)
+    far = max(size - b_1, 0.0)
+    t = (b_0 - size_0) / max(b_0 - size_0 + far, 1e-300)
+    return 0.5 * ((1.0 - t) * b_0 + (1.0 + t) * b_1) * far
+
+
+@helper
+def slide(new, n, q_a, ax, ay, q_b, bx, by, start, step):
+    """Return the springs of a trial piece beyond the bound onto it; (nodes, energy lost over 2 G*, whether it turned).
+
+    The sliding zone begins at q = start.
+    """
+    d, k = step[3], step[4]
+    length = q_b - q_a
+    h, _ = piece_mean(q_a, q_b)
+    y_a, loss = math.sqrt(q_a), 0.0
+    for place, weight in GAUSS:
+        y = y_a + place * h
+        part = min(max((y * y - q_a) / max(length, 1e-300), 0.0), 1.0)
+        x, y = ax + part * (bx - ax), ay + part * (by - ay)
+        loss += weight * h * slip_loss(q_a + part * length, math.sqrt(x * x + y * y), x, y, step)
+    turned = abs(ax * by - ay * bx) > TURNED * math.sqrt((ax * ax + ay * ay) * (bx * bx + by * by))
+    width = rung(d - start)
+    first = (math.floor(q_a / width) + 1.0) * width
+    # a zone as thin as rounding has rungs that do not part: never more of them than there are nodes
+    for rungs in range(NODES if turned else 0):
+        q = first + rungs * width
+        if not q < q_b or n >= NODES - 4:
+            break
+        part = (q - q_a) / length
+        x, y = ax + part * (bx - ax), ay + part * (by - ay)
+        back = min(k * (d - q) / max(math.sqrt(x * x + y * y), 1e-300), 1.0)
+        n = push(new, n, q, back * x, back * y)
+    back = min(k * (d - q_b) / max(math.sqrt(bx * bx + by * by), 1e-300), 1.0)
+    return push(new, n, q_b, back * bx, back * by), loss, turned
+
+
+@helper
+def span(new, n, q_a, ax, ay, q_b, bx, by, start, step):
+    """Carry one piece of the trial field over, end a excluded: as it is where it sticks, onto the bound where it slides.
+
+    Returns (nodes, energy lost over 2 G*, where the present sliding zone begins: inf while springs stick, whether it turned).
+    """
+    d, k = step[3], step[4]
+    b_a, b_b = k * (d - q_a), k * (d - q_b)
+    a_out = ax * ax + ay * ay > b_a * b_a * (1.0 + ROUNDING)
+    b_out = bx * bx + by * by > b_b * b_b * (1.0 + ROUNDING)
+    if not a_out and not b_out:
+        return push(new, n, q_b, bx, by), 0.0, math.inf, False
+    dq, dx, dy = q_b - q_a, bx - ax, by - ay
+    start = min(start, q_a)
+    first, loss, turned = 0.0, 0.0, False
+    if a_out:
+        # within a right angle the new chord loses energy against the old one wherever both ends do: a sag inside the bound may go
+        acute = b_out and ax * bx + ay * by >= 0.0
+        first = -1.0 if acute else crossing(ax, ay, b_a, bx, by, b_b, 0.0)
+        if first < 0.0 and b_out:
+            n, loss, turned = slide(new, n, q_a, ax, ay, q_b, bx, by, start, step)
+            return n, loss, start, turned
+        first = first if first >= 0.0 else 1.0
+        n, loss, turned = slide(new, n, q_a, ax, ay, q_a + first * dq, ax + first * dx, ay + first * dy, start, step)
+        if not b_out:
+            return push(new, n, q_b, bx, by), loss, math.inf, turned
+    t = max(crossing(ax, ay, b_a, bx, by, b_b, 1.0), first)  # none: rounding lost the one at the inner end
+    # the trial itself, not k (d - q), which has no digits left for huge friction
+    q, x, y = q_a + t * dq, ax + t * dx, ay + t * dy
+    n = push(new, n, q, x, y)
+    n, more, again = slide(new, n, q, x, y, q_b, bx, by, q, step)
+    return n, loss + more, q, turned or again
+
+
+@helper
+def is_straight(w, n, k, d):
+    """Whether all springs are at the bound and point one way but for ALIGNED, whose square is below rounding."""
+    size = max(math.sqrt(w[1] * w[1] + w[2] * w[2]), 1e-300)
+    e_x, e_y = w[1] / size, w[2] / size
+    for i in range(0, 3 * n - 3, 3):
+        bound = k * (d - w[i])
+        along, across = w[i + 1] * e_x + w[i + 2] * e_y, w[i + 2] * e_x - w[i + 1] * e_y
+        if abs(across) > ALIGNED * bound or along < bound * (1.0 - 1e-13):
+            return False
+    return True
+
+
+@helper
+def advance_field(w, n, new, kept, step):
+    """The field `new` after one step from (w, n), its old springs scaled by `kept`; (nodes, slip of the centre, loss/(2 G*)).
+
+    `step` = (slip x, y, overlap before and now, bound per compression k). Every spring takes the share of the slip during which
+    it touched, then returns radially onto |w| <= k (d - q). In one direction this is exact for a straight path of overlap and
+    slip of any length. Source: Popov and Hess 2015; its 1-D case is the memory diagram of Aleshin, Bou Matar and Van Den Abeele
+    2015.
+    """
+    sx, sy, d_old, d, k = step
+    x, y, q = sx, sy, 0.0
+    if n > 0:
+        x, y = kept * w[1] + sx, kept * w[2] + sy
+    size, bound = math.sqrt(x * x + y * y), k * d
+    far = size - bound
+    back = 1.0 if far <= 0.0 else bound / size
+    count = push(new, 0, 0.0, back * x, back * y)
+    loss, start, turned = 0.0, math.inf, False
+    for i in range(3, 3 * n, 3):
+        q_b, bx, by = w[i], kept * w[i + 1] + sx, kept * w[i + 2] + sy
+        if q_b >= d:
+            part = (d - q) / max(q_b - q, 1e-300)
+            q_b, bx, by = d, x + part * (bx - x), y + part * (by - y)
+        count, lost, start, turns = span(new, count, q, x, y, q_b, bx, by, start, step)
+        loss, turned = loss + lost, turned or turns
+        q, x, y = q_b, bx, by
+        if q >= d:
+            break
+    if q < d:
+        count, lost, start, turns = span(new, count, q, x, y, d, 0.0, 0.0, start, step)
+        loss, turned = loss + lost, turned or turns
+    last = 3 * count - 3
+    new[last], new[last + 1], new[last + 2] = d, 0.0, 0.0
+    if far > 0.0 and count > 2 and is_straight(new, count, k, d):
+        new[3], new[4], new[5] = d, 0.0, 0.0
+        count = 2
+    if turned and start < d:
+        count = tidy(new, count, start, d, 0.5 * loss)
+    while count > KEPT:
+        count = thin(new, count)
+    for i in range(3 * count, len(new)):
+        new[i] = 0.0
+    return count, max(far, 0.0), loss
