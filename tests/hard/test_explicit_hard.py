@@ -115,7 +115,7 @@ def test_without_friction_a_dragged_ball_stays_where_it_is(make):
 @pytest.mark.parametrize("step, truncation", [(5e-8, 1e-5), ("auto", 2e-3)])
 @pytest.mark.parametrize("degrees", [20, 36, 60, 76])
 @pytest.mark.parametrize("friction", [0.1, 1.0, 1e3, 1e9])
-@pytest.mark.parametrize("level", ["coulomb", "mindlin"])
+@pytest.mark.parametrize("level", ["coulomb", "mindlin", "mdr", "exact"])
 def test_no_level_makes_energy(make, level, friction, degrees, step, truncation):
     angle, law = math.radians(degrees), Contact(law="three_spot", level=level)
     start = (math.sin(angle), 0.0, -math.cos(angle))
