@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from numba import njit
 
 from thirdbody.plugin import Contact, Load
@@ -27,14 +28,30 @@ def risen(load, rise):
     return Load(force, force, load.contact_radius * (1.0 + 0.5 * share), load.stiffness)
 
 
-@helper
-def slopes(right, left, back, front, deep, high, e_s, e_d):
-    """The six numbers of a tangent from forces (x, y) at slips and overlaps to both sides."""
-    return (
-        0.5 * (right[0] - left[0]) / e_s,
-        0.5 * (back[0] - front[0]) / e_s,
-        0.5 * (right[1] - left[1]) / e_s,
-        0.5 * (back[1] - front[1]) / e_s,
-        0.5 * (deep[0] - high[0]) / e_d,
-        0.5 * (deep[1] - high[1]) / e_d,
-    )
+def central(law):
+    """The tangent of a tangential kernel with a field by central differences: compiled, with the arguments of a tangent."""
+
+    @helper
+    def force(c, load, p, h, w, overlap, slip_x, slip_y):
+        answer = law(moved(c, overlap, slip_x, slip_y), risen(load, overlap - c.overlap), p, h, w, np.empty(len(w)))[0]
+        return answer.x, answer.y
+
+    @helper
+    def differences(c, load, p, h, w):
+        e_d, e_s = STEP * c.overlap, STEP * max(p.kappa, 1e-3) * c.overlap
+        right = force(c, load, p, h, w, c.overlap, c.slip_x + e_s, c.slip_y)
+        left = force(c, load, p, h, w, c.overlap, c.slip_x - e_s, c.slip_y)
+        back = force(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y + e_s)
+        front = force(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y - e_s)
+        deep = force(c, load, p, h, w, c.overlap + e_d, c.slip_x, c.slip_y)
+        high = force(c, load, p, h, w, c.overlap - e_d, c.slip_x, c.slip_y)
+        return (
+            0.5 * (right[0] - left[0]) / e_s,
+            0.5 * (back[0] - front[0]) / e_s,
+            0.5 * (right[1] - left[1]) / e_s,
+            0.5 * (back[1] - front[1]) / e_s,
+            0.5 * (deep[0] - high[0]) / e_d,
+            0.5 * (deep[1] - high[1]) / e_d,
+        )
+
+    return differences

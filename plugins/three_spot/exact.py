@@ -21,7 +21,7 @@ import numpy as np
 
 from thirdbody.plugin import Law, Options, Pair, Tangential, e_star, g_star, kernel
 
-from .differences import STEP, moved, risen, slopes
+from .differences import central
 from .exact_field import (
     GAUSS,
     WIDTH,
@@ -161,28 +161,7 @@ def on_an_axis(w, n, slip_x, slip_y):
     return not (x and y)
 
 
-@helper
-def trial(c, load, p, h, w, overlap, slip_x, slip_y):
-    """Force (x, y) after another step from the same state."""
-    other = moved(c, overlap, slip_x, slip_y)
-    answer = exact(other, risen(load, overlap - c.overlap), p, h, w, np.empty(len(w)))[0]
-    return answer.x, answer.y
-
-
-@helper
-def curved_tangent(c, load, p, h, w):
-    """Differences: off a line the step also places nodes and drops some, which moves the force."""
-    e_d, e_s = STEP * c.overlap, STEP * max(p.kappa, 1e-3) * c.overlap
-    return slopes(
-        trial(c, load, p, h, w, c.overlap, c.slip_x + e_s, c.slip_y),
-        trial(c, load, p, h, w, c.overlap, c.slip_x - e_s, c.slip_y),
-        trial(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y + e_s),
-        trial(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y - e_s),
-        trial(c, load, p, h, w, c.overlap + e_d, c.slip_x, c.slip_y),
-        trial(c, load, p, h, w, c.overlap - e_d, c.slip_x, c.slip_y),
-        e_s,
-        e_d,
-    )
+curved_tangent = central(exact)
 
 
 @kernel
@@ -190,7 +169,7 @@ def exact_tangent(c, load, p, h, w):
     """Consistent tangent of one step. Along an axis in closed form: springs that stick follow the slip, others the bound.
 
     Ends of pieces move with the step but the field is continuous there, so they do not count: dT/ds is 2 G* times the radius of
-    the stick area. Else by differences.
+    the stick area. Off an axis by differences: there the step also places nodes and drops some, which moves the force.
     """
     if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0

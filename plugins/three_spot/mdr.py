@@ -24,7 +24,7 @@ import numpy as np
 
 from thirdbody.plugin import Law, Option, Options, Pair, Tangential, e_star, g_star, kernel
 
-from .differences import STEP, helper, moved, risen, slopes
+from .differences import central, helper
 from .renewal import RENEWAL
 
 FIRST = 2.0**-20
@@ -128,28 +128,13 @@ def springs(c, load, p, h, w, w_new):
     return answer, (c.overlap, spacing)
 
 
-@helper
-def trial(c, load, p, h, w, overlap, slip_x, slip_y):
-    """Force (x, y) after another step from the same state."""
-    other = moved(c, overlap, slip_x, slip_y)
-    answer = springs(other, risen(load, overlap - c.overlap), p, h, w, np.empty(len(w)))[0]
-    return answer.x, answer.y
+differences = central(springs)
 
 
 @kernel
 def springs_tangent(c, load, p, h, w):
-    """Differences: springs may touch, slip or merge in the step."""
-    e_d, e_s = STEP * c.overlap, STEP * max(p.kappa, 1e-3) * c.overlap
-    return slopes(
-        trial(c, load, p, h, w, c.overlap, c.slip_x + e_s, c.slip_y),
-        trial(c, load, p, h, w, c.overlap, c.slip_x - e_s, c.slip_y),
-        trial(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y + e_s),
-        trial(c, load, p, h, w, c.overlap, c.slip_x, c.slip_y - e_s),
-        trial(c, load, p, h, w, c.overlap + e_d, c.slip_x, c.slip_y),
-        trial(c, load, p, h, w, c.overlap - e_d, c.slip_x, c.slip_y),
-        e_s,
-        e_d,
-    )
+    """By differences: springs may touch, slip or merge in the step."""
+    return differences(c, load, p, h, w)
 
 
 def mix_springs(pair: Pair, options: Options) -> SpringParameters:
