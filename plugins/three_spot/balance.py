@@ -202,6 +202,8 @@ def _forecast(told: BalanceFile, spots: Spots, first: Balance | None) -> Forecas
     if not len(above) or not len(below):
         return Forecast(None, None, None, [])
     h = float(above[:, 2].mean() - below[:, 2].mean())
+    if h <= 0.0:  # spots that cannot all be loaded at once
+        return Forecast(None, None, None, [])
     heading, friction = told.path.heading(), told.friction
     load = float(first.answer.normal[up].sum()) if first is not None else 0.0
     ratio = told.particle.weight / load if load > 0.0 else 0.0

@@ -26,19 +26,22 @@ def balance_command(
     """Balance of a single particle between two bodies: forces, tilt, partial slip and label along a drag."""
     from .balance import balance
 
+    if out is not None:
+        from .balance_plot import check_format
+
+        check_format(out)  # before the work
     result = balance(file, level)
+    if json:
+        print(result.to_json())
+    else:
+        for line in result.warnings:
+            print(f"warning: {line}", file=sys.stderr)
+        print("\n".join(table(result)))
     if out is not None:
         from .balance_plot import plot
 
         plot(result, out, file.stem)
-    if json:
-        print(result.to_json())
-        return
-    for line in result.warnings:
-        print(f"warning: {line}", file=sys.stderr)
-    print("\n".join(table(result)))
-    if out is not None:
-        print(out)
+        print(out, file=sys.stderr if json else sys.stdout)
 
 
 def table(result: Result) -> list[str]:

@@ -11,6 +11,8 @@ from thirdbody.plugin import OutputError, UsageError
 
 from .balance import Result
 
+FORMATS = (".png", ".pdf", ".svg")
+
 LABELS = {"free": "#8E939A", "sticking": "#4C78A8", "sliding": "#F58518", "rolling": "#54A24B"}  # as in every picture
 SPOTS = {"open": "#FFFFFF", "stick": "#4C78A8", "partial": "#9ECAE9", "slide": "#F58518"}
 # Okabe and Ito: apart for every kind of colour vision
@@ -21,13 +23,11 @@ PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 def plot(result: Result, path: Path, title: str = "") -> None:
     """Write the picture; its kind is told by the suffix. Raises UsageError for an unknown one, or without any point; OutputError
     if the file cannot be written."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     if not result.points:
         raise UsageError(f"nothing to draw: {result.stopped.message if result.stopped else 'no point'}")
-    if path.suffix.lower().lstrip(".") not in FigureCanvasAgg.get_supported_filetypes():
-        raise UsageError(f"{path}: a picture ends in .png, .pdf or .svg")
+    check_format(path)
     figure = Figure(figsize=(8.0, 9.0), layout="constrained")
     top, middle, tilt, bar = figure.subplots(4, 1, sharex=True, height_ratios=(3.0, 3.0, 2.0, 1.6))
     drag, unit = scaled(np.array([p.drag for p in result.points]))
@@ -45,6 +45,12 @@ def plot(result: Result, path: Path, title: str = "") -> None:
         figure.savefig(path, dpi=150)
     except OSError as problem:
         raise OutputError(f"{path}: cannot be written ({problem.strerror})") from problem
+
+
+def check_format(path: Path) -> None:
+    """Raises UsageError for a picture that is none of FORMATS."""
+    if path.suffix.lower() not in FORMATS:
+        raise UsageError(f"{path}: a picture ends in {', '.join(FORMATS)}")
 
 
 def scaled(values: np.ndarray) -> tuple[np.ndarray, str]:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 FORMATS = (".png", ".pdf", ".svg")
 PICTURE = Path("map.png")
+LARGEST = 1e6
 
 
 def map_command(
@@ -28,8 +29,8 @@ def map_command(
     """Draw the paper's Fig. 2 and the map of regimes over friction and geometry."""
     from .regime_map import draw_map, map_numbers
 
-    if not math.isfinite(big_h):
-        raise UsageError(f"--H {big_h}: must be finite")
+    if not abs(big_h) <= LARGEST:
+        raise UsageError(f"--H {big_h}: must lie between -{LARGEST:g} and {LARGEST:g}")
     if not 0.0 < half_width < math.inf:
         raise UsageError(f"--half-width {half_width}: must be positive and finite")
     picture = out if out is not None or json else PICTURE

@@ -144,8 +144,11 @@ def mix_springs(pair: Pair, options: Options) -> SpringParameters:
 
 
 def width(options: Options) -> int:
-    """Floats of the field: two per spring, of which there is an even number."""
-    return 4 * round(0.5 * options["springs"])
+    """Floats of the field: two per spring. Raises ValueError for a number of springs that does not come in pairs."""
+    springs = options["springs"]
+    if springs % 2.0 != 0.0:
+        raise ValueError(f"springs = {springs:g} must be an even whole number: neighbours merge as the patch grows")
+    return 2 * int(springs)
 
 
 MDR = Law(

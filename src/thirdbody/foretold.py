@@ -6,14 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .report import table
-
 if TYPE_CHECKING:
     from .output.run import Run
 
 WATCHED = 40.0
 """Way of the drag, in contact radii of a body, within which its forecast is held against what it does."""
 
+ROLLING = "rolling"
 CAN_SLIDE, UNTOLD = 2, 4
 """Bits of `forecast` (the labeller's)."""
 
@@ -24,7 +23,7 @@ def forecast_against_fact(run: Run) -> dict[str, Any]:
     Keys: `frame` of the forecast, `agree`, `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of
     bodies). Empty when the run has no forecast or no drag.
     """
-    if not run.frames or "distance" not in run.series or "forecast" not in run.bodies(0):
+    if not run.frames or "distance" not in run.series or "forecast" not in run.bodies(0) or ROLLING not in run.state_names:
         return {}
     distance = run.series["distance"]
     if not distance[-1] > 0.0:
@@ -35,7 +34,7 @@ def forecast_against_fact(run: Run) -> dict[str, Any]:
     radius = np.zeros(len(told))
     np.maximum.at(radius, contacts["body"], contacts["contact_radius"])
     watched = (distance[:, None] - distance[start] <= WATCHED * radius) & (np.arange(run.frames) > start)[:, None]
-    rolled = ((run.states == run.state_names.index("rolling")) & watched).any(axis=0)
+    rolled = ((run.states == run.state_names.index(ROLLING)) & watched).any(axis=0)
     known, slides = told != UNTOLD, (told & CAN_SLIDE) > 0
     groups = {
         "rolls_as_told": known & ~slides & rolled,
@@ -45,22 +44,3 @@ def forecast_against_fact(run: Run) -> dict[str, Any]:
     }
     lists = {name: np.flatnonzero(members).tolist() for name, members in groups.items()}
     return {"frame": start, "agree": len(lists["rolls_as_told"]) + len(lists["slides_as_told"]), "told": int(known.sum())} | lists
-
-
-def tell_forecast(found: dict[str, Any]) -> None:
-    """Print the table, and the bodies in which forecast and fact differ."""
-    if not found or not found["told"]:
-        return
-    table(
-        f"forecast at frame {found['frame']} against the first {WATCHED:g} contact radii of drag",
-        ["", "was rolling", "never rolled"],
-        [
-            ["can only roll", str(len(found["rolls_as_told"])), str(len(found["slides_instead"]))],
-            ["can slide", str(len(found["rolls_instead"])), str(len(found["slides_as_told"]))],
-        ],
-    )
-    print(f"agreement {found['agree']} of {found['told']} ({100.0 * found['agree'] / found['told']:.1f} %)")
-    for name, text in (("rolls_instead", "rolled although they can slide"), ("slides_instead", "never rolled although told to")):
-        if found[name]:
-            shown = ", ".join(map(str, found[name][:20]))
-            print(f"{text}: bodies {shown}" + (f" and {len(found[name]) - 20} more" if len(found[name]) > 20 else ""))

@@ -274,7 +274,7 @@ def states_report(path: Path, frame: int | None, json: bool) -> None:
 
 
 def _states_over_frames(run: Run, json: bool) -> None:
-    from .foretold import forecast_against_fact, tell_forecast
+    from .foretold import forecast_against_fact
 
     names = run.state_names
     rows = []
@@ -293,7 +293,28 @@ def _states_over_frames(run: Run, json: bool) -> None:
                           *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
     for state, counts in last.items():
         print(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
-    tell_forecast(forecast_against_fact(run))
+    _tell_forecast(forecast_against_fact(run))
+
+
+def _tell_forecast(found: dict[str, Any]) -> None:
+    """Print the table, and the bodies in which forecast and fact differ."""
+    if not found or not found["told"]:
+        return
+    from .foretold import WATCHED
+
+    table(
+        f"forecast at frame {found['frame']} against the first {WATCHED:g} contact radii of drag",
+        ["", "was rolling", "never rolled"],
+        [
+            ["can only roll", str(len(found["rolls_as_told"])), str(len(found["slides_instead"]))],
+            ["can slide", str(len(found["rolls_instead"])), str(len(found["slides_as_told"]))],
+        ],
+    )
+    print(f"agreement {found['agree']} of {found['told']} ({100.0 * found['agree'] / found['told']:.1f} %)")
+    for name, text in (("rolls_instead", "rolled although they can slide"), ("slides_instead", "never rolled although told to")):
+        if found[name]:
+            shown = ", ".join(map(str, found[name][:20]))
+            print(f"{text}: bodies {shown}" + (f" and {len(found[name]) - 20} more" if len(found[name]) > 20 else ""))
 
 
 def _states_of_bodies(run: Run, frame: int, json: bool) -> None:

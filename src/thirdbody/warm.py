@@ -41,7 +41,8 @@ def warm_up() -> None:
 
 def compile_the_rest() -> None:
     """Everything but the step loop, its stability bound and the labels: laws and labellers, bodies, search."""
-    from .laws.compose import compose, compose_effects, compose_labeller
+    from .laws.compose import compose
+    from .laws.compose_bodies import compose_effects, compose_labeller
     from .laws.registry import discover
 
     for family in discover().families.values():

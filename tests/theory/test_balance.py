@@ -333,6 +333,14 @@ def test_clump_and_spots_are_one_particle():
 def test_a_solver_that_fails_next_to_a_balance_does_not_call_it_rolling(monkeypatch):
     """A tolerance below round-off cannot be met: the particle is in balance all the same."""
     monkeypatch.setattr("thirdbody.engine.quasistatic.CONVERGED", 0.0)
+    monkeypatch.setattr("thirdbody.engine.quasistatic.ACCEPTED", 0.0)
     result = walk(drag=0.0)
     finite(result)
     assert result.stopped is not None and result.stopped.label == "undecided" and "tips" not in result.stopped.message
+
+
+def test_slip_begins_at_the_edge_as_soon_as_the_drag_does():
+    """Cattaneo and Mindlin: a patch that is sheared slips at its edge at once, however little."""
+    result = walk(level="exact")
+    assert list(result.points[0].spots) == ["stick"] * 3
+    assert all(spot != "stick" for point in result.points[1:] for spot in point.spots)

@@ -22,8 +22,8 @@ BUDGET = 64
 """Steps between two evaluations of the time step, counted from the start of the run, so that output cannot shift them."""
 
 GROWTH, PATIENCE = 1.25, 16
-"""The automatic step follows its bound down at once, but up only by this factor or after so many bounds that all allow more: a
-step that wobbles loses energy."""
+"""The automatic step follows its bound down at once. Up it goes at once to a bound that is higher by this factor, to a lower one
+only after so many bounds that all allow more: a step that wobbles loses energy."""
 
 OVERLAP_GUARD = 0.3
 """Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape mean nothing."""

@@ -23,6 +23,8 @@ from .static_contacts import Answer, Contacts
 
 CONVERGED = 1e-12
 """Largest unbalanced force, or moment over the arm, as a share of all normal forces, weight and load."""
+ACCEPTED = 1e-9
+"""The same where Newton's method gets no further: a law of springs has corners, on which the last digits do not settle."""
 NEWTON_STEPS, HALVINGS, CUTS, BISECTIONS = 30, 12, 8, 50
 NEUTRAL = 1e-10
 """Stiffness, as a share of the largest, below which a motion meets no resistance."""
@@ -140,7 +142,8 @@ class QuasiStatic:
         before = 0.0 if self.now is None else self.now.slip
         slip = np.where(trial.overlap > 0.0, before + trial.answer.slip, 0.0)
         closing = float(trial.y[-1] if self.under_load else plate[0])
-        hold = self.contacts.hold(trial.overlap, trial.slip * trial.share[:, None], self._memory, trial.answer)
+        closed = np.zeros(len(trial.overlap)) if self.now is None else self.now.overlap
+        hold = self.contacts.hold(closed, trial.overlap, trial.slip * trial.share[:, None], self._memory, trial.answer)
         self._memory = trial.answer.memory
         if self.now is not None:
             self._dragged, self._gained = plate[1:] - self.now.plate[1:], trial.y - self.now.coordinates
@@ -253,7 +256,7 @@ class QuasiStatic:
             if better is None:
                 break
             trial = better
-        return None
+        return trial if trial.rest <= ACCEPTED and trial.answer.normal.any() else None
 
     def _search(self, trial: _Trial, step: NDArray, plate: Array) -> _Trial | None:
         """The first point on the way back from the full step with less unbalanced force."""

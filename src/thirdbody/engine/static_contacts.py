@@ -75,10 +75,14 @@ class Contacts:
         """(7, n): dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd of the step, N/m; 0 for open spots."""
         return self._call(self.tangents, 7, overlap, slip, memory)
 
-    def hold(self, overlap: Array, slip: Array, memory: Array, answer: Answer) -> Array:
-        """(n,) tangential stiffness of the step along the force, over that of a virgin spot without slip: 1 sticks, 0 slides."""
-        now = self.stiffness(overlap, slip, memory)
-        whole = self.stiffness(overlap, np.zeros_like(slip), self.virgin())
+    def hold(self, before: Array, overlap: Array, slip: Array, memory: Array, answer: Answer) -> Array:
+        """(n,) tangential stiffness of the step along the force, over that of a spot that never slipped: 1 sticks, 0 slides.
+
+        Both steps go from the overlap `before`: the ring that closes in the step takes a part of the slip only.
+        """
+        still = np.zeros_like(slip)
+        unslipped = self.ask(np.maximum(before, 0.0), still, self.virgin()).memory
+        now, whole = self.stiffness(overlap, slip, memory), self.stiffness(overlap, still, unslipped)
         size = np.hypot(*answer.tangential.T)
         along = np.where(size > 0.0, answer.tangential.T / np.where(size > 0.0, size, 1.0), np.sqrt(0.5))
         e_x, e_y = along

@@ -105,7 +105,7 @@ STIFFNESS = types.void(
 
 @njit(**INNER)
 def approach(i, j, body, S, B, P, n_x, n_y, n_z, horizon):
-    """How much deeper a contact can be after the horizon (s), from its speed and the forces of now; never negative."""
+    """How much deeper a contact can get within the horizon (s), from its speed and the forces of now; never negative."""
     b = body[i]
     v = S[i, S_V] * n_x + S[i, S_V + 1] * n_y + S[i, S_V + 2] * n_z
     a = (B[b, B_F] * n_x + B[b, B_F + 1] * n_y + B[b, B_F + 2] * n_z) / B[b, B_MASS]
@@ -117,7 +117,9 @@ def approach(i, j, body, S, B, P, n_x, n_y, n_z, horizon):
         p = -j - 2
         v -= P[p, P_V] * n_z
         a -= P[p, P_FREE] * (P[p, P_F] - P[p, P_LOAD]) / P[p, P_MASS] * n_z
-    return max(-v * horizon - 0.5 * a * horizon * horizon, 0.0)
+    # a contact that is being stopped is deepest when it stands still
+    t = min(horizon, -v / a) if a > 0.0 and v < 0.0 else horizon
+    return max(-v * t - 0.5 * a * t * t, 0.0)
 
 
 @njit(STIFFNESS, **OPTIONS)
@@ -125,7 +127,7 @@ def frequencies(n, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, 
     """Squared natural frequencies, 1/s^2, and damping rates, 1/s, all bounds from above.
 
     `bodies` (n, 4): frequencies of all motion, of translation only, of rotation only; damping rate. `patches` (n, 2).
-    Contacts are taken as deep as they can be after the `horizon` (s), but no new depth beyond `limit` times the radius.
+    Contacts are taken as deep as they can get within the `horizon` (s), but no new depth beyond `limit` times the radius.
     A contact between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
     """
     I, O = np.empty((I_HISTORY + 1) * TILE), np.zeros(6 * TILE)  # noqa: E741

@@ -1,4 +1,4 @@
-"""Laws and body effects composed into one generated, compiled module per scene.
+"""Contact laws composed into one generated, compiled module per scene.
 
 The module's name carries a hash of its text and of every source file it is made from, because numba's own cache watches only
 the file of the compiled function: an edited law gives another module, never a stale result (design: generated module with
@@ -14,7 +14,7 @@ from typing import Any
 
 from ..kernels import layout as at
 from ..kernels.rolling import MOMENTS
-from .contract import STAGES, STIFF, BodyEffect, Labeller, Law
+from .contract import STAGES, STIFF, Law
 from .generated import load, plain
 
 HEAD = """# generated: {title}
@@ -84,78 +84,6 @@ def compose(laws: Iterable[Law]) -> Chain:
     return Chain(chain, module.law, stiffness, tangents, history, _width(chain), path)
 
 
-def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
-    """Compile the loop over bodies that applies these effects, each with its own parameters, in their order.
-
-    Effects that see forces come last. Behind all parameters stands the end of settling, s, if any effect asks for it.
-    """
-    lines: list[str] = []
-    imports: list[str] = []
-    counts = [len(field_names(effect.parameters)) for effect in effects]
-    first = [k for k, effect in enumerate(effects) if not effect.sees_forces]
-    for k, effect in sorted(enumerate(effects), key=lambda entry: entry[1].sees_forces):
-        imports += _imports(k, effect.kernel, effect.parameters)
-        values = ", ".join(f"P[{sum(counts[:k]) + i}]" for i in range(counts[k]))
-        seen = f"{_late(first)}, {_total(first)}" if effect.sees_forces else "b"
-        call = f"kernel_{k}({seen}, parameters_{k}({values}))"
-        until = f" if time < P[{sum(counts)}] else Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)" if effect.settling else ""
-        lines.append(f"        e{k} = {call}{until}")
-    sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
-    lines += [f"        B[i, {at.B_EF + i}] = {total or 0.0}" for i, total in enumerate(sums)]
-    body = f"""@njit(EFFECTS, error_model="numpy", cache=True)
-def effects(B, first, last, time, dt, P):
-    for i in range(first, last):
-        mean = (B[i, {at.B_I}] + B[i, {at.B_I + 1}] + B[i, {at.B_I + 2}]) / 3.0
-        b = Body(B[i, {at.B_MASS}], B[i, {at.B_X}], B[i, {at.B_X + 1}], B[i, {at.B_X + 2}],
-                 B[i, {at.B_V}], B[i, {at.B_V + 1}], B[i, {at.B_V + 2}],
-                 B[i, {at.B_W}], B[i, {at.B_W + 1}], B[i, {at.B_W + 2}], mean, time)
-""" + "\n".join(lines)
-    title = " + ".join(effect.name for effect in effects)
-    text = HEAD.format(title=title, imports="\n".join(imports)) + body + "\n"
-    module, _ = load("effects", text, [effect.kernel for effect in effects])
-    return module.effects
-
-
-def _sum(effects: Sequence[int], component: int) -> str:
-    return "".join(f" + e{k}[{component}]" for k in effects)
-
-
-def _total(effects: Sequence[int]) -> str:
-    """Force and torque of the contacts, which the table holds when effects are asked, and of these effects."""
-    columns = (*range(at.B_F, at.B_F + 3), *range(at.B_T, at.B_T + 3))
-    parts = [f"B[i, {column}]{_sum(effects, k)}" for k, column in enumerate(columns)]
-    return f"Wrench({', '.join(parts)})"
-
-
-def _late(effects: Sequence[int]) -> str:
-    """The body with the closing half kick of these effects: without it the sign of the velocity has a bias of g dt/2, and what
-    opposes the motion would keep a body trembling instead of bringing it to rest."""
-    kicks = [f"b[{4 + k}] + 0.5 * dt / {'mean' if k > 2 else 'b.mass'} * (0.0{_sum(effects, k)})" for k in range(6)]
-    return f"Body(b.mass, b.x, b.y, b.z, {', '.join(kicks)}, mean, time)"
-
-
-def compose_labeller(labeller: Labeller) -> tuple[Callable, Callable]:
-    """Compile `observe` and `label` behind the engine's signatures."""
-    text = "# generated: " + labeller.name + "\nfrom numba import njit\n"
-    text += "from thirdbody.kernels.signatures import LABEL, OBSERVE\n"
-    for name in ("observe", "label"):
-        function = plain(getattr(labeller, name))
-        text += f"from {function.__module__} import {function.__name__} as {name}_kernel\n"
-    text += """
-
-@njit(OBSERVE, error_model="numpy", cache=True)
-def observe(contacts, n, body, memory):
-    observe_kernel(contacts, n, body, memory)
-
-
-@njit(LABEL, error_model="numpy", cache=True)
-def label(contacts, n, body, memory, out):
-    label_kernel(contacts, n, body, memory, out)
-"""
-    module, _ = load("labeller", text, [labeller.observe, labeller.label])
-    return module.observe, module.label
-
-
 def field_names(parameters: Any) -> tuple[str, ...]:
     """Names of a law's parameters, which are a NamedTuple class."""
     return tuple(parameters._fields)
@@ -166,7 +94,8 @@ def _width(chain: Sequence[Law]) -> int:
     return max(sum(len(field_names(law.parameters)) for law in chain), 1)
 
 
-def _imports(k: int, kernel: Callable, parameters: type) -> list[str]:
+def imports_of(k: int, kernel: Callable, parameters: type) -> list[str]:
+    """Lines that import a kernel and its parameters under numbered names."""
     function = plain(kernel)
     return [
         f"from {function.__module__} import {function.__name__} as kernel_{k}",
@@ -177,7 +106,7 @@ def _imports(k: int, kernel: Callable, parameters: type) -> list[str]:
 def _contact_module(chain: Sequence[Law]) -> str:
     imports: list[str] = []
     for k, law in enumerate(chain):
-        imports += _imports(k, law.kernel, law.parameters)
+        imports += imports_of(k, law.kernel, law.parameters)
         if law.tangent is not None:
             function = plain(law.tangent)
             imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
@@ -350,11 +279,8 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
             lines.append(f"        {name} = 0.0")
             continue
         k = stages[stage]
-        lines += [
-            f"        p{k} = {_parameters(chain, k)}",
-            f"        t = tangent_{k}({moved}, load, p{k}{_virgin(chain, k)})",
-            f"        {name} = max(-t[0], -t[3])",
-        ]
+        lines += [*_pressed(chain, k, moved), f"        t = tangent_{k}({moved}, load, p{k}{_settled(chain, k)})"]
+        lines.append(f"        {name} = max(-t[0], -t[3])")
     names = ("k_n", "k_t", "k_r", "c_n", "c_t", "c_r")
     lines += [f"        O[{_field(i)}] = {name}" for i, name in enumerate(names)]
     return _tile_function("stiffness", chain, _contact(chain, still=True), lines)
@@ -387,6 +313,23 @@ def _virgin(chain: Sequence[Law], k: int) -> str:
     count = _history(chain, k)[1]
     field = ", w" if len(chain[k].memory()) > count else ""
     return ", (" + "0.0, " * count + ")" + field if count else ""
+
+
+def _pressed(chain: Sequence[Law], k: int, moved: str) -> list[str]:
+    """Lines that close a spot without slip, so that its stiffness is that of the whole patch: one that closes in the step itself
+    takes a part of the slip only."""
+    lines = [f"        p{k} = {_parameters(chain, k)}"]
+    if not _history(chain, k)[1]:
+        return lines
+    field = ", w_new" if len(chain[k].memory()) > len(chain[k].history) else ""
+    return [*lines, f"        pressed, h{k} = kernel_{k}({moved}, load, p{k}{_virgin(chain, k)}{field})"]
+
+
+def _settled(chain: Sequence[Law], k: int) -> str:
+    """Arguments for the memory that `_pressed` leaves."""
+    if not _history(chain, k)[1]:
+        return ""
+    return f", h{k}" + (", w_new" if len(chain[k].memory()) > len(chain[k].history) else "")
 
 
 def _virgin_call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:

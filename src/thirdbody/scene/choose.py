@@ -13,7 +13,8 @@ import numpy as np
 from ..engine.state import Physics
 from ..errors import Fault, InputError, UsageError, nearest
 from ..laws.absent import NO_LABELS
-from ..laws.compose import Chain, compose, compose_effects, compose_labeller
+from ..laws.compose import Chain, compose
+from ..laws.compose_bodies import compose_effects, compose_labeller
 from ..laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair
 from ..laws.registry import Registry
 from . import units
