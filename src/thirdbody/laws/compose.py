@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -38,18 +39,25 @@ CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}
 @dataclass(frozen=True)
 class Chain:
     """The compiled laws of one scene. `law`, `stiffness` and `tangents` work on tiles; `width` is the number of parameters per
-    pair; `history` names all floats that are kept per contact, fields included.
-
-    `tangents` answers with history: dN/dd of the elastic force, then the six numbers of the tangential law (`contract.Law`).
-    """
+    pair; `history` names all floats that are kept per contact, fields included."""
 
     laws: tuple[Law, ...]
     law: Callable
     stiffness: Callable | None
-    tangents: Callable | None
     history: tuple[str, ...]
     width: int
     path: Path
+
+    @cached_property
+    def tangents(self) -> Callable | None:
+        """With history: dN/dd of the elastic force, then the six numbers of the tangential law (`contract.Law`).
+
+        Compiled when first asked for: the explicit integrator never does. None if a law has no tangent.
+        """
+        if self.stiffness is None:
+            return None
+        text = _head(self.laws) + _tangent_function(self.laws)
+        return load("tangents", text, _functions(self.laws))[0].tangents
 
     @property
     def rolling(self) -> int:
@@ -78,10 +86,14 @@ def compose(laws: Iterable[Law]) -> Chain:
     """Compile the chain of contact laws; raises ValueError as `ordered` does."""
     chain = ordered(laws)
     text = _contact_module(chain)
-    module, path = load("law", text, [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent])
+    module, path = load("law", text, _functions(chain))
     history = tuple(f"{law.name}.{name}" for law in chain for name in law.memory())
-    stiffness, tangents = getattr(module, "stiffness", None), getattr(module, "tangents", None)
-    return Chain(chain, module.law, stiffness, tangents, history, _width(chain), path)
+    return Chain(chain, module.law, getattr(module, "stiffness", None), history, _width(chain), path)
+
+
+def _functions(chain: Sequence[Law]) -> list[Callable]:
+    """Everything that a module generated from these laws depends on."""
+    return [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent]
 
 
 def field_names(parameters: Any) -> tuple[str, ...]:
@@ -103,16 +115,21 @@ def imports_of(k: int, kernel: Callable, parameters: type) -> list[str]:
     ]
 
 
-def _contact_module(chain: Sequence[Law]) -> str:
+def _head(chain: Sequence[Law]) -> str:
+    """The imports of a module about these laws."""
     imports: list[str] = []
     for k, law in enumerate(chain):
         imports += imports_of(k, law.kernel, law.parameters)
         if law.tangent is not None:
             function = plain(law.tangent)
             imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
-    text = HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports)) + _law_function(chain)
+    return HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports))
+
+
+def _contact_module(chain: Sequence[Law]) -> str:
+    text = _head(chain) + _law_function(chain)
     if all(law.tangent is not None for law in chain if law.stage in STIFF):
-        text += "\n\n" + _stiffness_function(chain) + "\n\n" + _tangent_function(chain)
+        text += "\n\n" + _stiffness_function(chain)
     return text
 
 
