@@ -155,12 +155,21 @@ def run(
 def states(
     run: RunPath,
     frame: Annotated[int | None, typer.Option("--frame", help="one frame [all: a table over frames]")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="picture file: forecast against fact")] = None,
     json: Json = False,
 ) -> None:
     """Table of the states with their reasons, over the frames or body by body for one frame."""
     from .report import states_report
 
+    if out is not None:
+        from .foretold import draw_forecast
+        from .output.foretold_plot import check_format
+
+        check_format(out)  # before the tables
     states_report(run, frame, json)
+    if out is not None:
+        draw_forecast(run, out)
+        typer.echo(f"{out}", err=json)
 
 
 @app.command()

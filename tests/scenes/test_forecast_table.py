@@ -1,14 +1,22 @@
-"""A thousand random clumps: the forecast when the drag starts against what each of them then did. Marked slow: two minutes."""
+"""A thousand random clumps: the forecast when the drag starts against what each of them then did. Marked slow: minutes.
+
+Called as a program it draws them: `python tests/scenes/test_forecast_table.py -o scenes/balance/forecast.png`.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.foretold import WATCHED, forecast_against_fact
+from thirdbody.foretold import WATCHED, forecast_against_fact, forecasts
+from thirdbody.output.foretold_plot import check_format, draw_forecasts, pooled
 
 SCENE = """
 scene = 1
@@ -47,6 +55,17 @@ distance = "7 um"
 every = "0.1 um"
 """
 
+FRICTIONS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
+
+
+def runs(folder: Path) -> Iterator[tuple[float, thirdbody.Run]]:
+    """Friction coefficient and run of a hundred clumps, one after the other."""
+    for k, friction in enumerate(FRICTIONS):
+        scene = thirdbody.Scene.parse(SCENE.format(friction=friction, count=100, seed=k + 1))
+        with thirdbody.run(scene, out=folder / f"{k}", progress=False) as run:
+            yield friction, run
+
+
 BAND = 0.02
 """Relative distance of mu from t_min and t_max within which the answer is open."""
 
@@ -67,19 +86,19 @@ def changes(run: thirdbody.Run, start: int) -> np.ndarray:
 @pytest.fixture(scope="module")
 def table(tmp_path_factory):
     """Rows: friction, bodies that were told about outside the band, those that agree, label changes per body."""
-    folder, rows = tmp_path_factory.mktemp("forecast"), []
-    for k, friction in enumerate((0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)):
-        scene = thirdbody.Scene.parse(SCENE.format(friction=friction, count=100, seed=k + 1))
-        with thirdbody.run(scene, out=folder / f"{k}", progress=False) as run:
-            found = forecast_against_fact(run)
-            bodies = run.bodies(found["frame"])
-            clear = ~doubtful(bodies, friction)
-            wrong = [b for name in ("rolls_instead", "slides_instead") for b in found[name] if clear[b]]
-            told = int(np.count_nonzero(clear & (run.forecast[found["frame"]] != 4)))
-            row = {"friction": friction, "told": told, "agree": told - len(wrong), "wrong": wrong}
-            rows.append(row | {"changes": float(changes(run, found["frame"]).mean())})
-            rows[-1] |= {"slides": len(found["slides_as_told"]), "residual": run.summary()["energy_residual"]}
-            print(json.dumps(rows[-1]))
+    rows = []
+    for friction, run in runs(tmp_path_factory.mktemp("forecast")):
+        found = forecast_against_fact(run)
+        bodies = run.bodies(found["frame"])
+        clear = ~doubtful(bodies, friction)
+        wrong = [b for name in ("rolls_instead", "slides_instead") for b in found[name] if clear[b]]
+        told = int(np.count_nonzero(clear & (run.forecast[found["frame"]] != 4)))
+        row = {"friction": friction, "told": told, "agree": told - len(wrong), "wrong": wrong}
+        rows.append(row | {"changes": float(changes(run, found["frame"]).mean())})
+        rows[-1] |= {"slides": len(found["slides_as_told"]), "residual": run.summary()["energy_residual"]}
+        drawn = forecasts(run)  # the picture counts as the table does
+        rows[-1]["drawn"] = (int(drawn.clear.sum()), drawn.body[drawn.clear & ~drawn.as_told].tolist())
+        print(json.dumps(rows[-1]))
     return rows
 
 
@@ -101,3 +120,25 @@ def test_labels_do_not_flicker(table):
 def test_the_ledgers_close(table):
     assert max(row["residual"] for row in table) < 1e-3
     assert WATCHED == 40.0
+
+
+@pytest.mark.slow
+def test_the_picture_shows_what_the_table_counts(table):
+    for row in table:
+        told, wrong = row["drawn"]
+        assert (told, wrong) == (row["told"], sorted(row["wrong"]))
+
+
+def main() -> None:
+    """Draw the bodies of all runs in one picture."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("-o", "--out", type=Path, required=True, help="picture: .png, .pdf or .svg")
+    out = parser.parse_args().out
+    check_format(out)  # before the minutes of runs
+    with tempfile.TemporaryDirectory() as folder:
+        everything = pooled([forecasts(run) for _, run in runs(Path(folder))])
+    draw_forecasts(everything, out, "A thousand random clumps: forecast against fact")
+
+
+if __name__ == "__main__":
+    main()

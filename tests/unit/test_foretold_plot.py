@@ -1,0 +1,232 @@
+"""Forecast against fact as a picture: every body a point in the place of its margin, disagreements ringed and named."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from thirdbody import cli
+from thirdbody.errors import InputError, OutputError, UsageError
+from thirdbody.foretold import forecast_against_fact, forecasts
+from thirdbody.output import foretold_plot
+from thirdbody.output.foretold_plot import BAND, NEVER, Forecasts, agreement, draw_forecasts, draw_into, pooled, swarm
+from thirdbody.output.palette import STATE_COLORS
+from thirdbody.output.run import open_run
+from thirdbody.output.schema import Frame
+from thirdbody.output.vtkhdf import TrajectoryWriter
+
+# body, friction, t_min, t_max, told that it can slide, fact, margin
+ROWS = [
+    (0, 0.2, 0.1, 0.4, True, "sliding", 0.5),  # 0.1 above t_min
+    (1, 0.2, 0.1, 0.24, True, "rolling", 0.2),  # 0.04 below t_max; other than told
+    (2, 0.2, -0.3, 0.1, False, "rolling", -0.5),
+    (3, 0.2, 0.3, 0.9, False, "sliding", -0.5),  # other than told
+    (4, 0.2, 0.199, 0.9, True, "rolling", 0.005),  # other than told, within the band
+    (5, 0.2, 1e9, -1e9, False, "rolling", -5e9 - 1.0),  # no friction lets it slide
+    (6, 0.5, 0.0, 0.0, False, "sticking", -1.0),  # other than told
+]
+
+
+def cloud(rows=ROWS) -> Forecasts:
+    return Forecasts(*(np.array(column) for column in list(zip(*rows, strict=True))[:6]))
+
+
+@pytest.fixture
+def axes():
+    axes = Figure().subplots()
+    draw_into(axes, cloud(), "seven bodies")
+    return axes
+
+
+def points(axes, label):
+    """Places (n, 2) of the points with that label in the legend."""
+    return next((np.asarray(c.get_offsets()) for c in axes.collections if c.get_label() == label), np.empty((0, 2)))
+
+
+def test_margins_are_relative_distances_from_the_nearer_end():
+    # rounding of two subtractions and a division; 0.2 - 0.199 loses three digits
+    np.testing.assert_allclose(cloud().margin, [row[6] for row in ROWS], rtol=1e-12)
+    ends = (-0.1, 0.1, 0.0)
+    still = cloud([(0, 0.0, end, 0.2, True, "sliding") for end in ends])
+    assert still.margin.tolist() == [np.inf, -np.inf, 0.0]
+
+
+def test_every_body_is_one_point_at_its_margin_in_the_colour_of_what_it_did(axes):
+    found = {}
+    for fact, label in foretold_plot.FACTS.items():
+        members = [row for row in ROWS if row[5] == fact]
+        where = points(axes, label)
+        np.testing.assert_allclose(where[:, 0], [NEVER if row[2] > row[3] else row[6] for row in members], rtol=1e-12)
+        assert np.rint(where[:, 1]).tolist() == [float(row[1] == 0.5) for row in members]  # rows by friction, from below
+        found[fact] = len(where)
+        (collection,) = (c for c in axes.collections if c.get_label() == label)
+        assert to_hex(collection.get_facecolor()[0]).upper() == STATE_COLORS[fact]
+    assert found == {"rolling": 4, "sliding": 2, "sticking": 1}
+    assert [tick.get_text() for tick in axes.get_yticklabels()] == ["0.2", "0.5"]
+
+
+def test_disagreements_outside_the_band_are_ringed_and_named(axes):
+    rings = points(axes, "other than told")
+    np.testing.assert_allclose(rings[:, 0], [0.2, -0.5, -1.0], rtol=1e-12)
+    # a ring stands around a point, not beside it
+    drawn = np.concatenate([points(axes, label) for label in foretold_plot.FACTS.values()])
+    assert all((np.abs(drawn - ring).max(axis=1) == 0.0).any() for ring in rings)
+    assert [text.get_text() for text in axes.texts if text.get_text().isdigit()] == ["1", "3", "6"]
+
+
+def test_without_disagreement_there_is_no_ring():
+    axes = Figure().subplots()
+    draw_into(axes, cloud([ROWS[0], ROWS[2]]))
+    assert not len(points(axes, "other than told")) and axes.get_title() == "as told: 2 of 2 (100.0 %)"
+
+
+def test_the_band_is_shaded_and_the_title_counts_outside_it(axes):
+    band = next(patch for patch in axes.patches if "open" in patch.get_label())
+    assert (band.get_x(), band.get_x() + band.get_width()) == (-BAND, BAND)
+    assert axes.get_title() == "seven bodies\nas told: 3 of 6 (50.0 %); 1 more in the 2 % band"
+
+
+def test_a_long_title_is_broken_into_lines():
+    axes = Figure().subplots()
+    draw_into(axes, cloud(), "word " * 30)
+    assert max(map(len, axes.get_title().splitlines())) <= foretold_plot.LETTERS
+
+
+def test_agreement_of_nothing_outside_the_band():
+    assert agreement(cloud([ROWS[4]])) == "as told: 0 of 0; 1 more in the 2 % band"
+
+
+def test_pooled_runs_are_one_cloud():
+    both = pooled([cloud(ROWS[:3]), cloud(ROWS[3:])])
+    assert all(np.array_equal(a, b) for a, b in zip(both, cloud(), strict=True))
+
+
+def test_points_at_one_place_are_stacked_within_their_row():
+    across = swarm(np.full(200, 0.3), np.zeros(200, int), 0.1)
+    assert len(np.unique(across)) == 200 and np.abs(across).max() <= foretold_plot.SPREAD + 1e-12  # rounding
+    assert swarm(np.array([0.3, 0.6]), np.zeros(2, int), 0.1).tolist() == [0.0, 0.0]
+    np.testing.assert_allclose(swarm(np.array([0.3, 0.3]), np.zeros(2, int), 0.1), [-0.05, 0.05])
+    assert swarm(np.array([0.3, 0.3]), np.array([0, 1]), 0.1).tolist() == [0.0, 0.0]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name, start", [("a.png", b"\x89PNG"), ("b.pdf", b"%PDF"), ("c.svg", b"<?xml"), ("d.PNG", b"\x89PNG")])
+def test_the_suffix_is_the_format(tmp_path, name, start):
+    draw_forecasts(cloud(), tmp_path / name, "seven bodies")
+    data = (tmp_path / name).read_bytes()
+    assert data.startswith(start) and len(data) > 20_000  # empty axes of this size take 16 kB at most
+
+
+def test_faults_are_told(tmp_path):
+    with pytest.raises(UsageError, match=r"a\.gif: a picture ends in \.png, \.pdf, \.svg"):
+        draw_forecasts(cloud(), tmp_path / "a.gif")
+    with pytest.raises(InputError, match="no body has a forecast"):
+        draw_forecasts(Forecasts(*(column[:0] for column in cloud())), tmp_path / "a.png")
+    with pytest.raises(OutputError, match=r"nowhere.*cannot be written \(No such file"):
+        draw_forecasts(cloud(), tmp_path / "nowhere" / "a.png")
+    assert os.listdir(tmp_path) == []
+
+
+# of a run ------------------------------------------------------------------------------------------------------------------
+
+SCENE = """
+scene = 1
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.3
+[[pairs]]
+between = ["brass", "steel"]
+friction = 0.2
+[[pairs]]
+between = ["brass", "brass"]
+friction = 0.1
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "brass"
+"""
+STATES = ["free", "sticking", "sliding", "rolling"]
+DISTANCES = (0.0, 0.0, 0.3e-6, 0.6e-6)  # the drag starts at frame 1; 40 a = 0.4 um: frame 2 is watched, frame 3 is not
+LABELS = [[1, 1, 1, 1, 0], [3, 1, 1, 1, 0], [2, 3, 1, 2, 3], [3, 2, 1, 2, 3]]
+TOLD = (2, 1, 3, 0, 4)
+
+
+def write_run(folder, told=TOLD, distances=DISTANCES):
+    """A run of five bodies, the last without a forecast, the second of brass."""
+    folder.mkdir()
+    header = {"scene_text": SCENE, "title": "five bodies", "state_names": STATES, "reason_names": ["none"],
+              "units": {"distance": "m"}, "materials": ["steel", "brass"]}  # fmt: skip
+    static = {"spheres": {}, "clumps": {"material": np.array([0, 1, 0, 0, 0])}}
+    places, count = np.arange(15.0).reshape(5, 3), np.zeros(5, np.uint8)
+    with TrajectoryWriter(folder / "run.vtkhdf", header, static) as writer:
+        for number, distance in enumerate(distances):
+            clumps = {"points": places, "state": np.array(LABELS[number], np.uint8), "state_reason": count}
+            if told is not None:
+                ends = {"t_min": np.array([0.1, 0.2, 0.0, 0.5, 0.0]), "t_max": np.array([0.4, 0.5, 0.9, 0.6, 0.0])}
+                clumps |= {"forecast": np.array(told, np.uint8), **ends}
+            contacts = {"points": places, "body": np.arange(5), "contact_radius": np.full(5, 1e-8)}
+            writer.append(Frame(float(number), {"points": places}, clumps, contacts, None, {"distance": distance}))
+    return folder
+
+
+def test_what_is_drawn_of_a_run(tmp_path):
+    with open_run(write_run(tmp_path / "run")) as run:
+        found, counted = forecasts(run), forecast_against_fact(run)
+    assert found.body.tolist() == [0, 1, 2, 3]
+    assert found.friction.tolist() == [0.2, 0.1, 0.2, 0.2]  # the lesser of the two plates
+    assert found.slides.tolist() == [True, False, True, False]
+    # body 0 rolls before the drag and after the watched way, neither counts
+    assert found.fact.tolist() == ["sliding", "rolling", "sticking", "sliding"]
+    assert (found.t_min[3], found.t_max[1]) == (0.5, 0.5)
+    assert counted["agree"] == int(found.as_told.sum()) == 3 and counted["slides_instead"] == [3]
+
+
+@pytest.fixture
+def states(monkeypatch, capsys, tmp_path):
+    """`thirdbody states ...` in the test's folder: exit code, out, err."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["thirdbody", "states", *words])
+        try:
+            cli.main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        told = capsys.readouterr()
+        return code, told.out, told.err
+
+    return call
+
+
+def test_the_command_draws_beside_its_tables(states, tmp_path):
+    write_run(tmp_path / "run")
+    code, out, err = states("run", "-o", "x.png")
+    assert (code, err) == (0, "") and "agreement 3 of 4" in out and out.endswith("\nx.png\n")
+    assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
+    code, out, err = states("run", "-o", "y.svg", "--json")
+    assert code == 0 and json.loads(out)["forecast"]["agree"] == 3 and err == "y.svg\n"
+    # matplotlib draws text as outlines and keeps the words as comments
+    text = (tmp_path / "y.svg").read_text(encoding="utf-8")
+    assert "five bodies" in text and "as told: 3 of 4 (75.0 %)" in text
+
+
+@pytest.mark.parametrize(
+    "told, distances, words, status, message",
+    [(TOLD, DISTANCES, "x.gif", 2, "x.gif: a picture ends in .png, .pdf, .svg"),
+     (TOLD, DISTANCES, "nowhere/x.png", 5, "cannot be written"),
+     (None, DISTANCES, "x.png", 3, "no body has a forecast"),
+     ((4, 4, 4, 4, 4), DISTANCES, "x.png", 3, "no body has a forecast"),
+     (TOLD, (0.0, 0.0), "x.png", 3, "there is no drag")],
+)  # fmt: skip
+def test_what_cannot_be_drawn_is_told_in_one_line(states, tmp_path, told, distances, words, status, message):
+    write_run(tmp_path / "run", told, distances)
+    code, _, err = states("run", "-o", words)
+    assert code == status and message in err and len(err.splitlines()) == 1
+    assert os.listdir(tmp_path) == ["run"]
