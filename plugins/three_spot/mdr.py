@@ -24,11 +24,13 @@ import numpy as np
 
 from thirdbody.plugin import Law, Option, Options, Pair, Tangential, e_star, g_star, kernel
 
-from .differences import central, helper
+from .differences import helper
+from .mdr_tangent import tangent_of_springs
 from .renewal import RENEWAL
 
 FIRST = 2.0**-20
 """Half width of the first grid over the radius of curvature: an overlap of 1e-12 of it."""
+
 
 class SpringParameters(NamedTuple):
     """Effective shear modulus (the paper's G*), Pa; friction; ratio of the moduli mu E*/G*; renewal per contact radius."""
@@ -128,13 +130,11 @@ def springs(c, load, p, h, w, w_new):
     return answer, (c.overlap, spacing)
 
 
-differences = central(springs)
-
-
 @kernel
 def springs_tangent(c, load, p, h, w):
-    """By differences: springs may touch, slip or merge in the step."""
-    return differences(c, load, p, h, w)
+    """Consistent tangent of one step, whatever happens within it: springs that stick, slip, touch or merge (`mdr_tangent`)."""
+    spacing = h[1] if h[1] > 0.0 else FIRST * c.radius / (len(w) // 2)
+    return tangent_of_springs(c, load, p, h[0], spacing, w)
 
 
 def mix_springs(pair: Pair, options: Options) -> SpringParameters:

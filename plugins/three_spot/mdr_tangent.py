@@ -1,0 +1,110 @@
+"""The consistent tangent of the level `mdr`: the derivative of its own step, spring by spring.
+
+Every spring carries how its elongation changes with the slip of the whole step, a 2 x 2 matrix, and with the overlap at its end.
+A piece of the path moves a spring by its share of the slip, which depends on the overlap where the spring is touched within the
+step, and on pieces between doublings of the grid. A spring beyond its limit L is returned onto it, w = L e with e = w'/|w'|, so
+dw = e dL + (L/|w'|)(1 - e e^T) dw' (the derivative of a radial return: Simo and Taylor 1985). Merged springs have the mean of
+both derivatives. The moments when a spring is touched or the grid doubles move with the step; the springs are continuous there,
+so that this adds nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .differences import helper
+
+ROWS = 8
+"""Rows of n springs: x, y, dx/ds_x, dx/ds_y, dy/ds_x, dy/ds_y, dx/dd, dy/dd."""
+
+
+@helper
+def loaded(w, kept, kept_rate):
+    """The rows (8 n,) of springs of which rolling keeps this share; `kept_rate`: of its logarithm with the overlap, 1/m."""
+    size = len(w)
+    rows = np.zeros(ROWS // 2 * size)
+    for i in range(size):
+        rows[i] = kept * w[i]
+        rows[3 * size + i] = kept_rate * rows[i]
+    return rows
+
+
+@helper
+def merge_rows(rows, n):
+    """Two neighbouring springs become one; the outer half of the row is empty afterwards."""
+    for part in range(ROWS):
+        first = part * n
+        for i in range(n // 2):
+            rows[first + i] = 0.5 * (rows[first + 2 * i] + rows[first + 2 * i + 1])
+        for i in range(n // 2, n):
+            rows[first + i] = 0.0
+
+
+@helper
+def advance_rows(rows, n, spacing, radius, before, after, slip, share, bound, moves):
+    """One straight piece of the path, overlap from `before` to `after`: the springs move as the law moves them, and their rates.
+
+    `share` is the part of the step's `slip` in this piece, and its rate with the overlap; `bound` the limit of a spring per
+    compression, and its rate. `moves` is 1.0 where `after` is the overlap at the end of the step, 0.0 where the grid doubles.
+    Without branches, and row by row, so that the compiler does several springs at once.
+    """
+    per_radius, per_rise, cell = 1.0 / radius, 1.0 / max(after - before, 1e-300), spacing * spacing / 12.0
+    for i in range(n):
+        place = (i + 0.5) * spacing
+        gap = (place * place + cell) * per_radius
+        depth = max(after - gap, 0.0)
+        took = 1.0 if before > gap else depth * per_rise
+        took_rate = moves * (1.0 - took) * per_rise if depth > 0.0 else 0.0
+        part, rate = took * share[0], took * share[1] + took_rate * share[0]
+        x, y = rows[i] - part * slip[0], rows[n + i] - part * slip[1]
+        xx, xy, yx, yy = rows[2 * n + i] - part, rows[3 * n + i], rows[4 * n + i], rows[5 * n + i] - part
+        xd, yd = rows[6 * n + i] - rate * slip[0], rows[7 * n + i] - rate * slip[1]
+        size, limit = math.sqrt(x * x + y * y), bound[0] * depth
+        slips = 1.0 if size > limit or limit == 0.0 else 0.0
+        over = slips / max(size, 1e-300)
+        e_x, e_y, back = over * x, over * y, 1.0 - slips + over * limit
+        limit_rate = moves * bound[0] + bound[1] * depth if depth > 0.0 else 0.0
+        # of the motion of a spring that slips, the part along it is lost
+        by_x, by_y = back * (e_x * xx + e_y * yx), back * (e_x * xy + e_y * yy)
+        by_d = back * (e_x * xd + e_y * yd) - limit_rate
+        rows[i], rows[n + i] = back * x, back * y
+        rows[2 * n + i], rows[3 * n + i] = back * xx - e_x * by_x, back * xy - e_x * by_y
+        rows[4 * n + i], rows[5 * n + i] = back * yx - e_y * by_x, back * yy - e_y * by_y
+        rows[6 * n + i], rows[7 * n + i] = back * xd - e_x * by_d, back * yd - e_y * by_d
+
+
+@helper
+def tangent_of_springs(c, load, p, before, spacing, w):
+    """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd, N/m, of the straight step that the law `springs` makes.
+
+    `before` and `spacing` are the overlap and the grid before the step, `w` (2 n,) its springs. The normal force is Hertz': the
+    elastic part goes as d^1.5, the patch as d^0.5; `load.stiffness` is the rate of the load that friction may use.
+    """
+    if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
+        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    n = len(w) // 2
+    limit = p.kappa * load.force / load.elastic
+    bound = (limit, p.kappa * load.stiffness / load.elastic - 1.5 * limit / c.overlap)
+    way = p.renewal * c.roll / load.contact_radius
+    rows = loaded(w, math.exp(-way), 0.5 * way / c.overlap)
+    slip, share, done = (c.slip_x, c.slip_y), (1.0, 0.0), before
+    end = (n * spacing) * (n * spacing) / c.radius
+    if c.overlap > end:
+        per_rise = 1.0 / (c.overlap - before)
+        while c.overlap > end:
+            part = (end - done) * per_rise
+            advance_rows(rows, n, spacing, c.radius, done, end, slip, (part, -part * per_rise), bound, 0.0)
+            merge_rows(rows, n)
+            spacing, done = 2.0 * spacing, end
+            end = (n * spacing) * (n * spacing) / c.radius
+        part = (c.overlap - done) * per_rise
+        share = (part, (1.0 - part) * per_rise)
+    advance_rows(rows, n, spacing, c.radius, done, c.overlap, slip, share, bound, 1.0)
+    xx = xy = yx = yy = xd = yd = 0.0
+    for i in range(n):
+        xx, xy, yx, yy = xx + rows[2 * n + i], xy + rows[3 * n + i], yx + rows[4 * n + i], yy + rows[5 * n + i]
+        xd, yd = xd + rows[6 * n + i], yd + rows[7 * n + i]
+    stiffness = 2.0 * p.g_star * spacing
+    return stiffness * xx, stiffness * xy, stiffness * yx, stiffness * yy, stiffness * xd, stiffness * yd
