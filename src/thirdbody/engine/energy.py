@@ -29,7 +29,8 @@ class Ledger:
     """Closes the energy balance: plate work + effects = change of stored energy + dissipation + residual.
 
     The residual is divided by max(sum of |plate work increments|, largest stored plus kinetic energy). Velocity Verlet has
-    no loss of its own that could be told apart from truncation, so `numerical` is zero here and truncation is the residual.
+    no loss of its own that could be told apart from truncation: its `numerical` is zero, and truncation is the residual.
+    Backward Euler damps; what it loses is computed in every step and stands on the line `numerical`.
     """
 
     def __init__(self, state: State):
@@ -46,9 +47,10 @@ class Ledger:
         A = state.A
         gained = A[at.A_PLATE_WORK] + A[at.A_EFFECTS]
         spent = kinetic + normal + tangential + springs - self.start + A[at.A_DAMPING] + A[at.A_FRICTION]
+        spent += A[at.A_NUMERICAL]
         values = (
-            kinetic, normal, tangential, A[at.A_DAMPING], A[at.A_FRICTION], A[at.A_PLATE_WORK], A[at.A_EFFECTS], 0.0,
-            gained - spent,
+            kinetic, normal, tangential, A[at.A_DAMPING], A[at.A_FRICTION], A[at.A_PLATE_WORK], A[at.A_EFFECTS],
+            A[at.A_NUMERICAL], gained - spent,
         )  # fmt: skip
         lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
         upper = state.world.upper

@@ -93,7 +93,7 @@ class Contacts:
         answer = np.zeros((count, len(overlap)))
         loaded = np.flatnonzero(overlap > 0.0)
         history = len(self.chain.history)
-        width = at.I_HISTORY + history + (at.J_COLS if self.chain.rolling else 0)
+        width = at.I_HISTORY + history + at.J_COLS
         for first in range(0, len(loaded), at.TILE):
             part = loaded[first : first + at.TILE]
             n = len(part)

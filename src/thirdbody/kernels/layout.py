@@ -69,7 +69,8 @@ I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = r
     range(13)
 )
 # Behind the history, only if a law asks for it: relative rotation of the step and its rate, travel of the patch; the moment.
-J_X, J_Y, J_RATE_X, J_RATE_Y, J_TRAVEL, J_COLS = range(6)
+# J_INVERSE, for tangents: one over the length of the step, 0 where nothing moves in time.
+J_X, J_Y, J_RATE_X, J_RATE_Y, J_TRAVEL, J_INVERSE, J_COLS = range(7)
 Q_X, Q_Y, Q_LIMIT, Q_COLS = range(4)
 
 # A: totals since the start of the run (J, N s, m), and the powers of the last step for the trapezoid.
@@ -87,7 +88,13 @@ Q_X, Q_Y, Q_LIMIT, Q_COLS = range(4)
 A_POWER_DAMPING, A_POWER_EFFECTS, A_POWER_PATCH, A_UPPER, A_LOWER, A_POWER_LOAD = 13, 14, 15, 16, 19, 22
 A_DX, A_DY, A_STEPS, A_ELAPSED, A_SPEED = 23, 24, 25, 26, 27
 A_HEADING = 28  # unit vector of the last relative motion of the plates, 2
-A_COLS = 30
+A_NUMERICAL = 30  # what the integrator itself lost
+A_COLS = 31
+
+# K: tangents of a contact (N/m): dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd; then, only with a law of the rolling
+# stage, the same six of its moment and turn.
+K_NORMAL, K_XX, K_XY, K_YX, K_YY, K_XD, K_YD, K_ROLL = range(8)
+K_COLS, K_ROLLING_COLS = 7, 13
 
 # D: the periodic lengths (0 = unbounded, negative = walls), limits of guards and search.
 D_LX, D_LY, D_GUARD_OVERLAP, D_GUARD_TRAVEL, D_SKIN, D_FLOOR = range(6)
@@ -106,3 +113,10 @@ LOWER, UPPER, DEBRIS = 0, 1, 2
 
 # values of S_SIDE: a spot of a given particle meets one plate only
 ONLY_LOWER, EVERYTHING, ONLY_UPPER = -1, 0, 1
+
+# T: what the implicit integrator keeps per body beside its totals (a row like A): the length of the step to try next, counts,
+# the elastic energy, the radius of the largest contact, what stopped the body; and of the last step, its length (0: start anew),
+# coordinates (7), and changes of velocity (3), angular momentum (3), angular velocity (3) and of the velocity of the patch.
+(T_DT, T_CUTS, T_HARD, T_TRIES, T_ITERATIONS, T_STORED, T_RADIUS, T_CODE, T_SLOT, T_LONGEST) = range(10)
+T_LAST, T_Y, T_DV, T_DL, T_DW, T_DRISE = 10, 11, 18, 21, 24, 27
+T_COLS = 28

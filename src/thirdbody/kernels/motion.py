@@ -14,6 +14,7 @@ Before its first row an axis rests at zero.
 
 import math
 
+import numpy as np
 from numba import njit
 
 from .options import INNER
@@ -66,3 +67,19 @@ def mean_rate(schedule, first, axis, t, dt):
             # the difference of two places would lose the digits of a slow motion
             return schedule[row, B] + schedule[row, C] * (t - schedule[row, START] + 0.5 * dt)
     return (value(schedule, first, axis, t + dt) - value(schedule, first, axis, t)) / dt if dt > 0.0 else 0.0
+
+
+@njit(**INNER)
+def next_corner(schedule, first, axis, t):
+    """The next time after t at which the motion of an axis turns or changes its kind; infinite if it never does."""
+    corner = np.inf
+    row = segment(schedule, first, axis, t)
+    following = row + 1 if row >= 0 else first[axis]
+    if following < first[axis + 1]:
+        corner = schedule[following, START]
+    if row >= 0 and schedule[row, KIND] != POLYNOMIAL:
+        half = math.pi / schedule[row, C] if schedule[row, KIND] == SINE else 0.5 / schedule[row, C]
+        # a corner that was reached but for rounding lies behind
+        count = math.floor((t - schedule[row, START]) / half + 1e-6) + 1.0
+        corner = min(corner, schedule[row, START] + count * half)
+    return corner

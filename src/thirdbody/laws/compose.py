@@ -11,29 +11,24 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 from ..kernels import layout as at
 from ..kernels.rolling import MOMENTS
+from .chain_text import (
+    STILL,
+    contact_of,
+    field_of,
+    head_of,
+    history_of,
+    parameters_of,
+    remembered_of,
+    tile_function,
+    virgin,
+    virgin_call,
+    width_of,
+)
 from .contract import STAGES, STIFF, Law
-from .generated import load, plain
-
-HEAD = """# generated: {title}
-import math
-import numpy as np
-from numba import njit
-from thirdbody.kernels.signatures import EFFECTS, LAW
-from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
-{imports}
-
-"""
-
-STILL = "Turn(0.0, 0.0, 0.0, 0.0)"
-
-CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {VN}],
-                    I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}], {roll})
-        o = int(I[q + {TYPE}]) * {width}
-"""
+from .generated import load
 
 
 @dataclass(frozen=True)
@@ -50,14 +45,15 @@ class Chain:
 
     @cached_property
     def tangents(self) -> Callable | None:
-        """With history: dN/dd of the elastic force, then the six numbers of the tangential law (`contract.Law`).
+        """Tangents with history, dashpots included (`compose_tangents`).
 
         Compiled when first asked for: the explicit integrator never does. None if a law has no tangent.
         """
         if self.stiffness is None:
             return None
-        text = _head(self.laws) + _tangent_function(self.laws)
-        return load("tangents", text, _functions(self.laws))[0].tangents
+        from .compose_tangents import tangent_module
+
+        return load("tangents", tangent_module(self.laws), _functions(self.laws))[0].tangents
 
     @property
     def rolling(self) -> int:
@@ -88,7 +84,7 @@ def compose(laws: Iterable[Law]) -> Chain:
     text = _contact_module(chain)
     module, path = load("law", text, _functions(chain))
     history = tuple(f"{law.name}.{name}" for law in chain for name in law.memory())
-    return Chain(chain, module.law, getattr(module, "stiffness", None), history, _width(chain), path)
+    return Chain(chain, module.law, getattr(module, "stiffness", None), history, width_of(chain), path)
 
 
 def _functions(chain: Sequence[Law]) -> list[Callable]:
@@ -96,97 +92,27 @@ def _functions(chain: Sequence[Law]) -> list[Callable]:
     return [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent]
 
 
-def field_names(parameters: Any) -> tuple[str, ...]:
-    """Names of a law's parameters, which are a NamedTuple class."""
-    return tuple(parameters._fields)
-
-
-def _width(chain: Sequence[Law]) -> int:
-    """Parameters per material pair; at least one, so that the table is never empty."""
-    return max(sum(len(field_names(law.parameters)) for law in chain), 1)
-
-
-def imports_of(k: int, kernel: Callable, parameters: type) -> list[str]:
-    """Lines that import a kernel and its parameters under numbered names."""
-    function = plain(kernel)
-    return [
-        f"from {function.__module__} import {function.__name__} as kernel_{k}",
-        f"from {parameters.__module__} import {parameters.__name__} as parameters_{k}",
-    ]
-
-
-def _head(chain: Sequence[Law]) -> str:
-    """The imports of a module about these laws."""
-    imports: list[str] = []
-    for k, law in enumerate(chain):
-        imports += imports_of(k, law.kernel, law.parameters)
-        if law.tangent is not None:
-            function = plain(law.tangent)
-            imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
-    return HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports))
-
-
 def _contact_module(chain: Sequence[Law]) -> str:
-    text = _head(chain) + _law_function(chain)
+    text = head_of(chain) + _law_function(chain)
     if all(law.tangent is not None for law in chain if law.stage in STIFF):
         text += "\n\n" + _stiffness_function(chain)
     return text
 
 
-def _field(offset: int) -> str:
-    return f"q + {offset * at.TILE}" if offset else "q"
-
-
-def _contact(chain: Sequence[Law], still: bool = False) -> str:
-    names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY", "TYPE")
-    behind = at.I_HISTORY + sum(len(law.memory()) for law in chain) + at.J_TRAVEL
-    roll = "0.0" if still or not any(law.rolls for law in chain) else f"I[{_field(behind)}]"
-    return CONTACT.format(width=_width(chain), roll=roll, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
-
-
-def _parameters(chain: Sequence[Law], k: int) -> str:
-    offset = sum(len(field_names(law.parameters)) for law in chain[:k])
-    values = ", ".join(f"P[o + {offset + i}]" for i in range(len(field_names(chain[k].parameters))))
-    return f"parameters_{k}({values})"
-
-
-def _history(chain: Sequence[Law], k: int) -> tuple[int, int]:
-    return sum(len(law.memory()) for law in chain[:k]), len(chain[k].history)
-
-
-def _remembered(chain: Sequence[Law], k: int) -> tuple[list[str], str]:
-    """Lines that read the field of law k, and the arguments for its memory."""
-    start, count = _history(chain, k)
-    if not count:
-        return [], ""
-    read = ", ".join(f"I[{_field(at.I_HISTORY + start + i)}]" for i in range(count))
-    size = len(chain[k].memory()) - count
-    if not size:
-        return [], f", ({read},)"
-    lines = [f"        for f in range({size}):", f"            w[f] = I[q + (f + {at.I_HISTORY + start + count}) * {at.TILE}]"]
-    return lines, f", ({read},), w"
-
-
 def _call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
     """Lines that call law k and, if it has a memory, read and write it."""
-    start, count = _history(chain, k)
-    lines = [f"        p{k} = {_parameters(chain, k)}"]
+    start, count = history_of(chain, k)
+    lines = [f"        p{k} = {parameters_of(chain, k)}"]
     if not count:
         return lines + [f"        {answer} = kernel_{k}({arguments}, p{k})"]
-    before, memory = _remembered(chain, k)
+    before, memory = remembered_of(chain, k)
     size = len(chain[k].memory()) - count
     lines += [*before, f"        {answer}, h{k} = kernel_{k}({arguments}, p{k}{memory}{', w_new' if size else ''})"]
-    lines += [f"        O[{_field(at.O_HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
+    lines += [f"        O[{field_of(at.O_HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
     if size:
         to = f"q + (f + {at.O_HISTORY + start + count}) * {at.TILE}"
         lines += [f"        for f in range({size}):", f"            O[{to}] = w_new[f]"]
     return lines
-
-
-def _scratch(chain: Sequence[Law]) -> str:
-    """Arrays for the field of the law that has one."""
-    size = max((len(law.memory()) - len(law.history) for law in chain), default=0)
-    return f"    w, w_new = np.zeros({size}), np.zeros({size})\n" if size else ""
 
 
 def _law_function(chain: Sequence[Law]) -> str:
@@ -221,13 +147,8 @@ def _law_function(chain: Sequence[Law]) -> str:
         "WORK": "work",
         "POWER": "power",
     }
-    lines += [f"        O[{_field(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
-    return _tile_function("law", chain, _contact(chain), lines)
-
-
-def _tile_function(name: str, chain: Sequence[Law], contact: str, lines: Sequence[str]) -> str:
-    head = f'@njit(LAW, error_model="numpy", cache=True)\ndef {name}(I, O, n_contacts, P):\n'
-    return head + _scratch(chain) + "    for q in range(n_contacts):\n" + contact + "\n".join(lines) + "\n"
+    lines += [f"        O[{field_of(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
+    return tile_function("law", chain, contact_of(chain), lines)
 
 
 def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
@@ -249,12 +170,12 @@ def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]
 def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
     """The moment; its spring and its losses join those of friction. Its columns stand behind the history."""
     history = sum(len(law.memory()) for law in chain)
-    turn = ", ".join(f"I[{_field(at.I_HISTORY + history + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
+    turn = ", ".join(f"I[{field_of(at.I_HISTORY + history + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
     lines = [f"        turn = Turn({turn})", *_call(chain, k, "c, turn, load", "r")]
     lines += _fitted("r.x", "r.y", "r.viscosity", "turn.w", "r.limit", "m")
     lines += ["        stored_t += r.stored", "        work += r.dissipated"]
     outputs = {at.Q_X: "m_x", at.Q_Y: "m_y", at.Q_LIMIT: "r.limit"}
-    return lines + [f"        O[{_field(at.O_HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
+    return lines + [f"        O[{field_of(at.O_HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
 
 
 def _fitted(x: str, y: str, viscosity: str, rate: str, limit: str, name: str) -> list[str]:
@@ -278,19 +199,19 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
     """
     stages = {law.stage: k for k, law in enumerate(chain)}
     k = stages["normal"]
-    zeros = "(" + "0.0, " * _history(chain, k)[1] + ")" if _history(chain, k)[1] else ""
-    lines = [f"        p{k} = {_parameters(chain, k)}"]
+    zeros = "(" + "0.0, " * history_of(chain, k)[1] + ")" if history_of(chain, k)[1] else ""
+    lines = [f"        p{k} = {parameters_of(chain, k)}"]
     arguments = f"c, p{k}" + (f", {zeros}" if zeros else "")
     lines.append(f"        k_n = tangent_{k}({arguments})")
     lines.append(f"        n = kernel_{k}({arguments})" + ("[0]" if zeros else ""))
     lines.append("        c_n, c_t, c_r = 0.0, 0.0, 0.0")
     lines.append("        load = Load(n.force, n.force, n.contact_radius, k_n)")
     if "damping" in stages:
-        lines += _virgin_call(chain, stages["damping"], "c, n", "c_n")
+        lines += virgin_call(chain, stages["damping"], "c, n", "c_n")
     if "tangential_damping" in stages:
-        lines += _virgin_call(chain, stages["tangential_damping"], "c, load", "c_t")
+        lines += virgin_call(chain, stages["tangential_damping"], "c, load", "c_t")
     if "rolling" in stages:
-        lines += _virgin_call(chain, stages["rolling"], f"c, {STILL}, load", "r") + ["        c_r = r.viscosity"]
+        lines += virgin_call(chain, stages["rolling"], f"c, {STILL}, load", "r") + ["        c_r = r.viscosity"]
     for stage, name, moved in (("tangential", "k_t", "c"), ("rolling", "k_r", f"c, {STILL}")):
         if stage not in stages:
             lines.append(f"        {name} = 0.0")
@@ -299,58 +220,22 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
         lines += [*_pressed(chain, k, moved), f"        t = tangent_{k}({moved}, load, p{k}{_settled(chain, k)})"]
         lines.append(f"        {name} = max(-t[0], -t[3])")
     names = ("k_n", "k_t", "k_r", "c_n", "c_t", "c_r")
-    lines += [f"        O[{_field(i)}] = {name}" for i, name in enumerate(names)]
-    return _tile_function("stiffness", chain, _contact(chain, still=True), lines)
-
-
-def _tangent_function(chain: Sequence[Law]) -> str:
-    """Tangents with history, at rest: dN/dd with adhesion, and the six numbers of the tangential law."""
-    stages = {law.stage: k for k, law in enumerate(chain)}
-    k = stages["normal"]
-    before, memory = _remembered(chain, k)
-    lines = [*before, f"        p{k} = {_parameters(chain, k)}", f"        k_n = tangent_{k}(c, p{k}{memory})"]
-    lines.append(f"        n = kernel_{k}(c, p{k}{memory})" + ("[0]" if memory else ""))
-    lines.append("        load = Load(n.force, n.force, n.contact_radius, k_n)")
-    for k, law in enumerate(chain):
-        if law.stage == "adhesion" and law.tangent is not None:
-            before, memory = _remembered(chain, k)
-            lines += [*before, f"        p{k} = {_parameters(chain, k)}", f"        k_n += tangent_{k}(c, n, p{k}{memory})"]
-    lines.append("        t = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)")
-    if "tangential" in stages:
-        k = stages["tangential"]
-        before, memory = _remembered(chain, k)
-        lines += [*before, f"        p{k} = {_parameters(chain, k)}", f"        t = tangent_{k}(c, load, p{k}{memory})"]
-    lines.append(f"        O[{_field(0)}] = k_n")
-    lines += [f"        O[{_field(1 + i)}] = t[{i}]" for i in range(6)]
-    return _tile_function("tangents", chain, _contact(chain), lines)
-
-
-def _virgin(chain: Sequence[Law], k: int) -> str:
-    """Arguments for the memory of law k when there is none yet."""
-    count = _history(chain, k)[1]
-    field = ", w" if len(chain[k].memory()) > count else ""
-    return ", (" + "0.0, " * count + ")" + field if count else ""
+    lines += [f"        O[{field_of(i)}] = {name}" for i, name in enumerate(names)]
+    return tile_function("stiffness", chain, contact_of(chain, still=True), lines)
 
 
 def _pressed(chain: Sequence[Law], k: int, moved: str) -> list[str]:
     """Lines that close a spot without slip, so that its stiffness is that of the whole patch: one that closes in the step itself
     takes a part of the slip only."""
-    lines = [f"        p{k} = {_parameters(chain, k)}"]
-    if not _history(chain, k)[1]:
+    lines = [f"        p{k} = {parameters_of(chain, k)}"]
+    if not history_of(chain, k)[1]:
         return lines
     field = ", w_new" if len(chain[k].memory()) > len(chain[k].history) else ""
-    return [*lines, f"        pressed, h{k} = kernel_{k}({moved}, load, p{k}{_virgin(chain, k)}{field})"]
+    return [*lines, f"        pressed, h{k} = kernel_{k}({moved}, load, p{k}{virgin(chain, k)}{field})"]
 
 
 def _settled(chain: Sequence[Law], k: int) -> str:
     """Arguments for the memory that `_pressed` leaves."""
-    if not _history(chain, k)[1]:
+    if not history_of(chain, k)[1]:
         return ""
     return f", h{k}" + (", w_new" if len(chain[k].memory()) > len(chain[k].history) else "")
-
-
-def _virgin_call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
-    """Lines that call law k without any history."""
-    first = "[0]" if _history(chain, k)[1] else ""
-    call = f"kernel_{k}({arguments}, p{k}{_virgin(chain, k)}){first}"
-    return [f"        p{k} = {_parameters(chain, k)}", f"        {answer} = {call}"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ..kernels import layout as at
-from .compose import HEAD, field_names, imports_of
+from .chain_text import HEAD, field_names, imports_of
 from .contract import BodyEffect, Labeller
 from .generated import load, plain
 

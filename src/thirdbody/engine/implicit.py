@@ -1,0 +1,195 @@
+"""The implicit integrator: backward Euler, body by body, for bodies that meet only the first bodies.
+
+A body held by the plates is a small problem of six coordinates and the height of its patch. Solved with the tangents of the
+laws it needs no step that resolves elastic waves: steps are as long as the motion allows, so their number does not depend on
+the speed of the drag. Bodies are independent of each other between two outputs, each has a time step of its own, and the same
+bits come out for any number of threads.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..errors import GuardStop
+from ..kernels import layout as at
+from ..kernels import march as kernel
+from ..laws.contract import Material
+from .explicit import FLOOR, Guards
+from .neighbours import search
+from .plates import Schedule
+from .state import Array, State
+from .timestep import rayleigh_time
+
+BATCH = 512
+"""Bodies per compiled call: what is done before progress is told and a stop is heard."""
+
+FIRST, SHORTEST = 0.1, 1e-6
+"""Length of the first step, and of the shortest one that is tried, in Rayleigh times."""
+
+UNLOADED = 0.01
+"""Stands for the radius of the largest contact, in radii of the smallest sphere, until a body is loaded."""
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """What steps may do. `tolerance`: error of a step in parts of the largest contact's radius; `radii`: longest way of the drag
+    in one step, in the same; `largest_step`: that way in m; `growth` of a step from one to the next; `inertia`: whether bodies
+    keep their momentum."""
+
+    tolerance: float = 0.05
+    radii: float = 2.0
+    largest_step: float = math.inf
+    growth: float = 2.0
+    inertia: bool = True
+    go_on: bool = False
+
+
+class Implicit:
+    """Advances a state whose bodies meet only the plates. `tangents` are those of the laws; `overlap` is the one to expect, m."""
+
+    def __init__(
+        self,
+        state: State,
+        materials: list[Material],
+        tangents: Callable,
+        overlap: float,
+        accuracy: Accuracy | None = None,
+        guards: Guards | None = None,
+    ) -> None:
+        self.accuracy = accuracy or Accuracy()
+        guards = guards or Guards()
+        self.state, self.tangents = state, tangents
+        state.D[at.D_GUARD_OVERLAP], state.D[at.D_GUARD_TRAVEL] = guards.overlap, guards.travel
+        if state.world.lower is not None:
+            state.D[at.D_FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
+        upper = state.world.upper
+        self.schedule = Schedule() if upper is None else upper.schedule
+        self.drag = self.schedule.direction()
+        times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
+        self.rayleigh = float(times.min())
+        _own_patches(state)
+        self.totals = np.zeros((state.n_bodies, at.A_COLS))
+        self.memory = np.zeros((state.n_bodies, at.T_COLS))
+        smallest = np.minimum.reduceat(state.S[:, at.S_R], state.start[:-1])
+        self.memory[:, at.T_DT], self.memory[:, at.T_RADIUS] = FIRST * self.rayleigh, UNLOADED * smallest
+        self.settings = self._settings(overlap if overlap > 0.0 else 1e-4 * float(smallest.min()))
+
+    def _settings(self, overlap: float) -> Array:
+        V, chosen = np.zeros(kernel.V_COLS), self.accuracy
+        V[kernel.V_TOLERANCE], V[kernel.V_LONGEST], V[kernel.V_RADII] = chosen.tolerance, chosen.largest_step, chosen.radii
+        V[kernel.V_SHORTEST], V[kernel.V_INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
+        V[kernel.V_DEEP], V[kernel.V_GROWTH] = overlap, chosen.growth
+        return V
+
+    def start(self) -> None:
+        """Every sphere becomes a candidate for both plates, once and for all."""
+        state = self.state
+        state.skin = math.inf
+        state.world = replace(state.world, debris_meets=False)
+        search(state)
+        self.most = int(np.diff(state.slots.edges).max())
+
+    def advance_to(
+        self, time: float = math.inf, distance: float = math.inf, watch: Callable[[], None] = lambda: None
+    ) -> None:
+        """Bring all bodies to a time (s) or to a sliding distance (m), whichever comes first; `watch` is called after every batch.
+
+        Raises GuardStop when a body leaves its valid range or no step can be found for it, with all bodies as far as they came.
+        """
+        state = self.state
+        by_distance = self.schedule.time_of(distance - state.distance, state.time) if math.isfinite(distance) else math.inf
+        until = min(time, by_distance)
+        for first in range(0, state.n_bodies, BATCH):
+            self._march(first, min(first + BATCH, state.n_bodies), until)
+            watch()
+        path = self.schedule.path(state.time, until)
+        whole = state.distance + path if by_distance > until else distance
+        self._sum_up(until, whole)
+        self._judge()
+
+    def _march(self, first: int, last: int, until: float) -> None:
+        s, slots, physics = self.state, self.state.slots, self.state.physics
+        kernel.march(
+            first, last, until, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, self.most,
+            s.body, s.start, s.patch, s.offsets, s.X0, s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
+            physics.pairs, physics.effect_parameters, s.D, self.settings, s.schedule, s.first, self.totals, self.memory,
+            len(physics.history), physics.rolling, at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels,
+            self.drag, physics.law, self.tangents, physics.effects, physics.observe,
+        )  # fmt: skip
+
+    def _sum_up(self, time: float, distance: float) -> None:
+        """Totals of the run from those of the bodies."""
+        A = self.state.A
+        summed = self.totals.sum(axis=0)
+        for column in (
+            at.A_FRICTION, at.A_DAMPING, at.A_PLATE_WORK, at.A_PLATE_ABS, at.A_EFFECTS, at.A_NUMERICAL, at.A_STEPS,
+            *range(at.A_IMPULSE, at.A_IMPULSE + 6), *range(at.A_UPPER, at.A_UPPER + 6),
+        ):  # fmt: skip
+            A[column] = summed[column]
+        A[at.A_TIME], A[at.A_DISTANCE] = time, distance
+        A[at.A_SPEED] = self.totals[0, at.A_SPEED]
+        A[at.A_HEADING : at.A_HEADING + 2] = self.totals[0, at.A_HEADING : at.A_HEADING + 2]
+
+    def _judge(self) -> None:
+        """Raise GuardStop for the first body that was stopped; one without a solution is left behind where the scene says so."""
+        codes = self.memory[:, at.T_CODE]
+        stopped = np.flatnonzero(codes != kernel.GOING)
+        if self.accuracy.go_on:
+            stopped = stopped[codes[stopped] != kernel.UNSOLVED]
+        if len(stopped):
+            raise GuardStop(self._explain(int(stopped[0])))
+
+    def label(self) -> Array:
+        """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""
+        from ..kernels.observe import label_bodies
+
+        s, slots, physics = self.state, self.state.slots, self.state.physics
+        out = np.zeros((s.n_bodies, physics.outputs))
+        label_bodies(
+            slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, s.B, s.A, s.M,
+            self.drag, float(s.A[at.A_SPEED]),
+            len(physics.history), at.C_MEMORY + physics.contact_memory, physics.observe, physics.label, out,
+        )  # fmt: skip
+        return out
+
+    def _explain(self, body: int) -> str:
+        s, totals = self.state, self.totals[body]
+        code, when = int(self.memory[body, at.T_CODE]), f"stopped at t = {totals[at.A_TIME]:.6g} s"
+        where = ", ".join(f"{x:.4g}" for x in s.B[body, at.B_X : at.B_X + 3])
+        who = f"body {body} at ({where}) m"
+        if code == kernel.TOO_DEEP:
+            slot = int(self.memory[body, at.T_SLOT])
+            plate = "lower" if s.slots.partner[slot] == -1 else "upper"
+            ratio = s.slots.R[slot, at.R_OVERLAP] / s.S[s.slots.own[slot], at.S_R]
+            limit = s.D[at.D_GUARD_OVERLAP]
+            return f"{when}: {who} sinks into the {plate} plate by {ratio:.2f} of the radius (guard: {limit:g}); a lower load is needed"
+        if code == kernel.LEFT:
+            return f"{when}: {who} left the domain"
+        if code == kernel.TOO_MANY:
+            return f"{when}: {who} has more than {at.TILE} loaded spots, which the implicit integrator cannot hold"
+        if code == kernel.NOT_A_NUMBER:
+            return f"{when}: the position of body {body} is not a number"
+        return f"{when}: no step of {who} could be solved, down to {self.settings[kernel.V_SHORTEST]:.2g} s; {self._spots(body)}"
+
+    def _spots(self, body: int) -> str:
+        """The loaded spots of a body in words."""
+        slots = self.state.slots
+        told = []
+        for k in range(slots.edges[body], slots.edges[body + 1]):
+            if slots.H[k, at.H_ON] > 0.0:
+                plate = "lower" if slots.partner[k] == -1 else "upper"
+                sphere = int(slots.own[k] - self.state.start[body])
+                force, shear = slots.R[k, at.R_FN], float(np.linalg.norm(slots.R[k, at.R_T : at.R_T + 3]))
+                told.append(f"sphere {sphere} on the {plate} plate with N = {force:.3g} N, T = {shear:.3g} N")
+        return "its loaded spots: " + ("; ".join(told) or "none")
+
+
+def _own_patches(state: State) -> None:
+    """A plate at a prescribed height is the same for all bodies: each gets a copy, for each has a time of its own."""
+    if state.world.upper is not None and len(state.P) == 1 and state.P[0, at.P_FREE] == 0.0:
+        state.P = np.repeat(state.P, state.n_bodies, axis=0)
+        state.patch = np.arange(state.n_bodies)

@@ -1,0 +1,192 @@
+"""Newton's method for one step of one body: clipped, with a line search. It moves the body; nothing is remembered."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .contacts import separation
+from .layout import (
+    B_EF,
+    B_MASS,
+    I_SX,
+    I_SY,
+    O_CRITICAL,
+    O_LIMIT,
+    O_TX,
+    O_TY,
+    P_FREE,
+    P_LOAD,
+    P_MASS,
+    S_ARM,
+    TILE,
+)  # fmt: skip
+from .options import CHUNK, INNER
+from .trial import FREEDOMS, E_DEEPEST, E_NORMAL, Z_ARM, Z_NOW, balance, linearise, loaded_spots, place
+
+CONVERGED, ACCEPTED = 1e-9, 1e-6
+"""Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners."""
+
+ITERATIONS, HALVINGS, LEAPS = 16, 2, 4
+
+REACH = 0.5
+"""Largest growth of an overlap in one iteration, in parts of the deepest one, or of the one that the load lets expect."""
+
+AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
+"""A spot whose squared force reaches this share of its limit slips; part of the critical displacement by which it turns back."""
+
+TURN = 0.05
+"""Largest rotation of a step, rad: the slip of a step is that of a turn about one axis."""
+
+FOUND, LOST, CROWDED = range(3)
+"""How `newton` ends: a balance, none, or more loaded spots than the law's tile holds."""
+
+
+@njit(**CHUNK)
+def solved(J, r, n):
+    """Overwrite r with the solution x of J x = -r by elimination with row pivots; False for a singular matrix."""
+    for c in range(n):
+        best, row = abs(J[c, c]), c
+        for i in range(c + 1, n):
+            if abs(J[i, c]) > best:
+                best, row = abs(J[i, c]), i
+        if not best > 0.0 or not best < 1e300:
+            return False
+        if row != c:
+            for j in range(c, n):
+                J[c, j], J[row, j] = J[row, j], J[c, j]
+            r[c], r[row] = r[row], r[c]
+        inverse = 1.0 / J[c, c]
+        for i in range(c + 1, n):
+            factor = J[i, c] * inverse
+            if factor != 0.0:
+                for j in range(c + 1, n):
+                    J[i, j] -= factor * J[c, j]
+                r[i] -= factor * r[c]
+    for c in range(n - 1, -1, -1):
+        x = r[c]
+        for j in range(c + 1, n):
+            x -= J[c, j] * r[j]
+        r[c] = x / J[c, c]
+    for c in range(n):
+        r[c] = -r[c]
+    return True
+
+
+@njit(**INNER)
+def size_of(r):
+    """Euclidean norm of the unbalanced forces, N."""
+    total = 0.0
+    for k in range(FREEDOMS):
+        total += r[k] * r[k]
+    return math.sqrt(total)
+
+
+@njit(**INNER)
+def scale_of(b, p, y, dt, B, P, told):
+    """Sum of all forces at work, N: what the unbalanced ones are compared with."""
+    move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
+    weight = abs(B[b, B_EF]) + abs(B[b, B_EF + 1]) + abs(B[b, B_EF + 2])
+    free = P[p, P_FREE]
+    return told[E_NORMAL] + weight + B[b, B_MASS] * move / (dt * dt) + free * (P[p, P_LOAD] + P[p, P_MASS] * abs(y[6]) / (dt * dt))
+
+
+@njit(**INNER)
+def clipped(b, x, deep, edges, incidence, own, partner, S, P, Z):
+    """Share of the change x of the coordinates that lets no spot sink in, or lose its side, by more than REACH of `deep`."""
+    arm = 1.0 / Z[Z_ARM]
+    turn = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]) * arm
+    share = min(1.0, TURN / turn) if turn > 0.0 else 1.0
+    most_up, most_low, change_up, change_low = 0.0, 0.0, 0.0, 0.0
+    for e in range(edges[b], edges[b + 1]):
+        k = incidence[e] >> 1
+        i, up = own[k], partner[k] < -1
+        overlap, _, _, n_z = separation(k, own, partner, S, P, 0.0, 0.0)
+        rise = x[2] + (x[3] * S[i, S_ARM + 1] - x[4] * S[i, S_ARM]) * arm - (x[6] if up else 0.0)
+        change = -n_z * rise
+        if change > 0.0:
+            room = REACH * deep + max(-overlap, 0.0)
+            if change * share > room:
+                share = room / change
+        if up and overlap > most_up:
+            most_up, change_up = overlap, change
+        if not up and overlap > most_low:
+            most_low, change_low = overlap, change
+    # the deepest spot of a side stays closed, or the next iteration would know nothing of the plate
+    for most, change in ((most_up, change_up), (most_low, change_low)):
+        if -change * share > REACH * max(most, deep):
+            share = REACH * max(most, deep) / -change
+    return share
+
+
+@njit(**INNER)
+def turned_back(x, m, own, S, I, O, G, slots, Z, share):  # noqa: E741
+    """Share of the change x, at most `share`, that brings no spot from slipping one way to slipping the other.
+
+    In between it sticks. Where all other spots slip, that is often the answer, and a whole step jumps over it.
+    """
+    arm = 1.0 / Z[Z_ARM]
+    for q in range(m):
+        limit, t_x, t_y = O[O_LIMIT * TILE + q], O[O_TX * TILE + q], O[O_TY * TILE + q]
+        if t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit:
+            continue
+        i = own[slots[q]]
+        s_x, s_y = I[I_SX * TILE + q], I[I_SY * TILE + q]
+        r_x, r_y, r_z = S[i, S_ARM], S[i, S_ARM + 1], S[i, S_ARM + 2] - G[q, 9] * G[q, 2]
+        d_x = x[0] + (x[4] * r_z - x[5] * r_y) * arm
+        d_y = x[1] + (x[5] * r_x - x[3] * r_z) * arm
+        along_1, along_2 = d_x * G[q, 3] + d_y * G[q, 4], d_x * G[q, 6] + d_y * G[q, 7]
+        size = math.sqrt(s_x * s_x + s_y * s_y)
+        back = -(along_1 * s_x + along_2 * s_y)
+        # just inside what it can bear
+        room = size * (size + BACK * O[O_CRITICAL * TILE + q])
+        if back * share > room > 0.0:
+            share = room / back
+    return share
+
+
+@njit(**CHUNK)
+def newton(b, p, y, dt, deep, before, edges, incidence, own, partner, kind, start, offsets, S, X0, B, P, body, H, v_x, v_y,
+           I, O, K, G, slots, Z, T, law, tangents, pairs, n_history, rolling, effects, parameters, has_effects, time, inertial,
+           r, x, tried, J, told):  # noqa: E741  # fmt: skip
+    """Find the end y of a step from the guess that it holds; (how it ended, number of staged spots, iterations)."""
+    size, part, whole, halvings, leaps, iterations, m = 1e300, 0.0, 0.0, 0, 0, 0, np.int64(0)
+    for k in range(FREEDOMS):
+        x[k] = 0.0
+    while True:
+        for k in range(FREEDOMS):
+            tried[k] = y[k] + part * x[k]
+        place(b, p, tried, dt, Z, T, start, offsets, S, X0, B, P)
+        m = loaded_spots(b, dt, Z[Z_NOW] / dt, before, edges, incidence, own, partner, kind, S, B, P, body, H, v_x, v_y, I, G, slots, n_history,
+                         rolling)  # fmt: skip
+        if m < 0:
+            return CROWDED, m, iterations
+        balance(b, p, m, dt, own, partner, S, B, P, I, O, G, slots, Z, T, law, pairs, n_history, rolling, effects, parameters,
+                has_effects, time, inertial, r, told)  # fmt: skip
+        now, scale = size_of(r), scale_of(b, p, tried, dt, B, P, told)
+        if not now < 1e300:
+            return LOST, m, iterations
+        better = now < (1.0 - 1e-4 * part) * size
+        if not better and halvings < HALVINGS:
+            halvings, part = halvings + 1, 0.5 * part
+            continue
+        if not better and halvings == HALVINGS and leaps < LEAPS and now > CONVERGED * scale:
+            # at the border between stick and slip no part of the step helps, and the whole one changes sides
+            halvings, leaps, part = halvings + 1, leaps + 1, whole
+            continue
+        better = better or halvings > HALVINGS
+        for k in range(FREEDOMS):
+            y[k] = tried[k]
+        if now <= CONVERGED * scale:
+            return FOUND, m, iterations
+        if not better or iterations == ITERATIONS:
+            # the last digits of a law with corners do not settle
+            return (FOUND if now <= ACCEPTED * scale else LOST), m, iterations
+        size, halvings, iterations = now, 0, iterations + 1
+        linearise(b, p, m, dt, before, edges, own, partner, S, B, P, I, O, K, G, slots, Z, tangents, pairs, n_history, rolling, J)
+        for k in range(FREEDOMS):
+            x[k] = r[k]
+        if not solved(J, x, FREEDOMS):
+            return LOST, m, iterations
+        part = clipped(b, x, max(deep, told[E_DEEPEST]), edges, incidence, own, partner, S, P, Z)
+        part = whole = turned_back(x, m, own, S, I, O, G, slots, Z, part)

@@ -1,0 +1,116 @@
+"""Pieces of the modules that are generated from laws: how a tile is read, how a law is called, what it remembers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from ..kernels import layout as at
+from .contract import Law
+from .generated import plain
+
+HEAD = """# generated: {title}
+import math
+import numpy as np
+from numba import njit
+from thirdbody.kernels.signatures import EFFECTS, LAW
+from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
+{imports}
+
+"""
+
+STILL = "Turn(0.0, 0.0, 0.0, 0.0)"
+
+CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {VN}],
+                    I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}], {roll})
+        o = int(I[q + {TYPE}]) * {width}
+"""
+
+
+def field_names(parameters: Any) -> tuple[str, ...]:
+    """Names of a law's parameters, which are a NamedTuple class."""
+    return tuple(parameters._fields)
+
+
+def width_of(chain: Sequence[Law]) -> int:
+    """Parameters per material pair; at least one, so that the table is never empty."""
+    return max(sum(len(field_names(law.parameters)) for law in chain), 1)
+
+
+def imports_of(k: int, kernel: Callable, parameters: type) -> list[str]:
+    """Lines that import a kernel and its parameters under numbered names."""
+    function = plain(kernel)
+    return [
+        f"from {function.__module__} import {function.__name__} as kernel_{k}",
+        f"from {parameters.__module__} import {parameters.__name__} as parameters_{k}",
+    ]
+
+
+def head_of(chain: Sequence[Law]) -> str:
+    """The imports of a module about these laws."""
+    imports: list[str] = []
+    for k, law in enumerate(chain):
+        imports += imports_of(k, law.kernel, law.parameters)
+        if law.tangent is not None:
+            function = plain(law.tangent)
+            imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
+    return HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports))
+
+
+def field_of(offset: int) -> str:
+    return f"q + {offset * at.TILE}" if offset else "q"
+
+
+def contact_of(chain: Sequence[Law], still: bool = False) -> str:
+    names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY", "TYPE")
+    behind = at.I_HISTORY + sum(len(law.memory()) for law in chain) + at.J_TRAVEL
+    roll = "0.0" if still or not any(law.rolls for law in chain) else f"I[{field_of(behind)}]"
+    return CONTACT.format(width=width_of(chain), roll=roll, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
+
+
+def parameters_of(chain: Sequence[Law], k: int) -> str:
+    offset = sum(len(field_names(law.parameters)) for law in chain[:k])
+    values = ", ".join(f"P[o + {offset + i}]" for i in range(len(field_names(chain[k].parameters))))
+    return f"parameters_{k}({values})"
+
+
+def history_of(chain: Sequence[Law], k: int) -> tuple[int, int]:
+    return sum(len(law.memory()) for law in chain[:k]), len(chain[k].history)
+
+
+def remembered_of(chain: Sequence[Law], k: int) -> tuple[list[str], str]:
+    """Lines that read the field of law k, and the arguments for its memory."""
+    start, count = history_of(chain, k)
+    if not count:
+        return [], ""
+    read = ", ".join(f"I[{field_of(at.I_HISTORY + start + i)}]" for i in range(count))
+    size = len(chain[k].memory()) - count
+    if not size:
+        return [], f", ({read},)"
+    lines = [f"        for f in range({size}):", f"            w[f] = I[q + (f + {at.I_HISTORY + start + count}) * {at.TILE}]"]
+    return lines, f", ({read},), w"
+
+
+def scratch_of(chain: Sequence[Law]) -> str:
+    """Arrays for the field of the law that has one."""
+    size = max((len(law.memory()) - len(law.history) for law in chain), default=0)
+    return f"    w, w_new = np.zeros({size}), np.zeros({size})\n" if size else ""
+
+
+def tile_function(name: str, chain: Sequence[Law], contact: str, lines: Sequence[str]) -> str:
+    head = f'@njit(LAW, error_model="numpy", cache=True)\ndef {name}(I, O, n_contacts, P):\n'
+    return head + scratch_of(chain) + "    for q in range(n_contacts):\n" + contact + "\n".join(lines) + "\n"
+
+
+def virgin(chain: Sequence[Law], k: int) -> str:
+    """Arguments for the memory of law k when there is none yet."""
+    count = history_of(chain, k)[1]
+    field = ", w" if len(chain[k].memory()) > count else ""
+    return ", (" + "0.0, " * count + ")" + field if count else ""
+
+
+def virgin_call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
+    """Lines that call law k without any history."""
+    first = "[0]" if history_of(chain, k)[1] else ""
+    call = f"kernel_{k}({arguments}, p{k}{virgin(chain, k)}){first}"
+    return [f"        p{k} = {parameters_of(chain, k)}", f"        {answer} = {call}"]
