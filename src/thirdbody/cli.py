@@ -103,7 +103,8 @@ def check(
     json: Json = False,
 ) -> None:
     """Print the resolved scene: defaults, laws and their sources, time step and what limits it, cost."""
-    from .report import check_report, print_check, print_json
+    from .check import check_report, print_check
+    from .report import print_json
     from .simulate import prepare
 
     built = prepare(_load(scene, settings), plugin or (), force)

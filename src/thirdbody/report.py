@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import copy
 import json as json_module
 import math
 import sys
-import time
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,11 +17,6 @@ from .scene.units import pretty
 if TYPE_CHECKING:
     from .laws.registry import Registry
     from .output.run import Run
-    from .scene.build import Simulation
-
-TRIAL_SECONDS = 0.5
-"""How long `check` integrates a throw-away copy to estimate the wall time."""
-
 
 def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     """Print a table on standard output."""
@@ -63,170 +56,6 @@ def print_warnings(warnings: Iterable[str]) -> None:
     """Print warnings on standard error."""
     for warning in warnings:
         print(f"warning: {warning}", file=sys.stderr)
-
-
-def check_report(built: Simulation) -> dict[str, Any]:
-    """The resolved scene as a dictionary: everything that `thirdbody check` tells, SI."""
-    choice, state, bound = built.choice, built.state, built.integrator.bound
-    assert bound is not None
-    from .laws.contract import STIFF
-    from .simulate import planned_frames
-
-    seconds_per_step = _seconds_per_step(built)
-    steps = built.planned_time / state.dt
-    frames = planned_frames(built)
-    return {
-        "title": built.scene.title,
-        "scene": built.scene.document(),
-        "bodies": state.n_bodies,
-        "spheres": state.n_spheres,
-        "law": {
-            "family": choice.family.name,
-            "level": choice.level,
-            "chain": [{"stage": law.stage, "law": law.name, "source": law.source} for law in choice.chain.laws],
-            "not_needed": list(choice.off),
-            "explicit_only": [law.name for law in choice.chain.laws if law.tangent is None and law.stage in STIFF],
-        },
-        "pairs": [
-            {
-                "between": [pair.a.name, pair.b.name],
-                "friction": pair.friction,
-                "restitution": pair.restitution,
-                **{
-                    f"{law.name}.{name}": value
-                    for law, values in zip(choice.chain.laws, row, strict=True)
-                    for name, value in zip(type(values)._fields, values, strict=True)
-                },
-            }
-            for pair, row in zip(choice.pairs, choice.rows, strict=True)
-        ],
-        "effects": {
-            "on": [{"effect": effect.name, "source": effect.source} for effect in choice.effects],
-            "debris_contact": "searched" if state.world.debris_meets else "none",
-            "labels": built.labeller.name if built.labeller else "none",
-        },
-        "upper_plate": _plate_report(built),
-        "integrator": "explicit",
-        "time_step": {
-            "step": state.dt,
-            "limited_by": "the scene" if built.integrator.fixed is not None else bound.mechanism,
-            "body": bound.body,
-            "rayleigh": bound.rayleigh,
-            "stability_limit": bound.stability,
-        },
-        "settle": built.settle,
-        "simulated_time": built.planned_time,
-        "expected_overlap_over_radius": built.upper.overlap,
-        "steps": steps,
-        "estimated_wall_time": steps * seconds_per_step,
-        "memory": _memory(built),
-        "frames": frames,
-        "disk": frames * _frame_bytes(built),
-        "warnings": built.warnings,
-    }
-
-
-def _plate_report(built: Simulation) -> dict[str, Any] | None:
-    upper = built.state.world.upper
-    if upper is None:
-        return None
-    return {
-        "patches": len(upper.heights),
-        "load": float(upper.load.max()) if upper.foundation is None else upper.foundation.load,
-        "support": built.scene.plates.upper.support if built.scene.plates.upper else "none",
-        "free": upper.free if upper.foundation is None else upper.foundation.free,
-        "mass": float(upper.mass.mean()),
-        "damping": float(upper.damping.mean()),
-        "gap": float(upper.heights.mean()),
-        "moves": upper.schedule.moves,
-        "loaded_at_once": built.upper.loaded,
-        "foundation": None if upper.foundation is None else upper.foundation.stiffness,
-    }
-
-
-def _seconds_per_step(built: Simulation) -> float:
-    """Measured on a copy of the simulation, which is thrown away; the first call is not counted."""
-    from .errors import GuardStop
-
-    trial = copy.deepcopy(built.integrator.state)
-    integrator = copy.copy(built.integrator)
-    integrator.state = trial
-    integrator._tables()
-    try:
-        integrator.advance_to(trial.time + 3.0 * trial.dt)
-        started, steps, before = time.perf_counter(), 0, trial.A.copy()
-        while time.perf_counter() - started < TRIAL_SECONDS:
-            integrator.advance_to(trial.time + 100.0 * trial.dt)
-        from .kernels.layout import A_STEPS
-
-        steps = int(trial.A[A_STEPS] - before[A_STEPS])
-        return (time.perf_counter() - started) / max(steps, 1)
-    except GuardStop:
-        return math.nan
-
-
-def _memory(built: Simulation) -> int:
-    state, slots = built.state, built.state.slots
-    arrays = (state.B, state.S, state.P, state.M, state.offsets, state.X0, slots.H, slots.F, slots.R, slots.own, slots.incidence)
-    return int(sum(array.nbytes for array in arrays))
-
-
-def _frame_bytes(built: Simulation) -> int:
-    state = built.state
-    margins = 0 if built.labeller is None else len(built.labeller.margins) + len(built.labeller.extras)
-    return state.n_bodies * (8 * (24 + margins) + 2 + 3 * 150) + state.n_spheres * (24 + 12 + 2)
-
-
-def print_check(told: dict[str, Any]) -> None:
-    """Print what `check_report` found."""
-    law = told["law"]
-    from .scene.write import toml_text
-
-    print(toml_text(told["scene"]))
-    print(f"# {told['title'] or 'scene'}: {told['bodies']} bodies, {told['spheres']} spheres")
-    table(f"law {law['family']}, level {law['level']}", ("stage", "law", "source"),
-          [(entry["stage"], entry["law"], entry["source"]) for entry in law["chain"]])  # fmt: skip
-    if law["not_needed"]:
-        print(f"absent, because no pair asks for it: {', '.join(law['not_needed'])}")
-    for pair in told["pairs"]:
-        values = ", ".join(f"{name} {value:.6g}" for name, value in pair.items() if name != "between")
-        print(f"pair {pair['between'][0]}/{pair['between'][1]}: {values}")
-    on = ", ".join(effect["effect"] for effect in told["effects"]["on"]) or "none"
-    if law["explicit_only"]:
-        print(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
-    contact, labels = told["effects"]["debris_contact"], told["effects"]["labels"]
-    print(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
-    plate = told["upper_plate"]
-    if plate is not None:
-        load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"
-        carried = f", carried by {plate['loaded_at_once']} of {told['bodies']} bodies at once" if plate["loaded_at_once"] else ""
-        each = " on each" if plate["support"] == "load_per_particle" else ""
-        print(
-            f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
-            f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
-        )
-    step = told["time_step"]
-    print(
-        f"time step {pretty(step['step'], 'time')}, {_limit(step)} "
-        f"(Rayleigh time {pretty(step['rayleigh'], 'time')}); integrator {told['integrator']}"
-    )
-    settling, whole = pretty(told["settle"], "time"), pretty(told["simulated_time"], "time")
-    print(f"settling {settling}, simulated {whole}, {told['steps']:.3g} steps")
-    print(f"expected overlap {told['expected_overlap_over_radius']:.2g} of the radius")
-    wall = told["estimated_wall_time"]
-    duration = "the trial steps were stopped by a guard" if math.isnan(wall) else f"{wall:.3g} s"
-    print(
-        f"estimated: {duration}, {told['memory'] / 1e6:.3g} MB of memory, "
-        f"{told['frames']} frames, {told['disk'] / 1e6:.3g} MB on disk"
-    )
-    for warning in told["warnings"]:
-        print(f"warning: {warning}")
-
-
-def _limit(step: dict[str, Any]) -> str:
-    if step["limited_by"] == "the scene":
-        return "given by the scene"
-    return f"limited by {step['limited_by']} of body {step['body']}"
 
 
 def run_report(folder: Path, json: bool) -> None:

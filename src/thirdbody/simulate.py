@@ -16,7 +16,6 @@ import numpy as np
 
 from .engine.energy import Ledger
 from .errors import GuardStop, Interrupted, OutputError, UsageError
-from .kernels import layout as at
 from .output.frames import UNITS, FrameMaker
 from .output.paraview import write_paraview_files
 from .output.run import FILE_NAME, Run, open_run
@@ -161,6 +160,8 @@ def _integrate(simulation, ledger, maker, writer, report, started, stop) -> None
     series = write()
     tick(report, simulation, started, writer.frames, series)
     for target_time, target_distance, is_output in targets(simulation):
+        if not (is_output or integrator.divisible):
+            continue
         integrator.advance_to(target_time, target_distance, watch)
         if is_output:
             series = write()
@@ -266,7 +267,8 @@ def _header(simulation: Simulation) -> dict[str, Any]:
         "laws": [{"name": law.name, "stage": law.stage, "source": law.source} for law in simulation.choice.chain.laws],
         "law": {"family": simulation.choice.family.name, "level": simulation.choice.level},
         "effects": [effect.name for effect in simulation.choice.effects],
-        "debris_contact": "searched" if simulation.state.world.debris_meets else "none: bodies do not see each other",
+        "integrator": {"name": simulation.plan.kind, "reason": simulation.plan.reason},
+        "debris_contact": debris_contact(simulation),
         "warnings": simulation.warnings,
         "versions": {
             "thirdbody": __version__,
@@ -278,27 +280,28 @@ def _header(simulation: Simulation) -> dict[str, Any]:
     }
 
 
+def debris_contact(simulation: Simulation) -> str:
+    """What bodies do to each other in this run."""
+    if simulation.state.world.debris_meets:
+        return "searched" if simulation.plan.kind == "explicit" else "watched: the run stops where two bodies come near"
+    return "none: bodies do not see each other"
+
+
 def _summary(simulation: Simulation, ledger: Ledger, started: float, frames: int, problem: Exception | None) -> dict[str, Any]:
     state = simulation.state
     wall = time.perf_counter() - started
-    steps = int(state.A[at.A_STEPS])
-    lines = ledger.lines(state)
-    tightest = simulation.integrator.tightest
-    assert tightest is not None
+    lines, integration = ledger.lines(state), simulation.integrator.summary()
     return {
         "finished": problem is None,
         "stopped": None if problem is None else str(problem),
         "wall_time": wall,
-        "steps": steps,
-        "searches": state.searches,
         "frames": frames,
         "bodies": state.n_bodies,
         "spheres": state.n_spheres,
-        "sphere_steps_per_second": steps * state.n_spheres / wall if wall > 0.0 else 0.0,
+        **integration,
+        "sphere_steps_per_second": integration["sphere_steps"] / wall if wall > 0.0 else 0.0,
         "simulated_time": state.time,
         "distance": state.distance,
-        "time_step": state.dt,
-        "time_step_limit": {"mechanism": tightest.mechanism, "body": tightest.body, "smallest": tightest.step},
         "energy": lines,
         # a guard trips in a step that was not recorded: what is stored in its contacts is not known
         "energy_residual": None if isinstance(problem, GuardStop) else ledger.relative_residual(state, lines["residual"]),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +45,9 @@ class Guards:
 
 
 class Explicit:
-    """Advances a state; `time_step=None` chooses the step automatically."""
+    """Advances a state; `time_step=None` chooses the step automatically. Stops between outputs do not change its steps."""
+
+    divisible = True
 
     def __init__(
         self,
@@ -136,6 +139,19 @@ class Explicit:
         least = min(self.waiting)
         self.waiting.clear()
         return least
+
+    def summary(self) -> dict[str, Any]:
+        """What the summary of a run tells of its integration."""
+        limit, steps = self.tightest, int(self.state.A[at.A_STEPS])
+        assert limit is not None
+        return {
+            "integrator": "explicit",
+            "steps": steps,
+            "sphere_steps": steps * self.state.n_spheres,
+            "searches": self.state.searches,
+            "time_step": self.state.dt,
+            "time_step_limit": {"mechanism": limit.mechanism, "body": limit.body, "smallest": limit.step},
+        }
 
     def label(self) -> np.ndarray:
         """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""

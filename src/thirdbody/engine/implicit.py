@@ -11,14 +11,17 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ..errors import GuardStop
 from ..kernels import layout as at
 from ..kernels import march as kernel
+from ..kernels import steps
 from ..laws.contract import Material
 from .explicit import FLOOR, Guards
+from .nearness import Nearness
 from .neighbours import search
 from .plates import Schedule
 from .state import Array, State
@@ -40,7 +43,7 @@ class Accuracy:
     in one step, in the same; `largest_step`: that way in m; `growth` of a step from one to the next; `inertia`: whether bodies
     keep their momentum."""
 
-    tolerance: float = 0.05
+    tolerance: float = 5e-4
     radii: float = 2.0
     largest_step: float = math.inf
     growth: float = 2.0
@@ -49,7 +52,12 @@ class Accuracy:
 
 
 class Implicit:
-    """Advances a state whose bodies meet only the plates. `tangents` are those of the laws; `overlap` is the one to expect, m."""
+    """Advances a state whose bodies meet only the plates. `tangents` are those of the laws; `overlap` is the one to expect, m.
+
+    A step ends at every stop, so there are no stops but outputs.
+    """
+
+    divisible = False
 
     def __init__(
         self,
@@ -79,46 +87,54 @@ class Implicit:
         self.settings = self._settings(overlap if overlap > 0.0 else 1e-4 * float(smallest.min()))
 
     def _settings(self, overlap: float) -> Array:
-        V, chosen = np.zeros(kernel.V_COLS), self.accuracy
-        V[kernel.V_TOLERANCE], V[kernel.V_LONGEST], V[kernel.V_RADII] = chosen.tolerance, chosen.largest_step, chosen.radii
-        V[kernel.V_SHORTEST], V[kernel.V_INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
-        V[kernel.V_DEEP], V[kernel.V_GROWTH] = overlap, chosen.growth
+        V, chosen = np.zeros(steps.V_COLS), self.accuracy
+        V[steps.V_TOLERANCE], V[steps.V_LONGEST], V[steps.V_RADII] = chosen.tolerance, chosen.largest_step, chosen.radii
+        V[steps.V_SHORTEST], V[steps.V_INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
+        V[steps.V_DEEP], V[steps.V_GROWTH] = overlap, chosen.growth
         return V
 
     def start(self) -> None:
         """Every sphere becomes a candidate for both plates, once and for all."""
-        state = self.state
+        state, world = self.state, self.state.world
         state.skin = math.inf
-        state.world = replace(state.world, debris_meets=False)
+        state.world = replace(world, debris_meets=False)
         search(state)
+        state.world = world
         self.most = int(np.diff(state.slots.edges).max())
+        self.near = Nearness(state) if world.debris_meets else None
 
     def advance_to(
         self, time: float = math.inf, distance: float = math.inf, watch: Callable[[], None] = lambda: None
     ) -> None:
-        """Bring all bodies to a time (s) or to a sliding distance (m), whichever comes first; `watch` is called after every batch.
+        """Bring all bodies to a time (s) or a sliding distance (m), whichever comes first; `watch` is called after every batch.
 
         Raises GuardStop when a body leaves its valid range or no step can be found for it, with all bodies as far as they came.
         """
         state = self.state
-        by_distance = self.schedule.time_of(distance - state.distance, state.time) if math.isfinite(distance) else math.inf
-        until = min(time, by_distance)
-        for first in range(0, state.n_bodies, BATCH):
-            self._march(first, min(first + BATCH, state.n_bodies), until)
-            watch()
-        path = self.schedule.path(state.time, until)
-        whole = state.distance + path if by_distance > until else distance
-        self._sum_up(until, whole)
-        self._judge()
+        while state.time < time and state.distance < distance:
+            stop = distance if self.near is None else min(distance, state.distance + self.near.stride)
+            by_distance = self.schedule.time_of(stop - state.distance, state.time) if math.isfinite(stop) else math.inf
+            until = min(time, by_distance)
+            for first in range(0, state.n_bodies, BATCH):
+                self.march(first, min(first + BATCH, state.n_bodies), until)
+                watch()
+            path = self.schedule.path(state.time, until)
+            self._sum_up(until, state.distance + path if by_distance > until else stop)
+            self._judge()
+            if self.near is not None:
+                self.near.check(self.memory[:, at.T_WAY])
 
-    def _march(self, first: int, last: int, until: float) -> None:
+    def march(self, first: int, last: int, until: float) -> None:
+        """Bring the bodies from `first` to `last` (excluded) to a time, s; totals of the run are not touched."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
         kernel.march(
-            first, last, until, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, self.most,
-            s.body, s.start, s.patch, s.offsets, s.X0, s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
-            physics.pairs, physics.effect_parameters, s.D, self.settings, s.schedule, s.first, self.totals, self.memory,
-            len(physics.history), physics.rolling, at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels,
-            self.drag, physics.law, self.tangents, physics.effects, physics.observe,
+            first, last, until,
+            (slots.own, slots.partner, slots.kind, slots.edges, slots.incidence), (s.body, s.start, s.patch, s.offsets, s.X0),
+            (s.S, s.B, s.P, slots.H, slots.F, slots.R),
+            (physics.pairs, physics.effect_parameters, len(physics.history), physics.rolling,
+             at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels),
+            self.most, s.M, s.D, self.settings, self.totals, self.memory, s.schedule, s.first, self.drag,
+            physics.law, self.tangents, physics.effects, physics.observe,
         )  # fmt: skip
 
     def _sum_up(self, time: float, distance: float) -> None:
@@ -137,11 +153,28 @@ class Implicit:
     def _judge(self) -> None:
         """Raise GuardStop for the first body that was stopped; one without a solution is left behind where the scene says so."""
         codes = self.memory[:, at.T_CODE]
-        stopped = np.flatnonzero(codes != kernel.GOING)
+        stopped = np.flatnonzero(codes != steps.GOING)
         if self.accuracy.go_on:
-            stopped = stopped[codes[stopped] != kernel.UNSOLVED]
+            stopped = stopped[codes[stopped] != steps.UNSOLVED]
         if len(stopped):
             raise GuardStop(self._explain(int(stopped[0])))
+
+    def summary(self) -> dict[str, Any]:
+        """What the summary of a run tells of its integration; steps are those of single bodies."""
+        taken, T, state = self.totals[:, at.A_STEPS], self.memory, self.state
+        total = max(float(taken.sum()), 1.0)
+        lost = np.flatnonzero(T[:, at.T_CODE] == steps.UNSOLVED)
+        return {
+            "integrator": "implicit",
+            "steps": int(taken.sum()),
+            "sphere_steps": int(taken @ np.diff(state.start)),
+            "steps_per_body": float(taken.mean()),
+            "longest_step": float(T[:, at.T_LONGEST].max()),
+            "iterations_per_step": float(T[:, at.T_ITERATIONS].sum()) / total,
+            "cuts_per_step": float(T[:, at.T_CUTS].sum()) / total,
+            "hard_steps": float(T[:, at.T_HARD].sum()) / total,
+            "unsolved": {int(body): self._explain(int(body)) for body in lost},
+        }
 
     def label(self) -> Array:
         """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""
@@ -161,19 +194,20 @@ class Implicit:
         code, when = int(self.memory[body, at.T_CODE]), f"stopped at t = {totals[at.A_TIME]:.6g} s"
         where = ", ".join(f"{x:.4g}" for x in s.B[body, at.B_X : at.B_X + 3])
         who = f"body {body} at ({where}) m"
-        if code == kernel.TOO_DEEP:
+        if code == steps.TOO_DEEP:
             slot = int(self.memory[body, at.T_SLOT])
             plate = "lower" if s.slots.partner[slot] == -1 else "upper"
             ratio = s.slots.R[slot, at.R_OVERLAP] / s.S[s.slots.own[slot], at.S_R]
             limit = s.D[at.D_GUARD_OVERLAP]
-            return f"{when}: {who} sinks into the {plate} plate by {ratio:.2f} of the radius (guard: {limit:g}); a lower load is needed"
-        if code == kernel.LEFT:
+            deep = f"sinks into the {plate} plate by {ratio:.2f} of the radius (guard: {limit:g})"
+            return f"{when}: {who} {deep}; a lower load is needed"
+        if code == steps.LEFT:
             return f"{when}: {who} left the domain"
-        if code == kernel.TOO_MANY:
+        if code == steps.TOO_MANY:
             return f"{when}: {who} has more than {at.TILE} loaded spots, which the implicit integrator cannot hold"
-        if code == kernel.NOT_A_NUMBER:
+        if code == steps.NOT_A_NUMBER:
             return f"{when}: the position of body {body} is not a number"
-        return f"{when}: no step of {who} could be solved, down to {self.settings[kernel.V_SHORTEST]:.2g} s; {self._spots(body)}"
+        return f"{when}: no step of {who} could be solved, down to {self.settings[steps.V_SHORTEST]:.2g} s; {self._spots(body)}"
 
     def _spots(self, body: int) -> str:
         """The loaded spots of a body in words."""

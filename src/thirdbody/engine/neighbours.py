@@ -50,7 +50,7 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
         )
         n_plates = n
         if world.debris_meets:
-            low, size, count, periodic = _grid(state)
+            low, size, count, periodic = grid(state, state.skin)
             l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
             n = passes.pair_candidates(
                 state.S, state.body, l_x, l_y, state.skin, low, size, count, periodic, n, own, partner
@@ -60,9 +60,9 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
         capacity = int(1.2 * n)
 
 
-def _grid(state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Origin, cell size, cell counts and periodicity of the search grid; cells are never smaller than the longest reach."""
-    reach = 2.0 * float(state.S[:, at.S_R].max()) + state.skin
+    reach = 2.0 * float(state.S[:, at.S_R].max()) + skin
     lowest, highest = state.S[:, :3].min(axis=0), state.S[:, :3].max(axis=0)
     low, length = lowest - 0.5 * reach, highest - lowest + reach
     periodic = np.array([state.D[at.D_LX] > 0.0, state.D[at.D_LY] > 0.0])

@@ -21,8 +21,9 @@ from .layout import (
     S_ARM,
     TILE,
 )  # fmt: skip
+from .linear import linearise
 from .options import CHUNK, INNER
-from .trial import FREEDOMS, E_DEEPEST, E_NORMAL, Z_ARM, Z_NOW, balance, linearise, loaded_spots, place
+from .trial import E_DEEPEST, E_NORMAL, FREEDOMS, TURN, Z_ARM, Z_NOW, balance, loaded_spots, place
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners."""
@@ -34,9 +35,6 @@ REACH = 0.5
 
 AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
 """A spot whose squared force reaches this share of its limit slips; part of the critical displacement by which it turns back."""
-
-TURN = 0.05
-"""Largest rotation of a step, rad: the slip of a step is that of a turn about one axis."""
 
 FOUND, LOST, CROWDED = range(3)
 """How `newton` ends: a balance, none, or more loaded spots than the law's tile holds."""
@@ -88,12 +86,14 @@ def scale_of(b, p, y, dt, B, P, told):
     move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
     weight = abs(B[b, B_EF]) + abs(B[b, B_EF + 1]) + abs(B[b, B_EF + 2])
     free = P[p, P_FREE]
-    return told[E_NORMAL] + weight + B[b, B_MASS] * move / (dt * dt) + free * (P[p, P_LOAD] + P[p, P_MASS] * abs(y[6]) / (dt * dt))
+    square = 1.0 / (dt * dt)
+    return told[E_NORMAL] + weight + B[b, B_MASS] * move * square + free * (P[p, P_LOAD] + P[p, P_MASS] * abs(y[6]) * square)
 
 
 @njit(**INNER)
-def clipped(b, x, deep, edges, incidence, own, partner, S, P, Z):
+def clipped(b, x, deep, spots, state, Z):
     """Share of the change x of the coordinates that lets no spot sink in, or lose its side, by more than REACH of `deep`."""
+    (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
     arm = 1.0 / Z[Z_ARM]
     turn = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]) * arm
     share = min(1.0, TURN / turn) if turn > 0.0 else 1.0
@@ -120,11 +120,12 @@ def clipped(b, x, deep, edges, incidence, own, partner, S, P, Z):
 
 
 @njit(**INNER)
-def turned_back(x, m, own, S, I, O, G, slots, Z, share):  # noqa: E741
+def turned_back(x, m, own, S, work, Z, share):
     """Share of the change x, at most `share`, that brings no spot from slipping one way to slipping the other.
 
     In between it sticks. Where all other spots slip, that is often the answer, and a whole step jumps over it.
     """
+    I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
     arm = 1.0 / Z[Z_ARM]
     for q in range(m):
         limit, t_x, t_y = O[O_LIMIT * TILE + q], O[O_TX * TILE + q], O[O_TY * TILE + q]
@@ -145,24 +146,22 @@ def turned_back(x, m, own, S, I, O, G, slots, Z, share):  # noqa: E741
     return share
 
 
-@njit(**CHUNK)
-def newton(b, p, y, dt, deep, before, edges, incidence, own, partner, kind, start, offsets, S, X0, B, P, body, H, v_x, v_y,
-           I, O, K, G, slots, Z, T, law, tangents, pairs, n_history, rolling, effects, parameters, has_effects, time, inertial,
-           r, x, tried, J, told):  # noqa: E741  # fmt: skip
+@njit(**INNER)
+def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects):
     """Find the end y of a step from the guess that it holds; (how it ended, number of staged spots, iterations)."""
+    y, r, x, tried, J, told = work[6], work[7], work[8], work[9], work[10], work[11]
+    S, B, P, _, _, _ = state
     size, part, whole, halvings, leaps, iterations, m = 1e300, 0.0, 0.0, 0, 0, 0, np.int64(0)
     for k in range(FREEDOMS):
         x[k] = 0.0
     while True:
         for k in range(FREEDOMS):
             tried[k] = y[k] + part * x[k]
-        place(b, p, tried, dt, Z, T, start, offsets, S, X0, B, P)
-        m = loaded_spots(b, dt, Z[Z_NOW] / dt, before, edges, incidence, own, partner, kind, S, B, P, body, H, v_x, v_y, I, G, slots, n_history,
-                         rolling)  # fmt: skip
+        place(b, p, tried, dt, Z, T, shape, state)
+        m = loaded_spots(b, dt, Z[Z_NOW] / dt, v_x, v_y, spots, shape, state, known, work)
         if m < 0:
             return CROWDED, m, iterations
-        balance(b, p, m, dt, own, partner, S, B, P, I, O, G, slots, Z, T, law, pairs, n_history, rolling, effects, parameters,
-                has_effects, time, inertial, r, told)  # fmt: skip
+        balance(b, p, m, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told)
         now, scale = size_of(r), scale_of(b, p, tried, dt, B, P, told)
         if not now < 1e300:
             return LOST, m, iterations
@@ -183,10 +182,10 @@ def newton(b, p, y, dt, deep, before, edges, incidence, own, partner, kind, star
             # the last digits of a law with corners do not settle
             return (FOUND if now <= ACCEPTED * scale else LOST), m, iterations
         size, halvings, iterations = now, 0, iterations + 1
-        linearise(b, p, m, dt, before, edges, own, partner, S, B, P, I, O, K, G, slots, Z, tangents, pairs, n_history, rolling, J)
+        linearise(b, p, m, dt, spots, state, known, work, Z, tangents, False, J)
         for k in range(FREEDOMS):
             x[k] = r[k]
         if not solved(J, x, FREEDOMS):
             return LOST, m, iterations
-        part = clipped(b, x, max(deep, told[E_DEEPEST]), edges, incidence, own, partner, S, P, Z)
-        part = whole = turned_back(x, m, own, S, I, O, G, slots, Z, part)
+        part = clipped(b, x, max(deep, told[E_DEEPEST]), spots, state, Z)
+        part = whole = turned_back(x, m, spots[0], S, work, Z, part)

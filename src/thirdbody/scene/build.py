@@ -10,7 +10,7 @@ import numpy as np
 
 from ..engine.explicit import Explicit
 from ..engine.plates import Schedule
-from ..engine.state import State, World, assemble
+from ..engine.state import Placed, State, World, assemble
 from ..errors import InputError
 from ..kernels import layout as at
 from ..laws.contract import STIFF, Labeller
@@ -18,6 +18,7 @@ from ..laws.elasticity import dundurs_beta
 from ..laws.registry import Registry, discover
 from . import units
 from .choose import Choice, choose
+from .integrate import Integrator, Plan, implicit, plan
 from .model import Scene
 from .populate import populate
 from .upper import Upper, upper_plate
@@ -43,7 +44,8 @@ class Simulation:
     choice: Choice
     labeller: Labeller | None
     state: State
-    integrator: Explicit
+    integrator: Integrator
+    plan: Plan
     upper: Upper
     warnings: list[str]
 
@@ -97,20 +99,31 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
     _end_settling(scene, choice, upper)
     names = list(scene.materials)
     lower = None if scene.plates.lower is None else names.index(scene.plates.lower.material)
-    meets = scene.contact.debris_contact == "auto" and len(placed.clumps) > 1
+    meets = scene.contact.debris_contact == "auto" and _meeting(placed) > 1
     bounded = not scene.domain.periodic and lower is not None
     world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, meets)
     radii = np.concatenate([clump.radii for clump in placed.clumps])
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()))
     _refuse_narrow_domain(scene, state)
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
+    chosen = plan(scene, choice, state)
+    if chosen.kind == "implicit":
+        simulation = Simulation(scene, choice, labeller, state, implicit(scene, choice, state, upper), chosen, upper, warnings)
+        _refuse_unreached(simulation)
+        return simulation
     integrator = Explicit(state, list(choice.materials), fixed, force=force)
     integrator.start()
     if fixed is not None and not force:
         _refuse_large_step(scene, integrator, fixed)
-    simulation = Simulation(scene, choice, labeller, state, integrator, upper, warnings)
-    _refuse_endless(simulation, force)
+    simulation = Simulation(scene, choice, labeller, state, integrator, chosen, upper, warnings)
+    _refuse_unreached(simulation)
+    _refuse_endless(simulation, integrator, force)
     return simulation
+
+
+def _meeting(placed: Placed) -> int:
+    """Number of bodies that can meet other debris: those of given spots meet plates only."""
+    return sum(clump.sides is None or bool(np.any(clump.sides == at.EVERYTHING)) for clump in placed.clumps)
 
 
 def _end_settling(scene: Scene, choice: Choice, upper: Upper) -> None:
@@ -159,21 +172,27 @@ def _refuse_large_step(scene: Scene, integrator: Explicit, step: float) -> None:
         raise InputError(scene.fault(("solver", "time_step"), message))
 
 
-def _refuse_endless(simulation: Simulation, force: bool) -> None:
-    """Raise InputError for a distance that is never reached, and for a run that would take months."""
-    scene, state, planned = simulation.scene, simulation.state, simulation.planned_time
-    if math.isinf(planned):
+def _refuse_unreached(simulation: Simulation) -> None:
+    """Raise InputError for a distance that is never reached."""
+    if math.isinf(simulation.planned_time):
         message = f"{units.pretty(simulation.end_distance, 'length')} is never reached: the motion ends before"
-        raise InputError(scene.fault(("solver", "distance"), message))
+        raise InputError(simulation.scene.fault(("solver", "distance"), message))
+
+
+def _refuse_endless(simulation: Simulation, integrator: Explicit, force: bool) -> None:
+    """Raise InputError for a run that would take months."""
+    scene, state, planned = simulation.scene, simulation.state, simulation.planned_time
     steps = planned / state.dt
     wall = steps * state.n_spheres * SPHERE_STEP
     if steps < STEPS and (wall < PATIENCE or force):
         return
-    bound = simulation.integrator.bound
+    bound = integrator.bound
     assert bound is not None
     years = f"about {wall / (365.25 * 86400.0):.2g} years" if wall > PATIENCE else f"about {wall / 86400.0:.2g} days"
     message = (
         f"{units.pretty(state.dt, 'time')} would take {steps:.2g} steps for {units.pretty(planned, 'time')}, {years} of "
         f'explicit integration; "auto" would take {units.pretty(bound.step, "time")}'
     )
+    if simulation.scene.solver.integrator == "auto":
+        message += f" (explicit, because {simulation.plan.reason})"
     raise InputError(scene.fault(("solver", "time_step"), message))

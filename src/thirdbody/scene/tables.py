@@ -15,6 +15,7 @@ from thirdbody.scene.types import (
     Damping,
     Flag,
     Force,
+    Fraction,
     PositiveDensity,
     PositiveForce,
     PositiveLength,
@@ -152,19 +153,32 @@ class Effects(Part):
 
 
 class Solver(Part):
-    """How long and how the motion is integrated. Distance and duration count after settling."""
+    """How long and how the motion is integrated. Distance and duration count after settling.
 
-    integrator: Annotated[Literal["auto", "explicit"], Choice(later=("implicit",))] = "auto"
+    `tolerance`, `largest_step` (m of the drag), `inertia` and `on_failure` are for the implicit integrator (`engine.implicit`).
+    """
+
+    integrator: Annotated[Literal["auto", "explicit", "implicit"], Choice()] = "auto"
     time_step: Annotated[float | Literal["auto"], Quantity(dimension="time", gt=0, words=("auto",))] = "auto"
     distance: PositiveLength | None = None
     duration: PositiveTime | None = None
     initial_overlap: Annotated[Literal["refuse"], Choice(later=("relax",))] = "refuse"
     settle: Annotated[float | Literal["auto"], Quantity(dimension="time", ge=0, words=("auto",))] = "auto"
+    tolerance: Fraction | None = None
+    largest_step: PositiveLength | None = None
+    inertia: Flag | None = None
+    on_failure: Annotated[Literal["stop", "continue"], Choice()] | None = None
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Faults that show in which keys are given."""
-        return one_of(raw, ("distance", "duration"))
+        wrongs = one_of(raw, ("distance", "duration"))
+        other = {"explicit": ("tolerance", "largest_step", "inertia", "on_failure"), "implicit": ("time_step",)}
+        kind = raw.get("integrator", "auto")
+        for key in other.get(kind, ()) if isinstance(kind, str) else ():
+            if raw.get(key, "auto") not in (None, "auto"):
+                wrongs.append(((key,), f'is for the other integrator: this one is "{kind}"'))
+        return wrongs
 
 
 _EVERY = {"distance": "length", "time": "time"}

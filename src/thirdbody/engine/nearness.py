@@ -1,0 +1,79 @@
+"""Watches that no two bodies come near each other in a run whose integrator has no contact between debris."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..errors import GuardStop
+from ..kernels import layout as at
+from ..kernels import search
+from .neighbours import grid
+from .state import Array, Ints, State
+
+STRIDE = 0.25
+"""Way of the drag between two looks, in radii of the smallest sphere."""
+
+
+class Nearness:
+    """Compares the places of all spheres at two looks: could any two of different bodies have touched in between?"""
+
+    def __init__(self, state: State) -> None:
+        self.state = state
+        self.stride = STRIDE * float(state.S[:, at.S_R].min())
+        self._places, self._ways = state.S[:, :3].copy(), np.zeros(state.n_bodies)
+
+    def check(self, ways: Array) -> None:
+        """Raise GuardStop if two bodies may have touched since the last look. `ways` (n,): how far each can have gone, m.
+
+        A sphere goes from its old place to the new one along a path of known length, which strays from the straight line by
+        half the root of length^2 - line^2 at most.
+        """
+        state, gone = self.state, ways - self._ways
+        own, partner = self._candidates(2.0 * float(gone.max()))
+        if len(own):
+            gap = self._closest(own, partner, gone)
+            worst = int(np.argmin(gap))
+            if gap[worst] <= 0.0:
+                raise GuardStop(self._explain(int(own[worst]), int(partner[worst])))
+        self._places[:], self._ways[:] = state.S[:, :3], ways
+
+    def _closest(self, own: Ints, partner: Ints, gone: Array) -> Array:
+        """Smallest gaps of pairs of spheres on straight ways from the last look to now, less what they may have strayed."""
+        S, body = self.state.S, self.state.body
+        moved = S[:, :3] - self._places
+        strayed = 0.5 * np.sqrt(np.maximum(gone[body] ** 2 - np.sum(moved**2, axis=1), 0.0))
+        now = S[own, :3] - S[partner, :3]
+        for axis in (0, 1):
+            length = max(float(self.state.D[at.D_LX + axis]), 0.0)
+            if length > 0.0:
+                now[:, axis] -= length * np.rint(now[:, axis] / length)
+        change = moved[own] - moved[partner]
+        before = now - change
+        square = np.sum(change**2, axis=1)
+        share = np.divide(-np.sum(before * change, axis=1), square, out=np.zeros_like(square), where=square > 0.0)
+        nearest = before + np.clip(share, 0.0, 1.0)[:, None] * change
+        reach = S[own, at.S_R] + S[partner, at.S_R] + strayed[own] + strayed[partner]
+        return np.linalg.norm(nearest, axis=1) - reach
+
+    def _candidates(self, skin: float) -> tuple[Ints, Ints]:
+        """Pairs of spheres of different bodies that are nearer to each other than `skin`."""
+        state = self.state
+        low, size, count, periodic = grid(state, skin)
+        l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
+        capacity = max(64, state.n_spheres)
+        while True:
+            own, partner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
+            n = search.pair_candidates(state.S, state.body, l_x, l_y, skin, low, size, count, periodic, 0, own, partner)
+            if n <= capacity:
+                return own[:n], partner[:n]
+            capacity = int(1.2 * n)
+
+    def _explain(self, i: int, j: int) -> str:
+        state = self.state
+        a, b = int(state.body[i]), int(state.body[j])
+        x, y = state.B[a, at.B_X], state.B[a, at.B_X + 1]
+        return (
+            f"stopped at t = {state.time:.6g} s: body {a} at ({x:.4g}, {y:.4g}) m and body {b} come near enough to touch, and "
+            'the implicit integrator has no contact between bodies: integrator = "explicit" has it, and '
+            'contact.debris_contact = "none" declares an ensemble of bodies that do not see each other'
+        )

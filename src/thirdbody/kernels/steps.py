@@ -1,0 +1,364 @@
+"""One step of one body between the first bodies: its formula, its length, its error, and what is kept of it."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from .bodies import outside
+from .contacts import SUM_COLS, SUM_WORK, separation
+from .layout import (
+    A_DAMPING,
+    A_DISTANCE,
+    A_DX,
+    A_DY,
+    A_EFFECTS,
+    A_ELAPSED,
+    A_FRICTION,
+    A_HEADING,
+    A_IMPULSE,
+    A_IMPULSE_LOW,
+    A_LOWER,
+    A_NUMERICAL,
+    A_PLATE_ABS,
+    A_PLATE_WORK,
+    A_SPEED,
+    A_STEPS,
+    A_TIME,
+    A_UPPER,
+    B_EF,
+    B_ET,
+    B_F,
+    B_L,
+    B_LOW,
+    B_MASS,
+    B_T,
+    B_UP,
+    B_V,
+    B_W,
+    B_X,
+    C_MEMORY,
+    D_FLOOR,
+    D_GUARD_OVERLAP,
+    D_LX,
+    D_LY,
+    H_LAW,
+    H_ON,
+    P_DAMPING,
+    P_FREE,
+    P_LOAD,
+    P_MASS,
+    P_SPRING,
+    P_V,
+    P_Z,
+    R_STORED_N,
+    R_STORED_T,
+    T_CUTS,
+    T_DL,
+    T_DRISE,
+    T_DT,
+    T_DV,
+    T_DW,
+    T_HARD,
+    T_LAST,
+    T_LONGEST,
+    T_RADIUS,
+    T_STORED,
+    T_WAY,
+    T_Y,
+)  # fmt: skip
+from .motion import GAP, X, Y, mean_rate, next_corner
+from .observe import body_contacts, body_row
+from .options import INNER
+from .trial import (
+    E_POWER,
+    E_RADIUS,
+    E_RATIO,
+    E_SLOT,
+    FREEDOMS,
+    TURN,
+    Z_ARM,
+    Z_BEFORE,
+    Z_L,
+    Z_NOW,
+    Z_PATCH,
+    Z_PLATE,
+    Z_PLATE_RISE,
+    Z_RISE,
+    Z_V,
+    Z_W,
+    accept,
+    momentum_of,
+    place,
+)
+
+GOING, UNSOLVED, TOO_DEEP, TOO_MANY, LEFT, NOT_A_NUMBER = range(6)
+"""Codes of a body: what stopped it."""
+
+# V: settings of the integrator
+(V_TOLERANCE, V_LONGEST, V_SHORTEST, V_INERTIAL, V_DEEP, V_GROWTH, V_RADII) = range(7)
+V_COLS = 7
+
+HARD = 4
+"""A step that is cut more often than this is counted as hard."""
+
+EASY = 8
+"""Iterations up to which a step may grow."""
+
+NEARLY = 1.0 - 1e-9
+
+
+@njit(**INNER)
+def stretch(W, schedule, first, until):
+    """Where the stretch ends in which the motion has no corner, s."""
+    end = until
+    for axis in (X, Y, GAP):
+        end = min(end, next_corner(schedule, first, np.int64(axis), W[A_TIME]))
+    return end
+
+
+@njit(**INNER)
+def plate_velocity(schedule, first, t, dt):
+    """Mean sideways velocity of the upper plate over a step, m/s."""
+    return mean_rate(schedule, first, np.int64(X), t, dt), mean_rate(schedule, first, np.int64(Y), t, dt)
+
+
+@njit(**INNER)
+def next_length(T, W, V, schedule, first, end):
+    """Length of the next step, s, on a stretch that ends at `end`."""
+    t = W[A_TIME]
+    left = end - t
+    dt = min(T[T_DT], left)
+    longest = min(V[V_LONGEST], V[V_RADII] * T[T_RADIUS])
+    for _ in range(3):
+        v_x, v_y = plate_velocity(schedule, first, t, dt)
+        way = math.sqrt(v_x * v_x + v_y * v_y) * dt
+        if way > longest:
+            dt *= longest / way
+    if dt >= NEARLY * left:
+        return left
+    # no sliver is left for the last step
+    return 0.5 * left if dt > 0.5 * left else dt
+
+
+@njit(**INNER)
+def formula(dt, T, Z, inertial):
+    """Choose the formula of a step of length dt: BDF2 for unequal steps, backward Euler after a corner or without inertia."""
+    if T[T_LAST] == 0.0 or inertial == 0.0:
+        Z[Z_NOW], Z[Z_BEFORE] = 1.0, 0.0
+        return
+    ratio = dt / T[T_LAST]
+    Z[Z_NOW], Z[Z_BEFORE] = (1.0 + 2.0 * ratio) / (1.0 + ratio), ratio * ratio / (1.0 + ratio)
+
+
+@njit(**INNER)
+def error_of(b, p, dt, Z, T, B, P, told, V):
+    """Error of the step over what is allowed, a part of the radius of the largest contact.
+
+    That of backward Euler is half the length of the step times the change of velocity; of BDF2, 2/9 of the length times what
+    this change differs from the last one, taken in proportion.
+    """
+    first = T[T_LAST] == 0.0 or V[V_INERTIAL] == 0.0
+    ratio = 0.0 if first else dt / T[T_LAST]
+    move, turn = 0.0, 0.0
+    for k in range(3):
+        move += (B[b, B_V + k] - Z[Z_V + k] - ratio * T[T_DV + k]) ** 2
+        turn += (B[b, B_W + k] - Z[Z_W + k] - ratio * T[T_DW + k]) ** 2
+    change = max(math.sqrt(move), math.sqrt(turn) * Z[Z_ARM], abs(P[p, P_V] - Z[Z_RISE] - ratio * T[T_DRISE]))
+    share = 0.5 if first else 2.0 / 9.0
+    return share * dt * change / (V[V_TOLERANCE] * max(told[E_RADIUS], T[T_RADIUS]))
+
+
+@njit(**INNER)
+def rotation_of(y, Z):
+    """Rotation of the step, rad."""
+    return math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5]) / Z[Z_ARM]
+
+
+@njit(**INNER)
+def gaps(b, spots, state, before):
+    """Overlaps of the slots of body b as the step begins: one that is negative then closes within the step, if at all."""
+    (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
+    for e in range(edges[b], edges[b + 1]):
+        before[e - edges[b]] = separation(incidence[e] >> 1, own, partner, S, P, 0.0, 0.0)[0]
+
+
+@njit(**INNER)
+def guess(p, y, dt, Z, P, rise):
+    """A first guess of the coordinates of a step: going on as before, and by `rise` where the height is prescribed."""
+    for k in range(3):
+        y[k], y[3 + k] = Z[Z_V + k] * dt, Z[Z_W + k] * Z[Z_ARM] * dt
+    y[6] = Z[Z_RISE] * dt if P[p, P_FREE] != 0.0 else rise
+
+
+@njit(**INNER)
+def stored_in(b, spots, H, R):
+    """Elastic energy of the loaded spots of body b, J."""
+    edges, incidence = spots[3], spots[4]
+    total = 0.0
+    for e in range(edges[b], edges[b + 1]):
+        k = incidence[e] >> 1
+        if H[k, H_ON] != 0.0:
+            total += R[k, R_STORED_N] + R[k, R_STORED_T]
+    return total
+
+
+@njit(**INNER)
+def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, hub):
+    """Add the accepted step to the totals of body b. Every line is computed by itself; their balance is the residual.
+
+    The method works with the forces at the end of the step: what they do beyond the energy that laws store and lose, and beyond
+    the kinetic energy, is the integrator's own loss. The plate's work is taken with the mean of the forces at both ends of the
+    step, and its difference from the work that the method does goes to the same line. What bodies and a common plate of their
+    own (`hub`) do to each other is nobody's work.
+    """
+    arm = 1.0 / Z[Z_ARM]
+    contacts, effects, before, after, pushed = 0.0, 0.0, 0.0, 0.0, 0.0
+    mass, now, last = B[b, B_MASS], Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt
+    for k in range(3):
+        theta, w = y[3 + k] * arm, B[b, B_W + k]
+        contacts += (B[b, B_F + k] - B[b, B_EF + k]) * y[k] + (B[b, B_T + k] - B[b, B_ET + k]) * theta
+        effects += B[b, B_EF + k] * y[k] + B[b, B_ET + k] * theta
+        pushed += mass * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) * y[k]
+        pushed += (now * (B[b, B_L + k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) * theta
+        before += 0.5 * (mass * Z[Z_V + k] * Z[Z_V + k] + Z[Z_L + k] * Z[Z_W + k])
+        after += 0.5 * (mass * B[b, B_V + k] * B[b, B_V + k] + B[b, B_L + k] * w)
+    drag = (B[b, B_UP] * v_x + B[b, B_UP + 1] * v_y) * dt
+    plate = 0.5 * (drag - (W[A_UPPER] * v_x + W[A_UPPER + 1] * v_y) * dt)
+    lift, rise, damped, lost = B[b, B_UP + 2] * y[6], P[p, P_V], told[E_POWER] * dt, plate - drag
+    if P[p, P_FREE] != 0.0:
+        spring = P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
+        stretched = y[6] - Z[Z_PLATE_RISE]
+        plate -= P[p, P_LOAD] * y[6] + (0.0 if hub else spring * Z[Z_PLATE_RISE])
+        damped += P[p, P_DAMPING] * rise * y[6]
+        pushed += P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) * y[6]
+        before += 0.5 * P[p, P_MASS] * Z[Z_RISE] * Z[Z_RISE]
+        after += 0.5 * P[p, P_MASS] * rise * rise
+        lost += 0.5 * P[p, P_SPRING] * stretched * stretched
+    elif not hub:
+        held = 0.5 * (lift - W[A_UPPER + 2] * y[6])
+        plate += held
+        lost += held - lift
+    laws = drag + lift - contacts - gained - sums[0, SUM_WORK] - told[E_POWER] * dt
+    W[A_NUMERICAL] += pushed - (after - before) + laws + lost
+    W[A_FRICTION] += sums[0, SUM_WORK]
+    W[A_DAMPING] += damped
+    W[A_EFFECTS] += effects
+    W[A_PLATE_WORK] += plate
+    W[A_PLATE_ABS] += abs(plate)
+    half = 0.5 * dt
+    for k in range(3):
+        upper, lower = -B[b, B_UP + k], -B[b, B_LOW + k]
+        W[A_IMPULSE + k] += half * (W[A_UPPER + k] + upper)
+        W[A_IMPULSE_LOW + k] += half * (W[A_LOWER + k] + lower)
+        W[A_UPPER + k], W[A_LOWER + k] = upper, lower
+
+
+@njit(**INNER)
+def advance_clock(W, dt, end, whole, v_x, v_y):
+    """Time, distance and heading after a step of length dt; `whole`: it ends the stretch."""
+    W[A_TIME] = end if whole else W[A_TIME] + dt
+    W[A_ELAPSED] += dt
+    W[A_DX] += v_x * dt
+    W[A_DY] += v_y * dt
+    speed = math.sqrt(v_x * v_x + v_y * v_y)
+    W[A_DISTANCE] += speed * dt
+    W[A_STEPS] += 1.0
+    W[A_SPEED] = speed
+    if speed > 0.0:
+        W[A_HEADING], W[A_HEADING + 1] = v_x / speed, v_y / speed
+
+
+@njit(**INNER)
+def look(b, spots, state, M, W, known, drag, observe, seen):
+    """Let the labeller observe body b after its step."""
+    (own, partner, _, edges, incidence), (_, B, _, H, _, R) = spots, state
+    n_history, width = known[2], known[4]
+    C = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history)
+    body_row(b, B, W, drag, W[A_SPEED], seen)
+    observe(C, C.shape[0], seen, M[b])
+    n = 0
+    for e in range(edges[b], edges[b + 1]):
+        k = incidence[e] >> 1
+        if H[k, H_ON] != 0.0:
+            for m in range(width - C_MEMORY):
+                H[k, H_LAW + n_history + m] = C[n, C_MEMORY + m]
+            n += 1
+    W[A_ELAPSED], W[A_DX], W[A_DY] = 0.0, 0.0, 0.0
+
+
+@njit(**INNER)
+def remember(b, p, y, dt, Z, T, B, P):
+    """Keep of an accepted step what the next one needs."""
+    for k in range(FREEDOMS):
+        T[T_Y + k] = y[k]
+    for k in range(3):
+        T[T_DV + k], T[T_DL + k] = B[b, B_V + k] - Z[Z_V + k], B[b, B_L + k] - Z[Z_L + k]
+        T[T_DW + k] = B[b, B_W + k] - Z[Z_W + k]
+    T[T_DRISE], T[T_LAST] = P[p, P_V] - Z[Z_RISE], dt
+    T[T_WAY] += math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
+
+
+@njit(**INNER)
+def stay(b, p, Z, T, shape, state):
+    """Put body b back to where its step began."""
+    B, P = state[1], state[2]
+    still = np.zeros(FREEDOMS)
+    place(b, p, still, 1.0, Z, T, shape, state)
+    for k in range(3):
+        B[b, B_V + k], B[b, B_W + k], B[b, B_L + k] = Z[Z_V + k], Z[Z_W + k], Z[Z_L + k]
+    P[p, P_Z], P[p, P_V] = Z[Z_PATCH], Z[Z_RISE]
+
+
+@njit(**INNER)
+def take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
+    """Make the step of body b, as it is staged, part of its past."""
+    (_, B, P, H, _, R), told, sums = state, work[11], work[12]
+    for k in range(SUM_COLS):
+        sums[0, k] = 0.0
+    accept(b, m, v_x, v_y, spots, state, known, work, sums)
+    B[b, B_L], B[b, B_L + 1], B[b, B_L + 2] = momentum_of(b, B)
+    for k in range(3):
+        B[b, B_F + k] += B[b, B_EF + k]
+        B[b, B_T + k] += B[b, B_ET + k]
+    stored = stored_in(b, spots, H, R)
+    account(b, p, y, dt, v_x, v_y, told, sums, stored - T[T_STORED], Z, T, B, P, W, V[V_INERTIAL], hub)
+    remember(b, p, y, dt, Z, T, B, P)
+    T[T_STORED] = stored
+    if told[E_RADIUS] > 0.0:
+        T[T_RADIUS] = told[E_RADIUS]
+
+
+@njit(**INNER)
+def shorter(found, error, turn):
+    """By what factor a step that was no good is cut."""
+    if not found:
+        return 0.5
+    from_turn = 0.9 * TURN / max(turn, 1e-30)
+    return max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), from_turn))
+
+
+@njit(**INNER)
+def next_try(T, W, V, dt, asked, error, iterations, cuts):
+    """Choose the length to try next, and count."""
+    T[T_CUTS] += cuts
+    T[T_HARD] += 1.0 if cuts > HARD else 0.0
+    T[T_LONGEST] = max(T[T_LONGEST], W[A_SPEED] * dt)
+    grown = min(V[V_GROWTH], 0.9 / math.sqrt(max(error, 1e-30)))
+    if iterations > EASY or cuts > 0:
+        grown = min(grown, 1.0)
+    # a step that was short only because a stretch ended tells nothing
+    T[T_DT] = max(dt * grown, asked) if cuts == 0 and grown >= 1.0 else dt * grown
+
+
+@njit(**INNER)
+def stopped(b, told, B, D):
+    """(code, slot) of the guard that body b trips after a step."""
+    x, y, z = B[b, B_X], B[b, B_X + 1], B[b, B_X + 2]
+    if not abs(x) + abs(y) + abs(z) < 1e300:
+        return NOT_A_NUMBER, -1.0
+    if told[E_RATIO] > D[D_GUARD_OVERLAP]:
+        return TOO_DEEP, told[E_SLOT]
+    if z < D[D_FLOOR] or outside(x, D[D_LX]) or outside(y, D[D_LY]):
+        return LEFT, -1.0
+    return GOING, -1.0
