@@ -115,32 +115,44 @@ class Implicit:
             stop = distance if self.near is None else min(distance, state.distance + self.near.stride)
             by_distance = self.schedule.time_of(stop - state.distance, state.time) if math.isfinite(stop) else math.inf
             until = min(time, by_distance)
-            for first in range(0, state.n_bodies, BATCH):
-                self.march(first, min(first + BATCH, state.n_bodies), until)
-                watch()
+            self._reach(until, watch)
             path = self.schedule.path(state.time, until)
             self._sum_up(until, state.distance + path if by_distance > until else stop)
             self._judge()
             if self.near is not None:
                 self.near.check(self.memory[:, at.T_WAY])
 
+    def _reach(self, until: float, watch: Callable[[], None]) -> None:
+        for first in range(0, self.state.n_bodies, BATCH):
+            self.march(first, min(first + BATCH, self.state.n_bodies), until)
+            watch()
+
     def march(self, first: int, last: int, until: float) -> None:
         """Bring the bodies from `first` to `last` (excluded) to a time, s; totals of the run are not touched."""
-        s, slots, physics = self.state, self.state.slots, self.state.physics
+        s, physics = self.state, self.state.physics
         kernel.march(
-            first, last, until,
+            first, last, until, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, s.schedule, s.first,
+            self.drag, physics.law, self.tangents, physics.effects, physics.observe,
+        )  # fmt: skip
+
+    def _groups(self) -> tuple[tuple, tuple, tuple, tuple]:
+        """The tables in the groups of `kernels.trial`: spots, shape, state, known."""
+        s, slots, physics = self.state, self.state.slots, self.state.physics
+        return (
             (slots.own, slots.partner, slots.kind, slots.edges, slots.incidence), (s.body, s.start, s.patch, s.offsets, s.X0),
             (s.S, s.B, s.P, slots.H, slots.F, slots.R),
             (physics.pairs, physics.effect_parameters, len(physics.history), physics.rolling,
              at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels),
-            self.most, s.M, s.D, self.settings, self.totals, self.memory, s.schedule, s.first, self.drag,
-            physics.law, self.tangents, physics.effects, physics.observe,
         )  # fmt: skip
+
+    def _summed(self) -> Array:
+        """Totals of all bodies."""
+        return self.totals.sum(axis=0)
 
     def _sum_up(self, time: float, distance: float) -> None:
         """Totals of the run from those of the bodies."""
         A = self.state.A
-        summed = self.totals.sum(axis=0)
+        summed = self._summed()
         for column in (
             at.A_FRICTION, at.A_DAMPING, at.A_PLATE_WORK, at.A_PLATE_ABS, at.A_EFFECTS, at.A_NUMERICAL, at.A_STEPS,
             *range(at.A_IMPULSE, at.A_IMPULSE + 6), *range(at.A_UPPER, at.A_UPPER + 6),

@@ -96,7 +96,8 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
     (_, B, P, _, _, _), y, told = state, work[6], work[11]
     begin(b, p, shape, state, Z)
     gaps(b, spots, state, work[5])
-    end, time = stretch(W, schedule, first, until), W[A_TIME]
+    time = W[A_TIME]
+    end = stretch(time, schedule, first, until)
     dt, asked, cuts = next_length(T, W, V, schedule, first, end), T[T_DT], 0
     while True:
         whole = dt >= NEARLY * (end - time)

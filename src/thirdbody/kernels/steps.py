@@ -109,11 +109,11 @@ NEARLY = 1.0 - 1e-9
 
 
 @njit(**INNER)
-def stretch(W, schedule, first, until):
+def stretch(t, schedule, first, until):
     """Where the stretch ends in which the motion has no corner, s."""
     end = until
     for axis in (X, Y, GAP):
-        end = min(end, next_corner(schedule, first, np.int64(axis), W[A_TIME]))
+        end = min(end, next_corner(schedule, first, np.int64(axis), t))
     return end
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,10 +19,13 @@ from ..laws.elasticity import dundurs_beta
 from ..laws.registry import Registry, discover
 from . import units
 from .choose import Choice, choose
-from .integrate import Integrator, Plan, implicit, plan
+from .integrate import Plan, implicit, plan
 from .model import Scene
 from .populate import populate
 from .upper import Upper, upper_plate
+
+if TYPE_CHECKING:
+    from ..engine.implicit import Implicit
 
 SKIN = 0.15
 """Search skin over the mean sphere radius: rare searches, few idle candidates (measured optimum .1 to .2)."""
@@ -44,7 +48,7 @@ class Simulation:
     choice: Choice
     labeller: Labeller | None
     state: State
-    integrator: Integrator
+    integrator: Explicit | Implicit
     plan: Plan
     upper: Upper
     warnings: list[str]

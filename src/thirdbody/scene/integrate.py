@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..engine.explicit import Explicit
-from ..engine.implicit import Accuracy, Implicit
 from ..engine.state import State
 from ..errors import InputError
 from ..kernels import layout as at
@@ -15,7 +14,8 @@ from .choose import Choice
 from .model import Scene
 from .upper import Upper
 
-Integrator = Explicit | Implicit
+if TYPE_CHECKING:
+    from ..engine.implicit import Implicit
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,28 @@ def implicit(scene: Scene, choice: Choice, state: State, upper: Upper) -> Implic
     """The implicit integrator of a scene, started."""
     tangents = choice.chain.tangents
     assert tangents is not None  # `plan`
-    solver, chosen = scene.solver, Accuracy()
-    if solver.tolerance is not None:
-        chosen = replace(chosen, tolerance=solver.tolerance)
-    if solver.largest_step is not None:
-        chosen = replace(chosen, largest_step=solver.largest_step)
-    if solver.inertia is not None:
-        chosen = replace(chosen, inertia=solver.inertia)
-    chosen = replace(chosen, go_on=solver.on_failure == "continue")
+    # imported where it is used: an explicit run compiles none of it
+    from ..engine.implicit import Accuracy
+
+    solver = scene.solver
+    given = {"tolerance": solver.tolerance, "largest_step": solver.largest_step, "inertia": solver.inertia}
+    options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    chosen = Accuracy(**options, go_on=solver.on_failure == "continue")
     smallest = float(np.min(state.S[:, at.S_R]))
-    made = Implicit(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
+    if _carried_together(state):
+        from ..engine.shared import Shared as Kind
+    else:
+        from ..engine.implicit import Implicit as Kind
+    made = Kind(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
     made.start()
     return made
+
+
+def _carried_together(state: State) -> bool:
+    """Whether all bodies carry one free plate: a rigid one under a load, or that of a foundation."""
+    upper = state.world.upper
+    if upper is None:
+        return False
+    if upper.foundation is not None:
+        return upper.foundation.free
+    return upper.free and len(upper.heights) == 1 and state.n_bodies > 1

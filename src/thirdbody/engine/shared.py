@@ -1,0 +1,231 @@
+"""The implicit integrator under a plate that all bodies carry together: a rigid one under a load, or a foundation's.
+
+All bodies take the same step. Each is solved for a trial rise of the plate; the plate then has one equation of its own, for
+its load against the sum of their pushes, whose slope is the Schur complement of the whole system. Newton's method on it, kept
+inside a bracket, for the push falls with the rise but has corners.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import GuardStop
+from ..kernels import hub as kernel
+from ..kernels import layout as at
+from ..kernels import steps
+from ..kernels.trial import TURN, Z_COLS
+from .implicit import BATCH, Implicit
+from .state import Array, State
+
+CONVERGED, ROUNDS = 1e-8, 30
+"""Unbalanced force on the plate as a share of its load and of what bodies push, and how often its rise is corrected."""
+
+
+@dataclass
+class Rise:
+    """The plate's part of a step: rise, velocity and acceleration at the end, and the unbalanced force on it."""
+
+    way: float
+    velocity: float
+    acceleration: float
+
+
+class Shared(Implicit):
+    """`Implicit` for a state whose last patch is a free plate of all bodies."""
+
+    def __init__(self, state: State, *arguments, **options) -> None:
+        _one_plate(state)
+        super().__init__(state, *arguments, **options)
+        n = state.n_bodies
+        self.starts, self.ends, self.told = np.zeros((n, Z_COLS)), np.zeros((n, 7)), np.zeros((n, kernel.H_COLS))
+        self.plate = np.zeros(at.A_COLS)  # energy that is the plate's alone
+        self.length, self.last = float(self.memory[0, at.T_DT]), 0.0
+        self.moved, self.change = 0.0, 0.0  # rise and change of velocity of the plate in its last step
+
+    def start(self) -> None:
+        """As `Implicit.start`."""
+        super().start()
+        self.gone = np.zeros(self.state.slots.count)
+
+    def _reach(self, until: float, watch: Callable[[], None]) -> None:
+        count = 0
+        while self.totals[0, at.A_TIME] < until:
+            self._step(until)
+            self._judge()
+            count += 1
+            if count % max(1, BATCH // self.state.n_bodies) == 0:
+                watch()
+
+    def _step(self, until: float) -> None:
+        """One step of all bodies and the plate, cut until it is good. Raises GuardStop if none is."""
+        time = float(self.totals[0, at.A_TIME])
+        end = self._stretch(time, until)
+        dt, cuts = self._length(time, end), 0
+        asked = self.length
+        while True:
+            whole = dt >= steps.NEARLY * (end - time)
+            dt = end - time if whole else dt
+            velocity = self._velocity(time, dt)
+            rise, found = self._solve(dt, velocity)
+            error, turn = self._error(rise, dt), float(self.told[:, kernel.H_TURN].max())
+            if found and error <= 1.0 and turn <= TURN:
+                break
+            cuts += 1
+            self._stay()
+            dt *= 0.5 if not found else max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), 0.9 * TURN / max(turn, 1e-30)))
+            if dt < self.settings[steps.V_SHORTEST] or self.told[:, kernel.H_CROWDED].any():
+                self._give_up()
+        self._take(dt, end, whole, velocity, rise)
+        self.memory[:, at.T_CUTS] += cuts
+        self.memory[:, at.T_HARD] += float(cuts > steps.HARD)
+        self.memory[:, at.T_LONGEST] = np.maximum(self.memory[:, at.T_LONGEST], math.hypot(*velocity) * dt)
+        grown = min(self.accuracy.growth, 0.9 / math.sqrt(max(error, 1e-30)))
+        if cuts or self.told[:, kernel.H_ITERATIONS].max() > 2 * steps.EASY:
+            grown = min(grown, 1.0)
+        self.length = max(dt * grown, asked) if not cuts and grown >= 1.0 else dt * grown
+        if whole and end < until:
+            self.memory[:, at.T_LAST], self.last = 0.0, 0.0
+
+    def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[Rise, bool]:
+        """The rise at which the plate is in balance, and whether it was found."""
+        row, fresh = self.state.P[-1], True
+        way, low, high = float(row[at.P_V]) * dt, -math.inf, math.inf
+        for _ in range(ROUNDS):
+            self._bodies(fresh, dt, way, velocity)
+            fresh = False
+            rise = self._rise(way, dt)
+            if not self.told[:, kernel.H_FOUND].all():
+                return rise, False
+            push, slope = float(self.told[:, kernel.H_PUSH].sum()), float(self.told[:, kernel.H_SLOPE].sum())
+            rate = self._now(dt) / dt
+            force = push - row[at.P_LOAD] - row[at.P_DAMPING] * rise.velocity - row[at.P_MASS] * rise.acceleration
+            scale = abs(push) + row[at.P_LOAD] + row[at.P_MASS] * abs(rise.acceleration) + row[at.P_DAMPING] * abs(rise.velocity)
+            if abs(force) <= CONVERGED * scale:
+                return rise, True
+            low, high = (way, high) if force > 0.0 else (low, way)
+            slope -= row[at.P_DAMPING] * rate + row[at.P_MASS] * rate * rate
+            # never down by more than the bodies can be expected to yield: their push grows faster than its slope tells
+            change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
+            way = way + change if low < way + change < high else 0.5 * (low + high)
+            if not math.isfinite(way) or high - low <= 1e-15 * abs(way):
+                return rise, abs(force) <= 1e-5 * scale
+        return rise, False
+
+    def _yielding(self) -> float:
+        """Largest fall of the plate in one correction, m: half the deepest overlap, or half of the one to expect."""
+        H, R = self.state.slots.H, self.state.slots.R
+        deepest = float(np.max(R[:, at.R_OVERLAP], where=H[:, at.H_ON] > 0.0, initial=0.0))
+        return 0.5 * max(deepest, float(self.settings[steps.V_DEEP]))
+
+    def _now(self, dt: float) -> float:
+        """Weight of the change of this step in the formula of its end velocity (`kernels.steps.formula`)."""
+        if self.last == 0.0 or not self.accuracy.inertia:
+            return 1.0
+        ratio = dt / self.last
+        return (1.0 + 2.0 * ratio) / (1.0 + ratio)
+
+    def _before(self, dt: float) -> float:
+        """Weight of the change of the last step in it."""
+        if self.last == 0.0 or not self.accuracy.inertia:
+            return 0.0
+        ratio = dt / self.last
+        return ratio * ratio / (1.0 + ratio)
+
+    def _rise(self, way: float, dt: float) -> Rise:
+        now, before, kept = self._now(dt), self._before(dt), float(self.accuracy.inertia)
+        velocity = (now * way - before * self.moved) / dt
+        start = float(self._plate_velocity) * kept
+        return Rise(way, velocity, (now * (velocity - start) - before * self.change) / dt)
+
+    @property
+    def _plate_velocity(self) -> float:
+        return float(self.state.P[-1, at.P_V])
+
+    def _error(self, rise: Rise, dt: float) -> float:
+        """Largest error of the step over what is allowed, of bodies and plate (`kernels.steps.error_of`)."""
+        first = self.last == 0.0 or not self.accuracy.inertia
+        ratio = 0.0 if first else dt / self.last
+        change = abs(rise.velocity - self._plate_velocity - ratio * self.change)
+        radius = float(self.memory[:, at.T_RADIUS].max())
+        own = (0.5 if first else 2.0 / 9.0) * dt * change / (self.accuracy.tolerance * radius)
+        return max(own, float(self.told[:, kernel.H_ERROR].max()))
+
+    def _length(self, time: float, end: float) -> float:
+        """Length of the next step, s."""
+        left = end - time
+        dt = min(self.length, left)
+        loaded = self.memory[:, at.T_STORED] > 0.0
+        radii = self.memory[loaded, at.T_RADIUS] if loaded.any() else self.memory[:, at.T_RADIUS]
+        longest = min(self.accuracy.largest_step, self.accuracy.radii * float(radii.min()))
+        for _ in range(3):
+            way = math.hypot(*self._velocity(time, dt)) * dt
+            if way > longest:
+                dt *= longest / way
+        if dt >= steps.NEARLY * left:
+            return left
+        return 0.5 * left if dt > 0.5 * left else dt
+
+    def _take(self, dt: float, end: float, whole: bool, velocity: tuple[float, float], rise: Rise) -> None:
+        """All bodies and the plate take the step; the plate's own energy."""
+        s, physics, row = self.state, self.state.physics, self.state.P[-1]
+        kernel.take_all(
+            dt, end, whole, *velocity, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, self.starts,
+            self.ends, self.gone, self.drag, physics.law, physics.effects, physics.observe,
+        )  # fmt: skip
+        before = self._plate_velocity
+        mass, work = float(row[at.P_MASS]), -float(row[at.P_LOAD]) * rise.way
+        kinetic = 0.5 * mass * (rise.velocity**2 - before**2)
+        self.plate[at.A_PLATE_WORK] += work
+        self.plate[at.A_PLATE_ABS] += abs(work)
+        self.plate[at.A_DAMPING] += float(row[at.P_DAMPING]) * rise.velocity * rise.way
+        self.plate[at.A_NUMERICAL] += mass * rise.acceleration * rise.way - kinetic
+        self.moved, self.change, self.last = rise.way, rise.velocity - before, dt
+        row[at.P_Z] += rise.way
+        row[at.P_V] = rise.velocity
+
+    def _bodies(self, fresh: bool, dt: float, rise: float, velocity: tuple[float, float]) -> None:
+        s, physics = self.state, self.state.physics
+        kernel.solve(
+            fresh, dt, rise, float(s.P[-1, at.P_Z]), *velocity, *self._groups(), self.most, self.settings, self.totals, self.memory,
+            self.starts, self.ends, self.gone, self.told, physics.law, self.tangents, physics.effects,
+        )  # fmt: skip
+
+    def _stay(self) -> None:
+        groups = self._groups()
+        kernel.stay_all(groups[1], groups[2], self.memory, self.starts)
+
+    def _give_up(self) -> None:
+        """Raise GuardStop for the first body that could not be solved, else for the plate."""
+        lost = np.flatnonzero(self.told[:, kernel.H_FOUND] == 0.0)
+        if not len(lost):
+            when = f"stopped at t = {self.totals[0, at.A_TIME]:.6g} s"
+            raise GuardStop(f"{when}: no balance was found for the upper plate, which all bodies carry together")
+        crowded = self.told[lost[0], kernel.H_CROWDED] > 0.0
+        self.memory[lost[0], at.T_CODE] = steps.TOO_MANY if crowded else steps.UNSOLVED
+        raise GuardStop(self._explain(int(lost[0])))
+
+    def _velocity(self, time: float, dt: float) -> tuple[float, float]:
+        """Mean sideways velocity of the plate over a step, m/s."""
+        return kernel.plate_velocity_of(self.state.schedule, self.state.first, time, dt)
+
+    def _stretch(self, time: float, until: float) -> float:
+        """Where the stretch ends in which the motion has no corner, s."""
+        return kernel.stretch_of(self.state.schedule, self.state.first, time, until)
+
+    def _summed(self) -> Array:
+        return super()._summed() + self.plate
+
+
+def _one_plate(state: State) -> None:
+    """A rigid plate becomes the last row of the patches; every body gets a copy of it for a patch, which has no motion of its own."""
+    if len(state.P) > 1 or state.world.upper is None or state.world.upper.foundation is not None:
+        return
+    copies = np.repeat(state.P, state.n_bodies, axis=0)
+    for column in (at.P_FREE, at.P_MASS, at.P_DAMPING, at.P_LOAD):
+        copies[:, column] = 0.0
+    state.P = np.concatenate([copies, state.P])
+    state.patch = np.arange(state.n_bodies)
