@@ -20,12 +20,11 @@ def moved(c, overlap, slip_x, slip_y):
 
 
 @helper
-def risen(load, rise):
-    """The load when the overlap grows by `rise`, without dashpot; the patch grows with it, a^2 being linear in the overlap."""
-    force = load.force + load.stiffness * rise
-    # dN/dd = 2 E* a and N = (2/3) dN/dd d, so a^2 grows as 1 + rise/d with d = (3/2) N/(dN/dd)
-    share = rise * load.stiffness / max(1.5 * load.force, 1e-300)
-    return Load(force, force, load.contact_radius * (1.0 + 0.5 * share), load.stiffness)
+def risen(load, overlap, rise):
+    """The load when the overlap grows by `rise`: Hertz' part goes as d^1.5, the patch as d^0.5, all of it by its stiffness."""
+    share = rise / overlap
+    elastic = load.elastic * (1.0 + 1.5 * share)
+    return Load(load.force + load.stiffness * rise, elastic, load.contact_radius * (1.0 + 0.5 * share), load.stiffness)
 
 
 def central(law):
@@ -33,7 +32,7 @@ def central(law):
 
     @helper
     def force(c, load, p, h, w, overlap, slip_x, slip_y):
-        answer = law(moved(c, overlap, slip_x, slip_y), risen(load, overlap - c.overlap), p, h, w, np.empty(len(w)))[0]
+        answer = law(moved(c, overlap, slip_x, slip_y), risen(load, c.overlap, overlap - c.overlap), p, h, w, np.empty(len(w)))[0]
         return answer.x, answer.y
 
     @helper

@@ -171,7 +171,8 @@ def exact_tangent(c, load, p, h, w):
     Ends of pieces move with the step but the field is continuous there, so they do not count: dT/ds is 2 G* times the radius of
     the stick area. Off an axis by differences: there the step also places nodes and drops some, which moves the force.
     """
-    if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
+    # without friction no spring holds, not even at rest
+    if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0 and p.kappa * load.force > 0.0):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     if on_an_axis(w, int(h[1]), c.slip_x, c.slip_y):
         return tangent_of_field(c, load, p, h, w)

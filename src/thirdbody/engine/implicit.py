@@ -84,7 +84,9 @@ class Implicit:
         self.memory = np.zeros((state.n_bodies, at.T_COLS))
         smallest = np.minimum.reduceat(state.S[:, at.S_R], state.start[:-1])
         self.memory[:, at.T_DT], self.memory[:, at.T_RADIUS] = FIRST * self.rayleigh, UNLOADED * smallest
-        self.settings = self._settings(overlap if overlap > 0.0 else 1e-4 * float(smallest.min()))
+        overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
+        self.memory[:, at.T_FIRM] = float(state.P[:, at.P_LOAD].max()) / overlap
+        self.settings = self._settings(overlap)
 
     def _settings(self, overlap: float) -> Array:
         V, chosen = np.zeros(steps.V_COLS), self.accuracy

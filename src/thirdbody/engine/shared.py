@@ -138,8 +138,7 @@ class Shared(Implicit):
     def _rise(self, way: float, dt: float) -> Rise:
         now, before, kept = self._now(dt), self._before(dt), float(self.accuracy.inertia)
         velocity = (now * way - before * self.moved) / dt
-        start = float(self._plate_velocity) * kept
-        return Rise(way, velocity, (now * (velocity - start) - before * self.change) / dt)
+        return Rise(way, velocity, (now * (velocity - kept * self._plate_velocity) - before * self.change) / dt)
 
     @property
     def _plate_velocity(self) -> float:
@@ -151,7 +150,8 @@ class Shared(Implicit):
         ratio = 0.0 if first else dt / self.last
         change = abs(rise.velocity - self._plate_velocity - ratio * self.change)
         radius = float(self.memory[:, at.T_RADIUS].max())
-        own = (0.5 if first else 2.0 / 9.0) * dt * change / (self.accuracy.tolerance * radius)
+        allowed = self.accuracy.tolerance if self.accuracy.inertia else min(1.0, steps.LOOSER * self.accuracy.tolerance)
+        own = (0.5 if first else 2.0 / 9.0) * dt * change / (allowed * radius)
         return max(own, float(self.told[:, kernel.H_ERROR].max()))
 
     def _length(self, time: float, end: float) -> float:
@@ -190,7 +190,8 @@ class Shared(Implicit):
     def _bodies(self, fresh: bool, dt: float, rise: float, velocity: tuple[float, float]) -> None:
         s, physics = self.state, self.state.physics
         kernel.solve(
-            fresh, dt, rise, float(s.P[-1, at.P_Z]), *velocity, *self._groups(), self.most, self.settings, self.totals, self.memory,
+            fresh, dt, rise, float(s.P[-1, at.P_Z]), *velocity, *self._groups(), self.most, self.settings, self.totals,
+            self.memory,
             self.starts, self.ends, self.gone, self.told, physics.law, self.tangents, physics.effects,
         )  # fmt: skip
 
@@ -221,7 +222,7 @@ class Shared(Implicit):
 
 
 def _one_plate(state: State) -> None:
-    """A rigid plate becomes the last row of the patches; every body gets a copy of it for a patch, which has no motion of its own."""
+    """A rigid plate becomes the last row of the patches; every body gets a copy of it, which has no motion of its own."""
     if len(state.P) > 1 or state.world.upper is None or state.world.upper.foundation is not None:
         return
     copies = np.repeat(state.P, state.n_bodies, axis=0)

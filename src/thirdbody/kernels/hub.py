@@ -84,8 +84,8 @@ def slope_of(b, p, m, dt, spots, state, known, work, Z, tangents):
 
 
 @njit(**CHUNK)
-def solve_chunk(low, high, fresh, dt, rise, plate, v_x, v_y, spots, shape, state, known, most, V, totals, memory, starts, ends, gone,
-                told, law, tangents, effects):  # fmt: skip
+def solve_chunk(low, high, fresh, dt, rise, plate, v_x, v_y, spots, shape, state, known, most, V, totals, memory, starts, ends,
+                gone, told, law, tangents, effects):  # fmt: skip
     """The bodies from low to high for this rise of the plate; see `solve`."""
     work, patch, P, edges = workspace(known[2], most), shape[2], state[2], spots[3]
     y, before = work[6], work[5]
@@ -137,7 +137,7 @@ def take_chunk(low, high, dt, end, whole, v_x, v_y, spots, shape, state, known, 
             before[e - edges[b]] = gone[e]
         place(b, p, y, dt, Z, T, shape, state)
         m = loaded_spots(b, dt, Z[Z_NOW] / dt, v_x, v_y, spots, shape, state, known, work)
-        balance(b, p, m, dt, W[A_TIME] + dt, V[V_INERTIAL], spots, state, known, work, Z, T, law, effects, r, told)
+        balance(b, p, m, y, dt, W[A_TIME] + dt, V[V_INERTIAL], spots, state, known, work, Z, T, law, effects, r, told)
         take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, True)
         advance_clock(W, dt, end, whole, v_x, v_y)
         if kept:
@@ -168,8 +168,8 @@ def solve(fresh, dt, rise, plate, v_x, v_y, spots, shape, state, known, most, V,
     """
     n = totals.shape[0]
     for c in prange((n + BODIES - 1) // BODIES):
-        solve_chunk(c * BODIES, min(c * BODIES + BODIES, n), fresh, dt, rise, plate, v_x, v_y, spots, shape, state, known, most, V,
-                    totals, memory, starts, ends, gone, told, law, tangents, effects)  # fmt: skip
+        solve_chunk(c * BODIES, min(c * BODIES + BODIES, n), fresh, dt, rise, plate, v_x, v_y, spots, shape, state, known, most,
+                    V, totals, memory, starts, ends, gone, told, law, tangents, effects)  # fmt: skip
 
 
 @njit(TAKE, parallel=True, **OPTIONS)

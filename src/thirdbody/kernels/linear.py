@@ -27,7 +27,7 @@ from .layout import (
 )  # fmt: skip
 from .options import INNER
 from .rolling import MOMENTS
-from .trial import FREEDOMS, Z_ARM, Z_NOW, inertia_of
+from .trial import FREEDOMS, Z_ARM, Z_NOW, Z_PULL, inertia_of
 
 
 @njit(**INNER)
@@ -67,12 +67,14 @@ def linearise(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
     for k in range(3, 6):
         for j in range(FREEDOMS):
             J[k, j] *= arm
+    for k in range(6):
+        J[k, k] -= Z[Z_PULL]
     if P[p, P_FREE] == 0.0 and not coupled:
         for k in range(6):
             J[6, k], J[k, 6] = 0.0, 0.0
         J[6, 6] = -1.0
     elif P[p, P_FREE] != 0.0:
-        J[6, 6] -= P[p, P_DAMPING] * rate + P[p, P_MASS] * square + P[p, P_SPRING]
+        J[6, 6] -= P[p, P_DAMPING] * rate + P[p, P_MASS] * square + P[p, P_SPRING] + Z[Z_PULL]
 
 
 @njit(**INNER)

@@ -161,7 +161,7 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
         m = loaded_spots(b, dt, Z[Z_NOW] / dt, v_x, v_y, spots, shape, state, known, work)
         if m < 0:
             return CROWDED, m, iterations
-        balance(b, p, m, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told)
+        balance(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told)
         now, scale = size_of(r), scale_of(b, p, tried, dt, B, P, told)
         if not now < 1e300:
             return LOST, m, iterations

@@ -59,6 +59,7 @@ from .layout import (
     T_DT,
     T_DV,
     T_DW,
+    T_FIRM,
     T_HARD,
     T_LAST,
     T_LONGEST,
@@ -71,6 +72,8 @@ from .motion import GAP, X, Y, mean_rate, next_corner
 from .observe import body_contacts, body_row
 from .options import INNER
 from .trial import (
+    E_DEEPEST,
+    E_NORMAL,
     E_POWER,
     E_RADIUS,
     E_RATIO,
@@ -84,6 +87,7 @@ from .trial import (
     Z_PATCH,
     Z_PLATE,
     Z_PLATE_RISE,
+    Z_PULL,
     Z_RISE,
     Z_V,
     Z_W,
@@ -98,6 +102,10 @@ GOING, UNSOLVED, TOO_DEEP, TOO_MANY, LEFT, NOT_A_NUMBER = range(6)
 # V: settings of the integrator
 (V_TOLERANCE, V_LONGEST, V_SHORTEST, V_INERTIAL, V_DEEP, V_GROWTH, V_RADII) = range(7)
 V_COLS = 7
+
+PULL, LOOSER = 1e-8, 100.0
+"""Without inertia: the pull that holds a body back as a share of its stiffness, and how much looser the tolerance is, since no
+velocity is carried on."""
 
 HARD = 4
 """A step that is cut more often than this is counted as hard."""
@@ -144,6 +152,7 @@ def next_length(T, W, V, schedule, first, end):
 @njit(**INNER)
 def formula(dt, T, Z, inertial):
     """Choose the formula of a step of length dt: BDF2 for unequal steps, backward Euler after a corner or without inertia."""
+    Z[Z_PULL] = 0.0 if inertial != 0.0 else PULL * T[T_FIRM]
     if T[T_LAST] == 0.0 or inertial == 0.0:
         Z[Z_NOW], Z[Z_BEFORE] = 1.0, 0.0
         return
@@ -166,7 +175,8 @@ def error_of(b, p, dt, Z, T, B, P, told, V):
         turn += (B[b, B_W + k] - Z[Z_W + k] - ratio * T[T_DW + k]) ** 2
     change = max(math.sqrt(move), math.sqrt(turn) * Z[Z_ARM], abs(P[p, P_V] - Z[Z_RISE] - ratio * T[T_DRISE]))
     share = 0.5 if first else 2.0 / 9.0
-    return share * dt * change / (V[V_TOLERANCE] * max(told[E_RADIUS], T[T_RADIUS]))
+    allowed = V[V_TOLERANCE] if V[V_INERTIAL] != 0.0 else min(1.0, LOOSER * V[V_TOLERANCE])
+    return share * dt * change / (allowed * max(told[E_RADIUS], T[T_RADIUS]))
 
 
 @njit(**INNER)
@@ -221,6 +231,7 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
         effects += B[b, B_EF + k] * y[k] + B[b, B_ET + k] * theta
         pushed += mass * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) * y[k]
         pushed += (now * (B[b, B_L + k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) * theta
+        pushed += Z[Z_PULL] * (y[k] * y[k] + y[3 + k] * y[3 + k])
         before += 0.5 * (mass * Z[Z_V + k] * Z[Z_V + k] + Z[Z_L + k] * Z[Z_W + k])
         after += 0.5 * (mass * B[b, B_V + k] * B[b, B_V + k] + B[b, B_L + k] * w)
     drag = (B[b, B_UP] * v_x + B[b, B_UP + 1] * v_y) * dt
@@ -231,7 +242,7 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
         stretched = y[6] - Z[Z_PLATE_RISE]
         plate -= P[p, P_LOAD] * y[6] + (0.0 if hub else spring * Z[Z_PLATE_RISE])
         damped += P[p, P_DAMPING] * rise * y[6]
-        pushed += P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) * y[6]
+        pushed += (P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) + Z[Z_PULL] * y[6]) * y[6]
         before += 0.5 * P[p, P_MASS] * Z[Z_RISE] * Z[Z_RISE]
         after += 0.5 * P[p, P_MASS] * rise * rise
         lost += 0.5 * P[p, P_SPRING] * stretched * stretched
@@ -326,7 +337,7 @@ def take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
     remember(b, p, y, dt, Z, T, B, P)
     T[T_STORED] = stored
     if told[E_RADIUS] > 0.0:
-        T[T_RADIUS] = told[E_RADIUS]
+        T[T_RADIUS], T[T_FIRM] = told[E_RADIUS], told[E_NORMAL] / told[E_DEEPEST]
 
 
 @njit(**INNER)

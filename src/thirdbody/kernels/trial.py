@@ -82,8 +82,8 @@ FREEDOMS = 7
 # Z: the state of a body and its patch at the start of a step
 Z_X, Z_V, Z_Q, Z_L, Z_W, Z_PATCH, Z_RISE, Z_ARM, Z_PLATE = 0, 3, 6, 10, 13, 16, 17, 18, 19
 Z_NOW, Z_BEFORE = 20, 21  # the formula of the step: rate of change = (NOW change - BEFORE last change)/dt
-Z_PLATE_RISE = 22
-Z_COLS = 23
+Z_PLATE_RISE, Z_PULL = 22, 23  # rise of the plate that a patch is sprung to; what holds a body without inertia back, N/m
+Z_COLS = 24
 
 # what `balance` tells beside the unbalanced forces
 E_NORMAL, E_DEEPEST, E_RADIUS, E_RATIO, E_SLOT, E_POWER = range(6)
@@ -202,7 +202,7 @@ def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
 
 
 @njit(**INNER)
-def balance(b, p, m, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told):
+def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told):
     """Unbalanced forces r (7) of body b and its patch, with m staged spots; `told` gets what else a step wants to know (E_*)."""
     own, partner = spots[0], spots[1]
     S, B, P, _, _, _ = state
@@ -246,25 +246,29 @@ def balance(b, p, m, dt, time, inertial, spots, state, known, work, Z, T, law, e
         for k in range(3):
             r[k] += B[b, B_EF + k]
             r[3 + k] += B[b, B_ET + k]
-    inertial_forces(b, p, dt, Z, T, B, P, inertial, r)
+    inertial_forces(b, p, y, dt, Z, T, B, P, inertial, r)
     for k in range(3):
         r[3 + k] /= Z[Z_ARM]
 
 
 @njit(**INNER)
-def inertial_forces(b, p, dt, Z, T, B, P, inertial, r):
-    """Take off what accelerates the body; add load, dashpot, spring and inertia of its patch. `inertial` 0: no momentum."""
-    now, last = Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt
+def inertial_forces(b, p, y, dt, Z, T, B, P, inertial, r):
+    """Take off what accelerates the body; add load, dashpot, spring and inertia of its patch.
+
+    Without inertia (`inertial` 0) every step begins at rest, and a weak pull towards where it began lets a body that slides on
+    all its spots, and could be anywhere, be somewhere; mass only holds back what jumps within a step.
+    """
+    now, last, pull = Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt, Z[Z_PULL]
     l_1 = momentum_of(b, B)
     for k in range(3):
-        r[k] -= B[b, B_MASS] * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k])
-        r[3 + k] -= now * (l_1[k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]
+        r[k] -= B[b, B_MASS] * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) + pull * y[k]
+        r[3 + k] -= now * (l_1[k] - inertial * Z[Z_L + k]) - last * T[T_DL + k] + pull * y[3 + k] * Z[Z_ARM]
     if P[p, P_FREE] == 0.0:
         r[6] = 0.0
         return
     rise = P[p, P_V]
     r[6] -= P[p, P_LOAD] + P[p, P_DAMPING] * rise
-    r[6] -= P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE])
+    r[6] -= P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) + pull * y[6]
     r[6] -= P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
 
 
