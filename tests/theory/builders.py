@@ -18,6 +18,7 @@ from thirdbody.scene.model import (
     Effects,
     LowerPlate,
     Material,
+    Motion,
     Output,
     Pair,
     Plates,
@@ -192,3 +193,74 @@ def momenta(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
 def ball_mass(material: Material, radius: float) -> float:
     """Mass of a ball, kg."""
     return material.density * 4.0 / 3.0 * math.pi * radius**3
+
+
+def under_patches(
+    debris: Sequence[Any],
+    materials: dict[str, Material],
+    load: float,
+    motion: Motion,
+    level: str = "mindlin",
+    patch: dict[str, Any] | None = None,
+    options: dict[str, Any] | None = None,
+    force: bool = False,
+    periodic: bool = True,
+    **keys: Any,
+) -> Simulation:
+    """Bodies that do not see each other, each under a patch of its own of the material `ball`, pressed by a load (N) and dragged.
+
+    `patch` are further keys of the upper plate, `options` those of the law; `keys` are those of the solver or of `scene`.
+    """
+    solver = {key: keys.pop(key) for key in tuple(keys) if key in Solver.model_fields}
+    solver = solver if "distance" in solver else {"duration": LONG} | solver
+    size = keys.pop("size", 10.0)
+    upper = UpperPlate(material="ball", support="load_per_particle", load=load, motion=motion, **(patch or {}))
+    tables = {
+        "plates": Plates(lower=LowerPlate(material="ball"), upper=upper),
+        "contact": Contact(level=level, debris_contact="none", options=options or {}),
+        "solver": Solver(**solver),
+        "domain": Domain(size=(size, size), periodic=periodic),
+    }
+    return build(scene(debris, materials, **(tables | keys)), force=force)
+
+
+def numerical_share(simulation: Simulation) -> float:
+    """What the integrator itself has lost so far, as a part of the plate's work; negative where it made energy."""
+    A = simulation.state.A
+    return float(A[at.A_NUMERICAL] / A[at.A_PLATE_ABS])
+
+
+LUMP = tuple(
+    {"center": tuple(1e-6 * x for x in center), "radius": 1e-6 * radius}
+    for center, radius in (
+        ((0.0, 0.0, 0.0), 5.0),
+        ((4.0, 1.0, 0.5), 4.0),
+        ((-3.0, 3.0, -0.7), 4.2),
+        ((-2.5, -3.2, 0.6), 4.1),
+    )
+)
+"""An irregular clump that finds a better seat as it is pressed, then slides, turns and settles once more."""
+
+HEXAGON = tuple(
+    {"center": (3e-6 * x, 3e-6 * y, 0.0), "radius": 2e-6}
+    for x, y in [(0.0, 0.0)] + [(math.cos(k * math.pi / 3.0), math.sin(k * math.pi / 3.0)) for k in range(6)]
+)
+
+
+def clump(shape: Sequence[dict[str, Any]], x: float = 1e-4, y: float = 1e-4, gap: float = 1e-7) -> Spheres:
+    """A clump a little above the lower plate: its centre of mass is not quite where the shape has its origin."""
+    low = min(ball["center"][2] - ball["radius"] for ball in shape)
+    return Spheres(material="ball", shape=tuple(shape), positions=((x, y, gap - low),))
+
+
+def plate_force(simulation: Simulation) -> np.ndarray:
+    """Force (3,) of the debris on the upper plate at this instant, N."""
+    return simulation.state.A[at.A_UPPER : at.A_UPPER + 3].copy()
+
+
+def mean_force(simulation: Simulation, way: float) -> np.ndarray:
+    """Mean force (3,) on the upper plate while it moves on by `way` (m), N."""
+    A, state = simulation.state.A, simulation.state
+    time, impulse = state.time, A[at.A_IMPULSE : at.A_IMPULSE + 3].copy()
+    simulation.integrator.advance_to(distance=state.distance + way)
+    return (A[at.A_IMPULSE : at.A_IMPULSE + 3] - impulse) / (state.time - time)

@@ -133,8 +133,8 @@ class Implicit:
         """Bring the bodies from `first` to `last` (excluded) to a time, s; totals of the run are not touched."""
         s, physics = self.state, self.state.physics
         kernel.march(
-            first, last, until, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, s.schedule, s.first,
-            self.drag, physics.law, self.tangents, physics.effects, physics.observe,
+            first, last, until, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, s.schedule,
+            s.first, self.drag, physics.law, self.tangents, physics.effects, physics.observe,
         )  # fmt: skip
 
     def _groups(self) -> tuple[tuple, tuple, tuple, tuple]:

@@ -218,8 +218,9 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
     """Add the accepted step to the totals of body b. Every line is computed by itself; their balance is the residual.
 
     The method works with the forces at the end of the step: what they do beyond the energy that laws store and lose, and beyond
-    the kinetic energy, is the integrator's own loss. The plate's work is taken with the mean of the forces at both ends of the
-    step, and its difference from the work that the method does goes to the same line. What bodies and a common plate of their
+    the kinetic energy, is the integrator's own loss. The plate's work and its impulse are taken with the mean of the forces at
+    both ends of the step, or, after a corner, where forces may jump, with those at its end; how much this work differs from
+    that of the method goes to the same line. What bodies and a common plate of their
     own (`hub`) do to each other is nobody's work.
     """
     arm = 1.0 / Z[Z_ARM]
@@ -235,7 +236,8 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
         before += 0.5 * (mass * Z[Z_V + k] * Z[Z_V + k] + Z[Z_L + k] * Z[Z_W + k])
         after += 0.5 * (mass * B[b, B_V + k] * B[b, B_V + k] + B[b, B_L + k] * w)
     drag = (B[b, B_UP] * v_x + B[b, B_UP + 1] * v_y) * dt
-    plate = 0.5 * (drag - (W[A_UPPER] * v_x + W[A_UPPER + 1] * v_y) * dt)
+    old = 0.5 if Z[Z_BEFORE] > 0.0 else 0.0
+    plate = (1.0 - old) * drag - old * (W[A_UPPER] * v_x + W[A_UPPER + 1] * v_y) * dt
     lift, rise, damped, lost = B[b, B_UP + 2] * y[6], P[p, P_V], told[E_POWER] * dt, plate - drag
     if P[p, P_FREE] != 0.0:
         spring = P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
@@ -247,7 +249,7 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
         after += 0.5 * P[p, P_MASS] * rise * rise
         lost += 0.5 * P[p, P_SPRING] * stretched * stretched
     elif not hub:
-        held = 0.5 * (lift - W[A_UPPER + 2] * y[6])
+        held = (1.0 - old) * lift - old * W[A_UPPER + 2] * y[6]
         plate += held
         lost += held - lift
     laws = drag + lift - contacts - gained - sums[0, SUM_WORK] - told[E_POWER] * dt
@@ -257,11 +259,10 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
     W[A_EFFECTS] += effects
     W[A_PLATE_WORK] += plate
     W[A_PLATE_ABS] += abs(plate)
-    half = 0.5 * dt
     for k in range(3):
         upper, lower = -B[b, B_UP + k], -B[b, B_LOW + k]
-        W[A_IMPULSE + k] += half * (W[A_UPPER + k] + upper)
-        W[A_IMPULSE_LOW + k] += half * (W[A_LOWER + k] + lower)
+        W[A_IMPULSE + k] += dt * (old * W[A_UPPER + k] + (1.0 - old) * upper)
+        W[A_IMPULSE_LOW + k] += dt * (old * W[A_LOWER + k] + (1.0 - old) * lower)
         W[A_UPPER + k], W[A_LOWER + k] = upper, lower
 
 

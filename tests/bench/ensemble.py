@@ -1,0 +1,171 @@
+"""The ensemble of the benchmark, and how long an integrator takes to slide it."""
+
+from __future__ import annotations
+
+import copy
+import statistics
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import thirdbody
+from thirdbody.kernels import layout as at
+from thirdbody.simulate import prepare, set_threads
+
+SCENE = Path(__file__).resolve().parents[2] / "scenes" / "sheared_debris.toml"
+
+WAY = 10e-6
+"""Sliding distance that times are told for, m."""
+
+EVERY = 1e-6
+"""Way between two stops, m, as in the scene: every step of a body ends there."""
+
+EXPLICIT = "explicit, mindlin"
+
+SPRINGS = 16
+"""Springs of the level mdr."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One ensemble: `integrator` explicit or implicit, `level` of the law, speed of the drag, m/s, number of bodies, and its
+    whole way and the way between two outputs, m."""
+
+    integrator: str
+    level: str
+    speed: float
+    bodies: int
+    way: float = WAY
+    every: float = EVERY
+
+    @property
+    def name(self) -> str:
+        """The engine in a table."""
+        return f"{self.integrator}, {self.level}" + (f" {SPRINGS}" if self.level == "mdr" else "")
+
+
+def scene_of(case: Case) -> thirdbody.Scene:
+    """The shipped scene as an ensemble: its particles, as densely laid, that do not see each other."""
+    scene = thirdbody.Scene.load(SCENE)
+    stretch = (case.bodies / (scene.debris[0].count or 1)) ** 0.5
+    width, depth = scene.domain.size
+    settings: dict[str, Any] = {
+        "debris.0.count": case.bodies,
+        "domain.size": [f"{stretch * width:.9g} m", f"{stretch * depth:.9g} m"],
+        "contact.law": "three_spot",
+        "contact.level": case.level,
+        "contact.debris_contact": "none",
+        "plates.upper.motion.x.velocity": f"{case.speed:.9g} m/s",
+        "solver.integrator": case.integrator,
+        "solver.distance": f"{case.way:.9g} m",
+        "output.every": f"{case.every:.9g} m",
+    }
+    if case.level == "mdr":
+        settings["contact.springs"] = SPRINGS
+    if case.integrator == "implicit":
+        settings["solver.on_failure"] = "continue"
+    return scene.with_settings(settings)
+
+
+def warm_up(integrator: str, level: str) -> float:
+    """Compile everything that a case runs; seconds that it took."""
+    started = time.perf_counter()
+    simulation = prepare(scene_of(Case(integrator, level, 1.0, 4)), force=True)
+    simulation.integrator.advance_to(simulation.settle)
+    simulation.integrator.advance_to(distance=0.1e-6)
+    simulation.integrator.label()
+    return time.perf_counter() - started
+
+
+def settled(case: Case, threads: int | None = 1) -> tuple[Any, dict[str, float]]:
+    """The simulation under load when the drag starts, and the seconds that building and settling took."""
+    started = time.perf_counter()
+    simulation = prepare(scene_of(case), force=True)
+    built = time.perf_counter()
+    set_threads(threads)
+    simulation.integrator.advance_to(simulation.settle)
+    return simulation, {"build_s": built - started, "settle_s": time.perf_counter() - built}
+
+
+def middle(values: list[float]) -> dict[str, Any]:
+    """Median, all values, and the spread: largest less smallest over the median."""
+    median = statistics.median(values)
+    return {"median": median, "spread": (max(values) - min(values)) / median if median else 0.0, "values": values}
+
+
+def spread_of(steps: np.ndarray) -> dict[str, float]:
+    """Of the steps of single particles: median, 99 % and the largest, and which particle that is: one that chatters shows."""
+    return {
+        "median": float(np.median(steps)),
+        "99 %": float(np.quantile(steps, 0.99)),
+        "largest": float(steps.max()),
+        "body": int(steps.argmax()),
+    }
+
+
+def time_implicit(case: Case, repeats: int) -> dict[str, Any]:
+    """Seconds per particle for the whole way, one core; each repeat slides a fresh copy of the settled ensemble."""
+    simulation, told = settled(case)
+    seconds, busy = [], []
+    for _ in range(repeats):
+        integrator = copy.deepcopy(simulation.integrator)
+        before = integrator.totals[:, at.A_STEPS].copy()
+        started, used = time.perf_counter(), time.process_time()
+        for stop in np.arange(1, round(case.way / case.every) + 1) * case.every:
+            integrator.advance_to(distance=float(stop))
+        elapsed = time.perf_counter() - started
+        busy.append((time.process_time() - used) / elapsed)
+        seconds.append(elapsed / case.bodies * WAY / case.way)
+    taken = (integrator.totals[:, at.A_STEPS] - before) * WAY / case.way
+    steps = float(taken.mean())
+    result = middle(seconds)
+    return {
+        "engine": case.name,
+        "speed": case.speed,
+        "seconds_per_particle": result,
+        "steps_per_particle": steps,
+        "steps": spread_of(taken),
+        "seconds_per_step": result["median"] / steps,
+        "busy": middle(busy),
+        "unsolved": len(integrator.summary()["unsolved"]),
+        **told,
+    }
+
+
+def time_explicit(case: Case, repeats: int, patience: float) -> dict[str, Any]:
+    """Seconds per particle for the whole way, one core, from `patience` seconds of it: the first part of the sliding.
+
+    The rest is taken to cost as much per step, with steps as long: steps needed = way / speed / mean step of the part.
+    """
+    simulation, told = settled(case)
+    seconds, busy, shares = [], [], []
+    for _ in range(repeats):
+        integrator = copy.deepcopy(simulation.integrator)
+        state = integrator.state
+        time_before, steps_before = state.time, state.A[at.A_STEPS]
+        started, used = time.perf_counter(), time.process_time()
+        while time.perf_counter() - started < patience and state.distance < case.way:
+            integrator.advance_to(state.time + 100.0 * state.dt, case.way)
+        elapsed = time.perf_counter() - started
+        busy.append((time.process_time() - used) / elapsed)
+        steps, simulated = float(state.A[at.A_STEPS] - steps_before), state.time - time_before
+        seconds.append(elapsed / steps)
+        shares.append(state.distance / WAY)
+    step, per_step = simulated / steps, middle(seconds)
+    needed = WAY / case.speed / step
+    each = needed / case.bodies
+    return {
+        "engine": case.name,
+        "speed": case.speed,
+        "seconds_per_particle": middle([each * value for value in seconds]),
+        "steps_per_particle": needed,
+        "seconds_per_step": per_step["median"],
+        "busy": middle(busy),
+        "ns_per_sphere_step": 1e9 * per_step["median"] / state.n_spheres,
+        "time_step": step,
+        "share_run": min(shares),
+        **told,
+    }

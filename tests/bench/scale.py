@@ -1,0 +1,137 @@
+"""One large ensemble in a process of its own: `python scale.py '{"level": "mindlin", "bodies": 1000, ...}'` prints JSON.
+
+A process each, because the peak memory of a process never falls.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import wraps
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from ensemble import Case, scene_of, spread_of, warm_up
+
+from thirdbody.errors import GuardStop
+from thirdbody.kernels import layout as at
+from thirdbody.simulate import execute, prepare
+
+CLOCKED = {
+    "shapes": ("thirdbody.scene.populate", "make_bodies"),
+    "poses": ("thirdbody.scene.place", "settle"),
+    "places": ("thirdbody.scene.place", "place_layer"),
+    "populate": ("thirdbody.scene.build", "populate"),
+}
+"""Parts of building a scene that are timed: the module that calls, and the name that it calls. `populate` holds the others."""
+
+
+def measure(case: Case, threads: int | None) -> dict[str, Any]:
+    """Build, settle and slide one ensemble with its outputs: seconds of each part, peak memory, bytes per particle."""
+    seconds: dict[str, float] = {"compile": warm_up(case.integrator, case.level)}
+    base = _peak()
+    for part, (module, name) in CLOCKED.items():
+        owner = importlib.import_module(module)
+        setattr(owner, name, _clocked(getattr(owner, name), seconds, part))
+    started = time.perf_counter()
+    simulation = prepare(scene_of(case), force=True)
+    seconds["build"] = time.perf_counter() - started
+    built = _peak()
+    disk, stopped = _slide(simulation, threads, seconds)
+    summary = simulation.integrator.summary()
+    peak, tables = _peak(), _tables(simulation)
+    return {
+        "engine": case.name,
+        "case": asdict(case),
+        "bodies": case.bodies,
+        "spheres": simulation.state.n_spheres,
+        "seconds": seconds,
+        "seconds_per_particle": seconds["slide"] / case.bodies,
+        "steps_per_particle": summary["steps_per_body"],
+        "steps": spread_of(simulation.integrator.totals[:, at.A_STEPS]),
+        "unsolved": len(summary["unsolved"]),
+        "stopped": stopped,
+        "disk": disk,
+        "peak_memory": {"imported": base, "built": built, "end": peak},
+        "bytes_per_particle": {
+            "process": (peak - base) / case.bodies,
+            **{name: size / case.bodies for name, size in tables.items()},
+        },
+    }
+
+
+def _slide(simulation: Any, threads: int | None, seconds: dict[str, float]) -> tuple[int, str]:
+    """Run the scene into a temporary folder; its size in bytes, and what stopped the run, if anything did.
+
+    What is not stepping is called `output`.
+    """
+    integrator, stopped = simulation.integrator, ""
+    seconds |= {"settle": 0.0, "slide": 0.0}
+    advance = integrator.advance_to
+
+    def timed(*arguments: Any, **named: Any) -> None:
+        settling = simulation.state.time < 0.999999 * simulation.settle
+        started = time.perf_counter()
+        advance(*arguments, **named)
+        part = "settle" if settling else "slide"
+        seconds[part] += time.perf_counter() - started
+
+    integrator.advance_to = timed
+    with tempfile.TemporaryDirectory() as folder:
+        started = time.perf_counter()
+        try:
+            execute(simulation, Path(folder) / "run", threads)
+        except GuardStop as error:
+            stopped = str(error)
+        whole = time.perf_counter() - started
+        disk = sum(path.stat().st_size for path in Path(folder).rglob("*") if path.is_file())
+    seconds["output"] = whole - seconds["settle"] - seconds["slide"]
+    return disk, stopped
+
+
+def _clocked(function: Callable, seconds: dict[str, float], part: str) -> Callable:
+    """The function, with the time that it takes added up."""
+
+    @wraps(function)
+    def timed(*arguments: Any, **named: Any) -> Any:
+        started = time.perf_counter()
+        try:
+            return function(*arguments, **named)
+        finally:
+            seconds[part] = seconds.get(part, 0.0) + time.perf_counter() - started
+
+    return timed
+
+
+def _tables(simulation: Any) -> dict[str, int]:
+    """Bytes of the arrays of a simulation: those of bodies and spheres, of the candidate contacts, of the integrator."""
+    state = simulation.state
+    return {"bodies": _size(state), "contacts": _size(state.slots), "integrator": _size(simulation.integrator)}
+
+
+def _size(owner: Any) -> int:
+    return sum(value.nbytes for value in vars(owner).values() if isinstance(value, np.ndarray))
+
+
+def _peak() -> int:
+    """Peak resident memory of this process, bytes: Linux counts it in KiB, macOS in bytes."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+def in_process_of_its_own(case: Case, threads: int | None) -> dict[str, Any]:
+    """What `measure` gives, from a child. Raises CalledProcessError when the child fails; its words are on stderr."""
+    command = [sys.executable, str(Path(__file__).resolve()), json.dumps({"case": asdict(case), "threads": threads})]
+    return json.loads(subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout)
+
+
+if __name__ == "__main__":
+    asked = json.loads(sys.argv[1])
+    print(json.dumps(measure(Case(**asked["case"]), asked["threads"])))

@@ -1,0 +1,192 @@
+"""What does slow sliding cost? Our explicit and implicit engines and the fastest C++ peer, side by side.
+
+    python tests/bench/slow_sliding.py [--json FILE] [--bodies N] [--quick]
+    python tests/bench/slow_sliding.py --scale [--json FILE] [--sizes N N ...] [--quick]
+
+How to read it. The first command tells the seconds that one core spends on one particle for 10 um of sliding at 1 m/s, 10 mm/s
+and 1 mm/s. The particles are those of `scenes/sheared_debris.toml`, as an ensemble: each under its own load, blind to the others.
+Only the sliding is timed, after everything is compiled and the particles are settled. A cell is the median of the repeats, their
+spread (largest less smallest, over the median) and the peer's time over ours.
+
+- explicit: its step resolves elastic waves, so that the time is inversely proportional to the speed. A few seconds of the sliding
+  are run and extrapolated by the measured seconds per step and the steps needed; the second table says which share was run.
+- implicit: the whole way is run, with a stop every um.
+- peer: not run here. Its measured cost per sphere and step (told below the table; `peer.py` says what differs) times spheres per
+  particle times steps; once with the time step that it is usually given, a fraction of the Rayleigh time of the smallest sphere,
+  and once with that of our explicit engine, which looks at the contacts and so takes longer steps. A figure measured on your
+  machine is given by --peer-name, --peer-ns and --peer-fraction.
+
+With --scale: ensembles of 1e3, 1e4 and 1e5 particles slide 30 um at 1 mm/s on all cores, a process each. Told are the seconds per
+particle (wall time), where the time goes outside the stepping (making shapes, stable poses, places, output), peak memory and
+bytes per particle. All particles are made one by one as any scene makes them; none is repeated.
+
+Timings mean something on an idle machine only: the load stands in the head and in the JSON, and the column CPU tells the share of
+the wall time in which the one thread did run; far below 100 % means that others used the core.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from ensemble import EXPLICIT, WAY, Case, time_explicit, time_implicit, warm_up
+from machine import machine
+from peer import FRACTION, NAME, NS_PER_SPHERE_STEP, Peer, ensemble_of
+from rich.console import Console
+from rich.table import Table
+from scale import in_process_of_its_own
+
+SPEEDS = [1.0, 10e-3, 1e-3]
+LEVELS = ["mindlin", "mdr"]
+SIZES, SCALE_WAY, SCALE_EVERY = [1_000, 10_000, 100_000], 30e-6, 10e-6
+QUICK_SIZES, QUICK_WAY = [100, 1_000], 1e-6
+
+Rows = list[dict[str, Any]]
+
+
+def main() -> None:
+    """Run one part of the benchmark, print it and write its JSON."""
+    asked = arguments()
+    # the width of a file or a pipe is not known
+    console = Console() if Console().is_terminal else Console(width=150)
+    told: dict[str, Any] = {"machine": machine()}
+    head = told["machine"]
+    console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load'][0]:.2f}" if head["load"] else head["cpu"])
+    told |= part_scale(asked, console) if asked.scale else part_speeds(asked, console)
+    told["load_at_end"] = machine()["load"]
+    if asked.json:
+        Path(asked.json).write_text(json.dumps(told, indent=1), encoding="utf-8")
+
+
+def arguments() -> argparse.Namespace:
+    """What the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--json", metavar="FILE", help="write all figures there")
+    parser.add_argument("--bodies", type=int, default=300, help="particles of the ensemble (default %(default)s)")
+    parser.add_argument("--repeats", type=int, default=5, help="timings of each case (default %(default)s)")
+    parser.add_argument("--patience", type=float, default=3.0, help="seconds of an explicit timing (default %(default)s)")
+    parser.add_argument("--quick", action="store_true", help="few particles and repeats: does it run?")
+    parser.add_argument("--peer-name", default=NAME)
+    parser.add_argument("--peer-ns", type=float, default=NS_PER_SPHERE_STEP, help="ns per sphere and step (default %(default)s)")
+    parser.add_argument("--peer-fraction", type=float, default=FRACTION, help="time step in Rayleigh times (default %(default)s)")
+    parser.add_argument("--scale", action="store_true", help="the second part: large ensembles on all cores")
+    parser.add_argument("--sizes", type=int, nargs="+", help="particles of the large ensembles")
+    parser.add_argument("--threads", type=int, help="cores of the second part (default: all)")
+    asked = parser.parse_args()
+    if asked.quick:
+        asked.bodies, asked.repeats, asked.patience = min(asked.bodies, 60), min(asked.repeats, 2), 0.5
+    asked.sizes = asked.sizes or (QUICK_SIZES if asked.quick else SIZES)
+    return asked
+
+
+def part_speeds(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
+    """Time all engines at all speeds on one core."""
+    compiled = {"explicit": warm_up("explicit", "mindlin"), **{level: warm_up("implicit", level) for level in LEVELS}}
+    ensemble = ensemble_of(asked.bodies)
+    ours = [time_explicit(Case("explicit", "mindlin", v, asked.bodies), asked.repeats, asked.patience) for v in SPEEDS]
+    steps = {row["speed"]: row["time_step"] for row in ours}
+    for level in LEVELS:
+        ours += [time_implicit(Case("implicit", level, v, asked.bodies), asked.repeats) for v in SPEEDS]
+    peer = Peer(asked.peer_name, asked.peer_ns, asked.peer_fraction)
+    rows = peer.rows(ensemble, steps) + ours
+    print_speeds(rows, asked, console)
+    console.print(f"peer: not run here, but computed. {peer.source}")
+    print_explicit([row for row in ours if row["engine"] == EXPLICIT], console)
+    print_implicit([row for row in ours if row["engine"] != EXPLICIT], console)
+    return {"compile_s": compiled, "ensemble": ensemble, "peer": {**vars(peer), "source": peer.source}, "way": WAY, "rows": rows}
+
+
+def print_speeds(rows: Rows, asked: argparse.Namespace, console: Console) -> None:
+    """The main table: an engine a line, a speed a column."""
+    title = f"seconds per particle per {1e6 * WAY:g} um of sliding, one core; {asked.bodies} particles, median of {asked.repeats}"
+    table = Table("engine", *(_speed(v) for v in SPEEDS), title=title, caption="x: the peer's time (shorter one) over ours")
+    by = {(row["engine"], row["speed"]): row["seconds_per_particle"] for row in rows}
+    peers = {v: min(cell["median"] for (_, u), cell in by.items() if u == v and cell["spread"] is None) for v in SPEEDS}
+    for engine in dict.fromkeys(row["engine"] for row in rows):
+        table.add_row(engine, *(_cell(by[engine, v], peers[v]) for v in SPEEDS))
+    console.print(table)
+
+
+def _cell(told: dict[str, Any], peer: float) -> str:
+    if told["spread"] is None:
+        return f"{told['median']:.3g}"
+    return f"{told['median']:.3g} (spread {100.0 * told['spread']:.0f} %)  {peer / told['median']:.3g} x"
+
+
+def _steps(row: dict[str, Any]) -> str:
+    return ", ".join(f"{row['steps'][key]:.0f}" for key in ("median", "99 %", "largest"))
+
+
+def _busy(row: dict[str, Any]) -> str:
+    return f"{100.0 * row['busy']['median']:.0f} %"
+
+
+def _speed(v: float) -> str:
+    return f"{v:g} m/s" if v >= 1.0 else f"{1e3 * v:g} mm/s"
+
+
+def print_explicit(rows: Rows, console: Console) -> None:
+    """How the explicit figures came about."""
+    table = Table("speed", "share of the way run", "time step", "steps for the way", "ns per sphere and step", "settling, all",
+                  "CPU", title=f"{EXPLICIT}: the rest of the way is extrapolated")  # fmt: skip
+    for row in rows:
+        table.add_row(_speed(row["speed"]), f"{100.0 * row['share_run']:.3g} %", f"{1e9 * row['time_step']:.3g} ns",
+                      f"{row['steps_per_particle']:.3g}", f"{row['ns_per_sphere_step']:.0f}",
+                      f"{row['settle_s']:.2g} s", _busy(row))  # fmt: skip
+    console.print(table)
+
+
+def print_implicit(rows: Rows, console: Console) -> None:
+    """Steps of single particles, and whether all of them were solved."""
+    table = Table("engine", "speed", "steps per particle", "median, 99 %, largest", "us per step", "unsolved",
+                  "settling, all", "CPU", title="implicit: the whole way is run")  # fmt: skip
+    for row in rows:
+        table.add_row(row["engine"], _speed(row["speed"]), f"{row['steps_per_particle']:.0f}", _steps(row),
+                      f"{1e6 * row['seconds_per_step']:.1f}", str(row["unsolved"]), f"{row['settle_s']:.2g} s",
+                      _busy(row))  # fmt: skip
+    console.print(table)
+
+
+def part_scale(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
+    """Large ensembles, a process each; a table after every one would wait too long, so a line tells it."""
+    way, every = (QUICK_WAY, QUICK_WAY) if asked.quick else (SCALE_WAY, SCALE_EVERY)
+    rows = []
+    for bodies in asked.sizes:
+        for level in LEVELS:
+            rows.append(in_process_of_its_own(Case("implicit", level, SPEEDS[-1], bodies, way, every), asked.threads))
+            stopped = f"; {rows[-1]['stopped']}" if rows[-1]["stopped"] else ""
+            console.print(f"{rows[-1]['engine']}, {bodies} particles: slid in {rows[-1]['seconds']['slide']:.3g} s{stopped}")
+    print_scale(rows, way, console)
+    print_memory(rows, console)
+    return {"way": way, "rows": rows}
+
+
+def print_scale(rows: Rows, way: float, console: Console) -> None:
+    """Wall seconds of the parts of a run."""
+    parts = ["shapes", "poses", "places", "build", "settle", "slide", "output"]
+    title = f"wall seconds, {1e6 * way:g} um at {_speed(SPEEDS[-1])} on all cores (build holds shapes, poses and places)"
+    table = Table("engine", "particles", "slide, s each", "steps", "largest", *parts, "unsolved", title=title)
+    for row in rows:
+        times = (f"{row['seconds'][part]:.3g}" for part in parts)
+        table.add_row(row["engine"], f"{row['bodies']}", f"{row['seconds_per_particle']:.3g}",
+                      f"{row['steps_per_particle']:.0f}", f"{row['steps']['largest']:.0f}", *times,
+                      str(row["unsolved"]))  # fmt: skip
+    console.print(table)
+
+
+def print_memory(rows: Rows, console: Console) -> None:
+    """Peak memory, and the arrays that a particle needs."""
+    kinds = ["process", "bodies", "contacts", "integrator"]
+    table = Table("engine", "particles", "peak, MB", "built, MB", "imported, MB", *(f"{kind}, B" for kind in kinds), "disk, MB",
+                  title="memory: peak of the process; bytes per particle: growth of the process, and arrays")  # fmt: skip
+    for row in rows:
+        peak = row["peak_memory"]
+        table.add_row(row["engine"], f"{row['bodies']}", *(f"{peak[k] / 1e6:.0f}" for k in ("end", "built", "imported")),
+                      *(f"{row['bytes_per_particle'][kind]:.0f}" for kind in kinds), f"{row['disk'] / 1e6:.1f}")  # fmt: skip
+    console.print(table)
+
+
+if __name__ == "__main__":
+    main()

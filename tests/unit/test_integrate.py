@@ -1,0 +1,289 @@
+"""Which integrator a scene gets and why, what it refuses, and what a stopped run leaves."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.errors import GuardStop, InputError
+from thirdbody.scene.build import build
+from thirdbody.scene.model import Scene
+from thirdbody.simulate import prepare
+
+BALLS = """\
+scene = 1
+title = "balls"
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.30
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.30
+restitution = 0.60
+[[debris]]
+material = "steel"
+kind = "spheres"
+radius = "5 um"
+count = 2
+seed = 1
+[domain]
+size = ["80 um", "60 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+damping = "7e-5 kg/s"
+motion = {x = {velocity = "0.5 m/s"}}
+[contact]
+debris_contact = "auto"
+[solver]
+distance = "0.1 um"
+settle = "1 us"
+[output]
+every = "0.05 um"
+"""
+
+NONE = ('debris_contact = "auto"', 'debris_contact = "none"')
+ALONE = ("count = 2", "count = 1")
+LOCAL = ("[solver]", "[effects.local_damping]\ncoefficient = 0.1\n[solver]")
+
+
+def asks(kind, more=""):
+    """Lines of the solver: an integrator, and further keys."""
+    return ('settle = "1 us"', f'settle = "1 us"\nintegrator = "{kind}"\n{more}')
+
+
+def text(*changes):
+    told = BALLS
+    for old, new in changes:
+        assert old in told, old
+        told = told.replace(old, new, 1)
+    return told
+
+
+def scene(*changes):
+    return Scene.parse(text(*changes))
+
+
+@pytest.fixture
+def command(monkeypatch, capsys, tmp_path):
+    """`thirdbody ARGUMENTS` on a scene with changes: (exit code, standard output, standard error)."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(changes, *arguments):
+        from thirdbody.cli import main
+
+        (tmp_path / "scene.toml").write_text(text(*changes), encoding="utf-8")
+        monkeypatch.setattr(sys, "argv", ["thirdbody", arguments[0], "scene.toml", *arguments[1:]])
+        capsys.readouterr()
+        try:
+            main()
+            code = 0
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else int(end.code is not None)
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+CHOICES = {
+    "two that may meet": ((), "explicit", "debris_contact"),
+    "two that do not": ((NONE,), "implicit", "meet only the plates"),
+    "one alone": ((ALONE,), "implicit", "meet only the plates"),
+    "a time step": ((NONE, ('settle = "1 us"', 'settle = "1 us"\ntime_step = "0.1 ns"')), "explicit", "time step"),
+    "local damping": ((NONE, LOCAL), "explicit", "local_damping acts on unbalanced forces"),
+    "explicit by name": ((NONE, asks("explicit")), "explicit", "asks for it"),
+    "implicit by name": ((asks("implicit"),), "implicit", "asks for it"),
+}
+
+
+@pytest.mark.parametrize("changes, kind, reason", CHOICES.values(), ids=CHOICES)
+def test_choice_and_reason(changes, kind, reason):
+    simulation = build(scene(*changes))
+    assert simulation.plan.kind == kind
+    assert reason in simulation.plan.reason
+    assert type(simulation.integrator).__name__.lower() == kind
+
+
+UPPER = BALLS[BALLS.index("[plates.upper]") : BALLS.index("[contact]")]
+NO_UPPER = ((UPPER, ""), ('distance = "0.1 um"', 'duration = "1 us"'), ('every = "0.05 um"', 'every = "1 us"'))
+
+REFUSED = {
+    "local damping": ((asks("implicit"), LOCAL), "solver.integrator", ["local_damping", "unbalanced forces"]),
+    "no upper plate": ((asks("implicit"), *NO_UPPER), "solver.integrator", ["no upper plate"]),
+    "time step": ((asks("implicit", 'time_step = "1 ns"'),), "solver.time_step", ["other integrator", "implicit"]),
+    "tolerance": ((asks("explicit", "tolerance = 1e-3"),), "solver.tolerance", ["other integrator", "explicit"]),
+    "largest step": ((asks("explicit", 'largest_step = "1 nm"'),), "solver.largest_step", ["other integrator"]),
+    "inertia": ((asks("explicit", "inertia = true"),), "solver.inertia", ["other integrator"]),
+    "inertia, false": ((asks("explicit", "inertia = false"),), "solver.inertia", ["other integrator"]),
+    "on failure": ((asks("explicit", 'on_failure = "stop"'),), "solver.on_failure", ["other integrator"]),
+    "word of on_failure": ((asks("implicit", 'on_failure = "stopp"'),), "solver.on_failure", ["'stop'", "'continue'"]),
+    "number as on_failure": ((asks("implicit", "on_failure = 1"),), "solver.on_failure", ["'stop'", "'continue'"]),
+    "name": ((asks("implicitt"),), "solver.integrator", ["'implicit'", "'explicit'", "'auto'"]),
+    "tolerance of zero": ((asks("implicit", "tolerance = 0"),), "solver.tolerance", ["0"]),
+    "tolerance above one": ((asks("implicit", "tolerance = 1.5"),), "solver.tolerance", ["1.5"]),
+    "step of no length": ((asks("implicit", 'largest_step = "0 nm"'),), "solver.largest_step", ["greater than 0"]),
+}
+
+
+@pytest.mark.parametrize("changes, key, words", REFUSED.values(), ids=REFUSED)
+def test_what_cannot_work_is_one_clear_fault(changes, key, words):
+    with pytest.raises(InputError) as caught:
+        build(scene(*changes))
+    assert caught.value.exit_code == 3
+    assert [fault.key for fault in caught.value.faults] == [key]
+    assert caught.value.faults[0].line is not None
+    for word in words:
+        assert word in caught.value.faults[0].message
+
+
+def test_a_refused_scene_ends_the_command_with_three(command):
+    code, _, err = command((asks("implicit"), LOCAL), "run", "-o", "out", "-q")
+    assert code == 3
+    assert "solver.integrator" in err and "local_damping" in err and "Traceback" not in err
+
+
+@pytest.mark.parametrize("word", ["stop", "continue"])
+def test_words_of_on_failure(word):
+    simulation = build(scene(NONE, asks("implicit", f'on_failure = "{word}"')))
+    assert simulation.integrator.accuracy.go_on is (word == "continue")
+
+
+def test_keys_reach_the_integrator():
+    simulation = build(scene(NONE, asks("auto", 'tolerance = 0.002\nlargest_step = "3 nm"')))
+    assert (simulation.integrator.accuracy.tolerance, simulation.integrator.accuracy.largest_step) == (0.002, 3e-9)
+
+
+def test_check_tells_integrator_and_reason(command):
+    code, out, _ = command((NONE,), "check", "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert told["integrator"] == "implicit" and "meet only the plates" in told["integrator_reason"]
+    assert "time_step" not in told and told["accuracy"]["tolerance"] == 5e-4
+    code, out, _ = command((), "check", "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert told["integrator"] == "explicit" and "debris_contact" in told["integrator_reason"]
+    assert told["time_step"]["step"] > 0.0
+
+
+def test_check_in_words(command):
+    code, out, _ = command((NONE,), "check")
+    assert code == 0
+    assert "integrator implicit: bodies meet only the plates" in out
+
+
+def test_summary_and_file_tell_the_integrator(tmp_path):
+    with thirdbody.run(scene(NONE), out=tmp_path / "run", progress=False) as run:
+        told = run.summary()
+    assert told["finished"] and told["integrator"] == "implicit"
+    assert told["unsolved"] == {} and told["steps"] >= 2.0 * told["frames"]
+
+
+NEAR = (
+    asks("implicit"),
+    ("count = 2\nseed = 1", 'positions = [["20 um", "30 um", "5 um"], ["31 um", "30 um", "5 um"]]'),
+    ('distance = "0.1 um"', 'distance = "20 um"'),
+    ('every = "0.05 um"', 'every = "0.5 um"'),
+)
+
+# A ball rolls at half the speed of the upper plate into a flake, whose weight keeps it on the lower one.
+FLAKE = """[[debris]]
+material = "steel"
+kind = "spheres"
+shape = [
+  {center = ["0 um", "-7 um", "0 um"], radius = "4 um"},
+  {center = ["0 um", "0 um", "0 um"], radius = "4 um"},
+  {center = ["0 um", "7 um", "0 um"], radius = "4 um"},
+  {center = ["6 um", "0 um", "0 um"], radius = "4 um"},
+]
+positions = [["34 um", "30 um", "5 um"]]
+[effects]
+gravity = ["0 m/s2", "0 m/s2", "-1e5 m/s2"]
+[domain]"""
+MEETING = (
+    asks("implicit"),
+    ("count = 2\nseed = 1", 'positions = [["20 um", "30 um", "5 um"]]'),
+    ("[domain]", FLAKE),
+    ('distance = "0.1 um"', 'distance = "30 um"'),
+    ('every = "0.05 um"', 'every = "0.5 um"'),
+    ('velocity = "0.5 m/s"', 'velocity = "0.01 m/s"'),
+)
+
+
+def test_two_balls_that_keep_their_distance_may_run(tmp_path):
+    """Both roll alike: the watch on their distance lets them go."""
+    with thirdbody.run(scene(*NEAR), out=tmp_path / "run", progress=False) as run:
+        assert run.summary()["finished"]
+        x = run.bodies(-1)["position"][:, 0]
+    assert x[1] - x[0] == pytest.approx(11e-6, rel=1e-6)
+    assert x[0] - 20e-6 == pytest.approx(10e-6, rel=0.01)
+
+
+def test_bodies_that_come_near_stop_the_run_and_frames_are_kept(tmp_path):
+    with pytest.raises(GuardStop, match=r"body [01] .* and body [01] come near enough to touch") as caught:
+        thirdbody.run(scene(*MEETING), out=tmp_path / "run", progress=False)
+    assert caught.value.exit_code == 4
+    assert 'integrator = "explicit"' in str(caught.value) and "debris_contact" in str(caught.value)
+    with thirdbody.open(tmp_path / "run") as run:
+        assert run.frames >= 2
+        assert np.all(np.isfinite(run.bodies(-1)["position"]))
+        told = run.summary()
+    assert not told["finished"] and "come near" in told["stopped"]
+
+
+def test_the_command_ends_with_four_where_bodies_come_near(command):
+    code, _, err = command(MEETING, "run", "-o", "out", "-q")
+    assert code == 4
+    assert "come near enough to touch" in err and "Traceback" not in err
+
+
+def test_declared_strangers_pass_through_each_other(tmp_path):
+    """The same bodies, told not to see each other."""
+    with thirdbody.run(scene(NONE, *MEETING), out=tmp_path / "run", progress=False) as run:
+        assert run.summary()["finished"]
+
+
+def test_only_the_explicit_integrator_needs_years():
+    """A day of fretting, a millimetre at 10 nm/s."""
+    slow = (('velocity = "0.5 m/s"', 'velocity = "10 nm/s"'), ('distance = "0.1 um"', 'distance = "1 mm"'))
+    with pytest.raises(InputError, match="of explicit integration.*explicit, because"):
+        prepare(scene(*slow))
+    assert prepare(scene(NONE, *slow)).plan.kind == "implicit"
+
+
+CLUMPS = (
+    NONE,
+    ('"spheres"\nradius = "5 um"', '"irregular"\nsize = "10 um"\nspheres = [4, 8]\naspect = [1.0, 0.8, 0.6]'),
+    ("count = 2", "count = 20"),
+    ('"80 um", "60 um"', '"100 um", "100 um"'),
+    ('distance = "0.1 um"', 'distance = "1 um"'),
+)
+
+
+def test_threads_and_processes_change_no_bit(tmp_path):
+    """Two and a half chunks of bodies on one thread and on two, each in a process of its own."""
+    (tmp_path / "scene.toml").write_text(text(*CLUMPS), encoding="utf-8")
+    found = []
+    for threads in (1, 2):
+        command = [sys.executable, "-m", "thirdbody.cli", "run", "scene.toml", "-q"]
+        command += ["-o", f"run{threads}", "--threads", str(threads)]
+        environment = os.environ | {"NUMBA_NUM_THREADS": "2"}
+        done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        with thirdbody.open(tmp_path / f"run{threads}") as run:
+            assert run.summary()["integrator"] == "implicit"
+            arrays = {f"bodies.{name}": values for name, values in run.bodies(-1).items()}
+            arrays |= {f"contacts.{name}": values for name, values in run.contacts(-1).items()}
+            found.append({name: values.tobytes() for name, values in (arrays | dict(run.series)).items()})
+    assert found[0] == found[1]
