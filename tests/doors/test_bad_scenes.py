@@ -65,7 +65,7 @@ FAULTS = {
         "26:11: plates.upper.motion.x.frequency",
         ["missing"],
     ),
-    "implicit": ([('settle = "1 us"', 'integrator = "implicit"')], "29:1: solver.integrator", [LATER, "'explicit'"]),
+    "integrator": ([('settle = "1 us"', 'integrator = "verlet"')], "29:1: solver.integrator", ["'explicit'", "'implicit'"]),
     "relax": ([('settle = "1 us"', 'initial_overlap = "relax"')], "29:1: solver.initial_overlap", [LATER, "'refuse'"]),
     "heaps": ([('"spheres"', '"heaps"')], "13:1: debris[0].kind", ["is not one of", "'spheres'", "'spots'", "'file'"]),
     "heap": ([("seed = 1", 'placement = "heap"')], "16:1: debris[0].placement", ["'layer'", "'dense'"]),

@@ -172,8 +172,8 @@ ONE_FAULT = [
         "28:16: plates.upper.motion.x.ramp: '1 m/s2' is an acceleration, expected a velocity",
     ),
     (
-        [('integrator = "auto"', 'integrator = "implicit"')],
-        f"37:1: solver.integrator: integrator = 'implicit' {LATER} 'auto', 'explicit'",
+        [('integrator = "auto"', 'integrator = "verlet"')],
+        "37:1: solver.integrator: 'verlet' is not one of 'auto', 'explicit', 'implicit'",
     ),
     ([('"refuse"', '"relax"')], f"40:1: solver.initial_overlap: initial_overlap = 'relax' {LATER} 'refuse'"),
     # keys that exclude each other

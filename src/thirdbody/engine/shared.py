@@ -181,8 +181,9 @@ class Shared(Implicit):
         kinetic = 0.5 * mass * (rise.velocity**2 - before**2)
         self.plate[at.A_PLATE_WORK] += work
         self.plate[at.A_PLATE_ABS] += abs(work)
-        self.plate[at.A_DAMPING] += float(row[at.P_DAMPING]) * rise.velocity * rise.way
-        self.plate[at.A_NUMERICAL] += mass * rise.acceleration * rise.way - kinetic
+        felt = float(row[at.P_DAMPING]) * rise.velocity * rise.way
+        self.plate[at.A_DAMPING] += max(felt, 0.0)
+        self.plate[at.A_NUMERICAL] += mass * rise.acceleration * rise.way - kinetic + min(felt, 0.0)
         self.moved, self.change, self.last = rise.way, rise.velocity - before, dt
         row[at.P_Z] += rise.way
         row[at.P_V] = rise.velocity

@@ -243,7 +243,9 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
         spring = P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
         stretched = y[6] - Z[Z_PLATE_RISE]
         plate -= P[p, P_LOAD] * y[6] + (0.0 if hub else spring * Z[Z_PLATE_RISE])
-        damped += P[p, P_DAMPING] * rise * y[6]
+        felt = P[p, P_DAMPING] * rise * y[6]
+        damped += max(felt, 0.0)
+        lost += min(felt, 0.0)
         pushed += (P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) + Z[Z_PULL] * y[6]) * y[6]
         before += 0.5 * P[p, P_MASS] * Z[Z_RISE] * Z[Z_RISE]
         after += 0.5 * P[p, P_MASS] * rise * rise

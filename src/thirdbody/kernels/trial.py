@@ -47,6 +47,9 @@ from .layout import (
     I_OVERLAP,
     I_SX,
     I_SY,
+    I_VN,
+    I_VX,
+    I_VY,
     J_INVERSE,
     J_TRAVEL,
     O_A,
@@ -204,10 +207,10 @@ def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
 @njit(**INNER)
 def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told):
     """Unbalanced forces r (7) of body b and its patch, with m staged spots; `told` gets what else a step wants to know (E_*)."""
-    own, partner = spots[0], spots[1]
+    own, partner, edges = spots[0], spots[1], spots[3]
     S, B, P, _, _, _ = state
     pairs, parameters, n_history, rolling, _, has_effects, _ = known
-    I, O, _, G, slots = work[0], work[1], work[2], work[3], work[4]  # noqa: E741
+    I, O, _, G, slots, before = work[0], work[1], work[2], work[3], work[4], work[5]  # noqa: E741
     law(I, O, m, pairs)
     for k in range(FREEDOMS):
         r[k] = 0.0
@@ -234,7 +237,7 @@ def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law
         overlap = I[I_OVERLAP * TILE + q]
         normal += abs(n)
         deepest, radius = max(deepest, overlap), max(radius, O[O_A * TILE + q])
-        power += O[O_POWER * TILE + q]
+        power += O[O_POWER * TILE + q] * steadiness(q, dt, before[slots[q] - edges[b]], I)
         if overlap > ratio * S[i, S_R]:
             ratio, slot = overlap / S[i, S_R], slots[q]
     told[E_NORMAL], told[E_DEEPEST], told[E_RADIUS], told[E_RATIO], told[E_SLOT] = normal, deepest, radius, ratio, slot
@@ -249,6 +252,18 @@ def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law
     inertial_forces(b, p, y, dt, Z, T, B, P, inertial, r)
     for k in range(3):
         r[3 + k] /= Z[Z_ARM]
+
+
+@njit(**INNER)
+def steadiness(q, dt, before, I):  # noqa: E741
+    """Mean velocity of the step over that at its end, for the spot at place q.
+
+    A dashpot's force is that of the end of the step, but it acts along the way of the step: what it takes is force times way.
+    """
+    n, x, y = I[I_VN * TILE + q], I[I_VX * TILE + q], I[I_VY * TILE + q]
+    square = n * n + x * x + y * y
+    along = -n * (I[I_OVERLAP * TILE + q] - before) + x * I[I_SX * TILE + q] + y * I[I_SY * TILE + q]
+    return min(max(along / (dt * square), 0.0), 2.0) if square > 0.0 else 1.0
 
 
 @njit(**INNER)
