@@ -115,5 +115,6 @@ def test_the_slope_after_a_reversal_is_the_stiffness_of_all_spots(loop):
 
 
 def test_the_laboratory_stroke_is_refused_with_its_years():
+    rig = thirdbody.Scene.load(SCENES / "fretting_rig.toml")
     with pytest.raises(InputError, match=r"years of explicit integration"):
-        prepare(thirdbody.Scene.load(SCENES / "fretting_rig.toml").with_settings({"solver.integrator": "explicit", "solver.duration": "10 s"}))
+        prepare(rig.with_settings({"solver.integrator": "explicit", "solver.duration": "10 s"}))
