@@ -147,18 +147,19 @@ def _seconds_of_ways(built: Simulation, original: Implicit) -> float:
     from .errors import GuardStop
 
     integrator = copy.deepcopy(original)
-    bodies, way = min(TRIAL_BODIES, built.state.n_bodies), min(TRIAL_WAY, built.planned_distance)
+    way, n = min(TRIAL_WAY, built.planned_distance), built.state.n_bodies
+    bodies = n if integrator.together else min(TRIAL_BODIES, n)
+    moved = built.schedule.time_of(way, 0.0) if way > 0.0 else built.settle
     try:
-        integrator.march(0, bodies, 1e-3 * built.settle)  # compiled, if it was not
+        integrator.trial(bodies, 1e-3 * built.settle)  # compiled, if it was not
         started = time.perf_counter()
-        integrator.march(0, bodies, built.settle)
+        integrator.trial(bodies, built.settle)
         pressed = time.perf_counter() - started
-        if way > 0.0:
-            integrator.march(0, bodies, built.schedule.time_of(way, 0.0))
+        integrator.trial(bodies, moved)
         dragged = time.perf_counter() - started - pressed
     except GuardStop:
         return math.nan
-    return (pressed + dragged * (built.planned_distance / way if way > 0.0 else 0.0)) * built.state.n_bodies / bodies
+    return (pressed + dragged * (built.planned_distance / way if way > 0.0 else 0.0)) * n / bodies
 
 
 def _memory(built: Simulation) -> int:

@@ -23,12 +23,12 @@ from ..laws.contract import Material
 from .explicit import FLOOR, Guards
 from .nearness import Nearness
 from .neighbours import search
-from .plates import Schedule
+from .plates import Schedule, at_time
 from .state import Array, State
 from .timestep import rayleigh_time
 
 BATCH = 512
-"""Bodies per compiled call: what is done before progress is told and a stop is heard."""
+"""Bodies per compiled call: what is done before a stop is heard."""
 
 FIRST, SHORTEST = 0.1, 1e-6
 """Length of the first step, and of the shortest one that is tried, in Rayleigh times."""
@@ -57,7 +57,7 @@ class Implicit:
     A step ends at every stop, so there are no stops but outputs.
     """
 
-    divisible = False
+    divisible, together = False, False
 
     def __init__(
         self,
@@ -117,9 +117,15 @@ class Implicit:
             stop = distance if self.near is None else min(distance, state.distance + self.near.stride)
             by_distance = self.schedule.time_of(stop - state.distance, state.time) if math.isfinite(stop) else math.inf
             until = min(time, by_distance)
-            self._reach(until, watch)
             path = self.schedule.path(state.time, until)
-            self._sum_up(until, state.distance + path if by_distance > until else stop)
+            reached = False
+            try:
+                self._reach(until, watch)
+                reached = True
+            finally:
+                # also where a guard or the user stops it: the bodies are as far as they came
+                now = until if reached else float(self.totals[:, at.A_TIME].min())
+                self._sum_up(now, self._distance(now, state.distance + path if by_distance > until else stop, reached))
             self._judge()
             if self.near is not None:
                 self.near.check(self.memory[:, at.T_WAY])
@@ -137,6 +143,11 @@ class Implicit:
             s.first, self.drag, physics.law, self.tangents, physics.effects, physics.observe,
         )  # fmt: skip
 
+    def trial(self, bodies: int, until: float) -> None:
+        """Bring the first so many bodies to a time, s, to see what it costs. Raises GuardStop as `advance_to` does."""
+        self.march(0, bodies, until)
+        self._judge()
+
     def _groups(self) -> tuple[tuple, tuple, tuple, tuple]:
         """The tables in the groups of `kernels.trial`: spots, shape, state, known."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
@@ -151,6 +162,10 @@ class Implicit:
         """Totals of all bodies."""
         return self.totals.sum(axis=0)
 
+    def _distance(self, time: float, whole: float, reached: bool) -> float:
+        """Sliding distance at a time, m: `whole` where the stop was reached."""
+        return whole if reached else self.state.distance + self.schedule.path(self.state.time, time)
+
     def _sum_up(self, time: float, distance: float) -> None:
         """Totals of the run from those of the bodies."""
         A = self.state.A
@@ -161,8 +176,11 @@ class Implicit:
         ):  # fmt: skip
             A[column] = summed[column]
         A[at.A_TIME], A[at.A_DISTANCE] = time, distance
-        A[at.A_SPEED] = self.totals[0, at.A_SPEED]
-        A[at.A_HEADING : at.A_HEADING + 2] = self.totals[0, at.A_HEADING : at.A_HEADING + 2]
+        ahead = self.totals[int(np.argmax(self.totals[:, at.A_TIME]))]
+        A[at.A_SPEED] = ahead[at.A_SPEED]
+        A[at.A_HEADING : at.A_HEADING + 2] = ahead[at.A_HEADING : at.A_HEADING + 2]
+        if self.schedule.gap and self.state.world.upper is not None and self.state.world.upper.foundation is not None:
+            self.state.P[-1, at.P_Z] = at_time(self.schedule.gap, time)
 
     def _judge(self) -> None:
         """Raise GuardStop for the first body that was stopped; one without a solution is left behind where the scene says so."""

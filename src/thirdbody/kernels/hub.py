@@ -27,6 +27,7 @@ from .steps import (
     V_DEEP,
     V_INERTIAL,
     advance_clock,
+    at_corner,
     error_of,
     formula,
     gaps,
@@ -196,6 +197,12 @@ _I1 = types.Array(types.int64, 1, "C")
 def plate_velocity_of(schedule, first, t, dt):
     """Mean sideways velocity of the upper plate over a step, m/s."""
     return plate_velocity(schedule, first, t, dt)
+
+
+@njit(_B(_F2, _I1, _D, _D), **OPTIONS)
+def corner_at(schedule, first, t, end):
+    """Whether the stretch that began at t ends at a corner of the motion."""
+    return at_corner(t, end, schedule, first)
 
 
 @njit(_D(_F2, _I1, _D, _D), **OPTIONS)

@@ -45,6 +45,7 @@ from .steps import (
     V_INERTIAL,
     V_SHORTEST,
     advance_clock,
+    at_corner,
     error_of,
     formula,
     gaps,
@@ -98,6 +99,10 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
     gaps(b, spots, state, work[5])
     time = W[A_TIME]
     end = stretch(time, schedule, first, until)
+    if end - time < V[V_SHORTEST]:
+        # a stop that misses a corner by rounding: no step is that short
+        W[A_TIME], T[T_LAST] = end, 0.0
+        return
     dt, asked, cuts = next_length(T, W, V, schedule, first, end), T[T_DT], 0
     while True:
         whole = dt >= NEARLY * (end - time)
@@ -122,8 +127,8 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
             return
     take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, False)
     advance_clock(W, dt, end, whole, v_x, v_y)
-    if whole and end < until:
-        T[T_LAST] = 0.0  # a corner: what was learnt before it says nothing
+    if whole and at_corner(time, end, schedule, first):
+        T[T_LAST] = 0.0  # what was learnt before a corner says nothing
     next_try(T, W, V, dt, asked, error, iterations, cuts)
     if known[6]:
         look(b, spots, state, M, W, known, drag, observe, work[13])

@@ -126,6 +126,12 @@ def stretch(t, schedule, first, until):
 
 
 @njit(**INNER)
+def at_corner(t, end, schedule, first):
+    """Whether the stretch that began at t ends at a corner of the motion, and not only at a stop."""
+    return stretch(t, schedule, first, np.inf) <= end
+
+
+@njit(**INNER)
 def plate_velocity(schedule, first, t, dt):
     """Mean sideways velocity of the upper plate over a step, m/s."""
     return mean_rate(schedule, first, np.int64(X), t, dt), mean_rate(schedule, first, np.int64(Y), t, dt)

@@ -17,6 +17,8 @@ from .upper import Upper
 if TYPE_CHECKING:
     from ..engine.implicit import Implicit
 
+IMPLICIT_KEYS = ("tolerance", "largest_step", "inertia", "on_failure")
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -31,6 +33,7 @@ def plan(scene: Scene, choice: Choice, state: State) -> Plan:
     wanted = scene.solver.integrator
     if wanted == "explicit":
         return Plan("explicit", "the scene asks for it")
+    _refuse_leaving_behind(scene, state)
     obstacle = _obstacle(scene, choice, state)
     if wanted == "implicit":
         if obstacle:
@@ -40,7 +43,20 @@ def plan(scene: Scene, choice: Choice, state: State) -> Plan:
         obstacle = "bodies may meet each other; contact.debris_contact = \"none\" would declare that they do not"
     if not obstacle and scene.solver.time_step != "auto":
         obstacle = "the scene gives a time step"
-    return Plan("explicit", obstacle) if obstacle else Plan("implicit", "bodies meet only the plates")
+    if not obstacle:
+        return Plan("implicit", "bodies meet only the plates")
+    given = [key for key in IMPLICIT_KEYS if getattr(scene.solver, key) is not None]
+    if given:
+        message = f"is for the implicit integrator, and this scene needs the explicit one: {obstacle}"
+        raise InputError([scene.fault(("solver", key), message) for key in given])
+    return Plan("explicit", obstacle)
+
+
+def _refuse_leaving_behind(scene: Scene, state: State) -> None:
+    """Raise InputError where no body can be left behind, for all carry one plate."""
+    if scene.solver.on_failure == "continue" and _carried_together(state):
+        message = "'continue' leaves a body behind, but here all bodies carry one plate together"
+        raise InputError(scene.fault(("solver", "on_failure"), message))
 
 
 def _obstacle(scene: Scene, choice: Choice, state: State) -> str:
