@@ -117,7 +117,7 @@ class Shared(Implicit):
             if abs(force) <= CONVERGED * scale:
                 return rise, True
             low, high = (way, high) if force > 0.0 else (low, way)
-            slope -= row[at.P_DAMPING] * rate + row[at.P_MASS] * rate * rate
+            slope -= row[at.P_DAMPING] * rate + float(self.accuracy.inertia) * row[at.P_MASS] * rate * rate
             # never down by more than the bodies can be expected to yield: their push grows faster than its slope tells
             change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
             way = way + change if low < way + change < high else 0.5 * (low + high)
@@ -146,9 +146,10 @@ class Shared(Implicit):
         return ratio * ratio / (1.0 + ratio)
 
     def _rise(self, way: float, dt: float) -> Rise:
-        now, before, kept = self._now(dt), self._before(dt), float(self.accuracy.inertia)
+        now, before = self._now(dt), self._before(dt)
         velocity = (now * way - before * self.moved) / dt
-        return Rise(way, velocity, (now * (velocity - kept * self._plate_velocity) - before * self.change) / dt)
+        change = now * (velocity - self._plate_velocity) - before * self.change
+        return Rise(way, velocity, change / dt if self.accuracy.inertia else 0.0)
 
     @property
     def _plate_velocity(self) -> float:

@@ -5,10 +5,13 @@ are solved for a given rise of the plate (`solve`), which also tells how their p
 bodies following: the Schur complement of the arrow. What is left is one equation for the plate (`engine.shared`).
 """
 
+import math
+
 from numba import njit, prange, types
 
 from .layout import (
     A_TIME,
+    B_MASS,
     O_FN,
     P_SPRING,
     P_Z,
@@ -95,7 +98,7 @@ def solve_chunk(low, high, fresh, dt, rise, plate, v_x, v_y, spots, shape, state
         if fresh:
             begin(b, p, shape, state, Z)
             gaps(b, spots, state, before)
-            formula(dt, T, Z, V[V_INERTIAL])
+            formula(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, state[1][b, B_MASS], T, Z, V)
             guess(p, y, dt, Z, P, rise)
             for e in range(edges[b], edges[b + 1]):
                 gone[e] = before[e - edges[b]]

@@ -27,7 +27,7 @@ from .layout import (
 )  # fmt: skip
 from .options import INNER
 from .rolling import MOMENTS
-from .trial import FREEDOMS, Z_ARM, Z_NOW, Z_PULL, inertia_of
+from .trial import FREEDOMS, Z_ARM, Z_MASS, Z_NOW, Z_PULL, inertia_of
 
 
 @njit(**INNER)
@@ -49,7 +49,7 @@ def linearise(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
     arm = 1.0 / Z[Z_ARM]
     xx, yy, zz, xy, xz, yz = inertia_of(b, B)
     rate = Z[Z_NOW] / dt
-    square = rate * rate
+    square = Z[Z_MASS] * rate * rate
     for k in range(3):
         J[k, k] -= B[b, B_MASS] * square
     J[3, 3] -= xx * square

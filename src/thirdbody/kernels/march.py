@@ -9,12 +9,15 @@ The group `work` is a workspace for one body: I, O, K, G, slots, before (`trial`
 of the law's answers, what a labeller sees.
 """
 
+import math
+
 import numpy as np
 from numba import njit, prange, types
 
 from .contacts import GEOMETRY, SUM_COLS
 from .layout import (
     A_TIME,
+    B_MASS,
     I_HISTORY,
     J_COLS,
     K_ROLLING_COLS,
@@ -108,7 +111,7 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
         whole = dt >= NEARLY * (end - time)
         dt = end - time if whole else dt
         v_x, v_y = plate_velocity(schedule, first, time, dt)
-        formula(dt, T, Z, V[V_INERTIAL])
+        formula(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, B[b, B_MASS], T, Z, V)
         guess(p, y, dt, Z, P, prescribed(p, P, time, dt, schedule, first, Z))
         how, m, iterations = newton(
             b, p, dt, V[V_DEEP], time + dt, V[V_INERTIAL], v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents,

@@ -15,15 +15,19 @@ from .layout import (
     O_LIMIT,
     O_TX,
     O_TY,
+    P_DAMPING,
     P_FREE,
     P_LOAD,
     P_MASS,
+    P_SPRING,
+    P_V,
+    P_Z,
     S_ARM,
     TILE,
 )  # fmt: skip
 from .linear import linearise
 from .options import CHUNK, INNER
-from .trial import E_DEEPEST, E_NORMAL, FREEDOMS, TURN, Z_ARM, Z_NOW, balance, loaded_spots, place
+from .trial import E_DEEPEST, E_NORMAL, FREEDOMS, TURN, Z_ARM, Z_NOW, Z_PLATE, balance, loaded_spots, place
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners."""
@@ -81,13 +85,16 @@ def size_of(r):
 
 
 @njit(**INNER)
-def scale_of(b, p, y, dt, B, P, told):
+def scale_of(b, p, y, dt, Z, B, P, told):
     """Sum of all forces at work, N: what the unbalanced ones are compared with."""
     move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
     weight = abs(B[b, B_EF]) + abs(B[b, B_EF + 1]) + abs(B[b, B_EF + 2])
     free = P[p, P_FREE]
     square = 1.0 / (dt * dt)
-    return told[E_NORMAL] + weight + B[b, B_MASS] * move * square + free * (P[p, P_LOAD] + P[p, P_MASS] * abs(y[6]) * square)
+    # of a patch that touches nothing too: its spring pulls, its dashpot holds
+    patch = P[p, P_LOAD] + P[p, P_MASS] * abs(y[6]) * square + P[p, P_DAMPING] * abs(P[p, P_V])
+    patch += P[p, P_SPRING] * abs(P[p, P_Z] - Z[Z_PLATE])
+    return told[E_NORMAL] + weight + B[b, B_MASS] * move * square + free * patch
 
 
 @njit(**INNER)
@@ -162,7 +169,7 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
         if m < 0:
             return CROWDED, m, iterations
         balance(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told)
-        now, scale = size_of(r), scale_of(b, p, tried, dt, B, P, told)
+        now, scale = size_of(r), scale_of(b, p, tried, dt, Z, B, P, told)
         if not now < 1e300:
             return LOST, m, iterations
         better = now < (1.0 - 1e-4 * part) * size

@@ -83,6 +83,7 @@ from .trial import (
     Z_ARM,
     Z_BEFORE,
     Z_L,
+    Z_MASS,
     Z_NOW,
     Z_PATCH,
     Z_PLATE,
@@ -156,9 +157,18 @@ def next_length(T, W, V, schedule, first, end):
 
 
 @njit(**INNER)
-def formula(dt, T, Z, inertial):
-    """Choose the formula of a step of length dt: BDF2 for unequal steps, backward Euler after a corner or without inertia."""
-    Z[Z_PULL] = 0.0 if inertial != 0.0 else PULL * T[T_FIRM]
+def formula(dt, way, mass, T, Z, V):
+    """Choose the formula of a step of length dt: BDF2 for unequal steps, backward Euler after a corner or without inertia.
+
+    `way` is that of the drag in the step, m.
+    """
+    inertial = V[V_INERTIAL]
+    Z[Z_PULL], Z[Z_MASS] = 0.0, 1.0
+    if inertial == 0.0:
+        Z[Z_PULL] = PULL * T[T_FIRM]
+        longest = min(V[V_LONGEST], V[V_RADII] * T[T_RADIUS])
+        # in a step of the longest way no more than the pull, whatever the speed; in shorter ones it grows
+        Z[Z_MASS] = min(1.0, Z[Z_PULL] * (longest * dt / way) ** 2 / mass) if way > 0.0 else 1.0
     if T[T_LAST] == 0.0 or inertial == 0.0:
         Z[Z_NOW], Z[Z_BEFORE] = 1.0, 0.0
         return
@@ -236,8 +246,8 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
         theta, w = y[3 + k] * arm, B[b, B_W + k]
         contacts += (B[b, B_F + k] - B[b, B_EF + k]) * y[k] + (B[b, B_T + k] - B[b, B_ET + k]) * theta
         effects += B[b, B_EF + k] * y[k] + B[b, B_ET + k] * theta
-        pushed += mass * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) * y[k]
-        pushed += (now * (B[b, B_L + k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) * theta
+        pushed += Z[Z_MASS] * mass * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) * y[k]
+        pushed += Z[Z_MASS] * (now * (B[b, B_L + k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) * theta
         pushed += Z[Z_PULL] * (y[k] * y[k] + y[3 + k] * y[3 + k])
         before += 0.5 * (mass * Z[Z_V + k] * Z[Z_V + k] + Z[Z_L + k] * Z[Z_W + k])
         after += 0.5 * (mass * B[b, B_V + k] * B[b, B_V + k] + B[b, B_L + k] * w)
@@ -252,7 +262,8 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
         felt = P[p, P_DAMPING] * rise * y[6]
         damped += max(felt, 0.0)
         lost += min(felt, 0.0)
-        pushed += (P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) + Z[Z_PULL] * y[6]) * y[6]
+        force = Z[Z_MASS] * P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE])
+        pushed += (force + Z[Z_PULL] * y[6]) * y[6]
         before += 0.5 * P[p, P_MASS] * Z[Z_RISE] * Z[Z_RISE]
         after += 0.5 * P[p, P_MASS] * rise * rise
         lost += 0.5 * P[p, P_SPRING] * stretched * stretched

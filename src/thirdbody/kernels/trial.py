@@ -86,7 +86,8 @@ FREEDOMS = 7
 Z_X, Z_V, Z_Q, Z_L, Z_W, Z_PATCH, Z_RISE, Z_ARM, Z_PLATE = 0, 3, 6, 10, 13, 16, 17, 18, 19
 Z_NOW, Z_BEFORE = 20, 21  # the formula of the step: rate of change = (NOW change - BEFORE last change)/dt
 Z_PLATE_RISE, Z_PULL = 22, 23  # rise of the plate that a patch is sprung to; what holds a body without inertia back, N/m
-Z_COLS = 24
+Z_MASS = 24  # share of its mass that a body without inertia keeps
+Z_COLS = 25
 
 # what `balance` tells beside the unbalanced forces
 E_NORMAL, E_DEEPEST, E_RADIUS, E_RATIO, E_SLOT, E_POWER = range(6)
@@ -271,19 +272,19 @@ def inertial_forces(b, p, y, dt, Z, T, B, P, inertial, r):
     """Take off what accelerates the body; add load, dashpot, spring and inertia of its patch.
 
     Without inertia (`inertial` 0) every step begins at rest, and a weak pull towards where it began lets a body that slides on
-    all its spots, and could be anywhere, be somewhere; mass only holds back what jumps within a step.
+    all its spots, and could be anywhere, be somewhere; a share of the mass holds back what jumps within a step.
     """
-    now, last, pull = Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt, Z[Z_PULL]
+    now, last, pull, share = Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt, Z[Z_PULL], Z[Z_MASS]
     l_1 = momentum_of(b, B)
     for k in range(3):
-        r[k] -= B[b, B_MASS] * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) + pull * y[k]
-        r[3 + k] -= now * (l_1[k] - inertial * Z[Z_L + k]) - last * T[T_DL + k] + pull * y[3 + k] * Z[Z_ARM]
+        r[k] -= share * B[b, B_MASS] * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) + pull * y[k]
+        r[3 + k] -= share * (now * (l_1[k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) + pull * y[3 + k] * Z[Z_ARM]
     if P[p, P_FREE] == 0.0:
         r[6] = 0.0
         return
     rise = P[p, P_V]
     r[6] -= P[p, P_LOAD] + P[p, P_DAMPING] * rise
-    r[6] -= P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) + pull * y[6]
+    r[6] -= share * P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) + pull * y[6]
     r[6] -= P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
 
 
