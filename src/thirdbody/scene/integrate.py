@@ -85,13 +85,19 @@ def implicit(scene: Scene, choice: Choice, state: State, upper: Upper) -> Implic
     options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     chosen = Accuracy(**options, go_on=solver.on_failure == "continue")
     smallest = float(np.min(state.S[:, at.S_R]))
-    if _carried_together(state):
-        from ..engine.shared import Shared as Kind
-    else:
-        from ..engine.implicit import Implicit as Kind
-    made = Kind(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
+    made = _kind(state)(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
     made.start()
     return made
+
+
+def _kind(state: State) -> type[Implicit]:
+    from ..engine.implicit import Implicit
+
+    if not _carried_together(state):
+        return Implicit
+    from ..engine.shared import Shared
+
+    return Shared
 
 
 def _carried_together(state: State) -> bool:
