@@ -52,6 +52,8 @@ from .layout import (
     I_VY,
     J_INVERSE,
     J_TRAVEL,
+    J_X,
+    J_Y,
     O_A,
     O_FN,
     O_HISTORY,
@@ -200,6 +202,8 @@ def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
             I[I_SX * TILE + m] *= share
             I[I_SY * TILE + m] *= share
             if rolling > 0:
+                I[at + J_X * TILE] *= share
+                I[at + J_Y * TILE] *= share
                 I[at + J_TRAVEL * TILE] *= share
         m += 1
     return m
