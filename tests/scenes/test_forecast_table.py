@@ -50,6 +50,7 @@ motion = {{x = {{velocity = "0.1 m/s"}}}}
 [contact]
 debris_contact = "none"
 [solver]
+integrator = "{integrator}"
 distance = "7 um"
 [output]
 every = "0.1 um"
@@ -58,10 +59,10 @@ every = "0.1 um"
 FRICTIONS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0)
 
 
-def runs(folder: Path) -> Iterator[tuple[float, thirdbody.Run]]:
+def runs(folder: Path, integrator: str) -> Iterator[tuple[float, thirdbody.Run]]:
     """Friction coefficient and run of a hundred clumps, one after the other."""
     for k, friction in enumerate(FRICTIONS):
-        scene = thirdbody.Scene.parse(SCENE.format(friction=friction, count=100, seed=k + 1))
+        scene = thirdbody.Scene.parse(SCENE.format(friction=friction, count=100, seed=k + 1, integrator=integrator))
         with thirdbody.run(scene, out=folder / f"{k}", progress=False) as run:
             yield friction, run
 
@@ -83,11 +84,11 @@ def changes(run: thirdbody.Run, start: int) -> np.ndarray:
     return np.count_nonzero(np.diff(run.states[start + 1 :].astype(int), axis=0), axis=0)
 
 
-@pytest.fixture(scope="module")
-def table(tmp_path_factory):
+@pytest.fixture(scope="module", params=["explicit", "implicit"])
+def table(request, tmp_path_factory):
     """Rows: friction, bodies that were told about outside the band, those that agree, label changes per body."""
     rows = []
-    for friction, run in runs(tmp_path_factory.mktemp("forecast")):
+    for friction, run in runs(tmp_path_factory.mktemp("forecast"), request.param):
         found = forecast_against_fact(run)
         bodies = run.bodies(found["frame"])
         clear = ~doubtful(bodies, friction)
@@ -136,7 +137,7 @@ def main() -> None:
     out = parser.parse_args().out
     check_format(out)  # before the minutes of runs
     with tempfile.TemporaryDirectory() as folder:
-        everything = pooled([forecasts(run) for _, run in runs(Path(folder))])
+        everything = pooled([forecasts(run) for _, run in runs(Path(folder), "explicit")])
     draw_forecasts(everything, out, "A thousand random clumps: forecast against fact")
 
 
