@@ -25,14 +25,15 @@ CAN_SLIDE, UNTOLD = 2, 4
 def forecast_against_fact(run: Run) -> dict[str, Any]:
     """Forecast when the drag starts (can the body go on without rolling?) against whether it is labelled rolling within 40 a.
 
-    Keys: `frame` of the forecast, `agree`, `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of
-    bodies). Empty when the run has no forecast or no drag.
+    Keys: `frame` of the forecast, `agree`, `told` (how many were told and watched), `unwatched` (bodies without any frame within
+    40 a), `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of bodies). Empty when the run has no
+    forecast or no drag.
     """
     start = start_of_drag(run)
     if start is None:
         return {}
-    told, rolled = run.forecast[start], _was(run, ROLLING, start)
-    known, slides = told != UNTOLD, (told & CAN_SLIDE) > 0
+    told, rolled, seen = run.forecast[start], _was(run, ROLLING, start), _watched(run, start).any(axis=0)
+    known, slides = (told != UNTOLD) & seen, (told & CAN_SLIDE) > 0
     groups = {
         "rolls_as_told": known & ~slides & rolled,
         "slides_as_told": known & slides & ~rolled,
@@ -40,13 +41,16 @@ def forecast_against_fact(run: Run) -> dict[str, Any]:
         "slides_instead": known & ~slides & ~rolled,
     }
     lists = {name: np.flatnonzero(members).tolist() for name, members in groups.items()}
-    return {"frame": start, "agree": len(lists["rolls_as_told"]) + len(lists["slides_as_told"]), "told": int(known.sum())} | lists
+    agree, unwatched = len(lists["rolls_as_told"]) + len(lists["slides_as_told"]), int(((told != UNTOLD) & ~seen).sum())
+    return {"frame": start, "agree": agree, "told": int(known.sum()), "unwatched": unwatched} | lists
 
 
 def forecasts(run: Run) -> Forecasts:
     """The bodies that have a forecast when the drag starts, as the picture takes them; none without a forecast or a drag."""
     start = start_of_drag(run)
-    known = np.zeros(0, int) if start is None else np.flatnonzero(run.forecast[start] != UNTOLD)
+    known = np.zeros(0, int)
+    if start is not None:
+        known = np.flatnonzero((run.forecast[start] != UNTOLD) & _watched(run, start).any(axis=0))
     if start is None or not len(known):
         none = np.zeros(0)
         return Forecasts(known, none, none, none, none.astype(bool), none.astype(str))
@@ -82,11 +86,15 @@ def start_of_drag(run: Run) -> int | None:
 
 def _was(run: Run, state: str, start: int) -> np.ndarray:
     """Whether each body (B,) was in the state at some time of its first 40 a of drag."""
+    return ((run.states == run.state_names.index(state)) & _watched(run, start)).any(axis=0)
+
+
+def _watched(run: Run, start: int) -> np.ndarray:
+    """(F, B) frames after the start of the drag within 40 a of each body: what its forecast is held against."""
     distance, contacts = run.series["distance"], run.contacts(start)
     radius = np.zeros(run.states.shape[1])
     np.maximum.at(radius, contacts["body"], contacts["contact_radius"])
-    watched = (distance[:, None] - distance[start] <= WATCHED * radius) & (np.arange(run.frames) > start)[:, None]
-    return ((run.states == run.state_names.index(state)) & watched).any(axis=0)
+    return (distance[:, None] - distance[start] <= WATCHED * radius) & (np.arange(run.frames) > start)[:, None]
 
 
 def _friction(run: Run) -> np.ndarray:

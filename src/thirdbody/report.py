@@ -127,6 +127,9 @@ def _states_over_frames(run: Run, json: bool) -> None:
 
 def _tell_forecast(found: dict[str, Any]) -> None:
     """Print the table, and the bodies in which forecast and fact differ."""
+    if found and found["unwatched"]:
+        count = found["unwatched"]
+        print(f"{count} bodies have no frame within the first 40 contact radii of drag: output.every is too coarse")
     if not found or not found["told"]:
         return
     from .foretold import WATCHED

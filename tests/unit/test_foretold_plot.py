@@ -187,6 +187,13 @@ def test_what_is_drawn_of_a_run(tmp_path):
     assert counted["agree"] == int(found.as_told.sum()) == 3 and counted["slides_instead"] == [3]
 
 
+def test_bodies_without_a_frame_in_the_watched_way_are_not_judged(tmp_path):
+    with open_run(write_run(tmp_path / "run", distances=(0.0, 0.0, 0.5e-6, 0.6e-6))) as run:
+        counted = forecast_against_fact(run)
+        assert len(forecasts(run).body) == 0
+    assert (counted["told"], counted["agree"], counted["unwatched"]) == (0, 0, 4)
+
+
 @pytest.fixture
 def states(monkeypatch, capsys, tmp_path):
     """`thirdbody states ...` in the test's folder: exit code, out, err."""
