@@ -25,7 +25,6 @@ TRIAL_BODIES, TRIAL_WAY = 16, 2e-6
 def check_report(built: Simulation) -> dict[str, Any]:
     """The resolved scene as a dictionary: everything that `thirdbody check` tells, SI."""
     choice, state = built.choice, built.state
-    from .laws.contract import STIFF
     from .simulate import debris_contact, planned_frames
 
     frames = planned_frames(built)
@@ -39,7 +38,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
             "level": choice.level,
             "chain": [{"stage": law.stage, "law": law.name, "source": law.source} for law in choice.chain.laws],
             "not_needed": list(choice.off),
-            "explicit_only": [law.name for law in choice.chain.laws if law.tangent is None and law.stage in STIFF],
+            "explicit_only": list(choice.chain.without_tangent),
         },
         "pairs": [
             {

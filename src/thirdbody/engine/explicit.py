@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,8 @@ from ..kernels import contacts as contact_pass
 from ..kernels import layout as at
 from ..kernels import step
 from ..laws.contract import Material
+from .guards import Guards
+from .labels import labels
 from .neighbours import search
 from .state import State
 from .timestep import Bound, bound
@@ -25,23 +26,6 @@ BUDGET = 64
 GROWTH, PATIENCE = 1.25, 16
 """The automatic step follows its bound down at once. Up it goes at once to a bound that is higher by this factor, to a lower one
 only after so many bounds that all allow more: a step that wobbles loses energy."""
-
-OVERLAP_GUARD = 0.3
-"""Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape mean nothing."""
-
-TRAVEL_GUARD = 0.25
-"""Largest way of a body in one step over the radius of its first sphere: beyond it contacts are skipped."""
-
-FLOOR = 1.0
-"""A body whose centre is lower than this many of its own radii below the lower plate has left."""
-
-
-@dataclass(frozen=True)
-class Guards:
-    """Dimensionless limits of a run."""
-
-    overlap: float = OVERLAP_GUARD
-    travel: float = TRAVEL_GUARD
 
 
 class Explicit:
@@ -57,11 +41,8 @@ class Explicit:
         guards: Guards | None = None,
         force: bool = False,
     ):
-        guards = guards or Guards()
         self.state, self.materials, self.fixed, self.force = state, materials, time_step, force
-        state.D[at.D_GUARD_OVERLAP], state.D[at.D_GUARD_TRAVEL] = guards.overlap, guards.travel
-        if state.world.lower is not None:
-            state.D[at.D_FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
+        (guards or Guards()).put(state)
         self.bound: Bound | None = None
         self.tightest: Bound | None = None
         self.waiting: list[float] = []  # bounds since the last change of the step, all above it
@@ -155,16 +136,7 @@ class Explicit:
 
     def label(self) -> np.ndarray:
         """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""
-        from ..kernels.observe import label_bodies
-
-        s, slots, physics = self.state, self.state.slots, self.state.physics
-        out = np.zeros((s.n_bodies, physics.outputs))
-        label_bodies(
-            slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, s.B, s.A, s.M,
-            self.drag, float(s.A[at.A_SPEED]),
-            len(physics.history), at.C_MEMORY + physics.contact_memory, physics.observe, physics.label, out,
-        )  # fmt: skip
-        return out
+        return labels(self.state, self.drag)
 
     def _explain(self, code: int, number: int) -> str:
         s = self.state

@@ -20,7 +20,8 @@ from ..kernels import layout as at
 from ..kernels import march as kernel
 from ..kernels import steps
 from ..laws.contract import Material
-from .explicit import FLOOR, Guards
+from .guards import Guards
+from .labels import labels
 from .nearness import Nearness
 from .neighbours import search
 from .plates import Schedule, at_time
@@ -69,11 +70,8 @@ class Implicit:
         guards: Guards | None = None,
     ) -> None:
         self.accuracy = accuracy or Accuracy()
-        guards = guards or Guards()
         self.state, self.tangents = state, tangents
-        state.D[at.D_GUARD_OVERLAP], state.D[at.D_GUARD_TRAVEL] = guards.overlap, guards.travel
-        if state.world.lower is not None:
-            state.D[at.D_FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
+        (guards or Guards()).put(state)
         upper = state.world.upper
         self.schedule = Schedule() if upper is None else upper.schedule
         self.drag = self.schedule.direction()
@@ -210,16 +208,7 @@ class Implicit:
 
     def label(self) -> Array:
         """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""
-        from ..kernels.observe import label_bodies
-
-        s, slots, physics = self.state, self.state.slots, self.state.physics
-        out = np.zeros((s.n_bodies, physics.outputs))
-        label_bodies(
-            slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, s.B, s.A, s.M,
-            self.drag, float(s.A[at.A_SPEED]),
-            len(physics.history), at.C_MEMORY + physics.contact_memory, physics.observe, physics.label, out,
-        )  # fmt: skip
-        return out
+        return labels(self.state, self.drag)
 
     def _explain(self, body: int) -> str:
         s, totals = self.state, self.totals[body]

@@ -56,6 +56,11 @@ class Chain:
         return load("tangents", tangent_module(self.laws), _functions(self.laws))[0].tangents
 
     @property
+    def without_tangent(self) -> tuple[str, ...]:
+        """Names of the laws that lack the tangent which their stage needs: they run in the explicit integrator only."""
+        return tuple(law.name for law in self.laws if law.tangent is None and law.stage in STIFF)
+
+    @property
     def rolling(self) -> int:
         """What the laws need of the relative rotation: `kernels.rolling.MOMENTS`, 1 for the travel of the patch only, or 0."""
         if any(law.stage == "rolling" for law in self.laws):

@@ -14,7 +14,7 @@ from ..engine.plates import Schedule
 from ..engine.state import Placed, State, World, assemble
 from ..errors import InputError
 from ..kernels import layout as at
-from ..laws.contract import STIFF, Labeller
+from ..laws.contract import Labeller
 from ..laws.elasticity import dundurs_beta
 from ..laws.registry import Registry, discover
 from . import units
@@ -96,7 +96,7 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
     labeller = choice.labeller
     warnings = _similarity_warnings(choice)
     if choice.physics.stiffness is None:
-        bare = ", ".join(law.name for law in choice.chain.laws if law.tangent is None and law.stage in STIFF)
+        bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
     placed = populate(scene, warnings)
     upper = upper_plate(scene, choice, placed, warnings)

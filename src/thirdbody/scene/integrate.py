@@ -12,13 +12,11 @@ from ..errors import InputError
 from ..kernels import layout as at
 from .choose import Choice
 from .model import Scene
+from .tables import IMPLICIT_KEYS
 from .upper import Upper
 
 if TYPE_CHECKING:
     from ..engine.implicit import Implicit
-
-IMPLICIT_KEYS = ("tolerance", "largest_step", "inertia", "on_failure")
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -61,7 +59,7 @@ def _refuse_leaving_behind(scene: Scene, state: State) -> None:
 
 def _obstacle(scene: Scene, choice: Choice, state: State) -> str:
     """Why the implicit integrator cannot run a scene, or nothing."""
-    bare = [law.name for law in choice.chain.laws if law.tangent is None and law.stage in ("normal", "tangential", "rolling")]
+    bare = choice.chain.without_tangent
     late = [effect.name for effect in choice.effects if effect.sees_forces]
     upper = state.world.upper
     if upper is None:

@@ -152,10 +152,14 @@ class Effects(Part):
     named: dict[str, Any] = {}
 
 
+IMPLICIT_KEYS = ("tolerance", "largest_step", "inertia", "on_failure")
+"""Keys of the solver that only the implicit integrator has."""
+
+
 class Solver(Part):
     """How long and how the motion is integrated. Distance and duration count after settling.
 
-    `tolerance`, `largest_step` (m of the drag), `inertia` and `on_failure` are for the implicit integrator (`engine.implicit`).
+    The keys named in IMPLICIT_KEYS (`largest_step` in m of the drag) are told in `engine.implicit`.
     """
 
     integrator: Annotated[Literal["auto", "explicit", "implicit"], Choice()] = "auto"
@@ -173,7 +177,7 @@ class Solver(Part):
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Faults that show in which keys are given."""
         wrongs = one_of(raw, ("distance", "duration"))
-        other = {"explicit": ("tolerance", "largest_step", "inertia", "on_failure"), "implicit": ("time_step",)}
+        other = {"explicit": IMPLICIT_KEYS, "implicit": ("time_step",)}
         kind = raw.get("integrator", "auto")
         for key in other.get(kind, ()) if isinstance(kind, str) else ():
             if raw.get(key, "auto") not in (None, "auto"):

@@ -1,0 +1,25 @@
+"""The labels of all bodies at a synchronised instant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..kernels import layout as at
+from .state import Array, State
+
+
+def labels(state: State, drag: tuple[float, float]) -> Array:
+    """One row per body: state, reason, margins and extras (columns named by the labeller), from copies of its memory.
+
+    `drag`: direction of the planned motion of the upper plate.
+    """
+    from ..kernels.observe import label_bodies
+
+    slots, physics = state.slots, state.physics
+    out = np.zeros((state.n_bodies, physics.outputs))
+    label_bodies(
+        slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, state.B, state.A, state.M,
+        drag, float(state.A[at.A_SPEED]),
+        len(physics.history), at.C_MEMORY + physics.contact_memory, physics.observe, physics.label, out,
+    )  # fmt: skip
+    return out
