@@ -81,6 +81,9 @@ def exact(c, load, p, h, w, w_new):
     if d < step[2]:
         dissipated += kept * kept * modulus * field_energy(w, n, d)
     count, slip, loss = advance_field(w, n, w_new, kept, step)
+    if kept < 1.0 and slip > 0.0:
+        # of a patch that goes on sliding friction takes all work: see `mdr.slipping`
+        dissipated += (1.0 - kept) * (1.0 - kept) * modulus * field_energy(w, n, 0.0)
     x, y = field_force(w_new, count)
     x, y = -2.0 * modulus * x, -2.0 * modulus * y
     size = math.sqrt(x * x + y * y)

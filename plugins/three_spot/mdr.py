@@ -62,6 +62,20 @@ def squares(w):
 
 
 @helper
+def slipping(w, back, n):
+    """Sum of the squared elongations before the step of the springs that slip in it.
+
+    Of a spring that stays at its limit friction takes all work. What it forgets and what slides over it go on together; taken
+    one after the other they miss the work of stretching it again, (1 - kept)^2 of its energy.
+    """
+    total = 0.0
+    for i in range(n):
+        if back[i] < 1.0:
+            total += w[i] * w[i] + w[n + i] * w[n + i]
+    return total
+
+
+@helper
 def segment(w, n, spacing, radius, before, after, slip_x, slip_y, bound, back):
     """One straight piece of the path, overlap from `before` to `after`; returns (slipped work, lost squares, slip of the middle).
 
@@ -119,6 +133,8 @@ def springs(c, load, p, h, w, w_new):
     share = (c.overlap - done) / (c.overlap - before) if done > before else 1.0
     work, lost, middle = segment(w_new, n, spacing, c.radius, done, c.overlap, share * c.slip_x, share * c.slip_y, bound, scratch)
     energy += p.g_star * spacing * (2.0 * work + lost)
+    if kept < 1.0 and spacing == h[1]:
+        energy += (1.0 - kept) * (1.0 - kept) * p.g_star * spacing * slipping(w, scratch, n)
     x, y = 0.0, 0.0
     for i in range(n):
         x += w_new[i]

@@ -7,6 +7,7 @@ import math
 import time
 from typing import TYPE_CHECKING, Any
 
+from .kernels import layout as at
 from .report import table
 from .scene.units import pretty
 
@@ -85,6 +86,7 @@ def _plate_report(built: Simulation) -> dict[str, Any] | None:
         "damping": float(upper.damping.mean()),
         "gap": float(upper.heights.mean()),
         "moves": upper.schedule.moves,
+        "largest_load": upper.schedule.largest_load() * float(upper.table()[:, at.P_LOAD0].max()),
         "loaded_at_once": built.upper.loaded,
         "foundation": None if upper.foundation is None else upper.foundation.stiffness,
     }
@@ -195,6 +197,7 @@ def print_check(told: dict[str, Any]) -> None:
     plate = told["upper_plate"]
     if plate is not None:
         load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"
+        load += f", at most {pretty(plate['largest_load'], 'force')}" if plate["largest_load"] > plate["load"] else ""
         carried = f", carried by {plate['loaded_at_once']} of {told['bodies']} bodies at once" if plate["loaded_at_once"] else ""
         each = " on each" if plate["support"] == "load_per_particle" else ""
         print(

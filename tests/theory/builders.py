@@ -214,7 +214,8 @@ def under_patches(
     solver = {key: keys.pop(key) for key in tuple(keys) if key in Solver.model_fields}
     solver = solver if "distance" in solver else {"duration": LONG} | solver
     size = keys.pop("size", 10.0)
-    upper = UpperPlate(material="ball", support="load_per_particle", load=load, motion=motion, **(patch or {}))
+    held = {"support": "load_per_particle", "load": load} | (patch or {})
+    upper = UpperPlate(material="ball", motion=motion, **held)
     tables = {
         "plates": Plates(lower=LowerPlate(material="ball"), upper=upper),
         "contact": Contact(level=level, debris_contact="none", options=options or {}),

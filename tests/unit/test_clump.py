@@ -182,3 +182,23 @@ def test_wrong_spheres_are_refused(centers, radii, key):
     with pytest.raises(InputError) as caught:
         clump(centers, radii)
     assert caught.value.faults[0].key == key
+
+
+def test_many_at_once_are_each_as_one_alone():
+    bodies = [lumps(np.random.default_rng(seed), 5) for seed in range(7)]
+    # one with a swallowed sphere has fewer that count than the rest of its stack
+    bodies[3][0][4], bodies[3][1][4] = bodies[3][0][0], 0.5 * bodies[3][1][0]
+    stack = module.clumps(np.array([c for c, _ in bodies]), np.array([r for _, r in bodies]))
+    for body, (centers, radii) in zip(stack, bodies, strict=True):
+        alone = clump(centers, radii)
+        # the same arithmetic; products of matrices may be summed in another order
+        assert body.volume == pytest.approx(alone.volume, rel=1e-14)
+        assert body.inertia == pytest.approx(alone.inertia, rel=1e-13)
+        assert body.centers == pytest.approx(alone.centers, abs=1e-12)
+        assert body.error == pytest.approx(alone.error, rel=1e-6)  # a difference of close numbers
+
+
+def test_a_body_in_parts_is_told_among_many():
+    centers = np.array([[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]])
+    with pytest.raises(InputError, match=r"spheres\[1\]"):
+        module.clumps(centers, np.ones((2, 2)))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thirdbody.bodies.clump import Clump, clump, matrix_from_quaternion
-from thirdbody.bodies.poses import resting_poses, settle
+from thirdbody.bodies.poses import resting_poses, settle, settle_all
 from thirdbody.bodies.shapes import irregular
 
 
@@ -135,3 +135,15 @@ def test_settle_is_reproducible_and_turns_about_the_vertical():
         k = int(np.argmax(ups @ matrix_from_quaternion(quaternion)[2]))
         assert ups[k] == pytest.approx(matrix_from_quaternion(quaternion)[2], abs=1e-12)
         assert h == heights[k]
+
+
+def test_settled_together_or_one_after_the_other():
+    """Bodies of several numbers of spheres, a ball and a rod among them, from one stream."""
+    bodies = [irregular(np.random.default_rng(k), 1 + k % 6, [1, 0.8, 0.6], 1e-5) for k in range(24)]
+    quaternions, heights = settle_all(bodies, np.random.default_rng(5))
+    rng = np.random.default_rng(5)
+    for body, q, h in zip(bodies, quaternions, heights, strict=True):
+        alone, level = settle(body, rng)
+        assert q == pytest.approx(alone, abs=1e-13)  # the order of sums in products of matrices
+        assert h == pytest.approx(level, rel=1e-13)
+    assert settle_all([], rng)[0].shape == (0, 4)

@@ -134,3 +134,17 @@ def test_far_tails_keep_their_shape():
 def test_wrong_sizes_are_refused(size, word):
     with pytest.raises(InputError, match=word):
         diameters(np.random.default_rng(0), 1, **size)
+
+
+@pytest.mark.parametrize("angularity, aspect", [(0.0, (1.0, 0.8, 0.6)), (0.8, (1.0, 0.8, 0.6)), (0.0, (1.0, 1.0, 0.1))])
+def test_bodies_made_together_are_each_as_one_alone(angularity, aspect):
+    size = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2}
+    for k, body in enumerate(population(3, 2, 20, (1, 7), aspect, angularity, **size)):
+        rng = np.random.default_rng(np.random.SeedSequence(3, spawn_key=(2, k)))
+        n, d = int(rng.integers(1, 8)), float(diameters(rng, 1, **size)[0])
+        alone = irregular(rng, n, aspect, d, angularity)
+        assert len(body.radii) == n
+        # the same numbers in the same order; products of matrices may be summed in another
+        assert body.volume == pytest.approx(alone.volume, rel=1e-13)
+        assert body.centers == pytest.approx(alone.centers, abs=1e-12 * d)
+        assert body.radii == pytest.approx(alone.radii, rel=1e-13)

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thirdbody.bodies.stacks import alike
 from thirdbody.errors import Fault, InputError
-from thirdbody.kernels.union import MOMENTS, break_heights, links, quadrature, union_moments
+from thirdbody.kernels.union import MOMENTS, break_heights, longest_links, quadrature, union_moments
+from thirdbody.kernels.vectors import cross, dot
 
 # Spheres that touch in one point belong together although rounding may part them by this much.
 _TOUCH = 1e-9
@@ -17,6 +19,8 @@ _TOLERANCE = 2e-7
 _QUADRATURE = quadrature()
 # Rounding of the sums over slices; stated as error when the quadrature claims to be better than this.
 _ROUNDING = 1e-13
+# Room for a stack of bodies: with 1e5, tables of pairs of spheres and break heights stay in the cache.
+_ROOM = 30_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +70,35 @@ def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
     InputError: wrong shapes, radii not positive, or spheres that are not connected.
     """
     centers, radii = _checked(centers, radii)
-    scale, anchor = float(radii.max()), centers[np.argmax(radii)]
-    c, r = (centers - anchor) / scale, radii / scale
+    bodies, centroids, axes = _with_frames(centers[None], radii[None])
+    return bodies[0], centroids[0], quaternion_from_matrix(axes[0])
+
+
+def clumps(centers: np.ndarray, radii: np.ndarray) -> list[Clump]:
+    """Clumps of a stack of bodies of n spheres each, centers (b, n, 3) m and radii (b, n) m: as `clump`, many at once.
+
+    Finite centers and positive radii are taken for granted. InputError: spheres of a body that are not connected.
+    """
+    bodies: list[Clump] = []
+    for _, members in alike(np.full(len(radii), radii.shape[1]), _ROOM):
+        bodies += _with_frames(centers[members], radii[members])[0]
+    return bodies
+
+
+def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], np.ndarray, np.ndarray]:
+    """Clumps of a stack (b, n, 3), (b, n), their centroids (b, 3) in m and principal axes (b, 3, 3) as columns."""
+    scale, largest = radii.max(axis=1), radii.argmax(axis=1)
+    anchor = centers[np.arange(len(radii)), largest]
+    c, r = (centers - anchor[:, None]) / scale[:, None, None], radii / scale[:, None]
     _refuse_parts(c, r)
-    volume, centroid, tensor, error = _mass_properties(c, r)
+    volume, centroid, tensor, moved = _mass_properties(c, r)
     inertia, axes = principal_axes(tensor)
-    body = Clump((c - centroid) @ axes * scale, radii, volume * scale**3, inertia * scale**5, error)
-    return body, anchor + centroid * scale, quaternion_from_matrix(axes)
+    # Weyl: no principal moment moves by more than the norm of the tensor's error.
+    error = np.maximum(moved[0] / volume, moved[1] / inertia[:, 0])
+    own = (c - centroid[:, None]) @ axes * scale[:, None, None]
+    size, moments = volume * scale**3, inertia * scale[:, None] ** 5
+    made = zip(own, radii, size.tolist(), moments, error.tolist(), strict=True)
+    return [Clump(*parts) for parts in made], anchor + centroid * scale[:, None], axes
 
 
 def quaternion_from_matrix(rotation: np.ndarray) -> np.ndarray:
@@ -128,12 +154,14 @@ def _checked(centers, radii) -> tuple[np.ndarray, np.ndarray]:
     return centers, radii
 
 
-def _refuse_parts(c: np.ndarray, r: np.ndarray) -> None:
-    """Raises InputError that names the spheres cut off from sphere 0."""
-    reach = np.empty(r.size)
-    links(c, r, reach, np.empty(r.size, np.bool_))
-    if reach.max() <= 1.0 + _TOUCH:
+def _refuse_parts(centers: np.ndarray, radii: np.ndarray) -> None:
+    """Raises InputError that names the spheres cut off from sphere 0 in the first body of the stack that has some."""
+    longest = np.empty(len(radii))
+    longest_links(centers, radii, longest)
+    apart = np.flatnonzero(longest > 1.0 + _TOUCH)
+    if not len(apart):
         return
+    c, r = centers[apart[0]], radii[apart[0]]
     together = np.linalg.norm(c[:, None] - c, axis=-1) <= (r[:, None] + r) * (1.0 + _TOUCH)
     part = together[0]
     while (grown := together[part].any(axis=0)).sum() > part.sum():
@@ -144,53 +172,64 @@ def _refuse_parts(c: np.ndarray, r: np.ndarray) -> None:
     )
 
 
-def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[float, np.ndarray, np.ndarray, float]:
-    """Volume, centroid (3,), inertia tensor (3, 3) about the centroid, error; lengths in largest radii."""
+def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Volumes (b,), centroids (b, 3), inertia tensors (b, 3, 3) about them, and errors (2, b) of volume and tensor.
+
+    For a stack (b, n, 3), (b, n); lengths in largest radii.
+    """
+    bodies = len(r)
+    volume, centroid = np.empty(bodies), np.empty((bodies, 3))
+    tensor, error = np.empty((bodies, 3, 3)), np.zeros((2, bodies))
     keep = _not_swallowed(c, r)
-    c, r = c[keep], r[keep]
-    if r.size == 1:
-        volume = 4.0 / 3.0 * math.pi * float(r[0]) ** 3
-        return volume, c[0].copy(), 0.4 * volume * r[0] ** 2 * np.eye(3), 0.0
-    middle = (c * r[:, None] ** 3).sum(axis=0) / (r**3).sum()
-    moments, errors = _moments(np.ascontiguousarray(c - middle), r)
-    volume, offset = moments[0], moments[1:4] / moments[0]
-    xx, yy, zz, xy, xz, yz = moments[4:]
-    second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) - volume * np.outer(offset, offset)
-    tensor = np.trace(second) * np.eye(3) - second
-    # Weyl: no principal moment moves by more than the norm of the tensor's error; the shift adds its part.
-    arm = np.linalg.norm(offset)
-    moved = 2.0 * np.linalg.norm(errors[4:]) + 2.0 * arm * np.linalg.norm(errors[1:4]) + arm**2 * errors[0]
-    least = np.linalg.eigvalsh(tensor)[0]
-    error = max(errors[0] / volume, moved / least, _ROUNDING)
-    return float(volume), middle + offset, tensor, float(error)
+    kept = keep.sum(axis=1)
+    for m in np.unique(kept):
+        rows = np.flatnonzero(kept == m)
+        inner, radii = c[rows][keep[rows]].reshape(-1, m, 3), r[rows][keep[rows]].reshape(-1, m)
+        if m == 1:
+            volume[rows] = 4.0 / 3.0 * math.pi * radii[:, 0] ** 3
+            centroid[rows] = inner[:, 0]
+            tensor[rows] = (0.4 * volume[rows] * radii[:, 0] ** 2)[:, None, None] * np.eye(3)
+        else:
+            volume[rows], centroid[rows], tensor[rows], error[:, rows] = _union_properties(inner, radii)
+    return volume, centroid, tensor, error
 
 
-def _moments(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Moments of the union and their error estimates, (2, 10)."""
-    n = r.size
-    total = np.zeros((2, MOMENTS))
-    old, new = np.empty((2, MOMENTS))
-    union_moments(
-        c, r, break_heights(c, r), *_QUADRATURE, _TOLERANCE, np.empty((6, 2 * n + 7)), total, old, new
-    )
-    return total
+def _union_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """As `_mass_properties`, of spheres none of which is swallowed."""
+    weight = r**3
+    middle = (c * weight[:, :, None]).sum(axis=1) / weight.sum(axis=1)[:, None]
+    c = np.ascontiguousarray(c - middle[:, None])
+    total = np.zeros((len(r), 2, MOMENTS))
+    union_moments(c, r, break_heights(c, r), *_QUADRATURE, _TOLERANCE, total)
+    moments, errors = total[:, 0], total[:, 1]
+    volume = moments[:, 0]
+    offset = moments[:, 1:4] / volume[:, None]
+    xx, yy, zz, xy, xz, yz = moments[:, 4:].T
+    second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
+    second = second - volume[:, None, None] * (offset[:, :, None] * offset[:, None])
+    tensor = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
+    # The shift adds its part to the error of the second moments; rounding, to all.
+    arm = np.sqrt(dot(offset, offset))
+    first, whole = np.linalg.norm(errors[:, 1:4], axis=1), np.linalg.norm(errors[:, 4:], axis=1)
+    moved = 2.0 * whole + 2.0 * arm * first + arm**2 * errors[:, 0]
+    return volume, middle + offset, tensor, np.array([np.maximum(errors[:, 0], _ROUNDING * volume), moved])
 
 
 def _not_swallowed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Indices (m,) of the spheres that no single other sphere contains; of equal ones the first stays."""
-    inside = np.linalg.norm(c[:, None] - c, axis=-1) + r[:, None] <= r * (1.0 + 1e-12)
-    twin = inside & inside.T
-    first = np.arange(r.size)[:, None] > np.arange(r.size)
-    return np.flatnonzero(~((inside & ~twin) | (twin & first)).any(axis=1))
+    """Whether (b, n) no single other sphere of the body contains the sphere; of equal ones the first stays."""
+    arm = c[:, :, None] - c[:, None]
+    inside = np.sqrt(dot(arm, arm)) + r[:, :, None] <= (r * (1.0 + 1e-12))[:, None]
+    twin = inside & inside.transpose(0, 2, 1)
+    first = np.tri(r.shape[1], k=-1, dtype=bool)
+    return ~((inside & ~twin) | (twin & first)).any(axis=2)
 
 
 def principal_axes(tensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Principal moments (3,), rising, and right-handed axes (3, 3) as columns."""
+    """Principal moments (..., 3), rising, and right-handed axes (..., 3, 3) as columns, of tensors (..., 3, 3)."""
     inertia, axes = np.linalg.eigh(tensor)
+    largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=-2)[..., None, :], axis=-2)
+    axes = axes * np.copysign(1.0, largest)
+    axes[..., 2] = cross(axes[..., 0], axes[..., 1])
     # Without this a ball, whose axes are free, would be turned by rounding.
-    if inertia[2] - inertia[0] <= 1e-12 * inertia[2]:
-        return inertia, np.eye(3)
-    for k in (0, 1):
-        axes[:, k] *= math.copysign(1.0, axes[np.argmax(np.abs(axes[:, k])), k])
-    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    axes[inertia[..., 2] - inertia[..., 0] <= 1e-12 * inertia[..., 2]] = np.eye(3)
     return inertia, axes

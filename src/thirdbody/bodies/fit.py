@@ -13,7 +13,7 @@ from thirdbody.bodies.closeness import ContactRadii, Distances, contact_radii, d
 from thirdbody.bodies.clump import Clump, clump, quaternion_from_matrix
 from thirdbody.bodies.mesh import Mesh, mass_properties
 from thirdbody.errors import Fault, InputError
-from thirdbody.kernels.union import links
+from thirdbody.kernels.union import longest_links
 
 SPHERES = (4, 40)
 
@@ -202,8 +202,8 @@ def _tree(centers, radii) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _refuse_parts(centers, radii, name: str) -> None:
-    reach = np.empty(len(radii))
-    links(np.ascontiguousarray(centers), radii, reach, np.empty(len(radii), np.bool_))
-    if reach.max() > 1.0:
+    longest = np.empty(1)
+    longest_links(np.ascontiguousarray(centers)[None], radii[None], longest)
+    if longest[0] > 1.0:
         message = f"{len(radii)} spheres are too few for this shape: they do not connect; take more"
         raise InputError(Fault("spheres", message, name))

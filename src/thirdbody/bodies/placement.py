@@ -10,7 +10,7 @@ import numpy as np
 from thirdbody.bodies.clump import Clump, matrix_from_quaternion
 from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.packing import overlapping, place_body
-from thirdbody.kernels.union import disc_moments
+from thirdbody.kernels.union import union_of_discs
 
 # Least gap between spheres over the sum of their radii, so that nothing touches at the start.
 CLEARANCE = 1e-3
@@ -36,12 +36,10 @@ def place_layer(
     """
     size = np.array(domain_size, dtype=np.float64)
     starts = np.cumsum([0, *(len(body.radii) for body in clumps)])
-    spheres = np.empty((starts[-1], 4))
-    for body, quaternion, first, last in zip(clumps, quaternions, starts[:-1], starts[1:], strict=True):
-        spheres[first:last] = _resting_spheres(body, quaternion)
     xy = np.empty((len(clumps), 2))
     if not len(clumps):
         return xy
+    spheres = _resting_spheres(clumps, quaternions, starts)
     low = np.minimum.reduceat(spheres[:, :2] - spheres[:, 3:], starts[:-1])
     high = np.maximum.reduceat(spheres[:, :2] + spheres[:, 3:], starts[:-1])
     _refuse_wide(high - low, size)
@@ -111,19 +109,22 @@ def overlaps(
 
 def projected_area(spheres: np.ndarray) -> float:
     """Area in m2 that the spheres (k, 4: x, y, z, radius) cover seen from above, each place once."""
-    k = len(spheres)
     scale = spheres[:, 3].max()
-    x, y, r = ((spheres[:, i] - (spheres[0, i] if i < 3 else 0.0)) / scale for i in (0, 1, 3))
+    discs, r = (spheres[:, :2] - spheres[0, :2]) / scale, spheres[:, 3] / scale
     moments = np.empty(6)
-    disc_moments(x, y, r, k, np.empty(2 * k + 1), np.empty(2 * k + 1), moments)
+    union_of_discs(discs, r, moments)
     return float(moments[0] * scale**2)
 
 
-def _resting_spheres(body: Clump, quaternion: np.ndarray) -> np.ndarray:
-    """Spheres (k, 4) of the body turned and put on z = 0, x and y relative to its centroid."""
-    centers = body.centers @ matrix_from_quaternion(quaternion).T
-    centers[:, 2] += (body.radii - centers[:, 2]).max()
-    return np.column_stack((centers, body.radii))
+def _resting_spheres(clumps: Sequence[Clump], quaternions: np.ndarray, starts: np.ndarray) -> np.ndarray:
+    """Spheres (k, 4) of the bodies turned and put on z = 0, x and y relative to their centroids."""
+    body = np.repeat(np.arange(len(clumps)), np.diff(starts))
+    turns = np.moveaxis(matrix_from_quaternion(quaternions.T), 2, 0)
+    spheres = np.empty((len(body), 4))
+    spheres[:, :3] = np.einsum("nij,nj->ni", turns[body], np.concatenate([clump.centers for clump in clumps]))
+    spheres[:, 3] = np.concatenate([clump.radii for clump in clumps])
+    spheres[:, 2] += np.maximum.reduceat(spheres[:, 3] - spheres[:, 2], starts[:-1])[body]
+    return spheres
 
 
 def grid(radii: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
-from thirdbody.bodies.clump import Clump, quaternion_product
+from thirdbody.bodies.clump import Clump
+from thirdbody.bodies.stacks import alike
 from thirdbody.errors import ThirdbodyError
 from thirdbody.kernels.union import triples
+from thirdbody.kernels.vectors import cross, dot
 
 # In units of the largest radius: spheres this near to the plane count as contacts, and a centroid this near
 # to the edge of the support as on it. Poses come out of closed forms, good to some 1e-15 of the body.
@@ -17,6 +20,9 @@ _TOLERANCE = 1e-9
 _EDGE = 1e-7
 # Poses whose up-vectors differ by less are one: a pad of four contacts is found by each of its triples.
 _SAME = 1e-6
+# Room for a stack of bodies (`stacks.alike`): with 6e4, tables of triples of spheres stay in the cache; and the most
+# candidates that are measured at once: a hundred spheres have 300 000.
+_ROOM, _MEASURED = 60_000, 8192
 # Directions tried where the height does not depend on the direction (a ball, a rod rolling on its axis).
 _TURNED = [(math.cos(k * math.pi / 4.0), math.sin(k * math.pi / 4.0)) for k in range(8)]
 
@@ -28,74 +34,105 @@ def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
     turns u to +z by the shortest way. Lowest first. Where a ball or rod rests at any turn about itself, one
     pose stands for all.
     """
-    scale = clump.radii.max()
-    c, r = clump.centers / scale, clump.radii / scale
-    ups, touches, family = _candidates(c, r)
-    standing = _on_own_sphere(ups, touches, c, r)
-    ups, family = ups[standing], family[standing]
-    resting = _rests(ups, c, r)
-    ups = _distinct(ups[resting], family[resting])
-    if not ups.size:
-        raise ThirdbodyError(
-            f"no resting pose found for the clump with centers {c.tolist()}, radii {r.tolist()}"
-        )
-    heights = (clump.radii - ups @ clump.centers.T).max(axis=1)
-    order = np.argsort(heights, kind="stable")
-    return _turned_up(ups[order]), heights[order]
+    quaternions, heights = _poses_of(clump.centers[None], clump.radii[None])
+    return quaternions[0], heights[0]
 
 
 def settle(clump: Clump, rng: np.random.Generator) -> tuple[np.ndarray, float]:
     """Quaternion (4,) and height (m) of the resting pose nearest to a random direction, turned at random."""
-    quaternions, heights = resting_poses(clump)
-    up = rng.normal(size=3)
-    w, x, y, z = quaternions.T
-    # Body up-vector of each pose: third row of its rotation matrix.
-    ups = np.stack((2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)), axis=1)
-    k = int(np.argmax(ups @ up))
-    half = rng.uniform(0.0, math.pi)
-    yaw = np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
-    return quaternion_product(yaw, quaternions[k]), float(heights[k])
+    quaternions, heights = settle_all([clump], rng)
+    return quaternions[0], float(heights[0])
+
+
+def settle_all(clumps: Sequence[Clump], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """As `settle`, one body after the other from one stream: quaternions (n, 4) and heights (n,) in m."""
+    drawn = [(*rng.standard_normal(3), rng.uniform(0.0, math.pi)) for _ in clumps]
+    up, half = np.split(np.array(drawn).reshape(-1, 4), [3], axis=1)
+    q, height = np.empty((len(clumps), 4)), np.empty(len(clumps))
+    for _, members in alike([len(body.radii) for body in clumps], _ROOM):
+        centers = np.array([clumps[b].centers for b in members])
+        quaternions, heights = _poses_of(centers, np.array([clumps[b].radii for b in members]))
+        w, x, y, z = np.moveaxis(quaternions, 2, 0)
+        # Body up-vector of each pose: third row of its rotation matrix.
+        ups = np.stack((2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)), axis=2)
+        near = np.where(np.isfinite(heights), dot(ups, up[members][:, None]), -np.inf)
+        rows, k = np.arange(len(members)), near.argmax(axis=1)
+        q[members], height[members] = quaternions[rows, k], heights[rows, k]
+    return _yawed(q, half[:, 0]), height
+
+
+def _yawed(q: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Quaternions (n, 4) turned further about z by twice the angles (n,)."""
+    c, s = np.cos(half), np.sin(half)
+    w, x, y, z = q.T
+    return np.column_stack((c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w))
+
+
+def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `resting_poses` for a stack (b, n, 3), (b, n): quaternions (b, p, 4), heights (b, p), infinite after the last."""
+    scale = radii.max(axis=1)
+    c, r = centers / scale[:, None, None], radii / scale[:, None]
+    ups, touches, family = _candidates(c, r)
+    body, place = np.nonzero(_on_own_sphere(ups, touches, c, r))
+    ups, family = ups[body, place], family[body, place]
+    resting = _rests(ups, c[body], r[body])
+    body, ups, family = body[resting], ups[resting], family[resting]
+    count = np.bincount(body, minlength=len(radii))
+    if not count.all():
+        k = int(count.argmin())
+        told = f"centers {c[k].tolist()}, radii {r[k].tolist()}"
+        raise ThirdbodyError(f"no resting pose found for the clump with {told}")
+    # One row per body: its poses, then NaN.
+    place = np.arange(len(body)) - (np.cumsum(count) - count)[body]
+    rows, families = np.full((len(radii), count.max(), 3), np.nan), np.full((len(radii), count.max()), -1)
+    rows[body, place], families[body, place] = ups, family
+    heights = (radii[:, None] - rows @ centers.transpose(0, 2, 1)).max(axis=2)
+    heights[~_distinct(rows, families) | np.isnan(heights)] = np.inf
+    order = np.argsort(heights, axis=1, kind="stable")[:, : int(np.isfinite(heights).sum(axis=1).max())]
+    return _turned_up(np.take_along_axis(rows, order[:, :, None], axis=1)), np.take_along_axis(heights, order, axis=1)
 
 
 def _turned_up(ups: np.ndarray) -> np.ndarray:
-    """Quaternions (p, 4) that turn the unit vectors (p, 3) to +z by the shortest way."""
-    quaternions = np.column_stack((1.0 + ups[:, 2], ups[:, 1], -ups[:, 0], np.zeros(len(ups))))
+    """Quaternions (..., 4) that turn the unit vectors (..., 3) to +z by the shortest way."""
+    quaternions = np.stack((1.0 + ups[..., 2], ups[..., 1], -ups[..., 0], np.zeros(ups.shape[:-1])), axis=-1)
     # Straight down has no shortest way: half a turn about x.
-    quaternions[quaternions[:, 0] < 1e-14] = (0.0, 1.0, 0.0, 0.0)
-    return quaternions / np.linalg.norm(quaternions, axis=1)[:, None]
+    quaternions[quaternions[..., 0] < 1e-14] = (0.0, 1.0, 0.0, 0.0)
+    return quaternions / np.linalg.norm(quaternions, axis=-1)[..., None]
 
 
 def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Indices of the candidates that no other sphere keeps off the plane: most fail here already."""
-    kept = []
-    # In blocks: a hundred spheres have 300 000 candidates.
-    for first in range(0, len(ups), 8192):
-        bottom = ups[first : first + 8192] @ c.T - r
-        own = bottom[np.arange(len(bottom)), touches[first : first + 8192]]
-        kept.append(first + np.flatnonzero(own <= bottom.min(axis=1) + _TOLERANCE))
-    return np.concatenate(kept)
+    """Which candidates (b, m) no other sphere keeps off the plane: most fail here already, and so does NaN."""
+    kept = np.empty(ups.shape[:2], np.bool_)
+    turned = c.transpose(0, 2, 1)
+    for first in range(0, ups.shape[1], _MEASURED):
+        block = slice(first, first + _MEASURED)
+        bottom = ups[:, block] @ turned - r[:, None]
+        own = np.take_along_axis(bottom, touches[None, block, None], axis=2)[:, :, 0]
+        kept[:, block] = own <= bottom.min(axis=2) + _TOLERANCE
+    return kept
 
 
 def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:
-    """The first of those that are the same direction or belong to the same family."""
-    same = ((ups[:, None] - ups) ** 2).sum(axis=2) < _SAME**2
-    same |= (family[:, None] == family) & (family >= 0)
-    return ups[~np.tril(same, -1).any(axis=1)]
+    """The first (b, m) of those that are the same direction or belong to the same family."""
+    apart = ups[:, :, None] - ups[:, None]
+    same = dot(apart, apart) < _SAME**2
+    same |= (family[:, :, None] == family[:, None]) & (family >= 0)[:, :, None]
+    return np.logical_not(np.tril(same, -1).any(axis=2))
 
 
 def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Whether (m,) the body, up along each of ups (m, 3), is at a local minimum of its centroid's height.
+    """Whether (m,) the bodies c (m, n, 3), r (m, n), up along ups (m, 3), are at a local minimum of the centroid's height.
 
     Equilibrium: the origin lies in the hull of the contacts' projections (multipliers >= 0). Well inside, any
     tilt raises the height at first order. On a corner or edge of the hull the second order decides: u.w >= 0
     with w the supporting combination of the contact centers.
     """
-    m, n = len(ups), len(r)
+    m, n = r.shape
     rows = np.arange(m)
-    up = ups @ c.T
+    up = dot(ups[:, None], c)
     bottom = up - r
     a, b = _tangents(ups)
-    p, q = a @ c.T, b @ c.T
+    p, q = dot(a[:, None], c), dot(b[:, None], c)
     arm = np.hypot(p, q)
     touching = bottom <= bottom.min(axis=1)[:, None] + _TOLERANCE
     below = touching & (arm <= _TOLERANCE)
@@ -119,66 +156,80 @@ def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Up-vectors (m, 3) that may be resting poses, one sphere (m,) that each must touch with, families (m,).
+    """Up-vectors (b, m, 3) that may be resting poses, one sphere (m,) that each must touch with, families (b, m).
 
     One sphere: u = c/|c|. Two: u = alpha d + beta e, d along c_i - c_j, e the part of c_i normal to d. Three:
-    u.(c_i - c_j) = r_i - r_j and the same for k. Of a family >= 0 one that rests is enough. c, r in
-    units of the largest radius.
+    u.(c_i - c_j) = r_i - r_j and the same for k. Of a family >= 0 one that rests is enough. For a stack (b, n, 3),
+    (b, n) in units of the largest radius; NaN where there is no such direction.
     """
-    far = np.sqrt((c * c).sum(axis=1))
-    bottom = c[:, 2] - r
-    # A sphere round the centroid rolls freely, here on -z; with a second one there it is a pair's matter.
-    alone = (bottom <= bottom.min() + _TOLERANCE).sum() == 1
-    rolling = np.array([0.0, 0.0, 1.0 if alone else np.nan])
-    single = np.where(far[:, None] > _TOLERANCE, c / np.maximum(far, _TOLERANCE)[:, None], rolling)
-    i, j = np.triu_indices(r.size, 1)
-    d = c[i] - c[j]
-    length = np.sqrt((d * d).sum(axis=1))
+    n = r.shape[1]
+    i, j = np.triu_indices(n, 1)
+    d, r_i, r_j = c[:, i] - c[:, j], r[:, i], r[:, j]
+    length = np.sqrt(dot(d, d))
     with np.errstate(invalid="ignore", divide="ignore"):
-        d = np.where((length > np.abs(r[i] - r[j]) + _TOLERANCE)[:, None], d / length[:, None], np.nan)
-        alpha = ((r[i] - r[j]) / length)[:, None]
+        d = np.where((length > np.abs(r_i - r_j) + _TOLERANCE)[:, :, None], d / length[:, :, None], np.nan)
+        alpha = ((r_i - r_j) / length)[:, :, None]
         beta = np.sqrt(1.0 - alpha * alpha)
-        e = c[i] - (c[i] * d).sum(axis=1)[:, None] * d
-        off = np.sqrt((e * e).sum(axis=1))[:, None]
+        e = c[:, i] - dot(c[:, i], d)[:, :, None] * d
+        off = np.sqrt(dot(e, e))[:, :, None]
         # Where the centroid lies on the line of the centers all e are equal: a few turns stand for all, and
         # pairs on one line with one u.d are one family.
-        free = np.flatnonzero(off <= _TOLERANCE)
+        free = off[:, :, 0] <= _TOLERANCE
         e = np.where(off > _TOLERANCE, e / off, _tangents(d)[0])
-        f = np.cross(d, e)
-        double = alpha * d + beta * e
+        f = cross(d, e)
         label = _families(alpha * d, d, free)
-        turned = [alpha[free] * d[free] + beta[free] * (x * e[free] + y * f[free]) for x, y in _TURNED]
-        (h, _, k), pair = triples(r.size)
-        d, e, f, alpha, beta = d[pair], e[pair], f[pair], alpha[pair], beta[pair]
-        g = c[h] - c[k]
-        g_e, g_f = (g * e).sum(axis=1)[:, None], (g * f).sum(axis=1)[:, None]
-        square = g_e * g_e + g_f * g_f
-        near = ((r[h] - r[k])[:, None] - alpha * (g * d).sum(axis=1)[:, None]) / square
-        side = np.sqrt(beta * beta / square - near * near)
-        middle = alpha * d + near * (g_e * e + g_f * f)
-        out = side * (g_e * f - g_f * e)
-    ups = np.concatenate([single, double, middle - out, middle + out, *turned])
-    touches = np.concatenate([np.arange(r.size), i, h, h, *(i[free] for _ in turned)])
-    none = np.full(len(middle), -1)
-    family = np.concatenate([np.full(r.size, -1), label, none, none, *(label[free] for _ in turned)])
-    valid = np.isfinite(ups).all(axis=1)
-    return ups[valid], touches[valid], family[valid]
+        ups, touches = [_single(c, r), alpha * d + beta * e], [np.arange(n), i]
+        triple = _triple(c, r, d, e, f, alpha, beta)
+        ups, touches = [*ups, *triple], [*touches, *[triples(n)[0][0]] * 2]
+        none = np.full(triple[0].shape[:2], -1)
+        family = [np.full(r.shape, -1), label, none, none]
+        for x, y in _TURNED if free.any() else ():
+            ups.append(np.where(free[:, :, None], alpha * d + beta * (x * e + y * f), np.nan))
+            touches.append(i)
+            family.append(label)
+    return np.concatenate(ups, axis=1), np.concatenate(touches), np.concatenate(family, axis=1)
+
+
+def _single(c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Up-vectors (b, n, 3) of bodies that stand on one sphere."""
+    far = np.sqrt(dot(c, c))
+    bottom = c[:, :, 2] - r
+    # A sphere round the centroid rolls freely, here on -z; with a second one there it is a pair's matter.
+    alone = (bottom <= bottom.min(axis=1, keepdims=True) + _TOLERANCE).sum(axis=1) == 1
+    rolling = np.where(alone[:, None], (0.0, 0.0, 1.0), np.nan)[:, None]
+    return np.where(far[:, :, None] > _TOLERANCE, c / np.maximum(far, _TOLERANCE)[:, :, None], rolling)
+
+
+def _triple(c, r, d, e, f, alpha, beta) -> tuple[np.ndarray, np.ndarray]:
+    """Both up-vectors (b, m, 3) of bodies that stand on three spheres, from the frames and slopes of the pairs."""
+    (h, _, k), pair = triples(r.shape[1])
+    d, e, f, alpha, beta = d[:, pair], e[:, pair], f[:, pair], alpha[:, pair], beta[:, pair]
+    g = c[:, h] - c[:, k]
+    g_e, g_f = dot(g, e)[:, :, None], dot(g, f)[:, :, None]
+    square = g_e * g_e + g_f * g_f
+    near = ((r[:, h] - r[:, k])[:, :, None] - alpha * dot(g, d)[:, :, None]) / square
+    side = np.sqrt(beta * beta / square - near * near)
+    middle = alpha * d + near * (g_e * e + g_f * f)
+    out = side * (g_e * f - g_f * e)
+    return middle - out, middle + out
 
 
 def _families(shift: np.ndarray, d: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """For each pair -1, or for a free one the first of the free with the same line d and the same u.d d."""
-    label = np.full(len(d), -1)
-    if free.size:
-        kind = np.column_stack((shift, (d[:, :, None] * d[:, None]).reshape(-1, 9)))[free]
+    """For each pair (b, p) -1, or for a free one the first of the body's free with the same line d and the same u.d d."""
+    label = np.full(free.shape, -1)
+    for body in np.flatnonzero(free.any(axis=1)):
+        own = free[body]
+        line = d[body, own]
+        kind = np.column_stack((shift[body, own], (line[:, :, None] * line[:, None]).reshape(-1, 9)))
         alike = ((kind[:, None] - kind) ** 2).sum(axis=2) < _SAME**2
-        label[free] = alike.argmax(axis=1)
+        label[body, own] = alike.argmax(axis=1)
     return label
 
 
 def _tangents(ups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors (m, 3) normal to the unit vectors given and to each other."""
-    x, y, z = ups.T
+    """Unit vectors (..., 3) normal to the unit vectors given and to each other."""
+    x, y, z = np.moveaxis(ups, -1, 0)
     none = np.zeros_like(x)
-    a = np.where(np.abs(ups[:, 2:]) < 0.7, np.column_stack((-y, x, none)), np.column_stack((none, -z, y)))
-    a /= np.sqrt((a * a).sum(axis=1))[:, None]
-    return a, np.cross(ups, a)
+    a = np.where(np.abs(ups[..., 2:]) < 0.7, np.stack((-y, x, none), axis=-1), np.stack((none, -z, y), axis=-1))
+    a /= np.sqrt(dot(a, a))[..., None]
+    return a, cross(ups, a)

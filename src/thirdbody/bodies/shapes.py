@@ -8,9 +8,11 @@ from statistics import NormalDist
 import numpy as np
 
 from thirdbody.bodies.asperities import Asperities, sphere_points, with_asperities
-from thirdbody.bodies.clump import Clump, clump
+from thirdbody.bodies.clump import Clump, clump, clumps
+from thirdbody.bodies.stacks import alike
 from thirdbody.errors import Fault, InputError
-from thirdbody.kernels.union import links
+from thirdbody.kernels.union import longest_links
+from thirdbody.kernels.vectors import dot
 
 # Neighbours overlap until their centers are this fraction of the sum of radii apart: less looks like a
 # string of beads, more hides the single spheres.
@@ -30,6 +32,9 @@ _CORNER = 0.2
 _COVER = 4.0
 # Fewer spheres cannot surround a core.
 _CORED = 5
+# Bodies whose random streams are open at a time, and room for a stack of them: with 1e5 its tables stay in the cache.
+_BLOCK = 4096
+_ROOM = 100_000
 
 
 _SURFACE = sphere_points(48)
@@ -50,20 +55,32 @@ def irregular(rng: np.random.Generator, n_spheres: int, aspect, diameter: float,
     InputError: n_spheres < 1, aspect or diameter not positive, angularity out of range, or too many spheres to leave
     each one free.
     """
-    envelope = _checked_envelope(n_spheres, aspect, diameter)
+    return _irregulars([rng], n_spheres, aspect, np.array([diameter]), angularity)[0]
+
+
+def _irregulars(
+    rngs: list[np.random.Generator], n_spheres: int, aspect, diameters: np.ndarray, angularity: float
+) -> list[Clump]:
+    """As `irregular`, one body for each stream and diameter; what one becomes does not depend on the others."""
+    envelope = _checked_envelope(n_spheres, aspect, diameters)
     if not 0.0 <= angularity <= 1.0:
         raise InputError(Fault("angularity", f"{angularity:g} must be 0 to 1"))
     if n_spheres == 1:
-        return clump(np.zeros((1, 3)), [0.5 * diameter])
+        return [clump(np.zeros((1, 3)), [0.5 * diameter]) for diameter in diameters]
+    centers, radii = np.empty((len(rngs), n_spheres, 3)), np.empty((len(rngs), n_spheres))
+    left = np.arange(len(rngs))
     for _ in range(_TRIES):
-        centers, radii = _grown(rng, n_spheres, envelope, angularity)
-        if _all_exposed(centers, radii):
-            body = clump(centers, radii)
-            return body.scaled(diameter / body.diameter)
-    raise InputError(
-        f"no irregular clump of {n_spheres} spheres with aspect {list(aspect)} in {_TRIES} tries leaves "
-        "every sphere partly free; take fewer spheres or a longer aspect"
-    )
+        centers[left], radii[left] = _grown([rngs[k] for k in left], n_spheres, envelope, angularity)
+        left = left[~_all_exposed(centers[left], radii[left])]
+        if not len(left):
+            break
+    else:
+        raise InputError(
+            f"no irregular clump of {n_spheres} spheres with aspect {list(aspect)} in {_TRIES} tries leaves "
+            "every sphere partly free; take fewer spheres or a longer aspect"
+        )
+    made = clumps(centers, radii)
+    return [body.scaled(diameter / body.diameter) for body, diameter in zip(made, diameters.tolist(), strict=True)]
 
 
 def population(
@@ -84,20 +101,37 @@ def population(
     least, most = spheres
     if not 1 <= least <= most:
         raise InputError(Fault("spheres", f"[{least}, {most}] must be 1 or more, the lesser first"))
-    bodies = []
-    for k in range(count):
-        rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k)))
-        n_spheres = int(rng.integers(least, most + 1))
-        diameter = float(diameters(rng, 1, **size)[0])
-        body = irregular(rng, n_spheres, aspect, diameter, angularity)
-        if asperities is not None:
-            body = with_asperities(rng, body, asperities.count, asperities.fraction(diameter))
-        bodies.append(body)
+    bodies: list[Clump] = []
+    for first in range(0, count, _BLOCK):
+        block = range(first, min(count, first + _BLOCK))
+        rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k))) for k in block]
+        n_spheres = np.array([rng.integers(least, most + 1) for rng in rngs])
+        wide = diameters(Streams(rngs), len(rngs), **size)
+        made: dict[int, Clump] = {}
+        for n, members in alike(n_spheres, _ROOM):
+            shapes = _irregulars([rngs[k] for k in members], n, aspect, wide[members], angularity)
+            made.update(zip(members.tolist(), shapes, strict=True))
+        for k, rng in enumerate(rngs):
+            body, diameter = made[k], float(wide[k])
+            if asperities is not None:
+                body = with_asperities(rng, body, asperities.count, asperities.fraction(diameter))
+            bodies.append(body)
     return bodies
 
 
+class Streams:
+    """Several random streams, of which each gives one number: bodies are drawn together and stay independent."""
+
+    def __init__(self, rngs: list[np.random.Generator]) -> None:
+        self.rngs = rngs
+
+    def random(self, count: int) -> np.ndarray:
+        """One uniform number in [0, 1) from each stream, (count,); count is their number."""
+        return np.array([rng.random() for rng in self.rngs])
+
+
 def diameters(
-    rng: np.random.Generator,
+    rng: np.random.Generator | Streams,
     count: int,
     distribution: str,
     *,
@@ -129,7 +163,7 @@ def diameters(
 
 
 def _cut_normal(
-    rng: np.random.Generator, count: int, normal: NormalDist, low: float, high: float
+    rng: np.random.Generator | Streams, count: int, normal: NormalDist, low: float, high: float
 ) -> np.ndarray:
     # The far tail above the mean loses its digits in 1 - tail: mirror it to the side below.
     if low > normal.mean:
@@ -141,7 +175,7 @@ def _cut_normal(
     # 1 - random() lies in (0, 1]; the open end at 1 is closed by the limit itself.
     levels = first + (last - first) * rng.random(count)
     smallest = np.nextafter(first, 1.0)
-    drawn = [normal.inv_cdf(float(np.maximum(level, smallest))) for level in levels]
+    drawn = [normal.inv_cdf(level) for level in np.maximum(levels, smallest).tolist()]
     return np.clip(drawn, low, high)  # rounding of the inversion only
 
 
@@ -174,7 +208,7 @@ def _check_size(distribution: str, given: dict[str, float | None]) -> None:
         raise InputError(faults)
 
 
-def _checked_envelope(n_spheres: int, aspect, diameter: float) -> np.ndarray:
+def _checked_envelope(n_spheres: int, aspect, diameters: np.ndarray) -> np.ndarray:
     """Half axes (3,) of the envelope, the longest 1."""
     axes = np.array(aspect, dtype=np.float64)
     faults = []
@@ -182,7 +216,7 @@ def _checked_envelope(n_spheres: int, aspect, diameter: float) -> np.ndarray:
         faults.append(Fault("spheres", f"{n_spheres} must be 1 or more"))
     if axes.shape != (3,) or not np.isfinite(axes).all() or not (axes > 0.0).all():
         faults.append(Fault("aspect", f"{axes.tolist()} must be three positive numbers"))
-    if not (math.isfinite(diameter) and diameter > 0.0):
+    for diameter in diameters[~(np.isfinite(diameters) & (diameters > 0.0))]:
         faults.append(Fault("size", f"diameter {diameter:g} m must be positive and finite"))
     if faults:
         raise InputError(faults)
@@ -190,104 +224,118 @@ def _checked_envelope(n_spheres: int, aspect, diameter: float) -> np.ndarray:
 
 
 def _grown(
-    rng: np.random.Generator, n: int, envelope: np.ndarray, angularity: float
+    rngs: list[np.random.Generator], n: int, envelope: np.ndarray, angularity: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Centers (n, 3) and radii (n,) of a connected trial clump inside the envelope."""
-    seeds = _spread(rng, n, envelope)
-    weights = rng.uniform(_UNEQUAL, 1.0, n)
-    neck = rng.uniform(*_NECK)
+    """Centers (b, n, 3) and radii (b, n) of connected trial clumps inside the envelope, one for each stream."""
+    seeds, weights, neck = _drawn(rngs, n, envelope)
     thinnest = envelope.min()
-    inset = np.ones((n, 1))
+    inset = np.ones_like(weights)
     if angularity > 0.0:
         seeds, weights, inset, neck = _sharpened(seeds, weights, neck, envelope, angularity)
 
-    def stretched(radius: float) -> float:
+    def stretched(radius: np.ndarray) -> np.ndarray:
         return _reach(seeds, weights, inset, envelope, radius) / neck
 
     # The larger the spheres, the smaller the room for their centers: the least radius that connects them.
-    low, high = 0.02 * thinnest, thinnest
-    if (excess := stretched(high)) > 1.0:
-        # Too flat for this many spheres: drawn together in the plane until they connect, and no closer than
-        # they must, or it would not look flat.
-        return seeds * (envelope - high * inset) / (excess * neck / _NECK_FLAT), high * weights
+    low, high = np.full(len(rngs), 0.02 * thinnest), np.full(len(rngs), thinnest)
+    excess = stretched(high)
+    flat = excess > 1.0
     for _ in range(12):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if stretched(middle) > 1.0 else (low, middle)
-    return seeds * (envelope - high * inset), high * weights
+        apart = stretched(middle) > 1.0
+        low, high = np.where(apart, middle, low), np.where(apart, high, middle)
+    high[flat] = thinnest
+    centers = seeds * (envelope - high[:, None, None] * inset[:, :, None])
+    # Too flat for this many spheres: drawn together in the plane until they connect, and no closer than they must, or it
+    # would not look flat.
+    centers[flat] /= (excess * neck / _NECK_FLAT)[flat, None, None]
+    return centers, high[:, None] * weights
 
 
-def _reach(seeds, weights: np.ndarray, inset, envelope: np.ndarray, radius: float) -> float:
-    """Largest distance over sum of radii among the links of the trial clump whose largest radius is `radius`."""
-    reach, joined = np.empty(weights.size), np.empty(weights.size, np.bool_)
-    links(seeds * (envelope - radius * inset), radius * weights, reach, joined)
-    return float(reach.max())
+def _drawn(rngs: list[np.random.Generator], n: int, envelope: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Seeds (b, n, 3), weights (b, n) and necks (b,) of trial clumps."""
+    candidates, numbers = np.empty((len(rngs), n, 12, 3)), np.empty((len(rngs), 13 * n + 1))
+    for k, rng in enumerate(rngs):
+        rng.standard_normal(out=candidates[k])
+        rng.random(out=numbers[k])
+    seeds = _spread(candidates, numbers[:, : 12 * n].reshape(-1, n, 12), envelope)
+    weights = _UNEQUAL + (1.0 - _UNEQUAL) * numbers[:, 12 * n : -1]
+    return seeds, weights, _NECK[0] + (_NECK[1] - _NECK[0]) * numbers[:, -1]
+
+
+def _reach(seeds, weights: np.ndarray, inset, envelope: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Largest distance over sum of radii among the links (b,) of trial clumps whose largest radius is `radius` (b,)."""
+    reach = np.empty(len(weights))
+    longest_links(seeds * (envelope - radius[:, None, None] * inset[:, :, None]), radius[:, None] * weights, reach)
+    return reach
 
 
 def _sharpened(
-    seeds: np.ndarray, weights: np.ndarray, neck: float, envelope: np.ndarray, angularity: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Seeds (n, 3), weights (n,), insets (n, 1) and neck of a sharper trial clump.
+    seeds: np.ndarray, weights: np.ndarray, neck: np.ndarray, envelope: np.ndarray, angularity: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Seeds (b, n, 3), weights (b, n), insets (b, n) and necks (b,) of sharper trial clumps.
 
     Aspect goes first: where the corners would be too small to reach the core, the angularity is lowered until they do.
     """
-    thinnest = envelope.min()
-    plain = _reach(seeds, weights, np.ones((weights.size, 1)), envelope, thinnest)
-    low, high = 0.0, angularity
+    thinnest = np.full(len(neck), envelope.min())
+    plain = _reach(seeds, weights, np.ones_like(weights), envelope, thinnest)
+    low, high = np.zeros_like(neck), np.full_like(neck, angularity)
     for step in range(8):
         trial = high if step == 0 else 0.5 * (low + high)
         made = _cored(seeds, weights, neck, trial)
-        connects = _reach(*made[:3], envelope, thinnest) <= max(plain, made[3])
-        low, high = (trial, high) if connects else (low, trial)
-        if low == angularity:
-            break
+        connects = _reach(*made[:3], envelope, thinnest) <= np.maximum(plain, made[3])
+        low, high = np.where(connects, trial, low), np.where(connects, high, trial)
     return _cored(seeds, weights, neck, low)
 
 
 def _cored(
-    seeds: np.ndarray, weights: np.ndarray, neck: float, angularity: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    seeds: np.ndarray, weights: np.ndarray, neck: np.ndarray, angularity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The seed nearest the middle as core, the others as corners that stand on the hull: as `_sharpened`.
 
     A plane between corners that surround a core of radius 1 evenly, at the distance s (1 + rho), clears it if
     s (1 + rho) cos t + rho > 1; m caps of the angle t have m (1 - cos t) / 2 times the area of the sphere.
     """
-    n = weights.size
+    n = weights.shape[1]
     neck = neck + angularity * (_NECK_SHARP - neck)
-    inset = np.ones((n, 1))
     if n < _CORED:
-        return seeds, weights, inset, neck
+        return seeds, weights, np.ones_like(weights), neck
     cosine = _NECK_SHARP * max(0.0, 1.0 - _COVER / (n - 1))
     corner = max(_CORNER, (1.0 - cosine) / (1.0 + cosine))
-    far = np.linalg.norm(seeds, axis=1, keepdims=True)
-    core = np.arange(n) == far.argmin()
-    moved = np.where(core[:, None], 1.0 - angularity, 1.0 - angularity + angularity / far)
-    shrunk = np.where(core, 1.0, 1.0 - angularity * (1.0 - corner))
-    full = np.where(core, weights + angularity * (1.0 - weights), weights * shrunk)
-    return seeds * moved, full, shrunk[:, None], neck
+    far, sharp = np.sqrt(dot(seeds, seeds)), angularity[:, None]
+    core = np.arange(n) == far.argmin(axis=1)[:, None]
+    moved = np.where(core, 1.0 - sharp, 1.0 - sharp + sharp / far)
+    shrunk = np.where(core, 1.0, 1.0 - sharp * (1.0 - corner))
+    full = np.where(core, weights + sharp * (1.0 - weights), weights * shrunk)
+    return seeds * moved[:, :, None], full, shrunk, neck
 
 
-def _spread(rng: np.random.Generator, n: int, envelope: np.ndarray) -> np.ndarray:
-    """Points (n, 3) in the unit ball, far apart once stretched to the envelope (best candidate of 12)."""
-    candidates = rng.normal(size=(n, 12, 3))
-    candidates /= np.linalg.norm(candidates, axis=2, keepdims=True)
-    candidates *= rng.random((n, 12, 1)) ** (1.0 / 3.0)
-    points = np.empty((n, 3))
-    points[0] = candidates[0, 0]
+def _spread(candidates: np.ndarray, levels: np.ndarray, envelope: np.ndarray) -> np.ndarray:
+    """Points (b, n, 3) in the unit ball, far apart once stretched to the envelope (best candidate of 12).
+
+    candidates (b, n, 12, 3): normal numbers, levels (b, n, 12): uniform ones.
+    """
+    candidates = candidates / np.sqrt(dot(candidates, candidates))[..., None]
+    candidates *= (levels ** (1.0 / 3.0))[..., None]
+    bodies, n = np.arange(len(candidates)), candidates.shape[1]
+    points = np.empty((len(candidates), n, 3))
+    points[:, 0] = candidates[:, 0, 0]
     for k in range(1, n):
-        gaps = (candidates[k][:, None] - points[:k]) * envelope
-        points[k] = candidates[k, np.argmax((gaps * gaps).sum(axis=2).min(axis=1))]
+        gaps = (candidates[:, k, :, None] - points[:, None, :k]) * envelope
+        points[:, k] = candidates[bodies, k, dot(gaps, gaps).min(axis=2).argmax(axis=1)]
     if n >= 4:
         # Filled to the envelope's sides, or few spheres would not show the aspect.
-        low, high = points.min(axis=0), points.max(axis=0)
+        low, high = points.min(axis=1, keepdims=True), points.max(axis=1, keepdims=True)
         points = (2.0 * points - low - high) / (high - low)
     return points
 
 
-def _all_exposed(centers: np.ndarray, radii: np.ndarray) -> bool:
-    """Whether every sphere shows at least the part _EXPOSED of its surface."""
-    n = radii.size
-    points = centers[:, None] + radii[:, None, None] * _SURFACE
-    square = ((points[:, :, None] - centers) ** 2).sum(axis=3)
-    inside = square < radii**2
-    inside[np.arange(n), :, np.arange(n)] = False
-    return bool(((~inside.any(axis=2)).mean(axis=1) >= _EXPOSED).all())
+def _all_exposed(centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Whether (b,) every sphere of a body shows at least the part _EXPOSED of its surface."""
+    n = radii.shape[1]
+    arm = centers[:, :, None] - centers[:, None]
+    # A point r u of sphere i lies in sphere j if (arm + r u)^2 < r_j^2.
+    reach = (radii**2)[:, None] - (radii**2)[:, :, None] - dot(arm, arm)
+    reach[:, np.arange(n), np.arange(n)] = -np.inf
+    inside = 2.0 * radii[:, :, None, None] * arm @ _SURFACE.T < reach[..., None]
+    return ((~inside.any(axis=2)).mean(axis=2) >= _EXPOSED).all(axis=1)

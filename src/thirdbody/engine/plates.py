@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,15 +52,16 @@ Axis = tuple[Segment, ...]
 
 @dataclass(frozen=True)
 class Schedule:
-    """What is prescribed: the sideways motion along x and y (m), and the height of the plate (m)."""
+    """What is prescribed: the sideways motion along x and y (m), the height of the plate (m), and its load over the first one."""
 
     x: Axis = ()
     y: Axis = ()
     gap: Axis = ()
+    load: Axis = ()
 
     def tables(self) -> tuple[Array, Ints]:
         """The rows and their ranges as the kernels read them."""
-        axes: Sequence[Axis] = (self.x, self.y, self.gap)
+        axes: Sequence[Axis] = (self.x, self.y, self.gap, self.load)
         rows = [[s.start, s.kind, s.a, s.b, s.c] for axis in axes for s in axis]
         first = np.concatenate(([0], np.cumsum([len(axis) for axis in axes]))).astype(np.int64)
         return np.array(rows, float).reshape(-1, motion.COLUMNS), first
@@ -87,6 +88,16 @@ class Schedule:
     def top_speed(self) -> float:
         """Largest sideways speed, m/s."""
         return math.hypot(_top_rate(self.x), _top_rate(self.y))
+
+    def largest_load(self, start: float = 0.0, end: float = math.inf) -> float:
+        """Largest load over the first one between two times; 1 if the load does not change."""
+        if not self.load:
+            return 1.0
+        breaks = [s.start for s in self.load if start <= s.start <= end]
+        ends = [at_time(self.load, t) for t in (start, *breaks, *([end] if math.isfinite(end) else []))]
+        # a piece that ends in a jump is largest before it
+        before = [s.value(after.start) for s, after in pairwise(self.load) if start <= after.start <= end]
+        return max(ends + before)
 
     def _chords(self, start: float, end: float) -> Iterator[tuple[float, float, float]]:
         """(begin, end, length of path) of pieces from start to end: whole where the velocity is constant, else short chords."""
@@ -151,6 +162,12 @@ def at_time(axis: Axis, t: float) -> float:
     """Value of an axis at time t; zero before its first segment."""
     held = [s for s in axis if s.start <= t]
     return held[-1].value(t) if held else 0.0
+
+
+def held_until(axis: Axis, t: float, end: float) -> float:
+    """Value of an axis at `end` by the segment that holds at t: the one before a jump at `end`."""
+    held = [s for s in axis if s.start <= t]
+    return held[-1].value(end) if held else 0.0
 
 
 def _first_rate(axis: Iterable[Segment]) -> tuple[float, float]:
@@ -219,4 +236,7 @@ class UpperPlate:
             P[n, at.P_Z], P[n, at.P_MASS], P[n, at.P_DAMPING] = f.height, f.mass, f.damping
             P[n, at.P_LOAD], P[n, at.P_FREE] = f.load, float(f.free)
         P[:, at.P_Z0] = P[:, at.P_Z]
+        # what a changing load changes: that of the plate, or of patches that have no common one
+        pressed = slice(0, n) if self.foundation is None else slice(n, n + 1)
+        P[pressed, at.P_LOAD0] = P[pressed, at.P_LOAD]
         return P

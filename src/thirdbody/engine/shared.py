@@ -19,6 +19,7 @@ from ..kernels import layout as at
 from ..kernels import steps
 from ..kernels.trial import TURN, Z_COLS
 from .implicit import BATCH, Implicit
+from .plates import held_until
 from .state import Array, State
 
 CONVERGED, ROUNDS = 1e-8, 30
@@ -74,12 +75,13 @@ class Shared(Implicit):
             # a stop that misses a corner by rounding: no step is that short
             self.totals[:, at.A_TIME], self.memory[:, at.T_LAST], self.last = end, 0.0, 0.0
             return
-        dt, cuts = self._length(time, end), 0
+        dt, cuts, load = self._length(time, end), 0, float(self.state.P[-1, at.P_LOAD])
         asked = self.length
         while True:
             whole = dt >= steps.NEARLY * (end - time)
             dt = end - time if whole else dt
             velocity = self._velocity(time, dt)
+            self._load(time, dt)
             rise, found = self._solve(dt, velocity)
             error, turn = self._error(rise, dt), float(self.told[:, kernel.H_TURN].max())
             if found and error <= 1.0 and turn <= TURN:
@@ -89,7 +91,7 @@ class Shared(Implicit):
             dt *= 0.5 if not found else max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), 0.9 * TURN / max(turn, 1e-30)))
             if dt < self.settings[steps.V_SHORTEST] or self.told[:, kernel.H_CROWDED].any():
                 self._give_up()
-        self._take(dt, end, whole, velocity, rise)
+        self._take(dt, end, whole, velocity, rise, load)
         self.memory[:, at.T_CUTS] += cuts
         self.memory[:, at.T_HARD] += float(cuts > steps.HARD)
         self.memory[:, at.T_LONGEST] = np.maximum(self.memory[:, at.T_LONGEST], math.hypot(*velocity) * dt)
@@ -113,7 +115,8 @@ class Shared(Implicit):
             push, slope = float(self.told[:, kernel.H_PUSH].sum()), float(self.told[:, kernel.H_SLOPE].sum())
             rate = self._now(dt) / dt
             force = push - row[at.P_LOAD] - row[at.P_DAMPING] * rise.velocity - row[at.P_MASS] * rise.acceleration
-            scale = abs(push) + row[at.P_LOAD] + row[at.P_MASS] * abs(rise.acceleration) + row[at.P_DAMPING] * abs(rise.velocity)
+            scale = abs(push) + max(row[at.P_LOAD], row[at.P_LOAD0]) + row[at.P_MASS] * abs(rise.acceleration)
+            scale += row[at.P_DAMPING] * abs(rise.velocity)
             if abs(force) <= CONVERGED * scale:
                 return rise, True
             low, high = (way, high) if force > 0.0 else (low, way)
@@ -180,21 +183,30 @@ class Shared(Implicit):
             return left
         return 0.5 * left if dt > 0.5 * left else dt
 
-    def _take(self, dt: float, end: float, whole: bool, velocity: tuple[float, float], rise: Rise) -> None:
-        """All bodies and the plate take the step; the plate's own energy."""
+    def _load(self, time: float, dt: float) -> None:
+        """The load of the plate at the end of a step that passes no corner, if a schedule changes it."""
+        if self.schedule.load:
+            row = self.state.P[-1]
+            row[at.P_LOAD] = row[at.P_LOAD0] * held_until(self.schedule.load, time, time + dt)
+
+    def _take(self, dt: float, end: float, whole: bool, velocity: tuple[float, float], rise: Rise, load: float) -> None:
+        """All bodies and the plate take the step; the plate's own energy. `load`: its load as the step begins, N."""
         s, physics, row = self.state, self.state.physics, self.state.P[-1]
         kernel.take_all(
             dt, end, whole, *velocity, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, self.starts,
             self.ends, self.gone, self.drag, physics.law, physics.effects, physics.observe,
         )  # fmt: skip
         before = self._plate_velocity
-        mass, work = float(row[at.P_MASS]), -float(row[at.P_LOAD]) * rise.way
+        old = 0.5 if self._before(dt) > 0.0 else 0.0
+        carried = (1.0 - old) * float(row[at.P_LOAD]) + old * load
+        mass, work = float(row[at.P_MASS]), -carried * rise.way
         kinetic = 0.5 * mass * (rise.velocity**2 - before**2)
         self.plate[at.A_PLATE_WORK] += work
         self.plate[at.A_PLATE_ABS] += abs(work)
         felt = float(row[at.P_DAMPING]) * rise.velocity * rise.way
         self.plate[at.A_DAMPING] += max(felt, 0.0)
-        self.plate[at.A_NUMERICAL] += mass * rise.acceleration * rise.way - kinetic + min(felt, 0.0)
+        lost = min(felt, 0.0) + (float(row[at.P_LOAD]) - carried) * rise.way
+        self.plate[at.A_NUMERICAL] += mass * rise.acceleration * rise.way - kinetic + lost
         self.moved, self.change, self.last = rise.way, rise.velocity - before, dt
         row[at.P_Z] += rise.way
         row[at.P_V] = rise.velocity
@@ -238,7 +250,7 @@ def _one_plate(state: State) -> None:
     if len(state.P) > 1 or state.world.upper is None or state.world.upper.foundation is not None:
         return
     copies = np.repeat(state.P, state.n_bodies, axis=0)
-    for column in (at.P_FREE, at.P_MASS, at.P_DAMPING, at.P_LOAD):
+    for column in (at.P_FREE, at.P_MASS, at.P_DAMPING, at.P_LOAD, at.P_LOAD0):
         copies[:, column] = 0.0
     state.P = np.concatenate([copies, state.P])
     state.patch = np.arange(state.n_bodies)

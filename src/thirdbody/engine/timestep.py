@@ -62,10 +62,11 @@ def bound(state: State, materials: list[Material], steps: int, deepest: float) -
         return best
     bodies, patches = np.zeros((state.n_bodies, 4)), np.zeros((len(state.P), 2))
     slots, physics = state.slots, state.physics
+    horizon = steps * (state.dt or best.step)
     l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
     frequencies(
-        slots.count, slots.own, slots.partner, slots.kind, state.body, state.S, state.B, state.P, physics.pairs,
-        l_x, l_y, steps * (state.dt or best.step), deepest, physics.stiffness, bodies, patches,
+        slots.count, slots.own, slots.partner, slots.kind, state.body, state.S, state.B, _pressed(state, horizon), physics.pairs,
+        l_x, l_y, horizon, deepest, physics.stiffness, bodies, patches,
     )  # fmt: skip
     of_bodies, of_patches = _steps(bodies[:, 0], bodies[:, 3]), _steps(patches[:, 0], patches[:, 1])
     body, patch = int(np.argmin(of_bodies)), int(np.argmin(of_patches))
@@ -79,6 +80,17 @@ def bound(state: State, materials: list[Material], steps: int, deepest: float) -
     by_frequency = STABILITY_FRACTION * stable_step(every, 0.0)
     mechanism = "damping" if of_bodies[body] < by_frequency else "rotation" if around > along else "translation"
     return Bound(float(of_bodies[body]), mechanism, body, limit, rayleigh)
+
+
+def _pressed(state: State, horizon: float) -> Array:
+    """The patches under the largest load until the bound is asked for next, whose steps may be a little longer."""
+    upper = state.world.upper
+    if upper is None or not upper.schedule.load:
+        return state.P
+    P = state.P.copy()
+    largest = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon)
+    P[:, at.P_LOAD] = np.maximum(P[:, at.P_LOAD], largest * P[:, at.P_LOAD0])
+    return P
 
 
 def _steps(squared_frequency: Array, rate: Array) -> Array:

@@ -33,7 +33,8 @@ B_COLS = 40
 
 # P: patches of the upper body (one for a rigid plate, else one per body); on a foundation the last row is the common plate.
 # P_SPRING is the stiffness of a patch's spring to that plate; P_F is the force of debris and springs, upwards.
-P_Z, P_V, P_MASS, P_DAMPING, P_LOAD, P_F, P_FREE, P_Z0, P_SPRING = range(9)
+# P_LOAD0 is the load of which a schedule of loads gives the factor.
+P_Z, P_V, P_MASS, P_DAMPING, P_LOAD, P_F, P_FREE, P_Z0, P_SPRING, P_LOAD0 = range(10)
 P_COLS = 10
 
 # H: what a candidate contact remembers; law history and labeller memory follow from H_LAW on.

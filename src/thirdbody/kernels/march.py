@@ -24,6 +24,8 @@ from .layout import (
     O_COLS,
     O_HISTORY,
     P_FREE,
+    P_LOAD,
+    P_LOAD0,
     P_SPRING,
     P_Z,
     Q_COLS,
@@ -35,7 +37,7 @@ from .layout import (
     T_TRIES,
     TILE,
 )  # fmt: skip
-from .motion import GAP, mean_rate, value
+from .motion import GAP, LOAD, mean_rate, segment, value, value_of
 from .newton import CROWDED, FOUND, newton
 from .options import CHUNK, INNER, OPTIONS
 from .signatures import EFFECTS, LAW, OBSERVE
@@ -94,6 +96,13 @@ def prescribed(p, P, t, dt, schedule, first, Z):
 
 
 @njit(**INNER)
+def loaded(p, P, t, dt, schedule, first):
+    """The load of the patch at the end of a step that passes no corner, if a schedule changes it."""
+    if first[LOAD + 1] > first[LOAD] and P[p, P_LOAD0] != 0.0:
+        P[p, P_LOAD] = P[p, P_LOAD0] * value_of(schedule, segment(schedule, first, np.int64(LOAD), t), t + dt)
+
+
+@njit(**INNER)
 def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents, effects,
          observe):  # fmt: skip
     """One step of body b, cut until it is good; a body that cannot go on gets its code."""
@@ -112,6 +121,7 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
         dt = end - time if whole else dt
         v_x, v_y = plate_velocity(schedule, first, time, dt)
         formula(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, B[b, B_MASS], T, Z, V)
+        loaded(p, P, time, dt, schedule, first)
         guess(p, y, dt, Z, P, prescribed(p, P, time, dt, schedule, first, Z))
         how, m, iterations = newton(
             b, p, dt, V[V_DEEP], time + dt, V[V_INERTIAL], v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents,

@@ -19,8 +19,8 @@ from numba import njit
 
 from .options import INNER
 
-X, Y, GAP = range(3)
-"""Axes of a schedule: sideways motion of the upper plate, and its height."""
+X, Y, GAP, LOAD = range(4)
+"""Axes of a schedule: sideways motion of the upper plate, its height, and its load over the first one."""
 
 START, KIND, A, B, C = range(5)
 COLUMNS = 5
@@ -44,7 +44,12 @@ def segment(schedule, first, axis, t):
 @njit(**INNER)
 def value(schedule, first, axis, t):
     """Value of an axis at time t."""
-    row = segment(schedule, first, axis, t)
+    return value_of(schedule, segment(schedule, first, axis, t), t)
+
+
+@njit(**INNER)
+def value_of(schedule, row, t):
+    """Value of a row at time t, whether it holds then or not; 0 for none."""
     if row < 0:
         return 0.0
     tau, a, b, c = t - schedule[row, START], schedule[row, A], schedule[row, B], schedule[row, C]

@@ -18,6 +18,7 @@ from .layout import (
     P_DAMPING,
     P_FREE,
     P_LOAD,
+    P_LOAD0,
     P_MASS,
     P_SPRING,
     P_V,
@@ -91,8 +92,8 @@ def scale_of(b, p, y, dt, Z, B, P, told):
     weight = abs(B[b, B_EF]) + abs(B[b, B_EF + 1]) + abs(B[b, B_EF + 2])
     free = P[p, P_FREE]
     square = 1.0 / (dt * dt)
-    # of a patch that touches nothing too: its spring pulls, its dashpot holds
-    patch = P[p, P_LOAD] + P[p, P_MASS] * abs(y[6]) * square + P[p, P_DAMPING] * abs(P[p, P_V])
+    # of a patch that touches nothing too: its spring pulls, its dashpot holds; without load, what it was loaded with counts
+    patch = max(P[p, P_LOAD], P[p, P_LOAD0]) + P[p, P_MASS] * abs(y[6]) * square + P[p, P_DAMPING] * abs(P[p, P_V])
     patch += P[p, P_SPRING] * abs(P[p, P_Z] - Z[Z_PLATE])
     return told[E_NORMAL] + weight + B[b, B_MASS] * move * square + free * patch
 

@@ -2,8 +2,8 @@
 
 from numba import njit
 
-from .layout import B_UP, P_DAMPING, P_F, P_FREE, P_LOAD, P_MASS, P_SPRING, P_V, P_Z, P_Z0
-from .motion import GAP, mean_rate
+from .layout import B_UP, P_DAMPING, P_F, P_FREE, P_LOAD, P_LOAD0, P_MASS, P_SPRING, P_V, P_Z, P_Z0
+from .motion import GAP, LOAD, mean_rate, value
 from .options import INNER
 
 
@@ -15,6 +15,17 @@ def drive_patches(P, schedule, first, t, dt):
     for p in range(P.shape[0]):
         if P[p, P_SPRING] == 0.0 and P[p, P_FREE] == 0.0:
             P[p, P_V] = mean_rate(schedule, first, GAP, t, dt)
+
+
+@njit(**INNER)
+def load_patches(P, schedule, first, t):
+    """Loads at time t where a schedule changes them."""
+    if first[LOAD + 1] == first[LOAD]:
+        return
+    factor = value(schedule, first, LOAD, t)
+    for p in range(P.shape[0]):
+        if P[p, P_LOAD0] != 0.0:
+            P[p, P_LOAD] = factor * P[p, P_LOAD0]
 
 
 @njit(**INNER)

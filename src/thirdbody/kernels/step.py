@@ -53,7 +53,7 @@ from .layout import (
 from .motion import X, Y, mean_rate
 from .observe import observe_chunk
 from .options import INNER, OPTIONS
-from .patches import drift_patches, drive_patches, kick_patches, patch_power
+from .patches import drift_patches, drive_patches, kick_patches, load_patches, patch_power
 from .signatures import EFFECTS, LAW, OBSERVE
 
 DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT = range(8)
@@ -203,6 +203,7 @@ def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence
                 drive_patches(P, schedule, first, A[A_TIME], dt)
                 far_patch = drift_patches(P, dt)
             elif task == CLOSE:
+                load_patches(P, schedule, first, time)
                 load, damping = kick_patches(P, B, patch, dt)
                 account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load + patch_power(P), damping)
                 if not sampled:

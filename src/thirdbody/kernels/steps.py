@@ -68,7 +68,7 @@ from .layout import (
     T_WAY,
     T_Y,
 )  # fmt: skip
-from .motion import GAP, X, Y, mean_rate, next_corner
+from .motion import GAP, LOAD, X, Y, mean_rate, next_corner
 from .observe import body_contacts, body_row
 from .options import INNER
 from .trial import (
@@ -83,6 +83,7 @@ from .trial import (
     Z_ARM,
     Z_BEFORE,
     Z_L,
+    Z_LOAD,
     Z_MASS,
     Z_NOW,
     Z_PATCH,
@@ -121,7 +122,7 @@ NEARLY = 1.0 - 1e-9
 def stretch(t, schedule, first, until):
     """Where the stretch ends in which the motion has no corner, s."""
     end = until
-    for axis in (X, Y, GAP):
+    for axis in (X, Y, GAP, LOAD):
         end = min(end, next_corner(schedule, first, np.int64(axis), t))
     return end
 
@@ -258,7 +259,9 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
     if P[p, P_FREE] != 0.0:
         spring = P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
         stretched = y[6] - Z[Z_PLATE_RISE]
-        plate -= P[p, P_LOAD] * y[6] + (0.0 if hub else spring * Z[Z_PLATE_RISE])
+        carried = (1.0 - old) * P[p, P_LOAD] + old * Z[Z_LOAD]
+        plate -= carried * y[6] + (0.0 if hub else spring * Z[Z_PLATE_RISE])
+        lost -= (carried - P[p, P_LOAD]) * y[6]
         felt = P[p, P_DAMPING] * rise * y[6]
         damped += max(felt, 0.0)
         lost += min(felt, 0.0)
@@ -338,7 +341,7 @@ def stay(b, p, Z, T, shape, state):
     place(b, p, still, 1.0, Z, T, shape, state)
     for k in range(3):
         B[b, B_V + k], B[b, B_W + k], B[b, B_L + k] = Z[Z_V + k], Z[Z_W + k], Z[Z_L + k]
-    P[p, P_Z], P[p, P_V] = Z[Z_PATCH], Z[Z_RISE]
+    P[p, P_Z], P[p, P_V], P[p, P_LOAD] = Z[Z_PATCH], Z[Z_RISE], Z[Z_LOAD]
 
 
 @njit(**INNER)

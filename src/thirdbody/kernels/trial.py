@@ -89,7 +89,8 @@ Z_X, Z_V, Z_Q, Z_L, Z_W, Z_PATCH, Z_RISE, Z_ARM, Z_PLATE = 0, 3, 6, 10, 13, 16, 
 Z_NOW, Z_BEFORE = 20, 21  # the formula of the step: rate of change = (NOW change - BEFORE last change)/dt
 Z_PLATE_RISE, Z_PULL = 22, 23  # rise of the plate that a patch is sprung to; what holds a body without inertia back, N/m
 Z_MASS = 24  # share of its mass that a body without inertia keeps
-Z_COLS = 25
+Z_LOAD = 25  # load of the patch as the step begins
+Z_COLS = 26
 
 # what `balance` tells beside the unbalanced forces
 E_NORMAL, E_DEEPEST, E_RADIUS, E_RATIO, E_SLOT, E_POWER = range(6)
@@ -109,7 +110,7 @@ def begin(b, p, shape, state, Z):
         Z[Z_L + k], Z[Z_W + k] = B[b, B_L + k], B[b, B_W + k]
     for k in range(4):
         Z[Z_Q + k] = B[b, B_Q + k]
-    Z[Z_PATCH], Z[Z_RISE] = P[p, P_Z], P[p, P_V]
+    Z[Z_PATCH], Z[Z_RISE], Z[Z_LOAD] = P[p, P_Z], P[p, P_V], P[p, P_LOAD]
     far = 0.0
     for s in range(start[b], start[b + 1]):
         square = offsets[s, 0] ** 2 + offsets[s, 1] ** 2 + offsets[s, 2] ** 2

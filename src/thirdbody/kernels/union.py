@@ -16,7 +16,8 @@ from itertools import combinations
 import numpy as np
 from numba import njit
 
-from .options import CHUNK, OPTIONS
+from .options import CHUNK, INNER, OPTIONS
+from .vectors import cross, dot
 
 TWO_PI = 2.0 * math.pi
 # Order of the ten moments: 1, x, y, z, xx, yy, zz, xy, xz, yz.
@@ -36,93 +37,125 @@ def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> tuple[np.ndarra
 
 
 @njit(**CHUNK)
-def add_arc(x, y, radius, start, end, out):
-    """Adds the arc's part of area, x, y, xx, yy, xy (oint x dy and its kin) of the enclosed region."""
-    s0, c0, s1, c1 = math.sin(start), math.cos(start), math.sin(end), math.cos(end)
-    th = end - start
-    sc0, sc1 = s0 * c0, s1 * c1
-    # j_mn = integral of cos^m sin^n over the arc.
-    j10 = s1 - s0
-    j20 = 0.5 * (th + sc1 - sc0)
-    j30 = j10 - (s1 * s1 * s1 - s0 * s0 * s0) / 3.0
-    j40 = 0.375 * th + sc1 * (0.25 * c1 * c1 + 0.375) - sc0 * (0.25 * c0 * c0 + 0.375)
-    j11 = 0.5 * (s1 * s1 - s0 * s0)
-    j21 = (c0 * c0 * c0 - c1 * c1 * c1) / 3.0
-    j12 = (s1 * s1 * s1 - s0 * s0 * s0) / 3.0
-    j22 = 0.125 * (th - sc1 * (1.0 - 2.0 * s1 * s1) + sc0 * (1.0 - 2.0 * s0 * s0))
-    j31 = 0.25 * (c0 * c0 * c0 * c0 - c1 * c1 * c1 * c1)
-    r = radius
-    xx_c = x * x * j10 + 2.0 * x * r * j20 + r * r * j30
-    xx_cs = x * x * j11 + 2.0 * x * r * j21 + r * r * j31
-    out[0] += r * (x * j10 + r * j20)
-    out[1] += 0.5 * r * xx_c
-    out[2] += r * (x * y * j10 + x * r * j11 + y * r * j20 + r * r * j21)
-    out[3] += r * (x * x * (x * j10 + 3.0 * r * j20) + r * r * (3.0 * x * j30 + r * j40)) / 3.0
-    out[4] += r * (x * (y * y * j10 + 2.0 * y * r * j11 + r * r * j12))
-    out[4] += r * r * (y * y * j20 + 2.0 * y * r * j21 + r * r * j22)
-    out[5] += 0.5 * r * (y * xx_c + r * xx_cs)
+def pair_directions(c, toward):
+    """Of pairs of points (n, 3 or 2) seen along z: distance, unit vector from i to j, its angle; into toward (n, n, 4).
+
+    A point is told to be infinitely far from itself, so that it is no neighbour.
+    """
+    for i in range(c.shape[0]):
+        for j in range(c.shape[0]):
+            dx, dy = c[j, 0] - c[i, 0], c[j, 1] - c[i, 1]
+            d = math.sqrt(dx * dx + dy * dy)
+            toward[i, j, 0], toward[i, j, 1], toward[i, j, 2] = d, dx / d, dy / d
+            toward[i, j, 3] = math.atan2(dy, dx)
+        toward[i, i, 0] = math.inf
+
+
+@njit(**INNER)
+def covered(i, rho, toward, cuts, order):
+    """Number of the arcs of circle i that other discs cover, -1 if they hide all of it.
+
+    Into cuts (n, 4) by disc: start in [0, 2 pi), end, cosine and sine of half the arc; into order (n,) by rising start.
+    """
+    m = 0
+    for j in range(rho.size):
+        d, more = toward[i, j, 0], rho[i] - rho[j]
+        if d >= rho[i] + rho[j]:
+            continue
+        if d <= -more:
+            # Of two equal discs in one place the first stands for both.
+            if more < 0.0 or j < i or d > 0.0:
+                return -1
+            continue
+        if d <= more:
+            continue
+        cosine = min(1.0, max(-1.0, (d * d + more * (rho[i] + rho[j])) / (2.0 * d * rho[i])))
+        half = math.acos(cosine)
+        start = toward[i, j, 3] - half
+        if start < 0.0:
+            start += TWO_PI
+        cuts[j, 0], cuts[j, 1], cuts[j, 2] = start, start + 2.0 * half, cosine
+        cuts[j, 3] = math.sqrt((1.0 - cosine) * (1.0 + cosine))
+        k = m
+        while k > 0 and cuts[order[k - 1], 0] > start:
+            order[k] = order[k - 1]
+            k -= 1
+        order[k] = j
+        m += 1
+    return m
+
+
+@njit(**INNER)
+def arc_sums(m, toward, cuts, order):
+    """Integrals of cos^m sin^n over the arcs of a circle that m cuts leave free: 10, 20, 30, 40, 11, 21, 12, 22, 31."""
+    last = order[0]
+    for k in range(1, m):
+        if cuts[order[k], 1] > cuts[last, 1]:
+            last = order[k]
+    at, th = cuts[last, 1] - TWO_PI, 0.0
+    j10, sc, s3, j40, j11, j21, j22, j31 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for k in range(m):
+        j = order[k]
+        if cuts[j, 0] > at:
+            th += cuts[j, 0] - at
+            # The ends of a cut follow from its cosine: no sine or cosine of an angle is needed.
+            u_x, u_y, c_h, s_h = toward[last, 1], toward[last, 2], cuts[last, 2], cuts[last, 3]
+            c0, s0 = u_x * c_h - u_y * s_h, u_y * c_h + u_x * s_h
+            u_x, u_y, c_h, s_h = toward[j, 1], toward[j, 2], cuts[j, 2], cuts[j, 3]
+            c1, s1 = u_x * c_h + u_y * s_h, u_y * c_h - u_x * s_h
+            cc0, cc1, ss0, ss1, sc0, sc1 = c0 * c0, c1 * c1, s0 * s0, s1 * s1, s0 * c0, s1 * c1
+            j10 += s1 - s0
+            sc += sc1 - sc0
+            s3 += s1 * ss1 - s0 * ss0
+            j40 += sc1 * (0.25 * cc1 + 0.375) - sc0 * (0.25 * cc0 + 0.375)
+            j11 += ss1 - ss0
+            j21 += c0 * cc0 - c1 * cc1
+            j22 += sc0 * (1.0 - 2.0 * ss0) - sc1 * (1.0 - 2.0 * ss1)
+            j31 += cc0 * cc0 - cc1 * cc1
+        if cuts[j, 1] > at:
+            at, last = cuts[j, 1], j
+    j12 = s3 / 3.0
+    j20, j40, j22 = 0.5 * (th + sc), 0.375 * th + j40, 0.125 * (th + j22)
+    return j10, j20, j10 - j12, j40, 0.5 * j11, j21 / 3.0, j12, j22, 0.25 * j31
 
 
 @njit(**CHUNK)
-def cover(starts, ends, m, start, end):
-    """Inserts the covered interval into the list sorted by start; gives the new length."""
-    k = m
-    while k > 0 and starts[k - 1] > start:
-        starts[k] = starts[k - 1]
-        ends[k] = ends[k - 1]
-        k -= 1
-    starts[k] = start
-    ends[k] = end
-    return m + 1
+def disc_moments(c, rho, toward, cuts, order, out):
+    """Area, x, y, xx, yy, xy moments of the union of discs round c (n, 3 or 2: x, y) into out (6,).
+
+    rho (n,): radii, 0 for discs that are not there; toward: see `pair_directions`, the same for all slices of a body;
+    cuts (n, 4), order (n,): scratch. Green's theorem: oint x dy and its kin over the free arcs.
+    """
+    o0, o1, o2, o3, o4, o5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(rho.size):
+        x, y, r = c[i, 0], c[i, 1], rho[i]
+        m = -1 if r <= 0.0 else covered(i, rho, toward, cuts, order)
+        if m < 0:
+            continue
+        if m > 0:
+            j10, j20, j30, j40, j11, j21, j12, j22, j31 = arc_sums(m, toward[i], cuts, order)
+        else:
+            j10, j30, j11, j21, j12, j31 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            j20, j40, j22 = 0.5 * TWO_PI, 0.375 * TWO_PI, 0.125 * TWO_PI
+        xx_c = x * x * j10 + 2.0 * x * r * j20 + r * r * j30
+        xx_cs = x * x * j11 + 2.0 * x * r * j21 + r * r * j31
+        o0 += r * (x * j10 + r * j20)
+        o1 += 0.5 * r * xx_c
+        o2 += r * (x * y * j10 + x * r * j11 + y * r * j20 + r * r * j21)
+        o3 += r * (x * x * (x * j10 + 3.0 * r * j20) + r * r * (3.0 * x * j30 + r * j40)) / 3.0
+        o4 += r * (x * (y * y * j10 + 2.0 * y * r * j11 + r * r * j12))
+        o4 += r * r * (y * y * j20 + 2.0 * y * r * j21 + r * r * j22)
+        o5 += 0.5 * r * (y * xx_c + r * xx_cs)
+    out[0], out[1], out[2], out[3], out[4], out[5] = o0, o1, o2, o3, o4, o5
 
 
 @njit(**OPTIONS)
-def disc_moments(x, y, rho, n, starts, ends, out):
-    """Area, x, y, xx, yy, xy moments of the union of the first n discs into out (6,).
-
-    starts, ends: scratch of at least 2 n + 1.
-    """
-    for k in range(6):
-        out[k] = 0.0
-    for i in range(n):
-        # Typed: numba compiles what a literal 0 is handed to twice, once for the literal.
-        m = np.int64(0)
-        hidden = False
-        for j in range(n):
-            if j == i:
-                continue
-            dx, dy = x[j] - x[i], y[j] - y[i]
-            d = math.sqrt(dx * dx + dy * dy)
-            if d >= rho[i] + rho[j]:
-                continue
-            if d <= rho[j] - rho[i]:
-                # Of two equal discs in one place the first stands for both.
-                if rho[j] > rho[i] or j < i or d > 0.0:
-                    hidden = True
-                    break
-                continue
-            if d <= rho[i] - rho[j]:
-                continue
-            cosine = (d * d + (rho[i] - rho[j]) * (rho[i] + rho[j])) / (2.0 * d * rho[i])
-            half = math.acos(min(1.0, max(-1.0, cosine)))
-            start = math.atan2(dy, dx) - half
-            if start < 0.0:
-                start += TWO_PI
-            end = start + 2.0 * half
-            if end > TWO_PI:
-                m = cover(starts, ends, m, start, TWO_PI)
-                m = cover(starts, ends, m, 0.0, end - TWO_PI)
-            else:
-                m = cover(starts, ends, m, start, end)
-        if hidden:
-            continue
-        # A last interval closes the circle: one call of add_arc compiles faster than two.
-        m = cover(starts, ends, m, TWO_PI, TWO_PI)
-        at = 0.0
-        for k in range(m):
-            if starts[k] > at:
-                add_arc(x[i], y[i], rho[i], at, starts[k], out)
-            at = max(at, ends[k])
+def union_of_discs(c, rho, out):
+    """As `disc_moments` for one set of discs, c (n, 2 or 3) and rho (n,); apart, since few runs need it."""
+    n = rho.size
+    toward = np.empty((n, n, 4))
+    pair_directions(c, toward)
+    disc_moments(c, rho, toward, np.empty((n, 4)), np.empty(n, np.int64), out)
 
 
 @cache
@@ -134,60 +167,62 @@ def triples(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Heights (m,), rising, where slices of the union change: poles, ends of circles, triple points.
+    """Heights (b, m), rising, NaN after the last, where slices of unions change: poles, ends of circles, triple points.
 
-    What another sphere covers is left out: no slice sees it. Plain numpy: as a kernel it took 0.1 ms less per
-    clump and 0.6 s more at every cold start.
+    c (b, n, 3), r (b, n): a stack of bodies. What another sphere covers is left out: no slice sees it. Plain numpy: for
+    a stack it takes as long as a kernel, which every cold start would compile for 0.6 s.
     """
-    points = [c - r[:, None] * (0.0, 0.0, 1.0), c + r[:, None] * (0.0, 0.0, 1.0)]
-    i, j = np.triu_indices(r.size, 1)
-    arm = c[j] - c[i]
-    d = np.sqrt((arm * arm).sum(axis=1))
+    n = r.shape[1]
+    pole = r[:, :, None] * (0.0, 0.0, 1.0)
+    i, j = np.triu_indices(n, 1)
+    arm, r_i, r_j = c[:, j] - c[:, i], r[:, i], r[:, j]
+    d = np.sqrt(dot(arm, arm))
     # Pairs that do not cut get a ring of NaN, which every later comparison drops.
     with np.errstate(invalid="ignore", divide="ignore"):
-        axis = arm / d[:, None]
-        along = (d * d + (r[i] - r[j]) * (r[i] + r[j])) / (2.0 * d)
-        ring2 = np.where((d < r[i] + r[j]) & (d > np.abs(r[i] - r[j])), r[i] ** 2 - along**2, np.nan)
-        center = c[i] + along[:, None] * axis
-        steep = -axis[:, 2:] * axis + (0.0, 0.0, 1.0)
-        flat = np.hypot(axis[:, 0], axis[:, 1])
-        out = (np.sqrt(ring2) / flat)[:, None] * steep
+        axis = arm / d[:, :, None]
+        along = (d * d + (r_i - r_j) * (r_i + r_j)) / (2.0 * d)
+        ring2 = np.where((d < r_i + r_j) & (d > np.abs(r_i - r_j)), r_i**2 - along**2, np.nan)
+        center = c[:, i] + along[:, :, None] * axis
+        steep = -axis[:, :, 2:] * axis + (0.0, 0.0, 1.0)
+        flat = np.hypot(axis[:, :, 0], axis[:, :, 1])
+        out = (np.sqrt(ring2) / flat)[:, :, None] * steep
         # A level circle lies wholly at one height, and no single point of it tells whether it is covered.
-        level = center[flat < 1e-6, 2]
-        points += [center - out, center + out]
-        rows, pair = triples(r.size)
-        meeting = np.isfinite(ring2[pair])
-        (i, _, k), pair = rows[:, meeting], pair[meeting]
-        arm = c[k] - c[i]
-        v = (arm * axis[pair]).sum(axis=1)
-        across = arm - v[:, None] * axis[pair]
-        w2 = (across * across).sum(axis=1)
-        t = (r[i] ** 2 - r[k] ** 2 + v * v + w2 - 2.0 * along[pair] * v) / (2.0 * w2)
-        foot = center[pair] + t[:, None] * across
-        out = np.cross(axis[pair], across) * np.sqrt(ring2[pair] / w2 - t * t)[:, None]
-    marks = np.concatenate([*points, foot - out, foot + out])
-    marks = marks[np.isfinite(marks).all(axis=1)]
-    away = ((marks[:, None] - c) ** 2).sum(axis=2)
-    shown = ~(away < r * r * (1.0 - 1e-9)).any(axis=1)
-    return np.sort(np.concatenate([marks[shown, 2], level[np.isfinite(level)]]))
+        level = np.where(flat < 1e-6, center[:, :, 2], np.nan)
+        foot, side = _triple_points(c, r, axis, along, ring2, center)
+        marks = np.concatenate([c - pole, c + pole, center - out, center + out, foot - side, foot + side], axis=1)
+        away = 0.0
+        for k in range(3):
+            apart = marks[:, :, None, k] - c[:, None, :, k]
+            away = away + apart * apart
+        hidden = (away < (r * r * (1.0 - 1e-9))[:, None]).any(axis=2)
+    shown = np.where(np.isfinite(marks).all(axis=2) & ~hidden, marks[:, :, 2], np.nan)
+    heights = np.sort(np.concatenate([shown, np.where(np.isfinite(level), level, np.nan)], axis=1), axis=1)
+    # One memory layout for the kernel, or numba compiles it again.
+    return np.ascontiguousarray(heights[:, : int(np.isfinite(heights).sum(axis=1).max())])
+
+
+def _triple_points(c, r, axis, along, ring2, center) -> tuple[np.ndarray, np.ndarray]:
+    """Where three spheres meet: middles (b, m, 3) and the way (b, m, 3) from there to both points; NaN where they do not."""
+    (i, _, k), pair = triples(r.shape[1])
+    arm, axis, along = c[:, k] - c[:, i], axis[:, pair], along[:, pair]
+    v = dot(arm, axis)
+    across = arm - v[:, :, None] * axis
+    w2 = dot(across, across)
+    t = (r[:, i] ** 2 - r[:, k] ** 2 + v * v + w2 - 2.0 * along * v) / (2.0 * w2)
+    foot = center[:, pair] + t[:, :, None] * across
+    return foot, cross(axis, across) * np.sqrt(ring2[:, pair] / w2 - t * t)[:, :, None]
 
 
 @njit(**CHUNK)
-def add_slices(c, r, mid, half, nodes, weights, first, last, scratch, out):
-    """Adds the ten moments of the layer mid +- half by the nodes first..last; scratch: (6, 2 n + 1)."""
+def add_slices(c, r, mid, half, nodes, weights, first, last, toward, cuts, order, rho, plane, out):
+    """Adds the ten moments of the layer mid +- half by the nodes first..last; scratch as in `disc_moments`, and (6,)."""
     n = r.size
-    x, y, rho = scratch[0], scratch[1], scratch[2]
-    plane = scratch[5]
     for p in range(first, last):
         height, weight = mid + half * nodes[p], half * weights[p]
-        m = np.int64(0)
         for i in range(n):
             dz = height - c[i, 2]
-            square = r[i] * r[i] - dz * dz
-            if square > 0.0:
-                x[m], y[m], rho[m] = c[i, 0], c[i, 1], math.sqrt(square)
-                m += 1
-        disc_moments(x, y, rho, m, scratch[3], scratch[4], plane)
+            rho[i] = math.sqrt(max(0.0, r[i] * r[i] - dz * dz))
+        disc_moments(c, rho, toward, cuts, order, plane)
         out[0] += weight * plane[0]
         out[1] += weight * plane[1]
         out[2] += weight * plane[2]
@@ -201,35 +236,43 @@ def add_slices(c, r, mid, half, nodes, weights, first, last, scratch, out):
 
 
 @njit(**OPTIONS)
-def union_moments(c, r, z, nodes, weights, offsets, tolerance, scratch, total, old, new):
-    """Ten moments (see MOMENTS) of the union and the sum of their errors over the layers, into total (2, 10).
+def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
+    """Ten moments (see MOMENTS) of unions and the sums of their errors over the layers, into total (b, 2, 10).
 
-    c: (n, 3), r: (n,), no sphere swallowed by another; z: the break heights, rising; scratch: (6, 2 n + 7);
-    old, new: scratch (10,). A layer's order is raised until the moments of two orders differ by less than
-    tolerance; that difference, the error of the lower order, is kept.
+    C: (b, n, 3), R: (b, n), no sphere swallowed by another; Z (b, m): the break heights, rising, then NaN. A layer's
+    order is raised until the moments of two orders differ by less than tolerance; that difference, the error of the
+    lower order, is kept.
     """
-    for b in range(z.size - 1):
-        mid, half = 0.5 * (z[b] + z[b + 1]), 0.5 * (z[b + 1] - z[b])
-        if half < 1e-14:
-            continue
-        worst = np.inf
-        for level in range(offsets.size - 1):
-            if worst < tolerance:
-                break
-            for q in range(MOMENTS):
-                old[q] = new[q]
-                new[q] = 0.0
-            add_slices(c, r, mid, half, nodes, weights, offsets[level], offsets[level + 1], scratch, new)
-            if level > 0:
-                worst = 0.0
+    n = R.shape[1]
+    toward, cuts, order = np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64)
+    rho, plane, old, new = np.empty(n), np.empty(6), np.zeros(MOMENTS), np.zeros(MOMENTS)
+    for body in range(R.shape[0]):
+        c, r, z = C[body], R[body], Z[body]
+        pair_directions(c, toward)
+        for b in range(z.size - 1):
+            mid, half = 0.5 * (z[b] + z[b + 1]), 0.5 * (z[b + 1] - z[b])
+            # Not "half < 1e-14": that is false for the NaN after the last height.
+            if not half >= 1e-14:
+                continue
+            worst = np.inf
+            for level in range(offsets.size - 1):
+                if worst < tolerance:
+                    break
                 for q in range(MOMENTS):
-                    worst = max(worst, abs(new[q] - old[q]))
-        for q in range(MOMENTS):
-            total[0, q] += new[q]
-            total[1, q] += abs(new[q] - old[q])
+                    old[q] = new[q]
+                    new[q] = 0.0
+                first, last = offsets[level], offsets[level + 1]
+                add_slices(c, r, mid, half, nodes, weights, first, last, toward, cuts, order, rho, plane, new)
+                if level > 0:
+                    worst = 0.0
+                    for q in range(MOMENTS):
+                        worst = max(worst, abs(new[q] - old[q]))
+            for q in range(MOMENTS):
+                total[body, 0, q] += new[q]
+                total[body, 1, q] += abs(new[q] - old[q])
 
 
-@njit(**OPTIONS)
+@njit(**CHUNK)
 def links(c, r, reach, joined):
     """Grows a tree from sphere 0, nearest first: reach[i] = distance over sum of radii at which i joined.
 
@@ -251,3 +294,14 @@ def links(c, r, reach, joined):
             if not joined[i]:
                 dx, dy, dz = c[i, 0] - c[best, 0], c[i, 1] - c[best, 1], c[i, 2] - c[best, 2]
                 reach[i] = min(reach[i], math.sqrt(dx * dx + dy * dy + dz * dz) / (r[i] + r[best]))
+
+
+@njit(**OPTIONS)
+def longest_links(C, R, longest):
+    """The largest reach (see `links`) of each of a stack of bodies (b, n, 3), (b, n), into longest (b,)."""
+    reach, joined = np.empty(R.shape[1]), np.empty(R.shape[1], np.bool_)
+    for b in range(R.shape[0]):
+        links(C[b], R[b], reach, joined)
+        longest[b] = 0.0
+        for i in range(reach.size):
+            longest[b] = max(longest[b], reach[i])

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import PlainSerializer, PlainValidator, ValidationError, ValidationInfo
+from pydantic import PlainSerializer
 
-from thirdbody.scene.fields import Choice, show
-from thirdbody.scene.part import MISSING, Part, Wrong, bundle, wrongs_of
+from thirdbody.scene.fields import Choice
+from thirdbody.scene.part import Part
+from thirdbody.scene.stages import plain_stages, stages
 from thirdbody.scene.types import PositiveFrequency, PositiveLength, PositiveNumber, PositiveTime, Speed, Text
 
 
@@ -53,69 +52,17 @@ class Table(Part):
 
 _DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Pause, "stroke": Stroke, "table": Table}
 
-
-def _drive_of(value: Any, info: ValidationInfo) -> Any:
-    """One drive: the table is of the kind whose leading key it has."""
-    if isinstance(value, tuple(_DRIVES.values())):
-        return value
-    if not isinstance(value, Mapping):
-        raise ValueError(f"expected a table such as {{velocity = \"1 m/s\"}}, got {show(value)}")
-    kinds = [key for key in _DRIVES if key in value]
-    if not kinds:
-        near = [_nearest_key(key) for key in value]
-        kinds = [key for key in near if key is not None]
-    if len(kinds) != 1:
-        raise ValueError(f"give one of {', '.join(_DRIVES)}" + (f", not {' and '.join(kinds)}" if kinds else ""))
-    return _DRIVES[kinds[0]].model_validate(value, context=info.context)
-
-
-def _nearest_key(key: str) -> str | None:
-    close = difflib.get_close_matches(key, _DRIVES, 1, 0.6)
-    return close[0] if close else None
-
-
 Drive = Constant | Ramp | Pause | Stroke | Table
 
 
-def _stages(value: Any, info: ValidationInfo) -> Any:
-    """A drive, or a list of them as stages one after the other. Raises ValidationError."""
-    entries = list(value) if isinstance(value, list | tuple) else [value]
-    if not entries:
-        raise ValueError("the list of stages is empty")
-    stages = []
-    wrongs: list[Wrong] = []
-    for k, entry in enumerate(entries):
-        place: tuple[str | int, ...] = (k,) if isinstance(value, list | tuple) else ()
-        try:
-            stages.append(_drive_of(entry, info))
-        except ValidationError as error:
-            wrongs += [((*place, *where), text) for where, text in wrongs_of(error)]
-        except ValueError as error:
-            wrongs.append((place, str(error)))
-    wrongs += [((k, key), text) for k, key, text in _endless(stages)]
-    if wrongs:
-        raise bundle(wrongs)
-    return tuple(stages)
+def _endless(stage: Any) -> str | None:
+    """The key that a stage before the last lacks, since it would never end."""
+    if isinstance(stage, Constant) and stage.duration is None:
+        return "duration"
+    return "cycles" if isinstance(stage, Stroke) and stage.cycles is None else None
 
 
-def _endless(stages: list[Any]) -> list[tuple[int, str, str]]:
-    """Stages before the last that never end."""
-    found = []
-    for k, stage in enumerate(stages[:-1]):
-        if isinstance(stage, Constant) and stage.duration is None:
-            found.append((k, "duration", f"{MISSING}: only the last stage may go on for ever"))
-        if isinstance(stage, Stroke) and stage.cycles is None:
-            found.append((k, "cycles", f"{MISSING}: only the last stage may go on for ever"))
-    return found
-
-
-def _plain_stages(stages: tuple[Part, ...]) -> Any:
-    """A single drive as a table, several as a list."""
-    told = [stage.model_dump(exclude_none=True) for stage in stages]
-    return told[0] if len(told) == 1 else told
-
-
-Stages = Annotated[tuple[Drive, ...], PlainValidator(_stages), PlainSerializer(_plain_stages)]
+Stages = Annotated[tuple[Drive, ...], stages(_DRIVES, '{velocity = "1 m/s"}', _endless), PlainSerializer(plain_stages)]
 
 
 class Motion(Part):

@@ -32,6 +32,7 @@ def plan(scene: Scene, choice: Choice, state: State) -> Plan:
     if wanted == "explicit":
         return Plan("explicit", "the scene asks for it")
     _refuse_leaving_behind(scene, state)
+    _refuse_unloading(scene, state)
     obstacle = _obstacle(scene, choice, state)
     if wanted == "implicit":
         if obstacle:
@@ -55,6 +56,15 @@ def _refuse_leaving_behind(scene: Scene, state: State) -> None:
     if scene.solver.on_failure == "continue" and _carried_together(state):
         message = "'continue' leaves a body behind, but here all bodies carry one plate together"
         raise InputError(scene.fault(("solver", "on_failure"), message))
+
+
+def _refuse_unloading(scene: Scene, state: State) -> None:
+    """Raise InputError where nothing would hold the bodies: no load, and no inertia."""
+    upper = state.world.upper
+    loads = () if upper is None else upper.schedule.load
+    if scene.solver.inertia is False and any(piece.value(piece.start) <= 0.0 for piece in loads):
+        message = "false needs a load at all times: without load and inertia nothing tells where a body is"
+        raise InputError(scene.fault(("solver", "inertia"), message))
 
 
 def _obstacle(scene: Scene, choice: Choice, state: State) -> str:

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from ..bodies.asperities import Asperities
-from ..bodies.clump import Clump, clump_with_frame
-from ..bodies.poses import quaternion_product
-from ..bodies.shapes import diameters, population
+from ..bodies.clump import Clump, clump_with_frame, quaternion_product
+from ..bodies.shapes import Streams, diameters, population
 from ..bodies.spots import spot_body
 from ..bodies.table import Bodies
 from ..errors import InputError
@@ -107,6 +106,7 @@ def _sized(index: int, debris: Mesh | File, shapes: list[Clump]) -> list[Clump]:
     """The shapes, each rescaled to a size of its own when the scene gives sizes; body k draws from its own stream."""
     if debris.size is None:
         return shapes
-    streams = (np.random.SeedSequence(debris.seed, spawn_key=(index, k)) for k in range(len(shapes)))
-    sizes = [diameters(np.random.default_rng(stream), 1, **_distribution(debris.size))[0] for stream in streams]
-    return [body.scaled(float(size) / body.diameter) for body, size in zip(shapes, sizes, strict=True)]
+    seeds = (np.random.SeedSequence(debris.seed, spawn_key=(index, k)) for k in range(len(shapes)))
+    streams = Streams([np.random.default_rng(seed) for seed in seeds])
+    sizes = diameters(streams, len(shapes), **_distribution(debris.size)).tolist()
+    return [body.scaled(size / body.diameter) for body, size in zip(shapes, sizes, strict=True)]

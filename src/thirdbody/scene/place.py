@@ -10,7 +10,7 @@ from ..bodies.clump import Clump
 from ..bodies.dense import pack
 from ..bodies.dilute import scatter
 from ..bodies.placement import place_layer
-from ..bodies.poses import settle
+from ..bodies.poses import settle_all
 from ..bodies.table import Bodies
 from ..engine.state import rotation_matrices
 from ..errors import Fault, InputError
@@ -142,10 +142,9 @@ def _typical(debris: Irregular | Spheres | Mesh | File, table: Bodies | None) ->
 def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
     """Give the bodies of the layer a stable pose, a height and a place."""
     rng = np.random.default_rng(np.random.SeedSequence(getattr(scene.debris[0], "seed", 1), spawn_key=(LAYER_STREAM,)))
-    for b in members:
-        q[b], height = settle(clumps[b], rng)
-        x[b, 2] = height + CLEARANCE * clumps[b].diameter
     laid = [clumps[b] for b in members]
+    q[members], heights = settle_all(laid, rng)
+    x[members, 2] = heights + CLEARANCE * np.array([body.diameter for body in laid])
     try:
         x[members, :2] = place_layer(laid, q[members], scene.domain.size, scene.domain.periodic, rng)
     except InputError as error:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import csv
 import math
-from pathlib import Path
+from itertools import pairwise
 
 from ..engine.plates import Axis, Schedule, Segment, at_time
-from ..errors import InputError
 from ..kernels.motion import POLYNOMIAL, SINE, TRIANGLE
-from . import units
-from .drives import Constant, Pause, Ramp, Stroke, Table
+from .drives import Constant, Pause, Ramp, Stroke
+from .loads import Load
 from .model import Scene
+from .timetable import rows_of
 
 
 def schedule(scene: Scene, start: float) -> Schedule:
-    """Sideways motion from `start` on (the end of settling, s) and the height of a plate that is moved up and down.
+    """Sideways motion from `start` on (the end of settling, s), the height of a plate that is moved up and down, and its load
+    over the first one if that changes.
 
     Raises InputError for a table that cannot be read.
     """
@@ -26,7 +26,38 @@ def schedule(scene: Scene, start: float) -> Schedule:
     if plate.gap is not None and plate.closing:
         gap = (Segment(0.0, POLYNOMIAL, plate.gap, -plate.closing),)
     motion = plate.motion
-    return Schedule(_axis(scene, "x", motion.x or (), start), _axis(scene, "y", motion.y or (), start), gap)
+    loading = _loading(scene, plate.loading or (), start)
+    return Schedule(_axis(scene, "x", motion.x or (), start), _axis(scene, "y", motion.y or (), start), gap, loading)
+
+
+def first_load(scene: Scene) -> float:
+    """Load under which the debris settles, N: on the plate, or on each patch; 0 at a gap."""
+    plate = scene.plates.upper
+    assert plate is not None
+    area = scene.domain.size[0] * scene.domain.size[1]
+    return plate.load if plate.load is not None else (plate.pressure or 0.0) * area
+
+
+def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
+    """The load over the one that the debris settles under: stage after stage, the last load stays."""
+    if not stages:
+        return ()
+    load = first_load(scene)
+    segments, t, factor = [Segment(0.0, POLYNOMIAL, 1.0)], start, 1.0
+    for k, stage in enumerate(stages):
+        if isinstance(stage, Pause):
+            rows = [(0.0, factor), (stage.pause, factor)]
+        elif isinstance(stage, Load):
+            rows = [(0.0, factor), (stage.duration or 0.0, stage.load / load)]
+        else:
+            place = ("plates", "upper", "loading", *((k,) if len(stages) > 1 else ()), "table")
+            rows = [(t_0, value / load) for t_0, value in rows_of(scene, place, stage.table, "load", "force")]
+        for (t_0, f_0), (t_1, f_1) in pairwise(rows):
+            if t_1 > t_0:
+                segments.append(Segment(t + t_0, POLYNOMIAL, f_0, (f_1 - f_0) / (t_1 - t_0)))
+        t, factor = t + rows[-1][0], rows[-1][1]
+    segments.append(Segment(t, POLYNOMIAL, factor))
+    return tuple(segments)
 
 
 def _axis(scene: Scene, name: str, stages: tuple, start: float) -> Axis:
@@ -60,58 +91,9 @@ def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tupl
         if stage.shape == "sine":
             return [Segment(t, SINE, x, stage.stroke, 2.0 * math.pi * stage.frequency)], length, 0.0
         return [Segment(t, TRIANGLE, x, stage.stroke, stage.frequency)], length, 0.0
-    rows = _read_table(scene, name, stage)
+    rows = rows_of(scene, ("plates", "upper", "motion", name, "table"), stage.table, "displacement", "length")
     segments = [
         Segment(t + t_0, POLYNOMIAL, x + x_0, (x_1 - x_0) / (t_1 - t_0))
         for (t_0, x_0), (t_1, x_1) in zip(rows, rows[1:], strict=False)
     ]
     return segments, rows[-1][0], segments[-1].b
-
-
-def _read_table(scene: Scene, name: str, stage: Table) -> list[tuple[float, float]]:
-    """Rows (time, displacement) of a CSV file, from (0, 0) on. Raises InputError with the line at fault."""
-    path = scene.beside(stage.table)
-    place = ("plates", "upper", "motion", name, "table")
-
-    def fault(message: str) -> InputError:
-        return InputError(scene.fault(place, f"{path}: {message}"))
-
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise fault(f"cannot be read ({error})") from None
-    lines = [row for row in csv.reader(text.splitlines()) if row]
-    scales = _header(lines[0] if lines else [], fault)
-    rows: list[tuple[float, float]] = []
-    for number, row in enumerate(lines[1:], 2):
-        try:
-            t, x = (float(cell) * scale for cell, scale in zip(row, scales, strict=True))
-        except ValueError:
-            raise fault(f"line {number}: expected 2 numbers, got {', '.join(row)}") from None
-        if not (math.isfinite(t) and math.isfinite(x)):
-            raise fault(f"line {number}: not a finite number")
-        if rows and t <= rows[-1][0]:
-            raise fault(f"line {number}: times must grow")
-        rows.append((t, x))
-    if len(rows) < 2:
-        raise fault("needs at least two rows")
-    if rows[0] != (0.0, 0.0):
-        raise fault("the first row must be time 0, displacement 0")
-    return rows
-
-
-def _header(cells: list[str], fault) -> tuple[float, float]:
-    """Scales of the two columns from a header `time (us), displacement (um)`."""
-    expected = (("time", "time"), ("displacement", "length"))
-    scales = []
-    for cell, (word, dimension) in zip(cells, expected, strict=False):
-        name, _, unit = cell.strip().partition("(")
-        if name.strip() != word or not unit.endswith(")"):
-            raise fault(f"line 1: expected '{word} (unit)', got '{cell.strip()}'")
-        try:
-            scales.append(units.parse(f"1 {unit[:-1]}", dimension))
-        except ValueError as error:
-            raise fault(f"line 1: {error}") from None
-    if len(scales) != 2 or len(cells) != 2:
-        raise fault("line 1: expected the header 'time (unit), displacement (unit)'")
-    return scales[0], scales[1]

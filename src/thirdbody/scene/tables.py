@@ -9,6 +9,7 @@ from pydantic import SerializerFunctionWrapHandler, model_serializer
 from thirdbody.scene import units
 from thirdbody.scene.drives import Motion
 from thirdbody.scene.fields import Choice, Quantity, listing, show
+from thirdbody.scene.loads import Loading
 from thirdbody.scene.part import MISSING, Part, Wrong, bundle, one_of
 from thirdbody.scene.types import (
     AccelerationVector,
@@ -90,6 +91,7 @@ class UpperPlate(Part):
     pressure: PositivePressure | None = None
     gap: PositiveLength | None = None
     closing: Speed | None = None
+    loading: Loading | None = None
     stiffness: PositiveStiffness | None = None
     preload: Force | None = None
     motion: Motion = Motion()
@@ -105,6 +107,8 @@ class UpperPlate(Part):
             wrongs.append(((given,), "support = 'load_per_particle' takes a load, not a " + given))
         if "closing" in raw and "gap" not in raw:
             wrongs.append((("closing",), "needs a gap to start from"))
+        if "loading" in raw and "gap" in raw:
+            wrongs.append((("loading",), "changes a load, and a plate at a gap has none"))
         if raw.get("support") == "foundation" and "stiffness" not in raw:
             wrongs.append((("stiffness",), f"{MISSING}: the stiffness of each particle's patch, such as \"1e4 N/m\""))
         if raw.get("support") != "foundation":
@@ -127,6 +131,10 @@ class Plates(Part):
     def moving(self) -> bool:
         """True when the upper plate slides."""
         return self.upper is not None and self.upper.motion.moving()
+
+    def driven(self) -> bool:
+        """True when something begins after the debris has settled: the upper plate slides, or its load changes."""
+        return self.moving() or (self.upper is not None and self.upper.loading is not None)
 
 
 class Contact(Part):

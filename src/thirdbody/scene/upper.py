@@ -17,7 +17,7 @@ from .choose import Choice
 from .model import Scene
 from .place import CLEARANCE
 from .populate import sphere_centres
-from .schedule import schedule
+from .schedule import first_load, schedule
 
 HANDFUL = 3
 """So few loaded bodies of a larger layer are worth a warning: a parallel rigid plate on stiff bodies rests on one of them."""
@@ -66,14 +66,6 @@ def upper_plate(scene: Scene, choice: Choice, placed: Placed, warnings: list[str
     return _rigid(scene, choice, placed, crown, material, warnings)
 
 
-def _load(scene: Scene) -> float:
-    """Load on the plate, or on each patch, N."""
-    plate = scene.plates.upper
-    assert plate is not None
-    area = scene.domain.size[0] * scene.domain.size[1]
-    return plate.load if plate.load is not None else (plate.pressure or 0.0) * area
-
-
 def _at_gap(scene: Scene, crown: Crown, material: int, gap: float, warnings: list[str]) -> Upper:
     """A rigid plate at a prescribed height."""
     tallest = int(np.argmax(crown.top))
@@ -94,7 +86,7 @@ def _at_gap(scene: Scene, crown: Crown, material: int, gap: float, warnings: lis
 
 def _each_loaded(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
     """Every body under its own free patch."""
-    n, load = len(crown.top), _load(scene)
+    n, load = len(crown.top), first_load(scene)
     loads = np.full(n, load)
     mass = np.full(n, scene.plates.upper.mass or crown.mass.mean())  # type: ignore[union-attr]
     overlap, dashpot = _pressed(scene, choice, crown, np.arange(n), loads, mass, warnings)
@@ -107,7 +99,7 @@ def _each_loaded(scene: Scene, choice: Choice, placed: Placed, crown: Crown, mat
 
 def _rigid(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
     """One free plate, kept parallel; it comes down on the tallest body, which carries the load at first."""
-    load, tallest = _load(scene), np.array([int(np.argmax(crown.top))])
+    load, tallest = first_load(scene), np.array([int(np.argmax(crown.top))])
     mass = np.full(1, scene.plates.upper.mass or crown.mass.sum())  # type: ignore[union-attr]
     loads = np.full(1, load)
     overlap, dashpot = _pressed(scene, choice, crown, tallest, loads, mass, warnings)
@@ -130,7 +122,7 @@ def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, m
     plate = scene.plates.upper
     assert plate is not None and plate.stiffness is not None
     n, stiffness, preload = len(crown.top), plate.stiffness, plate.preload or 0.0
-    load = _load(scene)
+    load = first_load(scene)
     highest = float(crown.top.max())
     height = plate.gap if plate.gap is not None else highest
     # a patch without a body hangs preload/stiffness below the plate
@@ -159,18 +151,21 @@ def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, m
 def _pressed(
     scene: Scene, choice: Choice, crown: Crown, who: np.ndarray, loads: np.ndarray, mass: np.ndarray, warnings: list[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Overlap (m) of these bodies' highest spots under their loads, and the dashpots (kg/s), by default critical with them."""
+    """Overlap (m) of these bodies' highest spots under the largest loads to come, and the dashpots (kg/s), by default critical
+    with the spots under these first loads."""
     plate, radius, kind = scene.plates.upper, crown.radius[who], crown.kind[who]
     assert plate is not None
     overlap = overlap_at(choice.physics, loads, radius, kind)
-    _warn_pressure(choice, loads, overlap, radius, kind, warnings)
+    largest = schedule(scene, 0.0).largest_load()
+    deepest = overlap if largest <= 1.0 else overlap_at(choice.physics, largest * loads, radius, kind)
+    _warn_pressure(choice, max(largest, 1.0) * loads, deepest, radius, kind, warnings)
     if plate.damping is not None:
-        return overlap, np.full(len(who), plate.damping)
+        return deepest, np.full(len(who), plate.damping)
     stiffness = response(choice.physics, overlap, radius, kind)[1]
     if not np.all(np.isfinite(stiffness)):
         message = "needs a value: the normal law has no tangent to find the critical damping from"
         raise InputError(scene.fault(("plates", "upper", "damping"), message))
-    return overlap, 2.0 * np.sqrt(stiffness * mass)
+    return deepest, 2.0 * np.sqrt(stiffness * mass)
 
 
 def _layer_force(choice: Choice, crown: Crown, z: float) -> np.ndarray:
@@ -213,7 +208,7 @@ def _settle(scene: Scene, placed: Placed, crown: Crown, mass: np.ndarray, dashpo
     """
     if not isinstance(scene.solver.settle, str):
         return scene.solver.settle
-    if not scene.plates.moving():
+    if not scene.plates.driven():
         return 0.0
     way = max(0.25 * max(clump.diameter for clump in placed.clumps), 0.1 * float(crown.top.max()))
     return math.sqrt(2.0 * way * (crown.mass.max() + mass.max()) / load) + float(dashpot.max()) * way / load

@@ -1,0 +1,69 @@
+"""Stages one after the other, as motion and load of the upper plate are written: each a table with one leading key."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from pydantic import PlainValidator, ValidationError, ValidationInfo
+
+from thirdbody.scene.fields import show
+from thirdbody.scene.part import MISSING, Part, Wrong, bundle, wrongs_of
+
+Kinds = Mapping[str, type[Part]]
+
+
+def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> PlainValidator:
+    """Reads a stage, or a list of them. `kinds`: leading key to table; `endless` names the key that a stage which is not the
+    last would need to have an end, None if it has one."""
+
+    def read(value: Any, info: ValidationInfo) -> Any:
+        entries = list(value) if isinstance(value, list | tuple) else [value]
+        if not entries:
+            raise ValueError("the list of stages is empty")
+        found = []
+        wrongs: list[Wrong] = []
+        for k, entry in enumerate(entries):
+            place: tuple[str | int, ...] = (k,) if isinstance(value, list | tuple) else ()
+            try:
+                found.append(_stage_of(entry, info, kinds, example))
+            except ValidationError as error:
+                wrongs += [((*place, *where), text) for where, text in wrongs_of(error)]
+            except ValueError as error:
+                wrongs.append((place, str(error)))
+        for k, stage in enumerate(found[:-1]):
+            key = endless(stage)
+            if key is not None:
+                wrongs.append(((k, key), f"{MISSING}: only the last stage may go on for ever"))
+        if wrongs:
+            raise bundle(wrongs)
+        return tuple(found)
+
+    return PlainValidator(read)
+
+
+def _stage_of(value: Any, info: ValidationInfo, kinds: Kinds, example: str) -> Any:
+    """One stage: the table is of the kind whose leading key it has."""
+    if isinstance(value, tuple(kinds.values())):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValueError(f"expected a table such as {example}, got {show(value)}")
+    leading = [key for key in kinds if key in value]
+    if not leading:
+        near = [_nearest_key(key, kinds) for key in value]
+        leading = [key for key in near if key is not None]
+    if len(leading) != 1:
+        raise ValueError(f"give one of {', '.join(kinds)}" + (f", not {' and '.join(leading)}" if leading else ""))
+    return kinds[leading[0]].model_validate(value, context=info.context)
+
+
+def _nearest_key(key: str, kinds: Iterable[str]) -> str | None:
+    close = difflib.get_close_matches(key, kinds, 1, 0.6)
+    return close[0] if close else None
+
+
+def plain_stages(found: tuple[Part, ...]) -> Any:
+    """A single stage as a table, several as a list."""
+    told = [stage.model_dump(exclude_none=True) for stage in found]
+    return told[0] if len(told) == 1 else told
