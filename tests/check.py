@@ -10,7 +10,7 @@ ROOT = Path(__file__).resolve().parent.parent
 STEPS = (
     ("ruff", ["-m", "ruff", "check", "."]),
     ("mypy", ["-m", "mypy"]),
-    ("pytest", ["-m", "pytest", "-q", "-n", "2", "-m", "not slow and not bem"]),
+    ("pytest", ["-m", "pytest", "-q", "-n", "2", "-m", "not slow and not bem and not vtk and not paraview and not browser and not fuzz and not hard"]),
 )
 
 

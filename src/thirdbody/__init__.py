@@ -16,15 +16,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .output.run import Run
     from .output.run import open_run as open
+    from .resume import resume
     from .scene.model import Scene
     from .simulate import run
 
-__all__ = ["Run", "Scene", "open", "run"]
+__all__ = ["Run", "Scene", "open", "resume", "run"]
 
 _PLACES = {
     "Scene": ("scene.model", "Scene"),
     "Run": ("output.run", "Run"),
     "open": ("output.run", "open_run"),
+    "resume": ("resume", "resume"),
     "run": ("simulate", "run"),
 }
 

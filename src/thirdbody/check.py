@@ -26,7 +26,8 @@ TRIAL_BODIES, TRIAL_WAY = 16, 2e-6
 def check_report(built: Simulation) -> dict[str, Any]:
     """The resolved scene as a dictionary: everything that `thirdbody check` tells, SI."""
     choice, state = built.choice, built.state
-    from .simulate import debris_contact, planned_frames
+    from .course import planned_frames
+    from .simulate import debris_contact
 
     frames = planned_frames(built)
     return {

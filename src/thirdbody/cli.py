@@ -68,6 +68,11 @@ Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE"
 Threads = Annotated[int | None, typer.Option("--threads", min=1, help="cores to use (same bits for any number)")]
 
 
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress")]
+CheckpointEvery = Annotated[str | None, typer.Option("--checkpoint-every", help="wall time between checkpoints [30 s]")]
+WallLimit = Annotated[str | None, typer.Option("--wall-limit", help="wall time after which to stop with a checkpoint")]
+
+
 @app.callback(invoke_without_command=True)
 def top(version: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
     """Options that need no command."""
@@ -124,32 +129,46 @@ def run(
     plugin: Plugins = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing run")] = False,
     force: Annotated[bool, typer.Option("--force", help="accept a time step above its bound")] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="no progress")] = False,
+    every: CheckpointEvery = None,
+    wall_limit: WallLimit = None,
+    quiet: Quiet = False,
     json: Json = False,
 ) -> None:
     """Run a scene and write its trajectory, labels and series."""
-    from contextlib import nullcontext
+    from .report import print_warnings
+    from .simulate import check_threads, default_folder, prepare, refuse_existing
 
-    from .progress import reporter_for_terminal
-    from .report import print_warnings, run_report
-    from .simulate import check_threads, default_folder, execute, prepare, refuse_existing
-
+    limits = _limits(every, wall_limit)
     loaded = _load(scene, settings)
     folder = out or default_folder(loaded)
     refuse_existing(folder, overwrite)
     check_threads(threads)
     built = prepare(loaded, plugin or (), force)
     print_warnings(built.warnings)
-    problem: GuardStop | Interrupted | None = None
-    with _signals() as stop:
-        try:
-            with nullcontext() if quiet else reporter_for_terminal(loaded.title) as report:
-                execute(built, folder, threads, report, overwrite, stop)
-        except (GuardStop, Interrupted) as error:
-            problem = error
-        run_report(folder, json)
-        if problem is not None:
-            raise problem
+    _execute(built, folder, quiet, json, threads=threads, overwrite=overwrite, **limits)
+
+
+@app.command()
+def resume(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder")],
+    settings: Settings = None,
+    threads: Threads = None,
+    plugin: Plugins = None,
+    every: CheckpointEvery = None,
+    wall_limit: WallLimit = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Go on with a run that was interrupted or killed, or, with --set solver.distance=..., with one that came to its end."""
+    from .report import print_warnings
+    from .resume import prepare_resume
+    from .simulate import check_threads
+
+    limits = _limits(every, wall_limit)
+    check_threads(threads)
+    built, kept = prepare_resume(run, _pairs(settings), plugin or ())
+    print_warnings(built.warnings)
+    _execute(built, run, quiet, json, threads=threads, kept=kept, **limits)
 
 
 @app.command()
@@ -176,16 +195,37 @@ def states(
 @app.command()
 def render(
     run: RunPath,
-    out: Annotated[Path, typer.Option("--out", "-o", help="PNG file")] = Path("picture.png"),
-    frame: Annotated[int, typer.Option("--frame", help="frame number, negative from the end")] = -1,
-    color: Annotated[str, typer.Option("--color", help="state, or the name of an array")] = "state",
+    out: Annotated[Path, typer.Option("--out", "-o", help=".png, .html, or a film: .gif, .mp4")] = Path("picture.png"),
+    frame: Annotated[int | None, typer.Option("--frame", help="frame number, negative from the end [the last]")] = None,
+    color: Annotated[str, typer.Option("--color", help="state, reason, speed, or the name of an array")] = "state",
+    view: Annotated[str, typer.Option("--view", help="iso, side, front or top")] = "iso",
+    forces: Annotated[bool, typer.Option("--forces", help="contact forces as tubes")] = False,
+    body: Annotated[int | None, typer.Option("--body", min=0, help="one body close up: spots, forces, friction cones")] = None,
+    zoom: Annotated[float | None, typer.Option("--zoom", help="share of the domain that is shown, 0 to 1")] = None,
+    frames: Annotated[str | None, typer.Option("--frames", metavar="A:B:C", help="film: from A, before B, each C-th")] = None,
+    fps: Annotated[int, typer.Option("--fps", help="film: frames a second")] = 12,
+    camera: Annotated[str | None, typer.Option("--camera", help="film of a body: fixed or follow [follow]")] = None,
     width: Annotated[int, typer.Option("--width", min=200, max=8192)] = 1600,
     height: Annotated[int, typer.Option("--height", min=200, max=8192)] = 900,
 ) -> None:
-    """Draw one frame: the debris between its plates, coloured by state."""
+    """Draw the debris between its plates: a picture, a film, or a page to turn it in a browser."""
     from .output.render import render as draw
 
-    typer.echo(f"{draw(run, out, frame=frame, color=color, size=(width, height))}")
+    size = (width, height)
+    typer.echo(f"{draw(run, out, frame, color, size, zoom, view, forces, body, frames, fps, camera)}")
+
+
+@app.command()
+def plot(
+    run: RunPath,
+    out: Annotated[Path, typer.Option("--out", "-o", help="picture file: .png, .pdf or .svg")] = Path("plot.png"),
+    panel: Annotated[list[str] | None, typer.Option("--panel", metavar="NAME", help="panel [all]; may be repeated")] = None,
+    frame: Annotated[int, typer.Option("--frame", help="frame of the contacts, negative from the end")] = -1,
+) -> None:
+    """Draw the page that tells what happened: friction, states, gap or load, energy, contacts."""
+    from .output.plot import plot as draw
+
+    typer.echo(f"{draw(run, out, panel, frame)}")
 
 
 @app.command()
@@ -224,6 +264,42 @@ def laws(
         laws_report(discover(plugin or ()), json)
 
 
+def _limits(every: str | None, wall_limit: str | None) -> dict[str, float]:
+    """The wall times that were given, s. Raises UsageError for what is no time."""
+    from .scene import units
+
+    found = {}
+    for option, key, text in (("--checkpoint-every", "every", every), ("--wall-limit", "wall_limit", wall_limit)):
+        if text is not None:
+            try:
+                found[key] = units.parse(text, "time")
+            except ValueError as error:
+                raise UsageError(f"{option}: {error}") from None
+            if found[key] < 0.0:
+                raise UsageError(f"{option}: {text} must be at least 0 s")
+    return found
+
+
+def _execute(built: Any, folder: Path, quiet: bool, json: bool, **options: Any) -> None:
+    """Run what is built, report it, and raise what stopped it."""
+    from contextlib import nullcontext
+
+    from .progress import reporter_for_terminal
+    from .report import run_report
+    from .simulate import execute
+
+    problem: GuardStop | Interrupted | None = None
+    with _signals() as stop:
+        try:
+            with nullcontext() if quiet else reporter_for_terminal(built.scene.title) as report:
+                execute(built, folder, report=report, stop=stop, **options)
+        except (GuardStop, Interrupted) as error:
+            problem = error
+        run_report(folder, json)
+        if problem is not None:
+            raise problem
+
+
 def _load(path: Path, settings: list[str] | None) -> Any:
     from .scene.model import Scene
 
@@ -259,7 +335,8 @@ def _signals() -> Iterator[Any]:
     try:
         yield stop
     except Interrupted as error:
-        error.exit_code = 128 + caught[0]
+        if caught:
+            error.exit_code = 128 + caught[0]
         raise
     finally:
         for number, handler in before.items():

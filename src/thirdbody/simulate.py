@@ -6,7 +6,6 @@ import math
 import os
 import platform
 import shutil
-import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,21 +13,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .engine.energy import Ledger
+from .checkpoint import Checkpoint
+from .conduct import CHECKPOINT_EVERY, Conduct
 from .errors import GuardStop, Interrupted, OutputError, UsageError
 from .output.frames import UNITS, FrameMaker
 from .output.paraview import write_paraview_files
 from .output.run import FILE_NAME, Run, open_run
 from .output.vtkhdf import TrajectoryWriter
-from .progress import Progress, Reporter, reporter_for_terminal
+from .progress import Reporter, reporter_for_terminal
 from .scene.model import Scene
 
 if TYPE_CHECKING:
     from .scene.build import Simulation
 
 SCENE_FILE = "scene.toml"
-SUBTICKS = 8
-"""Reports of progress per output interval: a run with few frames still shows that it moves."""
 
 
 def run(
@@ -85,24 +83,30 @@ def execute(
     report: Reporter | None = None,
     overwrite: bool = False,
     stop: Callable[[], bool] = lambda: False,
+    *,
+    every: float = CHECKPOINT_EVERY,
+    wall_limit: float = math.inf,
+    kept: Checkpoint | None = None,
 ) -> dict[str, Any]:
     """Integrate a built simulation into a folder; returns the summary that the file also holds.
 
-    `stop` is asked between compiled calls; when it says so, the run ends with what it has and Interrupted is raised.
+    `stop` is asked between compiled calls; when it says so, or when `wall_limit` (s) is over, a checkpoint is written and
+    Interrupted is raised. Checkpoints are written at least `every` so many seconds apart, and when the run ends. `kept`: the
+    checkpoint to go on from, with its trajectory in the folder.
     """
     set_threads(threads)
-    started = time.perf_counter()
-    ledger = Ledger(simulation.state)
-    maker = FrameMaker(simulation.state, ledger, simulation.labeller, simulation.integrator.drag)
-    header = _header(simulation)
+    conduct = Conduct(simulation, folder, report, stop, every, wall_limit)
     problem: GuardStop | Interrupted | None = None
-    _prepare(folder, overwrite)
-    with _opened(folder, header, maker) as writer:
+    if kept is None:
+        _prepare(folder, overwrite)
+    else:
+        conduct.take_up(kept)
+    with _opened(folder, _header(simulation), conduct.maker, kept) as writer:
         try:
-            _integrate(simulation, ledger, maker, writer, report, started, stop)
+            conduct.integrate(writer)
         except (GuardStop, Interrupted) as error:
             problem = error
-        summary = _summary(simulation, ledger, started, writer.frames, problem)
+        summary = _summary(simulation, conduct, writer.frames, problem)
         writer.finish(summary)
     if problem is not None:
         raise problem
@@ -110,11 +114,11 @@ def execute(
 
 
 @contextmanager
-def _opened(folder: Path, header: dict[str, Any], maker: FrameMaker) -> Iterator[TrajectoryWriter]:
+def _opened(folder: Path, header: dict[str, Any], maker: FrameMaker, kept: Checkpoint | None) -> Iterator[TrajectoryWriter]:
     """The writer of a run, with the files beside it. A folder in which nothing could be written does not stay."""
     writer = None
     try:
-        with TrajectoryWriter(folder / FILE_NAME, header, maker.static()) as writer:
+        with _writer(folder / FILE_NAME, header, maker, kept) as writer:
             try:
                 (folder / SCENE_FILE).write_text(header["scene_text"], encoding="utf-8")
                 write_paraview_files(folder / FILE_NAME, header["state_names"])
@@ -122,8 +126,15 @@ def _opened(folder: Path, header: dict[str, Any], maker: FrameMaker) -> Iterator
                 raise OutputError(f"{folder}: cannot be written ({error.strerror or error})") from error
             yield writer
     finally:
-        if writer is None or not writer.frames:
+        if kept is None and (writer is None or not writer.frames):
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _writer(path: Path, header: dict[str, Any], maker: FrameMaker, kept: Checkpoint | None) -> TrajectoryWriter:
+    """A new trajectory, or the one that the checkpoint belongs to, cut back to its frames."""
+    if kept is None or not kept.frames:
+        return TrajectoryWriter(path, header, maker.static())
+    return TrajectoryWriter.resume(path, kept.frames, header)
 
 
 def check_threads(threads: int | None) -> int:
@@ -142,80 +153,6 @@ def set_threads(threads: int | None) -> None:
 
     most = check_threads(threads)
     numba.set_num_threads(most if threads is None else threads)
-
-
-def _integrate(simulation, ledger, maker, writer, report, started, stop) -> None:
-    integrator, state = simulation.integrator, simulation.state
-
-    def watch() -> None:
-        ledger.watch(state)
-        if stop():
-            raise Interrupted(f"interrupted at t = {state.time:.6g} s; {writer.frames} frames are kept")
-
-    def write() -> dict[str, Any]:
-        frame = maker.frame(integrator.label() if simulation.labeller else None)
-        writer.append(frame)
-        return dict(frame.series)
-
-    series = write()
-    tick(report, simulation, started, writer.frames, series)
-    for target_time, target_distance, is_output in targets(simulation):
-        if not (is_output or integrator.divisible):
-            continue
-        integrator.advance_to(target_time, target_distance, watch)
-        if is_output:
-            series = write()
-        tick(report, simulation, started, writer.frames, series)
-
-
-def tick(report: Reporter | None, simulation: Simulation, started: float, frame: int, series: dict[str, Any]) -> None:
-    """Tell the progress so far."""
-    if report is not None:
-        simulated = simulation.state.time
-        fraction = min(simulated / simulation.planned_time, 1.0)
-        report(Progress(fraction, simulated, time.perf_counter() - started, frame, series))
-
-
-def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
-    """(time, distance, whether to write) of every stop: the end of settling, then output by output to the end.
-
-    A run by distance stops by distance; one by time stops by time. Stops in between only report progress.
-    """
-    output, settle, infinite = simulation.scene.output, simulation.settle, math.inf
-    if output.every_kind == "time":
-        end = simulation.planned_time
-        for x, write in _ladder(0.0, end, output.every):
-            yield x, infinite if x < settle else simulation.end_distance, write
-        return
-    if settle > 0.0:
-        for k in range(1, SUBTICKS + 1):
-            yield settle * k / SUBTICKS, infinite, k == SUBTICKS
-    by_time = math.isfinite(simulation.end_time)
-    for x, write in _ladder(0.0, simulation.planned_distance, output.every):
-        # a run by duration may end with a rest: its last stop is its end
-        yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
-
-
-def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
-    """Stops from start (excluded) to end: every `every` a written one, with reports between; the end is written."""
-    for k in range(1, _rungs(start, end, every) + 1):
-        low, high = start + (k - 1) * every, min(start + k * every, end)
-        for part in range(1, SUBTICKS):
-            yield low + (high - low) * part / SUBTICKS, False
-        yield high, True
-
-
-def _rungs(start: float, end: float, every: float) -> int:
-    return max(1, int(np.ceil((end - start) / every - 1e-9)))
-
-
-def planned_frames(simulation: Simulation) -> int:
-    """Frames that a whole run writes: what `targets` yields to write, and the first."""
-    output, settle = simulation.scene.output, simulation.settle
-    if output.every_kind == "time":
-        return 1 + _rungs(0.0, simulation.planned_time, output.every)
-    settled = 1 if settle > 0.0 else 0
-    return 1 + settled + _rungs(0.0, simulation.planned_distance, output.every)
 
 
 def refuse_existing(folder: Path, overwrite: bool) -> None:
@@ -287,9 +224,8 @@ def debris_contact(simulation: Simulation) -> str:
     return "none: bodies do not see each other"
 
 
-def _summary(simulation: Simulation, ledger: Ledger, started: float, frames: int, problem: Exception | None) -> dict[str, Any]:
-    state = simulation.state
-    wall = time.perf_counter() - started
+def _summary(simulation: Simulation, conduct: Conduct, frames: int, problem: Exception | None) -> dict[str, Any]:
+    state, ledger, wall = simulation.state, conduct.ledger, conduct.wall_time()
     lines, integration = ledger.lines(state), simulation.integrator.summary()
     return {
         "finished": problem is None,

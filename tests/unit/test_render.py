@@ -2,87 +2,35 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.output import render as render_module
-from thirdbody.output.palette import STATE_COLORS, field_colors, rgb, state_colors
+from thirdbody.output.coloring import Scale
+from thirdbody.output.forces import TUBE
+from thirdbody.output.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
+from thirdbody.output.quantity import prefixed, round_length, ticks, with_unit
 from thirdbody.output.render import render
 from thirdbody.output.run import open_run
-from thirdbody.output.schema import Frame
-from thirdbody.output.shot import close_up_window, round_length, take_shot, with_unit
-from thirdbody.output.vtkhdf import TrajectoryWriter
-
-R = 11e-6
+from thirdbody.output.shot import close_up_window, take_shot
 
 
-def clump_layer(count: int, per_clump: int = 6):
-    """A jittered layer of clumps: sphere centres, radii, clump of each, body centres, states, domain."""
-    rng = np.random.default_rng(3)
-    nx = int(np.ceil(np.sqrt(count * 1.5)))
-    ny = -(-count // nx)
-    pitch = 2.6 * R
-    grid = np.stack(np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij"), -1).reshape(-1, 2)[:count]
-    flat = (grid + 0.5) * pitch + rng.normal(0.0, 0.1 * R, (count, 2))
-    bodies = np.column_stack([flat, rng.uniform(1.05, 1.3, count) * R])
-    way = rng.normal(size=(count, per_clump, 3))
-    way /= np.linalg.norm(way, axis=2, keepdims=True)
-    offset = way * rng.uniform(0.25, 0.55, (count, per_clump, 1)) * R
-    radii = R * rng.uniform(0.38, 0.62, (count, per_clump))
-    wave = np.sin(flat[:, 0] / 95e-6) + np.cos(flat[:, 1] / 120e-6 + 1.0) + rng.normal(0.0, 0.45, count)
-    states = (1 + np.digitize(wave, [-0.6, 0.75])).astype(np.uint8)
-    states[rng.random(count) < 0.04] = 0
-    centers = (bodies[:, None] + offset).reshape(-1, 3)
-    owner = np.repeat(np.arange(count), per_clump)
-    return centers, radii.ravel(), owner, bodies, states, np.array([nx, ny]) * pitch
+def _layer():
+    spec = importlib.util.spec_from_file_location("layer", Path(__file__).with_name("layer.py"))
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
-def write_layer(path, count: int, frames: int = 2):
-    """A run of `count` clumps between plates; from frame to frame all slide along x and leave the domain."""
-    centers, radii, owner, bodies, states, size = clump_layer(count)
-    rng = np.random.default_rng(5)
-    gap = float((centers[:, 2] + radii).max())
-    header = {
-        "scene_text": "scene = 1\n",
-        "title": "Wear debris under a load of 0.1 mN per particle",
-        "state_names": list(STATE_COLORS),
-        "reason_names": ["none"],
-        "units": {"distance": "m"},
-        "domain": {"size": size, "periodic": True},
-    }
-    static = {"spheres": {"radius": radii, "clump": owner}, "clumps": {"id": np.arange(count)}}
-    corners = np.array([[0, 0, 0], [size[0], 0, 0], [size[0], size[1], 0], [0, size[1], 0]], float)
-    touching = np.repeat(np.arange(count), 2)
-    with TrajectoryWriter(path, header, static) as writer:
-        for number in range(frames):
-            shift = np.array([10e-6 * number, 0.0, 0.0])
-            upper = corners + [2 * shift[0], 0.0, gap]
-            writer.append(
-                Frame(
-                    time=10e-6 * number,
-                    spheres={"points": centers + shift},
-                    clumps={
-                        "points": bodies + shift,
-                        "state": states,
-                        "velocity": rng.normal(size=(count, 3)),
-                        "friction_work": np.abs(bodies[:, 0]) * 1e-6,
-                    },
-                    contacts={
-                        "points": bodies[touching],
-                        "body": touching,
-                        "partner": np.full(2 * count, -1),
-                        "utilisation": np.tile([0.25, 0.75], count),
-                    },
-                    plates={"points": np.concatenate([corners, upper])},
-                    series={"distance": 20e-6 * number, "friction_coefficient": 0.31},
-                )
-            )
-    return path
+LAYER = _layer()
+R, hue_share, skip_unless_drawable, write_layer = LAYER.R, LAYER.hue_share, LAYER.skip_unless_drawable, LAYER.write_layer
 
 
 @pytest.fixture(scope="module")
@@ -100,25 +48,6 @@ def read_pixels(path) -> np.ndarray:
     image = reader.GetOutput()
     width, height, _ = image.GetDimensions()
     return vtk_to_numpy(image.GetPointData().GetScalars()).reshape(height, width, -1)[::-1, :, :3]
-
-
-def skip_unless_drawable():
-    try:
-        render_module.usable_windows()
-    except MissingLibrary as error:
-        pytest.skip(str(error))
-
-
-def hue_share(pixels: np.ndarray, color: str) -> float:
-    """Share of the pixels with the hue of `color`, at any brightness: light changes brightness only."""
-    flat = pixels.reshape(-1, 3).astype(float)
-    direction = flat - flat.mean(axis=1, keepdims=True)
-    aim = np.array(rgb(color), float)
-    aim -= aim.mean()
-    strength = np.linalg.norm(direction, axis=1)
-    cosine = direction @ aim / np.maximum(strength * np.linalg.norm(aim), 1e-9)
-    # 25 grey steps of colour: the bluish plates have less; cosine 0.95 is 18 degrees, the hues lie 90 apart.
-    return float(np.mean((strength > 25.0) & (cosine > 0.95)))
 
 
 def test_a_picture_shows_every_state_in_its_colour(layer, tmp_path):
@@ -140,9 +69,43 @@ def test_a_zoomed_picture_and_a_field(layer, tmp_path):
     assert hue_share(pixels, STATE_COLORS["sliding"]) < 0.005
 
 
-def test_only_png(layer, tmp_path):
-    with pytest.raises(InputError, match="PNG only"):
+def test_another_suffix_is_told_with_those_that_there_are(layer, tmp_path):
+    with pytest.raises(InputError, match="name it .png, .gif, .mp4 or .html"):
         render(layer, tmp_path / "a.svg")
+
+
+@pytest.mark.parametrize("view", ["iso", "top"])
+def test_the_word_at_the_arrow_stays_inside_of_wide_pictures(tmp_path, view):
+    """With the drag to the left the arrow ends at the left edge, where the word was cut."""
+    skip_unless_drawable()
+    path = write_layer(tmp_path / "run.vtkhdf", 60, way=-1.0)
+    pixels = read_pixels(render(path, tmp_path / "a.png", size=(900, 200), view=view)).astype(int)
+    red = (pixels[:, :, 0] - pixels[:, :, 1] > 60) & (pixels[:, :, 2] - pixels[:, :, 1] > -20)
+    assert red.sum() > 100  # the arrow and the word
+    columns = np.flatnonzero(red.any(axis=0))
+    # Words keep 8 pixels of a picture 900 high to the edge, at a height of 200 pixels 1.8.
+    assert columns[0] >= 1
+
+
+@pytest.mark.parametrize("view", ["side", "front", "top"])
+def test_every_view_shows_the_bodies_and_what_forces_they_carry(layer, tmp_path, view):
+    skip_unless_drawable()
+    plain = read_pixels(render(layer, tmp_path / "a.png", size=(640, 360), view=view))
+    forces = read_pixels(render(layer, tmp_path / "b.png", size=(640, 360), view=view, forces=True))
+    for state in ("sticking", "sliding", "rolling"):
+        # Discs of the legend: 0.1 % of the picture; from the side bodies cover 1 to 3 %.
+        assert hue_share(plain, STATE_COLORS[state]) > 0.003, state
+    dark = [np.all(np.abs(pixels.astype(int) - rgb(TUBE)) < 40, axis=2).mean() for pixels in (plain, forces)]
+    if view != "top":  # from above these upright tubes are discs
+        assert dark[1] > dark[0] + 0.003  # a hundred tubes of some 3 by 20 pixels, half of them hidden
+
+
+def test_a_file_that_cannot_be_replaced_leaves_nothing_behind(layer, tmp_path):
+    skip_unless_drawable()
+    (tmp_path / "a.png").mkdir()
+    with pytest.raises(OutputError, match="cannot be written"):
+        render(layer, tmp_path / "a.png", size=(320, 240))
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
 @pytest.mark.parametrize(
@@ -152,6 +115,13 @@ def test_only_png(layer, tmp_path):
         ({"color": "utilization"}, "did you mean 'utilisation'"),
         ({"zoom": 0.0}, "zoom"),
         ({"size": (10, 10)}, "too small"),
+        ({"view": "tpo"}, "did you mean 'top'"),
+        ({"camera": "follow"}, "needs the body"),
+        ({"camera": "loose", "body": 3}, "neither fixed nor follow"),
+        ({"frames": "0:2"}, "shows one frame"),
+        ({"fps": 0}, "fps"),
+        ({"body": 200}, "no body 200; ids are 0 to 199"),
+        ({"body": 3, "forces": True}, "leave out forces"),
     ],
 )
 def test_options_that_cannot_be(layer, tmp_path, options, message):
@@ -214,7 +184,19 @@ def test_fields_of_bodies_and_contacts(layer):
         velocity = run.bodies(0)["velocity"]
     lengths = np.linalg.norm(velocity, axis=1)
     assert speed.legend.limits == (lengths.min(), lengths.max())
-    assert utilisation.legend.limits == (0.75, 0.75)  # the larger of a body's two contacts
+    # A body takes the larger of its two contacts; the scale holds for the tubes of both.
+    assert utilisation.legend.limits == (0.75, 0.75)
+    assert speed.legend.unit == "m/s"
+
+
+def test_reasons_are_categories_with_a_legend_of_those_that_occur(layer):
+    with open_run(layer) as run:
+        shot = take_shot(run, 0, "reason")
+        kept = take_shot(run, 0, "state_reason", scale=Scale(codes=frozenset({0, 1, 2})))
+    words = [words.split("  ")[0] for words, _ in shot.legend.entries]
+    assert words == ["none", "friction limit", "rotation"]
+    assert [tone for _, tone in shot.legend.entries] == list(CATEGORY_COLORS[:3])
+    assert kept.legend.entries == shot.legend.entries
 
 
 def test_the_legend_counts_the_states(layer):
@@ -253,3 +235,40 @@ def test_colours():
     assert len(set(state_colors(["free", "tipping", "locked"]))) == 3
     ends = field_colors(np.array([0.0, 1.0, np.nan]))
     assert ends.tolist() == [[68, 1, 84], [253, 231, 37], [215, 215, 215]]
+    assert len(set(category_colors(10))) == 10 and category_colors(11)[10] == category_colors(10)[1]
+
+
+def test_states_stay_apart_for_colour_blind_readers():
+    """Machado, Oliveira, Fernandes (2009), table of severity 1.0, on linear light; distances in CIE L*a*b* (1976)."""
+    seen = {
+        "protan": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
+        "deutan": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+        "tritan": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+    }
+    to_xyz = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+    tones = np.array([rgb(tone) for tone in STATE_COLORS.values()]) / 255.0
+    linear = np.where(tones <= 0.04045, tones / 12.92, ((tones + 0.055) / 1.055) ** 2.4)
+    for name, matrix in seen.items():
+        xyz = np.clip(linear @ np.array(matrix).T, 0.0, 1.0) @ to_xyz.T / [0.9505, 1.0, 1.089]
+        f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16.0 / 116.0)
+        lab = np.stack([116.0 * f[:, 1] - 16.0, 500.0 * (f[:, 0] - f[:, 1]), 200.0 * (f[:, 1] - f[:, 2])], axis=1)
+        apart = np.linalg.norm(lab[:, None] - lab[None], axis=2)[np.triu_indices(len(lab), 1)]
+        # Large patches differ to the eye from 2.3 on (Mahy 1994); six times that for bodies of some pixels.
+        assert apart.min() > 14.0, name
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [(0.0, 1.0, [0.0, 0.2, 0.4, 0.6, 0.8, 1.0]), (3.0, 3.0, [3.0]), (-1.0, 119.0, [0, 20, 40, 60, 80, 100])],
+)
+def test_ticks_are_round_and_inside(low, high, expected):
+    assert ticks(low, high) == pytest.approx(expected, rel=1e-12, abs=1e-12)  # multiples of a float
+
+
+@pytest.mark.parametrize(
+    ("size", "unit", "expected"), [(3e-5, "m", "µm"), (2e-12, "kg", "ng"), (0.5, "1", ""), (3e9, "Pa", "GPa")]
+)
+def test_prefixes(size, unit, expected):
+    factor, written = prefixed(size, unit)
+    assert written == expected
+    assert unit == "1" or 1.0 <= size * factor < 1000.0

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 
 from thirdbody.errors import InputError, OutputError
-from thirdbody.output import block, vtkhdf
+from thirdbody.output import block, sink, vtkhdf
 from thirdbody.output.paraview import write_paraview_files, write_sidecars
 from thirdbody.output.run import open_run
 from thirdbody.output.schema import BLOCKS, Frame
@@ -211,6 +211,87 @@ def test_vtk_reads_the_file_as_a_kill_between_any_two_flushes_leaves_it(tmp_path
         for number in range(frames if frames > 1 else 0):
             for name, data in zip(BLOCKS, vtk_blocks(copy, number), strict=True):
                 assert_same_as_vtk(data, name, number)
+
+
+class Journal(sink.Sink):
+    """Notes every write and every change of size with the number of frames that were committed by then."""
+
+    notes: list[tuple] = []
+    writer: TrajectoryWriter | None = None
+
+    def write(self, data):
+        self.notes.append((Journal.writer.frames if Journal.writer else 0, self.tell(), bytes(data)))
+        return super().write(data)
+
+    def truncate(self, size=None):
+        self.notes.append((Journal.writer.frames if Journal.writer else 0, size, None))
+        return super().truncate(size)
+
+
+def test_a_kill_after_any_single_write_leaves_the_committed_frames(tmp_path, monkeypatch):
+    """The file as it is after the first n writes: around every header and change of size, and now and then between."""
+    monkeypatch.setattr(vtkhdf, "Sink", Journal)
+    monkeypatch.setattr(Journal, "notes", [])
+    writer = TrajectoryWriter(tmp_path / "run.vtkhdf", HEADER, STATIC)
+    monkeypatch.setattr(Journal, "writer", writer)
+    for number in range(260):  # counts and times begin their second chunk at 256, arrays at 21 and later
+        writer.append(make_frame(number))
+    notes = list(Journal.notes)
+    writer.close()
+    edges = {n + k for n, (_, place, data) in enumerate(notes) if data is None or place == 0 for k in (0, 1)}
+    torn, checked, faults = tmp_path / "torn.vtkhdf", 0, []
+    with open(torn, "wb", buffering=0) as file:
+        for n, (told, place, data) in enumerate(notes):
+            if data is None:
+                file.truncate(place)
+            else:
+                file.seek(place)
+                file.write(data)
+            # Before the first frame stands there is none to lose. In between all is as in the first frames.
+            if not (1 <= told < 26 or told >= 254) or (n not in edges and n % 41):
+                continue
+            checked += 1
+            try:
+                with open_run(torn) as run:
+                    assert run.frames in (told, told + 1)
+                    if run.frames:
+                        wanted = make_frame(run.frames - 1).clumps["quaternion"]
+                        np.testing.assert_array_equal(run.bodies(-1)["quaternion"], wanted)
+            except (InputError, AssertionError) as error:
+                faults.append((n, told, str(error)[:120]))
+    assert checked > 200
+    assert not faults, f"{len(faults)} of {checked}: {faults[:4]}"
+
+
+LIMITED = """
+import resource, sys
+sys.path[:0] = [{tests!r}]
+from test_vtkhdf import HEADER, STATIC, make_frame
+from thirdbody.errors import OutputError
+from thirdbody.output.vtkhdf import TrajectoryWriter
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
+try:
+    with TrajectoryWriter(sys.argv[1], HEADER, STATIC) as writer:
+        for number in range(100000):
+            writer.append(make_frame(number))
+except OutputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit on the size of files")
+@pytest.mark.parametrize("limit", [9_000_851, 9_352_888, 9_646_605])
+def test_a_write_that_the_system_refuses_keeps_what_it_says(tmp_path, limit):
+    """A fault of the system that a look at the free space cannot foresee; the limits leave room for the hole and some frames."""
+    path = tmp_path / "run.vtkhdf"
+    code = LIMITED.format(tests=os.path.dirname(__file__))
+    done = subprocess.run([sys.executable, "-c", code, str(path), str(limit)], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    told = int(done.stdout.split("the ")[-1].split()[0])
+    with open_run(path) as run:
+        assert told > 0 and run.frames in (told, told + 1)
+        wanted = make_frame(run.frames - 1).clumps["quaternion"]
+        np.testing.assert_array_equal(run.bodies(-1)["quaternion"], wanted)
 
 
 WRITE_FOR_EVER = """

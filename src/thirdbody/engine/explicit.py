@@ -17,7 +17,7 @@ from ..laws.contract import Material
 from .guards import Guards
 from .labels import labels
 from .neighbours import search
-from .state import State
+from .state import Array, State
 from .timestep import Bound, bound
 
 BUDGET = 64
@@ -72,12 +72,23 @@ class Explicit:
                 self._tables()
             elif code not in (step.SEARCH, step.BUDGET, step.DONE):
                 raise GuardStop(self._explain(code, number))
-            if code == step.BUDGET:
-                watch()
             if int(state.A[at.A_STEPS]) % BUDGET == 0:
                 self._choose_step()
+            if code == step.BUDGET:
+                watch()  # here the run could be put away and taken up again
             if code == step.DONE:
                 return
+
+    def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Arrays and notes of what the integrator itself remembers."""
+        bound, tightest = (None if found is None else dict(vars(found)) for found in (self.bound, self.tightest))
+        return {}, {"bound": bound, "tightest": tightest, "waiting": list(self.waiting)}
+
+    def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
+        """Go on from what `keep` told; the state has been put back before. Raises KeyError or TypeError."""
+        bounds = {name: None if notes[name] is None else Bound(**notes[name]) for name in ("bound", "tightest")}
+        self.bound, self.tightest, self.waiting = bounds["bound"], bounds["tightest"], [float(x) for x in notes["waiting"]]
+        self._tables()
 
     def _tables(self) -> None:
         slots = self.state.slots

@@ -130,8 +130,21 @@ class Implicit:
 
     def _reach(self, until: float, watch: Callable[[], None]) -> None:
         for first in range(0, self.state.n_bodies, BATCH):
-            self.march(first, min(first + BATCH, self.state.n_bodies), until)
-            watch()
+            last = min(first + BATCH, self.state.n_bodies)
+            ready = (self.totals[first:last, at.A_TIME] >= until) | (self.memory[first:last, at.T_CODE] != steps.GOING)
+            if not ready.all():  # else done before the run was put away
+                self.march(first, last, until)
+                watch()
+
+    def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """Arrays and notes of what the integrator itself remembers."""
+        arrays = {"totals": self.totals, "memory": self.memory}
+        return arrays | ({} if self.near is None else {"near_places": self.near.places, "near_ways": self.near.ways}), {}
+
+    def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
+        """Go on from what `keep` told; the state has been put back before. Raises KeyError or TypeError."""
+        for name, table in Implicit.keep(self)[0].items():
+            table[:] = arrays[name]
 
     def march(self, first: int, last: int, until: float) -> None:
         """Bring the bodies from `first` to `last` (excluded) to a time, s; totals of the run are not touched."""

@@ -19,7 +19,7 @@ def search(state: State) -> None:
     for source, target in ((old.H, H), (old.F, F), (old.R, R)):
         _carry(n_plates, own, partner, old, source, target)
     edges, incidence = passes.incidences(n, own, partner, state.body, state.n_bodies)
-    state.slots = Slots(own, partner, _kinds(state, own, partner), edges, incidence, n_plates, H, F, R)
+    state.slots = Slots(own, partner, kinds_of(state, own, partner), edges, incidence, n_plates, H, F, R)
     state.X0[:] = state.S[:, :3]
     state.P[:, at.P_Z0] = state.P[:, at.P_Z]
     state.searches += 1
@@ -74,8 +74,8 @@ def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     return low, length / count, count, periodic
 
 
-def _kinds(state: State, own: np.ndarray, partner: np.ndarray) -> np.ndarray:
-    """Row of the pair table for each candidate."""
+def kinds_of(state: State, own: np.ndarray, partner: np.ndarray) -> np.ndarray:
+    """Row of the table of pairs for each candidate."""
     material = state.material[state.body]
     world = state.world
     lower = -1 if world.lower is None else world.lower

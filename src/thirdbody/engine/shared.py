@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -58,13 +59,24 @@ class Shared(Implicit):
         super().start()
         self.gone = np.zeros(self.state.slots.count)
 
+    def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """As `Implicit.keep`; where a step begins and ends is found anew in every step."""
+        arrays, notes = super().keep()
+        plate = {"length": self.length, "last": self.last, "moved": self.moved, "change": self.change}
+        return arrays | {"plate": self.plate}, notes | plate
+
+    def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
+        """As `Implicit.restore`."""
+        super().restore(arrays, notes)
+        self.plate[:] = arrays["plate"]
+        self.length, self.last, self.moved, self.change = (float(notes[name]) for name in ("length", "last", "moved", "change"))
+
     def _reach(self, until: float, watch: Callable[[], None]) -> None:
-        count = 0
         while self.totals[0, at.A_TIME] < until:
             self._step(until)
             self._judge()
-            count += 1
-            if count % max(1, BATCH // self.state.n_bodies) == 0:
+            # counted from the start of the run, so that a run that was put away looks at the same instants
+            if int(self.totals[0, at.A_STEPS]) % max(1, BATCH // self.state.n_bodies) == 0:
                 watch()
 
     def _step(self, until: float) -> None:

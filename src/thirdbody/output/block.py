@@ -45,7 +45,12 @@ class Column:
 def growing(group: h5py.Group, name: str, tail: tuple[int, ...], dtype: Any, rows_ahead: int = 256) -> Column:
     """The growing data set of that name, made when it is not there; chunks hold `rows_ahead` rows."""
     if name not in group:
-        group.create_dataset(name, (0, *tail), dtype, maxshape=(None, *tail), chunks=(rows_ahead, *tail))
+        kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        kind.set_chunk((rows_ahead, *tail))
+        # Else every new chunk is first written full of zeros: twice the bytes.
+        kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
+        rows = h5py.h5s.create_simple((0, *tail), (h5py.h5s.UNLIMITED, *tail))
+        h5py.h5d.create(group.id, name.encode(), h5py.h5t.py_create(np.dtype(dtype)), rows, kind)
     return Column(group[name])
 
 

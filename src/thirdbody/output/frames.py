@@ -26,7 +26,7 @@ class FrameMaker:
 
     def __init__(self, state: State, ledger: Ledger, labeller: Labeller | None, drag: tuple[float, float]):
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
-        self._before = self._impulses()
+        self.impulses = impulses_of(self.state)
         self._corners = _corners(state)
 
     def static(self) -> dict[str, dict[str, np.ndarray]]:
@@ -140,14 +140,10 @@ class FrameMaker:
             return np.nan
         return float(P[-1, at.P_Z]) if upper.foundation is not None else float(np.mean(P[:, at.P_Z]))
 
-    def _impulses(self) -> np.ndarray:
-        A = self.state.A
-        return np.concatenate([[A[at.A_TIME]], A[at.A_IMPULSE : at.A_IMPULSE + 3], A[at.A_IMPULSE_LOW : at.A_IMPULSE_LOW + 3]])
-
     def _mean_forces(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean force of the debris on both plates since the frame before; at the first frame the present one."""
-        now, A = self._impulses(), self.state.A
-        change, self._before = now - self._before, now
+        now, A = impulses_of(self.state), self.state.A
+        change, self.impulses = now - self.impulses, now
         if change[0] <= 0.0:
             return A[at.A_UPPER : at.A_UPPER + 3].copy(), A[at.A_LOWER : at.A_LOWER + 3].copy()
         return change[1:4] / change[0], change[4:7] / change[0]
@@ -172,6 +168,12 @@ class FrameMaker:
             for code, name in enumerate(self.labeller.states):
                 series[f"fraction_{name}"] = float(np.mean(states == code))
         return series | {f"energy_{name}": value for name, value in lines.items()}
+
+
+def impulses_of(state: State) -> np.ndarray:
+    """Time, s, and the impulses of the debris on upper and lower plate since the start, N s: (7,)."""
+    A = state.A
+    return np.concatenate([[A[at.A_TIME]], A[at.A_IMPULSE : at.A_IMPULSE + 3], A[at.A_IMPULSE_LOW : at.A_IMPULSE_LOW + 3]])
 
 
 def _peak_pressure(contacts: dict[str, np.ndarray]) -> np.ndarray:

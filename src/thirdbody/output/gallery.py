@@ -16,10 +16,12 @@ import numpy as np
 
 from thirdbody.bodies.clump import Clump
 from thirdbody.output.canvas import PAPER, SOFT_INK, add_lights, make_glossy, new_window, save, sphere_mapper
+from thirdbody.output.coloring import Legend
+from thirdbody.output.legend import draw_legend
 from thirdbody.output.overlay import INK, Overlay, unit_rgb
 from thirdbody.output.palette import field_colors
-from thirdbody.output.render import checked_png, draw_elsewhere, usable_windows
-from thirdbody.output.shot import Legend, round_length, with_unit
+from thirdbody.output.quantity import round_length, with_unit
+from thirdbody.output.render import STILLS, checked_output, draw_elsewhere, usable_windows
 
 BODIES = 12
 """Bodies drawn of one group."""
@@ -65,11 +67,11 @@ def draw_gallery(groups: Sequence[Group], title: str, png: str | Path) -> Path:
     and translucent over them. Raises InputError for another suffix, OutputError when the file cannot be written,
     MissingLibrary when the system cannot draw.
     """
-    png = checked_png(png)
+    png = checked_output(png, STILLS)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "gallery.npz"
         np.savez(file, title=title, **_packed(groups[:GROUPS]), more=max(0, len(groups) - GROUPS))
-        draw_elsewhere({"gallery": str(file), "png": str(png)}, usable_windows())
+        draw_elsewhere({"gallery": str(file), "file": str(png)}, usable_windows())
     return png
 
 
@@ -212,8 +214,6 @@ class _Stage:
 
 def draw(file: Path, png: Path) -> None:
     """The second process: draw the bodies in a file that `draw_gallery` wrote. Raises OSError like `open`."""
-    from thirdbody.output.picture import draw_legend
-
     with np.load(file) as packed:
         blocks = [_Block(packed, g) for g in range(int(packed["count"]))]
         title, more = str(packed["title"]), int(packed["more"])

@@ -15,6 +15,33 @@ STATE_COLORS = {"free": "#8E939A", "sticking": "#4C78A8", "sliding": "#F58518", 
 # For states that a labeller of a plug-in adds.
 SPARE_COLORS = ("#B279A2", "#E45756", "#72B7B2", "#EECA3B", "#9D755D")
 
+# For reasons and other codes: the muted scheme of P. Tol, "Colour Schemes" (SRON 2021), made for colour-blind readers; the
+# first code means "none" and takes its pale grey.
+CATEGORY_COLORS = (
+    "#BBBBBB",
+    "#CC6677",
+    "#332288",
+    "#DDCC77",
+    "#117733",
+    "#88CCEE",
+    "#882255",
+    "#44AA99",
+    "#999933",
+    "#AA4499",
+)
+
+# Lines that are no states: apart for every kind of colour vision (M. Okabe, K. Ito, 2008).
+LINE_COLORS = {
+    "black": "#000000",
+    "orange": "#E69F00",
+    "sky": "#56B4E9",
+    "green": "#009E73",
+    "blue": "#0072B2",
+    "vermilion": "#D55E00",
+    "purple": "#CC79A7",
+    "grey": "#6B6F76",
+}
+
 # Viridis (S. van der Walt, N. Smith, 2015) at nine equal steps; linear between them is within 2 of 255.
 FIELD_STOPS = (
     "#440154",
@@ -45,6 +72,17 @@ def state_colors(names: Sequence[str]) -> list[str]:
         else:
             colors.append(STATE_COLORS[name])
     return colors
+
+
+def category_colors(count: int) -> list[str]:
+    """One colour `#RRGGBB` for each of `count` codes; beyond ten they come again, without the grey."""
+    first, rest = CATEGORY_COLORS[0], CATEGORY_COLORS[1:]
+    return [first, *(rest[i % len(rest)] for i in range(count - 1))][:count]
+
+
+def pale(colors: np.ndarray, share: float) -> np.ndarray:
+    """Colours (n, 3) uint8 mixed with a `share` (0 to 1) of white."""
+    return np.rint((1.0 - share) * colors + share * 255.0).astype(np.uint8)
 
 
 def field_colors(fraction: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from thirdbody.output.vtkhdf import FORMAT
 
 SCRIPT_NAME = "open_in_paraview.py"
 
-_SCRIPT = Template('''"""Shows this run in ParaView 5.13 or later.
+_SCRIPT = Template('''"""Shows this run in ParaView $version or later.
 
 Tools > Run Script..., or `pvpython $script [picture.png]`.
 """
@@ -24,14 +24,14 @@ from paraview.simple import *
 
 STATES = $states
 COLORS = $colors
-STEM = "$stem"
+FILES = "$files"
 
 folder = os.path.dirname(os.path.abspath(__file__)) if "__file__" in globals() else os.getcwd()
 picture = sys.argv[1] if len(sys.argv) > 1 and sys.argv[1].endswith(".png") else None
 
 
 def block(name):
-    path = os.path.join(folder, STEM + "." + name + ".vtkhdf")
+    path = os.path.join(folder, FILES.replace("{name}", name))
     if not os.path.exists(path):
         raise SystemExit("not found: " + path + " (run this script from the folder of the run)")
     return OpenDataFile(path, registrationName=name)
@@ -104,13 +104,22 @@ def write_sidecars(path: str | Path) -> list[Path]:
     return sidecars
 
 
+def write_script(path: Path, state_names: Sequence[str], files: str) -> None:
+    """Write the script that sets up the view; `files` is the file of a block beside it, such as `{name}.pvd`. Raises OSError."""
+    colors = [round(channel / 255.0, 4) for color in state_colors(state_names) for channel in rgb(color)]
+    text = _SCRIPT.substitute(
+        script=path.name,
+        states=json.dumps(list(state_names)),
+        colors=json.dumps(colors),
+        files=files,
+        version="5.11" if files.endswith(".pvd") else "5.13",
+    )
+    path.write_text(text, encoding="utf-8")
+
+
 def write_paraview_files(path: str | Path, state_names: Sequence[str]) -> list[Path]:
     """Write sidecars and `open_in_paraview.py` beside the trajectory `path`; returns them. Raises OSError."""
     path = Path(path)
-    colors = [round(channel / 255.0, 4) for color in state_colors(state_names) for channel in rgb(color)]
     script = path.with_name(SCRIPT_NAME)
-    text = _SCRIPT.substitute(
-        script=SCRIPT_NAME, states=json.dumps(list(state_names)), colors=json.dumps(colors), stem=path.stem
-    )
-    script.write_text(text, encoding="utf-8")
+    write_script(script, state_names, f"{path.stem}.{{name}}.vtkhdf")
     return [*write_sidecars(path), script]

@@ -1,7 +1,8 @@
-"""Pictures of a run as PNG files, without a screen.
+"""Pictures and films of a run as PNG, GIF, MP4 or HTML files, without a screen.
 
 Without the system libraries that it needs VTK does not raise an error: it crashes. So they are looked for
-first, and the drawing is done by a second process, whose crash becomes one sentence.
+first, and the drawing is done by a second process, whose crash becomes one sentence. Pages draw themselves in a
+browser and need no such libraries.
 """
 
 from __future__ import annotations
@@ -12,63 +13,146 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
-from thirdbody.errors import InputError, MissingLibrary, OutputError
+from thirdbody.errors import InputError, MissingLibrary, OutputError, ThirdbodyError, nearest
 
 EGL, OSMESA = "vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"
 LIBRARIES = {EGL: ("libEGL.so.1",), OSMESA: ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}
 ADVICE = "install libegl1 and libgl1-mesa-dri, or libosmesa6 (apt-get install libegl1 libgl1-mesa-dri)"
 
-# A drawing of 100 000 spheres on one slow core takes below a minute.
-PATIENCE = 600.0
+# A drawing of 100 000 spheres on one slow core takes below a minute; so long may the first and each further one take, s.
+PATIENCE, PATIENCE_PER_FRAME = 600.0, 60.0
+
+STILLS, FILMS, PAGES = (".png",), (".gif", ".mp4"), (".html",)
+CAMERAS = ("fixed", "follow")
+FASTEST = 60
 
 
 def render(
     run_path: str | Path,
-    output_png: str | Path,
-    frame: int = -1,
+    output: str | Path,
+    frame: int | None = None,
     color: str = "state",
     size: tuple[int, int] = (1600, 900),
     zoom: float | None = None,
+    view: str = "iso",
+    forces: bool = False,
+    body: int | None = None,
+    frames: str | None = None,
+    fps: int = 12,
+    camera: str | None = None,
 ) -> Path:
-    """Draw one frame of a run into a PNG file; returns its path.
+    """Draw one frame of a run (the last) into a .png or .html file, or many into a .gif or .mp4; returns its path.
 
-    `color` is `state`, `speed`, or any array of the bodies, spheres or contacts (of these the largest of a
-    body); vectors count by length. `zoom` (0 to 1) is the share of the domain's width and depth that is
-    shown. Raises InputError for a run, frame, array or option that is not there, MissingLibrary when the
-    system cannot draw, OutputError when the file cannot be written.
+    `color` is `state`, `reason`, `speed`, or any array of the bodies, spheres or contacts (of these the largest of a
+    body); vectors count by length. `zoom` (0 to 1) is the share of the domain's width and depth that is shown. `view` is
+    iso, side, front or top; `forces` draws contact forces as tubes; `body` follows one body close up, by its id, with a
+    `camera` that is `fixed` or goes along (`follow`). `frames` is a:b:c of a film, `fps` how many of them a second shows.
+    Raises InputError for a run, frame, array or option that is not there, MissingLibrary when the system cannot draw,
+    OutputError when the file cannot be written.
     """
     from thirdbody.output.run import open_run
-    from thirdbody.output.shot import take_shot
 
-    output_png = checked_png(output_png)
-    if zoom is not None and not 0.0 < zoom <= 1.0:
-        raise InputError(f"zoom: {zoom:g} is outside 0 to 1, the share of the domain that is shown")
-    if min(size) < 200:
-        raise InputError(f"size: {size[0]} x {size[1]} is too small, 200 pixels are the least")
+    output = checked_output(output)
+    _check_options(output, frame, size, zoom, view, forces, body, frames, fps, camera)
     with open_run(run_path) as run:
-        try:
-            take_shot(run, frame, color)
-        except IndexError as error:
-            raise InputError(str(error)) from error
+        numbers = _chosen(run, output, frame, frames)
+        shot = _try_one(run, numbers[-1], color, forces, body)
         run_file = run.path
+    if output.suffix.lower() in PAGES:
+        from thirdbody.output.page import write_page
+
+        try:
+            write_page(shot, output, view)
+        except OSError as error:
+            raise OutputError(f"{output}: cannot be written ({error.strerror})") from error
+        return output
     job = {
         "run": str(run_file),
-        "png": str(output_png),
-        "frame": frame,
+        "file": str(output),
+        "frames": numbers,
         "color": color,
         "size": size,
         "zoom": zoom,
+        "view": view,
+        "forces": forces,
+        "body": body,
+        "fixed": camera == "fixed",
+        "fps": fps,
     }
     draw_elsewhere(job, usable_windows())
-    return output_png
+    return output
 
 
-def checked_png(path: str | Path) -> Path:
+def _check_options(
+    output: Path,
+    frame: int | None,
+    size: tuple[int, int],
+    zoom: float | None,
+    view: str,
+    forces: bool,
+    body: int | None,
+    frames: str | None,
+    fps: int,
+    camera: str | None,
+) -> None:
+    """Raises InputError for options that cannot be, or that do not go together."""
+    from thirdbody.output.shot import VIEWS
+
+    suffix = output.suffix.lower()
+    film = suffix in FILMS
+    wrong = [
+        (zoom is not None and not 0.0 < zoom <= 1.0, f"zoom: {zoom} is outside 0 to 1, the share of the domain that is shown"),
+        (min(size) < 200, f"size: {size[0]} x {size[1]} is too small, 200 pixels are the least"),
+        (suffix == ".mp4" and any(side % 2 for side in size), f"size: {size[0]} x {size[1]}: MP4 needs even numbers of pixels"),
+        (view not in VIEWS, f"view: no view '{view}'; {nearest(view, VIEWS)}"),
+        (camera not in (None, *CAMERAS), f"camera: '{camera}' is neither fixed nor follow"),
+        (camera == "follow" and body is None, "camera: follow needs the body to follow; give its id as body"),
+        (not 1 <= fps <= FASTEST, f"fps: {fps} is outside 1 to {FASTEST}"),
+        (film and frame is not None, f"frame: a film ({suffix}) takes frames a:b:c"),
+        (not film and frames is not None, f"frames: {suffix} shows one frame; give frame, or name a .gif or .mp4"),
+        (suffix in PAGES and (forces or body is not None), "forces, body: drawn in .png, .gif, .mp4, not in .html"),
+        (suffix in PAGES and zoom is not None, "zoom: for pictures and films; a page zooms with the wheel"),
+        (body is not None and (forces or zoom is not None), "body: a close-up has its own forces; leave out forces, zoom"),
+    ]  # fmt: skip
+    for is_wrong, words in wrong:
+        if is_wrong:
+            raise InputError(words)
+
+
+def _chosen(run: Any, output: Path, frame: int | None, frames: str | None) -> list[int]:
+    """The frames to draw. Raises InputError when they are not there."""
+    from thirdbody.output.film import frame_numbers
+
+    if output.suffix.lower() in FILMS:
+        return frame_numbers(frames, run.frames)
+    try:
+        return [run.frame_number(-1 if frame is None else frame)]
+    except IndexError as error:
+        raise InputError(str(error)) from error
+
+
+def _try_one(run: Any, number: int, color: str, forces: bool, body: int | None) -> Any:
+    """One shot: what is wrong with a picture is told here, not by the process that draws."""
+    from thirdbody.output.shot import take_shot
+
+    shot = take_shot(run, number, color, forces)
+    if not len(shot.radii):
+        raise InputError(f"{run.path}: this run has no bodies to draw")
+    if body is not None:
+        from thirdbody.output.spots import take_close_up
+
+        take_close_up(run, number, body, color)
+    return shot
+
+
+def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS + PAGES) -> Path:
     """The path of a picture to write. Raises InputError for another suffix, OutputError without its folder."""
     path = Path(path)
-    if path.suffix.lower() != ".png":
-        raise InputError(f"{path}: pictures are written as PNG only in this version; name it .png")
+    if path.suffix.lower() not in allowed:
+        names = " or ".join([", ".join(allowed[:-1]), allowed[-1]] if allowed[1:] else allowed)
+        raise InputError(f"{path}: pictures are written by their suffix; name it {names}")
     if not path.absolute().parent.is_dir():
         raise OutputError(f"{path}: the folder {path.parent} does not exist")
     return path
@@ -118,11 +202,12 @@ def _start(job: dict, kind: str | None) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     if kind is not None:
         environment["VTK_DEFAULT_OPENGL_WINDOW"] = kind
+    patience = PATIENCE + PATIENCE_PER_FRAME * len(job.get("frames", ()))
     command = [sys.executable, "-m", "thirdbody.output.render", json.dumps(job)]
     try:
-        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
+        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=patience)
     except subprocess.TimeoutExpired as error:
-        raise MissingLibrary(f"VTK drew nothing within {PATIENCE:.0f} s: {ADVICE}") from error
+        raise MissingLibrary(f"VTK drew nothing within {patience:.0f} s: {ADVICE}") from error
 
 
 def main(argument: str) -> int:
@@ -132,23 +217,18 @@ def main(argument: str) -> int:
         if "gallery" in job:
             from thirdbody.output import gallery
 
-            gallery.draw(Path(job["gallery"]), Path(job["png"]))
+            gallery.draw(Path(job["gallery"]), Path(job["file"]))
         else:
-            _draw_run(job)
+            from thirdbody.output.reel import draw_run
+
+            draw_run(job)
     except OSError as error:
-        print(f"{job['png']}: cannot be written ({error.strerror})", file=sys.stderr)
+        print(f"{job['file']}: cannot be written ({error.strerror})", file=sys.stderr)
+        return OutputError.exit_code
+    except ThirdbodyError as error:
+        print(error, file=sys.stderr)
         return OutputError.exit_code
     return 0
-
-
-def _draw_run(job: dict) -> None:
-    from thirdbody.output.picture import draw
-    from thirdbody.output.run import open_run
-    from thirdbody.output.shot import take_shot
-
-    with open_run(job["run"]) as run:
-        shot = take_shot(run, job["frame"], job["color"])
-    draw(shot, Path(job["png"]), tuple(job["size"]), job["zoom"])
 
 
 if __name__ == "__main__":

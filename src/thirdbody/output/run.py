@@ -7,21 +7,21 @@ last one.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.output.schema import BLOCKS, STATIC_TEXT, SUMMARY_TEXT, Frame
+from thirdbody.output.schema import BLOCKS, POSITION, STATIC_TEXT, SUMMARY_TEXT, Frame
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 FILE_NAME = "run.vtkhdf"
-
-# What the bodies' arrays are called in `Run.bodies`, where VTK calls the coordinates `Points`.
-POSITION = "position"
 
 
 class _BlockReader:
@@ -38,13 +38,16 @@ class _BlockReader:
 
     def read(self, frame: int) -> dict[str, np.ndarray]:
         """All arrays of one frame, the coordinates as `position`."""
-        count = self.rows(frame)
-        start = int(self._steps["PointOffsets"][frame])
-        arrays = {POSITION: self._group["Points"][start : start + count]}
-        for name in self._data:
-            start = int(self._steps["PointDataOffsets"][name][frame])
-            arrays[name] = self._data[name][start : start + count]
-        return arrays
+        return {name: self.array(name, frame) for name in (POSITION, *self._data)}
+
+    def array(self, name: str, frame: int) -> np.ndarray:
+        """One array of one frame."""
+        if name == POSITION:
+            data, offsets = self._group["Points"], self._steps["PointOffsets"]
+        else:
+            data, offsets = self._data[name], self._steps["PointDataOffsets"][name]
+        start = int(offsets[frame])
+        return data[start : start + self.rows(frame)]
 
     def rows(self, frame: int) -> int:
         return int(self._group["NumberOfPoints"][int(self._steps["PartOffsets"][frame])])
@@ -64,10 +67,10 @@ class Run:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self._file = _open_file(self.path)
+        self.file: h5py.File = _open_file(self.path)
         try:
-            self._blocks = {name: _BlockReader(self._file["VTKHDF"][name]) for name in BLOCKS}
-            self._series_group, self._scene = self._file["series"], self._file["scene"]
+            self._blocks = {name: _BlockReader(self.file["VTKHDF"][name]) for name in BLOCKS}
+            self._series_group, self._scene = self.file["series"], self.file["scene"]
             counts = [block.frames for block in self._blocks.values()]
             # A run killed between two counts has some one higher: the lowest is what is whole.
             self.frames = min(counts + [int(self._series_group.attrs["NSteps"])])
@@ -75,7 +78,7 @@ class Run:
             self.state_names: list[str] = list(self.header["state_names"])
             self.reason_names: list[str] = list(self.header["reason_names"])
         except (KeyError, OSError, RuntimeError, ValueError) as error:
-            self._file.close()
+            self.file.close()
             raise InputError(f"{self.path}: not a run of thirdbody, or damaged ({error})") from error
 
     def _text(self, name: str) -> Any:
@@ -91,7 +94,7 @@ class Run:
     @cached_property
     def times(self) -> np.ndarray:
         """Times of the frames (F,), s."""
-        return self._file["VTKHDF/clumps/Steps/Values"][: self.frames]
+        return self.file["VTKHDF/clumps/Steps/Values"][: self.frames]
 
     @cached_property
     def states(self) -> np.ndarray:
@@ -107,6 +110,11 @@ class Run:
     def forecast(self) -> np.ndarray:
         """Forecast state codes (F, B) uint8; AttributeError when the run recorded none."""
         return self._history("forecast")
+
+    @property
+    def has_states(self) -> bool:
+        """Whether the run's laws tell states."""
+        return "state" in self._blocks["clumps"].names
 
     def _history(self, name: str) -> np.ndarray:
         clumps = self._blocks["clumps"]
@@ -126,22 +134,40 @@ class Run:
 
     def bodies(self, frame: int = -1) -> dict[str, np.ndarray]:
         """Arrays of the bodies (clumps) by name, one row per body: `position`, `quaternion`, `state`, ..."""
-        return self._block("clumps", frame)
+        return self.block("clumps", frame)
 
     def spheres(self, frame: int = -1) -> dict[str, np.ndarray]:
         """Arrays of the spheres that the bodies are made of: `position`, `radius`, `clump`, ..."""
-        return self._block("spheres", frame)
+        return self.block("spheres", frame)
 
     def contacts(self, frame: int = -1) -> dict[str, np.ndarray]:
         """Arrays of the contacts, one row each, perhaps none: `position`, `vector`, `utilisation`, ..."""
-        return self._block("contacts", frame)
+        return self.block("contacts", frame)
 
     def plates(self, frame: int = -1) -> dict[str, np.ndarray]:
         """Arrays of the plates' corners (8, 3): lower four, upper four; (0, 3) without plates."""
-        return self._block("plates", frame)
+        return self.block("plates", frame)
 
-    def _block(self, name: str, frame: int) -> dict[str, np.ndarray]:
+    def block(self, name: str, frame: int = -1) -> dict[str, np.ndarray]:
+        """All arrays of one block of the file: `spheres`, `clumps` (the bodies), `contacts` or `plates`."""
         return self._blocks[name].read(self.frame_number(frame))
+
+    def array(self, block: str, name: str, frame: int = -1) -> np.ndarray:
+        """One array of one block, without reading the others. Raises KeyError for a name that the run has not."""
+        return self._blocks[block].array(name, self.frame_number(frame))
+
+    def rows(self, block: str, frame: int = -1) -> int:
+        """Number of rows of one block: bodies, contacts, ..."""
+        return self._blocks[block].rows(self.frame_number(frame))
+
+    def transitions(self) -> dict[str, np.ndarray]:
+        """Changes of state between successive frames, one row each: frame, time, distance, body, from, to, reason, position.
+
+        See `transitions.state_transitions`. Raises AttributeError when the run recorded no states.
+        """
+        from thirdbody.output.transitions import state_transitions
+
+        return state_transitions(self)
 
     def frame_number(self, frame: int) -> int:
         """The frame counted from 0; negative ones count from the end. Raises IndexError outside the run."""
@@ -157,7 +183,7 @@ class Run:
     def static_arrays(self) -> dict[str, dict[str, np.ndarray]]:
         """Per block the arrays that hold for all frames, as `TrajectoryWriter` takes them."""
         names: Mapping[str, list[str]] = self.header[STATIC_TEXT]
-        data = {block: self._file["VTKHDF"][block]["PointData"] for block in names}
+        data = {block: self.file["VTKHDF"][block]["PointData"] for block in names}
         return {block: {name: data[block][name][()] for name in names[block]} for block in names}
 
     def stored_frame(self, frame: int) -> Frame:
@@ -165,7 +191,7 @@ class Run:
         number = self.frame_number(frame)
         blocks = {}
         for name in BLOCKS:
-            arrays = self._block(name, number)
+            arrays = self.block(name, number)
             static = self.header[STATIC_TEXT].get(name, ())
             blocks[name] = {
                 ("points" if k == POSITION else k): v for k, v in arrays.items() if k not in static
@@ -197,32 +223,53 @@ class Run:
             late = series["friction_coefficient"][self.frames // 2 :]
             loaded = late[np.isfinite(late)]
             figures["friction_coefficient"] = float(loaded.mean()) if len(loaded) else float("nan")
-        if "state" in self._blocks["clumps"].names and figures["bodies"]:
+        if self.has_states and figures["bodies"]:
             counts = np.bincount(self.bodies(-1)["state"], minlength=len(self.state_names))
             shares = (counts / counts.sum()).tolist()
             figures["fractions"] = dict(zip(self.state_names, shares, strict=False))
         return figures
 
-    def to_pandas(self) -> Any:
-        """The series as a pandas DataFrame, one row per frame; vectors as three columns `_x`, `_y`, `_z`.
+    def to_pandas(self, table: str = "series", frame: int | None = None) -> Any:
+        """One table of the run as a pandas DataFrame: `series`, `bodies`, `contacts` or `transitions`.
 
-        Raises ImportError when pandas, which nothing else needs, is not installed.
+        Series have one row per frame, bodies and contacts one row each of one frame, or of all frames one below the other
+        (column `frame`). Vectors are columns `_x`, `_y`, `_z`; states and reasons come by code and by name. Units by column
+        are in `.attrs["units"]`. Raises ImportError when pandas, which nothing else needs, is not installed; ValueError for
+        another table; IndexError for a frame that the run has not; AttributeError when it has no states.
         """
         try:
             import pandas
         except ImportError as error:
             raise ImportError("to_pandas() needs pandas: pip install pandas") from error
-        columns: dict[str, np.ndarray] = {}
-        for name, values in self.series.items():
-            if values.ndim == 1:
-                columns[name] = values
-            else:
-                columns |= {f"{name}_{axis}": values[:, i] for i, axis in enumerate("xyz"[: values.shape[1]])}
-        return pandas.DataFrame(columns)
+        from thirdbody.output.tables import table as columns_of
+
+        columns = columns_of(self, table, frame)
+        data = pandas.DataFrame({column.name: column.values for column in columns})
+        data.attrs["units"] = {column.name: column.unit or "1" for column in columns}
+        return data
+
+    def plot(self, out: str | Path | None = None, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
+        """The page that tells what happened, as a figure of matplotlib: the `panels` named, or all that fit the run.
+
+        `frame` is that of the contacts; with `out` (.png, .pdf, .svg) the page is written too. Panels and errors: `output.plot`.
+        """
+        from thirdbody.output.plot import checked_path, page, save
+
+        path = None if out is None else checked_path(out)
+        figure = page(self, panels, frame)
+        if path is not None:
+            save(figure, path)
+        return figure
+
+    def _repr_html_(self) -> str:
+        """A table and a picture, for notebooks."""
+        from thirdbody.output.html import run_html
+
+        return run_html(self)
 
     def close(self) -> None:
         """Close the file; may be called twice."""
-        self._file.close()
+        self.file.close()
 
     def __enter__(self) -> Run:
         return self

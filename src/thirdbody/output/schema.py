@@ -14,6 +14,9 @@ BLOCKS = ("spheres", "clumps", "contacts", "plates")
 REQUIRED_TEXTS = ("scene_text", "state_names", "reason_names", "units")
 STATIC_TEXT, SUMMARY_TEXT = "static_arrays", "summary"
 
+# What coordinates are called where arrays are read, as VTK calls them `Points`.
+POSITION = "position"
+
 
 @dataclass(frozen=True)
 class Frame:

@@ -7,35 +7,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thirdbody.errors import InputError, nearest
-from thirdbody.output.palette import field_colors, rgb, state_colors
+from thirdbody.output.coloring import Arrays, Legend, Scale, paint, rows_of
+from thirdbody.output.forces import Tubes, force_tubes
+from thirdbody.output.quantity import with_unit
 from thirdbody.output.run import Run
+
+VIEWS = ("iso", "side", "front", "top")
+"""Names of the camera's places."""
 
 # About as many bodies can be told apart in a close-up.
 CLOSE_UP_BODIES = 60
+# A picture of one frame takes its colour scale from that frame.
+FREE_SCALE = Scale()
 # Up to so many bodies the view of the whole is close enough.
 ENOUGH_WITHOUT_CLOSE_UP = 150
-
-_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-
-
-@dataclass(frozen=True)
-class Legend:
-    """States with their colours and counts, or (when `limits` is set) the ends of a colour scale."""
-
-    title: str
-    entries: tuple[tuple[str, str], ...] = ()
-    limits: tuple[float, float] | None = None
-
 
 @dataclass(frozen=True)
 class Shot:
     """One frame ready to be drawn, lengths in m: spheres `centers` (S, 3), `radii` (S,), `colors` (S, 3)
     uint8.
 
+    `ids` (B,) and `labels` (B, or none) name the bodies.
     `body` (S,) tells the row of `bodies` (B, 3), the wrapped centres of the bodies; `codes` (B,) their
-    states. `low`, `high` (3,) bound the room between the plates, `drag` (2,) is the direction of the upper
-    plate or zero.
+    states. `low`, `high` (3,) bound the room between the plates, `plate` (m) is the height of the upper one, `drag` (2,)
+    its direction or zero.
     """
 
     centers: np.ndarray
@@ -47,51 +42,75 @@ class Shot:
     low: np.ndarray
     high: np.ndarray
     has_plates: bool
+    plate: float
     drag: np.ndarray
     title: str
     facts: str
     legend: Legend
+    ids: np.ndarray
+    labels: tuple[str, ...] = ()
+    tubes: Tubes | None = None
 
     def inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Which spheres (S,) belong to bodies with centres in the window from `low` to `high` (x, y)."""
         chosen = np.all((self.bodies[:, :2] >= low[:2]) & (self.bodies[:, :2] <= high[:2]), axis=1)
         return chosen[self.body]
 
+    def ceiling(self, low: np.ndarray, high: np.ndarray) -> float:
+        """Height in m at which the upper plate is drawn over a window.
 
-def take_shot(run: Run, frame: int, color: str) -> Shot:
-    """The shot of one frame. Raises IndexError for a frame, InputError for an array that the run has not."""
+        Where each body carries a patch of its own the plate's height is their mean: it is drawn over the highest body.
+        """
+        chosen = self.inside(low, high)
+        return max(self.plate, float((self.centers[chosen, 2] + self.radii[chosen]).max(initial=-np.inf)))
+
+
+def take_shot(run: Run, frame: int, color: str, forces: bool = False, scale: Scale = FREE_SCALE) -> Shot:
+    """The shot of one frame, with its contact forces if asked; `scale` is that of the film it belongs to.
+
+    Raises IndexError for a frame, InputError for an array that the run has not.
+    """
     bodies, spheres = run.bodies(frame), run.spheres(frame)
     plates = run.plates(frame)["position"]
-    row = _rows_of(bodies, spheres["clump"])
+    row = rows_of(bodies, spheres["clump"])
     low, high = _room(run, bodies, spheres, plates)
     shift = _wrap(run, bodies["position"])
-    rgb_body, legend = _colors(run, frame, color, bodies, spheres, row)
+    painted = paint(run, frame, color, bodies, spheres, row, scale)
+    size, periodic = domain_of(run)
     return Shot(
         centers=spheres["position"] - shift[row],
         radii=np.asarray(spheres["radius"], np.float64),
-        colors=rgb_body,
+        colors=painted.colors(painted.values),
         body=row,
         bodies=bodies["position"] - shift,
         codes=bodies["state"] if "state" in bodies else np.zeros(len(shift), np.uint8),
         low=low,
         high=high,
         has_plates=len(plates) > 0,
+        plate=float(plates[4:, 2].mean()) if len(plates) else float(high[2]),
         drag=_drag(run, frame, plates),
         title=str(run.header.get("title", "")),
         facts=_facts(run, frame, len(shift)),
-        legend=legend,
+        legend=painted.legend,
+        ids=bodies["id"] if "id" in bodies else np.arange(len(shift)),
+        labels=_labels(run, bodies),
+        tubes=force_tubes(run.contacts(frame), bodies, shift, size if periodic else None, painted) if forces else None,
     )
 
 
-def _rows_of(bodies: dict[str, np.ndarray], clump: np.ndarray) -> np.ndarray:
-    """The row of each sphere's body: spheres name their body by its id, and rows may be in any order."""
-    if "id" not in bodies:
-        return clump.astype(np.int64)
-    order = np.argsort(bodies["id"])
-    return order[np.searchsorted(bodies["id"][order], clump)]
+def _labels(run: Run, bodies: Arrays) -> tuple[str, ...]:
+    """State and reason of each body in words; none without a labeller."""
+    if "state" not in bodies:
+        return ()
+    states = [run.state_names[code] for code in bodies["state"]]
+    if "state_reason" not in bodies:
+        return tuple(states)
+    reasons = [run.reason_names[code].replace("_", " ") for code in bodies["state_reason"]]
+    return tuple(state if reason == "none" else f"{state} ({reason})" for state, reason in zip(states, reasons, strict=True))
 
 
-def _domain(run: Run) -> tuple[np.ndarray | None, bool]:
+def domain_of(run: Run) -> tuple[np.ndarray | None, bool]:
+    """Size (2,) m of the domain, None without, and whether it is periodic."""
     domain = run.header.get("domain")
     if not domain:
         return None, False
@@ -100,7 +119,7 @@ def _domain(run: Run) -> tuple[np.ndarray | None, bool]:
 
 def _wrap(run: Run, position: np.ndarray) -> np.ndarray:
     """What to subtract (B, 3) so that each body's centre lies in the periodic domain; bodies stay whole."""
-    size, periodic = _domain(run)
+    size, periodic = domain_of(run)
     shift = np.zeros_like(position)
     if periodic and size is not None:
         shift[:, :2] = np.floor(position[:, :2] / size) * size
@@ -108,10 +127,10 @@ def _wrap(run: Run, position: np.ndarray) -> np.ndarray:
 
 
 def _room(
-    run: Run, bodies: dict[str, np.ndarray], spheres: dict[str, np.ndarray], plates: np.ndarray
+    run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest corner of what lies between the plates."""
-    size, periodic = _domain(run)
+    size, periodic = domain_of(run)
     radius = spheres["radius"][:, None]
     if len(radius):
         low, high = (spheres["position"] - radius).min(axis=0), (spheres["position"] + radius).max(axis=0)
@@ -126,7 +145,7 @@ def _room(
         low[:2] = np.minimum(low[:2], bodies["position"][:, :2].min(axis=0))
         high[:2] = np.maximum(high[:2], bodies["position"][:, :2].max(axis=0))
     if len(plates):
-        low[2], high[2] = plates[:4, 2].mean(), plates[4:, 2].mean()
+        low[2], high[2] = plates[:4, 2].mean(), max(high[2], plates[4:, 2].mean())
     return low, high
 
 
@@ -143,73 +162,6 @@ def _drag(run: Run, frame: int, plates: np.ndarray) -> np.ndarray:
     return step / length if length > 1e-12 * extent else np.zeros(2)
 
 
-def _colors(
-    run: Run,
-    frame: int,
-    color: str,
-    bodies: dict[str, np.ndarray],
-    spheres: dict[str, np.ndarray],
-    row: np.ndarray,
-) -> tuple[np.ndarray, Legend]:
-    if color == "state" and "state" in bodies:
-        names = run.state_names
-        palette = np.array([rgb(c) for c in state_colors(names)], np.uint8)
-        counts = np.bincount(bodies["state"], minlength=len(names))
-        total = max(1, int(counts.sum()))
-        entries = [
-            (f"{name}  {count}  ({100.0 * count / total:.0f} %)", tone)
-            for name, count, tone in zip(names, counts, state_colors(names), strict=False)
-        ]
-        return palette[bodies["state"]][row], Legend("state", tuple(entries))
-    values = _field(run, frame, color, bodies, spheres, row)
-    known = values[np.isfinite(values)]
-    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
-    # A field of one value takes the middle colour.
-    shares = (values - low) / (high - low) if high > low else values - low + 0.5
-    unit = run.header["units"].get(color)
-    title = color.replace("_", " ") + (f", {unit}" if unit and unit != "1" else "")
-    return field_colors(shares), Legend(title, limits=(low, high))
-
-
-def _field(
-    run: Run,
-    frame: int,
-    name: str,
-    bodies: dict[str, np.ndarray],
-    spheres: dict[str, np.ndarray],
-    row: np.ndarray,
-) -> np.ndarray:
-    """One value per sphere: its body's, its own, or the largest of its body's contacts. Vectors by length."""
-    source = "velocity" if name == "speed" else name
-    contacts = run.contacts(frame)
-    if source in bodies:
-        values = bodies[source][row]
-    elif source in spheres:
-        values = spheres[source]
-    elif source in contacts and "body" in contacts:
-        values = _largest_of_contacts(contacts, _length(contacts[source]), bodies)[row]
-    else:
-        known = (set(bodies) | set(spheres) | set(contacts) | {"speed"}) - {"position"}
-        raise InputError(f"color: this run has no array '{name}'; {nearest(name, known)}")
-    return _length(values)
-
-
-def _length(values: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(values, axis=1) if values.ndim == 2 else values.astype(np.float64)
-
-
-def _largest_of_contacts(
-    contacts: dict[str, np.ndarray], values: np.ndarray, bodies: dict[str, np.ndarray]
-) -> np.ndarray:
-    """The largest value (B,) among each body's contacts, NaN without; a plate is a partner below 0."""
-    largest = np.full(len(bodies["position"]), -np.inf)
-    for side in ("body", "partner"):
-        if side in contacts:
-            real = contacts[side] >= 0
-            np.maximum.at(largest, _rows_of(bodies, contacts[side][real]), values[real])
-    return np.where(np.isneginf(largest), np.nan, largest)
-
-
 def _facts(run: Run, frame: int, count: int) -> str:
     number = run.frame_number(frame)
     facts = [f"time {with_unit(run.times[number], 's')}"]
@@ -220,22 +172,6 @@ def _facts(run: Run, frame: int, count: int) -> str:
         facts.append(f"friction coefficient {friction[number]:.2f}")
     facts.append(f"{count} particle{'s' if count != 1 else ''}")
     return "   ·   ".join(facts)
-
-
-def with_unit(value: float, unit: str) -> str:
-    """A number with three figures and an SI prefix: 1.25e-05, "m" -> "12.5 µm"."""
-    value = float(value)
-    if value == 0.0 or not math.isfinite(value):
-        return f"{value:g} {unit}"
-    rounded = float(f"{value:.2e}")
-    power = min(9, max(-12, 3 * math.floor(math.log10(abs(rounded)) / 3)))
-    return f"{rounded / 10.0**power:.3g} {_PREFIXES[power]}{unit}"
-
-
-def round_length(longest: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above `longest`."""
-    power = 10.0 ** math.floor(math.log10(longest))
-    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest * (1.0 + 1e-9))
 
 
 def close_up_window(shot: Shot) -> tuple[np.ndarray, np.ndarray] | None:
@@ -264,3 +200,22 @@ def _mixture(shot: Shot, low: np.ndarray, high: np.ndarray) -> float:
         return -1.0
     shares = counts[counts > 0] / counts.sum()
     return float(-(shares * np.log(shares)).sum()) + 1e-3 * min(1.0, counts.sum() / CLOSE_UP_BODIES)
+
+
+def slice_window(shot: Shot, along: int) -> tuple[np.ndarray, np.ndarray] | None:
+    """Corners (x, y) of a part to enlarge from the side: a dozen bodies along an axis (0 or 1), few deep; None for few."""
+    if len(shot.bodies) <= ENOUGH_WITHOUT_CLOSE_UP:
+        return None
+    extent = shot.high[:2] - shot.low[:2]
+    tall = shot.high[2] - shot.low[2]
+    half = np.empty(2)
+    half[along] = min(5.0 * tall, 0.5 * extent[along])
+    half[1 - along] = min(1.2 * tall, 0.5 * extent[1 - along])
+    middle = max(_lattice(shot, half, 12), key=lambda place: _mixture(shot, place - half, place + half))
+    return middle - half, middle + half
+
+
+def _lattice(shot: Shot, half: np.ndarray, count: int) -> list[np.ndarray]:
+    """Middles of windows of half size (2,) all over the domain."""
+    low, high = shot.low[:2] + half, shot.high[:2] - half
+    return [np.array([x, y]) for x in np.linspace(low[0], high[0], count) for y in np.linspace(low[1], high[1], count)]

@@ -32,6 +32,7 @@ import numpy as np
 from thirdbody.errors import InputError, OutputError
 from thirdbody.output.block import VERSION, Block, Column, growing
 from thirdbody.output.schema import BLOCKS, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
+from thirdbody.output.sink import Sink
 
 # The lowest format that has the indices of growing data sets; `latest` leaves an open flag when a run is
 # killed, and such a file does not open.
@@ -39,6 +40,9 @@ FORMAT = ("v108", "v110")
 
 # Room that a frame may need beside its own bytes: some sixty data sets may each begin a new page.
 SPARE_BYTES = 512 * 1024
+
+# Length that a frame may add beside its own chunks: the first chunks of all data sets, and HDF5's own tables.
+HOLE_BYTES = 4 * 1024 * 1024
 
 
 class TrajectoryWriter:
@@ -71,15 +75,16 @@ class TrajectoryWriter:
                 _write_text(self._scene, name, value)
             _write_text(self._scene, STATIC_TEXT, {name: list(arrays) for name, arrays in static.items()})
             self._series_group.attrs["NSteps"] = np.int64(0)
-            self._file.flush()
+            self._flush()
         self._units: Mapping[str, str] = header["units"]
 
     @classmethod
-    def resume(cls, path: str | Path, frames: int) -> TrajectoryWriter:
+    def resume(cls, path: str | Path, frames: int, header: Mapping[str, Any] | None = None) -> TrajectoryWriter:
         """A writer that goes on after the first `frames` frames of an existing file; the others are dropped.
 
         The committed frames are copied to a fresh file which then takes the old one's place: the index of a
         killed run's file may hold entries of frames that were never committed, and is not safe to write to.
+        `header` replaces the old one's texts; the summary of a run that had come to its end is dropped.
         Raises InputError when the file is no run or has fewer frames.
         """
         from thirdbody.output.run import open_run
@@ -90,7 +95,7 @@ class TrajectoryWriter:
             if frames > old.frames:
                 raise InputError(f"{path}: has {old.frames} frames, cannot go on after frame {frames}")
             try:
-                with cls(fresh, old.header, old.static_arrays()) as new:
+                with cls(fresh, header or old.header, old.static_arrays()) as new:
                     for number in range(frames):
                         new.append(old.stored_frame(number))
             except OutputError:
@@ -109,7 +114,8 @@ class TrajectoryWriter:
 
     def _open(self, mode: str, rows: Mapping[str, int]) -> None:
         # No chunk cache: it would write every chunk whole at every flush (23 -> 10 ms per frame of 8 MB).
-        self._file = h5py.File(self.path, mode, libver=FORMAT, rdcc_nbytes=0)
+        self._sink = Sink(self.path, "w+" if mode == "w" else mode)
+        self._file = h5py.File(self._sink, mode, libver=FORMAT, rdcc_nbytes=0)
         if mode == "w":
             self._file.create_group("VTKHDF", track_order=True)
         root = self._file["VTKHDF"]
@@ -134,12 +140,16 @@ class TrajectoryWriter:
         arrays = {name: block.plain(frame.block(name)) for name, block in self._blocks.items()}
         if self.frames and set(frame.series) != set(self._series):
             raise ValueError(f"series {sorted(frame.series)} differ from those of the first frame")
-        self._require_space(sum(array.nbytes for block in arrays.values() for array in block.values()))
+        nbytes = sum(array.nbytes for block in arrays.values() for array in block.values())
+        self._require_space(nbytes)
         with self._told():
+            # New chunks hold four frames, or some rows of small ones; a hole costs nothing.
+            self._sink.reserve(8 * nbytes + HOLE_BYTES)
+            self._sink.check()
             for name, block in self._blocks.items():
                 block.append(arrays[name])
             self._append_series(frame.series)
-            self._file.flush()
+            self._flush()
             self._commit(frame.time)
 
     def _append_series(self, series: Mapping[str, Any]) -> None:
@@ -151,14 +161,21 @@ class TrajectoryWriter:
             self._series[name].add(row)
 
     def _commit(self, time: float) -> None:
-        self.frames += 1
+        frames = self.frames + 1
         for block in self._blocks.values():
-            block.count_frames(self.frames)
-        self._file.flush()
+            block.count_frames(frames)
+        self._flush()
         for block in self._blocks.values():
             block.add_time(time)
-        self._series_group.attrs.modify("NSteps", np.int64(self.frames))
+        self._series_group.attrs.modify("NSteps", np.int64(frames))
+        self._flush()
+        self.frames = frames
+
+    def _flush(self) -> None:
+        # Each flush cuts the hole off again, and the counts and times may begin new chunks after the data did.
+        self._sink.reserve(HOLE_BYTES)
         self._file.flush()
+        self._sink.check()
 
     def _require_space(self, nbytes: int) -> None:
         """Refuse a frame before anything is written when it cannot fit: a half-written index helps nobody."""
@@ -184,16 +201,16 @@ class TrajectoryWriter:
         """Store the summary of a run that came to its end. Raises OutputError."""
         with self._told():
             _write_text(self._scene, SUMMARY_TEXT, summary)
-            self._file.flush()
+            self._flush()
 
     def close(self) -> None:
         """Close the file; may be called twice. Errors are not told: every frame was flushed already."""
-        file = getattr(self, "_file", None)
-        if file is not None:
-            try:
-                file.close()
-            except (OSError, RuntimeError):
-                pass
+        for file in (getattr(self, "_file", None), getattr(self, "_sink", None)):
+            if file is not None:
+                try:
+                    file.close()
+                except (OSError, RuntimeError):
+                    pass
 
     def __enter__(self) -> TrajectoryWriter:
         return self

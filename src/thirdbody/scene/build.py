@@ -52,6 +52,7 @@ class Simulation:
     plan: Plan
     upper: Upper
     warnings: list[str]
+    force: bool = False
 
     @property
     def settle(self) -> float:
@@ -112,14 +113,15 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
     chosen = plan(scene, choice, state)
     if chosen.kind == "implicit":
-        simulation = Simulation(scene, choice, labeller, state, implicit(scene, choice, state, upper), chosen, upper, warnings)
+        slow = implicit(scene, choice, state, upper)
+        simulation = Simulation(scene, choice, labeller, state, slow, chosen, upper, warnings, force)
         _refuse_unreached(simulation)
         return simulation
     integrator = Explicit(state, list(choice.materials), fixed, force=force)
     integrator.start()
     if fixed is not None and not force:
         _refuse_large_step(scene, integrator, fixed)
-    simulation = Simulation(scene, choice, labeller, state, integrator, chosen, upper, warnings)
+    simulation = Simulation(scene, choice, labeller, state, integrator, chosen, upper, warnings, force)
     _refuse_unreached(simulation)
     _refuse_endless(simulation, integrator, force)
     return simulation

@@ -32,6 +32,9 @@ Wrong = tuple[Place, str]  # where, relative to the table at hand, and what
 
 MISSING = "required key is missing"
 
+MOST_STRANGE = 100
+"""Unknown keys of one table that are each told: looking for what was meant takes time."""
+
 
 def bundle(wrongs: Iterable[Wrong]) -> ValidationError:
     """The faults as one pydantic error, which pydantic merges into that of the enclosing table."""
@@ -164,7 +167,8 @@ class Part(BaseModel):
         """
         kept = {key: value for key, value in raw.items() if key in cls.model_fields}
         renamed, wrongs = {}, []
-        for key in raw.keys() - kept.keys():
+        strange = [key for key in raw if key not in kept]
+        for key in strange[:MOST_STRANGE]:
             if key in cls.later:
                 text = f"{key} = {show(raw[key])} is known but not available in this version"
                 wrongs.append(((key,), f"{text}; available: {cls.later[key]}"))
@@ -173,7 +177,10 @@ class Part(BaseModel):
             for meant in difflib.get_close_matches(str(key), cls.model_fields.keys() - kept.keys(), 1, 0.7):
                 kept[meant] = raw[key]
                 renamed[meant] = key
-        return kept, renamed, sorted(wrongs, key=lambda wrong: [*raw].index(str(wrong[0][0])))
+        if len(strange) > MOST_STRANGE:
+            more = len(strange) - MOST_STRANGE
+            wrongs.append(((strange[MOST_STRANGE],), f"unknown key, and so are {more - 1} more after it"))
+        return kept, renamed, wrongs
 
     @model_serializer(mode="wrap")
     def _spread(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

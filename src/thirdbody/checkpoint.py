@@ -1,0 +1,169 @@
+"""The file a run goes on from: `checkpoint.npz` beside its trajectory, replaced as a whole or not at all.
+
+Plain arrays, and one text of JSON with the scene and fingerprints of what the run was built from; never a pickle. Every array
+carries a checksum (zip), so a damaged file is told as such.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import zipfile
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .engine.snapshot import Snapshot
+from .errors import Fault, InputError, OutputError
+
+if TYPE_CHECKING:
+    from .scene.build import Simulation
+
+FILE = "checkpoint.npz"
+VERSION = 1
+NOTES = "notes"
+THE_VERSION = "the version"
+
+
+@dataclass
+class Checkpoint:
+    """Where a run stood. `frames` are in the trajectory, `stop` of its targets are reached, `impulses` those of the last frame.
+
+    `scene` is the resolved text, `folder` that of the scene's file, `prints` what the run was built from, `wall_time` (s) what
+    it has taken so far.
+    """
+
+    scene: str
+    folder: str
+    prints: dict[str, str]
+    frames: int
+    stop: int
+    wall_time: float
+    force: bool
+    impulses: np.ndarray
+    snapshot: Snapshot
+
+
+def prints_of(simulation: Simulation) -> dict[str, str]:
+    """Fingerprints of all that a scene was built into, by the name that a user is told where one differs."""
+    from . import __version__, cache
+    from .laws.generated import plain
+
+    state, physics = simulation.state, simulation.state.physics
+    tables: dict[str, list[Any]] = {
+        "the bodies": [state.offsets, state.S[:, 3], state.body, state.material],
+        "the parameters of laws and effects": [physics.pairs, physics.effect_parameters],
+        "the motion of the plates": [state.schedule, state.first],
+    }
+    prints = {name: _digest(arrays) for name, arrays in tables.items()}
+    chain, effects = simulation.choice.chain, simulation.choice.effects
+    prints["the contact laws"] = f"{_named(chain.laws)}: {chain.path.stem}"
+    prints["the effects"] = f"{_named(effects)}: {plain(physics.effects).__module__}"
+    prints["the labeller"] = plain(physics.label).__module__
+    return prints | {"the integrator": simulation.plan.kind, THE_VERSION: f"{__version__} {cache.folder().name}"}
+
+
+def _named(things: Iterable[Any]) -> str:
+    return " + ".join(thing.name for thing in things) or "none"
+
+
+def _digest(arrays: list[np.ndarray]) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(str((array.shape, array.dtype)).encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def write_checkpoint(folder: Path, kept: Checkpoint) -> None:
+    """Write the file and make sure that it is on the disk. Raises OutputError, with the one before in place."""
+    notes = {
+        "version": VERSION, "scene": kept.scene, "folder": kept.folder, "prints": kept.prints, "frames": kept.frames,
+        "stop": kept.stop, "wall_time": kept.wall_time, "force": kept.force, "snapshot": kept.snapshot.notes,
+    }  # fmt: skip
+    text = np.frombuffer(json.dumps(notes).encode(), np.uint8)
+    part = folder / f"{FILE}.part"
+    try:
+        with open(part, "wb") as file:
+            arrays: dict[str, Any] = {NOTES: text, "impulses": kept.impulses} | kept.snapshot.arrays
+            np.savez(file, **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, folder / FILE)
+        _sync(folder)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise OutputError(f"{folder / FILE}: cannot be written ({error.strerror or error}); the one before is kept") from error
+
+
+def _sync(folder: Path) -> None:
+    """Make the new name survive a loss of power, where the system can."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # a system that opens no folders
+        return
+    try:
+        os.fsync(handle)
+    except OSError:
+        pass
+    finally:
+        os.close(handle)
+
+
+def read_checkpoint(folder: Path) -> Checkpoint:
+    """The checkpoint of a run. Raises InputError when there is none, or it is damaged or of another format."""
+    path = folder / FILE
+    if not path.is_file():
+        raise InputError(f"{path}: no checkpoint, so this run cannot go on; run the scene again")
+    try:
+        arrays = _arrays(path)
+        notes = json.loads(arrays.pop(NOTES).tobytes())
+        if notes["version"] != VERSION:
+            raise InputError(f"{path}: format {notes['version']}, this version reads {VERSION}")
+        impulses = arrays.pop("impulses")
+        if impulses.shape != (7,) or impulses.dtype != np.float64:
+            raise ValueError("the impulses are no seven numbers")
+        prints = {str(key): str(value) for key, value in notes["prints"].items()}
+        return Checkpoint(
+            str(notes["scene"]), str(notes["folder"]), prints, int(notes["frames"]), int(notes["stop"]),
+            float(notes["wall_time"]), bool(notes["force"]), impulses, Snapshot(arrays, dict(notes["snapshot"])),
+        )  # fmt: skip
+    except InputError:
+        raise
+    # damage shows as whatever it leads zip, the headers' parser and JSON into
+    except (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, NotImplementedError, RuntimeError, SyntaxError,
+            MemoryError, OverflowError, RecursionError, zipfile.BadZipFile) as error:  # fmt: skip
+        what = f"{type(error).__name__}: {error}".splitlines()[0][:120]
+        raise InputError(Fault("", f"is damaged ({what}); this run cannot go on", str(path))) from None
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of the file, each no larger than what the file holds of it. Raises what zip and numpy raise."""
+    arrays = {}
+    with zipfile.ZipFile(path) as archive:
+        for item in archive.infolist():
+            if item.compress_type != zipfile.ZIP_STORED or item.file_size != item.compress_size:
+                raise ValueError(f"{item.filename} is packed")
+            arrays[item.filename.removesuffix(".npy")] = _array(archive.read(item))
+    return arrays
+
+
+def _array(data: bytes) -> np.ndarray:
+    """An array of plain numbers from the bytes of an .npy file, whose header promises what is there and no more."""
+    import io
+
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    reader = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
+    if reader is None:
+        raise ValueError(f"format {version} of arrays is unknown")
+    shape, fortran, dtype = reader(stream)
+    if dtype.kind not in "fiu" or fortran:
+        raise ValueError(f"holds {dtype}, expected plain numbers")
+    size = int(np.prod(shape, dtype=object)) * dtype.itemsize
+    if size != len(data) - stream.tell():
+        raise ValueError("an array is longer or shorter than its header says")
+    return np.frombuffer(data, dtype, offset=stream.tell()).reshape(shape).copy()

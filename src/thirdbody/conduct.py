@@ -1,0 +1,124 @@
+"""Conducting a run from stop to stop: frames, progress, and the checkpoints that it can go on from."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .checkpoint import Checkpoint, prints_of, write_checkpoint
+from .course import targets
+from .engine.energy import Ledger
+from .engine.snapshot import put, snapshot
+from .errors import InputError, Interrupted
+from .output.frames import FrameMaker
+from .output.vtkhdf import TrajectoryWriter
+from .progress import Progress, Reporter
+
+if TYPE_CHECKING:
+    from .scene.build import Simulation
+
+CHECKPOINT_EVERY = 30.0
+"""Seconds of wall time between two checkpoints, at least."""
+
+SHARE = 20.0
+"""Wall time between two checkpoints, at least, in times that the last one took: they cost no more than a twentieth."""
+
+
+class Conduct:
+    """A built simulation on its way, with what is counted along it."""
+
+    def __init__(
+        self, simulation: Simulation, folder: Path, report: Reporter | None = None, stop: Callable[[], bool] = lambda: False,
+        every: float = CHECKPOINT_EVERY, wall_limit: float = math.inf,
+    ) -> None:  # fmt: skip
+        self.simulation, self.folder, self.report, self.stop = simulation, folder, report, stop
+        self.every, self.wall_limit = every, wall_limit
+        self.started, self.before, self.reached, self.cost = time.perf_counter(), 0.0, 0, 0.0
+        self.written = self.started
+        self.series: dict[str, Any] = {}  # those of the last frame
+        self.ledger = Ledger(simulation.state)
+        self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag)
+        self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
+
+    def take_up(self, kept: Checkpoint) -> None:
+        """Go on from a checkpoint. Raises InputError where it does not fit, with the simulation as it was."""
+        state = self.simulation.state
+        try:
+            put(kept.snapshot, state, self.simulation.integrator, self.ledger)
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(f"{self.folder}: the checkpoint does not fit this scene ({error})") from error
+        self.maker.impulses = kept.impulses.copy()
+        self.reached, self.before = kept.stop, kept.wall_time
+
+    def wall_time(self) -> float:
+        """Wall time of the run so far, s, with that before it was taken up."""
+        return self.before + time.perf_counter() - self.started
+
+    def integrate(self, writer: TrajectoryWriter) -> None:
+        """Bring the simulation to its end, output by output. Raises GuardStop and Interrupted."""
+        simulation, integrator = self.simulation, self.simulation.integrator
+        self.writer = writer
+        if not writer.frames:
+            self.keep()  # before the first frame: a run that is killed at once can be taken up too
+            self._write()
+        for target_time, target_distance, is_output in islice(targets(simulation), self.reached, None):
+            if is_output or integrator.divisible:
+                integrator.advance_to(target_time, target_distance, self._watch)
+            self.reached += 1
+            if is_output:
+                self._write()
+            elif integrator.divisible:
+                self._tell({})
+        self.keep()
+
+    def keep(self) -> None:
+        """Write a checkpoint."""
+        begun = time.perf_counter()
+        kept = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
+        folder = str(self.simulation.scene.beside("").absolute())
+        write_checkpoint(self.folder, Checkpoint(
+            self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
+            np.array(self.maker.impulses), kept,
+        ))  # fmt: skip
+        self.written = time.perf_counter()
+        self.cost = self.written - begun
+
+    def _watch(self) -> None:
+        """Between two compiled calls."""
+        self.ledger.watch(self.simulation.state)
+        now = time.perf_counter()
+        if now - self.started > self.wall_limit:
+            self._leave("stopped by the limit of wall time")
+        if self.stop():
+            self._leave("interrupted")
+        if now - self.written > max(self.every, SHARE * self.cost):
+            self.keep()
+
+    def _leave(self, why: str) -> None:
+        self.keep()
+        frames = self.writer.frames
+        raise Interrupted(
+            f"{why} at t = {self.simulation.state.time:.6g} s; {frames} frames are kept; to go on: thirdbody resume {self.folder}"
+        )
+
+    def _write(self) -> None:
+        """A frame of this instant."""
+        simulation = self.simulation
+        frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None)
+        self.writer.append(frame)
+        self._tell(dict(frame.series))
+
+    def _tell(self, series: dict[str, Any]) -> None:
+        """Tell the progress so far."""
+        self.series = series or self.series
+        if self.report is not None:
+            simulated = self.simulation.state.time
+            fraction = min(simulated / self.simulation.planned_time, 1.0)
+            elapsed = time.perf_counter() - self.started
+            self.report(Progress(fraction, simulated, elapsed, self.writer.frames, self.series))

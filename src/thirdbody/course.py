@@ -1,0 +1,57 @@
+"""Where a run stops on its way: the end of settling, outputs, and looks in between that only tell how far it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from .scene.build import Simulation
+
+SUBTICKS = 8
+"""Reports of progress per output interval: a run with few frames still shows that it moves."""
+
+
+def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
+    """(time, distance, whether to write) of every stop: the end of settling, then output by output to the end.
+
+    A run by distance stops by distance; one by time stops by time. Stops in between only report progress.
+    """
+    output, settle, infinite = simulation.scene.output, simulation.settle, math.inf
+    if output.every_kind == "time":
+        end = simulation.planned_time
+        for x, write in _ladder(0.0, end, output.every):
+            yield x, infinite if x < settle else simulation.end_distance, write
+        return
+    if settle > 0.0:
+        for k in range(1, SUBTICKS + 1):
+            yield settle * k / SUBTICKS, infinite, k == SUBTICKS
+    by_time = math.isfinite(simulation.end_time)
+    for x, write in _ladder(0.0, simulation.planned_distance, output.every):
+        # a run by duration may end with a rest: its last stop is its end
+        yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
+
+
+def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
+    """Stops from start (excluded) to end: every `every` a written one, with reports between; the end is written."""
+    for k in range(1, _rungs(start, end, every) + 1):
+        low, high = start + (k - 1) * every, min(start + k * every, end)
+        for part in range(1, SUBTICKS):
+            yield low + (high - low) * part / SUBTICKS, False
+        yield high, True
+
+
+def _rungs(start: float, end: float, every: float) -> int:
+    return max(1, int(np.ceil((end - start) / every - 1e-9)))
+
+
+def planned_frames(simulation: Simulation) -> int:
+    """Frames that a whole run writes: what `targets` yields to write, and the first."""
+    output, settle = simulation.scene.output, simulation.settle
+    if output.every_kind == "time":
+        return 1 + _rungs(0.0, simulation.planned_time, output.every)
+    settled = 1 if settle > 0.0 else 0
+    return 1 + settled + _rungs(0.0, simulation.planned_distance, output.every)

@@ -1,0 +1,93 @@
+"""All that a run holds in memory between two compiled calls, as plain arrays and numbers, and back again.
+
+What follows from the scene (shapes, laws, schedules) is not kept: the run is built from its scene and then put where it was.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..kernels import search as passes
+from .energy import Ledger
+from .neighbours import kinds_of
+from .state import Slots, State
+
+if TYPE_CHECKING:
+    from .explicit import Explicit
+    from .implicit import Implicit
+
+FIXED = ("B", "S", "P", "A", "M", "X0")
+"""Tables of a state whose shape follows from the scene."""
+
+SLOTS = ("own", "partner", "H", "F", "R")
+"""What the candidates for contact are and remember."""
+
+
+@dataclass
+class Snapshot:
+    """Arrays by name, and notes that JSON can hold; `fits` refuses those of another scene."""
+
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+    notes: dict[str, Any] = field(default_factory=dict)
+
+
+def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> Snapshot:
+    """A copy of all that changes in a run, at an instant between two compiled calls."""
+    slots = state.slots
+    arrays = {name: getattr(state, name).copy() for name in FIXED}
+    arrays |= {f"slots_{name}": getattr(slots, name).copy() for name in SLOTS}
+    kept, notes = integrator.keep()
+    arrays |= {f"integrator_{name}": array.copy() for name, array in kept.items()}
+    return Snapshot(arrays, {
+        "dt": state.dt, "searches": state.searches, "plates": slots.n_plates, "integrator": notes,
+        "energy_start": ledger.start, "energy_peak": ledger.peak,
+    })  # fmt: skip
+
+
+def put(kept: Snapshot, state: State, integrator: Explicit | Implicit, ledger: Ledger) -> None:
+    """Put a freshly built run where the snapshot was taken. Raises ValueError where it does not fit, with the run as it was."""
+    own, _ = integrator.keep()
+    wanted = {name: getattr(state, name) for name in FIXED} | {f"integrator_{name}": array for name, array in own.items()}
+    check(kept.arrays, wanted)
+    slots = _slots(kept, state)
+    notes = kept.notes
+    state.dt, state.searches = float(notes["dt"]), int(notes["searches"])
+    for name in FIXED:
+        getattr(state, name)[:] = kept.arrays[name]
+    state.slots = slots
+    integrator.restore({name: kept.arrays[f"integrator_{name}"] for name in own}, notes["integrator"])
+    ledger.start, ledger.peak = float(notes["energy_start"]), float(notes["energy_peak"])
+
+
+def check(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, np.ndarray]) -> None:
+    """Raise ValueError unless all wanted arrays are there with their shapes and types."""
+    for name, array in wanted.items():
+        if name not in arrays:
+            raise ValueError(f"{name} is missing")
+        found = arrays[name]
+        if found.shape != array.shape or found.dtype != array.dtype:
+            raise ValueError(f"{name} holds {found.dtype} {found.shape}, expected {array.dtype} {array.shape}")
+
+
+def _slots(kept: Snapshot, state: State) -> Slots:
+    """The candidates; everything that follows from who meets whom is found again."""
+    arrays, old = {name: kept.arrays.get(f"slots_{name}") for name in SLOTS}, state.slots
+    own, partner = arrays["own"], arrays["partner"]
+    if own is None or own.ndim != 1:
+        raise ValueError("slots_own is missing or no list")
+    n, n_plates = len(own), int(kept.notes["plates"])
+    rows = {name: np.empty((n, *getattr(old, name).shape[1:]), getattr(old, name).dtype) for name in SLOTS}
+    check({name: array for name, array in arrays.items() if array is not None}, rows)
+    low = -2 - len(state.P)
+    assert partner is not None
+    if n and not (0 <= own.min() and own.max() < state.n_spheres and low < partner.min() and partner.max() < state.n_spheres):
+        raise ValueError("slots name spheres or plates that are not there")
+    if not 0 <= n_plates <= n or np.any(partner[:n_plates] >= 0) or np.any(partner[n_plates:] < 0):
+        raise ValueError("contacts with plates do not come first")
+    edges, incidence = passes.incidences(n, own, partner, state.body, state.n_bodies)
+    H, F, R = (np.ascontiguousarray(arrays[name]) for name in ("H", "F", "R"))
+    return Slots(own, partner, kinds_of(state, own, partner), edges, incidence, n_plates, H, F, R)

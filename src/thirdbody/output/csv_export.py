@@ -1,0 +1,46 @@
+"""Writes the tables of a run as CSV: comma, UTF-8, units in the header (`time [s]`), every digit of every number."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+
+from thirdbody.output.run import Run
+from thirdbody.output.tables import SERIES, TABLES, TRANSITIONS, Column, table, tables_by_frame
+from thirdbody.output.target import new_folder
+
+CSV_FILES = tuple(f"{name}.csv" for name in TABLES)
+
+
+def export_csv(run: Run, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
+    """Write series, bodies, contacts and transitions into a new folder; returns the files.
+
+    Bodies and contacts of one frame, or of all. Without states in the run there is no file of transitions. Raises
+    IndexError for a frame that the run has not, OutputError; then nothing is written.
+    """
+    run.frame_number(-1 if frame is None else frame)
+    written = []
+    with new_folder(folder, overwrite, CSV_FILES) as part:
+        for name, file in zip(TABLES, CSV_FILES, strict=True):
+            if name == TRANSITIONS and not run.has_states:
+                continue
+            _write(part / file, [table(run, name)] if name in (SERIES, TRANSITIONS) else tables_by_frame(run, name, frame))
+            written.append(folder / file)
+    return written
+
+
+def _write(path: Path, parts: Iterable[list[Column]]) -> None:
+    """One header, then the rows of all parts."""
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        for number, columns in enumerate(parts):
+            if not number:
+                writer.writerow([heading(column) for column in columns])
+            # Python's own numbers: `repr` of a float gives back the same bits.
+            writer.writerows(zip(*(column.values.tolist() for column in columns), strict=True))
+
+
+def heading(column: Column) -> str:
+    """`time [s]`; products of units with a blank, as spreadsheets may not read a raised dot."""
+    return f"{column.name} [{column.unit.replace('·', ' ')}]" if column.unit else column.name

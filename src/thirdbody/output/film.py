@@ -1,0 +1,99 @@
+"""Films of a run as GIF or MP4: which frames, and how pictures become a file. The drawing itself is `picture`'s."""
+
+from __future__ import annotations
+
+import io
+import zlib
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from thirdbody.errors import InputError, MissingLibrary
+
+# Quality of H.264: below 20 no loss can be seen.
+QUALITY = "18"
+
+# Colours of a GIF's palette, which it takes from every so manyth pixel; paper is averaged with the edges of words.
+GIF_COLORS, SAMPLED, ALMOST_WHITE = 256, 3, 247
+# Spread of red, green and blue from which a pixel is more than a grey.
+COLORFUL = 40
+
+
+def frame_numbers(text: str | None, count: int) -> list[int]:
+    """Frames that `a:b:c` names, as Python slices do: from a, before b, every c-th; all of `count` without text.
+
+    Raises InputError for anything else, or when no frame is left.
+    """
+    if text is None or not text.strip():
+        chosen = range(count)
+    else:
+        parts = text.split(":")
+        try:
+            numbers = [int(part) if part.strip() else None for part in parts]
+            if not 2 <= len(parts) <= 3:
+                raise ValueError
+            chosen = range(count)[slice(*numbers)]
+        except ValueError as error:
+            raise InputError(f"frames: '{text}' is not a:b or a:b:c (from a, before b, every c-th), such as 0:100:2") from error
+    if not len(chosen):
+        raise InputError(f"frames: '{text or ':'}' leaves none of the {count} frames of this run")
+    return list(chosen)
+
+
+def mp4(pictures: Iterator[np.ndarray], fps: int) -> bytes:
+    """The bytes of an MP4 file (H.264, plays everywhere) of pictures (height, width, 3) uint8 with even sides.
+
+    Raises MissingLibrary when PyAV cannot be imported.
+    """
+    try:
+        import av
+    except ImportError as error:
+        raise MissingLibrary(f"MP4 needs PyAV, which does not load here ({error}): pip install av, or name a .gif") from error
+    file = io.BytesIO()
+    with av.open(file, "w", format="mp4") as container:
+        stream = container.add_stream("libx264", rate=fps, options={"crf": QUALITY, "preset": "veryfast"})
+        stream.pix_fmt = "yuv420p"
+        for number, picture in enumerate(pictures):
+            if not number:
+                stream.height, stream.width = picture.shape[:2]
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")))
+        container.mux(stream.encode(None))
+    return file.getvalue()
+
+
+def gif(pictures: Iterator[np.ndarray], fps: int) -> bytes:
+    """The bytes of a GIF file, in one palette for all pictures (height, width, 3) uint8: nothing flickers."""
+    from PIL import Image
+
+    # The palette must know them all: until then they wait, packed to about a tenth.
+    shape, waiting, samples = (0, 0, 3), [], []
+    for picture in pictures:
+        shape = picture.shape
+        waiting.append(zlib.compress(picture.tobytes(), 1))
+        samples.append(picture[::SAMPLED, ::SAMPLED])
+    palette = _palette(samples)
+    frames = []
+    for packed in waiting:
+        picture = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(shape)
+        frames.append(Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE))
+    file = io.BytesIO()
+    # Times of a GIF come in hundredths of a second; below two of them many programs take ten.
+    pause = 10 * max(2, round(100 / fps))
+    frames[0].save(file, "GIF", save_all=True, append_images=frames[1:], duration=pause, loop=0, optimize=False)
+    return file.getvalue()
+
+
+def _palette(samples: list[np.ndarray]) -> Any:
+    """An image with the colours that suit at most a dozen of the samples, white among them."""
+    from PIL import Image
+
+    pixels = np.concatenate([sample.reshape(-1, 3) for sample in samples[:: -(-len(samples) // 12)]])
+    # Small bodies of a rare state would get no shades beside so much paper: what has a colour counts more.
+    bright = pixels[np.ptp(pixels.astype(np.int16), axis=1) > COLORFUL]
+    weighed = np.concatenate([pixels[::8], bright, bright])[None]
+    found = Image.fromarray(weighed).quantize(colors=GIF_COLORS, method=Image.Quantize.MEDIANCUT)
+    colors = np.array(found.getpalette(), np.uint8).reshape(-1, 3)
+    colors[np.all(colors >= ALMOST_WHITE, axis=1)] = 255
+    found.putpalette(colors.ravel().tolist())
+    return found

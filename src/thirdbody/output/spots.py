@@ -1,0 +1,102 @@
+"""What a close-up of one particle shows: its spots, the force on it at each, and what friction can hold there.
+
+No drawing here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from thirdbody.errors import InputError
+from thirdbody.output.coloring import Scale, rows_of
+from thirdbody.output.forces import nearest_image
+from thirdbody.output.palette import STATE_COLORS, pale
+from thirdbody.output.run import Run
+from thirdbody.output.shot import FREE_SCALE, Shot, domain_of, take_shot
+
+UNLABELLED = "#5A626C"
+
+
+@dataclass(frozen=True)
+class Spots:
+    """The contacts of one body, (K, ...): places (m), inward `normal`, `force` on the body (N), the largest friction
+    `limit` (N), share of it in use, radius (m), and what each touches."""
+
+    place: np.ndarray
+    normal: np.ndarray
+    force: np.ndarray
+    limit: np.ndarray
+    utilisation: np.ndarray
+    radius: np.ndarray
+    against: list[str]
+
+
+@dataclass(frozen=True)
+class CloseUp:
+    """One particle ready to be drawn: the shot around it, its centre (3,) and size (m), its spots and words."""
+
+    shot: Shot
+    center: np.ndarray
+    extent: float
+    spots: Spots
+    name: str
+    label: str
+    color: str
+
+
+def take_close_up(run: Run, frame: int, body: int, color: str, scale: Scale = FREE_SCALE) -> CloseUp:
+    """The close-up of the body with this id. Raises InputError when there is none, or no contacts were recorded."""
+    bodies = run.bodies(frame)
+    ids = bodies.get("id", np.arange(len(bodies["position"])))
+    if body not in ids:
+        raise InputError(f"body: this run has no body {body}; ids are {ids.min()} to {ids.max()}")
+    shot = take_shot(run, frame, color, scale=scale)
+    row = int(rows_of(bodies, np.array([body]))[0])
+    size, periodic = domain_of(run)
+    period = size if periodic else None
+    center = shot.bodies[row]
+    # Neighbours across the edge of the domain come to their side of the particle.
+    moved = nearest_image(shot.bodies - center, period) + center
+    own = shot.body == row
+    # Spots in the colour of the state must show on it; a number keeps its colour.
+    mine = pale(shot.colors, 0.30) if shot.legend.limits is None else shot.colors
+    tones = np.where(own[:, None], mine, pale(shot.colors, 0.75))
+    shot = replace(shot, centers=shot.centers + (moved - shot.bodies)[shot.body], bodies=moved, colors=tones)
+    reach = np.linalg.norm(shot.centers[own] - center, axis=1) + shot.radii[own]
+    spots = _spots(run, frame, body, bodies, row, period)
+    spots = replace(spots, place=spots.place + center)
+    state = run.state_names[bodies["state"][row]] if "state" in bodies else ""
+    label = shot.labels[row] if shot.labels else ""
+    return CloseUp(shot, center, 2.0 * float(reach.max()), spots, f"particle {body}", label, STATE_COLORS.get(state, UNLABELLED))
+
+
+def _spots(run: Run, frame: int, body: int, bodies: dict[str, np.ndarray], row: int, period: np.ndarray | None) -> Spots:
+    """The spots with places relative to the body's centre."""
+    contacts = run.contacts(frame)
+    missing = {"body", "partner", "force", "normal", "normal_force", "utilisation", "contact_radius"} - set(contacts)
+    if missing:
+        raise InputError(f"body: this run recorded no '{sorted(missing)[0]}' of its contacts")
+    mine, yours = contacts["body"] == body, contacts["partner"] == body
+    chosen = np.flatnonzero((mine | yours) & (contacts["normal_force"] > 0.0))
+    chosen = chosen[np.argsort(-contacts["normal_force"][chosen], kind="stable")]
+    sign = np.where(mine[chosen], 1.0, -1.0)[:, None]
+    partner = np.where(mine[chosen], contacts["partner"][chosen], contacts["body"][chosen])
+    names = {-1: "lower plate", -2: "upper plate"}
+    load, eta = contacts["normal_force"][chosen], contacts["utilisation"][chosen]
+    force, normal = contacts["force"][chosen], contacts["normal"][chosen]
+    tangential = np.linalg.norm(force - load[:, None] * normal, axis=1)
+    # Where nothing is dragged the limit cannot be told from the share in use: that of the other spots stands for it.
+    told = eta > 1e-6
+    ratio = np.divide(tangential, eta * load, out=np.zeros_like(load), where=told)
+    ratio[~told] = ratio.max(initial=0.0)
+    return Spots(
+        place=nearest_image(contacts["position"][chosen] - bodies["position"][row], period),
+        normal=sign * normal,
+        force=sign * force,
+        limit=ratio * load,
+        utilisation=eta,
+        radius=contacts["contact_radius"][chosen],
+        against=[names.get(int(number), f"particle {number}") for number in partner],
+    )

@@ -1,0 +1,104 @@
+"""Files and folders that appear whole or not at all: written beside their place, then renamed."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Collection, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from thirdbody.errors import OutputError
+
+
+def refuse_existing_file(path: Path, overwrite: bool) -> None:
+    """Raise OutputError when a file stands at `path` that may not be replaced, or a folder."""
+    if path.is_dir():
+        raise OutputError(f"{path}: is a folder; name a file")
+    if os.path.lexists(path) and not overwrite:
+        raise OutputError(f"{path}: exists already; --overwrite replaces it")
+
+
+def refuse_existing_folder(path: Path, overwrite: bool, ours: Collection[str]) -> None:
+    """Raise OutputError when something stands at `path`, unless it is a folder of nothing but `ours` and may be replaced."""
+    if not os.path.lexists(path):
+        return
+    if not overwrite:
+        raise OutputError(f"{path}: exists already; --overwrite replaces it")
+    if path.is_symlink() or not path.is_dir():
+        raise OutputError(f"{path}: is not a folder and will not be overwritten")
+    foreign = sorted({entry.name for entry in path.iterdir()} - set(ours))
+    if foreign:
+        raise OutputError(f"{path}: holds other files ({', '.join(foreign[:3])}) and will not be overwritten")
+
+
+@contextmanager
+def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
+    """A path to write to, which becomes `path` when all went well. Raises OutputError; then `path` is as it was."""
+    refuse_existing_file(path, overwrite)
+    part = _beside(path, "part")
+    try:
+        with _told(path):
+            yield part
+            with open(part, "rb+") as file:
+                os.fsync(file.fileno())
+            os.replace(part, path)
+    finally:
+        with suppress(OSError):
+            part.unlink(missing_ok=True)
+
+
+@contextmanager
+def new_folder(path: Path, overwrite: bool, ours: Collection[str]) -> Iterator[Path]:
+    """A folder to write into, which becomes `path` when all went well. Raises OutputError; then `path` is as it was.
+
+    `ours` are the names of everything that may be written; a folder with anything else is never replaced.
+    """
+    refuse_existing_folder(path, overwrite, ours)
+    part = _beside(path, "part")
+    try:
+        with _told(path):
+            part.mkdir()
+            yield part
+            _put_in_place(part, path)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _put_in_place(part: Path, path: Path) -> None:
+    """Rename, with the old folder (if any) set aside until the new one stands."""
+    if not path.exists():
+        part.rename(path)
+        return
+    old = _beside(path, "old")
+    path.rename(old)
+    try:
+        part.rename(path)
+    except OSError:
+        old.rename(path)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    """A name for this process beside `path`; the suffix comes last, so that no reader takes it for a result."""
+    full = Path(os.path.abspath(path))  # `.` has no name
+    return full.with_name(f".{full.name}.{os.getpid()}.{suffix}")
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """One message for what the system or HDF5 (which raises RuntimeError too) says while writing."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        raise OutputError(f"{path}: cannot be written ({_reason(error)}); nothing was changed there") from error
+
+
+def _reason(error: Exception) -> str:
+    """What the system said; HDF5 hides it within a paragraph."""
+    if isinstance(error, OSError) and error.errno:
+        return os.strerror(error.errno)
+    hidden = re.search(r"error message = '([^']*)'", str(error))
+    return hidden.group(1) if hidden else str(error)

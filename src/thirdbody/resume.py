@@ -1,0 +1,128 @@
+"""Taking up a run where it was put away, killed, or came to its end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .checkpoint import THE_VERSION, Checkpoint, prints_of, read_checkpoint
+from .errors import InputError
+from .output.run import FILE_NAME, Run, open_run
+from .progress import Reporter, reporter_for_terminal
+from .scene.model import Scene
+from .simulate import SCENE_FILE, check_threads, execute, prepare
+
+if TYPE_CHECKING:
+    from .scene.build import Simulation
+
+LONGER = ("solver.distance", "solver.duration")
+"""What may differ: how far the run goes."""
+
+
+def resume(
+    out: str | Path,
+    threads: int | None = None,
+    progress: bool | Reporter = True,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    plugins: Iterable[str | Path] = (),
+) -> Run:
+    """Go on with the run in the folder `out` to its end, and return the opened result: bit for bit that of an undisturbed run.
+
+    A run that came to its end goes on if `settings` (or its scene.toml) give it a longer solver.distance or solver.duration.
+    Raises InputError without a sound checkpoint, and where the scene, a law or a file that it was built from has changed; and
+    what `run` raises.
+    """
+    check_threads(threads)
+    simulation, kept = prepare_resume(Path(out), settings or {}, plugins)
+    if progress is True:
+        with reporter_for_terminal(simulation.scene.title) as reporter:
+            execute(simulation, Path(out), threads, reporter, kept=kept)
+    else:
+        execute(simulation, Path(out), threads, progress or None, kept=kept)
+    return open_run(out)
+
+
+def prepare_resume(
+    folder: Path, settings: Mapping[str, Any] | None = None, plugins: Iterable[str | Path] = ()
+) -> tuple[Simulation, Checkpoint]:
+    """The simulation of a run, built anew, and the checkpoint that it is to be put to. Raises InputError."""
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give that of a run")
+    kept = read_checkpoint(folder)
+    scene = _scene(folder, kept, settings or {})
+    if kept.frames:
+        with open_run(folder) as run:
+            if run.frames < kept.frames:
+                message = f"has {run.frames} frames, and the checkpoint was written after {kept.frames}"
+                raise InputError(f"{folder / FILE_NAME}: {message}")
+    simulation = prepare(scene, plugins, kept.force)
+    now = prints_of(simulation)
+    _refuse_other(folder, kept.prints, now)
+    if kept.prints.get(THE_VERSION) != now[THE_VERSION]:
+        simulation.warnings.append("taken up by another version of thirdbody or numba than before: not bit for bit the same run")
+    kept.stop = _stops(kept, simulation)
+    return simulation, kept
+
+
+def _scene(folder: Path, kept: Checkpoint, settings: Mapping[str, Any]) -> Scene:
+    """The scene to go on with: that of the checkpoint, but for how far it goes."""
+    name = str(Path(kept.folder) / SCENE_FILE)
+    before = Scene.parse(kept.scene, name)
+    path = folder / SCENE_FILE
+    now = Scene.parse(path.read_text(encoding="utf-8"), name) if path.is_file() else before
+    now = now.with_settings(settings) if settings else now
+    changes = [
+        f"{key}: was {old}, is {new}" for key, old, new in _differences(before.document(), now.document()) if key not in LONGER
+    ]
+    if changes:
+        told = "\n".join(f"  {change}" for change in changes)
+        raise InputError(f"{folder}: the scene has changed, so this run cannot go on:\n{told}\nrun it anew into another folder")
+    return now
+
+
+def _differences(old: Any, new: Any, key: str = "") -> list[tuple[str, Any, Any]]:
+    """(key, old, new) wherever two documents differ; a missing value is told as absent."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        names = [*old, *(name for name in new if name not in old)]
+        places = {name: f"{key}.{name}" if key else str(name) for name in names}
+        return [d for n in names for d in _differences(old.get(n, "absent"), new.get(n, "absent"), places[n])]
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        return [d for k, pair in enumerate(zip(old, new, strict=True)) for d in _differences(*pair, f"{key}[{k}]")]
+    return [] if old == new else [(key, old, new)]
+
+
+def _refuse_other(folder: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
+    """Raise InputError if the run would be built from something else than it was."""
+    names = [name for name in now if name != THE_VERSION and before.get(name) != now[name]]
+    changes = [f"  {name}: was {before.get(name)}, is {now[name]}" for name in names]
+    if changes:
+        told = "\n".join(changes)
+        raise InputError(f"{folder}: built from something else than before, so this run cannot go on bit for bit:\n{told}")
+
+
+
+EVEN = 1.0 + 1e-9
+"""A stop is reached where the clock is there but for rounding."""
+
+
+def _stops(kept: Checkpoint, simulation: Simulation) -> int:
+    """How many of the targets are reached: as many as were, but for a last output that a longer run has elsewhere."""
+    from .course import targets
+
+    longer = list(targets(simulation))
+    state = simulation.scene.document()["solver"]
+    if Scene.parse(kept.scene).document()["solver"] == state:
+        return kept.stop
+    time, distance = _reached(kept)
+    return sum(1 for t, x, _ in longer if t <= time * EVEN or x <= distance * EVEN)
+
+
+def _reached(kept: Checkpoint) -> tuple[float, float]:
+    """Time, s, and distance, m, of a checkpoint."""
+    from .kernels import layout as at
+
+    A = kept.snapshot.arrays["A"]
+    return float(A[at.A_TIME]), float(A[at.A_DISTANCE]) or -math.inf

@@ -1,0 +1,205 @@
+"""Other readers than ours: the VTK versions of PyPI array for array, and an old ParaView that draws the PVD files.
+
+Not in CI: the first makes a virtual environment per version from PyPI (kept in pytest's cache), the second needs ParaView
+and Xvfb (Debian: `apt-get install paraview xvfb`).
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import venv
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.output.pack import pack_run
+from thirdbody.output.palette import rgb, state_colors
+from thirdbody.output.paraview import write_sidecars
+from thirdbody.output.pvd import export_pvd
+from thirdbody.output.run import Run
+from thirdbody.output.schema import BLOCKS, Frame
+from thirdbody.output.vtkhdf import TrajectoryWriter
+
+VERSIONS = ["9.4", "9.5", "9.6", "9.7"]
+CONTACTS = (0, 4, 0, 0, 7, 2, 0)  # none at the start, between, twice in a row, and at the end
+SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
+SHORT = {"debris.0.count": "16", "solver.distance": "0.5 um", "output.every": "0.1 um"}
+
+# Runs where neither h5py nor thirdbody is: what VTK gives, against arrays that were laid down beside the files.
+CHECK = r'''
+import sys
+import numpy as np
+import vtk
+from vtk.util.numpy_support import vtk_to_numpy
+
+def blocks(path, step):
+    reader = vtk.vtkHDFReader()
+    reader.SetFileName(path)
+    reader.UpdateInformation()
+    reader.SetStep(step)
+    reader.Update()
+    data = reader.GetOutputDataObject(0)
+    return [data] if data.IsA("vtkPolyData") else [data.GetBlock(i) for i in range(data.GetNumberOfBlocks())]
+
+def same(data, wanted, block, place):
+    count = len(wanted["position"])
+    cells = count // 4 if block == "plates" else count
+    assert (data.GetNumberOfPoints(), data.GetNumberOfCells()) == (count, cells), place
+    names = [data.GetPointData().GetArrayName(i) for i in range(data.GetPointData().GetNumberOfArrays())]
+    if not count and vtk.VTK_VERSION.startswith("9.4."):
+        assert names == [], (place, names)  # this version alone leaves out the arrays of a block without points
+        return 1
+    assert sorted(names) == sorted(set(wanted) - {"position"}), (place, names)
+    for name, values in wanted.items():
+        array = data.GetPoints().GetData() if name == "position" else data.GetPointData().GetArray(name)
+        if name == "position" and not count:
+            continue  # no points, no array of them
+        got = vtk_to_numpy(array)
+        assert got.dtype.itemsize == values.dtype.itemsize and np.array_equal(got, values, equal_nan=True), (place, name)
+    return len(wanted)
+
+arrays, frames, names = np.load(sys.argv[1]), int(sys.argv[2]), sys.argv[3].split(",")
+compared = 0
+for path in sys.argv[4:]:
+    for step in range(frames):
+        shown = [name for name in names if path.endswith("." + name + ".vtkhdf")] or names
+        found = blocks(path, step)
+        assert len(found) == len(shown), (path, len(found))
+        for name, data in zip(shown, found):
+            start = "%s/%d/" % (name, step)
+            wanted = {key[len(start):]: arrays[key] for key in arrays.files if key.startswith(start)}
+            assert "position" in wanted
+            compared += same(data, wanted, name, (path, name, step))
+print(vtk.VTK_VERSION, compared)
+'''
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("versions")
+
+
+@pytest.fixture(scope="module")
+def real(folder) -> Path:
+    """A real run, whose first frame has no contact."""
+    scene = thirdbody.Scene.load(SCENE).with_settings(SHORT)
+    with thirdbody.run(scene, out=folder / "real", progress=False) as run:
+        counts = [run.rows("contacts", number) for number in range(run.frames)]
+    assert counts[0] == 0 and len(set(counts)) > 2, "the run must show what the test is about"
+    return folder / "real" / "run.vtkhdf"
+
+
+@pytest.fixture(scope="module")
+def made(folder) -> Path:
+    """A made-up run with contacts that come and go."""
+    path = folder / "made.vtkhdf"
+    names = ["free", "sticking", "sliding", "rolling"]
+    header = {"scene_text": "", "state_names": names, "reason_names": ["none"], "units": {}}
+    static = {"spheres": {"radius": np.linspace(1.0, 2.0, 6), "clump": np.repeat([0, 1, 2], 2)}}
+    rng = np.random.default_rng(3)
+    with TrajectoryWriter(path, header, static) as writer:
+        for number, count in enumerate(CONTACTS):
+            plates = {"points": rng.normal(size=(8, 3))}
+            spheres = {"points": rng.normal(size=(6, 3)), "velocity": rng.normal(size=(6, 3))}
+            clumps = {"points": rng.normal(size=(3, 3)), "state": np.full(3, number % 4, np.uint8)}
+            contacts = {"points": rng.normal(size=(count, 3)), "slip": rng.random(count), "body": np.arange(count) + number}
+            writer.append(Frame(0.1 * number, spheres, clumps, contacts, plates))
+    write_sidecars(path)
+    return path
+
+
+def lay_down(run: Run, path: Path) -> Path:
+    """All arrays of all frames in one NPZ file."""
+    arrays = {
+        f"{block}/{number}/{name}": values
+        for block in BLOCKS for number in range(run.frames) for name, values in run.block(block, number).items()
+    }  # fmt: skip
+    np.savez(path, **arrays)
+    return path
+
+
+def python_with(version: str, cache: Path) -> Path:
+    """The interpreter of a virtual environment with that version of VTK."""
+    place = cache / f"vtk-{version}"
+    python = place / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python")
+    done = place / "installed"
+    if not done.exists():
+        venv.create(place, with_pip=True, clear=True)
+        subprocess.run([python, "-m", "pip", "install", "-q", f"vtk=={version}.*", "numpy"], check=True)
+        done.touch()
+    return python
+
+
+@pytest.mark.vtk
+@pytest.mark.parametrize("which", ["made", "real"])
+@pytest.mark.parametrize("version", VERSIONS)
+def test_vtk_reads_every_array_of_every_block_and_frame(version, which, request, folder):
+    path: Path = request.getfixturevalue(which)
+    python = python_with(version, request.config.cache.mkdir("vtk"))
+    packed = folder / f"{which}-packed.vtkhdf"
+    with thirdbody.open(path) as run:
+        pack_run(run, packed, overwrite=True)
+        laid, frames = lay_down(run, folder / f"{which}.npz"), run.frames
+        blocks = [run.block(block, number) for block in BLOCKS for number in range(frames)]
+        expected = sum(1 if version == "9.4" and not len(arrays["position"]) else len(arrays) for arrays in blocks)
+    files = [path, packed, *(path.with_name(f"{path.stem}.{block}.vtkhdf") for block in BLOCKS)]
+    command = [python, "-c", CHECK, laid, str(frames), ",".join(BLOCKS), *files]
+    done = subprocess.run([str(part) for part in command], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+    told, compared = done.stdout.split()
+    assert told.startswith(version + ".")
+    # the run, its packed copy, and once more block by block: nothing was left out
+    assert int(compared) == 3 * expected
+
+
+@contextmanager
+def display() -> Iterator[str]:
+    """An X server of our own, without resets.
+
+    It resets when its last client leaves. ParaView leaves once while it looks for OpenGL, and aborts when it comes back
+    too soon: 2 of 24 calls with resets, 0 of 40 without.
+    """
+    read, write = os.pipe()
+    server = subprocess.Popen(["Xvfb", "-displayfd", str(write), "-screen", "0", "1280x1024x24", "-noreset"], pass_fds=(write,))
+    os.close(write)
+    try:
+        with os.fdopen(read) as told:
+            yield f":{told.readline().strip()}"
+    finally:
+        server.terminate()
+        server.wait()
+
+
+@pytest.mark.paraview
+def test_an_old_paraview_draws_the_pvd_files(real, folder):
+    if not shutil.which("pvpython") or not shutil.which("Xvfb"):
+        pytest.skip("needs ParaView and Xvfb")
+    from matplotlib.image import imread
+
+    with thirdbody.open(real) as run:
+        export_pvd(run, folder / "pvd", overwrite=True)
+        names, states = run.state_names, run.states[-1]
+    picture = folder / "paraview.png"
+    command = ["pvpython", str(folder / "pvd" / "open_in_paraview.py"), str(picture)]
+    with display() as name:
+        environment = os.environ | {"DISPLAY": name}
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    pixels = imread(picture)[:, : 1600 * 2 // 3, :3]  # without the legend, which has all colours
+    for code, color in enumerate(state_colors(names)):
+        # Shading keeps the hue, and the upper plate, a quarter opaque, dilutes it: 0.98 is 11 degrees.
+        hue = np.array(rgb(color)) / np.linalg.norm(rgb(color))
+        size = np.linalg.norm(pixels, axis=2)
+        seen = np.count_nonzero((pixels @ hue > 0.98 * size) & (size > 0.2))
+        bodies = np.count_nonzero(states == code)
+        if names[code] == "free":
+            continue  # grey, as the plates are
+        # A body of 10 um covers about 25 of these pixels; a state that no body has is the control.
+        assert seen >= 5 * bodies if bodies else seen < 5, f"{names[code]}: {bodies} bodies, {seen} pixels"

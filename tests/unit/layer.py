@@ -1,0 +1,110 @@
+"""A run of clumps between plates, and what tests of pictures ask of pixels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thirdbody.errors import MissingLibrary
+from thirdbody.output import render as render_module
+from thirdbody.output.palette import STATE_COLORS, rgb
+from thirdbody.output.schema import Frame
+from thirdbody.output.vtkhdf import TrajectoryWriter
+
+R = 11e-6
+
+
+def clump_layer(count: int, per_clump: int = 6):
+    """A jittered layer of clumps: sphere centres, radii, clump of each, body centres, states, domain."""
+    rng = np.random.default_rng(3)
+    nx = int(np.ceil(np.sqrt(count * 1.5)))
+    ny = -(-count // nx)
+    pitch = 2.6 * R
+    grid = np.stack(np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij"), -1).reshape(-1, 2)[:count]
+    flat = (grid + 0.5) * pitch + rng.normal(0.0, 0.1 * R, (count, 2))
+    bodies = np.column_stack([flat, rng.uniform(1.05, 1.3, count) * R])
+    way = rng.normal(size=(count, per_clump, 3))
+    way /= np.linalg.norm(way, axis=2, keepdims=True)
+    offset = way * rng.uniform(0.25, 0.55, (count, per_clump, 1)) * R
+    radii = R * rng.uniform(0.38, 0.62, (count, per_clump))
+    wave = np.sin(flat[:, 0] / 95e-6) + np.cos(flat[:, 1] / 120e-6 + 1.0) + rng.normal(0.0, 0.45, count)
+    states = (1 + np.digitize(wave, [-0.6, 0.75])).astype(np.uint8)
+    states[rng.random(count) < 0.04] = 0
+    centers = (bodies[:, None] + offset).reshape(-1, 3)
+    owner = np.repeat(np.arange(count), per_clump)
+    return centers, radii.ravel(), owner, bodies, states, np.array([nx, ny]) * pitch
+
+
+def write_layer(path, count: int, frames: int = 2, way: float = 1.0):
+    """A run of `count` clumps between plates; from frame to frame all slide along x (`way` 1 or -1) and leave the domain.
+
+    Each carries 0.1 mN from the upper plate (a fifth of it as friction, a quarter of what friction can do) to the lower one
+    (three quarters).
+    """
+    centers, radii, owner, bodies, states, size = clump_layer(count)
+    rng = np.random.default_rng(5)
+    gap = float((centers[:, 2] + radii).max())
+    header = {
+        "scene_text": "scene = 1\n",
+        "title": "Wear debris under a load of 0.1 mN per particle",
+        "state_names": list(STATE_COLORS),
+        "reason_names": ["none", "friction_limit", "rotation"],
+        "units": {"distance": "m"},
+        "domain": {"size": size, "periodic": True},
+    }
+    static = {"spheres": {"radius": radii, "clump": owner}, "clumps": {"id": np.arange(count)}}
+    corners = np.array([[0, 0, 0], [size[0], 0, 0], [size[0], size[1], 0], [0, size[1], 0]], float)
+    touching = np.repeat(np.arange(count), 2)
+    tops = bodies[touching] + np.tile([[0.0, 0.0, -R], [0.0, 0.0, R]], (count, 1))
+    normal = np.tile([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], (count, 1))
+    load = np.full(2 * count, 1e-4)
+    rub = np.tile([[-7.5e-6, 0.0, 0.0], [2.5e-6, 0.0, 0.0]], (count, 1)) * way
+    with TrajectoryWriter(path, header, static) as writer:
+        for number in range(frames):
+            shift = np.array([way * 10e-6 * number, 0.0, 0.0])
+            upper = corners + [2 * shift[0], 0.0, gap]
+            writer.append(
+                Frame(
+                    time=10e-6 * number,
+                    spheres={"points": centers + shift},
+                    clumps={
+                        "points": bodies + shift,
+                        "state": states,
+                        "state_reason": np.where(states == 0, 0, 1 + states % 2).astype(np.uint8),
+                        "velocity": rng.normal(size=(count, 3)),
+                        "friction_work": np.abs(bodies[:, 0]) * 1e-6,
+                    },
+                    contacts={
+                        "points": tops + shift,
+                        "body": touching,
+                        "partner": np.tile([-1, -2], count),
+                        "utilisation": np.tile([0.75, 0.25], count),
+                        "normal": normal,
+                        "normal_force": load,
+                        "force": load[:, None] * normal + rub,
+                        "contact_radius": np.full(2 * count, 1e-7),
+                    },
+                    plates={"points": np.concatenate([corners, upper])},
+                    series={"distance": 20e-6 * number, "friction_coefficient": 0.31},
+                )
+            )
+    return path
+
+
+def skip_unless_drawable():
+    try:
+        render_module.usable_windows()
+    except MissingLibrary as error:
+        pytest.skip(str(error))
+
+
+def hue_share(pixels: np.ndarray, color: str) -> float:
+    """Share of the pixels with the hue of `color`, at any brightness: light changes brightness only."""
+    flat = pixels.reshape(-1, 3).astype(float)
+    direction = flat - flat.mean(axis=1, keepdims=True)
+    aim = np.array(rgb(color), float)
+    aim -= aim.mean()
+    strength = np.linalg.norm(direction, axis=1)
+    cosine = direction @ aim / np.maximum(strength * np.linalg.norm(aim), 1e-9)
+    # 25 grey steps of colour: the bluish plates have less; cosine 0.95 is 18 degrees, the hues lie 90 apart.
+    return float(np.mean((strength > 25.0) & (cosine > 0.95)))

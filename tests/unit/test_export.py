@@ -1,0 +1,304 @@
+"""What leaves a run: tables with every digit, files for old readers, a compressed copy; each whole or not there at all."""
+
+from __future__ import annotations
+
+import csv
+import os
+import resource
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from thirdbody.errors import InputError, OutputError, UsageError
+from thirdbody.output.export import export_run
+from thirdbody.output.run import open_run
+from thirdbody.output.schema import BLOCKS, Frame
+from thirdbody.output.vtkhdf import TrajectoryWriter
+
+STATES = [[0, 1, 2], [1, 1, 2], [1, 1, 2], [1, 3, 0]]
+CONTACTS = (0, 4, 0, 3)
+HEADER = {
+    "scene_text": "scene = 1\n",
+    "state_names": ["free", "sticking", "sliding", "rolling"],
+    "reason_names": ["none", "friction_limit"],
+    "units": {"time": "s", "distance": "m", "upper_force": "N"},
+}
+STATIC = {"spheres": {"radius": np.linspace(1.0, 2.0, 600)}, "clumps": {"id": np.arange(3)}}
+
+
+def make_frame(number: int, states: bool = True) -> Frame:
+    rng = np.random.default_rng(number)
+    count = CONTACTS[number]
+    told = {"state": np.array(STATES[number], np.uint8), "state_reason": np.array([0, 1, 0], np.uint8)}
+    side = np.arange(count, dtype=np.uint8) % 3
+    return Frame(
+        time=number / 3.0,
+        spheres={"points": rng.normal(size=(600, 3)), "velocity": rng.normal(size=(600, 3))},
+        clumps={"points": rng.normal(size=(3, 3)), "torque": rng.normal(size=(3, 3)), **(told if states else {})},
+        contacts={"points": rng.normal(size=(count, 3)), "side": side, "normal_force": rng.random(count) / 3.0},
+        plates={"points": rng.normal(size=(8, 3))},
+        series={"time": number / 3.0, "distance": number * 0.7, "upper_force": rng.normal(size=3)},
+    )
+
+
+def write(folder: Path, frames: int = 4, states: bool = True) -> Path:
+    path = folder / "run.vtkhdf"
+    with TrajectoryWriter(path, HEADER, STATIC) as writer:
+        for number in range(frames):
+            writer.append(make_frame(number, states))
+        writer.finish({"wall_time": 1.0})
+    return path
+
+
+@pytest.fixture
+def path(tmp_path) -> Path:
+    return write(tmp_path)
+
+
+def export(path: Path, **targets) -> list[Path]:
+    return list(export_run(path, *(targets.pop(name, None) for name in ("csv", "pvd", "pack")), **targets))
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with open(path, encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def numbers(rows: list[dict[str, str]], heading: str) -> list[float]:
+    return [float(row[heading]) for row in rows]
+
+
+def test_csv_has_every_digit_and_its_units(path, tmp_path):
+    written = export(path, csv=tmp_path / "csv")
+    assert [file.name for file in written] == ["series.csv", "bodies.csv", "contacts.csv", "transitions.csv"]
+    series, bodies, contacts = (rows_of(file) for file in written[:3])
+    frames = [make_frame(number) for number in range(4)]
+    # equal, not near: a float is written with as many digits as give it back
+    assert numbers(series, "time [s]") == [frame.time for frame in frames]
+    assert numbers(series, "upper_force_z [N]") == [frame.series["upper_force"][2] for frame in frames]
+    assert numbers(bodies, "torque_y [N m]") == [value for frame in frames for value in frame.clumps["torque"][:, 1]]
+    assert [(row["frame"], row["body"]) for row in bodies[2:4]] == [("0", "2"), ("1", "0")]
+    assert [row["state_name"] for row in bodies[-3:]] == ["sticking", "rolling", "free"]
+    assert [row["state_reason_name"] for row in bodies[:2]] == ["none", "friction_limit"]
+    assert [row["frame"] for row in contacts] == ["1"] * 4 + ["3"] * 3
+    assert numbers(contacts, "normal_force [N]") == [v for frame in frames for v in frame.contacts["normal_force"]]
+    assert [row["side_name"] for row in contacts[:3]] == ["lower", "upper", "debris"]
+
+
+def test_csv_of_one_frame_also_without_contacts(path, tmp_path):
+    export(path, csv=tmp_path / "csv", frame=-2)
+    assert [row["frame"] for row in rows_of(tmp_path / "csv" / "bodies.csv")] == ["2"] * 3
+    assert (tmp_path / "csv" / "contacts.csv").read_text().startswith("frame,time [s],side,side_name,position_x [m]")
+    assert rows_of(tmp_path / "csv" / "contacts.csv") == []
+    assert len(rows_of(tmp_path / "csv" / "series.csv")) == 4
+
+
+def test_transitions_tell_what_changed(path, tmp_path):
+    with open_run(path) as run:
+        found = run.transitions()
+    changes = list(zip(*(found[name].tolist() for name in ("frame", "body", "from", "to", "reason")), strict=True))
+    assert changes == [(1, 0, 0, 1, 0), (3, 1, 1, 3, 1), (3, 2, 2, 0, 0)]
+    np.testing.assert_array_equal(found["time"], [make_frame(n).time for n in (1, 3, 3)])
+    np.testing.assert_array_equal(found["distance"], [make_frame(n).series["distance"] for n in (1, 3, 3)])
+    wanted = [make_frame(n).clumps["points"][body] for n, body in ((1, 0), (3, 1), (3, 2))]
+    np.testing.assert_array_equal(found["position"], wanted)
+    export(path, csv=tmp_path / "csv")
+    names = [(row["from_name"], row["to_name"]) for row in rows_of(tmp_path / "csv" / "transitions.csv")]
+    assert names == [("free", "sticking"), ("sticking", "rolling"), ("sliding", "free")]
+
+
+def test_a_run_without_states_has_no_file_of_transitions(tmp_path):
+    path = write(tmp_path, states=False)
+    assert "transitions.csv" not in [file.name for file in export(path, csv=tmp_path / "csv")]
+    with open_run(path) as run, pytest.raises(AttributeError, match="recorded no 'state'"):
+        run.transitions()
+
+
+def test_csv_needs_no_pandas(path, tmp_path):
+    block = "import sys; sys.modules['pandas'] = None\n"
+    code = block + "from pathlib import Path; from thirdbody.output.export import export_run\n"
+    code += "print(len(list(export_run(Path(sys.argv[1]), Path(sys.argv[2]), None, None))))"
+    done = subprocess.run([sys.executable, "-c", code, str(path), str(tmp_path / "csv")], capture_output=True, text=True)
+    assert done.stdout.strip() == "4", done.stderr
+
+
+def read_vtp(path: Path):
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
+
+    reader = vtkXMLPolyDataReader()
+    reader.SetFileName(str(path))
+    reader.Update()
+    return reader.GetOutput()
+
+
+def test_pvd_files_hold_every_array(path, tmp_path):
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    export(path, pvd=tmp_path / "pvd")
+    with open_run(path) as run:
+        for block in BLOCKS:
+            entries = ElementTree.parse(tmp_path / "pvd" / f"{block}.pvd").findall("Collection/DataSet")
+            assert [float(entry.get("timestep")) for entry in entries] == run.times.tolist()
+            for number, entry in enumerate(entries):
+                data, wanted = read_vtp(tmp_path / "pvd" / entry.get("file")), run.block(block, number)
+                points = wanted.pop("position")
+                assert data.GetNumberOfPoints() == len(points)
+                assert data.GetNumberOfCells() == (2 if block == "plates" else len(points))
+                if len(points):
+                    np.testing.assert_array_equal(vtk_to_numpy(data.GetPoints().GetData()), points)
+                for name, values in wanted.items():
+                    got = vtk_to_numpy(data.GetPointData().GetArray(name))
+                    assert got.dtype == values.dtype
+                    np.testing.assert_array_equal(got, values)
+    script = (tmp_path / "pvd" / "open_in_paraview.py").read_text(encoding="utf-8")
+    compile(script, "open_in_paraview.py", "exec")
+    assert 'FILES = "{name}.pvd"' in script
+
+
+def everything(path: Path) -> dict[str, tuple]:
+    """Every data set and attribute of a file as bytes."""
+    found: dict[str, tuple] = {}
+
+    def look(name: str, item) -> None:
+        attributes = {key: np.asarray(value).tobytes() for key, value in item.attrs.items()}
+        data = (item.dtype, item.shape, np.asarray(item[()]).tobytes()) if isinstance(item, h5py.Dataset) else ()
+        found[name] = (attributes, *data)
+
+    with h5py.File(path) as file:
+        file.visititems(look)
+    return found
+
+
+def test_a_packed_run_is_the_same_bit_for_bit_and_smaller(path, tmp_path):
+    packed = tmp_path / "packed.vtkhdf"
+    assert export(path, pack=packed) == [packed]
+    assert everything(packed) == everything(path)
+    assert packed.stat().st_size < path.stat().st_size
+    with h5py.File(packed) as file:
+        points = file["VTKHDF/spheres/Points"]
+        assert (points.compression, points.shuffle) == ("gzip", True)
+    with open_run(packed) as copy, open_run(path) as run:
+        assert copy.header == run.header and copy.summary() == run.summary()
+
+
+def test_vtk_reads_a_packed_run(path, tmp_path):
+    vtk = pytest.importorskip("vtk")
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    export(path, pack=tmp_path / "packed.vtkhdf")
+    for number in range(4):
+        reader = vtk.vtkHDFReader()
+        reader.SetFileName(str(tmp_path / "packed.vtkhdf"))
+        reader.UpdateInformation()
+        reader.SetStep(number)
+        reader.Update()
+        spheres = reader.GetOutputDataObject(0).GetBlock(0)
+        wanted = make_frame(number).spheres
+        np.testing.assert_array_equal(vtk_to_numpy(spheres.GetPoints().GetData()), wanted["points"])
+        velocity = vtk_to_numpy(spheres.GetPointData().GetArray("velocity"))
+        np.testing.assert_array_equal(velocity, np.float32(wanted["velocity"]))  # stored so
+
+
+def test_packing_leaves_out_what_was_never_committed(tmp_path):
+    path = write(tmp_path)
+    with h5py.File(path, "r+") as file:  # as a kill before the commit of the last frame leaves it, blocks at odds
+        for group in ("VTKHDF/contacts/Steps", "series"):
+            file[group].attrs.modify("NSteps", np.int64(3))
+    export(path, pack=tmp_path / "packed.vtkhdf")
+    with h5py.File(tmp_path / "packed.vtkhdf") as file:
+        assert {int(file["VTKHDF"][block]["Steps"].attrs["NSteps"]) for block in BLOCKS} == {3}
+        assert file["VTKHDF/contacts/Points"].shape == (sum(CONTACTS[:3]), 3)
+        assert file["VTKHDF/clumps/Steps/Values"].shape == (3,)
+    with open_run(tmp_path / "packed.vtkhdf") as copy:
+        np.testing.assert_array_equal(copy.bodies(-1)["torque"], make_frame(2).clumps["torque"])
+
+
+def test_a_packed_run_without_frames(tmp_path):
+    export(write(tmp_path, frames=0), pack=tmp_path / "packed.vtkhdf")
+    with open_run(tmp_path / "packed.vtkhdf") as copy:
+        assert copy.frames == 0
+
+
+KINDS = ["csv", "pvd", "pack"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_exists_is_refused_and_replaced_when_told(path, tmp_path, kind):
+    target = tmp_path / "there"
+    export(path, **{kind: target})
+    before = sorted(file.name for file in tmp_path.iterdir())
+    with pytest.raises(OutputError, match="exists already; --overwrite"):
+        export(path, **{kind: target})
+    export(path, overwrite=True, **{kind: target})
+    assert sorted(file.name for file in tmp_path.iterdir()) == before, "nothing may be left beside the target"
+
+
+@pytest.mark.parametrize("kind", ["csv", "pvd"])
+def test_a_folder_with_other_files_is_never_replaced(path, tmp_path, kind):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "notes.txt").write_text("keep me")
+    with pytest.raises(OutputError, match="other files .notes.txt."):
+        export(path, overwrite=True, **{kind: tmp_path / "mine"})
+    assert (tmp_path / "mine" / "notes.txt").read_text() == "keep me"
+
+
+def test_a_run_is_not_packed_onto_itself(path):
+    before = path.read_bytes()
+    with pytest.raises(OutputError, match="is the run itself"):
+        export(path, pack=path, overwrite=True)
+    assert path.read_bytes() == before
+
+
+def test_nothing_is_written_when_one_target_is_refused(path, tmp_path):
+    (tmp_path / "packed.vtkhdf").write_text("mine")
+    with pytest.raises(OutputError, match="packed.vtkhdf: exists already"):
+        export(path, csv=tmp_path / "csv", pack=tmp_path / "packed.vtkhdf")
+    assert not (tmp_path / "csv").exists()
+
+
+def test_calls_that_cannot_work(path, tmp_path):
+    with pytest.raises(UsageError, match="say what to write"):
+        export(path)
+    with pytest.raises(UsageError, match="--frame goes with"):
+        export(path, pack=tmp_path / "packed.vtkhdf", frame=1)
+    with pytest.raises(InputError, match="no frame 4; frames are from -4 to 3"):
+        export(path, csv=tmp_path / "csv", frame=4)
+    with pytest.raises(OutputError, match="No such file or directory"):
+        export(path, csv=tmp_path / "absent" / "csv")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["run.vtkhdf"]
+
+
+FULL = """
+import resource, sys
+from pathlib import Path
+from thirdbody.errors import OutputError
+from thirdbody.output.export import export_run
+resource.setrlimit(resource.RLIMIT_FSIZE, (600, resource.RLIM_INFINITY))
+targets = {name: None for name in ("csv", "pvd", "pack")} | {sys.argv[1]: Path(sys.argv[3])}
+try:
+    list(export_run(Path(sys.argv[2]), **targets, overwrite=True))
+except OutputError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(not hasattr(resource, "RLIMIT_FSIZE"), reason="no limit on the size of files here")
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_write_that_fails_is_told_once_and_changes_nothing(path, tmp_path, kind):
+    """The system itself refuses to write on, as it does when a disk is full."""
+    target = tmp_path / "there"
+    export(path, **{kind: target})
+    files = [target] if target.is_file() else sorted(file for file in target.rglob("*") if file.is_file())
+    before = {file: file.read_bytes() for file in files}
+    command = [sys.executable, "-c", FULL, kind, str(path), str(target)]
+    done = subprocess.run(command, capture_output=True, text=True, env=os.environ)
+    assert done.returncode == 0, done.stderr[-2000:]
+    assert "cannot be written (File too large); nothing was changed there" in done.stdout
+    assert len(done.stdout.splitlines()) == 1 and not done.stderr
+    assert {file: file.read_bytes() for file in files} == before
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["run.vtkhdf", "there"]

@@ -1,0 +1,95 @@
+"""The page holds all it needs, and a browser shows bodies and legend from the disk."""
+
+from __future__ import annotations
+
+import base64
+import html
+import importlib.util
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thirdbody.output.page import write_page
+from thirdbody.output.palette import STATE_COLORS
+from thirdbody.output.render import render
+from thirdbody.output.run import open_run
+from thirdbody.output.shot import take_shot
+
+BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+
+def _layer():
+    spec = importlib.util.spec_from_file_location("layer", Path(__file__).with_name("layer.py"))
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+LAYER = _layer()
+
+
+@pytest.fixture(scope="module")
+def layer(tmp_path_factory):
+    return LAYER.write_layer(tmp_path_factory.mktemp("layer") / "run.vtkhdf", 200)
+
+
+def data_of(text: str) -> dict:
+    return json.loads(re.search(r"^const data = (.*);$", text, re.MULTILINE).group(1))
+
+
+def test_a_page_holds_every_sphere_its_colour_and_the_legend(layer, tmp_path):
+    text = render(layer, tmp_path / "a.html", frame=0).read_text(encoding="utf-8")
+    data = data_of(text)
+    with open_run(layer) as run:
+        shot = take_shot(run, 0, "state")
+    spheres = np.frombuffer(base64.b64decode(data["spheres"]), "<f4").reshape(-1, 4)
+    scale = 100.0 / np.max((shot.high - shot.low)[:2])
+    expected = np.column_stack(((shot.centers - 0.5 * (shot.low + shot.high)) * scale, shot.radii * scale))
+    np.testing.assert_allclose(spheres, expected, atol=1e-5)  # float32 of numbers to 50
+    colors = np.frombuffer(base64.b64decode(data["colors"]), "u1").reshape(-1, 3)
+    assert np.array_equal(colors, shot.colors)
+    for words, tone in shot.legend.entries:
+        assert f'<i style="background:{tone}"></i>{html.escape(words)}' in text
+    # Nothing is fetched: the page opens from a disk without network.
+    assert not re.search(r"https?://|src=|@import|<link", text)
+    assert "@" not in re.sub(r"@media", "", text.split("<script>")[0])  # no mark of the template is left
+
+
+def test_a_title_cannot_end_the_script_or_bring_its_own(layer, tmp_path):
+    with open_run(layer) as run:
+        shot = take_shot(run, 0, "friction_work")
+    bad = "</script><script>alert(1)</script>"
+    text = write_page(replace(shot, title=bad, labels=(bad,)), tmp_path / "a.html").read_text(encoding="utf-8")
+    assert text.count("<script>") == text.count("</script>") == 1
+    assert data_of(text)["labels"] == [bad]
+    assert "friction work, pJ" in text and 'class="bar"' in text
+
+
+def browse(page: Path, *options: str) -> str:
+    assert BROWSER
+    start = [BROWSER, "--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    limits = ["--window-size=800,500", "--virtual-time-budget=8000", "--disable-dev-shm-usage"]
+    return subprocess.run([*start, *limits, *options, page.as_uri()], capture_output=True, text=True, timeout=120).stdout
+
+
+@pytest.mark.browser
+@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
+@pytest.mark.parametrize("view", ["iso", "side", "front", "top"])
+def test_a_browser_shows_bodies_and_legend(layer, tmp_path, view):
+    image = pytest.importorskip("PIL.Image")
+    page, picture = render(layer, tmp_path / "a.html", view=view), tmp_path / "a.png"
+    browse(page, f"--screenshot={picture}")
+    pixels = np.array(image.open(picture).convert("RGB"))
+    stage, foot = pixels[80:420], pixels[420:]
+    for state in ("sticking", "sliding", "rolling"):
+        assert LAYER.hue_share(stage, STATE_COLORS[state]) > 0.001, state  # bodies; along the drag one hides the other
+        assert LAYER.hue_share(foot, STATE_COLORS[state]) > 0.001, state  # a disc of 15 pixels is 0.3 % of the foot
+    white = np.all(pixels > 250, axis=2)
+    assert white[80:420, :2].all() and white[80:420, -2:].all()  # the whole fits
+    drawn = browse(page, "--dump-dom")
+    assert 'data-drawn="1200"' in drawn and "rolling" in drawn

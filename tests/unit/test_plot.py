@@ -1,0 +1,454 @@
+"""The page of a run: what stands in its panels is what the run recorded, and what cannot be drawn is told in one line."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from thirdbody import cli
+from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
+from thirdbody.output import html as html_module
+from thirdbody.output import render as render_module
+from thirdbody.output.average import mean_and_error, running_mean
+from thirdbody.output.palette import STATE_COLORS
+from thirdbody.output.panels_friction import loop_area, stretches
+from thirdbody.output.panels_series import ledger
+from thirdbody.output.plot import NAMES, page, plot
+from thirdbody.output.quantities import percent, scaled, told, with_error
+from thirdbody.output.run import open_run
+from thirdbody.output.schema import Frame
+from thirdbody.output.sheet import Sheet
+from thirdbody.output.vtkhdf import TrajectoryWriter
+
+STATES = list(STATE_COLORS)
+SCENE = """
+scene = 1
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.3
+[[debris]]
+material = "steel"
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+"""
+BODIES, LOAD = 8, 2e-4  # N
+STATIC = {"spheres": {"radius": np.ones(BODIES), "clump": np.arange(BODIES)}, "clumps": {}}
+LINES = ("kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical",
+         "residual")  # fmt: skip
+
+
+def straight(frames: int = 41, settled: int = 1) -> np.ndarray:
+    """Displacement (F,), m, of a plate that waits for some frames and then goes 0.1 um a frame."""
+    return 0.1e-6 * np.maximum(np.arange(frames) - settled, 0.0)
+
+
+def stroke(cycles: float = 2.25, per_cycle: int = 40) -> np.ndarray:
+    """Displacement (F,), m, back and forth between 0 and 80 nm; linear, with frames at the turns."""
+    phase = np.arange(int(cycles * per_cycle) + 1) / per_cycle
+    return 80e-9 * (1.0 - np.abs(1.0 - 2.0 * (phase % 1.0)))
+
+
+def make_series(u: np.ndarray, mu: np.ndarray, number: int) -> dict:
+    shares = np.bincount(codes(number), minlength=4) / BODIES
+    normal = 0.0 if np.isnan(mu[number]) else LOAD
+    series = {"time": 1e-6 * number, "distance": float(np.abs(np.diff(u[: number + 1])).sum()), "gap": 8e-6 - 1e-9 * number}
+    series |= {"upper_force": np.array([-normal * np.nan_to_num(mu[number]), 0.0, normal]), "friction_coefficient": mu[number]}
+    series |= {f"fraction_{name}": shares[k] for k, name in enumerate(STATES)}
+    return series | {f"energy_{name}": 1e-9 * (k + 1) * number for k, name in enumerate(LINES)}
+
+
+def codes(number: int) -> np.ndarray:
+    """States of the bodies: first all stick, then one after the other slides, and at last rolls."""
+    return np.clip(1 + (number - np.arange(BODIES)) // 8, 1, 3).astype(np.uint8)
+
+
+def write(folder, u=None, mu=None, contacts: int = 12, labels: bool = True, series: bool = True, plates: bool = True, **header):
+    """A run of made-up arrays; `contacts` at every frame but, with a negative number, none at the last."""
+    u = straight() if u is None else u
+    mu = np.where(np.arange(len(u)) > 0, 0.2 + 0.01 * np.sin(np.arange(len(u))), np.nan) if mu is None else mu
+    folder.mkdir()
+    head = {"scene_text": SCENE, "title": "eight bodies", "state_names": STATES, "reason_names": ["none"],
+            "units": {"distance": "m"}, "law": {"family": "three_spot", "level": "mindlin"}} | header  # fmt: skip
+    rng = np.random.default_rng(2)
+    with TrajectoryWriter(folder / "run.vtkhdf", head, STATIC) as writer:
+        for number in range(len(u)):
+            clumps = {"points": np.zeros((BODIES, 3))}
+            if labels:
+                clumps |= {"state": codes(number), "state_reason": np.zeros(BODIES, np.uint8)}
+            count = 0 if contacts < 0 and number == len(u) - 1 else abs(contacts)
+            touching = {"points": np.zeros((count, 3)), "body": np.arange(count) % BODIES, "partner": np.full(count, -1)}
+            touching |= {"utilisation": np.linspace(0.0, 1.0, count), "normal_force": 1e-5 * rng.random(count)}
+            corners = np.zeros((8, 3))
+            corners[4:, 0] = u[number]
+            told_series = make_series(u, mu, number) if series else {"time": 1e-6 * number}
+            if not labels:
+                told_series = {k: v for k, v in told_series.items() if not k.startswith("fraction_")}
+            spheres = {"points": np.zeros((BODIES, 3))}
+            writer.append(Frame(1e-6 * number, spheres, clumps, touching, {"points": corners} if plates else None, told_series))
+        writer.finish({"finished": True, "stopped": None, "energy_residual": 2e-5})
+    return folder
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """A run that is only read."""
+    return write(tmp_path_factory.mktemp("plot") / "run")
+
+
+@pytest.fixture
+def folder(tmp_path, written):
+    (tmp_path / "run").symlink_to(written, target_is_directory=True)
+    return tmp_path / "run"
+
+
+@pytest.fixture
+def run(folder):
+    with open_run(folder) as run:
+        yield run
+
+
+def panels(figure) -> dict:
+    return {axes.get_label(): axes for axes in figure.axes}
+
+
+def line(axes, label: str):
+    """Points of the line whose label starts so."""
+    (found,) = (entry for entry in axes.get_lines() if str(entry.get_label()).startswith(label))
+    return found
+
+
+# the error of a mean ---------------------------------------------------------------------------------------------------------
+
+
+def markov(phi: float, count: int, seed: int) -> np.ndarray:
+    """x_k = phi x_(k-1) + noise of variance 1, stationary from the start."""
+    rng = np.random.default_rng(seed)
+    x = np.empty(count)
+    x[0] = rng.normal() / np.sqrt(1.0 - phi * phi)
+    noise = rng.normal(size=count)
+    for k in range(1, count):
+        x[k] = phi * x[k - 1] + noise[k]
+    return x
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.5, 0.8, 0.95])
+def test_the_error_of_a_mean_counts_autocorrelation(phi):
+    n = 4000
+    # AR(1): variance 1/(1 - phi^2), autocorrelation phi^k, thus 2 tau = (1 + phi)/(1 - phi)
+    exact = np.sqrt((1.0 + phi) / (1.0 - phi) / (1.0 - phi * phi) / n)
+    found = [mean_and_error(markov(phi, n, seed)) for seed in range(12)]
+    # the estimate of tau scatters by sqrt(2 (2 W + 1)/n) (Madras and Sokal) with W = 5 tau, its root by half of that, and the
+    # mean of twelve by sqrt(12) less
+    scatter = 0.5 * np.sqrt(2.0 * (5.0 * (1.0 + phi) / (1.0 - phi) + 1.0) / n / 12.0)
+    assert np.mean([error for _, error in found]) == pytest.approx(exact, rel=4.0 * scatter + 0.02)
+    assert np.sqrt(np.mean([mean**2 for mean, _ in found])) < 2.0 * exact  # chi-square of 12: beyond 4 in 1e-5 of the cases
+
+
+def test_no_error_is_told_where_none_is_known():
+    assert mean_and_error(np.full(50, 0.3)) == (pytest.approx(0.3, rel=1e-14), 0.0)
+    drift = np.linspace(0.2, 0.3, 60)
+    assert mean_and_error(drift)[0] == pytest.approx(0.25, rel=1e-12) and np.isnan(mean_and_error(drift)[1])
+    assert np.isnan(mean_and_error(np.array([0.1, 0.2, 0.15]))[1])
+    assert np.isnan(mean_and_error(np.full(9, np.nan))).all()
+    alternating = np.tile([0.1, 0.3], 50)
+    assert mean_and_error(alternating)[1] == pytest.approx(0.1 / np.sqrt(100), rel=0.05)  # no credit; bias factor of 3 %
+
+
+def test_running_mean_leaves_gaps_out():
+    values = np.array([1.0, np.nan, 3.0, np.nan, np.nan, np.nan, 8.0])
+    np.testing.assert_array_equal(running_mean(values, 3), [1.0, 2.0, 3.0, 3.0, np.nan, 8.0, 8.0])
+    np.testing.assert_allclose(running_mean(np.arange(5.0), 2), [0.5, 1.5, 2.5, 3.5, 4.0], rtol=1e-15)
+
+
+def test_numbers_for_people():
+    words = [told(value, unit) for value, unit in ((4.19e-8, "J"), (6e-7, "m"), (-3e-30, "J"), (0.0, "J"))]
+    shown = [text.replace("\N{NO-BREAK SPACE}", " ").replace("\N{MINUS SIGN}", "-") for text in words]
+    assert shown == ["41.9 nJ", "600 nm", "-3.00e-30 J", "0 J"]
+    assert told(9.999e-7, "m").startswith("1\N{NO-BREAK SPACE}\N{MICRO SIGN}m") and told(np.nan, "m") == "unknown"
+    values, unit = scaled(np.array([np.nan, -2e-6, 1e-7]), "m")
+    assert unit == "\N{MICRO SIGN}m" and values[1:].tolist() == pytest.approx([-2.0, 0.1], rel=1e-14)
+    assert with_error(0.24738, 0.0021) == "0.2474 \N{PLUS-MINUS SIGN} 0.0021" and with_error(0.24738, np.nan) == "0.247"
+    assert [percent(share)[:-2] for share in (0.0, 0.004, 0.41, 0.996, 1.0)] == ["0", "0.4", "41", "99.6", "100"]
+
+
+# what stands in the panels ---------------------------------------------------------------------------------------------------
+
+
+def test_friction_and_gap_are_the_series_from_the_start_of_the_drag(run):
+    axes = panels(page(run))
+    um = run.series["distance"][1:] * 1e6
+    drawn = line(axes["friction"], "each interval")
+    np.testing.assert_allclose(drawn.get_xdata(), um, rtol=1e-12)
+    np.testing.assert_array_equal(drawn.get_ydata()[1:], run.series["friction_coefficient"][2:])
+    assert np.isnan(drawn.get_ydata()[0])  # the interval before was the pressing
+    mean = run.series["friction_coefficient"][20:].mean()
+    np.testing.assert_allclose(line(axes["friction"], "mean").get_ydata(), mean, rtol=1e-12)
+    assert mean == pytest.approx(run.summary()["friction_coefficient"], rel=1e-12)
+    assert axes["friction"].get_title(loc="left").startswith(f"Friction coefficient: {mean:.3f}"[:-1])
+    assert {tuple(entry.get_ydata()) for entry in axes["friction"].get_lines()} >= {(0.3, 0.3)}  # the coefficient of the pair
+    gap = axes["gap"].get_lines()[0].get_ydata()
+    np.testing.assert_allclose(gap, -np.arange(40.0), atol=1e-6)  # nm; 8 um minus 1 nm a frame, doubles of 1e-21 m
+    assert axes["gap"].get_ylabel() == "change of gap (nm)"
+
+
+def test_states_are_stacked_in_their_colours(run):
+    axes = panels(page(run))["states"]
+    below = np.zeros(40)
+    found = [collection.get_label() for collection in axes.collections]
+    assert found == ["sticking", "sliding", "rolling"]  # none was ever free
+    for collection in axes.collections:
+        below = below + run.series[f"fraction_{collection.get_label()}"][1:]
+        heights = np.unique(collection.get_paths()[0].vertices[:, 1])
+        assert np.isin(np.round(below, 9), np.round(heights, 9)).all()
+        assert to_hex(collection.get_facecolor()[0]).upper() == STATE_COLORS[collection.get_label()]
+    np.testing.assert_allclose(below, 1.0, rtol=1e-12)
+    assert re.search(r"8 bodies: at the end all rolling", axes.get_title(loc="left"))
+
+
+def test_energy_lines_are_the_ledger(run):
+    axes, lines = panels(page(run))["energy"], ledger(Sheet(run))
+    assert axes.get_ylabel() == "energy (nJ)" and len(axes.get_lines()) == 8
+    for label, values in lines.items():
+        np.testing.assert_allclose(line(axes, label).get_ydata(), values * 1e9, rtol=1e-12)
+    parts = run.series["energy_elastic_normal"] + run.series["energy_elastic_tangential"]
+    np.testing.assert_allclose(lines["elastic, stored"], parts[1:], rtol=1e-14)
+    assert "240" in line(axes, "work of the plates").get_label()  # 6 nJ a frame, 40 frames
+
+
+def test_histograms_count_every_contact_of_the_frame_by_state(run):
+    for frame in (20, -1):
+        axes = panels(page(run, frame=frame))
+        contacts = run.contacts(frame)
+        states = run.bodies(frame)["state"][contacts["body"]]
+        for name, factor in (("utilisation", 1.0), ("normal_force", 1e6)):
+            values = contacts[name] * factor
+            for code in np.unique(states):
+                own = [p for p in axes[name].patches if to_hex(p.get_facecolor()).upper() == STATE_COLORS[STATES[code]]]
+                # 1/11, 2/11 and so on and random numbers keep clear of the edges at k/25 of the largest, but for the largest
+                place = np.minimum((25.0 * values[states == code] / values.max()).astype(int), 24)
+                assert [p.get_height() for p in own] == np.bincount(place, minlength=25).tolist()
+        assert f"{100.0 / 12.0:.0f}" in axes["utilisation"].get_title(loc="left")  # one of twelve at the limit
+
+
+def test_unloaded_intervals_are_shaded_not_counted(tmp_path):
+    mu = np.full(41, 0.2)
+    mu[0] = np.nan
+    mu[25:31] = np.nan
+    with open_run(write(tmp_path / "run", mu=mu)) as run:
+        axes = panels(page(run))["friction"]
+        assert line(axes, "mean").get_ydata()[0] == pytest.approx(0.2, rel=1e-14)
+        (shade,) = (patch for patch in axes.patches if patch.get_label() == "unloaded")
+        # frames 25 to 30 end the intervals from 2.3 to 2.9 um
+        ends = shade.get_x(), shade.get_x() + shade.get_width()
+        np.testing.assert_allclose(ends, (2.3, 2.9), rtol=1e-9)
+    assert stretches(np.array([True, False, True, True])) == [(0, 0), (2, 3)]
+
+
+def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):
+    # frames stand at the turns; within two intervals behind each (8 nm) friction turns over, linearly
+    u = stroke()
+    way = np.diff(u, prepend=u[0])
+    side = np.sign(way)
+    mu = 0.2 * np.where(np.roll(side, 1) * side < 0, 0.0, side)
+    mu[0] = np.nan
+    with open_run(write(tmp_path / "run", u=u, mu=mu)) as run:
+        sheet = Sheet(run)
+        assert sheet.turns == [20, 40, 60, 80] and sheet.cycle == slice(40, 81)
+        area, size, work = loop_area(sheet)
+        # 160 nm a cycle, two intervals of 4 nm of it without friction
+        assert area == pytest.approx(0.2 * (160e-9 - 8e-9), rel=1e-9)
+        assert work == pytest.approx(LOAD * area, rel=1e-9) and size == pytest.approx(area / 160e-9, rel=1e-9)
+        axes = panels(page(run))
+        assert "friction" not in axes and list(axes)[0] == "loop"
+        loop = line(axes["loop"], "last whole cycle")
+        assert len(loop.get_xdata()) == 41 and loop.get_xdata()[0] == loop.get_xdata()[-1]
+        assert loop.get_ydata()[:-1].tolist() == mu[41:81].tolist()
+        assert "area 30.4" in axes["loop"].get_title(loc="left")
+        assert axes["states"].get_xlabel() == "" and axes["energy"].get_xlabel().startswith("time of the drag")
+
+
+# choice, messages, files -----------------------------------------------------------------------------------------------------
+
+
+def test_the_panels_asked_for_and_no_other(run):
+    assert list(panels(page(run))) == ["friction", "states", "gap", "energy", "utilisation", "normal_force"]
+    for name in ("friction", "states", "gap", "load", "energy", "utilisation", "normal_force"):
+        assert list(panels(page(run, [name]))) == [name]
+    assert list(panels(run.plot(panels=["states", "load", "states"]))) == ["states", "load"]
+    with pytest.raises(InputError, match=r"no panel 'loop' \(the plate never turns back\); it has friction, states, gap"):
+        page(run, ["states", "loop"])
+    with pytest.raises(UsageError, match="no panel is called 'frction': there are " + ", ".join(NAMES)):
+        page(run, ["frction"])
+    with pytest.raises(InputError, match="no frame 77"):
+        page(run, frame=77)
+
+
+def test_the_load_is_drawn_where_the_gap_is_prescribed(tmp_path):
+    with open_run(write(tmp_path / "run", scene_text=SCENE + 'gap = "8 um"\n')) as run:
+        axes = panels(page(run))
+        assert "gap" not in axes and "load" in axes
+        np.testing.assert_allclose(axes["load"].get_lines()[0].get_ydata(), 1e6 * LOAD, rtol=1e-12)
+
+
+def test_panels_without_data_are_left_out(tmp_path):
+    for name, words, left in (
+        ("bare", {"labels": False, "series": False, "contacts": 0, "plates": False}, []),
+        ("unlabelled", {"labels": False}, ["friction", "gap", "energy", "utilisation", "normal_force"]),
+        ("lifted", {"contacts": -12}, ["friction", "states", "gap", "energy"]),
+        ("still", {"u": np.zeros(9)}, ["states", "gap", "energy", "utilisation", "normal_force"]),
+        ("first", {"u": np.zeros(1)}, ["states", "utilisation", "normal_force"]),
+        ("unloaded", {"mu": np.full(41, np.nan), "contacts": 0}, ["states", "gap", "energy"]),
+    ):  # fmt: skip
+        with open_run(write(tmp_path / name, **words)) as run:
+            if left:
+                figure = page(run)
+                assert list(panels(figure)) == left, name
+                figure.draw_without_rendering()
+            else:
+                with pytest.raises(InputError, match="nothing to plot: no drag; .*its bodies were not labelled"):
+                    page(run)
+
+
+def test_headline_tells_the_key_figures(run):
+    texts = " ".join(text.get_text() for text in page(run).texts).replace("\N{NO-BREAK SPACE}", " ")
+    assert texts.startswith("eight bodies Friction coefficient 0.2") and "at the end all rolling" in texts
+    assert "energy residual 2e\N{MINUS SIGN}5 of the work" in texts and "law three_spot (mindlin)" in texts
+    assert "pressed for 1 \N{MICRO SIGN}s, then dragged 3.9 \N{MICRO SIGN}m" in texts
+
+
+LONG = "A very long title of a scene, with a dollar sign for $5, that nobody would ever write but somebody always will " * 2
+
+
+@pytest.mark.parametrize("case", ["straight", "stroke", "one frame", "long", "utilisation"])
+def test_no_text_lies_on_another_or_outside(tmp_path, case):
+    u = {"stroke": stroke(), "one frame": np.zeros(1)}.get(case, straight())
+    with open_run(write(tmp_path / "run", u=u, title=LONG if case == "long" else "eight bodies")) as run:
+        figure = page(run, ["utilisation"] if case == "utilisation" else None, frame=min(20, len(u) - 1))
+    figure.draw_without_rendering()
+    boxes = []
+    for text in texts_of(figure):
+        box = text.get_window_extent()
+        assert figure.bbox.padded(1.0).contains(box.x0, box.y0) and figure.bbox.padded(1.0).contains(box.x1, box.y1), text
+        boxes.append((text.get_text(), box.padded(-0.5)))  # half a pixel: extents are rounded outwards
+    assert len(boxes) > 8
+    for k, (one, box) in enumerate(boxes):
+        for other, beside in boxes[k + 1 :]:
+            assert not box.overlaps(beside), (one, other)
+
+
+def texts_of(figure):
+    """Every text that is seen."""
+    found = list(figure.texts)
+    for axes in figure.axes:
+        found += [axes.title, axes._left_title, axes.xaxis.label, axes.yaxis.label, *axes.texts]
+        legend = axes.get_legend()
+        found += legend.get_texts() if legend else []
+        for axis, (low, high) in ((axes.xaxis, axes.get_xlim()), (axes.yaxis, axes.get_ylim())):
+            room = 1e-9 * (high - low)
+            ticks = zip(axis.get_ticklabels(), axis.get_ticklocs(), strict=True)
+            found += [label for label, place in ticks if low - room <= place <= high + room]
+    return [text for text in found if text.get_visible() and text.get_text()]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("name, start", [("a.png", b"\x89PNG"), ("b.pdf", b"%PDF"), ("c.svg", b"<?xml"), ("d.PDF", b"%PDF")])
+def test_the_suffix_is_the_format_and_equal_pages_are_equal_files(folder, tmp_path, name, start):
+    plot(folder, tmp_path / name)
+    data = (tmp_path / name).read_bytes()
+    assert data.startswith(start) and len(data) > 15_000
+    if start != b"\x89PNG":
+        assert b"<image" not in data and b"/Subtype /Image" not in data  # lines stay lines
+    plot(folder, tmp_path / f"again_{name}")
+    assert (tmp_path / f"again_{name}").read_bytes() == data
+
+
+@pytest.fixture
+def command(monkeypatch, capsys, tmp_path):
+    """`thirdbody plot ...` in the test's folder: exit code, out, err."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words):
+        monkeypatch.setattr(sys, "argv", ["thirdbody", "plot", *words])
+        try:
+            cli.main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        told_ = capsys.readouterr()
+        return code, told_.out, told_.err
+
+    return call
+
+
+def test_the_command_writes_what_it_names(command, folder, tmp_path):
+    assert command("run", "-o", "x.svg", "--panel", "states", "--panel", "energy", "--frame", "3") == (0, "x.svg\n", "")
+    text = (tmp_path / "x.svg").read_text(encoding="utf-8")
+    assert "States of the 8 bodies" in text and "Energy: " in text and "Contacts, " not in text
+    assert command("run") == (0, "plot.png\n", "")
+
+
+@pytest.mark.parametrize(
+    "words, status, message",
+    [(("run", "-o", "x.gif"), 2, "x.gif: a picture ends in .png, .pdf, .svg"),
+     (("run", "-o", "nowhere/x.png"), 5, "the folder nowhere does not exist"),
+     (("run", "--panel", "mu"), 2, "no panel is called 'mu': there are friction, loop,"),
+     (("run", "--panel", "loop"), 3, "no panel 'loop'"),
+     (("run", "--frame", "41"), 3, "frames are from -41 to 40"),
+     (("other",), 3, "no such run")],
+)  # fmt: skip
+def test_what_cannot_be_drawn_is_told_in_one_line(command, folder, tmp_path, words, status, message):
+    code, out, err = command(*words)
+    assert code == status and message in err and len(err.splitlines()) == 1 and not out
+    assert os.listdir(tmp_path) == ["run"]
+
+
+def test_a_file_that_cannot_be_written_leaves_nothing(folder, tmp_path):
+    (tmp_path / "x.png").mkdir()
+    with pytest.raises(OutputError, match="x.png: cannot be written"):
+        plot(folder, tmp_path / "x.png")
+    assert sorted(os.listdir(tmp_path)) == ["run", "x.png"]
+
+
+def test_python_gives_a_figure_and_writes_it(run, tmp_path):
+    figure = run.plot(tmp_path / "x.pdf", ["gap"])
+    assert list(panels(figure)) == ["gap"] and (tmp_path / "x.pdf").read_bytes().startswith(b"%PDF")
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    with pytest.raises(UsageError):
+        run.plot("x.gif")
+
+
+# in a notebook ---------------------------------------------------------------------------------------------------------------
+
+
+def test_a_run_is_a_table_and_a_picture(run, monkeypatch):
+    def draw(path, target, size):
+        assert path == run.path
+        target.write_bytes(b"picture")
+        return target
+
+    monkeypatch.setattr(render_module, "render", draw)
+    text = run._repr_html_()
+    assert 'src="data:image/png;base64,cGljdHVyZQ=="' in text and "<b>eight bodies</b>" in text
+    assert STATE_COLORS["rolling"] in text and "2.0e-05 of the work" in text
+
+
+def test_without_opengl_the_table_and_one_sentence(run, monkeypatch):
+    def draw(*_, **__):
+        raise MissingLibrary("no library to draw <here>")
+
+    monkeypatch.setattr(render_module, "render", draw)
+    text = html_module.run_html(run)
+    assert "No picture: no library to draw &lt;here&gt;" in text and "<img" not in text and "<table>" in text
+
+
+def test_titles_are_text_not_markup(tmp_path, monkeypatch):
+    monkeypatch.setattr(render_module, "usable_windows", lambda: (_ for _ in ()).throw(MissingLibrary("none")))
+    with open_run(write(tmp_path / "run", title="<script>")) as run:
+        assert "<script>" not in run._repr_html_()
