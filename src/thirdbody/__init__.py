@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .output.run import Run
     from .output.run import open_run as open
-    from .resume import resume
     from .scene.model import Scene
     from .simulate import run
+    from .take_up import resume
 
 __all__ = ["Run", "Scene", "open", "resume", "run"]
 
@@ -26,7 +26,7 @@ _PLACES = {
     "Scene": ("scene.model", "Scene"),
     "Run": ("output.run", "Run"),
     "open": ("output.run", "open_run"),
-    "resume": ("resume", "resume"),
+    "resume": ("take_up", "resume"),
     "run": ("simulate", "run"),
 }
 

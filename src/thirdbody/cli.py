@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from .cli_studies import cost
 from .errors import GuardStop, Interrupted, OutputError, ThirdbodyError, UsageError
 
 COMMAND_GROUP = "thirdbody.commands"
@@ -161,7 +162,7 @@ def resume(
 ) -> None:
     """Go on with a run that was interrupted or killed, or, with --set solver.distance=..., with one that came to its end."""
     from .report import print_warnings
-    from .resume import prepare_resume
+    from .take_up import prepare_resume
     from .simulate import check_threads
 
     limits = _limits(every, wall_limit)
@@ -246,6 +247,9 @@ def shapes(
     if out is not None:
         draw_shapes(found, path.name, out)
         typer.echo(f"{out}", err=json)
+
+
+app.command()(cost)
 
 
 @app.command()

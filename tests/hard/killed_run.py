@@ -1,0 +1,62 @@
+"""A run for `test_kills.py`, in a process of its own: starts or takes up the run in a folder, and dies by its own hand.
+
+    python killed_run.py FOLDER SCENE SETTINGS(JSON) N     N: which of the calls that touch the disk is its last; 0: none
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+import thirdbody
+from thirdbody.checkpoint import FILE
+from thirdbody.output.block import Block
+from thirdbody.output.sink import Sink
+from thirdbody.simulate import execute, prepare
+from thirdbody.take_up import prepare_resume
+
+OFTEN = 0.05
+"""Seconds between checkpoints: a run of some seconds writes dozens."""
+
+
+def die_at(last: int) -> None:
+    """Let the process be killed as it is about to make its so-manieth call that touches the disk."""
+    calls = 0
+
+    def watched(owner: object, name: str) -> None:
+        real = getattr(owner, name)
+
+        def call(*args, **options):
+            nonlocal calls
+            calls += 1
+            if calls == last:
+                os.kill(os.getpid(), signal.SIGKILL)
+            return real(*args, **options)
+
+        setattr(owner, name, call)
+
+    # data of a frame, its count, its time, flush; header and data of HDF5; checkpoint: data, fsync, replace
+    places = [(Block, "append"), (Block, "count_frames"), (Block, "add_time"), (h5py.File, "flush"), (Sink, "write"),
+              (np, "savez"), (os, "fsync"), (os, "replace")]  # fmt: skip
+    for owner, name in places:
+        watched(owner, name)
+
+
+def main(folder: Path, scene: str, settings: dict[str, str], last: int) -> None:
+    if (folder / FILE).exists():
+        simulation, kept = prepare_resume(folder)
+    else:
+        simulation, kept = prepare(thirdbody.Scene.load(scene).with_settings(settings)), None
+    if last:
+        die_at(last)
+    execute(simulation, folder, overwrite=True, every=OFTEN, kept=kept)
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2], json.loads(sys.argv[3]), int(sys.argv[4]))

@@ -1,0 +1,234 @@
+"""A run that was put away and taken up again is bit for bit the run that was never stopped, in every shipped scene."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.checkpoint import FILE, NOTES
+from thirdbody.errors import InputError, Interrupted
+from thirdbody.simulate import execute, prepare
+from thirdbody.take_up import prepare_resume
+
+SCENES = Path(__file__).parents[2] / "scenes"
+ALONE = {"contact.debris_contact": "none"}
+CASES: dict[str, tuple[str, dict[str, str]]] = {
+    "sheared_debris": ("sheared_debris", {"debris.0.count": "30", "solver.distance": "0.5 um", "output.every": "0.1 um"}),
+    "sheared_debris implicit": (
+        "sheared_debris", ALONE | {"debris.0.count": "600", "solver.distance": "2 um", "output.every": "1 um"},
+    ),
+    "roller_bearing": ("roller_bearing", {"solver.distance": "0.2 um", "output.every": "0.1 um"}),
+    "sliding_flakes": ("sliding_flakes", {"debris.0.count": "4", "solver.distance": "0.2 um", "output.every": "0.1 um"}),
+    "sliding_flakes mdr": (
+        "sliding_flakes", ALONE | {"contact.level": "mdr", "solver.distance": "0.2 um", "output.every": "0.1 um"},
+    ),
+    "three_spot": ("three_spot", {"solver.integrator": "explicit", "solver.distance": "2 nm", "output.every": "1 nm"}),
+    "three_spot implicit": ("three_spot", {}),
+    "scanned_debris": ("scanned_debris", {"debris.0.count": "8", "solver.distance": "0.1 um", "output.every": "0.05 um"}),
+    "mixed_population": ("mixed_population", {"solver.distance": "0.1 um", "output.every": "0.05 um"}),
+    "mixed_population rigid": (
+        "mixed_population", ALONE | {"solver.distance": "0.5 um", "output.every": "0.1 um", "solver.integrator": "implicit"},
+    ),
+    "dense_layer": (
+        "dense_layer",
+        {"debris.0.count": "80", "domain.size": ["60 um", "50 um"], "solver.distance": "1 um", "output.every": "0.5 um"},
+    ),
+    "fretting": ("fretting", {"solver.duration": "0.5 us", "output.every": "0.1 us"}),
+    "fretting_rig": ("fretting_rig", {"debris.0.count": "600", "solver.duration": "2 ms", "output.every": "1 ms"}),
+}  # fmt: skip
+
+
+def scene_of(name: str) -> thirdbody.Scene:
+    file, settings = CASES[name]
+    return thirdbody.Scene.load(SCENES / f"{file}.toml").with_settings(settings)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every array of a trajectory, and what its summary tells of the physics."""
+    found: dict[str, bytes] = {}
+    with h5py.File(folder / "run.vtkhdf") as file:
+        file.visititems(lambda name, item: found.update({name: item[()].tobytes()}) if numbers(name, item) else None)
+        summary = json.loads(file["scene/summary"][()])
+    for clock in ("wall_time", "sphere_steps_per_second"):
+        del summary[clock]
+    return found | {"summary": json.dumps(summary, sort_keys=True).encode()}
+
+
+def numbers(name: str, item: object) -> bool:
+    return isinstance(item, h5py.Dataset) and not name.startswith("scene/")
+
+
+def after(watches: int):
+    """Says stop from the so-manieth question on."""
+    counter = itertools.count(1)
+    return lambda: next(counter) >= watches
+
+
+def cut(name: str, folder: Path, watches: int) -> bool:
+    """Start the scene and stop it after so many looks; whether it was stopped before its end."""
+    try:
+        execute(prepare(scene_of(name)), folder, stop=after(watches))
+    except Interrupted:
+        return True
+    return False
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
+    execute(prepare(scene_of(name)), tmp_path / "whole")
+    stopped = cut(name, tmp_path / "cut", 3)
+    pieces = 0
+    while stopped:
+        pieces += 1
+        simulation, kept = prepare_resume(tmp_path / "cut")
+        stopped = False
+        try:
+            # each piece on another number of cores, and four times as long as the one before
+            execute(simulation, tmp_path / "cut", threads=1 + pieces % 2, kept=kept, stop=after(2 * 4**pieces))
+        except Interrupted:
+            stopped = True
+    assert pieces > 0, "the scene is too short to be stopped"
+    whole, joined = contents(tmp_path / "whole"), contents(tmp_path / "cut")
+    assert whole.keys() == joined.keys()
+    assert [key for key in whole if whole[key] != joined[key]] == []
+
+
+@pytest.mark.parametrize("name", ["sheared_debris", "sheared_debris implicit"])
+def test_a_finished_run_goes_further(tmp_path, name):
+    file, settings = CASES[name]
+    whole = thirdbody.Scene.load(SCENES / f"{file}.toml").with_settings(settings)
+    half = whole.with_settings({"solver.distance": f"{0.5e6 * whole.solver.distance} um"})
+    every = {"output.every": f"{0.25e6 * whole.solver.distance} um"}
+    thirdbody.run(whole.with_settings(every), tmp_path / "whole", progress=False)
+    thirdbody.run(half.with_settings(every), tmp_path / "half", progress=False)
+    thirdbody.resume(
+        tmp_path / "half", progress=False, settings={"solver.distance": f"{1e6 * whole.solver.distance} um"}
+    )
+    first, second = contents(tmp_path / "whole"), contents(tmp_path / "half")
+    assert [key for key in first if first[key] != second[key]] == []
+    with thirdbody.open(tmp_path / "half") as run:
+        assert run.scene_text == whole.with_settings(every).to_toml()
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("resume") / "cut"
+    assert cut("sheared_debris", folder, 3)
+    return folder
+
+
+@pytest.fixture()
+def copy(stopped, tmp_path) -> Path:
+    import shutil
+
+    return Path(shutil.copytree(stopped, tmp_path / "run"))
+
+
+def test_a_changed_scene_is_refused_with_the_difference(copy):
+    with pytest.raises(InputError, match=r"pairs\[0\].friction: was 0.3, is 0.4"):
+        prepare_resume(copy, {"pairs.0.friction": "0.4"})
+    text = (copy / "scene.toml").read_text()
+    (copy / "scene.toml").write_text(text.replace('level = "mindlin"', 'level = "mdr"'))
+    with pytest.raises(InputError, match="contact.level: was mindlin, is mdr"):
+        prepare_resume(copy)
+
+
+def test_another_law_of_the_same_name_is_refused(tmp_path):
+    """A plug-in that was edited between the two: its source is part of what the run was built from."""
+    source = (SCENES.parent / "plugins" / "dmt_adhesion.py").read_text()
+    plugin = tmp_path / "dmt_adhesion.py"
+    plugin.write_text(source)
+    scene = scene_of("sheared_debris").with_settings({"effects.dmt_adhesion.work_of_adhesion": "50 mJ/m2"})
+    with pytest.raises(Interrupted):
+        execute(prepare(scene, [plugin]), tmp_path / "run", stop=after(2))
+    prepare_resume(tmp_path / "run", plugins=[plugin])
+    other = tmp_path / "other" / "dmt_adhesion.py"
+    other.parent.mkdir()
+    other.write_text(source + "\nMORE = 1.0\n")
+    with pytest.raises(InputError, match="the contact laws: was .*dmt_adhesion"):
+        prepare_resume(tmp_path / "run", plugins=[other])
+
+
+def test_a_limit_of_wall_time_leaves_a_checkpoint(tmp_path):
+    with pytest.raises(Interrupted, match="limit of wall time.*thirdbody resume"):
+        execute(prepare(scene_of("sheared_debris")), tmp_path / "run", wall_limit=0.0)
+    thirdbody.resume(tmp_path / "run", progress=False).close()
+
+
+def test_no_run_and_no_checkpoint_are_told(tmp_path):
+    with pytest.raises(InputError, match="no such folder"):
+        prepare_resume(tmp_path / "none")
+    with pytest.raises(InputError, match="no checkpoint"):
+        prepare_resume(tmp_path)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.9, 0.999])
+def test_a_cut_checkpoint_is_refused(copy, share):
+    data = (copy / FILE).read_bytes()
+    (copy / FILE).write_bytes(data[: int(share * len(data))])
+    with pytest.raises(InputError, match="checkpoint.npz.*damaged"):
+        prepare_resume(copy)
+
+
+def test_a_flipped_byte_is_noticed_wherever_it_is(copy):
+    """Every array has a checksum: damage is told, or lies where zip keeps what nobody reads (a time of the day)."""
+    data = bytearray((copy / FILE).read_bytes())
+    rng = np.random.default_rng(5)
+    refused = 0
+    for place in rng.integers(0, len(data), 60):
+        data[place] ^= 0x40
+        (copy / FILE).write_bytes(data)
+        try:
+            prepare_resume(copy)
+        except InputError:
+            refused += 1
+        data[place] ^= 0x40
+    assert refused >= 58
+
+
+def forged(copy: Path, **changed: np.ndarray | None) -> None:
+    """The checkpoint with arrays replaced, or left out, and sound checksums."""
+    with np.load(copy / FILE) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    arrays |= {name: array for name, array in changed.items() if array is not None}
+    np.savez(copy / FILE, **{name: array for name, array in arrays.items() if changed.get(name, 0) is not None})
+
+
+def test_forged_arrays_are_refused(copy):
+    """Tables of another shape, and contacts of spheres that are not there, which a compiled loop would follow anywhere."""
+    with np.load(copy / FILE) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    own, bodies = arrays["slots_own"], arrays["B"]
+    lies = [
+        {"B": bodies[:-1]}, {"B": bodies.astype(np.float32)}, {"B": None}, {"slots_own": own + 10_000}, {"slots_own": own[:-1]},
+        {"slots_partner": arrays["slots_partner"] - 10_000}, {"slots_H": arrays["slots_H"][:, :-1]}, {"impulses": np.zeros(3)},
+        {NOTES: np.frombuffer(b"{}", np.uint8)}, {NOTES: np.frombuffer(b"no JSON", np.uint8)},
+    ]  # fmt: skip
+    for lie in lies:
+        forged(copy, **(arrays | lie))
+        with pytest.raises(InputError):
+            simulation, kept = prepare_resume(copy)
+            execute(simulation, copy, kept=kept)
+    assert (copy / "run.vtkhdf").is_file()
+
+
+def test_a_trajectory_that_lost_frames_is_refused(copy):
+    with h5py.File(copy / "run.vtkhdf", "r+") as file:
+        file["series"].attrs.modify("NSteps", np.int64(0))
+    with pytest.raises(InputError, match="has 0 frames"):
+        prepare_resume(copy)
+
+
+def test_time_between_checkpoints_does_not_change_the_run(tmp_path):
+    scene = scene_of("sheared_debris")
+    for name, every in (("often", 0.0), ("never", math.inf)):
+        execute(prepare(scene), tmp_path / name, every=every)
+    often, never = contents(tmp_path / "often"), contents(tmp_path / "never")
+    assert [key for key in often if often[key] != never[key]] == []
