@@ -130,7 +130,10 @@ def solve_chunk(low, high, fresh, dt, rise, plate, v_x, v_y, spots, shape, state
 @njit(**CHUNK)
 def take_chunk(low, high, dt, end, whole, v_x, v_y, spots, shape, state, known, most, M, D, V, totals, memory, starts, ends, gone,
                drag, law, effects, observe):  # fmt: skip
-    """The bodies from low to high take the step that was found; see `take_all`."""
+    """The bodies from low to high take the step that was found; see `take_all`.
+
+    Their forces are evaluated again: the tiles of all bodies, kept from the search, would be more to fetch than to fill.
+    """
     work, patch, edges, kept = workspace(known[2], most), shape[2], spots[3], known[6]
     y, before, r, told = work[6], work[5], work[7], work[11]
     for b in range(low, high):

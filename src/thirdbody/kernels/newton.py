@@ -31,9 +31,14 @@ from .options import CHUNK, INNER
 from .trial import E_DEEPEST, E_NORMAL, FREEDOMS, TURN, Z_ARM, Z_NOW, Z_PLATE, balance, loaded_spots, place
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
-"""Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners."""
+"""Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners.
+In a direction in which all slips only inertia resists, so what is left unbalanced there moves the body: 1e-9 keeps that below the
+error of a step."""
 
 ITERATIONS, HALVINGS, LEAPS = 16, 2, 4
+"""Most corrections of a try (a step that needs more is cheaper in two halves), halvings of one correction, and corrections that
+are kept although the unbalanced force grows: spots change between sticking and slipping, and Newton's method then has to
+overshoot once before it finds the other branch."""
 
 REACH = 0.5
 """Largest growth of an overlap in one iteration, in parts of the deepest one, or of the one that the load lets expect."""
@@ -47,7 +52,10 @@ FOUND, LOST, CROWDED = range(3)
 
 @njit(**CHUNK)
 def solved(J, r, n):
-    """Overwrite r with the solution x of J x = -r by elimination with row pivots; False for a singular matrix."""
+    """Overwrite r with the solution x of J x = -r by elimination with row pivots; False for a singular matrix.
+
+    Not `numpy.linalg.solve`, which allocates, calls LAPACK for six unknowns, and raises where the matrix is singular.
+    """
     for c in range(n):
         best, row = abs(J[c, c]), c
         for i in range(c + 1, n):

@@ -137,21 +137,27 @@ def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at):
 
 
 @njit(**INNER)
+def observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O):  # noqa: E741
+    """Let the labeller observe body b: it updates its memory per body and per contact. O is scratch."""
+    C = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history)
+    body_row(b, B, A, drag, speed, O)
+    observe(C, C.shape[0], O, M[b])
+    n = 0
+    for e in range(edges[b], edges[b + 1]):
+        k = incidence[e] >> 1
+        if H[k, H_ON] != 0.0:
+            to = H_LAW + n_history + (incidence[e] & 1) * (width - C_MEMORY)
+            for m in range(width - C_MEMORY):
+                H[k, to + m] = C[n, C_MEMORY + m]
+            n += 1
+
+
+@njit(**INNER)
 def observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe):
-    """Let the labeller observe the bodies of chunk c: it updates its memory per body and per contact."""
+    """Let the labeller observe the bodies of chunk c."""
     O = np.empty(O_COLS)  # noqa: E741
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
-        C = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history)
-        body_row(b, B, A, drag, speed, O)
-        observe(C, C.shape[0], O, M[b])
-        n = 0
-        for e in range(edges[b], edges[b + 1]):
-            k = incidence[e] >> 1
-            if H[k, H_ON] != 0.0:
-                to = H_LAW + n_history + (incidence[e] & 1) * (width - C_MEMORY)
-                for m in range(width - C_MEMORY):
-                    H[k, to + m] = C[n, C_MEMORY + m]
-                n += 1
+        observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O)
 
 
 LABEL_BODIES = types.void(

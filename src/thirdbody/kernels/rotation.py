@@ -81,6 +81,19 @@ def turned(q, r_x, r_y, r_z):
 
 
 @njit(**INNER)
+def turned_by(q, x, y, z):
+    """q after a turn by the rotation vector (x, y, z), world axes, exactly."""
+    size = math.sqrt(x * x + y * y + z * z)
+    # sin(size/2)/size, which loses nothing at zero
+    s = 0.5 * (1.0 - size * size / 24.0) if size < 1e-4 else math.sin(0.5 * size) / size
+    w, a, b, c = math.cos(0.5 * size), s * x, s * y, s * z
+    return normalised(
+        (w * q[0] - a * q[1] - b * q[2] - c * q[3], w * q[1] + a * q[0] + b * q[3] - c * q[2],
+         w * q[2] + b * q[0] + c * q[1] - a * q[3], w * q[3] + c * q[0] + a * q[2] - b * q[1])
+    )  # fmt: skip
+
+
+@njit(**INNER)
 def normalised(q):
     """q with unit length."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])

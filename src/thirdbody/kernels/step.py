@@ -20,6 +20,7 @@ from .bodies import (
     drift_chunk,
     gather_chunk,
 )  # fmt: skip
+from .clock import pass_time
 from .contacts import CHUNK, SUM_BAD, SUM_OVERLAP, SUM_POWER, SUM_SLOT, SUM_WORK, contact_chunk
 from .layout import (
     A_DAMPING,
@@ -29,7 +30,6 @@ from .layout import (
     A_EFFECTS,
     A_ELAPSED,
     A_FRICTION,
-    A_HEADING,
     A_IMPULSE,
     A_IMPULSE_LOW,
     A_LOWER,
@@ -39,7 +39,6 @@ from .layout import (
     A_POWER_EFFECTS,
     A_POWER_LOAD,
     A_POWER_PATCH,
-    A_SPEED,
     A_STEPS,
     A_TIME,
     A_UPPER,
@@ -96,15 +95,7 @@ def account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load, patch_dampin
         A[A_IMPULSE_LOW + k] += half * (A[A_LOWER + k] + lower[k])
         A[A_UPPER + k], A[A_LOWER + k] = upper[k], lower[k]
     A[A_POWER_DAMPING], A[A_POWER_PATCH], A[A_POWER_EFFECTS], A[A_POWER_LOAD] = power, patch_damping, effects, load
-    A[A_TIME] += dt
-    A[A_ELAPSED] += dt
-    A[A_DX] += v_x * dt
-    A[A_DY] += v_y * dt
-    A[A_DISTANCE] += (v_x * v_x + v_y * v_y) ** 0.5 * dt
-    A[A_STEPS] += 1.0
-    A[A_SPEED] = (v_x * v_x + v_y * v_y) ** 0.5
-    if A[A_SPEED] > 0.0:
-        A[A_HEADING], A[A_HEADING + 1] = v_x / A[A_SPEED], v_y / A[A_SPEED]
+    pass_time(A, dt, v_x, v_y)
 
 
 @njit(**INNER)

@@ -6,16 +6,15 @@ import numpy as np
 from numba import njit
 
 from .bodies import outside
+from .clock import pass_time
 from .contacts import SUM_COLS, SUM_WORK, separation
 from .layout import (
     A_DAMPING,
-    A_DISTANCE,
     A_DX,
     A_DY,
     A_EFFECTS,
     A_ELAPSED,
     A_FRICTION,
-    A_HEADING,
     A_IMPULSE,
     A_IMPULSE_LOW,
     A_LOWER,
@@ -23,7 +22,6 @@ from .layout import (
     A_PLATE_ABS,
     A_PLATE_WORK,
     A_SPEED,
-    A_STEPS,
     A_TIME,
     A_UPPER,
     B_EF,
@@ -37,12 +35,10 @@ from .layout import (
     B_V,
     B_W,
     B_X,
-    C_MEMORY,
     D_FLOOR,
     D_GUARD_OVERLAP,
     D_LX,
     D_LY,
-    H_LAW,
     H_ON,
     P_DAMPING,
     P_FREE,
@@ -69,7 +65,7 @@ from .layout import (
     T_Y,
 )  # fmt: skip
 from .motion import GAP, LOAD, X, Y, mean_rate, next_corner
-from .observe import body_contacts, body_row
+from .observe import observe_body
 from .options import INNER
 from .trial import (
     E_DEEPEST,
@@ -161,7 +157,8 @@ def next_length(T, W, V, schedule, first, end):
 def formula(dt, way, mass, T, Z, V):
     """Choose the formula of a step of length dt: BDF2 for unequal steps, backward Euler after a corner or without inertia.
 
-    `way` is that of the drag in the step, m.
+    `way` is that of the drag in the step, m. Source: Curtiss and Hirschfelder 1952; unequal steps: Hairer, Norsett and Wanner,
+    Solving Ordinary Differential Equations I, III.5.
     """
     inertial = V[V_INERTIAL]
     Z[Z_PULL], Z[Z_MASS] = 0.0, 1.0
@@ -182,7 +179,8 @@ def error_of(b, p, dt, Z, T, B, P, told, V):
     """Error of the step over what is allowed, a part of the radius of the largest contact.
 
     That of backward Euler is half the length of the step times the change of velocity; of BDF2, 2/9 of the length times what
-    this change differs from the last one, taken in proportion.
+    this change differs from the last one, taken in proportion (2/9 of the third derivative times dt^3 at equal steps: the same
+    book, III.2).
     """
     first = T[T_LAST] == 0.0 or V[V_INERTIAL] == 0.0
     ratio = 0.0 if first else dt / T[T_LAST]
@@ -290,34 +288,17 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
 
 @njit(**INNER)
 def advance_clock(W, dt, end, whole, v_x, v_y):
-    """Time, distance and heading after a step of length dt; `whole`: it ends the stretch."""
-    W[A_TIME] = end if whole else W[A_TIME] + dt
-    W[A_ELAPSED] += dt
-    W[A_DX] += v_x * dt
-    W[A_DY] += v_y * dt
-    speed = math.sqrt(v_x * v_x + v_y * v_y)
-    W[A_DISTANCE] += speed * dt
-    W[A_STEPS] += 1.0
-    W[A_SPEED] = speed
-    if speed > 0.0:
-        W[A_HEADING], W[A_HEADING + 1] = v_x / speed, v_y / speed
+    """The clock of a body after a step of length dt; `whole`: it ends the stretch, at the time `end` to the last bit."""
+    pass_time(W, dt, v_x, v_y)
+    if whole:
+        W[A_TIME] = end
 
 
 @njit(**INNER)
 def look(b, spots, state, M, W, known, drag, observe, seen):
     """Let the labeller observe body b after its step."""
     (own, partner, _, edges, incidence), (_, B, _, H, _, R) = spots, state
-    n_history, width = known[2], known[4]
-    C = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history)
-    body_row(b, B, W, drag, W[A_SPEED], seen)
-    observe(C, C.shape[0], seen, M[b])
-    n = 0
-    for e in range(edges[b], edges[b + 1]):
-        k = incidence[e] >> 1
-        if H[k, H_ON] != 0.0:
-            for m in range(width - C_MEMORY):
-                H[k, H_LAW + n_history + m] = C[n, C_MEMORY + m]
-            n += 1
+    observe_body(b, edges, incidence, own, partner, H, R, B, W, M, drag, W[A_SPEED], known[2], known[4], observe, seen)
     W[A_ELAPSED], W[A_DX], W[A_DY] = 0.0, 0.0, 0.0
 
 

@@ -79,7 +79,7 @@ from .layout import (
 )  # fmt: skip
 from .options import CHUNK, INNER
 from .rolling import MOMENTS, apply_rolling, record_rolling, stage_rolling
-from .rotation import matrix, normalised
+from .rotation import matrix, turned_by
 
 FREEDOMS = 7
 """Coordinates of a body and its patch."""
@@ -116,19 +116,6 @@ def begin(b, p, shape, state, Z):
         square = offsets[s, 0] ** 2 + offsets[s, 1] ** 2 + offsets[s, 2] ** 2
         far = max(far, math.sqrt(square) + S[s, S_R])
     Z[Z_ARM] = far
-
-
-@njit(**INNER)
-def turned_by(q, x, y, z):
-    """q after a turn by the rotation vector (x, y, z), world axes, exactly."""
-    size = math.sqrt(x * x + y * y + z * z)
-    # sin(size/2)/size, which loses nothing at zero
-    s = 0.5 * (1.0 - size * size / 24.0) if size < 1e-4 else math.sin(0.5 * size) / size
-    w, a, b, c = math.cos(0.5 * size), s * x, s * y, s * z
-    return normalised(
-        (w * q[0] - a * q[1] - b * q[2] - c * q[3], w * q[1] + a * q[0] + b * q[3] - c * q[2],
-         w * q[2] + b * q[0] + c * q[1] - a * q[3], w * q[3] + c * q[0] + a * q[2] - b * q[1])
-    )  # fmt: skip
 
 
 @njit(**INNER)
