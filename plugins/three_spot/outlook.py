@@ -15,10 +15,12 @@ import numpy as np
 from thirdbody.plugin import C_LIMIT, C_LOAD, C_POINT, O_DRAG
 
 from .forecast import forecast
-from .posture import ABOVE, BELOW, BOTH, Array, Posture, helper, only_plates, side_of
+from .posture import ABOVE, BELOW, BOTH, Array, Posture, helper, only_plates, plain, side_of
 
 CAN_STICK, CAN_SLIDE, UNTOLD = 1.0, 2.0, 4.0
 """Bits of `forecast`; UNTOLD where there is none: not held from both plates."""
+
+NONE_YET = plain(0)
 
 FARTHEST = 1e9
 """Stands for an infinite ratio: outputs stay finite."""
@@ -41,7 +43,7 @@ def write_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: 
     if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
         return
     upper, lower = np.empty((n, 2)), np.empty((n, 2))
-    n_upper, n_lower = 0, 0
+    n_upper, n_lower = NONE_YET, NONE_YET
     for i in range(n):
         side = side_of(C, i)
         if side == ABOVE:

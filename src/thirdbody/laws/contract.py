@@ -42,8 +42,8 @@ STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "
 STIFF = ("normal", "tangential", "rolling")
 """Stages whose tangents bound the time step."""
 
-kernel = njit(error_model="numpy", forceinline=True)
-"""Decorator of every law kernel: IEEE arithmetic, inlined into the generated contact loop."""
+kernel = njit(error_model="numpy", forceinline=True, no_cfunc_wrapper=True)
+"""Decorator of every law kernel: IEEE arithmetic, inlined into the generated contact loop, which is all that C calls."""
 
 
 class Contact(NamedTuple):
