@@ -36,12 +36,12 @@ class Snapshot:
 
 
 def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> Snapshot:
-    """A copy of all that changes in a run, at an instant between two compiled calls."""
+    """All that changes in a run, between two compiled calls: the tables themselves, to be written before it goes on."""
     slots = state.slots
-    arrays = {name: getattr(state, name).copy() for name in FIXED}
-    arrays |= {f"slots_{name}": getattr(slots, name).copy() for name in SLOTS}
+    arrays = {name: getattr(state, name) for name in FIXED}
+    arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
     kept, notes = integrator.keep()
-    arrays |= {f"integrator_{name}": array.copy() for name, array in kept.items()}
+    arrays |= {f"integrator_{name}": array for name, array in kept.items()}
     return Snapshot(arrays, {
         "dt": state.dt, "searches": state.searches, "plates": slots.n_plates, "integrator": notes,
         "energy_start": ledger.start, "energy_peak": ledger.peak,

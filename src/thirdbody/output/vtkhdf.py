@@ -203,6 +203,11 @@ class TrajectoryWriter:
             _write_text(self._scene, SUMMARY_TEXT, summary)
             self._flush()
 
+    def sync(self) -> None:
+        """Make sure that what was written is on the disk: a checkpoint must not be ahead of its frames. Raises OutputError."""
+        with self._told():
+            os.fsync(self._sink.fileno())
+
     def close(self) -> None:
         """Close the file; may be called twice. Errors are not told: every frame was flushed already."""
         for file in (getattr(self, "_file", None), getattr(self, "_sink", None)):
