@@ -51,6 +51,10 @@ from thirdbody.plugin import (
 )
 
 VERSION = 1
+MOST_SPHERES = 100
+"""Spheres of a clump: memory for its mass properties grows with the cube, 0.4 GB for 100 and 31 GB for 300."""
+MOST_SPOTS = 1000
+"""Candidates of a balance, whose equations are solved together."""
 
 Array = NDArray[np.float64]
 Length = Annotated[float, Quantity(dimension="length")]
@@ -132,7 +136,11 @@ class Particle(Part):
         if self.quaternion is not None and not any(self.quaternion):
             return [(("quaternion",), "has no length")]
         if self.spots is None:
+            if self.clump and len(self.clump) > MOST_SPHERES:
+                return [(("clump",), f"{len(self.clump)} spheres, at most {MOST_SPHERES} make a body")]
             return [] if self.clump else [(("clump",), "at least one sphere is needed")]
+        if len(self.spots) > MOST_SPOTS:
+            return [(("spots",), f"{len(self.spots)} spots, at most {MOST_SPOTS}")]
         sides = {spot.side for spot in self.spots}
         missing = [side for side in ("lower", "upper") if side not in sides]
         if missing:

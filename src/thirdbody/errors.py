@@ -30,8 +30,24 @@ class Fault:
     column: int | None = None
 
     def __str__(self) -> str:
-        place = ":".join(str(part) for part in (self.file, self.line, self.column) if part is not None)
-        return ": ".join(part for part in (place, self.key, self.message) if part)
+        place = ":".join(str(part) for part in (_short(self.file), self.line, self.column) if part is not None)
+        return printable(": ".join(part for part in (place, _short(self.key), self.message) if part))
+
+
+def printable(text: str) -> str:
+    """The text with control characters written out: what a file holds must not steer the terminal, nor forge a line."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+
+def _short(name: str | None) -> str | None:
+    """A name of bearable length: a hostile one may fill pages."""
+    return name if name is None or len(name) <= 250 else f"{name[:247]}..."
+
+
+MOST_TOLD = 200
+"""Faults that one message tells; `InputError.faults` has all of them."""
 
 
 class InputError(ThirdbodyError):
@@ -43,7 +59,10 @@ class InputError(ThirdbodyError):
         if isinstance(faults, str):
             faults = Fault("", faults)
         self.faults: list[Fault] = [faults] if isinstance(faults, Fault) else list(faults)
-        super().__init__("\n".join(str(fault) for fault in self.faults))
+        told = [str(fault) for fault in self.faults[:MOST_TOLD]]
+        if len(self.faults) > MOST_TOLD:
+            told.append(f"and {len(self.faults) - MOST_TOLD} more faults")
+        super().__init__("\n".join(told))
 
 
 class GuardStop(ThirdbodyError):

@@ -300,7 +300,7 @@ def test_two_bad_tables_are_told_together(scene, command, tmp_path):
         ('size = "3 um"', ["debris[0].size", "needs placement"]),
         ('placement = "layr"', ["debris[0].placement", "'layr' is not one of"]),
         ('velocity = ["1 m/s", "0 m/s", "0 m/s"]', ["debris[0].velocity", "give only one", "b.npz"]),
-        ('placement = "layer"\ncount = 100000000', ["debris[0].count", "would cover the domain"]),
+        ('placement = "layer"\ncount = 10000000', ["debris[0].count", "would cover the domain"]),
         ('radius = "1 um"', ["debris[0].radius", "unknown key"]),
     ],
 )
@@ -334,7 +334,7 @@ def test_places_that_cannot_be(changes, words, scene, command, tmp_path):
 
 @pytest.mark.parametrize(
     ("unit", "place"),
-    [("1 m", "debris[0].unit: 1 m per unit of m.stl"), ("1e300 m", "debris[0].file"), ("1e-300 m", "debris[0].file"),
+    [("1 m", "debris[0].unit: 1 m per unit of m.stl"), ("1e300 m", "debris[0].unit"), ("1e-300 m", "debris[0].unit"),
      ("1e-20 m", "debris[0]: a sphere of body 0")],
 )  # fmt: skip
 def test_a_mesh_in_the_wrong_unit(unit, place, scene, command, tmp_path):

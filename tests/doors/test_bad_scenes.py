@@ -142,7 +142,7 @@ FAULTS = {
         ["does not fit"],
     ),
     "count out of all proportion": (
-        [("count = 4", "count = 100000000")],
+        [("count = 4", "count = 10000000")],
         "15:1: debris[0].count",
         ["would cover the domain (80 um by 60 um)", "lower count or enlarge domain.size"],
     ),

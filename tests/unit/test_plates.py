@@ -238,3 +238,22 @@ def test_without_friction_a_dragged_ball_slips_all_the_way():
     upper = on & (built.state.slots.partner < -1)
     # the plate slides over balls at rest; the step in which the drag starts is shared
     assert built.state.slots.H[upper, at.H_SLIP] == pytest.approx(0.5e-6, rel=2e-3)
+
+
+@pytest.mark.parametrize("shape", [SINE, TRIANGLE])
+def test_a_million_cycles_are_counted_at_once(shape):
+    """Whole cycles are not summed up chord by chord: a sine stroke of length b covers 2 b a cycle."""
+    rate = 2.0 * math.pi * 5.0 if shape == SINE else 5.0
+    axis = Schedule(x=(Segment(1.0, shape, 0.0, 5e-5, rate),))
+    assert axis.path(0.0, 1.0 + 2e5) == pytest.approx(1e6 * 1e-4, rel=1e-6)
+    assert axis.path(1.03, 1.03 + 2e5) == pytest.approx(1e6 * 1e-4, rel=1e-6)
+    assert axis.time_of(1e6 * 1e-4, 0.0) == pytest.approx(1.0 + 2e5, rel=1e-6)
+    # and a part of a cycle behind them: half a stroke at its middle
+    assert axis.time_of(1e3 * 1e-4 + 2.5e-5, 0.0) == pytest.approx(1.0 + 200.0 + 0.05, abs=2e-4)
+
+
+def test_a_ramp_across_a_stroke_repeats_nothing():
+    stroke, ramp = Segment(0.0, SINE, 0.0, 5e-5, 2.0 * math.pi), Segment(0.0, POLYNOMIAL, 0.0, 0.0, 1e-5)
+    both, fine = Schedule(x=(stroke,), y=(ramp, Segment(9.0, POLYNOMIAL, 0.0))), np.linspace(0.0, 8.5, 85_001)
+    places = np.array([both.place(t) for t in fine])
+    assert both.path(0.0, 8.5) == pytest.approx(np.linalg.norm(np.diff(places, axis=0), axis=1).sum(), rel=1e-5)

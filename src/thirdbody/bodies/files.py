@@ -10,16 +10,24 @@ SMALLEST, LARGEST = 1e-30, 1e30
 """Lengths (m) whose fifth powers, and the squares of these, are normal numbers: others come from wrong units only."""
 
 
+MOST_BYTES = 500_000_000
+"""Bytes of the largest file that is read: ten million triangles. It is refused before any of it is read."""
+
+
 def read_bytes(path: Path, key: str = "") -> bytes:
-    """What the file holds. InputError: one fault with the path, if it is missing, no file, or may not be read."""
+    """What the file holds. InputError: one fault with the path, if it is missing, no file, too large, or may not be read."""
+    file = str(path) if len(str(path)) < 200 else f"{str(path)[:200]}..."
     try:
         if path.is_file():
+            if (size := path.stat().st_size) > MOST_BYTES:
+                message = f"has {size / 1e6:.0f} MB, at most {MOST_BYTES / 1e6:.0f} MB are read"
+                raise InputError(Fault(key, message, file))
             return path.read_bytes()
         folder, there = path.is_dir(), path.exists()
-    except OSError as error:
-        file = str(path) if len(str(path)) < 200 else f"{str(path)[:200]}..."
-        raise InputError(Fault(key, f"cannot be read: {error.strerror}", file)) from None
+    except (OSError, ValueError) as error:  # ValueError: a zero in the name
+        why = error.strerror if isinstance(error, OSError) else str(error)
+        raise InputError(Fault(key, f"cannot be read: {why}", file)) from None
     if folder or there:
-        raise InputError(Fault(key, f"is {'a folder' if folder else 'a device'}, expected a file", str(path)))
+        raise InputError(Fault(key, f"is {'a folder' if folder else 'a device'}, expected a file", file))
     message = "there is no such file; give the path from the folder of the scene, or an absolute one"
-    raise InputError(Fault(key, message, str(path)))
+    raise InputError(Fault(key, message, file))

@@ -99,41 +99,74 @@ class Schedule:
         before = [s.value(after.start) for s, after in pairwise(self.load) if start <= after.start <= end]
         return max(ends + before)
 
-    def _chords(self, start: float, end: float) -> Iterator[tuple[float, float, float]]:
-        """(begin, end, length of path) of pieces from start to end: whole where the velocity is constant, else short chords."""
-        breaks = sorted({s.start for s in (*self.x, *self.y) if start < s.start < end})
-        t = start
-        for until in [*breaks, end]:
-            rates = [_constant_rate(axis, t) for axis in (self.x, self.y)]
-            if None not in rates:
-                speed = math.hypot(*rates)  # type: ignore[arg-type]
-                yield t, until, speed * (until - t) if speed > 0.0 else 0.0
-            else:
-                chord = self._chord(t)
-                begin = t
-                while begin < until:
-                    after = min(begin + chord, until)
-                    yield begin, after, math.dist(self.place(begin), self.place(after))
-                    begin = after
-            t = until
-
     def path(self, start: float, end: float) -> float:
         """Length of the sideways path between two times, m; good to 1e-6 of a stroke."""
-        return sum(length for _, _, length in self._chords(start, end))
+        total = 0.0
+        for begin, until, speed in self._pieces(start, end):
+            if speed is not None:
+                total += speed * (until - begin) if speed > 0.0 else 0.0
+                continue
+            cycles, cycle = self._cycles(begin, until)
+            after = begin + cycles * cycle
+            total += cycles * self._chorded(begin, begin + cycle) if cycles else 0.0
+            total += self._chorded(after, until)
+        return total
 
     def time_of(self, distance: float, start: float) -> float:
         """Time at which the sideways path since `start` reaches `distance`; infinite if the motion ends before."""
         if not self.moves:
             return math.inf
-        covered = 0.0
-        for begin, end, length in self._chords(start, math.inf):
-            if covered + length >= distance:
-                if math.isfinite(length):
-                    return begin + (distance - covered) / length * (end - begin)
-                # the last piece goes on for ever at a constant velocity
-                return begin + (distance - covered) / math.hypot(*(_constant_rate(a, begin) or 0.0 for a in (self.x, self.y)))
-            covered += length
+        left = distance
+        for begin, until, speed in self._pieces(start, math.inf):
+            if speed is not None:
+                way = speed * (until - begin) if speed > 0.0 else 0.0
+                if way >= left:
+                    return begin + left / speed
+                left -= way
+                continue
+            cycles, cycle = self._cycles(begin, until)
+            if cycles:
+                length = self._chorded(begin, begin + cycle)
+                whole = min(math.floor(left / length) if length > 0.0 else cycles, cycles)
+                begin, left = begin + whole * cycle, left - whole * length
+            for t, after, length in self._chords(begin, until):
+                if length >= left:
+                    return t + (left / length * (after - t) if length > 0.0 else 0.0)
+                left -= length
         return math.inf
+
+    def _pieces(self, start: float, end: float) -> Iterator[tuple[float, float, float | None]]:
+        """(begin, end, speed) of the pieces between which an axis changes its kind; speed None where it is not constant."""
+        breaks = sorted({s.start for s in (*self.x, *self.y) if start < s.start < end})
+        t = start
+        for until in [*breaks, end]:
+            rates = [_constant_rate(axis, t) for axis in (self.x, self.y)]
+            yield t, until, None if None in rates else math.hypot(*rates)  # type: ignore[arg-type]
+            t = until
+
+    def _cycles(self, begin: float, until: float) -> tuple[float, float]:
+        """How many whole cycles fit between two times of a piece (perhaps infinitely many), and the length of one, s.
+
+        (0, 0) where the motion does not repeat.
+        """
+        axes = [axis for axis in (self.x, self.y) if _constant_rate(axis, begin) is None]
+        cycles = {_period([s for s in axis if s.start <= begin][-1]) for axis in axes}
+        if len(cycles) != 1 or 0.0 in cycles:
+            return 0.0, 0.0
+        cycle = cycles.pop()
+        return (math.inf if math.isinf(until) else float(math.floor((until - begin) / cycle))), cycle
+
+    def _chorded(self, begin: float, until: float) -> float:
+        """Length of the path between two times of a piece, by chords, m."""
+        return sum(length for _, _, length in self._chords(begin, until))
+
+    def _chords(self, begin: float, until: float) -> Iterator[tuple[float, float, float]]:
+        """(begin, end, length) of the chords of a piece."""
+        chord = self._chord(begin) if begin < until else 0.0
+        while begin < until:
+            after = min(begin + chord, until)
+            yield begin, after, math.dist(self.place(begin), self.place(after))
+            begin = after
 
     def _chord(self, t: float) -> float:
         """A short time: a thousandth of a stroke's period, or of what is left of a ramp."""
@@ -141,13 +174,18 @@ class Schedule:
         for axis in (self.x, self.y):
             held = [s for s in axis if s.start <= t]
             after = [s.start for s in axis if s.start > t]
-            if held and held[-1].kind == motion.SINE:
-                periods.append(2.0 * math.pi / held[-1].c)
-            elif held and held[-1].kind == motion.TRIANGLE:
-                periods.append(1.0 / held[-1].c)
+            if held and _period(held[-1]) > 0.0:
+                periods.append(_period(held[-1]))
             elif after:
                 periods.append(after[0] - t)
         return 1e-3 * min(periods)
+
+
+def _period(segment: Segment) -> float:
+    """Time after which a segment repeats, s: 0 if it moves and never does, or rests."""
+    if segment.kind == motion.SINE:
+        return 2.0 * math.pi / segment.c
+    return 1.0 / segment.c if segment.kind == motion.TRIANGLE else 0.0
 
 
 def _constant_rate(axis: Axis, t: float) -> float | None:

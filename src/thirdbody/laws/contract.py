@@ -42,7 +42,8 @@ STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "
 STIFF = ("normal", "tangential", "rolling")
 """Stages whose tangents bound the time step."""
 
-kernel = njit(error_model="numpy", forceinline=True, no_cfunc_wrapper=True)
+_LAW: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
+kernel = njit(**_LAW)
 """Decorator of every law kernel: IEEE arithmetic, inlined into the generated contact loop, which is all that C calls."""
 
 

@@ -7,7 +7,8 @@ last one.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.output.schema import BLOCKS, POSITION, STATIC_TEXT, SUMMARY_TEXT, Frame
+from thirdbody.output.soundness import damage_told, refuse_unsound
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,6 +33,8 @@ class _BlockReader:
         self._group, self._data = group, group["PointData"]
         self._steps = group["Steps"]
         self.frames = int(self._steps.attrs["NSteps"])
+        self._path = group.file.filename
+        self.names_of: dict[str, int] = {}  # of arrays of codes: how many there are
 
     @property
     def names(self) -> list[str]:
@@ -46,17 +50,27 @@ class _BlockReader:
             data, offsets = self._group["Points"], self._steps["PointOffsets"]
         else:
             data, offsets = self._data[name], self._steps["PointDataOffsets"][name]
-        start = int(offsets[frame])
-        return data[start : start + self.rows(frame)]
+        with damage_told(self._path, data.name):
+            start = int(offsets[frame])
+            return self._known(name, data[start : start + self.rows(frame)])
 
     def rows(self, frame: int) -> int:
-        return int(self._group["NumberOfPoints"][int(self._steps["PartOffsets"][frame])])
+        with damage_told(self._path, f"{self._group.name}/NumberOfPoints"):
+            return int(self._group["NumberOfPoints"][int(self._steps["PartOffsets"][frame])])
 
     def history(self, name: str, frames: int) -> np.ndarray:
         """One varying array at all frames (frames, rows, ...), for a block whose row count never changes."""
         rows = self.rows(0) if frames else 0
         data = self._data[name]
-        return data[: frames * rows].reshape(frames, rows, *data.shape[1:])
+        with damage_told(self._path, data.name):
+            return self._known(name, data[: frames * rows].reshape(frames, rows, *data.shape[1:]))
+
+    def _known(self, name: str, codes: np.ndarray) -> np.ndarray:
+        """The array, if its codes, when it holds some, all have a name."""
+        most = self.names_of.get(name)
+        if most is not None and codes.size and not 0 <= codes.min() <= codes.max() < most:
+            raise ValueError(f"codes {codes.min()} to {codes.max()}, of which {most} have names")
+        return codes
 
 
 class Run:
@@ -68,7 +82,7 @@ class Run:
     def __init__(self, path: str | Path):
         self.path = Path(path)
         self.file: h5py.File = _open_file(self.path)
-        try:
+        with self._closed_if_damaged():
             self._blocks = {name: _BlockReader(self.file["VTKHDF"][name]) for name in BLOCKS}
             self._series_group, self._scene = self.file["series"], self.file["scene"]
             counts = [block.frames for block in self._blocks.values()]
@@ -77,14 +91,24 @@ class Run:
             self.header = {name: self._text(name) for name in self._scene if name != SUMMARY_TEXT}
             self.state_names: list[str] = list(self.header["state_names"])
             self.reason_names: list[str] = list(self.header["reason_names"])
-        except (KeyError, OSError, RuntimeError, ValueError) as error:
+            refuse_unsound(self.file, self.header, self.frames)
+            codes = {"state": len(self.state_names), "state_reason": len(self.reason_names)}
+            self._blocks["clumps"].names_of = codes
+
+    @contextmanager
+    def _closed_if_damaged(self) -> Iterator[None]:
+        try:
+            with damage_told(self.path):
+                yield
+        except InputError:
             self.file.close()
-            raise InputError(f"{self.path}: not a run of thirdbody, or damaged ({error})") from error
+            raise
 
     def _text(self, name: str) -> Any:
-        dataset = self._scene[name]
-        text = dataset[()].decode("utf-8")
-        return json.loads(text) if dataset.attrs["json"] else text
+        with damage_told(self.path, f"/scene/{name}"):
+            dataset = self._scene[name]
+            text = dataset[()].decode("utf-8")
+            return json.loads(text) if dataset.attrs["json"] else text
 
     @property
     def scene_text(self) -> str:
@@ -94,7 +118,8 @@ class Run:
     @cached_property
     def times(self) -> np.ndarray:
         """Times of the frames (F,), s."""
-        return self.file["VTKHDF/clumps/Steps/Values"][: self.frames]
+        with damage_told(self.path, "the times"):
+            return self.file["VTKHDF/clumps/Steps/Values"][: self.frames]
 
     @cached_property
     def states(self) -> np.ndarray:
@@ -125,7 +150,8 @@ class Run:
     @cached_property
     def series(self) -> dict[str, np.ndarray]:
         """Series by name, each (F,) or (F, 3); units in `units`."""
-        return {name: self._series_group[name][: self.frames] for name in self._series_group}
+        with damage_told(self.path, "the series"):
+            return {name: self._series_group[name][: self.frames] for name in self._series_group}
 
     @cached_property
     def units(self) -> dict[str, str]:

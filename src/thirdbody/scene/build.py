@@ -36,6 +36,9 @@ STEPS = 1e13
 SPHERE_STEP, PATIENCE = 1e-7, 90 * 86400.0
 """Seconds per sphere and step, roughly; and the longest run (s) that is started without --force."""
 
+MOST_FRAMES = 1_000_000
+"""Outputs of a run: more would fill any disk."""
+
 MISMATCH = 0.02
 """Dundurs' beta above which the decoupling of normal and tangential contact is told to be an approximation."""
 
@@ -116,6 +119,7 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
         slow = implicit(scene, choice, state, upper)
         simulation = Simulation(scene, choice, labeller, state, slow, chosen, upper, warnings, force)
         _refuse_unreached(simulation)
+        _refuse_many_frames(simulation)
         return simulation
     integrator = Explicit(state, list(choice.materials), fixed, force=force)
     integrator.start()
@@ -123,6 +127,7 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
         _refuse_large_step(scene, integrator, fixed)
     simulation = Simulation(scene, choice, labeller, state, integrator, chosen, upper, warnings, force)
     _refuse_unreached(simulation)
+    _refuse_many_frames(simulation)
     _refuse_endless(simulation, integrator, force)
     return simulation
 
@@ -183,6 +188,20 @@ def _refuse_unreached(simulation: Simulation) -> None:
     if math.isinf(simulation.planned_time):
         message = f"{units.pretty(simulation.end_distance, 'length')} is never reached: the motion ends before"
         raise InputError(simulation.scene.fault(("solver", "distance"), message))
+
+
+def _refuse_many_frames(simulation: Simulation) -> None:
+    """Raise InputError for an interval that makes more frames than are ever written."""
+    scene = simulation.scene
+    every, by_time = scene.output.every, scene.output.every_kind == "time"
+    whole = simulation.planned_time if by_time else simulation.planned_distance
+    if whole > MOST_FRAMES * every:
+        kind = "time" if by_time else "length"
+        message = (
+            f"{units.pretty(every, kind)} makes {whole / every:.3g} frames of {units.pretty(whole, kind)}, "
+            f"at most {MOST_FRAMES:g} are written"
+        )
+        raise InputError(scene.fault(("output", "every"), message))
 
 
 def _refuse_endless(simulation: Simulation, integrator: Explicit, force: bool) -> None:

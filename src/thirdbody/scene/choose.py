@@ -18,6 +18,7 @@ from ..laws.compose_bodies import compose_effects, compose_labeller
 from ..laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair
 from ..laws.registry import Registry
 from . import units
+from .fields import as_float, show
 from .model import Scene
 
 
@@ -203,7 +204,7 @@ def _values(
 def _value(option: Option, raw: Any, given: bool) -> float | str | tuple[float, ...]:
     if option.words:
         if raw not in option.words:
-            raise ValueError(f"expected {' or '.join(repr(word) for word in option.words)}, got {raw!r}")
+            raise ValueError(f"expected {' or '.join(repr(word) for word in option.words)}, got {show(raw)}")
         return raw
     if option.size == 1:
         return _number(option, raw, given)
@@ -217,13 +218,14 @@ def _number(option: Option, raw: Any, given: bool) -> float:
     if isinstance(raw, str):
         value = units.parse(raw, option.dimension)
     elif isinstance(raw, bool) or not isinstance(raw, int | float):
-        raise ValueError(f"expected a number or a text with a unit, got {raw!r}")
+        raise ValueError(f"expected a number or a text with a unit, got {show(raw)}")
     elif given and option.dimension != "dimensionless":
-        value = units.parse(str(raw), option.dimension)
+        value = units.parse(str(as_float(raw)), option.dimension)
     else:
-        value = float(raw)
+        value = as_float(raw)
     if not option.low <= value <= option.high:
-        raise ValueError(f"{raw} must {_range(option)}")
+        raise ValueError(f"{show(raw).strip(chr(39))} must {_range(option)}")
+    units.refuse_absurd(value, option.dimension, show(raw))
     return value
 
 

@@ -13,6 +13,9 @@ from pydantic_core import core_schema
 
 from thirdbody.scene import units
 
+LONG_NUMBER = 10**40
+"""Whole numbers from here on are told by their number of digits."""
+
 
 def show(value: Any) -> str:
     """A value as the user wrote it, shortened for a message."""
@@ -20,6 +23,8 @@ def show(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, Mapping):
         return "a table"
+    if isinstance(value, int) and abs(value) >= LONG_NUMBER:
+        return f"a number of {int(value.bit_length() * math.log10(2.0)) + 1} digits"  # `str` of it may raise
     text = f"'{value}'" if isinstance(value, str) else str(value)
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -36,6 +41,14 @@ def plain(value: Any) -> Any:
 def in_file(info: ValidationInfo) -> bool:
     """True when a file is read, where a bare number for a quantity with a unit is a fault."""
     return bool(isinstance(info.context, dict) and info.context.get("file"))
+
+
+def as_float(value: numbers.Real | float) -> float:
+    """The number as a float. Raises ValueError for a whole number that no float can hold."""
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f"{show(value)} is outside the range of numbers") from None
 
 
 @dataclass(frozen=True)
@@ -78,12 +91,14 @@ class Quantity(Range):
             return value if value in self.words else self._text(value)
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
             raise ValueError(f"expected {units.DIMENSIONS[self.dimension].phrase}, got {show(value)}")
-        if in_file(info) and self.dimension != "dimensionless" and math.isfinite(value):
+        number = as_float(value)
+        if in_file(info) and self.dimension != "dimensionless" and math.isfinite(number):
             units.parse(str(value), self.dimension)  # raises: a bare number has no unit
-        if not math.isfinite(value):
+        if not math.isfinite(number):
             raise ValueError(f"{value} is not a finite number")
-        self.check(float(value), show(value))
-        return float(value)
+        self.check(number, show(value))
+        units.refuse_absurd(number, self.dimension, show(value))
+        return number
 
     def _text(self, text: str) -> float:
         try:
@@ -92,6 +107,7 @@ class Quantity(Range):
             also = " or ".join(f"'{word}'" for word in self.words)
             raise ValueError(f"{error} or {also}" if also else str(error)) from None
         self.check(value, show(text))
+        units.refuse_absurd(value, self.dimension, show(text))
         return value
 
     def write(self, value: float | str) -> float | str:
@@ -112,8 +128,11 @@ class Whole(Range):
         """The int. Raises ValueError."""
         if isinstance(value, bool) or not isinstance(value, numbers.Integral):
             raise ValueError(f"expected a whole number, got {show(value)}")
-        self.check(int(value), show(value))
-        return int(value)
+        whole = int(value)
+        if abs(whole) >= 2**128:  # seeds may have as many bits
+            raise ValueError(f"{show(whole)} is not a whole number of 128 bits")
+        self.check(whole, show(whole))
+        return whole
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         return _function_schema(self.read)

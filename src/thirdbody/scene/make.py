@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -54,9 +55,18 @@ def make_bodies(
     else:
         assert debris.shape is not None
         centers = np.array([ball.center for ball in debris.shape], float)
-        body, _, frame = clump_with_frame(centers, np.array([ball.radius for ball in debris.shape]))
+        try:
+            body, _, frame = clump_with_frame(centers, np.array([ball.radius for ball in debris.shape]))
+        except InputError as error:  # its keys are "spheres[6]", of spheres that are in the scene's `shape`
+            told = [(_numbers(fault.key), fault.message) for fault in error.faults]
+            raise InputError(scene.fault(("debris", index, "shape", *where), message) for where, message in told) from None
     turn = UPRIGHT if debris.orientation is None else np.array(debris.orientation)
     return [body] * debris.count, quaternion_product(turn, frame)
+
+
+def _numbers(key: str) -> tuple[int, ...]:
+    """The first index in a key such as "spheres[6]"."""
+    return tuple(int(number) for number in re.findall(r"\[(\d+)\]", key)[:1])
 
 
 def _irregular(scene: Scene, index: int, debris: Irregular) -> list[Clump]:

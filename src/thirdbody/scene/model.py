@@ -15,7 +15,7 @@ from pydantic import PrivateAttr, ValidationError
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene import crosscheck
-from thirdbody.scene.debris import Ball, Debris, File, Irregular, Mesh, Spheres
+from thirdbody.scene.debris import Ball, Debris, File, Irregular, Mesh, Spheres, most_spheres
 from thirdbody.scene.drives import Constant as ConstantVelocity
 from thirdbody.scene.drives import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.fields import Whole, listing, plain
@@ -36,7 +36,7 @@ from thirdbody.scene.tables import (
     Solver,
     UpperPlate,
 )
-from thirdbody.scene.types import Text
+from thirdbody.scene.types import MOST_SPHERES, Text
 from thirdbody.scene.write import save_text, toml_text
 
 __all__ = [
@@ -108,6 +108,18 @@ class Scene(Part):
 
     def checks(self) -> list[Wrong]:
         """Faults between tables that are right by themselves."""
+        return self._too_many() + self._out_of_plane()
+
+    def _too_many(self) -> list[Wrong]:
+        """More spheres than are ever computed, told before one of them is made."""
+        spheres = [(debris.count or 1) * most_spheres(debris) for debris in self.debris]
+        if sum(spheres) <= MOST_SPHERES:
+            return []
+        message = f"the debris would have up to {sum(spheres):.3g} spheres, at most {MOST_SPHERES:.3g} are computed; lower count"
+        return [(("debris", spheres.index(max(spheres)), "count"), message)]
+
+    def _out_of_plane(self) -> list[Wrong]:
+        """What would drive planar particles out of their plane."""
         if not any(isinstance(debris, Spots) and debris.planar for debris in self.debris):
             return []
         wrongs: list[Wrong] = []
@@ -140,7 +152,7 @@ class Scene(Part):
     def with_settings(self, settings: Mapping[str, Any]) -> Scene:
         """The scene with values replaced, such as {"solver.distance": "1 um", "debris.0.count": "20"}.
 
-        Text is taken as a TOML value if it is one, else as it stands. Giving one of two keys that exclude
+        Text is taken as a TOML value if it is one, else as it stands; None takes the key out. Giving one of two keys that exclude
         each other (distance and duration; load, pressure and gap) drops the other. Raises InputError.
         """
         document, places = apply_settings(self.document(), settings)
@@ -151,8 +163,9 @@ class Scene(Part):
 
     @property
     def name(self) -> str | None:
-        """Name of the scene's file without its suffix; None for a scene that was built in Python."""
-        return Path(self._source.file).stem if self._source.file else None
+        """Name of the scene's file without its suffix; None for a scene that was built in Python, or a file of dots only."""
+        stem = Path(self._source.file).stem if self._source.file else ""
+        return stem if stem.strip(". ") else None  # "..": the run's folder must not be one above
 
     def beside(self, name: str) -> Path:
         """The path of a file that the scene names: relative to the scene's own file."""

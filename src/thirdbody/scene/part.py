@@ -166,7 +166,8 @@ class Part(BaseModel):
         Reading on under the meant name keeps one misspelling from also being told as a missing key.
         """
         kept = {key: value for key, value in raw.items() if key in cls.model_fields}
-        renamed, wrongs = {}, []
+        renamed: dict[str, str] = {}
+        wrongs: list[Wrong] = []
         strange = [key for key in raw if key not in kept]
         for key in strange[:MOST_STRANGE]:
             if key in cls.later:

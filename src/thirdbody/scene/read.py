@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import stat
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
@@ -13,6 +14,12 @@ from thirdbody.errors import Fault, InputError
 from thirdbody.scene.locate import locate
 from thirdbody.scene.part import Place, Wrong, key_path
 from thirdbody.scene.settings import WHERE
+
+MOST_BYTES = 4_000_000
+"""Bytes of the largest scene file: larger tables of bodies belong into files of their own."""
+
+MOST_LEVELS = 32
+"""Levels of tables and lists within each other; a scene has six."""
 
 
 @dataclass(frozen=True)
@@ -52,14 +59,21 @@ def read_text(path: str | os.PathLike[str]) -> str:
     """The text of a file. Raises InputError with the one reason why it cannot be read."""
     name = os.fspath(path)
     try:
+        info = os.stat(path)
+        if stat.S_ISDIR(info.st_mode):
+            raise InputError(Fault("", "is a folder, expected a scene file", name))
+        if not stat.S_ISREG(info.st_mode):  # a pipe without a writer would wait for ever
+            raise InputError(Fault("", "is a device, expected a scene file", name))
+        if info.st_size > MOST_BYTES:
+            raise InputError(Fault("", f"has {info.st_size / 1e6:.1f} MB; a scene has at most {MOST_BYTES / 1e6:.0f} MB", name))
         with open(path, "rb") as file:
             data = file.read()
     except FileNotFoundError:
         raise InputError(Fault("", "no such file", name)) from None
-    except IsADirectoryError:
-        raise InputError(Fault("", "is a folder, expected a scene file", name)) from None
     except OSError as error:
         raise InputError(Fault("", f"cannot be read: {error.strerror}", name)) from None
+    except ValueError as error:  # a zero in the name
+        raise InputError(Fault("", f"cannot be read: {error}", name)) from None
     try:
         return data.decode("utf-8-sig")  # some editors put a mark in front
     except UnicodeDecodeError as error:
@@ -73,13 +87,40 @@ _WHERE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
     """The raw tables and their source. Raises InputError with one fault when the text is not TOML."""
+    if (long := _LONG_KEY.search(text)) is not None:
+        line = text.count("\n", 0, long.start()) + 1
+        raise InputError(Fault("", f"a key of more than {MOST_LEVELS} parts: nested too deeply", name, line, 1))
     try:
         document = tomllib.loads(text)
     except RecursionError:
-        raise InputError(Fault("", "not valid TOML: nested too deeply", name)) from None
+        line = _deepest_line(text)
+        raise InputError(Fault("", f"nested too deeply, at most {MOST_LEVELS} levels are read", name, line, 1)) from None
     except ValueError as error:
         raise InputError(_syntax_fault(str(error), text, name)) from None
+    _refuse_deep(document, name)
     return document, Source(name, locate(text))
+
+
+# Not left to tomllib, whose time grows with the square of the parts: 20 000 of them take minutes.
+_LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){32}""")  # MOST_LEVELS
+
+
+def _refuse_deep(document: dict[str, Any], name: str) -> None:
+    """Raise InputError for tables and lists so deep that no scene needs them, before anything walks down there."""
+    level: list[tuple[str, Any]] = list(document.items())
+    for _ in range(MOST_LEVELS):
+        inner = [(key, node.values() if isinstance(node, dict) else node) for key, node in level if isinstance(node, dict | list)]
+        level = [(key, entry) for key, entries in inner for entry in entries]
+    faults = [Fault(key_path((key,)), f"nested too deeply, at most {MOST_LEVELS} levels are read", name)
+              for key in dict.fromkeys(key for key, node in level if isinstance(node, dict | list))]  # fmt: skip
+    if faults:
+        raise InputError(faults)
+
+
+def _deepest_line(text: str) -> int:
+    """The line with the most opening brackets: only for text that nests too deeply to be read."""
+    lines = text.split("\n")
+    return 1 + max(range(len(lines)), key=lambda k: lines[k].count("[") + lines[k].count("{"))
 
 
 def _syntax_fault(message: str, text: str, name: str) -> Fault:

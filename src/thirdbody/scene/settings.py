@@ -75,7 +75,10 @@ def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str,
         siblings = {other.rpartition(".")[2] for other in settings}
         for excluded in _REPLACES.get(str(key), set()) - siblings:
             node.pop(excluded, None)
-    node[key] = value
+    if value is None:
+        node.pop(key, None)
+    else:
+        node[key] = value
     return (*place, key)
 
 

@@ -230,6 +230,7 @@ class Output(Part):
                 raise ValueError(f"{show(raw['every'])} is not a {raw['every_kind']}")
             if value <= 0.0:
                 raise ValueError(f"{show(raw['every'])} must be greater than 0")
+            units.refuse_absurd(value, dimension, show(raw["every"]))
         except ValueError as error:
             raise bundle([(("every",), str(error))]) from None
         return raw | {"every": value, "every_kind": kind}

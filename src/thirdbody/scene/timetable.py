@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Callable
-from pathlib import Path
 
+from ..bodies.files import read_bytes
 from ..errors import InputError
 from . import units
 from .model import Scene
@@ -25,9 +25,11 @@ def rows_of(scene: Scene, place: tuple, file: str, word: str, dimension: str) ->
         return InputError(scene.fault(place, f"{path}: {message}"))
 
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise fault(f"cannot be read ({error})") from None
+        text = read_bytes(path).decode("utf-8-sig")
+    except InputError as error:
+        raise InputError([scene.fault(place, str(entry)) for entry in error.faults]) from None
+    except UnicodeDecodeError as error:
+        raise fault(f"is not UTF-8 text ({error.reason} at byte {error.start})") from None
     lines = [row for row in csv.reader(text.splitlines()) if row]
     scales = _header(lines[0] if lines else [], word, dimension, fault)
     rows: list[tuple[float, float]] = []

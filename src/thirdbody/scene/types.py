@@ -8,6 +8,9 @@ from thirdbody.scene.fields import FLAG, TEXT, Quantity, Whole, listing
 
 Text = Annotated[str, TEXT]
 Flag = Annotated[bool, FLAG]
+MOST_SPHERES = 10_000_000
+"""Spheres of a scene: about 10 GB of state and contacts. More is refused before anything is allocated."""
+
 Count = Annotated[int, Whole(ge=1)]
 Seed = Annotated[int, Whole(ge=0)]
 

@@ -161,6 +161,23 @@ def pretty(value: float, dimension: str) -> str:
     return _with_prefix(Decimal(f"{value:.3g}"), entry)
 
 
+_REACH = {"length": 1e30, "dimensionless": 1e60}
+
+
+def refuse_absurd(value: float, dimension: str, shown: str) -> None:
+    """Raise ValueError for a number (SI) that comes from a wrong unit only, and whose powers and products no float can hold.
+
+    Lengths other than 0 lie between 1e-30 and 1e30 m (fifth powers, and the squares of these, are normal numbers), all other
+    quantities between 1e-60 and 1e60 in SI; pure numbers may be as small as they like.
+    """
+    most = _REACH.get(dimension, 1e60)
+    small = dimension != "dimensionless" and 0.0 < abs(value) < 1.0 / most
+    if small or abs(value) > most:
+        unit = f" {DIMENSIONS[dimension].si_unit}".rstrip()
+        least = "at most" if dimension == "dimensionless" else f"between {1.0 / most:g} and"
+        raise ValueError(f"{shown} must be {least} {most:g}{unit} in size" + ("; is the unit right?" if unit else ""))
+
+
 def _bare(phrase: str) -> str:
     return re.sub(r"\ban? ", "", phrase)
 

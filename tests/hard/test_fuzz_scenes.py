@@ -1,0 +1,226 @@
+"""Scenes spoilt at random: each is built, or refused with the key at fault; never a traceback, a hang, or a file written."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import signal
+import sys
+import time
+import tomllib
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+from types import ModuleType
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, Phase, given, settings
+from hypothesis import strategies as st
+
+from thirdbody.errors import InputError
+from thirdbody.scene.model import Scene
+from thirdbody.scene.read import MOST_BYTES
+from thirdbody.simulate import default_folder, prepare
+
+SECONDS = 10  # of the processor: what a machine with other work gives in ten seconds is not known
+PATIENCE = 60  # s on the clock, for what waits without working
+ADDRESS_SPACE = 12 << 30  # an allocation of 10**12 anything fails here, in the test, and not for want of memory
+
+FEW, MANY = 120, int(os.environ.get("FUZZ_SCENES", "10000"))
+FEW_SETTINGS, MANY_SETTINGS = 80, MANY // 5
+
+
+def loaded(name: str) -> ModuleType:
+    """A module of this folder, which is no package."""
+    spec = importlib.util.spec_from_file_location(f"thirdbody_test_{name}", Path(__file__).parent / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+M = loaded("mutants")
+
+
+def fuzzed(examples: int) -> settings:
+    """The same mutants every time, and no hunt for a smaller one: a mutant is small."""
+    quiet = [
+        HealthCheck.too_slow,
+        HealthCheck.function_scoped_fixture,
+        HealthCheck.large_base_example,
+        HealthCheck.data_too_large,
+    ]
+    phases = (Phase.explicit, Phase.generate)
+    return settings(
+        max_examples=examples, deadline=None, derandomize=True, database=None, suppress_health_check=quiet, phases=phases
+    )
+
+
+SEED = st.integers(0, 2**62)
+"""One number decides on a mutant: drawn piece by piece, hypothesis would give mostly the first choices."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The working directory, with hostile files; every shipped scene is compiled, so that no mutant is slow for that."""
+    path = tmp_path_factory.mktemp("fuzz")
+    before = Path.cwd()
+    os.chdir(path)
+    for name in ("fifo", "fifo.stl", "fifo.csv", "fifo.npz"):
+        os.mkfifo(name)
+    os.symlink("loop.csv", "loop.csv")
+    for name in ("endless.csv", "endless.stl", "endless.npz"):
+        with open(name, "wb") as file:
+            file.truncate(1 << 40)  # sparse: takes no room
+    for name in ("empty.csv", "zero.stl"):
+        Path(name).touch()
+    for scene in M.SCENES:
+        Path("scene.toml").write_text(M.toml_text(M.small(scene)), encoding="utf-8")
+        prepare(Scene.load("scene.toml"))
+    yield path
+    os.chdir(before)
+
+
+@contextmanager
+def bounded() -> Iterator[None]:
+    """A limit on time and on memory."""
+    import resource
+
+    def too_long(*_: Any) -> None:
+        raise TimeoutError(f"more than {SECONDS} s of work, or {PATIENCE} s of waiting")
+
+    old = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, old[1]))
+    handlers = {number: signal.signal(number, too_long) for number in (signal.SIGALRM, signal.SIGPROF)}
+    signal.alarm(PATIENCE)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    started = time.process_time()
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        resource.setrlimit(resource.RLIMIT_AS, old)
+    assert time.process_time() - started < SECONDS  # compiled code does not hear the alarm
+
+
+def judge(error: InputError, document: Any, file: str) -> None:
+    """Every fault names the file and a key, or, of what is no TOML, the line; and it cannot steer a terminal."""
+    for fault in error.faults:
+        assert fault.file == file, fault
+        assert str(fault).isprintable() and len(str(fault)) < 2000, fault
+        if document is None:
+            assert fault.line is not None or f"at most {MOST_BYTES / 1e6:.0f} MB" in fault.message, fault
+        elif fault.key:
+            assert M.names_a_key(fault, document), fault
+        else:
+            assert "nested too deeply" in fault.message and fault.line is not None, fault
+
+
+def build(scene: Scene) -> None:
+    """What an accepted scene must stand: saving, the name of its folder, and building."""
+    assert Scene.parse(scene.to_toml()) == scene
+    kept = default_folder(scene)
+    assert len(kept.parts) == 2 and kept.parts[0] == "runs" and ".." not in kept.parts
+    prepare(scene)
+
+
+def try_scene(data: bytes, must_fail: bool) -> str:
+    """Accepted or refused; whatever else happens is a failure of the test."""
+    before = set(os.listdir())
+    Path("scene.toml").write_bytes(data)
+    try:
+        document = tomllib.loads(data.decode("utf-8-sig")) if len(data) <= MOST_BYTES else None
+    except (ValueError, RecursionError):
+        document = None
+    with bounded():
+        try:
+            build(Scene.load("scene.toml"))
+            told = "accepted"
+        except InputError as error:
+            judge(error, document, "scene.toml")
+            told = "refused"
+    assert set(os.listdir()) == before | {"scene.toml"}
+    assert told == "refused" or not must_fail, "accepted what is wrong wherever it stands"
+    return told
+
+
+def try_setting(seed: int) -> str:
+    """One value of a sound scene replaced as `--set` does."""
+    rng = Random(seed)
+    path = rng.choice(M.SCENES)
+    document = M.small(path)
+    scene = Scene.parse(M.toml_text(document), "scene.toml")
+    key, value = M.setting(document, rng)
+    before = set(os.listdir())
+    with bounded():
+        try:
+            build(scene.with_settings({key: value}))
+            told = "accepted"
+        except InputError as error:
+            for fault in error.faults:
+                assert fault.key and fault.file in ("--set", "scene.toml"), fault
+                assert str(fault).isprintable() and len(str(fault)) < 2000, fault
+            told = "refused"
+    assert set(os.listdir()) == before
+    return told
+
+
+def many(examples: int, attempt: Any) -> Counter[str]:
+    """The attempt on so many random seeds; how often it came to what."""
+    told: Counter[str] = Counter()
+
+    @fuzzed(examples)
+    @given(SEED)
+    def each(seed: int) -> None:
+        told[attempt(seed)] += 1
+
+    each()
+    print(dict(told))
+    assert told["refused"] > examples // 4 and told["accepted"] > examples // 50  # else the mutations mean nothing
+    return told
+
+
+def a_scene(seed: int) -> str:
+    """The mutant of a seed."""
+    return try_scene(*M.mutant(Random(seed)))
+
+
+def test_spoilt_scenes_are_refused_by_key(folder: Path) -> None:
+    many(FEW, a_scene)
+
+
+def test_spoilt_settings_are_refused_by_key(folder: Path) -> None:
+    many(FEW_SETTINGS, try_setting)
+
+
+@pytest.mark.fuzz
+def test_ten_thousand_spoilt_scenes_are_refused_by_key(folder: Path) -> None:
+    many(MANY, a_scene)
+
+
+@pytest.mark.fuzz
+def test_thousands_of_spoilt_settings_are_refused_by_key(folder: Path) -> None:
+    many(MANY_SETTINGS, try_setting)
+
+
+@pytest.mark.parametrize("name", ["scene.toml/..", "/dev/zero", "fifo", "endless.csv", "loop.csv", ".", "a\0b", "x" * 5000])
+def test_a_scene_that_is_no_file_is_refused_at_once(name: str, folder: Path) -> None:
+    with bounded(), pytest.raises(InputError) as told:
+        Scene.load(name)
+    assert len(told.value.faults) == 1 and str(told.value).isprintable() and name[:50].replace("\0", "\\x00") in str(told.value)
+
+
+def test_a_scene_named_by_dots_stays_in_the_folder_of_runs(folder: Path) -> None:
+    Path("...toml").write_text(M.toml_text(M.small(M.SCENES[0])), encoding="utf-8")
+    try:
+        kept = default_folder(Scene.load("...toml"))
+    finally:
+        Path("...toml").unlink()
+    assert ".." not in kept.parts
