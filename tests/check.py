@@ -7,10 +7,11 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+QUICK = " and ".join(f"not {mark}" for mark in ("slow", "bem", "vtk", "paraview", "browser", "fuzz", "hard"))
 STEPS = (
     ("ruff", ["-m", "ruff", "check", "."]),
     ("mypy", ["-m", "mypy"]),
-    ("pytest", ["-m", "pytest", "-q", "-n", "2", "-m", "not slow and not bem and not vtk and not paraview and not browser and not fuzz and not hard"]),
+    ("pytest", ["-m", "pytest", "-q", "-n", "2", "-m", QUICK]),
 )
 
 

@@ -8,6 +8,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from .kernels import layout as at
+from .parts import part_warnings, parts
 from .report import table
 from .scene.units import pretty
 
@@ -55,6 +56,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
             }
             for pair, row in zip(choice.pairs, choice.rows, strict=True)
         ],
+        "parts": parts(built),
         "effects": {
             "on": [{"effect": effect.name, "source": effect.source} for effect in choice.effects],
             "debris_contact": debris_contact(built),
@@ -70,7 +72,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
         "memory": _memory(built),
         "frames": frames,
         "disk": frames * _frame_bytes(built),
-        "warnings": built.warnings,
+        "warnings": [*built.warnings, *part_warnings(built)],
     }
 
 
@@ -195,6 +197,10 @@ def print_check(told: dict[str, Any]) -> None:
         print(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
     contact, labels = told["effects"]["debris_contact"], told["effects"]["labels"]
     print(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
+    shares = ["" if row["share"] is None else f"{100.0 * row['share']:.0f} %" if row["on"] else "-" for row in told["parts"]]
+    table("effects and parts, with their share of the time (estimated)", ("part", "", "share", "reason"),
+          [(row["part"], "on" if row["on"] else "off", share, row["reason"])
+           for row, share in zip(told["parts"], shares, strict=True)])  # fmt: skip
     plate = told["upper_plate"]
     if plate is not None:
         load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"

@@ -19,6 +19,7 @@ import numpy as np
 
 from .engine.snapshot import Snapshot
 from .errors import Fault, InputError, OutputError
+from .kernels import layout as at
 
 if TYPE_CHECKING:
     from .scene.build import Simulation
@@ -34,7 +35,7 @@ class Checkpoint:
     """Where a run stood. `frames` are in the trajectory, `stop` of its targets are reached, `impulses` those of the last frame.
 
     `scene` is the resolved text, `folder` that of the scene's file, `prints` what the run was built from, `wall_time` (s) what
-    it has taken so far.
+    it has taken so far, `looks` how many times in a row its energy balance was off.
     """
 
     scene: str
@@ -44,26 +45,32 @@ class Checkpoint:
     stop: int
     wall_time: float
     force: bool
+    looks: int
     impulses: np.ndarray
     snapshot: Snapshot
 
 
 def prints_of(simulation: Simulation) -> dict[str, str]:
-    """Fingerprints of all that a scene was built into, by the name that a user is told where one differs."""
+    """Fingerprints of all that a scene was built into, at its start, by the name that a user is told where one differs."""
     from . import __version__, cache
-    from .laws.generated import plain
+    from .laws.generated import sources
 
     state, physics = simulation.state, simulation.state.physics
     tables: dict[str, list[Any]] = {
-        "the bodies": [state.offsets, state.S[:, 3], state.body, state.material],
+        "the bodies at the start": [
+            state.offsets, state.S[:, at.S_R], state.body, state.material, state.B[:, : at.B_L], state.B[:, at.B_MASS : at.B_F],
+        ],
         "the parameters of laws and effects": [physics.pairs, physics.effect_parameters],
         "the motion of the plates": [state.schedule, state.first],
     }
     prints = {name: _digest(arrays) for name, arrays in tables.items()}
     chain, effects = simulation.choice.chain, simulation.choice.effects
-    prints["the contact laws"] = f"{_named(chain.laws)}: {chain.path.stem}"
-    prints["the effects"] = f"{_named(effects)}: {plain(physics.effects).__module__}"
-    prints["the labeller"] = plain(physics.label).__module__
+    labeller = simulation.labeller
+    kernels = [f for law in chain.laws for f in (law.kernel, law.tangent) if f is not None]
+    prints["the contact laws"] = f"{_named(chain.laws)}, sources {sources(kernels)}"
+    prints["the effects"] = f"{_named(effects)}, sources {sources([effect.kernel for effect in effects])}"
+    if labeller is not None:
+        prints["the labeller"] = f"{labeller.name}, sources {sources([labeller.observe, labeller.label])}"
     return prints | {"the integrator": simulation.plan.kind, THE_VERSION: f"{__version__} {cache.folder().name}"}
 
 
@@ -82,7 +89,7 @@ def write_checkpoint(folder: Path, kept: Checkpoint) -> None:
     """Write the file and make sure that it is on the disk. Raises OutputError, with the one before in place."""
     notes = {
         "version": VERSION, "scene": kept.scene, "folder": kept.folder, "prints": kept.prints, "frames": kept.frames,
-        "stop": kept.stop, "wall_time": kept.wall_time, "force": kept.force, "snapshot": kept.snapshot.notes,
+        "stop": kept.stop, "wall_time": kept.wall_time, "force": kept.force, "looks": kept.looks, "snapshot": kept.snapshot.notes,
     }  # fmt: skip
     text = np.frombuffer(json.dumps(notes).encode(), np.uint8)
     part = folder / f"{FILE}.part"
@@ -129,7 +136,8 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         prints = {str(key): str(value) for key, value in notes["prints"].items()}
         return Checkpoint(
             str(notes["scene"]), str(notes["folder"]), prints, int(notes["frames"]), int(notes["stop"]),
-            float(notes["wall_time"]), bool(notes["force"]), impulses, Snapshot(arrays, dict(notes["snapshot"])),
+            float(notes["wall_time"]), bool(notes["force"]), int(notes["looks"]), impulses,
+            Snapshot(arrays, dict(notes["snapshot"])),
         )  # fmt: skip
     except InputError:
         raise

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from .cli_studies import cost
+from .cli_studies import cost, hard
 from .errors import GuardStop, Interrupted, OutputError, ThirdbodyError, UsageError
 
 COMMAND_GROUP = "thirdbody.commands"
@@ -162,8 +162,8 @@ def resume(
 ) -> None:
     """Go on with a run that was interrupted or killed, or, with --set solver.distance=..., with one that came to its end."""
     from .report import print_warnings
-    from .take_up import prepare_resume
     from .simulate import check_threads
+    from .take_up import prepare_resume
 
     limits = _limits(every, wall_limit)
     check_threads(threads)
@@ -250,6 +250,7 @@ def shapes(
 
 
 app.command()(cost)
+app.command()(hard)
 
 
 @app.command()

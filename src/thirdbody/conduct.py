@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from itertools import islice
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import numpy as np
 from .checkpoint import Checkpoint, prints_of, write_checkpoint
 from .course import targets
 from .engine.energy import Ledger
+from .engine.guards import Looks
 from .engine.snapshot import put, snapshot
 from .errors import InputError, Interrupted
 from .output.frames import FrameMaker
@@ -43,6 +45,7 @@ class Conduct:
         self.written = self.started
         self.series: dict[str, Any] = {}  # those of the last frame
         self.ledger = Ledger(simulation.state)
+        self.looks = Looks(self.ledger, 2 if simulation.integrator.divisible else 1)
         self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag)
         self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
 
@@ -54,7 +57,7 @@ class Conduct:
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{self.folder}: the checkpoint does not fit this scene ({error})") from error
         self.maker.impulses = kept.impulses.copy()
-        self.reached, self.before = kept.stop, kept.wall_time
+        self.reached, self.before, self.looks.above = kept.stop, kept.wall_time, kept.looks
 
     def wall_time(self) -> float:
         """Wall time of the run so far, s, with that before it was taken up."""
@@ -81,10 +84,11 @@ class Conduct:
         """Write a checkpoint."""
         begun = time.perf_counter()
         kept = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
+        self.writer.sync()
         folder = str(self.simulation.scene.beside("").absolute())
         write_checkpoint(self.folder, Checkpoint(
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
-            np.array(self.maker.impulses), kept,
+            self.looks.above, np.array(self.maker.impulses), kept,
         ))  # fmt: skip
         self.written = time.perf_counter()
         self.cost = self.written - begun
@@ -92,6 +96,8 @@ class Conduct:
     def _watch(self) -> None:
         """Between two compiled calls."""
         self.ledger.watch(self.simulation.state)
+        if self.simulation.integrator.divisible:  # else totals are summed up at stops only
+            self.looks.look(self.simulation.state)
         now = time.perf_counter()
         if now - self.started > self.wall_limit:
             self._leave("stopped by the limit of wall time")
@@ -102,10 +108,8 @@ class Conduct:
 
     def _leave(self, why: str) -> None:
         self.keep()
-        frames = self.writer.frames
-        raise Interrupted(
-            f"{why} at t = {self.simulation.state.time:.6g} s; {frames} frames are kept; to go on: thirdbody resume {self.folder}"
-        )
+        when, frames = f"{why} at t = {self.simulation.state.time:.6g} s", self.writer.frames
+        raise Interrupted(f"{when}; {frames} frames are kept; to go on: thirdbody resume {quote(str(self.folder))}")
 
     def _write(self) -> None:
         """A frame of this instant."""
@@ -113,6 +117,7 @@ class Conduct:
         frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None)
         self.writer.append(frame)
         self._tell(dict(frame.series))
+        self.looks.look(simulation.state)  # after the frame, which shows what went wrong
 
     def _tell(self, series: dict[str, Any]) -> None:
         """Tell the progress so far."""
@@ -120,5 +125,4 @@ class Conduct:
         if self.report is not None:
             simulated = self.simulation.state.time
             fraction = min(simulated / self.simulation.planned_time, 1.0)
-            elapsed = time.perf_counter() - self.started
-            self.report(Progress(fraction, simulated, elapsed, self.writer.frames, self.series))
+            self.report(Progress(fraction, simulated, self.wall_time(), self.writer.frames, self.series))

@@ -38,7 +38,9 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
 def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
     """Stops from start (excluded) to end: every `every` a written one, with reports between; the end is written."""
     for k in range(1, _rungs(start, end, every) + 1):
-        low, high = start + (k - 1) * every, min(start + k * every, end)
+        low, high = start + (k - 1) * every, start + k * every
+        # a rung that is the end but for rounding is where a longer run has it too
+        high = end if high > end + 1e-9 * every else high
         for part in range(1, SUBTICKS):
             yield low + (high - low) * part / SUBTICKS, False
         yield high, True

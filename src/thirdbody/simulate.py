@@ -16,9 +16,11 @@ import numpy as np
 from .checkpoint import Checkpoint
 from .conduct import CHECKPOINT_EVERY, Conduct
 from .errors import GuardStop, Interrupted, OutputError, UsageError
+from .lock import held
 from .output.frames import UNITS, FrameMaker
 from .output.paraview import write_paraview_files
 from .output.run import FILE_NAME, Run, open_run
+from .output.target import write_whole
 from .output.vtkhdf import TrajectoryWriter
 from .progress import Reporter, reporter_for_terminal
 from .scene.model import Scene
@@ -95,11 +97,20 @@ def execute(
     checkpoint to go on from, with its trajectory in the folder.
     """
     set_threads(threads)
-    conduct = Conduct(simulation, folder, report, stop, every, wall_limit)
-    problem: GuardStop | Interrupted | None = None
     if kept is None:
         _prepare(folder, overwrite)
-    else:
+    with held(folder):
+        return _execute(simulation, folder, report, stop, every, wall_limit, kept)
+
+
+def _execute(
+    simulation: Simulation, folder: Path, report: Reporter | None, stop: Callable[[], bool], every: float, wall_limit: float,
+    kept: Checkpoint | None,
+) -> dict[str, Any]:  # fmt: skip
+    """`execute` in a folder that is there and held."""
+    conduct = Conduct(simulation, folder, report, stop, every, wall_limit)
+    problem: GuardStop | Interrupted | None = None
+    if kept is not None:
         conduct.take_up(kept)
     with _opened(folder, _header(simulation), conduct.maker, kept) as writer:
         try:
@@ -120,7 +131,7 @@ def _opened(folder: Path, header: dict[str, Any], maker: FrameMaker, kept: Check
     try:
         with _writer(folder / FILE_NAME, header, maker, kept) as writer:
             try:
-                (folder / SCENE_FILE).write_text(header["scene_text"], encoding="utf-8")
+                write_whole(folder / SCENE_FILE, header["scene_text"].encode())
                 write_paraview_files(folder / FILE_NAME, header["state_names"])
             except OSError as error:
                 raise OutputError(f"{folder}: cannot be written ({error.strerror or error})") from error
@@ -134,7 +145,10 @@ def _writer(path: Path, header: dict[str, Any], maker: FrameMaker, kept: Checkpo
     """A new trajectory, or the one that the checkpoint belongs to, cut back to its frames."""
     if kept is None or not kept.frames:
         return TrajectoryWriter(path, header, maker.static())
-    return TrajectoryWriter.resume(path, kept.frames, header)
+    with open_run(path) as before:
+        # what was told of an earlier part still holds for it
+        told = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
+    return TrajectoryWriter.resume(path, kept.frames, header | {"warnings": [*told, *header["warnings"]]})
 
 
 def check_threads(threads: int | None) -> int:
@@ -177,7 +191,8 @@ def _prepare(folder: Path, overwrite: bool) -> None:
     refuse_existing(folder, overwrite)
     try:
         if folder.exists():
-            shutil.rmtree(folder)
+            with held(folder):
+                shutil.rmtree(folder)
         folder.mkdir(parents=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error

@@ -7,11 +7,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .checkpoint import FILE as CHECKPOINT
 from .checkpoint import THE_VERSION, Checkpoint, prints_of, read_checkpoint
 from .errors import InputError
 from .output.run import FILE_NAME, Run, open_run
 from .progress import Reporter, reporter_for_terminal
 from .scene.model import Scene
+from .scene.read import read_text
 from .simulate import SCENE_FILE, check_threads, execute, prepare
 
 if TYPE_CHECKING:
@@ -31,9 +33,10 @@ def resume(
 ) -> Run:
     """Go on with the run in the folder `out` to its end, and return the opened result: bit for bit that of an undisturbed run.
 
-    A run that came to its end goes on if `settings` (or its scene.toml) give it a longer solver.distance or solver.duration.
-    Raises InputError without a sound checkpoint, and where the scene, a law or a file that it was built from has changed; and
-    what `run` raises.
+    A run that came to its end goes on if `settings` (or its scene.toml) give it a longer solver.distance or solver.duration. (Its
+    old end stays a stop, which ends steps of the implicit integrator: where it is an output of the longer scene, the bits are
+    those of that scene.) Raises InputError without a sound checkpoint, and where the scene, a law or a file that it was built
+    from has changed; and what `run` raises.
     """
     check_threads(threads)
     simulation, kept = prepare_resume(Path(out), settings or {}, plugins)
@@ -69,10 +72,9 @@ def prepare_resume(
 
 def _scene(folder: Path, kept: Checkpoint, settings: Mapping[str, Any]) -> Scene:
     """The scene to go on with: that of the checkpoint, but for how far it goes."""
-    name = str(Path(kept.folder) / SCENE_FILE)
-    before = Scene.parse(kept.scene, name)
     path = folder / SCENE_FILE
-    now = Scene.parse(path.read_text(encoding="utf-8"), name) if path.is_file() else before
+    before = Scene.parse(kept.scene, str(folder / CHECKPOINT), kept.folder)
+    now = Scene.parse(read_text(path), str(path), kept.folder) if path.is_file() else before
     now = now.with_settings(settings) if settings else now
     changes = [
         f"{key}: was {old}, is {new}" for key, old, new in _differences(before.document(), now.document()) if key not in LONGER
@@ -80,7 +82,18 @@ def _scene(folder: Path, kept: Checkpoint, settings: Mapping[str, Any]) -> Scene
     if changes:
         told = "\n".join(f"  {change}" for change in changes)
         raise InputError(f"{folder}: the scene has changed, so this run cannot go on:\n{told}\nrun it anew into another folder")
+    _refuse_shorter(folder, kept, now)
     return now
+
+
+def _refuse_shorter(folder: Path, kept: Checkpoint, scene: Scene) -> None:
+    """Raise InputError for a run that would end where it already has been, or that ends by the clock and not by the way."""
+    solver, before = scene.solver, Scene.parse(kept.scene).solver
+    for key, old, new in (("distance", before.distance, solver.distance), ("duration", before.duration, solver.duration)):
+        if (old is None) != (new is None):
+            raise InputError(f"{folder}: solver.{key}: a run by distance goes on by distance, one by duration by duration")
+        if old is not None and new is not None and new < old:
+            raise InputError(f"{folder}: solver.{key}: {new:g} is less than the {old:g} of this run (SI); it may only grow")
 
 
 def _differences(old: Any, new: Any, key: str = "") -> list[tuple[str, Any, Any]]:
@@ -113,8 +126,7 @@ def _stops(kept: Checkpoint, simulation: Simulation) -> int:
     from .course import targets
 
     longer = list(targets(simulation))
-    state = simulation.scene.document()["solver"]
-    if Scene.parse(kept.scene).document()["solver"] == state:
+    if Scene.parse(kept.scene).document()["solver"] == simulation.scene.document()["solver"]:
         return kept.stop
     time, distance = _reached(kept)
     return sum(1 for t, x, _ in longer if t <= time * EVEN or x <= distance * EVEN)

@@ -21,7 +21,8 @@ BELOW = {
     "engine": {"kernels", "laws", "bodies"},
     "scene": {"kernels", "laws", "bodies", "engine"},
     "output": {"kernels", "laws", "bodies", "engine"},
-    "studies": {"kernels", "laws", "bodies", "engine", "scene", "output"},
+    # studies run whole scenes, so they stand on what runs, checks and prints one
+    "studies": {"kernels", "laws", "bodies", "engine", "scene", "output", "simulate", "check", "report"},
 }
 OPEN = {"errors", "cache"}
 # `plugin` is the facade of the contract: it may show what plug-ins need and nothing above it

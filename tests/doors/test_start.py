@@ -98,8 +98,8 @@ def test_json_of_a_time_step_that_a_guard_stops(balls, command):
 
 def test_planned_frames_are_those_of_the_targets(balls, command, tmp_path):
     """`check` computes the number; for a run by distance or by time it must be what `targets` yields."""
-    from thirdbody.scene.build import build
     from thirdbody.course import planned_frames, targets
+    from thirdbody.scene.build import build
 
     for changes in (
         [],

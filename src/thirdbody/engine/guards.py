@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from ..errors import GuardStop
 from ..kernels import layout as at
+from .energy import Ledger
 from .state import State
 
 OVERLAP_GUARD = 0.3
@@ -15,6 +19,13 @@ TRAVEL_GUARD = 0.25
 
 FLOOR = 1.0
 """A body whose centre is lower than this many of its own radii below the lower plate has left."""
+
+RESIDUAL_GUARD = 0.1
+"""Largest residual of the energy balance over its scale (`Ledger.relative_residual`). Sound runs stay below 1e-2; in a run that
+has become unstable the residual passes any limit within some hundred steps."""
+
+NORM_GUARD = 1e-6
+"""Largest deviation of the length of a quaternion from 1, which rounding keeps below 1e-12 over a million steps."""
 
 
 @dataclass(frozen=True)
@@ -29,3 +40,42 @@ class Guards:
         state.D[at.D_GUARD_OVERLAP], state.D[at.D_GUARD_TRAVEL] = self.overlap, self.travel
         if state.world.lower is not None:
             state.D[at.D_FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
+
+
+class Looks:
+    """Judges a run at the instants at which its ledger is complete: energy balance and orientations.
+
+    One residual above the limit does not count by itself where forces may jump (`patience` 2): the step in which a load jumps is
+    booked with half of its work, which for that one look can be all the energy there is.
+    """
+
+    def __init__(self, ledger: Ledger, patience: int = 1, residual: float = RESIDUAL_GUARD, norm: float = NORM_GUARD) -> None:
+        self.ledger, self.patience, self.residual, self.norm = ledger, patience, residual, norm
+        self.above = 0  # looks in a row with a residual above the limit
+
+    def look(self, state: State) -> None:
+        """Judge this instant, whose last step must be recorded. Raises GuardStop."""
+        _judge_norms(state, self.norm)
+        off = self.ledger.relative_residual(state, self.ledger.lines(state)["residual"])
+        self.above = 0 if off <= self.residual else self.above + 1  # what is not a number is above
+        if self.above >= self.patience:
+            raise GuardStop(
+                f"{_when(state)}: the energy balance does not close: its residual is {off:.2g} of the largest energy "
+                f"(guard: {self.residual:g}); a smaller solver.time_step is needed, or a contact law that makes no energy "
+                "(thirdbody laws --check)"
+            )
+
+
+def _judge_norms(state: State, most: float) -> None:
+    norms = np.sqrt(np.sum(state.B[:, at.B_Q : at.B_Q + 4] ** 2, axis=1))
+    bad = np.flatnonzero(~(np.abs(norms - 1.0) <= most))
+    if len(bad):
+        body = int(bad[0])
+        raise GuardStop(
+            f"{_when(state)}: the orientation of body {body} is no rotation any more: its quaternion has the length "
+            f"{norms[body]:.9g} (guard: 1 within {most:g}); a smaller time step is needed"
+        )
+
+
+def _when(state: State) -> str:
+    return f"stopped at t = {state.time:.6g} s (step {int(state.A[at.A_STEPS])})"

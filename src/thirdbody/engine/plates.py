@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise, zip_longest
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,11 +94,15 @@ class Schedule:
         """Largest load over the first one between two times; 1 if the load does not change."""
         if not self.load:
             return 1.0
-        breaks = [s.start for s in self.load if start <= s.start <= end]
-        ends = [at_time(self.load, t) for t in (start, *breaks, *([end] if math.isfinite(end) else []))]
-        # a piece that ends in a jump is largest before it
-        before = [s.value(after.start) for s, after in pairwise(self.load) if start <= after.start <= end]
-        return max(ends + before)
+        first = max(_held(self.load, start), 0)
+        largest = at_time(self.load, start)
+        for s, after in zip_longest(self.load[first:], self.load[first + 1 :]):
+            if s.start > end:
+                break
+            # pieces are straight: a piece is largest at one of its ends, before a jump too
+            until = min(end, math.inf if after is None else after.start)
+            largest = max(largest, s.value(max(s.start, start)), s.value(until) if math.isfinite(until) else 0.0)
+        return largest
 
     def path(self, start: float, end: float) -> float:
         """Length of the sideways path between two times, m; good to 1e-6 of a stroke."""
@@ -198,14 +203,25 @@ def _constant_rate(axis: Axis, t: float) -> float | None:
 
 def at_time(axis: Axis, t: float) -> float:
     """Value of an axis at time t; zero before its first segment."""
-    held = [s for s in axis if s.start <= t]
-    return held[-1].value(t) if held else 0.0
+    row = _held(axis, t)
+    return axis[row].value(t) if row >= 0 else 0.0
+
+
+def ends_of(axis: Axis) -> Iterator[tuple[Segment, float]]:
+    """Every segment with the time at which it ends, s; the last one with that of its start, for it goes on for ever."""
+    for segment, after in zip_longest(axis, axis[1:]):
+        yield segment, segment.start if after is None else after.start
 
 
 def held_until(axis: Axis, t: float, end: float) -> float:
     """Value of an axis at `end` by the segment that holds at t: the one before a jump at `end`."""
-    held = [s for s in axis if s.start <= t]
-    return held[-1].value(end) if held else 0.0
+    row = _held(axis, t)
+    return axis[row].value(end) if row >= 0 else 0.0
+
+
+def _held(axis: Axis, t: float) -> int:
+    """Number of the segment that holds at time t, -1 before the first."""
+    return bisect_right(axis, t, key=lambda segment: segment.start) - 1
 
 
 def _first_rate(axis: Iterable[Segment]) -> tuple[float, float]:

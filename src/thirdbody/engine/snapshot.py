@@ -29,7 +29,7 @@ SLOTS = ("own", "partner", "H", "F", "R")
 
 @dataclass
 class Snapshot:
-    """Arrays by name, and notes that JSON can hold; `fits` refuses those of another scene."""
+    """Arrays by name, and notes that JSON can hold."""
 
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     notes: dict[str, Any] = field(default_factory=dict)

@@ -17,6 +17,16 @@ import numba
 
 from .. import cache
 
+ENGINE = "thirdbody"
+
+
+def sources(functions: Iterable[Callable]) -> str:
+    """A digest of every source file that these functions can depend on (`source_files`)."""
+    digest = hashlib.sha256()
+    for file in source_files(functions):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
 
 def plain(function: Callable) -> Callable:
     """The Python function behind a compiled one."""
@@ -27,7 +37,8 @@ def source_files(functions: Iterable[Callable]) -> list[Path]:
     """Every source file that a law's result can depend on.
 
     The whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there through
-    names (functions, classes, constants of a module, modules), but for installed libraries, whose versions are fixed.
+    names (functions, classes, constants of a module, modules), but for installed libraries, whose versions are fixed. Of this
+    engine only what the law can reach counts, not the whole package.
     """
     files: set[Path] = set()
     waiting = [sys.modules[plain(function).__module__] for function in functions]
@@ -41,7 +52,7 @@ def source_files(functions: Iterable[Callable]) -> list[Path]:
         seen.add(module.__name__)
         files.add(Path(file))
         top = sys.modules.get(module.__name__.partition(".")[0])
-        if getattr(top, "__path__", None) and top is not None and top.__file__ is not None:
+        if top is not None and top.__name__ != ENGINE and getattr(top, "__path__", None) and top.__file__ is not None:
             files.update(Path(top.__file__).parent.rglob("*.py"))
         waiting += [found for found in _named_in(module) if not _installed(found, own)]
     return sorted(files)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from thirdbody.output.overlay import LAYERS, OVERSAMPLING, unit_rgb
+from thirdbody.output.target import write_whole
 
 PAPER = "#FFFFFF"
 SOFT_INK = "#5A626C"
@@ -129,13 +129,3 @@ def save(window: Any, path: Path, size: tuple[int, int]) -> None:
     writer.Write()
     # Written by Python: VTK tells a full disk or a missing folder on the screen only.
     write_whole(path, vtk_to_numpy(writer.GetResult()).tobytes())
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all. Raises OSError when it cannot be written."""
-    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        beside.write_bytes(content)
-        os.replace(beside, path)
-    finally:
-        beside.unlink(missing_ok=True)

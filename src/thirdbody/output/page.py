@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from thirdbody.output.canvas import write_whole
 from thirdbody.output.palette import FIELD_STOPS
 from thirdbody.output.quantity import prefixed, ticks, with_unit
 from thirdbody.output.shot import Shot
+from thirdbody.output.target import write_whole
 
 
 def write_page(shot: Shot, path: Path, view: str = "iso") -> Path:

@@ -15,10 +15,10 @@ from thirdbody.errors import InputError, OutputError, UsageError
 from . import panels_contacts as contacts
 from . import panels_friction as friction
 from . import panels_series as series
-from .canvas import write_whole
 from .foretold_plot import DOTS, check_format
 from .quantities import GLUE, MINUS, told, unit_for
 from .sheet import Sheet
+from .target import write_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

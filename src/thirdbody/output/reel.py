@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.output.canvas import pixels_of, save, write_whole
+from thirdbody.output.canvas import pixels_of, save
 from thirdbody.output.closeup import compose_close_up, make_close_plan
 from thirdbody.output.film import gif, mp4
 from thirdbody.output.picture import compose, make_plan
 from thirdbody.output.run import Run, open_run
 from thirdbody.output.shot import take_shot
 from thirdbody.output.spots import take_close_up
+from thirdbody.output.target import write_whole
 
 
 def draw_run(job: dict[str, Any]) -> None:

@@ -102,3 +102,13 @@ def _reason(error: Exception) -> str:
         return os.strerror(error.errno)
     hidden = re.search(r"error message = '([^']*)'", str(error))
     return hidden.group(1) if hidden else str(error)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file so that it is there whole or not at all. Raises OSError when it cannot be written."""
+    beside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        beside.write_bytes(content)
+        os.replace(beside, path)
+    finally:
+        beside.unlink(missing_ok=True)

@@ -98,13 +98,14 @@ class TrajectoryWriter:
                 with cls(fresh, header or old.header, old.static_arrays()) as new:
                     for number in range(frames):
                         new.append(old.stored_frame(number))
-            except OutputError:
+                    new.sync()  # the checkpoint, which is on the disk, asks for these frames
+            except BaseException:
                 fresh.unlink(missing_ok=True)
                 raise
-        os.replace(fresh, path)
         writer = cls.__new__(cls)
         writer.path = path
         with writer._told():
+            os.replace(fresh, path)
             writer._open("r+", {})
             static = json.loads(writer._scene[STATIC_TEXT][()])
             for name, block in writer._blocks.items():

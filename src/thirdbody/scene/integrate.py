@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..engine.plates import ends_of
 from ..engine.state import State
 from ..errors import InputError
 from ..kernels import layout as at
@@ -62,7 +63,8 @@ def _refuse_unloading(scene: Scene, state: State) -> None:
     """Raise InputError where nothing would hold the bodies: no load, and no inertia."""
     upper = state.world.upper
     loads = () if upper is None else upper.schedule.load
-    if scene.solver.inertia is False and any(piece.value(piece.start) <= 0.0 for piece in loads):
+    least = min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(loads)), default=1.0)
+    if scene.solver.inertia is False and least <= 0.0:
         message = "false needs a load at all times: without load and inertia nothing tells where a body is"
         raise InputError(scene.fault(("solver", "inertia"), message))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -71,9 +72,13 @@ class Scene(Part):
         return cls.parse(read_text(path), os.fspath(path))
 
     @classmethod
-    def parse(cls, text: str, name: str = "scene") -> Scene:
-        """The scene in a TOML text; `name` stands for the file in messages. Raises InputError like `load`."""
+    def parse(cls, text: str, name: str = "scene", folder: str | os.PathLike[str] | None = None) -> Scene:
+        """The scene in a TOML text; `name` stands for the file in messages. Raises InputError like `load`.
+
+        Files that the scene names lie in `folder`, if that is not the one of `name`.
+        """
         document, source = read_toml(text, name)
+        source = source if folder is None else replace(source, folder=os.fspath(folder))
         wrongs: list[Wrong] = []
         if "scene" not in document:
             document["scene"] = VERSION  # read on, so that the other faults are told too
@@ -169,6 +174,8 @@ class Scene(Part):
 
     def beside(self, name: str) -> Path:
         """The path of a file that the scene names: relative to the scene's own file."""
+        if self._source.folder is not None:
+            return Path(self._source.folder) / name
         return Path(self._source.file).parent / name if self._source.file else Path(name)
 
     def fault(self, place: Place, message: str) -> Fault:

@@ -29,6 +29,7 @@ class Source:
     file: str | None = field(default=None, compare=False)
     positions: dict[Place, tuple[int, int]] = field(default_factory=dict, compare=False)
     settings: tuple[Place, ...] = field(default=(), compare=False)
+    folder: str | None = field(default=None, compare=False)  # of the files it names, if not that of `file`
 
     def overridden(self, places: Iterable[Place]) -> Source:
         """The source with these places taken from the command line."""

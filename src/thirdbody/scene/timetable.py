@@ -30,10 +30,10 @@ def rows_of(scene: Scene, place: tuple, file: str, word: str, dimension: str) ->
         raise InputError([scene.fault(place, str(entry)) for entry in error.faults]) from None
     except UnicodeDecodeError as error:
         raise fault(f"is not UTF-8 text ({error.reason} at byte {error.start})") from None
-    lines = [row for row in csv.reader(text.splitlines()) if row]
-    scales = _header(lines[0] if lines else [], word, dimension, fault)
+    lines = _lines(text, fault)
+    scales = _header(lines[0][1] if lines else [], word, dimension, fault)
     rows: list[tuple[float, float]] = []
-    for number, row in enumerate(lines[1:], 2):
+    for number, row in lines[1:]:
         rows.append(_row(row, scales, lambda message, number=number: fault(f"line {number}: {message}")))  # type: ignore[misc]
         if dimension == "force" and rows[-1][1] < 0.0:
             raise fault(f"line {number}: a load is never negative")
@@ -44,6 +44,15 @@ def rows_of(scene: Scene, place: tuple, file: str, word: str, dimension: str) ->
     if rows[0][0] != 0.0 or (dimension == "length" and rows[0][1] != 0.0):
         raise fault("the first row must be time 0" + (f", {word} 0" if dimension == "length" else ""))
     return rows
+
+
+def _lines(text: str, fault: Fault) -> list[tuple[int, list[str]]]:
+    """Number and cells of the lines that are not empty."""
+    reader = csv.reader(text.splitlines())
+    try:
+        return [(reader.line_num, row) for row in reader if row]
+    except csv.Error as error:
+        raise fault(f"line {reader.line_num}: {error}") from None
 
 
 def _row(cells: list[str], scales: tuple[float, float], fault: Fault) -> tuple[float, float]:

@@ -138,7 +138,11 @@ def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, m
     common = Foundation(
         stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None
     )
-    settle = _settle(scene, placed, crown, mass, dashpot, float(expected[0]))
+    touches = loaded > 0 and carried[largest[0]] > 0.0
+    if not touches and isinstance(scene.solver.settle, str):
+        settle = 0.0  # a plate that is yet to come down presses nobody
+    else:
+        settle = _settle(scene, placed, crown, mass, dashpot, float(expected[0]))
     if isinstance(scene.solver.settle, str) and settle > 0.0:
         settle = max(settle, RELAXED * float(dashpot[0]) / stiffness)
     heights = np.maximum(height, crown.top) + CLEARANCE * crown.radius

@@ -1,0 +1,148 @@
+"""How far a run is from another one of the same scene: friction, load or gap, positions, labels, energy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What is compared of a run of F frames and B bodies, SI: `friction`, `normal` (N), `gap` (m), all (F,); `states` (F, B) or
+    None; at the end `position` (B, 3), `quaternion` (B, 4; w first), `dissipated` (J), `distance` (m) and `residual`, the
+    relative energy residual. `period` (2,) holds the sides of a periodic domain, infinite for another; `gap_set`: the scene
+    prescribes the gap, so the load is what comes out."""
+
+    friction: Array
+    normal: Array
+    gap: Array
+    states: Array | None
+    position: Array
+    quaternion: Array
+    dissipated: float
+    distance: float
+    residual: float | None
+    period: Array
+    gap_set: bool = False
+
+
+def read_outcome(folder: Path) -> Outcome | None:
+    """The outcome of a run; None when it wrote no frame. Raises InputError for what is no run."""
+    from thirdbody.output.run import open_run
+
+    with open_run(folder) as run:
+        if not run.frames:
+            return None
+        series, bodies, domain = run.series, run.bodies(-1), run.header["domain"]
+        size = np.array(domain["size"], float)
+        spent = [series[name][-1] for name in ("energy_damping", "energy_friction") if name in series]
+        return Outcome(
+            friction=series["friction_coefficient"],
+            normal=np.abs(series["upper_force"][:, 2]),
+            gap=series["gap"],
+            states=run.states if run.has_states else None,
+            position=bodies["position"],
+            quaternion=bodies["quaternion"],
+            dissipated=float(sum(spent)),
+            distance=float(series["distance"][-1]),
+            residual=run.summary().get("energy_residual"),
+            period=size if domain["periodic"] else np.full(2, np.inf),
+            gap_set=_gap_is_set(run.scene_text),
+        )
+
+
+def _gap_is_set(text: str) -> bool:
+    import tomllib
+
+    return "gap" in tomllib.loads(text).get("plates", {}).get("upper", {})
+
+
+def errors(found: Outcome, reference: Outcome) -> dict[str, float]:
+    """Errors of a run against a reference, over the frames that both have. NaN where there is nothing to compare.
+
+    `friction_error` and `load_error` (of the load where the gap is set, else of the gap) are the root of the mean square over the
+    frames, divided by the mean size of the reference; `position_error` is divided by the sliding distance (by the gap without
+    one), `rotation_error` in rad; both are medians over the bodies whose labels at the end agree, since a body that tips the
+    other way says nothing of the accuracy. `label_difference`: share of all labels, frame by frame. `dissipation_error` is
+    relative.
+    """
+    way = reference.distance if reference.distance > 0.0 else float(np.nanmean(reference.gap))
+    same = _same_labels(found, reference)
+    moved = found.position - reference.position
+    with np.errstate(invalid="ignore"):
+        wraps = np.where(np.isinf(reference.period), 0.0, np.round(moved[:, :2] / reference.period))
+    moved[:, :2] -= np.where(wraps == 0.0, 0.0, wraps * np.where(np.isinf(reference.period), 0.0, reference.period))
+    load = (found.normal, reference.normal) if reference.gap_set else (found.gap, reference.gap)
+    return {
+        "friction_error": rms_error(found.friction, reference.friction),
+        "load_error": rms_error(*load),
+        "position_error": _median(np.linalg.norm(moved, axis=1)[same]) / way,
+        "rotation_error": _median(turns(found.quaternion, reference.quaternion)[same]),
+        "label_difference": label_difference(found.states, reference.states),
+        "dissipation_error": _relative(found.dissipated, reference.dissipated),
+    }
+
+
+def rms_error(found: Array, reference: Array) -> float:
+    """Root of the mean square difference over the mean size of the reference, over common frames that have numbers; NaN
+    without any."""
+    frames = min(len(found), len(reference))
+    a, b = found[:frames], reference[:frames]
+    known = np.isfinite(a) & np.isfinite(b)
+    size = float(np.mean(np.abs(b[known]))) if known.any() else 0.0
+    return float(np.sqrt(np.mean((a[known] - b[known]) ** 2))) / size if size > 0.0 else float("nan")
+
+
+def turns(first: Array, second: Array) -> Array:
+    """Angles (B,), rad, between orientations (B, 4); exact for small ones too, where the arc cosine loses half its digits."""
+    w = np.abs(np.sum(first * second, axis=1))
+    cross = np.cross(second[:, 1:], first[:, 1:])
+    v = second[:, :1] * first[:, 1:] - first[:, :1] * second[:, 1:] - cross
+    return 2.0 * np.arctan2(np.linalg.norm(v, axis=1), w)
+
+
+def label_difference(found: Array | None, reference: Array | None) -> float:
+    """Share of labels (F, B) that differ; NaN without labels."""
+    if found is None or reference is None:
+        return float("nan")
+    frames = min(len(found), len(reference))
+    return float(np.mean(found[:frames] != reference[:frames])) if frames else float("nan")
+
+
+def _same_labels(found: Outcome, reference: Outcome) -> Array:
+    if found.states is None or reference.states is None:
+        return np.ones(len(reference.position), bool)
+    return found.states[-1] == reference.states[-1]
+
+
+def _median(values: Array) -> float:
+    return float(np.median(values)) if len(values) else float("nan")
+
+
+def _relative(found: float, reference: float) -> float:
+    return abs(found - reference) / abs(reference) if reference else float("nan")
+
+
+def front(points: list[tuple[float, float]]) -> list[int]:
+    """Indices of the points (seconds, error) that no other one beats in both, by seconds. NaN is never on the front."""
+    order = sorted((k for k, (x, y) in enumerate(points) if x > 0.0 and np.isfinite(y)), key=lambda k: points[k])
+    best, kept = float("inf"), []
+    for k in order:
+        if points[k][1] < best:
+            best = points[k][1]
+            kept.append(k)
+    return kept
+
+
+def order(sizes: Any, values: Any) -> float:
+    """Order of convergence: slope of log(error) over log(size of a step) by least squares; NaN with fewer than two errors."""
+    h, e = np.asarray(sizes, float), np.asarray(values, float)
+    known = np.isfinite(e) & (e > 0.0)
+    if known.sum() < 2:
+        return float("nan")
+    return float(np.polyfit(np.log(h[known]), np.log(e[known]), 1)[0])

@@ -1,0 +1,71 @@
+"""The order at which a study's errors fall: with the springs of a law, and with the step of its integrator."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from .compare import errors, order
+from .cost import Row, Study, figure_of_merit, percent
+
+FLOOR = 1e-9
+"""Smaller errors than this are rounding and tell no order."""
+
+
+def convergence(made: Study) -> list[dict[str, Any]]:
+    """Series of errors with their order: `what`, `against`, `sizes` (falling), `errors`, `order` (None when not known).
+
+    Springs are judged against the finest law at the same step, steps against the shortest step with the same law: each against
+    the limit that it converges to, which the reference of the study, finer in both, is not.
+    """
+    return [*_of_springs(made), *_of_steps(made)]
+
+
+def _of_springs(made: Study) -> list[dict[str, Any]]:
+    laws = [row for row in made.rows if row.rung.axis == "law" and row.stable]
+    rows = [row for row in laws if row.rung.springs is not None]
+    finest = laws[-1] if laws else None
+    verified = [row for row in made.rows if row.rung.axis == "verify" and row.stable]
+    if verified:  # with steps so fine that they do not hide what the springs neglect
+        rows, finest = verified, made.reference
+    if finest is None or not rows:
+        return []
+    if finest in rows:  # no law without springs: the most springs stand for it
+        rows.remove(finest)
+    sizes = [1.0 / row.rung.springs for row in rows]  # type: ignore[operator]
+    return [_series(made, "springs", [str(row.rung.springs) for row in rows], sizes, rows, finest)]
+
+
+def _of_steps(made: Study) -> list[dict[str, Any]]:
+    found = []
+    for what, axis in (("step", "step"), ("other integrator's step", "integrator")):
+        rows = [row for row in made.rows if row.stable and row.step and (row.rung.axis == axis)]
+        default = made.default
+        if axis == "step" and default is not None and default.stable and default.step:
+            rows.append(default)
+        rows.sort(key=lambda row: -float(row.step or 0.0))
+        if len({row.integrator for row in rows}) != 1 or len(rows) < 3:
+            continue
+        explicit = rows[0].integrator == "explicit"
+        unit = " s" if explicit else ""
+        names = [f"{row.step:.2g}{unit}" for row in rows[:-1]]
+        # a step of backward Euler with the error tolerance^1 is as long as the root of it
+        sizes = [float(row.step or 0.0) ** (1.0 if explicit else 0.5) for row in rows[:-1]]
+        found.append(_series(made, f"{what} ({'time step' if explicit else 'tolerance'})", names, sizes, rows[:-1], rows[-1]))
+    return found
+
+
+def _series(made: Study, what: str, names: list[str], sizes: list[float], rows: list[Row], limit: Row) -> dict[str, Any]:
+    merit = figure_of_merit(made)
+    assert limit.outcome is not None
+    found = [errors(row.outcome, limit.outcome)[merit] if row.outcome is not None else math.nan for row in rows]
+    slope = order(sizes, [e if e > FLOOR else math.nan for e in found])
+    return {"what": what, "against": limit.rung.name, "sizes": names, "errors": found, "order": slope}
+
+
+def print_convergence(series: list[dict[str, Any]]) -> None:
+    """Print each series on a line."""
+    for entry in series:
+        values = ", ".join(f"{name}: {percent(error)}" for name, error in zip(entry["sizes"], entry["errors"], strict=True))
+        slope = "not known" if math.isnan(entry["order"]) else f"{entry['order']:.2f}"
+        print(f"convergence with the {entry['what']} against {entry['against']}: {values}; order {slope}")

@@ -1,0 +1,108 @@
+"""What each effect of a scene costs and changes: switched off if it is on, on if it is off, against the scene as it is.
+
+Both run in one process and take turns, so that a ratio of times is that of a pair measured side by side.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from thirdbody.laws.contract import BodyEffect, Law
+from thirdbody.scene.model import Scene
+
+from .compare import errors, read_outcome
+from .cost import RUNGS, SCENE_FILE, _save, in_process, percent, reduced
+from .machine import machine
+
+if TYPE_CHECKING:
+    from thirdbody.scene.build import Simulation
+
+TRIED: Mapping[str, tuple[str, Any, str]] = {
+    "gravity": ("effects.gravity", ["0 m/s2", "0 m/s2", "-9.81 m/s2"], "9.81 m/s2 downwards"),
+    "damping": ("effects.damping", {"rate": "1e3 1/s"}, "rate 1e3 1/s"),
+    "local_damping": ("effects.local_damping", {"coefficient": 0.3}, "coefficient 0.3 while settling"),
+    "rolling_resistance": ("effects.rolling_resistance", {"coefficient": 0.01}, "coefficient 0.01"),
+}
+"""Effects of the catalogue that can be switched on, and the values that are tried."""
+
+
+def effects_study(
+    path: Path, folder: Path, settings: Mapping[str, Any], plugins: Sequence[str | Path], repeats: int,
+    tell: Callable[[str], None],
+) -> dict[str, Any]:  # fmt: skip
+    """Paired ratios of time and the changes, effect by effect. Raises ThirdbodyError for a scene that cannot be built."""
+    scene = Scene.load(path)
+    scene = scene.with_settings(settings) if settings else scene
+    tell("building the scene and estimating its time")
+    scene, built, reduction = reduced(scene, plugins)
+    _save(scene, folder)
+    rows: list[dict[str, Any]] = []
+    left_out: list[str] = []
+    for name, what, changes in candidates(scene, built, plugins, left_out):
+        tell(f"{name}: {what}")
+        rows.append(_compared(folder, name, what, changes, plugins, repeats))
+    return {"scene": str(path), "title": scene.title, "machine": machine(), "reduction": reduction, "effects": rows,
+            "left_out": left_out}  # fmt: skip
+
+
+def candidates(
+    scene: Scene, built: Simulation, plugins: Sequence[str | Path], left_out: list[str]
+) -> list[tuple[str, str, dict[str, Any]]]:
+    """(effect, what is done, changes to the scene) of every effect; those without a sensible value go to `left_out`."""
+    from thirdbody.laws.registry import discover
+
+    on = set(scene.effects.named) | ({"gravity"} if scene.effects.gravity is not None else set())
+    found: list[tuple[str, str, dict[str, Any]]] = []
+    known: dict[str, Law | BodyEffect] = discover(tuple(plugins)).effects
+    for name in known:
+        if name in on:
+            found.append((name, "switched off", {f"effects.{name}": None}))
+        elif name in TRIED:
+            key, value, words = TRIED[name]
+            found.append((name, f"switched on: {words}", {key: value}))
+        else:
+            left_out.append(f"{name}: off, and no value to try is known")
+    if built.state.world.debris_meets:
+        found.append(("debris-debris contact", "switched off", {"contact.debris_contact": "none"}))
+    elif scene.contact.debris_contact == "none":
+        found.append(("debris-debris contact", "switched on", {"contact.debris_contact": "auto"}))
+    # the integrator stays: what is compared is the effect
+    return [(name, what, {"solver.integrator": built.plan.kind, **changes}) for name, what, changes in found]
+
+
+def _compared(
+    folder: Path, name: str, what: str, changes: dict[str, Any], plugins: Sequence[str | Path], repeats: int
+) -> dict[str, Any]:
+    place = folder / RUNGS / name.replace(" ", "_")
+    own, other = in_process(folder / SCENE_FILE, place, [{}, changes], plugins, max(repeats, 5))
+    ratios = sorted(b / a for a, b in zip(own["cpu"], other["cpu"], strict=False) if a > 0.0)
+    row: dict[str, Any] = {"effect": name, "what": what, "ratios": ratios, "stable": other["stable"], "message": other["message"]}
+    if ratios and other["stable"] and own["stable"]:
+        first, second = read_outcome(place / "0"), read_outcome(place / "1")
+        assert first is not None and second is not None  # they came to their ends
+        row |= {"ratio": statistics.median(ratios), "change": errors(second, first)}
+    return row
+
+
+def print_effects(told: dict[str, Any]) -> None:
+    """Print what `effects_study` found."""
+    from thirdbody.report import table
+
+    print(f"{told['title'] or told['scene']}: each effect against the scene as it is")
+    print(f"reduced: {'; '.join(told['reduction']) or 'nothing'}")
+    rows = []
+    for row in told["effects"]:
+        if "ratio" not in row:
+            rows.append((row["effect"], row["what"], "failed", "", "", "", ""))
+            continue
+        cost = f"{row['ratio']:.3f} ({row['ratios'][0]:.3f} to {row['ratios'][-1]:.3f})"
+        change = [row["change"][key] for key in ("friction_error", "load_error", "label_difference", "dissipation_error")]
+        rows.append((row["effect"], row["what"], cost, *("" if math.isnan(x) else percent(x) for x in change)))
+    table("", ("effect", "what", "time (pairs)", "friction", "load|gap", "labels", "dissipated"), rows)
+    failed = [f"{row['effect']}: {row['message'].splitlines()[0]}" for row in told["effects"] if "ratio" not in row]
+    for line in [*failed, *told["left_out"]]:
+        print(line)

@@ -1,0 +1,289 @@
+"""The ladder of accuracy: its rungs, the arithmetic of errors on made-up runs, the front, the table, the picture, the JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+from thirdbody_three_spot import THREE_SPOT
+
+from thirdbody.errors import OutputError, UsageError
+from thirdbody.scene.model import Scene
+from thirdbody.studies import cost, cost_plot, cost_table, worker
+from thirdbody.studies.command import cost_command
+from thirdbody.studies.compare import Outcome, errors, front, label_difference, order, rms_error, turns
+from thirdbody.studies.convergence import convergence
+from thirdbody.studies.ladder import Base, Rung, ladder
+
+SCENE = """
+scene = 1
+title = "one ball"
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.3
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.3
+restitution = 0.6
+[[debris]]
+material = "steel"
+kind = "spheres"
+radius = "5 um"
+count = 2
+[domain]
+size = ["100 um", "100 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+motion = {x = {velocity = "0.5 m/s"}}
+[contact]
+debris_contact = "none"
+[solver]
+distance = "20 nm"
+[output]
+every = "4 nm"
+"""
+EXPLICIT = Base("explicit", "mindlin", None, 1e-10, 5e-4)
+IMPLICIT = Base("implicit", "mdr", 24, 1e-10, 5e-4)
+
+
+def outcome(**changes) -> Outcome:
+    """Two bodies at rest at three frames, changed as told."""
+    told = {
+        "friction": np.array([math.nan, 0.2, 0.4]), "normal": np.array([1.0, 1.0, 1.0]), "gap": np.array([1.0, 2.0, 3.0]),
+        "states": np.array([[1, 1], [1, 2], [1, 2]]), "position": np.zeros((2, 3)),
+        "quaternion": np.array([[1.0, 0.0, 0.0, 0.0]] * 2), "dissipated": 2.0, "distance": 0.5, "residual": 1e-9,
+        "period": np.array([10.0, np.inf]),
+    }  # fmt: skip
+    return Outcome(**(told | changes))
+
+
+def row(name: str, seconds: float, error: float, **keys) -> cost.Row:
+    """A rung that took so long and was so wrong in friction."""
+    rung = keys.pop("rung", None) or Rung(name, keys.pop("axis", "law"), name, keys.pop("springs", None), "explicit",
+                                          default=keys.pop("default", False), reference=keys.pop("reference", False))  # fmt: skip
+    told = {key: error for key in cost.ERRORS} | {"label_difference": keys.pop("labels", 0.0)}
+    one = cost.Row(rung, [seconds, 1.2 * seconds, seconds], [seconds, 1.2 * seconds, seconds], True, "", "explicit", 1e-10)
+    one.outcome, one.errors = outcome(friction=np.array([0.3 * (1.0 + error)])), told
+    for key, value in keys.items():
+        setattr(one, key, value)
+    return one
+
+
+@pytest.fixture
+def made() -> cost.Study:
+    rows = [
+        row("coulomb", 1.0, 0.2), row("mindlin", 2.0, 0.05, default=True), row("mdr 8", 3.0, 0.06, springs=8),
+        row("mdr 16", 4.0, 0.008, springs=16), row("exact", 9.0, 0.001), row("mindlin, step x4", 0.5, 0.3, axis="step"),
+        row("exact, step /4", 30.0, 0.0, reference=True, axis="reference"),
+    ]  # fmt: skip
+    wrong = cost.Row(Rung("mindlin, implicit", "integrator", "mindlin", None, "implicit"), message="cannot run this scene")
+    machine = {"cpu": "a processor", "cores": 2, "threads": 1, "load": 0.1}
+    return cost.Study("scenes/s.toml", "a scene", ["40 of 2000 bodies"], machine, [*rows[:-1], wrong, rows[-1]])
+
+
+@pytest.mark.parametrize("base", [EXPLICIT, IMPLICIT], ids=["explicit", "implicit"])
+def test_the_ladder_changes_one_thing_at_a_time(base):
+    scene = Scene.parse(SCENE)
+    rungs = ladder(scene, THREE_SPOT, base)
+    assert 14 <= len(rungs) <= 18
+    assert len({rung.name for rung in rungs}) == len(rungs)
+    assert [rung.default for rung in rungs].count(True) == 1 and [rung.reference for rung in rungs].count(True) == 1
+    for rung in rungs:
+        changed = {
+            "law": (rung.level, rung.springs) != (base.level, base.springs),
+            "step": rung.integrator == base.kind and rung.factor != 1.0,
+            "integrator": rung.integrator != base.kind,
+        }
+        # the rung that is the scene's own changes nothing, the reference the law and its step
+        assert sum(changed.values()) == (0 if rung.default else 2 if rung.reference else 1), rung.name
+        scene.with_settings(rung.changes)  # every rung is a scene without a fault
+
+
+def test_the_reference_has_the_finest_law_and_step():
+    last = ladder(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)[-1]
+    assert last.reference and last.level == "exact"
+    assert last.changes["solver.time_step"] == f"{0.25e-10!r} s"
+
+
+def test_a_rung_takes_out_springs_that_its_level_does_not_know():
+    scene = Scene.parse(SCENE).with_settings({"contact.level": "mdr", "contact.springs": 24})
+    rung = next(rung for rung in ladder(scene, THREE_SPOT, IMPLICIT) if rung.level == "coulomb")
+    assert "springs" not in scene.with_settings(rung.changes).contact.options
+
+
+def test_equal_runs_have_no_error():
+    found = errors(outcome(), outcome())
+    assert found == {name: 0.0 for name in cost.ERRORS}
+
+
+def test_friction_is_compared_frame_by_frame_where_both_know_it():
+    # differences 0 and .1 over the mean .3; the frame without a number does not count
+    assert rms_error(np.array([0.1, 0.2, 0.5]), outcome().friction) == pytest.approx(math.sqrt(0.005) / 0.3, rel=1e-12)
+    assert math.isnan(rms_error(np.array([math.nan]), outcome().friction))
+    assert rms_error(np.array([0.7, 0.2]), outcome().friction) == 0.0  # a shorter run: over the frames that both have
+
+
+def test_the_load_is_compared_where_the_gap_is_set():
+    other = outcome(normal=np.array([1.5, 1.5, 1.5]))
+    assert errors(other, outcome())["load_error"] == 0.0
+    assert errors(other, outcome(gap_set=True))["load_error"] == pytest.approx(0.5, rel=1e-12)
+
+
+def test_positions_count_bodies_with_equal_labels_and_the_nearest_image():
+    moved = np.array([[9.9, 0.0, 0.0], [3.0, 3.0, 3.0]])
+    states = np.array([[1, 1], [1, 2], [1, 3]])
+    found = errors(outcome(position=moved, states=states), outcome())
+    # the second body has tipped; the first is .1 away across the boundary, in parts of the way .5
+    assert found["position_error"] == pytest.approx(0.2, rel=1e-9)
+    assert found["label_difference"] == pytest.approx(1.0 / 6.0, rel=1e-12)
+    assert label_difference(None, states) != label_difference(None, states)  # NaN: nothing to compare
+
+
+@pytest.mark.parametrize("angle", [1e-9, 1e-3, 1.0, 3.0])
+def test_turns_are_exact_for_small_angles_too(angle):
+    axis = np.array([2.0, -1.0, 2.0]) / 3.0
+    start = np.array([[0.5, 0.5, -0.5, 0.5]])
+    w, v = math.cos(angle / 2.0), math.sin(angle / 2.0) * axis
+    real, along = start[0, 0], start[0, 1:]
+    turned = np.concatenate([[w * real - v @ along], w * along + real * v + np.cross(v, along)])
+    # rounding of a product of quaternions is 2e-16 of one, not of the angle
+    assert turns(turned[None], start)[0] == pytest.approx(angle, rel=1e-12, abs=1e-15)
+    assert turns(-turned[None], start)[0] == pytest.approx(angle, rel=1e-12, abs=1e-15)  # the same orientation
+
+
+def test_dissipation_is_relative():
+    assert errors(outcome(dissipated=2.5), outcome())["dissipation_error"] == pytest.approx(0.25, rel=1e-12)
+
+
+def test_the_front_holds_what_nothing_beats():
+    points = [(3.0, 0.1), (1.0, 0.5), (2.0, 0.6), (4.0, 0.1), (5.0, 0.01), (0.5, math.nan), (6.0, 0.02)]
+    assert front(points) == [1, 0, 4]
+
+
+def test_the_order_is_a_slope():
+    h = np.array([1.0, 0.5, 0.25])
+    assert order(h, 3.0 * h**2) == pytest.approx(2.0, rel=1e-12)
+    assert math.isnan(order(h, [math.nan, 0.0, 0.1]))
+
+
+def test_the_recommended_rung_is_the_fastest_that_is_good_enough(made):
+    best, words = cost.recommended(made)
+    assert best.rung.name == "mdr 16"
+    assert words == "`mdr 16` gives 0.8 % friction error at 2 times the cost of `mindlin` (5 %); no label changes"
+    assert [row.rung.name for row in cost.efficient(made)] == ["mindlin, step x4", "coulomb", "mindlin", "mdr 16", "exact"]
+
+
+def test_without_a_good_rung_the_most_accurate_one_is_named(made):
+    for entry in made.rows:
+        entry.errors["label_difference"] = 0.2
+    best, words = cost.recommended(made)
+    assert best.rung.name == "exact" and "no rung is within 1 %" in words
+
+
+def test_a_scene_without_a_drag_is_judged_by_its_load(made):
+    for entry in made.rows:
+        entry.errors["friction_error"] = math.nan
+    assert cost.figure_of_merit(made) == "load_error"
+
+
+def test_the_json_has_the_names_of_the_contract(made):
+    told = json.loads(json.dumps(cost.as_json(made)))
+    assert {"scene", "machine", "reduction", "reference", "recommended", "rungs"} <= set(told)
+    names = {"level", "springs", "integrator", "step", "wall_s", "time_ratio", "friction_error", "load_error", "position_error",
+             "label_difference", "energy_residual", "stable"}  # fmt: skip
+    assert all(names <= set(rung) for rung in told["rungs"])
+    assert told["rungs"][3]["time_ratio"] == 2.0 and told["rungs"][3]["springs"] == 16
+    assert told["reference"] == "exact, step /4"
+
+
+def test_a_failed_rung_is_shown_everywhere(made, capsys, tmp_path):
+    told = cost.as_json(made)["rungs"][-2]
+    assert told["stable"] is False and told["message"] == "cannot run this scene"
+    cost_table.print_study(made)
+    printed = capsys.readouterr().out
+    assert "mindlin, implicit: cannot run this scene" in printed and "failed" in printed
+    figure = cost_plot.picture(made)
+    assert "mindlin, implicit" in figure.axes[0].get_title(loc="left")
+
+
+def test_the_picture_shows_every_rung_the_front_and_the_scenes_own(made, tmp_path):
+    figure = cost_plot.picture(made)
+    axes = figure.axes[0]
+    assert (axes.get_xscale(), axes.get_yscale()) == ("log", "log")
+    names = {text.get_text() for text in axes.texts}
+    assert {"coulomb", "mindlin", "mdr 8", "mdr 16", "exact", "step x4"} <= names
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert {"efficient front", "as the scene asks", "recommended"} <= set(labels)
+    line = next(line for line in axes.lines if line.get_label() == "efficient front")
+    assert list(line.get_xdata()) == [0.5, 1.0, 2.0, 4.0, 9.0]
+    cost_plot.draw_study(made, tmp_path / "cost.png")
+    assert (tmp_path / "cost.png").stat().st_size > 10_000
+
+
+def test_springs_are_judged_against_the_finest_law_at_their_own_step(made):
+    series = next(entry for entry in convergence(made) if entry["what"] == "springs")
+    assert series["sizes"] == ["8", "16"] and series["against"] == "exact"
+    # friction of the made-up runs: .3 (1 + error)
+    assert series["errors"] == pytest.approx([(1.06 - 1.001) / 1.001, (1.008 - 1.001) / 1.001], rel=1e-9)
+
+
+def test_when_the_finest_rung_fails_the_next_one_is_the_reference(made):
+    made.rows[-1].stable = False
+    cost.judge(made)
+    assert made.reference.rung.name == "exact"
+    assert made.reference.errors["friction_error"] == 0.0
+
+
+def test_nothing_that_runs_is_told(made):
+    for entry in made.rows:
+        entry.stable = False
+    with pytest.raises(UsageError, match="no rung"):
+        cost.judge(made)
+
+
+def test_the_worker_tells_what_failed_and_times_the_rest(tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE)
+    job = {
+        "scene": str(file), "plugins": [], "folder": str(tmp_path / "runs"), "repeats": 2, "limit": 30.0,
+        "variants": [{}, {"solver.time_step": "1 s", "solver.integrator": "explicit"}],
+    }  # fmt: skip
+    good, bad = worker.work(job)
+    assert good["stable"] and len(good["cpu"]) >= 2 and all(x > 0.0 for x in good["cpu"])
+    assert good["integrator"] == "implicit" and good["step_kind"] == "tolerance"
+    assert not bad["stable"] and "above the bound" in bad["message"] and bad["wall"] == []
+
+
+def test_a_run_that_takes_too_long_is_stopped_and_told(tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE)
+    told = worker.measured(Scene.load(file), tmp_path / "run", [], 0.0)
+    assert not told["stable"] and "given up after 0 s of one core" in told["message"]
+
+
+def test_an_existing_folder_is_refused(tmp_path):
+    (tmp_path / "kept").write_text("mine")
+    for overwrite in (False, True):  # never what is no study
+        with pytest.raises(OutputError):
+            cost_command(tmp_path / "s.toml", tmp_path, {}, [], 3, False, False, overwrite, False, print)
+    assert (tmp_path / "kept").exists()
+
+
+@pytest.mark.slow
+def test_the_whole_command(tmp_path, capsys):
+    file, out = tmp_path / "scene.toml", tmp_path / "out"
+    file.write_text(SCENE)
+    cost_command(file, out, {}, [], 2, False, False, False, True, lambda text: None)
+    told = json.loads(capsys.readouterr().out)
+    assert told == json.loads((out / "cost.json").read_text())
+    assert len(told["rungs"]) >= 14 and all(rung["stable"] for rung in told["rungs"])
+    assert (out / "cost.png").exists() and (out / "cost.pdf").exists()
+    by_name = {rung["name"]: rung["friction_error"] for rung in told["rungs"]}
+    assert by_name["mdr 64"] < by_name["coulomb"]
