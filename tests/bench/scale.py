@@ -27,7 +27,7 @@ from thirdbody.simulate import execute, prepare
 
 CLOCKED = {
     "shapes": ("thirdbody.scene.populate", "make_bodies"),
-    "poses": ("thirdbody.scene.place", "settle"),
+    "poses": ("thirdbody.scene.place", "settle_all"),
     "places": ("thirdbody.scene.place", "place_layer"),
     "populate": ("thirdbody.scene.build", "populate"),
 }
