@@ -23,7 +23,8 @@ HEAVY, NEAR, FAST = 0.01, 0.05, 0.1
 NS = {"sphere": 26.0, "contact": 10.0, "pair": 4.0, "law": 4.0, "mindlin": 7.0, "exact": 60.0, "spring": 2.3, "body": 6.0,
       "labels": 30.0}  # fmt: skip
 """Nanoseconds of one core: per sphere and step (motion), per contact (geometry) or pair that is looked at, per contact and law,
-per spring, per body and effect, per body for its labels. Measured with numba 0.68 on a Zen 5; shares need only their ratios."""
+per spring, per body and effect, per body for its labels. Some measured with numba 0.68 on a Zen 5, some estimated: shares need
+only their ratios, and are told as estimates."""
 
 TOUCH = 0.02
 """A sphere nearer to a plate than this part of its radius will carry load."""
