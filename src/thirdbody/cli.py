@@ -230,6 +230,22 @@ def plot(
 
 
 @app.command()
+def export(
+    run: RunPath,
+    csv: Annotated[Path | None, typer.Option("--csv", metavar="DIR", help="tables with units")] = None,
+    pvd: Annotated[Path | None, typer.Option("--pvd", metavar="DIR", help="PVD and VTP, for ParaView before 5.12")] = None,
+    pack: Annotated[Path | None, typer.Option("--pack", metavar="FILE", help="a compressed copy of the run")] = None,
+    frame: Annotated[int | None, typer.Option("--frame", help="one frame, negative from the end [all]")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is there")] = False,
+) -> None:
+    """Write a run for other tools: tables, files of older versions of ParaView, a compressed copy."""
+    from .output.export import export_run
+
+    for path in export_run(run, csv, pvd, pack, frame, overwrite):
+        typer.echo(f"{path}")
+
+
+@app.command()
 def shapes(
     path: Annotated[Path, typer.Argument(metavar="SCENE|MESH", help="scene (TOML), or surface mesh (.stl, .obj, .ply)")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file: a picture of the bodies")] = None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from .checkpoint import FILE as CHECKPOINT
 from .checkpoint import THE_VERSION, Checkpoint, prints_of, read_checkpoint
-from .errors import InputError
+from .errors import Fault, InputError
 from .output.run import FILE_NAME, Run, open_run
 from .progress import Reporter, reporter_for_terminal
 from .scene.model import Scene
@@ -77,11 +77,13 @@ def _scene(folder: Path, kept: Checkpoint, settings: Mapping[str, Any]) -> Scene
     now = Scene.parse(read_text(path), str(path), kept.folder) if path.is_file() else before
     now = now.with_settings(settings) if settings else now
     changes = [
-        f"{key}: was {old}, is {new}" for key, old, new in _differences(before.document(), now.document()) if key not in LONGER
+        Fault(key, f"was {old}, is {new}")
+        for key, old, new in _differences(before.document(), now.document())
+        if key not in LONGER
     ]
     if changes:
-        told = "\n".join(f"  {change}" for change in changes)
-        raise InputError(f"{folder}: the scene has changed, so this run cannot go on:\n{told}\nrun it anew into another folder")
+        what = Fault("", "the scene has changed, so this run cannot go on; run it anew into another folder", str(folder))
+        raise InputError([what, *changes])
     _refuse_shorter(folder, kept, now)
     return now
 
@@ -110,11 +112,10 @@ def _differences(old: Any, new: Any, key: str = "") -> list[tuple[str, Any, Any]
 def _refuse_other(folder: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
     """Raise InputError if the run would be built from something else than it was."""
     names = [name for name in now if name != THE_VERSION and before.get(name) != now[name]]
-    changes = [f"  {name}: was {before.get(name)}, is {now[name]}" for name in names]
+    changes = [Fault(name, f"was {before.get(name)}, is {now[name]}") for name in names]
     if changes:
-        told = "\n".join(changes)
-        raise InputError(f"{folder}: built from something else than before, so this run cannot go on bit for bit:\n{told}")
-
+        what = Fault("", "built from something else than before, so this run cannot go on bit for bit", str(folder))
+        raise InputError([what, *changes])
 
 
 EVEN = 1.0 + 1e-9
