@@ -95,9 +95,9 @@ class Conduct:
 
     def _watch(self) -> None:
         """Between two compiled calls."""
-        self.ledger.watch(self.simulation.state)
+        found = self.ledger.watch(self.simulation.state)
         if self.simulation.integrator.divisible:  # else totals are summed up at stops only
-            self.looks.look(self.simulation.state)
+            self.looks.look(self.simulation.state, found)
         now = time.perf_counter()
         if now - self.started > self.wall_limit:
             self._leave("stopped by the limit of wall time")

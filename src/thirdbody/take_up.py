@@ -14,6 +14,7 @@ from .output.run import FILE_NAME, Run, open_run
 from .progress import Reporter, reporter_for_terminal
 from .scene.model import Scene
 from .scene.read import read_text
+from .scene.tables import Solver
 from .simulate import SCENE_FILE, check_threads, execute, prepare
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ def prepare_resume(
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give that of a run")
     kept = read_checkpoint(folder)
-    scene = _scene(folder, kept, settings or {})
+    before, scene = _scenes(folder, kept, settings or {})
     if kept.frames:
         with open_run(folder) as run:
             if run.frames < kept.frames:
@@ -66,12 +67,13 @@ def prepare_resume(
     _refuse_other(folder, kept.prints, now)
     if kept.prints.get(THE_VERSION) != now[THE_VERSION]:
         simulation.warnings.append("taken up by another version of thirdbody or numba than before: not bit for bit the same run")
-    kept.stop = _stops(kept, simulation)
+    if before.solver != scene.solver:  # a longer run
+        kept.stop = _stops(kept, simulation)
     return simulation, kept
 
 
-def _scene(folder: Path, kept: Checkpoint, settings: Mapping[str, Any]) -> Scene:
-    """The scene to go on with: that of the checkpoint, but for how far it goes."""
+def _scenes(folder: Path, kept: Checkpoint, settings: Mapping[str, Any]) -> tuple[Scene, Scene]:
+    """The scene of the checkpoint, and the one to go on with: the same but for how far it goes."""
     path = folder / SCENE_FILE
     before = Scene.parse(kept.scene, str(folder / CHECKPOINT), kept.folder)
     now = Scene.parse(read_text(path), str(path), kept.folder) if path.is_file() else before
@@ -84,13 +86,12 @@ def _scene(folder: Path, kept: Checkpoint, settings: Mapping[str, Any]) -> Scene
     if changes:
         what = Fault("", "the scene has changed, so this run cannot go on; run it anew into another folder", str(folder))
         raise InputError([what, *changes])
-    _refuse_shorter(folder, kept, now)
-    return now
+    _refuse_shorter(folder, before.solver, now.solver)
+    return before, now
 
 
-def _refuse_shorter(folder: Path, kept: Checkpoint, scene: Scene) -> None:
+def _refuse_shorter(folder: Path, before: Solver, solver: Solver) -> None:
     """Raise InputError for a run that would end where it already has been, or that ends by the clock and not by the way."""
-    solver, before = scene.solver, Scene.parse(kept.scene).solver
     for key, old, new in (("distance", before.distance, solver.distance), ("duration", before.duration, solver.duration)):
         if (old is None) != (new is None):
             raise InputError(f"{folder}: solver.{key}: a run by distance goes on by distance, one by duration by duration")
@@ -123,12 +124,10 @@ EVEN = 1.0 + 1e-9
 
 
 def _stops(kept: Checkpoint, simulation: Simulation) -> int:
-    """How many of the targets are reached: as many as were, but for a last output that a longer run has elsewhere."""
+    """How many of the targets of a longer run are reached: as many as were, but for a last output that it has elsewhere."""
     from .course import targets
 
     longer = list(targets(simulation))
-    if Scene.parse(kept.scene).document()["solver"] == simulation.scene.document()["solver"]:
-        return kept.stop
     time, distance = _reached(kept)
     return sum(1 for t, x, _ in longer if t <= time * EVEN or x <= distance * EVEN)
 

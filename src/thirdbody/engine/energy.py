@@ -13,7 +13,10 @@ LINES = (
 )  # fmt: skip
 
 
-def stored(state: State) -> tuple[float, float, float, float]:
+Stored = tuple[float, float, float, float]
+
+
+def stored(state: State) -> Stored:
     """Kinetic, elastic normal, elastic tangential and foundation energy, from the record of the last observed step."""
     B, P = state.B, state.P
     kinetic = 0.5 * float(np.sum(B[:, at.B_MASS] * np.sum(B[:, at.B_V : at.B_V + 3] ** 2, axis=1)))
@@ -37,13 +40,15 @@ class Ledger:
         self.start = sum(stored(state))
         self.peak = self.start
 
-    def watch(self, state: State) -> None:
-        """Note the largest stored plus kinetic energy; needs a record of the last step."""
-        self.peak = max(self.peak, sum(stored(state)))
+    def watch(self, state: State) -> Stored:
+        """Note the largest stored plus kinetic energy; needs a record of the last step. Returns what is `stored`."""
+        found = stored(state)
+        self.peak = max(self.peak, sum(found))
+        return found
 
-    def lines(self, state: State) -> dict[str, float]:
-        """Every line of the ledger, J; `residual` is the absolute one."""
-        kinetic, normal, tangential, springs = stored(state)
+    def lines(self, state: State, found: Stored | None = None) -> dict[str, float]:
+        """Every line of the ledger, J; `residual` is the absolute one. `found`: what is `stored`, where that is known already."""
+        kinetic, normal, tangential, springs = found or stored(state)
         A = state.A
         gained = A[at.A_PLATE_WORK] + A[at.A_EFFECTS]
         spent = kinetic + normal + tangential + springs - self.start + A[at.A_DAMPING] + A[at.A_FRICTION]

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import GuardStop
 from ..kernels import layout as at
-from .energy import Ledger
+from .energy import Ledger, Stored
 from .state import State
 
 OVERLAP_GUARD = 0.3
@@ -53,10 +53,10 @@ class Looks:
         self.ledger, self.patience, self.residual, self.norm = ledger, patience, residual, norm
         self.above = 0  # looks in a row with a residual above the limit
 
-    def look(self, state: State) -> None:
-        """Judge this instant, whose last step must be recorded. Raises GuardStop."""
+    def look(self, state: State, found: Stored | None = None) -> None:
+        """Judge this instant, whose last step must be recorded (`found` as for `Ledger.lines`). Raises GuardStop."""
         _judge_norms(state, self.norm)
-        off = self.ledger.relative_residual(state, self.ledger.lines(state)["residual"])
+        off = self.ledger.relative_residual(state, self.ledger.lines(state, found)["residual"])
         self.above = 0 if off <= self.residual else self.above + 1  # what is not a number is above
         if self.above >= self.patience:
             raise GuardStop(

@@ -53,8 +53,8 @@ def oblique_impact(trial: Trial) -> None:
 def mass_ratio(trial: Trial) -> None:
     """Size ratio 10, mass ratio 1e6, head on: the light ball bounces as off a wall, momentum holds to rounding.
 
-    Taken out: the guarded division of the radial return (0/0 without slip) -> forces are not numbers. The bound of the time step
-    by Rayleigh's time -> energy residual .10.
+    Taken out: the guarded division of the radial return (0/0 without slip) -> forces are not numbers. The bounds of the
+    time step by stiffness and by Rayleigh's time, both eight times as long -> energy residual .10.
     """
     materials = {"heavy": solid(210e9, 0.3, 7850.0 * 1e3), "light": STEEL}
     gap = 1e-14

@@ -92,7 +92,11 @@ def rebound(law: str, level: str, springs: int | None, degrees: float, steps: in
 
 
 def gross_slip(degrees: float) -> float:
-    """The same where the contact slips throughout: 1 - mu (1 + e)/tan(angle) (Chung and Ooi 2011, Eq. 17)."""
+    """The same where the contact slips throughout: 1 - mu (1 + e)/tan(angle).
+
+    Coulomb's law on impulses: that of friction is mu times the normal one, (1 + e) m v_n (Maw, Barber and Fawcett 1976, gross
+    slip).
+    """
     return 1.0 - FRICTION * (1.0 + RESTITUTION) / math.tan(math.radians(degrees))
 
 
