@@ -95,9 +95,12 @@ class Conduct:
 
     def _watch(self) -> None:
         """Between two compiled calls."""
-        found = self.ledger.watch(self.simulation.state)
-        if self.simulation.integrator.divisible:  # else totals are summed up at stops only
-            self.looks.look(self.simulation.state, found)
+        integrator, state = self.simulation.integrator, self.simulation.state
+        if integrator.divisible:
+            self.looks.look(state, self.ledger.watch(state))
+        elif getattr(integrator, "together", False):  # totals are summed up at stops only
+            self.ledger.watch(state)
+        # bodies that go each at a time of its own have no energy in common but at stops
         now = time.perf_counter()
         if now - self.started > self.wall_limit:
             self._leave("stopped by the limit of wall time")
@@ -117,7 +120,8 @@ class Conduct:
         frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None)
         self.writer.append(frame)
         self._tell(dict(frame.series))
-        self.looks.look(simulation.state)  # after the frame, which shows what went wrong
+        # after the frame, which shows what went wrong
+        self.looks.look(simulation.state, self.ledger.watch(simulation.state))
 
     def _tell(self, series: dict[str, Any]) -> None:
         """Tell the progress so far."""

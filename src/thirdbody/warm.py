@@ -1,19 +1,29 @@
-"""The first start of a version: compile on two cores at once, since numba itself compiles on one.
+"""The first start of a version: compile in several processes at once, since numba itself compiles on one core.
 
-The main process compiles the step loop, a second one everything else into the same cache. Afterwards all of it is loaded.
+The main process compiles the step loop, the others what is called less often, all into the same cache; whoever is done takes
+the next unit of work. Afterwards all of it is loaded.
 """
 
 from __future__ import annotations
 
 import gc
+import os
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 
 from . import cache
 
 MARK = "warm"
 PATIENCE = 300.0
-"""Seconds to wait for the second process; whatever it has not finished the main process compiles itself."""
+"""Seconds to wait for the other processes; whatever they have not finished the main process compiles itself."""
+
+PROCESSES = 4
+"""At most: the step loop alone takes longer than a fourth of the rest."""
+
+COLD = 1
+"""LLVM's level for what is not the step loop: compiles in 0.9 of the time, and no bit of a result depends on it."""
 
 
 def warm_up() -> None:
@@ -23,35 +33,79 @@ def warm_up() -> None:
         return
     if sys.stderr.isatty():
         print("thirdbody: first start of this version, compiling ...", file=sys.stderr, flush=True)
-    command = [sys.executable, "-m", "thirdbody.warm"]
-    other = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    queue, end = os.pipe()  # one byte per unit: reading one takes it, whoever reads
+    os.write(end, bytes(range(len(UNITS))))
+    os.close(end)
+    others = [_helper(queue) for _ in range(min(_cores(), PROCESSES) - 1)]
     gc.disable()  # the compiler makes millions of objects and few cycles: a tenth of its time
     try:
-        from .kernels import observe, stability, step  # noqa: F401  (imported to be compiled)
+        from .kernels import step  # noqa: F401  (imported to be compiled)
 
-        if other.wait(PATIENCE) == 0:
+        work_off(queue)
+        # third-party modules that a run needs anyway, while others still compile
+        import h5py  # noqa: F401
+        import scipy.spatial  # noqa: F401
+
+        if _all_done(others):
             mark.touch()
-    except subprocess.TimeoutExpired:
-        pass
     finally:
         gc.enable()
-        if other.poll() is None:
-            other.terminate()
+        os.close(queue)
+        for other in others:
+            if other.poll() is None:
+                other.terminate()
 
 
-def compile_the_rest() -> None:
-    """Everything but the step loop, its stability bound and the labels: laws and labellers, bodies, search."""
-    from .laws.compose import compose
-    from .laws.compose_bodies import compose_effects, compose_labeller
+def work_off(queue: int) -> None:
+    """Compile the units that the queue still holds."""
+    import numba
+
+    usual = numba.config.OPT  # type: ignore[attr-defined]
+    numba.config.OPT = type(usual)(min(COLD, usual))  # type: ignore[attr-defined]
+    try:
+        while taken := os.read(queue, 1):
+            UNITS[taken[0]]()
+    finally:
+        numba.config.OPT = usual  # type: ignore[attr-defined]
+
+
+def _cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _helper(queue: int) -> subprocess.Popen[bytes]:
+    command = [sys.executable, "-m", "thirdbody.warm"]
+    return subprocess.Popen(command, stdin=queue, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+
+
+def _all_done(others: list[subprocess.Popen[bytes]]) -> bool:
+    """Whether all others have ended well within our patience."""
+    last = time.monotonic() + PATIENCE
+    try:
+        return all([other.wait(max(last - time.monotonic(), 0.0)) == 0 for other in others])
+    except subprocess.TimeoutExpired:
+        return False
+
+
+def _labeller() -> None:
+    from .laws.compose_bodies import compose_labeller
     from .laws.registry import discover
 
     for family in discover().families.values():
         if family.labeller is not None:
             compose_labeller(family.labeller)
+
+
+def _laws() -> None:
+    from .laws.compose import compose
+    from .laws.compose_bodies import compose_effects
+    from .laws.registry import discover
+
+    for family in discover().families.values():
+        if family.labeller is not None:
             compose(family.levels[family.default_level])
     compose_effects([])
-    _bodies()
-    _search()
 
 
 def _bodies() -> None:
@@ -68,6 +122,10 @@ def _bodies() -> None:
     overlaps(np.zeros((1, 3)), np.ones(1), np.zeros(1, np.int64), (20.0, 20.0), True)
 
 
+def _stability() -> None:
+    from .kernels import stability  # noqa: F401  (imported to be compiled)
+
+
 def _search() -> None:
     import numpy as np
 
@@ -75,14 +133,17 @@ def _search() -> None:
     from .kernels import search
 
     S, P, H = np.zeros((1, at.S_COLS)), np.zeros((1, at.P_COLS)), np.zeros((0, 1))
-    body, own, count = np.zeros(1, np.int64), np.zeros(0, np.int64), np.ones(3, np.int64)
+    body, own, count = np.zeros(1, np.int64), np.zeros(0, np.int32), np.ones(3, np.int64)
     periodic = np.array([True, True])
     search.plate_candidates(S, P, body, body, True, True, 0.0, own, own)
     search.pair_candidates(S, body, 1.0, 1.0, 0.0, np.zeros(3), np.ones(3), count, periodic, 0, own, own)
     search.carry_history(0, 0, own, own, H, 0, 0, own, own, H)
-    search.incidences(0, own, own, body, 1)
+    search.incidences(0, own, own, 1)
 
+
+UNITS: tuple[Callable[[], None], ...] = (_labeller, _bodies, _stability, _search, _laws)
+"""Units of work, the longest first."""
 
 if __name__ == "__main__":
     gc.disable()
-    compile_the_rest()
+    work_off(sys.stdin.fileno())

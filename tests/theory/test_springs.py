@@ -145,10 +145,11 @@ def travel_speed(i, j, S, P, G, plate):
 
 def way(S, i, j, normal, arms, plate=0.0):
     """Travel speed of the patch of a contact in the frame of x and y, or of y and z for a normal along x."""
-    G = np.zeros((1, 11))
+    G = np.zeros((at.G_COLS, at.TILE))
     e, f = ((1, 0, 0), (0, 1, 0)) if abs(normal[2]) == 1 else ((0, 1, 0), (0, 0, 1))
-    G[0, :3], G[0, 3:6], G[0, 6:9], G[0, 9:] = normal, e, f, arms
-    return travel_speed(i, j, S, np.zeros((1, at.P_COLS)), G, plate)
+    G[at.G_N : at.G_N + 3, 0], G[at.G_E : at.G_E + 3, 0], G[at.G_D : at.G_D + 3, 0] = normal, e, f
+    G[at.G_ARM_I, 0], G[at.G_ARM_J, 0] = arms
+    return travel_speed(i, j, S, np.zeros((1, at.P_COLS)), G.ravel(), plate)
 
 
 def test_the_way_of_the_patch():

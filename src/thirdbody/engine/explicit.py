@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numba
 import numpy as np
 
 from ..errors import GuardStop
@@ -17,7 +18,7 @@ from ..laws.contract import Material
 from .guards import Guards
 from .labels import labels
 from .neighbours import search
-from .state import Array, State
+from .state import Array, State, refresh_spheres
 from .timestep import Bound, bound
 
 BUDGET = 64
@@ -92,20 +93,37 @@ class Explicit:
 
     def _tables(self) -> None:
         slots = self.state.slots
-        chunks = max(1, -(-slots.count // contact_pass.CHUNK))
         groups = max(1, -(-self.state.n_bodies // body_pass.BODIES))
+        chunks = max(groups, 1 + -(-slots.count // contact_pass.CHUNK))  # one more, where plates end and pairs begin
         self.sums = np.zeros((chunks, contact_pass.SUM_COLS))
         self.moves = np.zeros((groups, body_pass.MOVE_COLS))
+        self._scratch(numba.get_num_threads())
+
+    def _scratch(self, threads: int) -> None:
+        """Room to work in for every part of a pass: the kernels themselves make no arrays."""
+        slots, physics, parts = self.state.slots, self.state.physics, step.SHARES * threads
+        groups = np.append(slots.edges[:: body_pass.BODIES], slots.count)
+        longest = max(contact_pass.CHUNK, int(np.diff(groups).max(initial=0)))
+        floats, marks = contact_pass.room_for(len(physics.history), longest)
+        self.room = np.empty((parts, max(floats, body_pass.Z_COLS * body_pass.BODIES)))
+        self.marks = np.empty((parts, max(marks, body_pass.BODIES)), np.int32)
+        most = int(np.diff(slots.edges).max(initial=0)) if physics.labels else 0
+        self.rows = np.empty((parts, most, at.C_MEMORY + physics.contact_memory))
 
     def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
-        s, slots, physics = self.state, self.state.slots, self.state.physics
-        return step.advance(
-            budget, time, distance, dt, slots.count, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence,
-            s.body, s.start, s.patch, s.offsets, s.X0, s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
-            physics.pairs, physics.effect_parameters, s.D, s.A, s.schedule, s.first, self.sums, self.moves,
-            len(physics.history), physics.rolling, physics.stride, at.C_MEMORY + physics.contact_memory,
-            physics.has_effects, physics.labels, self.drag, physics.law, physics.effects, physics.observe, step.work,
+        s, slots, physics, threads = self.state, self.state.slots, self.state.physics, numba.get_num_threads()
+        if len(self.room) < step.SHARES * threads:
+            self._scratch(threads)
+        answer = step.advance(
+            budget, time, distance, dt, threads,
+            slots.n_plates, slots.own, slots.partner, slots.kind, slots.row, slots.edges, slots.spheres, slots.incidence,
+            slots.near, slots.beginning, s.start, s.offsets, s.X0, s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
+            physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, len(physics.history), physics.rolling,
+            at.C_MEMORY + physics.contact_memory, physics.has_effects, self.drag, physics.law, physics.effects, physics.observe,
+            self.room, self.marks, self.rows, step.work, s.patch, s.schedule, s.first, physics.stride, physics.labels,
         )  # fmt: skip
+        refresh_spheres(s)  # the kernel places only spheres that can meet something
+        return answer
 
     def _choose_step(self) -> None:
         # a fixed step is judged by the contacts as they are

@@ -9,6 +9,7 @@ bits come out for any number of threads.
 from __future__ import annotations
 
 import math
+import time as clock
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -29,7 +30,11 @@ from .state import Array, State
 from .timestep import rayleigh_time
 
 BATCH = 512
-"""Bodies per compiled call: what is done before a stop is heard."""
+"""Bodies per compiled call."""
+
+CALL, PACE, FEW = 1.0, 1e4, 8.0
+"""Wall time, s, that a compiled call shall take, for a stop is heard only after it; tries of steps per second until they are
+measured; and tries of each body in a call, at least."""
 
 FIRST, SHORTEST = 0.1, 1e-6
 """Length of the first step, and of the shortest one that is tried, in Rayleigh times."""
@@ -85,6 +90,7 @@ class Implicit:
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
         self.memory[:, at.T_FIRM] = float(state.P[:, at.P_LOAD].max()) / overlap
         self.settings = self._settings(overlap)
+        self.pace = PACE  # tries per second of the last call
 
     def _settings(self, overlap: float) -> Array:
         V, chosen = np.zeros(steps.V_COLS), self.accuracy
@@ -106,7 +112,7 @@ class Implicit:
     def advance_to(
         self, time: float = math.inf, distance: float = math.inf, watch: Callable[[], None] = lambda: None
     ) -> None:
-        """Bring all bodies to a time (s) or a sliding distance (m), whichever comes first; `watch` is called after every batch.
+        """Bring all bodies to a time (s) or a sliding distance (m), whichever comes first; `watch` is called about every second.
 
         Raises GuardStop when a body leaves its valid range or no step can be found for it, with all bodies as far as they came.
         """
@@ -131,10 +137,17 @@ class Implicit:
     def _reach(self, until: float, watch: Callable[[], None]) -> None:
         for first in range(0, self.state.n_bodies, BATCH):
             last = min(first + BATCH, self.state.n_bodies)
-            ready = (self.totals[first:last, at.A_TIME] >= until) | (self.memory[first:last, at.T_CODE] != steps.GOING)
-            if not ready.all():  # else done before the run was put away
-                self.march(first, last, until)
+            while waiting := self._waiting(first, last, until):
+                begun, before = clock.perf_counter(), self.memory[first:last, at.T_TRIES].sum()
+                self.march(first, last, until, max(FEW, CALL * self.pace / waiting))
+                done = self.memory[first:last, at.T_TRIES].sum() - before
+                self.pace = float(done) / max(clock.perf_counter() - begun, 1e-9)
                 watch()
+
+    def _waiting(self, first: int, last: int, until: float) -> int:
+        """How many of the bodies have not come to a time, s; of a run that was put away some have."""
+        going = self.memory[first:last, at.T_CODE] == steps.GOING
+        return int(np.count_nonzero(going & (self.totals[first:last, at.A_TIME] < until)))
 
     def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Arrays and notes of what the integrator itself remembers."""
@@ -146,11 +159,14 @@ class Implicit:
         for name, table in Implicit.keep(self)[0].items():
             table[:] = arrays[name]
 
-    def march(self, first: int, last: int, until: float) -> None:
-        """Bring the bodies from `first` to `last` (excluded) to a time, s; totals of the run are not touched."""
+    def march(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
+        """Bring the bodies from `first` to `last` (excluded) to a time, s, or as far as so many tries of steps bring each.
+
+        Totals of the run are not touched. The bits are those of one call, however often a body waits.
+        """
         s, physics = self.state, self.state.physics
         kernel.march(
-            first, last, until, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, s.schedule,
+            first, last, until, tries, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, s.schedule,
             s.first, self.drag, physics.law, self.tangents, physics.effects, physics.observe,
         )  # fmt: skip
 
@@ -163,7 +179,7 @@ class Implicit:
         """The tables in the groups of `kernels.trial`: spots, shape, state, known."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
         return (
-            (slots.own, slots.partner, slots.kind, slots.edges, slots.incidence), (s.body, s.start, s.patch, s.offsets, s.X0),
+            (slots.own, slots.partner, slots.kind, slots.edges, slots.incidence), (s.body, s.start, s.patch, s.offsets),
             (s.S, s.B, s.P, slots.H, slots.F, slots.R),
             (physics.pairs, physics.effect_parameters, len(physics.history), physics.rolling,
              at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels),

@@ -8,7 +8,7 @@ from ..errors import GuardStop
 from ..kernels import layout as at
 from ..kernels import search
 from .neighbours import grid
-from .state import Array, Ints, State
+from .state import Array, Numbers, State
 
 STRIDE = 0.25
 """Way of the drag between two looks, in radii of the smallest sphere."""
@@ -37,7 +37,7 @@ class Nearness:
                 raise GuardStop(self._explain(int(own[worst]), int(partner[worst])))
         self.places[:], self.ways[:] = state.S[:, :3], ways
 
-    def _closest(self, own: Ints, partner: Ints, gone: Array) -> Array:
+    def _closest(self, own: Numbers, partner: Numbers, gone: Array) -> Array:
         """Smallest gaps between the ways of pairs of spheres since the last look, taken as straight, less what they may stray."""
         S, body = self.state.S, self.state.body
         moved = S[:, :3] - self.places
@@ -51,14 +51,14 @@ class Nearness:
         reach = S[own, at.S_R] + S[partner, at.S_R] + strayed[own] + strayed[partner]
         return _apart(now, moved[own], moved[partner]) - reach
 
-    def _candidates(self, skin: float) -> tuple[Ints, Ints]:
+    def _candidates(self, skin: float) -> tuple[Numbers, Numbers]:
         """Pairs of spheres of different bodies that are nearer to each other than `skin`."""
         state = self.state
         low, size, count, periodic = grid(state, skin)
         l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
         capacity = max(64, state.n_spheres)
         while True:
-            own, partner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
+            own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
             n = search.pair_candidates(state.S, state.body, l_x, l_y, skin, low, size, count, periodic, 0, own, partner)
             if n <= capacity:
                 return own[:n], partner[:n]

@@ -6,26 +6,47 @@ import numpy as np
 
 from ..kernels import layout as at
 from ..kernels import search as passes
-from .state import Slots, State
+from .state import Array, Numbers, Slots, State, force_columns
 
 
 def search(state: State) -> None:
     """Find all pairs that can touch before anything has moved by the skin; contact memory is carried over."""
     n_plates, own, partner = _candidates(state)
     old = state.slots
-    columns = old.H.shape[1]
     n = len(own)
-    H, F, R = np.zeros((n, columns)), np.zeros((n, at.F_COLS)), np.zeros((n, old.R.shape[1]))
-    for source, target in ((old.H, H), (old.F, F), (old.R, R)):
+    H, R = np.zeros((n, old.H.shape[1])), np.zeros((n, old.R.shape[1]))
+    for source, target in ((old.H, H), (old.R, R)):
         _carry(n_plates, own, partner, old, source, target)
-    edges, incidence = passes.incidences(n, own, partner, state.body, state.n_bodies)
-    state.slots = Slots(own, partner, kinds_of(state, own, partner), edges, incidence, n_plates, H, F, R)
-    state.X0[:] = state.S[:, :3]
+    state.slots = slots_of(state, own, partner, n_plates, H, R)
+    state.X0[:, at.X_X : at.X_X + 3] = state.B[:, at.B_X : at.B_X + 3]
+    state.X0[:, at.X_Q : at.X_Q + 4] = state.B[:, at.B_Q : at.B_Q + 4]
     state.P[:, at.P_Z0] = state.P[:, at.P_Z]
     state.searches += 1
 
 
-def _carry(n_plates, own, partner, old: Slots, source, target) -> None:
+def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Array, R: Array) -> Slots:
+    """The candidates with all that follows from who meets whom, and with their memory."""
+    n = len(own)
+    spheres, incidence = passes.incidences(n, own, partner, state.n_spheres)
+    meets = np.diff(spheres) > 0
+    return Slots(
+        own=own,
+        partner=partner,
+        kind=kinds_of(state, own, partner),
+        row=np.where(H[:, at.H_ON] > 0.0, np.arange(n), n).astype(np.int32),
+        edges=spheres[state.start],
+        spheres=spheres,
+        incidence=incidence,
+        near=np.flatnonzero(meets).astype(np.int32),
+        beginning=np.concatenate(([0], np.cumsum(meets)))[state.start].astype(np.int32),
+        n_plates=n_plates,
+        H=H,
+        F=np.zeros((n + 1, force_columns(state.physics))),
+        R=R,
+    )
+
+
+def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Slots, source: Array, target: Array) -> None:
     passes.carry_history(0, n_plates, own, partner, target, 0, old.n_plates, old.own, old.partner, source)
     passes.carry_history(
         n_plates, len(own), own, partner, target, old.n_plates, old.count, old.own, old.partner, source
@@ -36,7 +57,7 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
     world = state.world
     capacity = max(64, int(1.3 * state.slots.count), 2 * state.n_spheres)
     while True:
-        own, partner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
+        own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
         n = passes.plate_candidates(
             state.S,
             state.P,
@@ -74,7 +95,7 @@ def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     return low, length / count, count, periodic
 
 
-def kinds_of(state: State, own: np.ndarray, partner: np.ndarray) -> np.ndarray:
+def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
     """Row of the table of pairs for each candidate."""
     material = state.material[state.body]
     world = state.world
@@ -83,4 +104,4 @@ def kinds_of(state: State, own: np.ndarray, partner: np.ndarray) -> np.ndarray:
     other = np.where(partner == -1, lower, upper)
     meets = partner >= 0
     other[meets] = material[partner[meets]]
-    return state.physics.kinds[material[own], other]
+    return state.physics.kinds[material[own], other].astype(np.int32)

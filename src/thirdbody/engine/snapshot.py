@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..kernels import search as passes
 from .energy import Ledger
-from .neighbours import kinds_of
+from .neighbours import slots_of
 from .state import Slots, State
 
 if TYPE_CHECKING:
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 FIXED = ("B", "S", "P", "A", "M", "X0")
 """Tables of a state whose shape follows from the scene."""
 
-SLOTS = ("own", "partner", "H", "F", "R")
+SLOTS = ("own", "partner", "H", "R")
 """What the candidates for contact are and remember."""
 
 
@@ -88,6 +87,5 @@ def _slots(kept: Snapshot, state: State) -> Slots:
         raise ValueError("slots name spheres or plates that are not there")
     if not 0 <= n_plates <= n or np.any(partner[:n_plates] >= 0) or np.any(partner[n_plates:] < 0):
         raise ValueError("contacts with plates do not come first")
-    edges, incidence = passes.incidences(n, own, partner, state.body, state.n_bodies)
-    H, F, R = (np.ascontiguousarray(arrays[name]) for name in ("H", "F", "R"))
-    return Slots(own, partner, kinds_of(state, own, partner), edges, incidence, n_plates, H, F, R)
+    H, R = (np.ascontiguousarray(arrays[name]) for name in ("H", "R"))
+    return slots_of(state, own, partner, n_plates, H, R)

@@ -16,6 +16,8 @@ from .plates import Schedule, UpperPlate
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Numbers = NDArray[np.int32]
+"""Of slots and spheres: half the memory that the step loop reads."""
 
 
 @dataclass(frozen=True)
@@ -79,13 +81,22 @@ class Physics:
 
 @dataclass
 class Slots:
-    """Candidate contacts, in order; memory H, this step's answer F, and the record R of the last observed step."""
+    """Candidate contacts, in order, plates first; memory H, this step's answer F, and the record R of the last observed step.
 
-    own: Ints
-    partner: Ints
-    kind: Ints
-    edges: Ints
-    incidence: Ints
+    `row` (n,): the row of F that holds the force of a candidate, n if it does not touch. `spheres` (n_spheres + 1,) and `edges`
+    (n_bodies + 1,): where the slots of each begin in `incidence` (2 slot, +1 for its partner). `near`: spheres that have slots,
+    body by body from `beginning` (n_bodies + 1,).
+    """
+
+    own: Numbers
+    partner: Numbers
+    kind: Numbers
+    row: Numbers
+    edges: Numbers
+    spheres: Numbers
+    incidence: Numbers
+    near: Numbers
+    beginning: Numbers
     n_plates: int
     H: Array
     F: Array
@@ -147,10 +158,14 @@ class State:
 
 def empty_slots(memory: int, record: int) -> Slots:
     """No candidates."""
-    none = np.zeros(0, np.int64)
-    return Slots(
-        none, none, none, none, none, 0, np.zeros((0, memory)), np.zeros((0, at.F_COLS)), np.zeros((0, record))
-    )
+    none: Numbers = np.zeros(0, np.int32)
+    H, F, R = np.zeros((0, memory)), np.zeros((0, at.F_COLS)), np.zeros((0, record))
+    return Slots(none, none, none, none, none, none, none, none, none, 0, H, F, R)
+
+
+def force_columns(physics: Physics) -> int:
+    """Columns of F: those of a moment only where a law has one."""
+    return at.F_ROLLING_COLS if physics.moments else at.F_COLS
 
 
 def memory_columns(physics: Physics) -> int:
@@ -176,6 +191,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> Sta
     S = np.zeros((n_spheres, at.S_COLS))
     S[:, at.S_R] = np.concatenate([clump.radii for clump in placed.clumps])
     S[:, at.S_SIDE] = placed.sides()
+    S[:, at.S_MASS] = np.repeat(B[:, at.B_MASS], counts)
     offsets = np.ascontiguousarray(np.concatenate([clump.centers for clump in placed.clumps]))
     upper = world.upper
     # kernels index the patch of every body; without an upper plate nothing is ever a candidate with it
@@ -193,7 +209,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> Sta
         first=first,
         M=np.zeros((n_bodies, max(physics.memory, 1))),
         offsets=offsets,
-        X0=np.zeros((n_spheres, 3)),
+        X0=_reach(offsets, start),
         body=np.repeat(np.arange(n_bodies), counts),
         start=start,
         patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch,
@@ -236,8 +252,12 @@ def angular_momentum(B: Array) -> Array:
 
 
 def refresh_spheres(state: State) -> None:
-    """Sphere positions and arms from the bodies (the kernels keep them up to date afterwards)."""
-    w, still = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    for b in range(state.n_bodies):
-        q = tuple(state.B[b, at.B_Q : at.B_Q + 4])
-        body_pass.place_spheres(b, state.start, state.offsets, state.S, state.X0, state.B, w, w, still, q, 0.0, 0.0)
+    """Sphere positions, arms and velocities of now, of all spheres, from the bodies."""
+    body_pass.place_all(state.start, state.offsets, state.S, state.B)
+
+
+def _reach(offsets: Array, start: Ints) -> Array:
+    """The table X0 before the first search: only how far the farthest centre of a sphere is."""
+    X0 = np.zeros((len(start) - 1, at.X_COLS))
+    X0[:, at.X_ARM] = np.maximum.reduceat(np.linalg.norm(offsets, axis=1), start[:-1])
+    return X0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..kernels import layout as at
-from ..kernels.stability import frequencies
+from ..kernels.stability import frequencies, matrices
 from ..laws.contract import Material
 from .state import Array, State
 
@@ -66,7 +66,7 @@ def bound(state: State, materials: list[Material], steps: int, deepest: float) -
     l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
     frequencies(
         slots.count, slots.own, slots.partner, slots.kind, state.body, state.S, state.B, _pressed(state, horizon), physics.pairs,
-        l_x, l_y, horizon, deepest, physics.stiffness, bodies, patches,
+        l_x, l_y, horizon, deepest, physics.stiffness, bodies, patches, *matrices(state.n_bodies),
     )  # fmt: skip
     of_bodies, of_patches = _steps(bodies[:, 0], bodies[:, 3]), _steps(patches[:, 0], patches[:, 1])
     body, patch = int(np.argmin(of_bodies)), int(np.argmin(of_patches))

@@ -1,35 +1,27 @@
-"""The body passes: half kick and drift of rigid clumps, and the gather of contact forces with the closing half kick.
+"""The body passes: half kick and drift of rigid clumps, and where their spheres are.
 
-Velocity Verlet. Chunks of bodies are fixed, and every body sums its contacts in the order of their slots: the same bits for
-any number of threads.
+Velocity Verlet. Bodies come in chunks of fixed size; the motion of a chunk is computed field by field, which the compiler turns
+into vector instructions: IEEE arithmetic body by body, so the same bits as one by one.
 """
+
+import math
 
 import numpy as np
 from numba import njit
 
 from .layout import (
-    B_EF,
-    B_ET,
     B_F,
     B_I,
     B_L,
-    B_LOW,
     B_MASS,
     B_Q,
-    B_SLIP,
     B_T,
-    B_UP,
     B_V,
     B_W,
-    B_WORK,
     B_X,
+    D_FLOOR,
     D_LX,
     D_LY,
-    F_F,
-    F_SLIP,
-    F_TI,
-    F_TJ,
-    F_WORK,
     S_ARM,
     S_O,
     S_R,
@@ -37,174 +29,230 @@ from .layout import (
     S_V,
     S_W,
     S_X,
-    S_Y,
-    S_Z,
+    X_ARM,
+    X_COLS,
+    X_Q,
+    X_X,
 )  # fmt: skip
-from .options import INNER, OPTIONS
-from .rotation import free_rotation, matrix, spin
+from .options import BARE, BARE_CHUNK, OPTIONS
+from .rotation import free_rotation, matrix, spin, turned
 
 BODIES = 64
 """Bodies per chunk."""
-
-RESTING_SPEED, RESTING_MOMENTUM = 1e-60, 1e-90
-"""m/s and kg m2/s, some fifty orders below any motion: a ball that a dashpot brings to rest between two plates decays for ever,
-and arithmetic on denormal numbers is thirty times slower."""
 
 # columns of `moves`, one row per chunk of bodies
 (MOVE_FAR, MOVE_STEP, MOVE_BAD, MOVE_OUT, MOVE_UP, MOVE_LOW, MOVE_POWER, MOVE_BODY, MOVE_WAY) = 0, 1, 2, 3, 4, 7, 10, 11, 12
 MOVE_COLS = 13
 
+# Z: fields of a chunk of bodies, stride BODIES: first the columns of B up to the torque
+Z_FAR = B_T + 3  # where the bodies were at the last search, then how far they are from there
+Z_W, Z_END_W, Z_END_V, Z_TURN, Z_WAY = 31, 34, 37, 40, 49  # spin of the step, at its end, velocity there, matrix, longest way
+Z_COLS = 50
+
+
+@njit(**BARE)
+def put(T, row, column, x, y, z):
+    """Write a vector into a row of a table, from a column on."""
+    T[row, column], T[row, column + 1], T[row, column + 2] = x, y, z
+
+
+@njit(**BARE)
+def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
+    """Position, arm and velocities of sphere s: of the step (arm half a step of length 2 h ago), and at its end."""
+    o_x, o_y, o_z = offsets[s, 0], offsets[s, 1], offsets[s, 2]
+    r_x = turn[0] * o_x + turn[1] * o_y + turn[2] * o_z
+    r_y = turn[3] * o_x + turn[4] * o_y + turn[5] * o_z
+    r_z = turn[6] * o_x + turn[7] * o_y + turn[8] * o_z
+    m_x = r_x - h * (w[1] * r_z - w[2] * r_y)
+    m_y = r_y - h * (w[2] * r_x - w[0] * r_z)
+    m_z = r_z - h * (w[0] * r_y - w[1] * r_x)
+    put(S, s, S_X, x[0] + r_x, x[1] + r_y, x[2] + r_z)
+    put(S, s, S_U, v[0] + w[1] * m_z - w[2] * m_y, v[1] + w[2] * m_x - w[0] * m_z, v[2] + w[0] * m_y - w[1] * m_x)
+    put(S, s, S_W, w[0], w[1], w[2])
+    put(S, s, S_V, v_end[0] + w_end[1] * r_z - w_end[2] * r_y, v_end[1] + w_end[2] * r_x - w_end[0] * r_z,
+        v_end[2] + w_end[0] * r_y - w_end[1] * r_x)  # fmt: skip
+    put(S, s, S_O, w_end[0], w_end[1], w_end[2])
+    put(S, s, S_ARM, r_x, r_y, r_z)
+
+
+@njit(**BARE_CHUNK)
+def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
+    """Positions, arms and velocities of body b's spheres, m and rad, with position x and orientation q at the end of a step."""
+    turn = matrix(q[0], q[1], q[2], q[3])
+    for s in range(start[b], start[b + 1]):
+        place_sphere(s, offsets, x, turn, v, w, v_end, w_end, 0.5 * dt, S)
+
 
 @njit(**OPTIONS)
-def place_spheres(b, start, offsets, S, X0, B, w, w_end, v_end, q, dt, far):
-    """Positions, arms and velocities of body b's spheres; returns the largest squared way since the last search."""
-    a_, b_, c_, d_, e_, f_, g_, h_, i_ = matrix(q[0], q[1], q[2], q[3])
-    for s in range(start[b], start[b + 1]):
-        o_x, o_y, o_z = offsets[s, 0], offsets[s, 1], offsets[s, 2]
-        r_x = a_ * o_x + b_ * o_y + c_ * o_z
-        r_y = d_ * o_x + e_ * o_y + f_ * o_z
-        r_z = g_ * o_x + h_ * o_y + i_ * o_z
-        S[s, S_ARM], S[s, S_ARM + 1], S[s, S_ARM + 2] = r_x, r_y, r_z
-        S[s, S_X], S[s, S_Y], S[s, S_Z] = B[b, B_X] + r_x, B[b, B_X + 1] + r_y, B[b, B_X + 2] + r_z
-        # the displacement of the step is that of the arm half a step ago
-        h = 0.5 * dt
-        m_x = r_x - h * (w[1] * r_z - w[2] * r_y)
-        m_y = r_y - h * (w[2] * r_x - w[0] * r_z)
-        m_z = r_z - h * (w[0] * r_y - w[1] * r_x)
-        S[s, S_U] = B[b, B_V] + w[1] * m_z - w[2] * m_y
-        S[s, S_U + 1] = B[b, B_V + 1] + w[2] * m_x - w[0] * m_z
-        S[s, S_U + 2] = B[b, B_V + 2] + w[0] * m_y - w[1] * m_x
-        S[s, S_V] = v_end[0] + w_end[1] * r_z - w_end[2] * r_y
-        S[s, S_V + 1] = v_end[1] + w_end[2] * r_x - w_end[0] * r_z
-        S[s, S_V + 2] = v_end[2] + w_end[0] * r_y - w_end[1] * r_x
-        for k in range(3):
-            S[s, S_W + k], S[s, S_O + k] = w[k], w_end[k]
-        t_x, t_y, t_z = S[s, S_X] - X0[s, 0], S[s, S_Y] - X0[s, 1], S[s, S_Z] - X0[s, 2]
-        far = max(far, t_x * t_x + t_y * t_y + t_z * t_z)
-    return far
+def place_all(start, offsets, S, B):
+    """All spheres where their bodies are now, with the velocities of now; and the spins of the bodies."""
+    for b in range(B.shape[0]):
+        x, v, q = (B[b, B_X], B[b, B_X + 1], B[b, B_X + 2]), (B[b, B_V], B[b, B_V + 1], B[b, B_V + 2]), quaternion(b, B)
+        w = spin(q, (B[b, B_L], B[b, B_L + 1], B[b, B_L + 2]), (B[b, B_I], B[b, B_I + 1], B[b, B_I + 2]))
+        B[b, B_W], B[b, B_W + 1], B[b, B_W + 2] = w
+        place_body(b, start, offsets, S, x, q, v, w, v, w, 0.0)
 
 
-@njit(**INNER)
-def drift_body(b, start, offsets, S, X0, B, dt, far):
-    """Half kick and full drift of body b; returns the largest squared way of its spheres since the last search."""
-    kick = 0.5 * dt / B[b, B_MASS]
-    for k in range(3):
-        B[b, B_V + k] += kick * B[b, B_F + k]
-        B[b, B_L + k] += 0.5 * dt * B[b, B_T + k]
-        B[b, B_X + k] += dt * B[b, B_V + k]
-    inertia = (B[b, B_I], B[b, B_I + 1], B[b, B_I + 2])
-    momentum = (B[b, B_L], B[b, B_L + 1], B[b, B_L + 2])
-    old = (B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
-    new = free_rotation(old, momentum, inertia, dt)
-    for k in range(4):
-        B[b, B_Q + k] = new[k]
-    w_0, w_1 = spin(old, momentum, inertia), spin(new, momentum, inertia)
-    w = (0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2]))
-    end = (
-        momentum[0] + 0.5 * dt * B[b, B_T],
-        momentum[1] + 0.5 * dt * B[b, B_T + 1],
-        momentum[2] + 0.5 * dt * B[b, B_T + 2],
-    )
-    v_end = (B[b, B_V] + kick * B[b, B_F], B[b, B_V + 1] + kick * B[b, B_F + 1], B[b, B_V + 2] + kick * B[b, B_F + 2])
-    return place_spheres(b, start, offsets, S, X0, B, w, spin(new, end, inertia), v_end, new, dt, far)
+@njit(**BARE)
+def quaternion(b, B):
+    """Orientation of body b."""
+    return B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3]
 
 
-@njit(**INNER)
-def drift_chunk(c, start, offsets, S, X0, B, D, dt, floor, moves):
-    """Drift the bodies of chunk c; note how far they went, and the first that is not finite or left the domain."""
-    first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
-    far, step, way = 0.0, 0.0, 0.0
-    moves[c, MOVE_BAD], moves[c, MOVE_OUT] = 0.0, 0.0
-    for b in range(first, last):
-        far = drift_body(b, start, offsets, S, X0, B, dt, far)
-        s = start[b]
-        u_x, u_y, u_z = S[s, S_U], S[s, S_U + 1], S[s, S_U + 2]
-        speed = (u_x * u_x + u_y * u_y + u_z * u_z) ** 0.5 * dt
-        way = max(way, speed)
-        if speed / S[s, S_R] > step:
-            step, moves[c, MOVE_BODY] = speed / S[s, S_R], b
-        if not abs(B[b, B_X]) + abs(B[b, B_X + 1]) + abs(B[b, B_X + 2]) + speed < 1e300:
-            moves[c, MOVE_BAD] = b + 1.0
-        if B[b, B_X + 2] < floor or outside(B[b, B_X], D[D_LX]) or outside(B[b, B_X + 1], D[D_LY]):
-            moves[c, MOVE_OUT] = b + 1.0
-    moves[c, MOVE_FAR], moves[c, MOVE_STEP], moves[c, MOVE_WAY] = far, step, way
+@njit(**BARE)
+def three(Z, p, field):
+    """Three fields of place p of a chunk."""
+    at = p + field * BODIES
+    return Z[at], Z[at + BODIES], Z[at + 2 * BODIES]
 
 
-@njit(**INNER)
+@njit(**BARE)
+def put_three(Z, p, field, values):
+    """Write three fields of place p of a chunk."""
+    at = p + field * BODIES
+    Z[at], Z[at + BODIES], Z[at + 2 * BODIES] = values
+
+
+@njit(**BARE_CHUNK)
+def move(n, dt, Z):
+    """Half kick and full drift of n bodies; how far each is from where the last search saw it, and its way in this step.
+
+    No loop stands inside the loop: the compiler makes vector instructions of innermost loops only.
+    """
+    half = 0.5 * dt
+    for p in range(n):
+        kick = half / Z[p + B_MASS * BODIES]
+        f_x, f_y, f_z = three(Z, p, B_F)
+        v_x, v_y, v_z = three(Z, p, B_V)
+        v_x, v_y, v_z = v_x + kick * f_x, v_y + kick * f_y, v_z + kick * f_z
+        x, y, z = three(Z, p, B_X)
+        x, y, z = x + dt * v_x, y + dt * v_y, z + dt * v_z
+        t_x, t_y, t_z = three(Z, p, B_T)
+        l_x, l_y, l_z = three(Z, p, B_L)
+        momentum = (l_x + half * t_x, l_y + half * t_y, l_z + half * t_z)
+        inertia = three(Z, p, B_I)
+        at = p + B_Q * BODIES
+        old = (Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES])
+        new = free_rotation(old, momentum, inertia, dt)
+        w_0, w_1 = spin(old, momentum, inertia), spin(new, momentum, inertia)
+        w = (0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2]))
+        end = (momentum[0] + half * t_x, momentum[1] + half * t_y, momentum[2] + half * t_z)
+        at_x = p + (Z_FAR + X_X) * BODIES
+        d_x, d_y, d_z = x - Z[at_x], y - Z[at_x + BODIES], z - Z[at_x + 2 * BODIES]
+        at_q = p + (Z_FAR + X_Q) * BODIES
+        same = new[0] * Z[at_q] + new[1] * Z[at_q + BODIES] + new[2] * Z[at_q + 2 * BODIES] + new[3] * Z[at_q + 3 * BODIES]
+        arm = Z[p + (Z_FAR + X_ARM) * BODIES]
+        put_three(Z, p, B_X, (x, y, z))
+        put_three(Z, p, B_V, (v_x, v_y, v_z))
+        put_three(Z, p, B_L, momentum)
+        Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES] = new
+        put_three(Z, p, Z_W, w)
+        put_three(Z, p, Z_END_W, spin(new, end, inertia))
+        put_three(Z, p, Z_END_V, (v_x + kick * f_x, v_y + kick * f_y, v_z + kick * f_z))
+        turn = matrix(new[0], new[1], new[2], new[3])
+        put_three(Z, p, Z_TURN, (turn[0], turn[1], turn[2]))
+        put_three(Z, p, Z_TURN + 3, (turn[3], turn[4], turn[5]))
+        put_three(Z, p, Z_TURN + 6, (turn[6], turn[7], turn[8]))
+        # a point at the end of the arm goes the chord: twice the arm times the sine of half the angle
+        chord = 2.0 * arm * math.sqrt(max(1.0 - same * same, 0.0))
+        Z[p + Z_FAR * BODIES] = math.sqrt(d_x * d_x + d_y * d_y + d_z * d_z) + chord
+        fast = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z) + math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * arm
+        Z[p + Z_WAY * BODIES] = fast * dt
+
+
+@njit(**BARE)
+def judge(b, far, way, radius, x, y, z, limits, seen):
+    """What was `seen` of a chunk, and body b: the farthest, the longest way and the largest share of a radius, with its body, and
+    the last body that is not finite or left the domain (+ 1; 0: none)."""
+    farthest, longest, step, body, bad, out = seen
+    floor, low_x, high_x, low_y, high_y = limits
+    share = way / radius
+    body = b if share > step else body
+    bad = bad if abs(x) + abs(y) + abs(z) + share < 1e300 else b + 1
+    out = b + 1 if (z < floor) | (x < low_x) | (x > high_x) | (y < low_y) | (y > high_y) else out
+    return max(farthest, far), max(longest, way), max(step, share), body, bad, out
+
+
+@njit(**BARE)
+def limits_of(D):
+    """Floor and sides of the domain; a periodic or endless one has no sides."""
+    l_x, l_y = D[D_LX], D[D_LY]
+    low_x, high_x = (0.0, -l_x) if l_x < 0.0 else (-np.inf, np.inf)
+    low_y, high_y = (0.0, -l_y) if l_y < 0.0 else (-np.inf, np.inf)
+    return D[D_FLOOR], low_x, high_x, low_y, high_y
+
+
+@njit(**BARE)
 def outside(x, length):
     """Whether x left an open domain, whose length is told as a negative number; periodic ones cannot be left."""
     return length < 0.0 and (x < 0.0 or x > -length)
 
 
-@njit(**INNER)
-def gather_body(b, incidence, edges, partner, F, B):
-    """Sum the slots of body b, in their order, into its force, torque, plate forces, friction work and slip."""
-    for k in range(B_UP, B_LOW + 3):
-        B[b, k] = 0.0
-    f_x, f_y, f_z, t_x, t_y, t_z = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for e in range(edges[b], edges[b + 1]):
-        k = incidence[e] >> 1
-        j = partner[k]
-        if incidence[e] & 1:
-            f_x -= F[k, F_F]
-            f_y -= F[k, F_F + 1]
-            f_z -= F[k, F_F + 2]
-            t_x += F[k, F_TJ]
-            t_y += F[k, F_TJ + 1]
-            t_z += F[k, F_TJ + 2]
-        else:
-            f_x += F[k, F_F]
-            f_y += F[k, F_F + 1]
-            f_z += F[k, F_F + 2]
-            t_x += F[k, F_TI]
-            t_y += F[k, F_TI + 1]
-            t_z += F[k, F_TI + 2]
-            if j < 0:
-                side = B_LOW if j == -1 else B_UP
-                for d in range(3):
-                    B[b, side + d] += F[k, F_F + d]
-        # work done between two bodies is shared by them
-        B[b, B_WORK] += F[k, F_WORK] * (0.5 if j >= 0 else 1.0)
-        B[b, B_SLIP] += F[k, F_SLIP]
-    B[b, B_F], B[b, B_F + 1], B[b, B_F + 2] = f_x, f_y, f_z
-    B[b, B_T], B[b, B_T + 1], B[b, B_T + 2] = t_x, t_y, t_z
+@njit(**BARE)
+def is_ball(b, B, X0):
+    """Whether body b is one sphere: its motion needs no matrix."""
+    return X0[b, X_ARM] == 0.0 and B[b, B_I] == B[b, B_I + 1] and B[b, B_I + 1] == B[b, B_I + 2]
 
 
-@njit(**INNER)
-def settled(x, least):
-    """x, or zero once it has decayed so far that its square would be a denormal number."""
-    return x if abs(x) > least else 0.0
-
-
-@njit(**INNER)
-def kick_body(b, B, force, torque, dt):
-    """Half kick of body b by the three forces from column `force` and torques from column `torque`; its spin follows."""
+@njit(**BARE)
+def drift_ball(b, s, S, X0, B, dt):
+    """Half kick and full drift of body b, which is sphere s; returns how far it is from where it was, and the way of the step."""
+    half, kick, turn = 0.5 * dt, 0.5 * dt / B[b, B_MASS], 1.0 / B[b, B_I]
+    far, fast = 0.0, 0.0
     for k in range(3):
-        B[b, B_V + k] = settled(B[b, B_V + k] + 0.5 * dt / B[b, B_MASS] * B[b, force + k], RESTING_SPEED)
-        B[b, B_L + k] = settled(B[b, B_L + k] + 0.5 * dt * B[b, torque + k], RESTING_MOMENTUM)
-    q = (B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
-    w = spin(q, (B[b, B_L], B[b, B_L + 1], B[b, B_L + 2]), (B[b, B_I], B[b, B_I + 1], B[b, B_I + 2]))
-    B[b, B_W], B[b, B_W + 1], B[b, B_W + 2] = w
+        change, push = kick * B[b, B_F + k], half * B[b, B_T + k]
+        v, momentum = B[b, B_V + k] + change, B[b, B_L + k] + push
+        x = B[b, B_X + k] + dt * v
+        B[b, B_X + k], B[b, B_V + k], B[b, B_L + k] = x, v, momentum
+        S[s, S_X + k], S[s, S_U + k], S[s, S_W + k] = x, v, momentum * turn
+        S[s, S_V + k], S[s, S_O + k] = v + change, (momentum + push) * turn
+        far, fast = far + (x - X0[b, X_X + k]) ** 2, fast + v * v
+    angle = dt * turn
+    new = turned(quaternion(b, B), B[b, B_L] * angle, B[b, B_L + 1] * angle, B[b, B_L + 2] * angle)
+    B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3] = new
+    return math.sqrt(far), math.sqrt(fast) * dt
 
 
-@njit(**INNER)
-def gather_chunk(c, incidence, edges, partner, F, B, dt, time, effects, effect_parameters, has_effects, moves):
-    """Forces and closing half kick of the bodies of chunk c; body effects see velocities at the end of the step."""
-    first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
-    for b in range(first, last):
-        gather_body(b, incidence, edges, partner, F, B)
-        kick_body(b, B, np.int64(B_F), np.int64(B_T), dt)
-    for k in range(MOVE_UP, MOVE_POWER + 1):
-        moves[c, k] = 0.0
-    if has_effects:
-        effects(B, first, last, time, dt, effect_parameters)
-        for b in range(first, last):
-            kick_body(b, B, np.int64(B_EF), np.int64(B_ET), dt)
-            for k in range(3):
-                B[b, B_F + k] += B[b, B_EF + k]
-                B[b, B_T + k] += B[b, B_ET + k]
-                moves[c, MOVE_POWER] += B[b, B_EF + k] * B[b, B_V + k] + B[b, B_ET + k] * B[b, B_W + k]
-    for b in range(first, last):
-        for k in range(3):
-            moves[c, MOVE_UP + k] += B[b, B_UP + k]
-            moves[c, MOVE_LOW + k] += B[b, B_LOW + k]
+@njit(**BARE)
+def stage_body(p, b, B, X0, Z):
+    """Put body b into place p of the chunk."""
+    for k in range(B_T + 3):
+        Z[p + k * BODIES] = B[b, k]
+    for k in range(X_COLS):
+        Z[p + (Z_FAR + k) * BODIES] = X0[b, k]
+
+
+@njit(**BARE)
+def place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt):
+    """Place those of body b's spheres that can meet something (`near`), or `everything`, from place p of the chunk."""
+    turn = (*three(Z, p, Z_TURN), *three(Z, p, Z_TURN + 3), *three(Z, p, Z_TURN + 6))
+    x, v, w, v_end, w_end = three(Z, p, B_X), three(Z, p, B_V), three(Z, p, Z_W), three(Z, p, Z_END_V), three(Z, p, Z_END_W)
+    begin = start[b] if everything else np.int64(beginning[b])
+    end = start[b + 1] if everything else np.int64(beginning[b + 1])
+    for e in range(begin, end):
+        place_sphere(e if everything else np.int64(near[e]), offsets, x, turn, v, w, v_end, w_end, 0.5 * dt, S)
+
+
+@njit(**BARE_CHUNK)
+def drift_chunk(c, start, near, beginning, everything, offsets, S, X0, B, D, dt, moves, Z, staged):
+    """Drift the bodies of chunk c and place those of their spheres that can meet something (`near`), or `everything`."""
+    seen = (0.0, 0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
+    limits, n = limits_of(D), 0
+    for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
+        if is_ball(b, B, X0):
+            far, way = drift_ball(b, start[b], S, X0, B, dt)
+            seen = judge(b, far, way, S[start[b], S_R], B[b, B_X], B[b, B_X + 1], B[b, B_X + 2], limits, seen)
+        else:
+            stage_body(n, b, B, X0, Z)
+            staged[n] = b
+            n += 1
+    move(n, dt, Z)
+    for p in range(n):
+        b = staged[p]
+        for k in range(B_MASS):
+            B[b, k] = Z[p + k * BODIES]
+        x, y, z = three(Z, p, B_X)
+        seen = judge(b, Z[p + Z_FAR * BODIES], Z[p + Z_WAY * BODIES], S[start[b], S_R], x, y, z, limits, seen)
+        place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt)
+    moves[c, MOVE_FAR], moves[c, MOVE_WAY], moves[c, MOVE_STEP], moves[c, MOVE_BODY] = seen[0], seen[1], seen[2], seen[3]
+    moves[c, MOVE_BAD], moves[c, MOVE_OUT] = seen[4], seen[5]

@@ -5,10 +5,10 @@ import math
 from numba import njit
 
 from .layout import A_DISTANCE, A_DX, A_DY, A_ELAPSED, A_HEADING, A_SPEED, A_STEPS, A_TIME
-from .options import INNER
+from .options import BARE
 
 
-@njit(**INNER)
+@njit(**BARE)
 def pass_time(A, dt, v_x, v_y):
     """Time, distance and heading after a step of length dt (s), the upper plate at the mean velocity (v_x, v_y), m/s."""
     speed = math.sqrt(v_x * v_x + v_y * v_y)

@@ -1,7 +1,8 @@
 """The contact pass: candidate pairs -> gaps -> law tiles -> forces in slots, chunk by chunk.
 
 A chunk is a fixed range of slots, whatever the number of threads, and writes only its own slots and its own row of `sums`,
-so the result has the same bits for any number of threads.
+so the result has the same bits for any number of threads. Branches that the processor cannot foretell cost more than all
+arithmetic, so gaps are computed for all candidates first and the touching ones are listed without a branch.
 """
 
 import math
@@ -9,28 +10,31 @@ import math
 import numpy as np
 from numba import njit
 
+from .bodies import put
 from .layout import (
-    B_MASS,
     F_F,
+    F_HALF,
+    F_Q,
     F_SLIP,
-    F_TI,
-    F_TJ,
     F_WORK,
+    G_ARM_I,
+    G_ARM_J,
+    G_COLS,
+    G_D,
+    G_E,
+    G_F,
+    G_N,
+    G_Q,
+    G_RI,
+    G_RJ,
     H_E,
     H_LAW,
     H_ON,
     H_SLIP,
     H_STORED,
     I_HISTORY,
-    I_MASS,
     I_OVERLAP,
     I_RADIUS,
-    I_SX,
-    I_SY,
-    I_TYPE,
-    I_VN,
-    I_VX,
-    I_VY,
     J_COLS,
     O_A,
     O_CRITICAL,
@@ -45,6 +49,7 @@ from .layout import (
     O_TX,
     O_TY,
     O_WORK,
+    P_V,
     P_Z,
     Q_COLS,
     R_A,
@@ -67,16 +72,15 @@ from .layout import (
     S_ARM,
     S_O,
     S_R,
-    S_U,
     S_V,
-    S_W,
     S_X,
     S_Y,
     S_Z,
     TILE,
 )  # fmt: skip
-from .options import INNER
+from .options import BARE, BARE_CHUNK
 from .rolling import MOMENTS, apply_rolling, record_rolling, stage_rolling
+from .staging import meet, push, slide, stage_pairs, stage_plate, turn_frames
 from .surface import partner_velocity, surface_velocity
 
 CHUNK = 1024
@@ -84,26 +88,28 @@ CHUNK = 1024
 
 # columns of `sums`, one row per chunk
 SUM_WORK, SUM_POWER, SUM_OVERLAP, SUM_SLOT, SUM_BAD = range(5)
-SUM_COLS = 8
-
-GEOMETRY = 11
-"""Floats kept per staged contact beside the law's tile: normal, e_1, e_2 (3 each), and the two arm lengths."""
+SUM_COLS = 5
 
 
-@njit(**INNER)
+def room_for(n_history, longest):
+    """Scratch of a thread for chunks of at most `longest` slots: numbers of floats and of marks."""
+    fields = I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS + G_COLS
+    return fields * TILE + longest, 2 * longest + 2
+
+
+@njit(**BARE)
 def nearest_image(d, length):
     """Separation d in a period of `length`; 0 means not periodic."""
     return d - length * np.rint(d / length) if length > 0.0 else d
 
 
-@njit(**INNER)
+@njit(**BARE)
 def separation(k, own, partner, S, P, l_x, l_y):
     """Overlap of candidate k (not positive: apart) and the unit normal, partner to owner, of one that touches."""
     i, j = own[k], partner[k]
-    if j == -1:
-        return S[i, S_R] - S[i, S_Z], 0.0, 0.0, 1.0
-    if j < -1:
-        return S[i, S_R] - (P[-j - 2, P_Z] - S[i, S_Z]), 0.0, 0.0, -1.0
+    if j < 0:
+        overlap, up = plate_overlap(k, own, partner, S, P)
+        return overlap, 0.0, 0.0, 1.0 - 2.0 * up
     d_x = nearest_image(S[i, S_X] - S[j, S_X], l_x)
     d_y = nearest_image(S[i, S_Y] - S[j, S_Y], l_y)
     d_z = S[i, S_Z] - S[j, S_Z]
@@ -116,179 +122,181 @@ def separation(k, own, partner, S, P, l_x, l_y):
     return reach - d, d_x * inverse, d_y * inverse, d_z * inverse
 
 
-@njit(**INNER)
-def carry_frame(H, k, n_x, n_y, n_z, p_x, p_y, p_z, twist):
-    """First axis of the contact frame, carried with the normal and turned by `twist` about it; made anew at first touch."""
-    if H[k, H_ON] == 0.0:
-        # any direction that is never parallel to the normal; the law cannot tell which
-        if abs(n_z) > 0.5:
-            e_x, e_y, e_z = 1.0, 0.0, 0.0
-        else:
-            e_x, e_y, e_z = 0.0, 0.0, 1.0
-    else:
-        e_x, e_y, e_z = H[k, H_E], H[k, H_E + 1], H[k, H_E + 2]
-        e_x, e_y, e_z = (
-            e_x + twist * (p_y * e_z - p_z * e_y), e_y + twist * (p_z * e_x - p_x * e_z), e_z + twist * (p_x * e_y - p_y * e_x),
-        )  # fmt: skip
-    # along the bisector of old and new normal: a projection along the new one alone would turn the frame by O(step)
-    along = (e_x * n_x + e_y * n_y + e_z * n_z) / (p_x * n_x + p_y * n_y + p_z * n_z)
-    e_x, e_y, e_z = e_x - along * p_x, e_y - along * p_y, e_z - along * p_z
-    scale = 1.0 / math.sqrt(e_x * e_x + e_y * e_y + e_z * e_z)
-    return e_x * scale, e_y * scale, e_z * scale
-
-
-@njit(**INNER)
-def mid_normal(S, i, j, distance, half, n_x, n_y, n_z):
-    """Unit normal half a step ago: slip is a displacement of the step, so its arms are those of the middle of the step."""
-    x = distance * n_x - half * (S[i, S_U] - S[j, S_U])
-    y = distance * n_y - half * (S[i, S_U + 1] - S[j, S_U + 1])
-    z = distance * n_z - half * (S[i, S_U + 2] - S[j, S_U + 2])
-    inverse = 1.0 / max(math.sqrt(x * x + y * y + z * z), 1e-300)
-    return x * inverse, y * inverse, z * inverse
-
-
-@njit(**INNER)
-def stage(q, k, overlap, n_x, n_y, n_z, own, partner, kind, S, B, P, body, H, dt, v_x, v_y, I, G, n_history):  # noqa: E741
-    """Put contact k into place q of the law's tile: effective radius and mass, slip of the step, velocities, history."""
+@njit(**BARE)
+def plate_overlap(k, own, partner, S, P):
+    """Overlap of candidate k with its plate (not positive: apart), and whether that is the upper one."""
     i, j = own[k], partner[k]
-    r_i = S[i, S_R]
-    m_i = B[body[i], B_MASS]
-    radius, mass, arm_j, r_j = r_i, m_i, 0.0, 0.0
-    arm_i = r_i - 0.5 * overlap
-    p_x, p_y, p_z = n_x, n_y, n_z
-    w_x, w_y, w_z = S[i, S_W], S[i, S_W + 1], S[i, S_W + 2]
-    if j >= 0:
-        r_j = S[j, S_R]
-        arm_j = r_j - 0.5 * overlap
-        m_j = B[body[j], B_MASS]
-        radius, mass = r_i * r_j / (r_i + r_j), m_i * m_j / (m_i + m_j)
-        p_x, p_y, p_z = mid_normal(S, i, j, r_i + r_j - overlap, 0.5 * dt, n_x, n_y, n_z)
-        w_x, w_y, w_z = w_x + S[j, S_W], w_y + S[j, S_W + 1], w_z + S[j, S_W + 2]
-    twist = w_x * p_x + w_y * p_y + w_z * p_z
-    e_x, e_y, e_z = carry_frame(H, k, n_x, n_y, n_z, p_x, p_y, p_z, 0.5 * dt * twist)
-    f_x, f_y, f_z = n_y * e_z - n_z * e_y, n_z * e_x - n_x * e_z, n_x * e_y - n_y * e_x
-    a_x, a_y, a_z = surface_velocity(S, i, S_U, S_W, -arm_i * p_x, -arm_i * p_y, -arm_i * p_z)
-    b_x, b_y, b_z = partner_velocity(S, P, j, S_U, S_W, arm_j * p_x, arm_j * p_y, arm_j * p_z, v_x, v_y)
-    I[I_SX * TILE + q] = ((a_x - b_x) * e_x + (a_y - b_y) * e_y + (a_z - b_z) * e_z) * dt
-    I[I_SY * TILE + q] = ((a_x - b_x) * f_x + (a_y - b_y) * f_y + (a_z - b_z) * f_z) * dt
-    a_x, a_y, a_z = surface_velocity(S, i, S_V, S_O, -arm_i * n_x, -arm_i * n_y, -arm_i * n_z)
-    b_x, b_y, b_z = partner_velocity(S, P, j, S_V, S_O, arm_j * n_x, arm_j * n_y, arm_j * n_z, v_x, v_y)
-    I[I_VN * TILE + q] = (a_x - b_x) * n_x + (a_y - b_y) * n_y + (a_z - b_z) * n_z
-    I[I_VX * TILE + q] = (a_x - b_x) * e_x + (a_y - b_y) * e_y + (a_z - b_z) * e_z
-    I[I_VY * TILE + q] = (a_x - b_x) * f_x + (a_y - b_y) * f_y + (a_z - b_z) * f_z
-    I[I_OVERLAP * TILE + q], I[I_RADIUS * TILE + q], I[I_MASS * TILE + q] = overlap, radius, mass
-    I[I_TYPE * TILE + q] = kind[k]
-    for h in range(n_history):
-        I[(I_HISTORY + h) * TILE + q] = H[k, H_LAW + h]
-    G[q, 0], G[q, 1], G[q, 2], G[q, 3], G[q, 4], G[q, 5] = n_x, n_y, n_z, e_x, e_y, e_z
-    G[q, 6], G[q, 7], G[q, 8], G[q, 9], G[q, 10] = f_x, f_y, f_z, arm_i, arm_j
+    z, r = S[i, S_Z], S[i, S_R]
+    up = 1.0 if j < -1 else 0.0
+    top = P[max(-j - 2, 0), P_Z]
+    return r - (top - z if j < -1 else z), up
 
 
-@njit(**INNER)
-def release(k, H, F, sums, c):
-    """A contact that opened: what its tangential spring still held is dissipated, its memory is wiped."""
-    if H[k, H_ON] != 0.0:
-        sums[c, SUM_WORK] += H[k, H_STORED]
-        F[k, F_WORK] = H[k, H_STORED]
-        F[k, F_SLIP] = 0.0
-        for h in range(H.shape[1]):
-            H[k, h] = 0.0
-        for f in range(F_WORK):
-            F[k, f] = 0.0
-    else:
-        F[k, F_WORK] = 0.0
+@njit(**BARE_CHUNK)
+def measure_plates(first, last, own, partner, S, P, g):
+    """Overlaps of the candidates first to last, which are with plates."""
+    for k in range(first, last):
+        g[k - first] = plate_overlap(k, own, partner, S, P)[0]
 
 
-@njit(**INNER)
-def apply(q, k, O, G, own, partner, S, H, F, n_history, sums, c):  # noqa: E741
-    """Take the law's answer for place q of the tile into slot k: force, torques about both centres, history, sums."""
-    i, j = own[k], partner[k]
-    n_x, n_y, n_z = G[q, 0], G[q, 1], G[q, 2]
-    f_n, t_1, t_2 = O[O_FN * TILE + q], O[O_TX * TILE + q], O[O_TY * TILE + q]
-    f_x = f_n * n_x + t_1 * G[q, 3] + t_2 * G[q, 6]
-    f_y = f_n * n_y + t_1 * G[q, 4] + t_2 * G[q, 7]
-    f_z = f_n * n_z + t_1 * G[q, 5] + t_2 * G[q, 8]
-    a = G[q, 9]
-    r_x, r_y, r_z = S[i, S_ARM] - a * n_x, S[i, S_ARM + 1] - a * n_y, S[i, S_ARM + 2] - a * n_z
-    F[k, F_F], F[k, F_F + 1], F[k, F_F + 2] = f_x, f_y, f_z
-    F[k, F_TI], F[k, F_TI + 1], F[k, F_TI + 2] = r_y * f_z - r_z * f_y, r_z * f_x - r_x * f_z, r_x * f_y - r_y * f_x
-    if j >= 0:
-        a = G[q, 10]
-        r_x, r_y, r_z = S[j, S_ARM] + a * n_x, S[j, S_ARM + 1] + a * n_y, S[j, S_ARM + 2] + a * n_z
-        F[k, F_TJ], F[k, F_TJ + 1], F[k, F_TJ + 2] = r_z * f_y - r_y * f_z, r_x * f_z - r_z * f_x, r_y * f_x - r_x * f_y
-    F[k, F_WORK], F[k, F_SLIP] = O[O_WORK * TILE + q], O[O_SLIP * TILE + q]
+@njit(**BARE_CHUNK)
+def measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
+    """How much the spheres of the candidates first to last touch: positive if they do (c = 1/l, 0 if not periodic)."""
+    for k in range(first, last):
+        i, j = own[k], partner[k]
+        d_x, d_y, d_z = S[i, S_X] - S[j, S_X], S[i, S_Y] - S[j, S_Y], S[i, S_Z] - S[j, S_Z]
+        d_x -= l_x * np.rint(d_x * c_x)
+        d_y -= l_y * np.rint(d_y * c_y)
+        reach = S[i, S_R] + S[j, S_R]
+        g[k - first] = reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
+
+
+@njit(**BARE_CHUNK)
+def sort_out(first, last, nowhere, g, row, touching, opened):
+    """List the candidates that touch, and those that did a step ago but do no more; returns how many of each.
+
+    `row` says where the gather finds the force of a candidate: those that touch take the rows from `first` on, one by one;
+    `nowhere` is the row of those that do not.
+    """
+    m, o = np.int64(0), np.int64(0)
+    for k in range(first, last):
+        on, was = g[k - first] > 0.0, row[k] != nowhere
+        touching[m], opened[o] = k, k
+        row[k] = first + m if on else nowhere
+        m += np.int64(on)
+        o += np.int64(was) * (1 - np.int64(on))
+    return m, o
+
+
+@njit(**BARE)
+def release(k, f, H, F):
+    """A contact that opened: what its tangential spring still held is dissipated (returned, and in row f), its memory wiped."""
+    lost = H[k, H_STORED]
+    for e in range(F.shape[1]):
+        F[f, e] = 0.0
+    F[f, F_WORK] = lost
+    for h in range(H.shape[1]):
+        H[k, h] = 0.0
+    return lost
+
+
+@njit(**BARE)
+def let_go(o, opened, first, row, H, F):
+    """Release o contacts; the gather still finds what they lost, in rows from `first` on, in this step only. Returns the sum."""
+    lost = 0.0
+    for e in range(o):
+        k = opened[e]
+        if H[k, H_ON] != 0.0:
+            lost += release(k, first + e, H, F)
+            row[k] = first + e
+    return lost
+
+
+@njit(**BARE)
+def apply(q, k, f, O, G, I, H, F, n_history):  # noqa: E741
+    """Take the law's answer for place q of the tile: force and what its torque needs into row f, history into slot k."""
+    for d in range(3):
+        F[f, F_F + d], F[f, F_Q + d] = G[q + (G_F + d) * TILE], G[q + (G_Q + d) * TILE]
+        H[k, H_E + d] = G[q + (G_E + d) * TILE]
+    F[f, F_HALF] = 0.5 * I[q + I_OVERLAP * TILE]
+    F[f, F_WORK], F[f, F_SLIP] = O[q + O_WORK * TILE], O[q + O_SLIP * TILE]
     H[k, H_ON] = 1.0
-    H[k, H_E], H[k, H_E + 1], H[k, H_E + 2] = G[q, 3], G[q, 4], G[q, 5]
-    H[k, H_STORED] = O[O_STORED_T * TILE + q]
-    H[k, H_SLIP] += O[O_SLIP * TILE + q]
+    H[k, H_STORED] = O[q + O_STORED_T * TILE]
+    H[k, H_SLIP] += O[q + O_SLIP * TILE]
     for h in range(n_history):
-        H[k, H_LAW + h] = O[(O_HISTORY + h) * TILE + q]
-    sums[c, SUM_WORK] += O[O_WORK * TILE + q]
-    sums[c, SUM_POWER] += O[O_POWER * TILE + q]
-    if not abs(f_x) + abs(f_y) + abs(f_z) < 1e300:
-        sums[c, SUM_BAD] = k + 1.0
+        H[k, H_LAW + h] = O[q + (O_HISTORY + h) * TILE]
 
 
-@njit(**INNER)
+@njit(**BARE)
+def tally(m, slots, first, O, I, G, found):  # noqa: E741
+    """What was `found` in a chunk, and a tile of m contacts: work, power, the largest overlap over the smaller radius with its
+    slot, and the last slot whose force is not a number (+ 1; 0: none)."""
+    work, power, deepest, slot, bad = found
+    for q in range(m):
+        work += O[q + O_WORK * TILE]
+        power += O[q + O_POWER * TILE]
+        ratio = I[q + I_OVERLAP * TILE] / min(G[q + G_RI * TILE], G[q + G_RJ * TILE])
+        size = abs(G[q + G_F * TILE]) + abs(G[q + (G_F + 1) * TILE]) + abs(G[q + (G_F + 2) * TILE])
+        k = np.int64(slots[first + q])
+        slot = k if ratio > deepest else slot
+        deepest = max(deepest, ratio)
+        bad = bad if size < 1e300 else k + 1
+    return work, power, deepest, slot, bad
+
+
+@njit(**BARE_CHUNK)
 def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
     """Everything that output and labels need of one contact, as the step computed it."""
     i, j = own[k], partner[k]
-    n_x, n_y, n_z, a_i, a_j = G[q, 0], G[q, 1], G[q, 2], G[q, 9], G[q, 10]
-    t_1, t_2 = O[O_TX * TILE + q], O[O_TY * TILE + q]
+    a_i, a_j = G[q + G_ARM_I * TILE], G[q + G_ARM_J * TILE]
+    t_1, t_2 = O[q + O_TX * TILE], O[q + O_TY * TILE]
+    n = (G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE])
     for d in range(3):
-        n = G[q, d]
-        R[k, R_POINT + d] = S[i, S_ARM + d] - a_i * n
-        R[k, R_POINT_J + d] = S[j, S_ARM + d] + a_j * n if j >= 0 else 0.0
-        R[k, R_N + d] = n
-        R[k, R_T + d] = t_1 * G[q, 3 + d] + t_2 * G[q, 6 + d]
+        R[k, R_POINT + d] = S[i, S_ARM + d] - a_i * n[d]
+        R[k, R_POINT_J + d] = S[j, S_ARM + d] + a_j * n[d] if j >= 0 else 0.0
+        R[k, R_N + d] = n[d]
+        R[k, R_T + d] = t_1 * G[q + (G_E + d) * TILE] + t_2 * G[q + (G_D + d) * TILE]
     R[k, R_CURVATURE], R[k, R_CURVATURE_J] = S[i, S_R], S[j, S_R] if j >= 0 else 0.0
-    R[k, R_A], R[k, R_OVERLAP] = O[O_A * TILE + q], I[I_OVERLAP * TILE + q]
-    R[k, R_FN], R[k, R_LOAD] = O[O_FN * TILE + q], O[O_LOAD * TILE + q]
-    R[k, R_LIMIT], R[k, R_CRITICAL] = O[O_LIMIT * TILE + q], O[O_CRITICAL * TILE + q]
-    R[k, R_STORED_N], R[k, R_STORED_T] = O[O_STORED_N * TILE + q], O[O_STORED_T * TILE + q]
-    R[k, R_EFFECTIVE] = I[I_RADIUS * TILE + q]
-    a_x, a_y, a_z = surface_velocity(S, i, S_V, S_O, -a_i * n_x, -a_i * n_y, -a_i * n_z)
-    b_x, b_y, b_z = partner_velocity(S, P, j, S_V, S_O, a_j * n_x, a_j * n_y, a_j * n_z, v_x, v_y)
-    R[k, R_VI], R[k, R_VI + 1], R[k, R_VI + 2] = a_x, a_y, a_z
-    R[k, R_VJ], R[k, R_VJ + 1], R[k, R_VJ + 2] = b_x, b_y, b_z
+    R[k, R_A], R[k, R_OVERLAP] = O[q + O_A * TILE], I[q + I_OVERLAP * TILE]
+    R[k, R_FN], R[k, R_LOAD] = O[q + O_FN * TILE], O[q + O_LOAD * TILE]
+    R[k, R_LIMIT], R[k, R_CRITICAL] = O[q + O_LIMIT * TILE], O[q + O_CRITICAL * TILE]
+    R[k, R_STORED_N], R[k, R_STORED_T] = O[q + O_STORED_N * TILE], O[q + O_STORED_T * TILE]
+    R[k, R_EFFECTIVE] = I[q + I_RADIUS * TILE]
+    a = surface_velocity(S, i, S_V, S_O, -a_i * n[0], -a_i * n[1], -a_i * n[2])
+    b = partner_velocity(S, P, j, S_V, S_O, a_j * n[0], a_j * n[1], a_j * n[2], v_x, v_y)
+    put(R, k, R_VI, a[0], a[1], a[2])
+    put(R, k, R_VJ, b[0], b[1], b[2])
 
 
-@njit(**INNER)
-def contact_chunk(
-    c, n, own, partner, kind, S, B, P, body, H, F, R, sums, law, pairs, dt, v_x, v_y, l_x, l_y, n_history, rolling, observed
-):
-    """Forces of the candidate slots of chunk c: filter by gap, then the law in tiles of TILE active contacts."""
-    first, last = c * CHUNK, min((c + 1) * CHUNK, n)
-    for s in range(SUM_COLS):
-        sums[c, s] = 0.0
-    I = np.empty((I_HISTORY + n_history + J_COLS) * TILE)  # noqa: E741
-    O = np.empty((O_HISTORY + n_history + Q_COLS) * TILE)  # noqa: E741
-    G = np.empty((TILE, GEOMETRY))
-    slots = np.empty(TILE, np.int64)
-    m = np.int64(0)  # not the literal 0, for which the callees would be compiled once more
-    for k in range(first, last):
-        overlap, n_x, n_y, n_z = separation(k, own, partner, S, P, l_x, l_y)
-        if overlap > 0.0:
-            ratio = overlap / min(S[own[k], S_R], S[partner[k], S_R] if partner[k] >= 0 else S[own[k], S_R])
-            if ratio > sums[c, SUM_OVERLAP]:
-                sums[c, SUM_OVERLAP], sums[c, SUM_SLOT] = ratio, k
-            stage(m, k, overlap, n_x, n_y, n_z, own, partner, kind, S, B, P, body, H, dt, v_x, v_y, I, G, n_history)
-            slots[m] = k
-            m += 1
+@njit(**BARE)
+def stage_plates(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history):  # noqa: E741
+    """Put the contacts with plates, slots[first:first + n], into the first places; their overlaps stand in `g`."""
+    for q in range(n):
+        k = slots[first + q]
+        rise = P[max(-partner[k] - 2, 0), P_V]
+        stage_plate(q, k, g[k - start], own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history)
+
+
+@njit(**BARE_CHUNK)
+def contact_chunk(c, first, last, flat, own, partner, kind, row, S, P, H, F, R, sums, law, pairs, dt, v_x, v_y, l_x, l_y,
+                  n_history, rolling, observed, room, marks):  # fmt: skip
+    """Forces of the candidate slots first to last, into row c of `sums`: filter by gap, then the law in tiles.
+
+    `flat`: all of them are with plates; else all are between spheres. `room`, `marks`: scratch (`room_for`).
+    """
+    begin, end = (I_HISTORY + n_history + J_COLS) * TILE, (I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS) * TILE
+    I, O, G, g = room[:begin], room[begin:end], room[end : end + G_COLS * TILE], room[end + G_COLS * TILE :]  # noqa: E741
+    slots, opened = marks[: last - first + 1], marks[last - first + 1 :]
+    c_x, c_y = 1.0 / l_x if l_x > 0.0 else 0.0, 1.0 / l_y if l_y > 0.0 else 0.0
+    if flat:
+        measure_plates(first, last, own, partner, S, P, g)
+    else:
+        measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g)
+    m, o = sort_out(first, last, own.shape[0], g, row, slots, opened)
+    found = (let_go(o, opened, first + m, row, H, F), 0.0, 0.0, np.int64(0), np.int64(0))
+    for t in range(0, m, TILE):
+        count = min(TILE, m - t)
+        if flat:
+            stage_plates(count, slots, t, g, first, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history)
         else:
-            release(k, H, F, sums, c)
-        if m == TILE or (k == last - 1 and m > 0):
-            if rolling > 0:
-                for q in range(m):
-                    stage_rolling(q, slots[q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
-            law(I, O, m, pairs)
-            for q in range(m):
-                apply(q, slots[q], O, G, own, partner, S, H, F, n_history, sums, c)
+            stage_pairs(count, slots, t, own, partner, kind, S, H, l_x, l_y, c_x, c_y, I, G, n_history)
+            meet(count, dt, I, G)
+        turn_frames(count, dt, G)
+        slide(count, dt, I, G)
+        if rolling > 0:
+            for q in range(count):
+                stage_rolling(q, slots[t + q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
+        law(I, O, count, pairs)
+        push(count, O, G)
+        found = tally(count, slots, t, O, I, G, found)
+        for q in range(count):
+            apply(q, slots[t + q], first + t + q, O, G, I, H, F, n_history)
+        if observed:
+            for q in range(count):
+                record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)
+        if rolling == MOMENTS:
+            for q in range(count):
+                apply_rolling(q, first + t + q, O, G, F, n_history)
                 if observed:
-                    record(q, slots[q], I, O, G, own, partner, S, P, R, v_x, v_y)
-            if rolling == MOMENTS:
-                for q in range(m):
-                    apply_rolling(q, slots[q], partner, O, G, F, n_history)
-                    if observed:
-                        record_rolling(q, slots[q], O, G, R, n_history)
-            m = np.int64(0)
+                    record_rolling(q, slots[t + q], O, G, R, n_history)
+    sums[c, SUM_WORK], sums[c, SUM_POWER], sums[c, SUM_OVERLAP], sums[c, SUM_SLOT], sums[c, SUM_BAD] = found

@@ -12,6 +12,7 @@ from numba import njit, prange, types
 from .layout import (
     A_TIME,
     B_MASS,
+    G_N,
     O_FN,
     P_SPRING,
     P_Z,
@@ -62,7 +63,7 @@ def push_of(p, m, spots, P, work, Z):
     push = 0.0
     for q in range(m):
         if partner[slots[q]] < -1:
-            push -= O[O_FN * TILE + q] * G[q, 2]
+            push -= O[O_FN * TILE + q] * G[q + (G_N + 2) * TILE]
     return push
 
 
@@ -91,7 +92,7 @@ def slope_of(b, p, m, dt, spots, state, known, work, Z, tangents):
 def solve_chunk(low, high, fresh, dt, rise, plate, v_x, v_y, spots, shape, state, known, most, V, totals, memory, starts, ends,
                 gone, told, law, tangents, effects):  # fmt: skip
     """The bodies from low to high for this rise of the plate; see `solve`."""
-    work, patch, P, edges = workspace(known[2], most), shape[2], state[2], spots[3]
+    work, patch, P, edges = workspace(known[2], known[4], most), shape[2], state[2], spots[3]
     y, before = work[6], work[5]
     for b in range(low, high):
         p, Z, T, W = patch[b], starts[b], memory[b], totals[b]
@@ -134,7 +135,7 @@ def take_chunk(low, high, dt, end, whole, v_x, v_y, spots, shape, state, known, 
 
     Their forces are evaluated again: the tiles of all bodies, kept from the search, would be more to fetch than to fill.
     """
-    work, patch, edges, kept = workspace(known[2], most), shape[2], spots[3], known[6]
+    work, patch, edges, kept = workspace(known[2], known[4], most), shape[2], spots[3], known[6]
     y, before, r, told = work[6], work[5], work[7], work[11]
     for b in range(low, high):
         p, Z, T, W = patch[b], starts[b], memory[b], totals[b]
@@ -148,7 +149,7 @@ def take_chunk(low, high, dt, end, whole, v_x, v_y, spots, shape, state, known, 
         take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, True)
         advance_clock(W, dt, end, whole, v_x, v_y)
         if kept:
-            look(b, spots, state, M, W, known, drag, observe, work[13])
+            look(b, spots, state, M, W, known, drag, observe, work[13], work[14])
         T[T_CODE], T[T_SLOT] = stopped(b, told, state[1], D)
 
 

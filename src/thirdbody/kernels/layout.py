@@ -9,9 +9,14 @@ S_U = 4  # mid-step velocity of the centre, 3
 S_W = 7  # mid-step angular velocity, 3
 S_V = 10  # velocity predicted for the end of the step, 3
 S_O = 13  # angular velocity predicted for the end of the step, 3
-S_ARM = 16  # centre of the sphere from its body's centre of mass, world axes, 3
-S_SIDE = 19  # what the sphere can meet
-S_COLS = 20
+S_MASS = 16  # of its body
+S_ARM = 17  # centre of the sphere from its body's centre of mass, world axes, 3
+S_SIDE = 20  # what the sphere can meet
+S_COLS = 21
+
+# X0: where a body was at the last search (position, 3; quaternion, 4), and how far its farthest sphere is from its centre.
+X_X, X_Q, X_ARM = 0, 3, 7
+X_COLS = 8
 
 # B: bodies.
 B_X = 0  # position, 3
@@ -22,13 +27,13 @@ B_MASS = 13
 B_I = 14  # principal moments, 3
 B_F = 17  # total force, 3
 B_T = 20  # total torque, 3
-B_W = 23  # angular velocity, synchronised, 3
-B_EF = 26  # force of body effects, 3
-B_ET = 29  # torque of body effects, 3
-B_UP = 32  # force of the upper plate on the body, 3
-B_LOW = 35  # force of the lower plate on the body, 3
-B_WORK = 38  # friction work, J, cumulative
-B_SLIP = 39  # slip distance, m, cumulative: the sum over the body's spots
+B_WORK = 23  # friction work, J, cumulative
+B_SLIP = 24  # slip distance, m, cumulative: the sum over the body's spots
+B_UP = 25  # force of the upper plate on the body, 3
+B_LOW = 28  # force of the lower plate on the body, 3
+B_W = 31  # angular velocity, synchronised where somebody looks, 3
+B_EF = 34  # force of body effects, 3
+B_ET = 37  # torque of body effects, 3
 B_COLS = 40
 
 # P: patches of the upper body (one for a rigid plate, else one per body); on a foundation the last row is the common plate.
@@ -40,12 +45,14 @@ P_COLS = 10
 # H: what a candidate contact remembers; law history and labeller memory follow from H_LAW on.
 H_ON, H_E, H_STORED, H_SLIP, H_LAW = 0, 1, 4, 5, 6
 
-# F: what a candidate contact did in this step.
+# F: what a contact did in this step. The last row stays zero: candidates that do not touch point at it.
 F_F = 0  # force on the owner, 3
-F_TI = 3  # torque on the owner about its body's centre, 3
-F_TJ = 6  # torque on the partner about its body's centre, 3
-F_WORK, F_SLIP = 9, 10
-F_COLS = 12
+F_Q = 3  # normal times tangential force, 3: the torque about the centre of either sphere is (F_HALF - radius) times it
+F_HALF = 6  # half the overlap
+F_WORK, F_SLIP = 7, 8
+F_COLS = 9
+F_M = 9  # moment on the owner, 3: columns that only a scene with a rolling law has
+F_ROLLING_COLS = 12
 
 # R: full record of a contact, written in observed steps only.
 R_POINT = 0  # contact point minus centre of the owner's body, 3
@@ -64,7 +71,7 @@ R_M, R_M_LIMIT = 30, 33  # moment on the owner, 3, and its limit: columns that o
 R_ROLLING_COLS = 34
 
 # Law tile: input fields (then history), output fields (then history); stride TILE.
-TILE = 128
+TILE = 64
 I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = range(10)
 (O_FN, O_TX, O_TY, O_LOAD, O_LIMIT, O_CRITICAL, O_SLIP, O_A, O_STORED_N, O_STORED_T, O_WORK, O_POWER, O_HISTORY) = (
     range(13)
@@ -73,6 +80,16 @@ I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = r
 # J_INVERSE, for tangents: one over the length of the step, 0 where nothing moves in time.
 J_X, J_Y, J_RATE_X, J_RATE_Y, J_TRAVEL, J_INVERSE, J_COLS = range(7)
 Q_X, Q_Y, Q_LIMIT, Q_COLS = range(4)
+
+# G: geometry of the contacts of a tile; stride TILE like the law's own tables.
+G_N, G_P = 0, 3  # unit normal from partner to owner; that of the middle of the step
+G_E, G_D = 6, 9  # axes of the contact's frame: the carried one, and normal times it
+G_ARM_I, G_ARM_J = 12, 13  # from the centres to the contact point
+G_U, G_W, G_RW = 14, 17, 20  # of the step: relative velocity of the centres; sum of the spins; the same, each times its radius
+G_V, G_O, G_RO = 23, 26, 29  # the same at the end of the step
+G_ON, G_RI, G_RJ, G_MJ = 32, 33, 34, 35  # whether it touched before; radii; mass of the partner's body
+G_F, G_Q = 14, 17  # then, in place of what is needed no more: force on the owner, and normal times its tangential part
+G_COLS = 36
 
 # A: totals since the start of the run (J, N s, m), and the powers of the last step for the trapezoid.
 (A_FRICTION, A_DAMPING, A_PLATE_WORK, A_PLATE_ABS, A_EFFECTS, A_IMPULSE, A_IMPULSE_LOW, A_TIME, A_DISTANCE) = (

@@ -4,6 +4,10 @@ from numba import njit
 
 from .layout import (
     B_MASS,
+    G_ARM_I,
+    G_D,
+    G_E,
+    G_N,
     I_OVERLAP,
     I_SX,
     I_SY,
@@ -80,10 +84,10 @@ def linearise(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
 @njit(**INNER)
 def add_spot(q, slot, gap, own, partner, S, I, O, K, G, rolling, J):  # noqa: E741
     """Add the spot at place q of the tile to J, with rotations in radians: stiffness, turn of its arm, growth of its patch."""
-    i, up, n_z = own[slot], partner[slot] < -1, G[q, 2]
+    i, up, n_z = own[slot], partner[slot] < -1, G[q + (G_N + 2) * TILE]
     a_x, a_y, a_z = S[i, S_ARM], S[i, S_ARM + 1], S[i, S_ARM + 2]
-    x, y, z = a_x, a_y, a_z - G[q, 9] * n_z
-    e_x, e_y, g_x, g_y = G[q, 3], G[q, 4], G[q, 6], G[q, 7]
+    x, y, z = a_x, a_y, a_z - G[q + G_ARM_I * TILE] * n_z
+    e_x, e_y, g_x, g_y = G[q + G_E * TILE], G[q + (G_E + 1) * TILE], G[q + G_D * TILE], G[q + (G_D + 1) * TILE]
     n, t_1, t_2 = O[O_FN * TILE + q], O[O_TX * TILE + q], O[O_TY * TILE + q]
     f_x, f_y, f_z = t_1 * e_x + t_2 * g_x, t_1 * e_y + t_2 * g_y, n * n_z
     xx, xy, yx, yy = K[K_XX * TILE + q], K[K_XY * TILE + q], K[K_YX * TILE + q], K[K_YY * TILE + q]

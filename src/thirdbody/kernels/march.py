@@ -6,7 +6,7 @@ step passes a corner of the driven motion. BDF2 damps what is faster than the st
 order: at 1 m/s, where inertia decides how fast a body slides, the same error costs a tenth of the steps.
 
 The group `work` is a workspace for one body: I, O, K, G, slots, before (`trial`); y, r, x, tried, J (`newton`), told (E_*), sums
-of the law's answers, what a labeller sees.
+of the law's answers, what a labeller sees of a body and of its contacts.
 """
 
 import math
@@ -14,10 +14,11 @@ import math
 import numpy as np
 from numba import njit, prange, types
 
-from .contacts import GEOMETRY, SUM_COLS
+from .contacts import SUM_COLS
 from .layout import (
     A_TIME,
     B_MASS,
+    G_COLS,
     I_HISTORY,
     J_COLS,
     K_ROLLING_COLS,
@@ -73,14 +74,14 @@ BODIES = 8
 
 
 @njit(**CHUNK)
-def workspace(n_history, most):
+def workspace(n_history, width, most):
     """The group `work`."""
     tile = np.empty((I_HISTORY + n_history + J_COLS) * TILE)
     answer = np.empty((O_HISTORY + n_history + Q_COLS) * TILE)
     return (
-        tile, answer, np.empty(K_ROLLING_COLS * TILE), np.empty((TILE, GEOMETRY)), np.zeros(TILE, np.int64), np.zeros(most),
+        tile, answer, np.empty(K_ROLLING_COLS * TILE), np.empty(G_COLS * TILE), np.zeros(TILE, np.int64), np.zeros(most),
         np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.empty((FREEDOMS, FREEDOMS)),
-        np.zeros(E_COLS), np.zeros((1, SUM_COLS)), np.zeros(O_COLS),
+        np.zeros(E_COLS), np.zeros((1, SUM_COLS)), np.zeros(O_COLS), np.empty((most, width)),
     )  # fmt: skip
 
 
@@ -144,30 +145,31 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
         T[T_LAST] = 0.0  # what was learnt before a corner says nothing
     next_try(T, W, V, dt, asked, error, iterations, cuts)
     if known[6]:
-        look(b, spots, state, M, W, known, drag, observe, work[13])
+        look(b, spots, state, M, W, known, drag, observe, work[13], work[14])
     T[T_CODE], T[T_SLOT] = stopped(b, told, B, D)
 
 
 @njit(**CHUNK)
-def march_chunk(low, high, until, spots, shape, state, known, most, M, D, V, totals, memory, schedule, first, drag, law, tangents,
-                effects, observe):  # fmt: skip
+def march_chunk(low, high, until, tries, spots, shape, state, known, most, M, D, V, totals, memory, schedule, first, drag, law,
+                tangents, effects, observe):  # fmt: skip
     """The bodies from low to high, one after the other, in one workspace."""
-    work, Z, patch = workspace(known[2], most), np.zeros(Z_COLS), shape[2]
+    work, Z, patch = workspace(known[2], known[4], most), np.zeros(Z_COLS), shape[2]
     for b in range(low, high):
         T, W = memory[b], totals[b]
-        while T[T_CODE] == GOING and W[A_TIME] < until:
+        last = T[T_TRIES] + tries
+        while T[T_CODE] == GOING and W[A_TIME] < until and T[T_TRIES] < last:
             step(b, patch[b], until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents,
                  effects, observe)  # fmt: skip
 
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
-_I1 = types.Array(types.int64, 1, "C")
-SPOTS = types.UniTuple(_I1, 5)
-SHAPE = types.Tuple((_I1, _I1, _I1, _F2, _F2))
+_I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
+SPOTS = types.UniTuple(_S1, 5)
+SHAPE = types.Tuple((_I1, _I1, _I1, _F2))
 STATE = types.UniTuple(_F2, 6)
 KNOWN = types.Tuple((_F1, _F1, types.int64, types.int64, types.int64, types.boolean, types.boolean))
 MARCH = types.void(
-    types.int64, types.int64, types.float64,  # first and last body, time to reach
+    types.int64, types.int64, types.float64, types.float64,  # first and last body, time to reach, most tries of a body
     SPOTS, SHAPE, STATE, KNOWN, types.int64,  # ... most slots of a body
     _F2, _F1, _F1, _F2, _F2,  # M, D, V, totals, memory
     _F2, _I1, types.UniTuple(types.float64, 2),  # schedule, first; drag direction
@@ -176,13 +178,14 @@ MARCH = types.void(
 
 
 @njit(MARCH, parallel=True, **OPTIONS)
-def march(low, high, until, spots, shape, state, known, most, M, D, V, totals, memory, schedule, first, drag, law, tangents,
-          effects, observe):  # fmt: skip
+def march(low, high, until, tries, spots, shape, state, known, most, M, D, V, totals, memory, schedule, first, drag, law,
+          tangents, effects, observe):  # fmt: skip
     """Bring the bodies from `low` to `high` (excluded) to the time `until`, each by steps of its own.
 
-    A body that was stopped carries its code in `memory` (T_CODE) and stays at the end of its last step.
+    A body that has tried its last step of this call (`tries`) waits for the next one, which goes on with the same bits. A body
+    that was stopped carries its code in `memory` (T_CODE) and stays at the end of its last step.
     """
     for c in prange((high - low + BODIES - 1) // BODIES):
         begin_at = low + c * BODIES
-        march_chunk(begin_at, min(begin_at + BODIES, high), until, spots, shape, state, known, most, M, D, V, totals, memory,
-                    schedule, first, drag, law, tangents, effects, observe)  # fmt: skip
+        march_chunk(begin_at, min(begin_at + BODIES, high), until, tries, spots, shape, state, known, most, M, D, V, totals,
+                    memory, schedule, first, drag, law, tangents, effects, observe)  # fmt: skip

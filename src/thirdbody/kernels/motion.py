@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .options import INNER
+from .options import BARE
 
 X, Y, GAP, LOAD = range(4)
 """Axes of a schedule: sideways motion of the upper plate, its height, and its load over the first one."""
@@ -28,7 +28,7 @@ COLUMNS = 5
 POLYNOMIAL, SINE, TRIANGLE = range(3)
 
 
-@njit(**INNER)
+@njit(**BARE)
 def segment(schedule, first, axis, t):
     """Row that holds at time t, or -1 before the first."""
     low, high = first[axis] - 1, first[axis + 1] - 1
@@ -41,13 +41,13 @@ def segment(schedule, first, axis, t):
     return low if low >= first[axis] else -1
 
 
-@njit(**INNER)
+@njit(**BARE)
 def value(schedule, first, axis, t):
     """Value of an axis at time t."""
     return value_of(schedule, segment(schedule, first, axis, t), t)
 
 
-@njit(**INNER)
+@njit(**BARE)
 def value_of(schedule, row, t):
     """Value of a row at time t, whether it holds then or not; 0 for none."""
     if row < 0:
@@ -61,7 +61,7 @@ def value_of(schedule, row, t):
     return a + tau * (b + 0.5 * c * tau)
 
 
-@njit(**INNER)
+@njit(**BARE)
 def mean_rate(schedule, first, axis, t, dt):
     """Mean rate of change of an axis from t to t + dt."""
     row = segment(schedule, first, axis, t)
@@ -74,7 +74,7 @@ def mean_rate(schedule, first, axis, t, dt):
     return (value(schedule, first, axis, t + dt) - value(schedule, first, axis, t)) / dt if dt > 0.0 else 0.0
 
 
-@njit(**INNER)
+@njit(**BARE)
 def next_corner(schedule, first, axis, t):
     """The next time after t at which the motion of an axis turns or changes its kind; infinite if it never does."""
     corner = np.inf

@@ -9,6 +9,10 @@ from .contacts import separation
 from .layout import (
     B_EF,
     B_MASS,
+    G_ARM_I,
+    G_D,
+    G_E,
+    G_N,
     I_SX,
     I_SY,
     O_CRITICAL,
@@ -149,10 +153,11 @@ def turned_back(x, m, own, S, work, Z, share):
             continue
         i = own[slots[q]]
         s_x, s_y = I[I_SX * TILE + q], I[I_SY * TILE + q]
-        r_x, r_y, r_z = S[i, S_ARM], S[i, S_ARM + 1], S[i, S_ARM + 2] - G[q, 9] * G[q, 2]
+        r_x, r_y, r_z = S[i, S_ARM], S[i, S_ARM + 1], S[i, S_ARM + 2] - G[q + G_ARM_I * TILE] * G[q + (G_N + 2) * TILE]
         d_x = x[0] + (x[4] * r_z - x[5] * r_y) * arm
         d_y = x[1] + (x[5] * r_x - x[3] * r_z) * arm
-        along_1, along_2 = d_x * G[q, 3] + d_y * G[q, 4], d_x * G[q, 6] + d_y * G[q, 7]
+        along_1 = d_x * G[q + G_E * TILE] + d_y * G[q + (G_E + 1) * TILE]
+        along_2 = d_x * G[q + G_D * TILE] + d_y * G[q + (G_D + 1) * TILE]
         size = math.sqrt(s_x * s_x + s_y * s_y)
         back = -(along_1 * s_x + along_2 * s_y)
         # just inside what it can bear

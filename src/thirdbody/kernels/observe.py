@@ -70,14 +70,14 @@ from .layout import (
     R_VJ,
     UPPER,
 )  # fmt: skip
-from .options import INNER, OPTIONS
+from .options import BARE, OPTIONS
 from .signatures import LABEL, OBSERVE
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
-_I1 = types.Array(types.int64, 1, "C")
+_I1 = types.Array(types.int32, 1, "C")
 
 
-@njit(**INNER)
+@njit(**BARE)
 def contact_row(C, n, k, second, own, partner, H, R, memory_at):
     """Row n of a body's contact table from slot k, seen from the owner or from its partner (`second`)."""
     j = partner[k]
@@ -98,7 +98,7 @@ def contact_row(C, n, k, second, own, partner, H, R, memory_at):
         C[n, C_MEMORY + m] = H[k, memory_at + m]
 
 
-@njit(**INNER)
+@njit(**BARE)
 def body_row(b, B, A, drag, speed, O):  # noqa: E741
     """Fill O with body b's state and its surroundings."""
     O[O_MASS] = B[b, B_MASS]
@@ -118,13 +118,9 @@ def body_row(b, B, A, drag, speed, O):  # noqa: E741
     O[O_SPEED] = speed
 
 
-@njit(**INNER)
-def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at):
-    """The contact table of body b; its rows are the loaded contacts in the order of their slots."""
-    n = np.int64(0)
-    for e in range(edges[b], edges[b + 1]):
-        n += int(H[incidence[e] >> 1, H_ON])
-    C = np.empty((n, width))
+@njit(**BARE)
+def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at, C):
+    """Fill the contact table C of body b; its rows are the loaded contacts in the order of their slots. Returns how many."""
     n = np.int64(0)  # not the literal 0, for which the callees would be compiled once more
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
@@ -133,15 +129,15 @@ def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at):
                 C, n, k, incidence[e] & 1, own, partner, H, R, memory_at + (incidence[e] & 1) * (width - C_MEMORY)
             )
             n += 1
-    return C
+    return n
 
 
-@njit(**INNER)
-def observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O):  # noqa: E741
-    """Let the labeller observe body b: it updates its memory per body and per contact. O is scratch."""
-    C = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history)
+@njit(**BARE)
+def observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
+    """Let the labeller observe body b: it updates its memory per body and per contact. O and C are scratch."""
+    found = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history, C)
     body_row(b, B, A, drag, speed, O)
-    observe(C, C.shape[0], O, M[b])
+    observe(C[:found], found, O, M[b])
     n = 0
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
@@ -152,12 +148,11 @@ def observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, 
             n += 1
 
 
-@njit(**INNER)
-def observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe):
-    """Let the labeller observe the bodies of chunk c."""
-    O = np.empty(O_COLS)  # noqa: E741
+@njit(**BARE)
+def observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
+    """Let the labeller observe the bodies of chunk c. O and C are scratch."""
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
-        observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O)
+        observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O, C)
 
 
 LABEL_BODIES = types.void(
@@ -170,8 +165,13 @@ LABEL_BODIES = types.void(
 def label_bodies(edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, label, out):
     """State, reason, margins and extras of every body at this instant, from a copy of the labeller's memory."""
     O = np.empty(O_COLS)  # noqa: E741
+    most = 0
     for b in range(B.shape[0]):
-        C = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history)
+        most = max(most, edges[b + 1] - edges[b])
+    table = np.empty((most, width))
+    for b in range(B.shape[0]):
+        n = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history, table)
+        C = table[:n]
         memory = M[b].copy()
         body_row(b, B, A, drag, speed, O)
         if A[A_ELAPSED] > 0.0:

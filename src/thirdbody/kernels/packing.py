@@ -6,7 +6,7 @@ import math
 
 from numba import njit
 
-from .options import CHUNK, INNER, OPTIONS
+from .options import CHUNK, DIRECT, INNER
 
 
 @njit(**INNER)
@@ -59,7 +59,7 @@ def enter(x, y, z, r, t, placed, heads, following, size, periodic):
     heads[cx, cy] = t
 
 
-@njit(**OPTIONS)
+@njit(**DIRECT)
 def place_body(tries, spheres, first, last, count, placed, heads, following, size, periodic, clearance):
     """Index of the first try (x, y) at which the body fits, entered into the grid; -1 if none does.
 
@@ -78,7 +78,7 @@ def place_body(tries, spheres, first, last, count, placed, heads, following, siz
     return -1
 
 
-@njit(**OPTIONS)
+@njit(**DIRECT)
 def overlapping(spheres, body, placed, heads, following, size, periodic, pairs, depth):
     """Number of pairs of spheres of different bodies that overlap; the first of them into pairs and depth.
 

@@ -4,10 +4,10 @@ from numba import njit
 
 from .layout import B_UP, P_DAMPING, P_F, P_FREE, P_LOAD, P_LOAD0, P_MASS, P_SPRING, P_V, P_Z, P_Z0
 from .motion import GAP, LOAD, mean_rate, value
-from .options import INNER
+from .options import BARE
 
 
-@njit(**INNER)
+@njit(**BARE)
 def drive_patches(P, schedule, first, t, dt):
     """Velocity from t to t + dt of what has a prescribed height: patches that are neither free nor sprung, or the plate."""
     if first[GAP + 1] == first[GAP]:
@@ -17,7 +17,7 @@ def drive_patches(P, schedule, first, t, dt):
             P[p, P_V] = mean_rate(schedule, first, GAP, t, dt)
 
 
-@njit(**INNER)
+@njit(**BARE)
 def load_patches(P, schedule, first, t):
     """Loads at time t where a schedule changes them."""
     if first[LOAD + 1] == first[LOAD]:
@@ -28,7 +28,7 @@ def load_patches(P, schedule, first, t):
             P[p, P_LOAD] = factor * P[p, P_LOAD0]
 
 
-@njit(**INNER)
+@njit(**BARE)
 def drift_patches(P, dt):
     """Half kick and drift of the patches of the upper body; returns the largest way since the last search, one step ahead."""
     far = 0.0
@@ -41,10 +41,16 @@ def drift_patches(P, dt):
     return far
 
 
-@njit(**INNER)
-def press_patches(P, B, patch):
-    """Upward forces: of the debris on its patches, of the springs on patches and plate, in the order of bodies and patches."""
+@njit(**BARE)
+def press_patches(P, B, patch, push):
+    """Upward forces: of the debris on its patches, of the springs on patches and plate, in the order of bodies and patches.
+
+    `push`: that of all debris, which is all that a single patch needs.
+    """
     plate = P.shape[0] - 1
+    if plate == 0:
+        P[0, P_F] = push
+        return
     for p in range(P.shape[0]):
         P[p, P_F] = 0.0
     for b in range(B.shape[0]):
@@ -55,10 +61,10 @@ def press_patches(P, B, patch):
         P[plate, P_F] += spring
 
 
-@njit(**INNER)
-def kick_patches(P, B, patch, dt):
+@njit(**BARE)
+def kick_patches(P, B, patch, push, dt):
     """Closing half kick of the patches (their dashpot implicit, so it cannot overshoot); returns powers of load and dashpot."""
-    press_patches(P, B, patch)
+    press_patches(P, B, patch, push)
     load, damping = 0.0, 0.0
     for p in range(P.shape[0]):
         if P[p, P_FREE] != 0.0:
@@ -69,7 +75,7 @@ def kick_patches(P, B, patch, dt):
     return load, damping
 
 
-@njit(**INNER)
+@njit(**BARE)
 def patch_power(P):
     """Power that moves patches or a plate whose height is prescribed, W: minus the force on them times their velocity."""
     power = 0.0

@@ -11,8 +11,12 @@ import math
 from numba import njit
 
 from .layout import (
-    F_TI,
-    F_TJ,
+    F_M,
+    G_ARM_I,
+    G_ARM_J,
+    G_D,
+    G_E,
+    G_N,
     I_HISTORY,
     J_RATE_X,
     J_RATE_Y,
@@ -31,14 +35,14 @@ from .layout import (
     S_W,
     TILE,
 )  # fmt: skip
-from .options import INNER
+from .options import BARE
 from .surface import partner_velocity, surface_velocity
 
 MOMENTS = 2
 """Value of `rolling` in a scene with moments; 1: a law asks for the travel only, 0: nothing of this."""
 
 
-@njit(**INNER)
+@njit(**BARE)
 def relative_spin(S, i, j, column):
     """Angular velocity of the owner's body relative to the partner's, from a column of the table of spheres."""
     if j < 0:
@@ -48,13 +52,14 @@ def relative_spin(S, i, j, column):
     )  # fmt: skip
 
 
-@njit(**INNER)
+@njit(**BARE)
 def travel(i, j, q, S, P, G, v_x, v_y):
     """Speed at which the patch wanders over the two surfaces, their mean: that of the contact point less the material's.
 
     The contact point lies on the line of centres; under a ball on a plate it moves with the ball.
     """
-    n_x, n_y, n_z, a_i, a_j = G[q, 0], G[q, 1], G[q, 2], G[q, 9], G[q, 10]
+    n_x, n_y, n_z = G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE]
+    a_i, a_j = G[q + G_ARM_I * TILE], G[q + G_ARM_J * TILE]
     b_x, b_y, b_z = partner_velocity(S, P, j, S_U, S_W, a_j * n_x, a_j * n_y, a_j * n_z, v_x, v_y)
     a_x, a_y, a_z = surface_velocity(S, i, S_U, S_W, -a_i * n_x, -a_i * n_y, -a_i * n_z)
     share = 0.0
@@ -65,42 +70,39 @@ def travel(i, j, q, S, P, G, v_x, v_y):
     c_x = (1.0 - share) * S[i, S_U] + share * p_x - 0.5 * (a_x + b_x)
     c_y = (1.0 - share) * S[i, S_U + 1] + share * p_y - 0.5 * (a_y + b_y)
     c_z = (1.0 - share) * S[i, S_U + 2] + share * p_z - 0.5 * (a_z + b_z)
-    along = c_x * G[q, 3] + c_y * G[q, 4] + c_z * G[q, 5]
-    across = c_x * G[q, 6] + c_y * G[q, 7] + c_z * G[q, 8]
+    along = c_x * G[q + G_E * TILE] + c_y * G[q + (G_E + 1) * TILE] + c_z * G[q + (G_E + 2) * TILE]
+    across = c_x * G[q + G_D * TILE] + c_y * G[q + (G_D + 1) * TILE] + c_z * G[q + (G_D + 2) * TILE]
     return math.sqrt(along * along + across * across)
 
 
-@njit(**INNER)
+@njit(**BARE)
 def stage_rolling(q, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history):  # noqa: E741
     """Put the relative rotation of the step and its rate at the end of the step, about the frame's axes, and the travel of the
     patch into the tile."""
     i, j = own[k], partner[k]
     at = (I_HISTORY + n_history) * TILE + q
     w_x, w_y, w_z = relative_spin(S, i, j, S_W)
-    I[at + J_X * TILE] = (w_x * G[q, 3] + w_y * G[q, 4] + w_z * G[q, 5]) * dt
-    I[at + J_Y * TILE] = (w_x * G[q, 6] + w_y * G[q, 7] + w_z * G[q, 8]) * dt
+    I[at + J_X * TILE] = (w_x * G[q + G_E * TILE] + w_y * G[q + (G_E + 1) * TILE] + w_z * G[q + (G_E + 2) * TILE]) * dt
+    I[at + J_Y * TILE] = (w_x * G[q + G_D * TILE] + w_y * G[q + (G_D + 1) * TILE] + w_z * G[q + (G_D + 2) * TILE]) * dt
     w_x, w_y, w_z = relative_spin(S, i, j, S_O)
-    I[at + J_RATE_X * TILE] = w_x * G[q, 3] + w_y * G[q, 4] + w_z * G[q, 5]
-    I[at + J_RATE_Y * TILE] = w_x * G[q, 6] + w_y * G[q, 7] + w_z * G[q, 8]
+    I[at + J_RATE_X * TILE] = w_x * G[q + G_E * TILE] + w_y * G[q + (G_E + 1) * TILE] + w_z * G[q + (G_E + 2) * TILE]
+    I[at + J_RATE_Y * TILE] = w_x * G[q + G_D * TILE] + w_y * G[q + (G_D + 1) * TILE] + w_z * G[q + (G_D + 2) * TILE]
     I[at + J_TRAVEL * TILE] = travel(i, j, q, S, P, G, v_x, v_y) * dt
 
 
-@njit(**INNER)
-def apply_rolling(q, k, partner, O, G, F, n_history):  # noqa: E741
-    """Add the moment of place q to the torques of slot k: M on the owner's body, -M on the partner's."""
+@njit(**BARE)
+def apply_rolling(q, f, O, G, F, n_history):  # noqa: E741
+    """Put the moment of place q into row f: M on the owner's body, -M on the partner's."""
     at = (O_HISTORY + n_history) * TILE + q
     m_1, m_2 = O[at + Q_X * TILE], O[at + Q_Y * TILE]
     for d in range(3):
-        m = m_1 * G[q, 3 + d] + m_2 * G[q, 6 + d]
-        F[k, F_TI + d] += m
-        if partner[k] >= 0:
-            F[k, F_TJ + d] -= m
+        F[f, F_M + d] = m_1 * G[q + (G_E + d) * TILE] + m_2 * G[q + (G_D + d) * TILE]
 
 
-@njit(**INNER)
+@njit(**BARE)
 def record_rolling(q, k, O, G, R, n_history):  # noqa: E741
     """The moment on the owner's body, world axes, and its limit, for output."""
     at = (O_HISTORY + n_history) * TILE + q
     for d in range(3):
-        R[k, R_M + d] = O[at + Q_X * TILE] * G[q, 3 + d] + O[at + Q_Y * TILE] * G[q, 6 + d]
+        R[k, R_M + d] = O[at + Q_X * TILE] * G[q + (G_E + d) * TILE] + O[at + Q_Y * TILE] * G[q + (G_D + d) * TILE]
     R[k, R_M_LIMIT] = O[at + Q_LIMIT * TILE]

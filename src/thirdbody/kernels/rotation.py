@@ -4,10 +4,10 @@ import math
 
 from numba import njit
 
-from .options import INNER
+from .options import BARE
 
 
-@njit(**INNER)
+@njit(**BARE)
 def matrix(w, x, y, z):
     """Rows of the rotation matrix, body to world."""
     return (
@@ -17,7 +17,7 @@ def matrix(w, x, y, z):
     )  # fmt: skip
 
 
-@njit(**INNER)
+@njit(**BARE)
 def spin(q, angular_momentum, inertia):
     """Angular velocity, world axes, rad/s, of a body with this angular momentum (world axes)."""
     a, b, c, d, e, f, g, h, i = matrix(q[0], q[1], q[2], q[3])
@@ -28,7 +28,7 @@ def spin(q, angular_momentum, inertia):
     return a * p_x + b * p_y + c * p_z, d * p_x + e * p_y + f * p_z, g * p_x + h * p_y + i * p_z
 
 
-@njit(**INNER)
+@njit(**BARE)
 def _about(q, axis, angle):
     """q after a turn about one of the body's own axes; tan(angle/2) replaced by angle/2, which keeps |q| and reversibility."""
     s = 0.5 * angle
@@ -42,7 +42,7 @@ def _about(q, axis, angle):
     return w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
 
 
-@njit(**INNER)
+@njit(**BARE)
 def _body_momentum(q, angular_momentum, axis):
     a, b, c, d, e, f, g, h, i = matrix(q[0], q[1], q[2], q[3])
     l_x, l_y, l_z = angular_momentum
@@ -53,16 +53,13 @@ def _body_momentum(q, angular_momentum, axis):
     return c * l_x + f * l_y + i * l_z
 
 
-@njit(**INNER)
+@njit(**BARE)
 def free_rotation(q, angular_momentum, inertia, dt):
     """Orientation after dt with constant angular momentum: rotations about the principal axes 3, 2, 1, 2, 3.
 
     Splitting of Dullweber, Leimkuhler and McLachlan 1997 (Miller et al. 2002): second order, time-reversible, and the
-    angular momentum, which is kept in world axes, is constant to the last bit. Equal moments need no splitting.
+    angular momentum, which is kept in world axes, is constant to the last bit. A ball needs no splitting (`turned`).
     """
-    if inertia[0] == inertia[1] and inertia[1] == inertia[2]:
-        return turned(q, angular_momentum[0] / inertia[0] * dt, angular_momentum[1] / inertia[0] * dt,
-                      angular_momentum[2] / inertia[0] * dt)  # fmt: skip
     q = _about(q, 2, 0.5 * dt * _body_momentum(q, angular_momentum, 2) / inertia[2])
     q = _about(q, 1, 0.5 * dt * _body_momentum(q, angular_momentum, 1) / inertia[1])
     q = _about(q, 0, dt * _body_momentum(q, angular_momentum, 0) / inertia[0])
@@ -70,7 +67,7 @@ def free_rotation(q, angular_momentum, inertia, dt):
     return normalised(_about(q, 2, 0.5 * dt * _body_momentum(q, angular_momentum, 2) / inertia[2]))
 
 
-@njit(**INNER)
+@njit(**BARE)
 def turned(q, r_x, r_y, r_z):
     """q after a small turn by the rotation vector r, world axes; tan(r/2) replaced by r/2 (error r^3/12)."""
     w, x, y, z = q
@@ -80,7 +77,7 @@ def turned(q, r_x, r_y, r_z):
     )
 
 
-@njit(**INNER)
+@njit(**BARE)
 def turned_by(q, x, y, z):
     """q after a turn by the rotation vector (x, y, z), world axes, exactly."""
     size = math.sqrt(x * x + y * y + z * z)
@@ -93,7 +90,7 @@ def turned_by(q, x, y, z):
     )  # fmt: skip
 
 
-@njit(**INNER)
+@njit(**BARE)
 def normalised(q):
     """q with unit length."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])

@@ -7,12 +7,11 @@ history is carried over by one merge and nothing depends on threads.
 import numpy as np
 from numba import njit
 
-from .contacts import nearest_image
 from .layout import EVERYTHING, ONLY_LOWER, ONLY_UPPER, P_Z, S_R, S_SIDE, S_X, S_Y, S_Z
-from .options import INNER, OPTIONS
+from .options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
 
 
-@njit(**OPTIONS)
+@njit(**OPTIONS, **NO_COUNTS)
 def plate_candidates(S, P, body, patch, has_lower, has_upper, skin, own, partner):
     """Fill own and partner with the spheres within `skin` of a plate; returns how many (also beyond the capacity)."""
     n = 0
@@ -30,7 +29,7 @@ def plate_candidates(S, P, body, patch, has_lower, has_upper, skin, own, partner
     return n
 
 
-@njit(**INNER)
+@njit(**BARE)
 def cell_of(x, low, size, count, periodic):
     """Cell number along one axis: wrapped if periodic, else clipped to the range."""
     c = int(np.floor((x - low) / size))
@@ -39,12 +38,12 @@ def cell_of(x, low, size, count, periodic):
     return min(max(c, 0), count - 1)
 
 
-@njit(**INNER)
+@njit(**BARE)
 def fill_cells(S, low, size, count, periodic, head, follow, place):
-    """Linked lists of spheres by cell, ascending ids."""
+    """Linked lists of spheres by cell, descending ids."""
     for h in range(head.shape[0]):
         head[h] = -1
-    for i in range(S.shape[0] - 1, -1, -1):
+    for i in range(S.shape[0]):
         a = cell_of(S[i, S_X], low[0], size[0], count[0], periodic[0])
         b = cell_of(S[i, S_Y], low[1], size[1], count[1], periodic[1])
         c = cell_of(S[i, S_Z], low[2], size[2], count[2], np.bool_(False))
@@ -54,7 +53,7 @@ def fill_cells(S, low, size, count, periodic, head, follow, place):
         head[cell] = i
 
 
-@njit(**INNER)
+@njit(**BARE)
 def neighbour(c, step, count, periodic):
     """Cell number one step along an axis, or -1 if there is none or it was visited already (fewer than three cells)."""
     if count == 1:
@@ -67,34 +66,53 @@ def neighbour(c, step, count, periodic):
     return n if 0 <= n < count else -1
 
 
-@njit(**INNER)
-def collect(i, S, body, l_x, l_y, skin, head, follow, place, count, periodic, found):
-    """Partners j > i of sphere i within reach plus skin, into `found`, sorted; returns how many."""
+@njit(**BARE)
+def sort_in(j, m, found):
+    """Put j into the sorted list of m numbers."""
+    p = m
+    while p > 0 and found[p - 1] > j:
+        found[p] = found[p - 1]
+        p -= 1
+    found[p] = j
+
+
+@njit(**BARE)
+def collect(i, S, body, l_x, l_y, c_x, c_y, skin, head, follow, place, count, periodic, found):
+    """Partners j > i of sphere i within reach plus skin, into `found`, sorted; returns how many. c = 1/l, 0 if not periodic."""
     m = 0
-    for a in range(-1, 2):
-        c_x = neighbour(place[i, 0], a, count[0], periodic[0])
-        for b in range(-1, 2):
-            c_y = neighbour(place[i, 1], b, count[1], periodic[1])
-            for c in range(-1, 2):
-                c_z = neighbour(place[i, 2], c, count[2], np.bool_(False))
-                if c_x < 0 or c_y < 0 or c_z < 0:
-                    continue
-                j = head[(c_x * count[1] + c_y) * count[2] + c_z]
-                while j >= 0:
-                    if j > i and body[j] != body[i] and S[j, S_SIDE] == EVERYTHING:
-                        d_x = nearest_image(S[i, S_X] - S[j, S_X], l_x)
-                        d_y = nearest_image(S[i, S_Y] - S[j, S_Y], l_y)
-                        d_z = S[i, S_Z] - S[j, S_Z]
-                        reach = S[i, S_R] + S[j, S_R] + skin
-                        if d_x * d_x + d_y * d_y + d_z * d_z < reach * reach:
-                            p = m
-                            while p > 0 and found[p - 1] > j:
-                                found[p] = found[p - 1]
-                                p -= 1
-                            found[p] = j
-                            m += 1
-                    j = follow[j]
+    x, y, z, r, b = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R] + skin, body[i]
+    for step in range(27):
+        a, e, c = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
+        cell_x = neighbour(place[i, 0], a, count[0], periodic[0])
+        cell_y = neighbour(place[i, 1], e, count[1], periodic[1])
+        cell_z = neighbour(place[i, 2], c, count[2], np.bool_(False))
+        j = np.int64(-1)
+        if (cell_x >= 0) & (cell_y >= 0) & (cell_z >= 0):
+            j = head[(cell_x * count[1] + cell_y) * count[2] + cell_z]
+        while j > i:  # lists run down
+            d_x, d_y, d_z = x - S[j, S_X], y - S[j, S_Y], z - S[j, S_Z]
+            d_x -= l_x * np.rint(d_x * c_x)
+            d_y -= l_y * np.rint(d_y * c_y)
+            reach = r + S[j, S_R]
+            if d_x * d_x + d_y * d_y + d_z * d_z < reach * reach:
+                if body[j] != b and S[j, S_SIDE] == EVERYTHING:
+                    sort_in(j, m, found)
+                    m += 1
+            j = follow[j]
     return m
+
+
+@njit(**BARE_CHUNK)
+def collect_all(S, body, l_x, l_y, skin, head, follow, place, count, periodic, found, n, own, partner):
+    """Append the pairs of all spheres from slot n on; returns the number of slots."""
+    c_x, c_y = 1.0 / l_x if l_x > 0.0 else 0.0, 1.0 / l_y if l_y > 0.0 else 0.0
+    for i in range(S.shape[0]):
+        if S[i, S_SIDE] == EVERYTHING:
+            m = collect(i, S, body, l_x, l_y, c_x, c_y, skin, head, follow, place, count, periodic, found)
+            for p in range(min(m, own.shape[0] - n)):
+                own[n + p], partner[n + p] = i, found[p]
+            n += m
+    return n
 
 
 @njit(**OPTIONS)
@@ -105,24 +123,16 @@ def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own,
     follow, place = np.empty(n_spheres, np.int64), np.empty((n_spheres, 3), np.int64)
     found = np.empty(n_spheres, np.int64)
     fill_cells(S, low, size, count, periodic, head, follow, place)
-    for i in range(n_spheres):
-        if S[i, S_SIDE] != EVERYTHING:
-            continue
-        m = collect(i, S, body, l_x, l_y, skin, head, follow, place, count, periodic, found)
-        for p in range(m):
-            if n < own.shape[0]:
-                own[n], partner[n] = i, found[p]
-            n += 1
-    return n
+    return collect_all(S, body, l_x, l_y, skin, head, follow, place, count, periodic, found, n, own, partner)
 
 
-@njit(**INNER)
+@njit(**BARE)
 def rank(j):
     """Order of partners of one owner within the plates' or the pairs' part."""
     return j if j >= 0 else (0 if j == -1 else 1)
 
 
-@njit(**OPTIONS)
+@njit(**OPTIONS, **NO_COUNTS)
 def carry_history(first, last, own, partner, H, old_first, old_last, old_own, old_partner, old_H):
     """Copy the memory of candidates that were candidates before, within one sorted part of the list."""
     o = old_first
@@ -137,25 +147,23 @@ def carry_history(first, last, own, partner, H, old_first, old_last, old_own, ol
 
 
 @njit(**OPTIONS)
-def incidences(n, own, partner, body, n_bodies):
-    """For each body the slots it takes part in, in their order: (edges, 2 slot + 1 if it is the partner)."""
-    edges = np.zeros(n_bodies + 1, np.int64)
+def incidences(n, own, partner, n_spheres):
+    """For each sphere the slots it takes part in, in their order: (edges, 2 slot + 1 if it is the partner)."""
+    edges = np.zeros(n_spheres + 1, np.int32)
     for k in range(n):
-        edges[body[own[k]] + 1] += 1
+        edges[own[k] + 1] += 1
         if partner[k] >= 0:
-            edges[body[partner[k]] + 1] += 1
-    for b in range(n_bodies):
-        edges[b + 1] += edges[b]
-    at = np.empty(n_bodies, np.int64)
-    for b in range(n_bodies):
-        at[b] = edges[b]
-    incidence = np.empty(edges[n_bodies], np.int64)
+            edges[partner[k] + 1] += 1
+    for s in range(n_spheres):
+        edges[s + 1] += edges[s]
+    at = edges.copy()
+    incidence = np.empty(edges[n_spheres], np.int32)
     for k in range(n):
-        b = body[own[k]]
-        incidence[at[b]] = 2 * k
-        at[b] += 1
+        s = own[k]
+        incidence[at[s]] = 2 * k
+        at[s] += 1
         if partner[k] >= 0:
-            b = body[partner[k]]
-            incidence[at[b]] = 2 * k + 1
-            at[b] += 1
+            s = partner[k]
+            incidence[at[s]] = 2 * k + 1
+            at[s] += 1
     return edges, incidence

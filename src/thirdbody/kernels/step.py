@@ -18,10 +18,10 @@ from .bodies import (
     MOVE_UP,
     MOVE_WAY,
     drift_chunk,
-    gather_chunk,
 )  # fmt: skip
 from .clock import pass_time
 from .contacts import CHUNK, SUM_BAD, SUM_OVERLAP, SUM_POWER, SUM_SLOT, SUM_WORK, contact_chunk
+from .gather import gather_chunk
 from .layout import (
     A_DAMPING,
     A_DISTANCE,
@@ -42,7 +42,6 @@ from .layout import (
     A_STEPS,
     A_TIME,
     A_UPPER,
-    D_FLOOR,
     D_GUARD_OVERLAP,
     D_GUARD_TRAVEL,
     D_LX,
@@ -51,7 +50,7 @@ from .layout import (
 )  # fmt: skip
 from .motion import X, Y, mean_rate
 from .observe import observe_chunk
-from .options import INNER, OPTIONS
+from .options import BARE, CHUNK_OF_THREADS, NO_COUNTS, OPTIONS
 from .patches import drift_patches, drive_patches, kick_patches, load_patches, patch_power
 from .signatures import EFFECTS, LAW, OBSERVE
 
@@ -61,11 +60,16 @@ DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT = range(8)
 NEARLY = 1.000001
 """A target that is missed by rounding only is reached: the run must not add a step for it."""
 
-DRIFT, CONTACTS, GATHER, CLOSE = range(4)
-"""Passes of one step, in their order; the last one closes the step and, in sampled steps, lets the labeller look."""
+DRIFT, CONTACTS, GATHER, WHOLE, LOOK = range(5)
+"""Passes of a step, and the first three in one, chunk by chunk of bodies, where bodies meet plates only; in sampled steps the
+labeller looks at the end."""
 
 
-@njit(**INNER)
+SHARES = 4
+"""Parts of a pass per thread: one that is held up leaves its last parts to others."""
+
+
+@njit(**BARE)
 def account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load, patch_damping):
     """Add the step to the energy ledger, to impulses and distances: powers by the trapezoid, in a fixed order."""
     work, power = 0.0, 0.0
@@ -98,7 +102,7 @@ def account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load, patch_dampin
     pass_time(A, dt, v_x, v_y)
 
 
-@njit(**INNER)
+@njit(**BARE)
 def guard(D, sums, n_chunks, moves, n_groups):
     """(code, number) of the first guard that trips, or (DONE, -1)."""
     for g in range(n_groups):
@@ -118,69 +122,110 @@ def guard(D, sums, n_chunks, moves, n_groups):
     return DONE, -1
 
 
-@njit(**INNER)
+@njit(**BARE)
 def search_due(moves, n_groups, far_patch, skin):
     """Whether two things could have covered the skin between them by the end of the next step (10 % for acceleration)."""
     far, way = 0.0, 0.0
     for g in range(n_groups):
         far, way = max(far, moves[g, MOVE_FAR]), max(way, moves[g, MOVE_WAY])
-    far = far**0.5 + way
+    far += way
     return 1.1 * (far + max(far, far_patch)) > 0.9 * skin
 
 
+@njit(**BARE)
+def pushed(moves, n_groups):
+    """Upward force of all debris on the upper plate, N."""
+    push = 0.0
+    for g in range(n_groups):
+        push -= moves[g, MOVE_UP + 2]
+    return push
+
+
+@njit(**BARE)
+def chunks_of(n, n_plates):
+    """Number of chunks of n slots, of which the first n_plates are with plates: none holds both kinds."""
+    return (n_plates + CHUNK - 1) // CHUNK + (n - n_plates + CHUNK - 1) // CHUNK
+
+
+@njit(**BARE)
+def chunk_of(c, n, n_plates):
+    """First slot of chunk c and the one behind its last."""
+    flat = (n_plates + CHUNK - 1) // CHUNK
+    if c < flat:
+        return c * CHUNK, min((c + 1) * CHUNK, n_plates)
+    first = n_plates + (c - flat) * CHUNK
+    return first, min(first + CHUNK, n)
+
+
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
-_I1 = types.Array(types.int64, 1, "C")
-WORK = types.void(
-    types.int64, types.int64, types.boolean, types.float64, types.float64, types.float64, types.float64,
-    # ... task, chunk, record, time, v_x, v_y, dt
-    types.int64, _I1, _I1, _I1, _I1, _I1,  # number of slots; own, partner, kind; edges, incidence
-    _I1, _I1, _F2, _F2, _F2,  # body, start; offsets, X0, S
-    _F2, _F2, _F2, _F2, _F2, _F2,  # B, P, H, F, R, M
-    _F1, _F1, _F1, _F1, _F2, _F2,  # pairs, effect parameters, D, A; sums, moves
-    types.int64, types.int64, types.int64, types.boolean,  # n_history, rolling, width, has_effects
-    types.UniTuple(types.float64, 2),  # drag direction
-    types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE),
-)  # fmt: skip
-ADVANCE = types.Tuple((types.int64, types.int64))(
-    types.int64, types.float64, types.float64, types.float64,  # budget, target time, target distance, dt
-    types.int64, _I1, _I1, _I1, _I1, _I1,  # number of slots; own, partner, kind; edges, incidence
-    _I1, _I1, _I1, _F2, _F2, _F2,  # body, start, patch; offsets, X0, S
-    _F2, _F2, _F2, _F2, _F2, _F2,  # B, P, H, F, R, M
-    _F1, _F1, _F1, _F1, _F2, _I1, _F2, _F2,  # pairs, effect parameters, D, A; schedule, first; sums, moves
-    types.int64, types.int64, types.int64, types.int64, types.boolean, types.boolean,
-    # ... n_history, rolling, stride, width, has_effects, labels
-    types.UniTuple(types.float64, 2),  # drag direction
-    types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE), types.FunctionType(WORK),
+_I1, _S1, _I = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C"), types.int64
+SLOTS = (_I, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1)
+# ... number of plate slots; own, partner, kind, row; edges of bodies, of spheres, incidence; near, beginning
+SHAPES = (_I1, _F2, _F2)  # start; offsets, X0
+TABLES = (_F2, _F2, _F2, _F2, _F2, _F2, _F2)  # S, B, P, H, F, R, M
+KNOWN = (_F1, _F1, _F1, _F1, _F2, _F2, _I, _I, _I, types.boolean, types.UniTuple(types.float64, 2))
+# ... pairs, effect parameters, D, A; sums, moves; n_history, rolling, width, has_effects; drag direction
+POINTERS = (types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE))
+SCRATCH = (_F2, types.Array(types.int32, 2, "C"), types.Array(types.float64, 3, "C"))  # room, marks, rows
+STEP = (types.boolean, types.float64, types.float64, types.float64, types.float64)  # record, time, v_x, v_y, dt
+WORK = types.void(_I, _I, _I, _I, *STEP, *SLOTS, *SHAPES, *TABLES, *KNOWN, *POINTERS, *SCRATCH)
+ADVANCE = types.Tuple((_I, _I))(
+    _I, types.float64, types.float64, types.float64, _I,  # budget, target time, target distance, dt, threads
+    *SLOTS, *SHAPES, *TABLES, *KNOWN, *POINTERS, *SCRATCH, types.FunctionType(WORK),
+    _I1, _F2, _I1, _I, types.boolean,  # patch; schedule, first; stride, labels
 )  # fmt: skip
 
 
-@njit(WORK, **OPTIONS)
-def work(task, c, record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body, start, offsets, X0, S, B, P, H,
-         F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects,
-         observe):  # fmt: skip
-    """Chunk c of one pass of the step; one parallel region serves all passes, which keeps the compilation short."""
-    if task == DRIFT:
-        drift_chunk(c, start, offsets, S, X0, B, D, dt, D[D_FLOOR], moves)
-    elif task == CONTACTS:
-        contact_chunk(c, n, own, partner, kind, S, B, P, body, H, F, R, sums, law, pairs, dt, v_x, v_y,
-                      max(D[D_LX], 0.0), max(D[D_LY], 0.0), n_history, rolling, record)  # fmt: skip
-    elif task == GATHER:
-        gather_chunk(c, incidence, edges, partner, F, B, dt, time, effects, effect_parameters, has_effects, moves)
-    else:
-        speed = (v_x * v_x + v_y * v_y) ** 0.5
-        observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe)
+@njit(WORK, **OPTIONS, **NO_COUNTS)
+def work(task, part, begin, end, record, time, v_x, v_y, dt, n_plates, own, partner, kind, row, edges, spheres, incidence, near,
+         beginning, start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling,
+         width, has_effects, drag, law, effects, observe, room, marks, rows):  # fmt: skip
+    """Chunks begin to end of one pass of the step. To call it through a pointer takes 1.4 us: hence not chunk by chunk."""
+    whole = task == WHOLE
+    for c in range(begin, end):
+        if task == DRIFT or whole:
+            drift_chunk(c, start, near, beginning, record, offsets, S, X0, B, D, dt, moves, room[part],
+                        marks[part])  # fmt: skip
+        if task == CONTACTS or whole:
+            first, last = chunk_of(c, own.shape[0], n_plates)
+            if whole:
+                first, last = edges[c * BODIES], edges[min((c + 1) * BODIES, B.shape[0])]
+            contact_chunk(c, first, last, last <= n_plates, own, partner, kind, row, S, P, H, F, R, sums, law, pairs, dt, v_x,
+                          v_y, max(D[D_LX], 0.0), max(D[D_LY], 0.0), n_history, rolling, record, room[part],
+                          marks[part])  # fmt: skip
+        if task == GATHER or whole:
+            gather_chunk(c, start, near, beginning, spheres, incidence, row, n_plates, partner, F, S, B, dt, time, effects,
+                         effect_parameters, has_effects, record, rolling, moves)  # fmt: skip
+        if task == LOOK:
+            speed = (v_x * v_x + v_y * v_y) ** 0.5
+            observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, room[part],
+                          rows[part])  # fmt: skip
 
 
-@njit(ADVANCE, parallel=True, **OPTIONS)
-def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence, body, start, patch, offsets, X0, S,
-            B, P, H, F, R, M, pairs, effect_parameters, D, A, schedule, first, sums, moves, n_history, rolling, stride,
-            width, has_effects, labels, drag, law, effects, observe, work):  # fmt: skip
+@njit(**CHUNK_OF_THREADS)
+def share_out(parts, task, count, record, time, v_x, v_y, dt, n_plates, own, partner, kind, row, edges, spheres, incidence, near,
+              beginning, start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history,
+              rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, work):  # fmt: skip
+    """The chunks of one pass in as many parts, on all threads."""
+    for p in prange(parts):
+        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, record, time, v_x, v_y, dt, n_plates, own,
+             partner, kind, row, edges, spheres, incidence, near, beginning, start, offsets, X0, S, B, P, H, F, R, M, pairs,
+             effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects, observe, room,
+             marks, rows)  # fmt: skip
+
+
+@njit(ADVANCE, **OPTIONS, **NO_COUNTS)
+def advance(budget, until, distance, dt, threads, n_plates, own, partner, kind, row, edges, spheres, incidence, near, beginning,
+            start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width,
+            has_effects, drag, law, effects, observe, room, marks, rows, work, patch, schedule, first, stride,
+            labels):  # fmt: skip
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
     Returns the code and the slot or body that a guard names, or whether a search is due. State is synchronised on return.
     """
-    n_chunks, n_groups = (n + CHUNK - 1) // CHUNK, (B.shape[0] + BODIES - 1) // BODIES
-    far_patch = 0.0
+    n_groups = (B.shape[0] + BODIES - 1) // BODIES
+    whole = own.shape[0] == n_plates
+    n_chunks = n_groups if whole else chunks_of(own.shape[0], n_plates)
     for step in range(budget):
         v_x = mean_rate(schedule, first, np.int64(X), A[A_TIME], dt)
         v_y = mean_rate(schedule, first, np.int64(Y), A[A_TIME], dt)
@@ -189,26 +234,27 @@ def advance(budget, until, distance, dt, n, own, partner, kind, edges, incidence
         sampled = labels and (int(A[A_STEPS]) + 1) % stride == 0
         record = sampled or last or step == budget - 1
         time = A[A_TIME] + dt
-        for task in range(CLOSE + 1):
-            if task == DRIFT:
-                drive_patches(P, schedule, first, A[A_TIME], dt)
-                far_patch = drift_patches(P, dt)
-            elif task == CLOSE:
+        drive_patches(P, schedule, first, A[A_TIME], dt)
+        far_patch = drift_patches(P, dt)
+        for task in range(WHOLE if whole else DRIFT, LOOK + 1):
+            if task == LOOK:
                 load_patches(P, schedule, first, time)
-                load, damping = kick_patches(P, B, patch, dt)
+                load, damping = kick_patches(P, B, patch, pushed(moves, n_groups), dt)
                 account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load + patch_power(P), damping)
-                if not sampled:
-                    break
+            if task == LOOK and not sampled or task == WHOLE and not whole:
+                continue
             count = n_chunks if task == CONTACTS else n_groups
-            if count == 1:
-                work(np.int64(task), np.int64(0), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body,
-                     start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling,
-                     width, has_effects, drag, law, effects, observe)  # fmt: skip
+            parts = min(count, SHARES * threads)
+            if threads == 1 or parts == 1:
+                work(np.int64(task), np.int64(0), np.int64(0), np.int64(count), record, time, v_x, v_y, dt, n_plates, own,
+                     partner, kind, row, edges, spheres, incidence, near, beginning, start, offsets, X0, S, B, P, H, F, R, M,
+                     pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects,
+                     observe, room, marks, rows)  # fmt: skip
             else:
-                for c in prange(count):
-                    work(np.int64(task), np.int64(c), record, time, v_x, v_y, dt, n, own, partner, kind, edges, incidence, body,
-                         start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling,
-                         width, has_effects, drag, law, effects, observe)  # fmt: skip
+                share_out(np.int64(parts), np.int64(task), np.int64(count), record, time, v_x, v_y, dt, n_plates, own, partner,
+                          kind, row, edges, spheres, incidence, near, beginning, start, offsets, X0, S, B, P, H, F, R, M, pairs,
+                          effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects,
+                          observe, room, marks, rows, work)  # fmt: skip
         if sampled:
             A[A_ELAPSED], A[A_DX], A[A_DY] = 0.0, 0.0, 0.0
         code, number = guard(D, sums, n_chunks, moves, n_groups)

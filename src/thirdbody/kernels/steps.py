@@ -295,10 +295,10 @@ def advance_clock(W, dt, end, whole, v_x, v_y):
 
 
 @njit(**INNER)
-def look(b, spots, state, M, W, known, drag, observe, seen):
+def look(b, spots, state, M, W, known, drag, observe, seen, table):
     """Let the labeller observe body b after its step."""
     (own, partner, _, edges, incidence), (_, B, _, H, _, R) = spots, state
-    observe_body(b, edges, incidence, own, partner, H, R, B, W, M, drag, W[A_SPEED], known[2], known[4], observe, seen)
+    observe_body(b, edges, incidence, own, partner, H, R, B, W, M, drag, W[A_SPEED], known[2], known[4], observe, seen, table)
     W[A_ELAPSED], W[A_DX], W[A_DY] = 0.0, 0.0, 0.0
 
 

@@ -3,10 +3,10 @@
 from numba import njit
 
 from .layout import P_V
-from .options import INNER
+from .options import BARE
 
 
-@njit(**INNER)
+@njit(**BARE)
 def surface_velocity(S, i, v, w, r_x, r_y, r_z):
     """Velocity of sphere i's surface at the arm r from its centre, from the velocity columns v and w of the table."""
     o_x, o_y, o_z = S[i, w], S[i, w + 1], S[i, w + 2]
@@ -15,7 +15,7 @@ def surface_velocity(S, i, v, w, r_x, r_y, r_z):
     )  # fmt: skip
 
 
-@njit(**INNER)
+@njit(**BARE)
 def partner_velocity(S, P, j, v, w, r_x, r_y, r_z, v_x, v_y):
     """Velocity of the partner's surface: a plate (the upper one moves with v_x, v_y) or a sphere."""
     if j == -1:

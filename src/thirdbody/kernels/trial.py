@@ -5,7 +5,7 @@ Tables come in groups, named alike in all these kernels:
 | group | tables |
 |---|---|
 | spots | own, partner, kind, edges, incidence: the candidates, which here are all pairs of a sphere and a plate |
-| shape | body, start, patch, offsets, X0 |
+| shape | body, start, patch, offsets |
 | state | S, B, P, H, F, R |
 | known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels |
 | work | I, O, K, G: the law's tile; slots: candidates in it; before: gaps at the start of the step; then see `march` |
@@ -22,8 +22,8 @@ import math
 import numpy as np
 from numba import njit
 
-from .bodies import place_spheres
-from .contacts import apply, record, release, separation, stage
+from .bodies import place_body
+from .contacts import SUM_WORK, apply, record, release, separation
 from .layout import (
     B_EF,
     B_ET,
@@ -43,6 +43,11 @@ from .layout import (
     F_F,
     F_SLIP,
     F_WORK,
+    G_ARM_I,
+    G_D,
+    G_E,
+    G_N,
+    H_ON,
     I_HISTORY,
     I_OVERLAP,
     I_SX,
@@ -60,6 +65,7 @@ from .layout import (
     O_POWER,
     O_TX,
     O_TY,
+    O_WORK,
     P_DAMPING,
     P_FREE,
     P_LOAD,
@@ -78,8 +84,9 @@ from .layout import (
     TILE,
 )  # fmt: skip
 from .options import CHUNK, INNER
-from .rolling import MOMENTS, apply_rolling, record_rolling, stage_rolling
+from .rolling import MOMENTS, record_rolling, stage_rolling
 from .rotation import matrix, turned_by
+from .staging import push, slide, stage_plate, turn_frames
 
 FREEDOMS = 7
 """Coordinates of a body and its patch."""
@@ -104,7 +111,7 @@ TURN = 0.05
 @njit(**CHUNK)
 def begin(b, p, shape, state, Z):
     """Note where a step of body b begins."""
-    (S, B, P, _, _, _), (_, start, _, offsets, _) = state, shape
+    (S, B, P, _, _, _), (_, start, _, offsets) = state, shape
     for k in range(3):
         Z[Z_X + k], Z[Z_V + k] = B[b, B_X + k], B[b, B_V + k]
         Z[Z_L + k], Z[Z_W + k] = B[b, B_L + k], B[b, B_W + k]
@@ -121,7 +128,7 @@ def begin(b, p, shape, state, Z):
 @njit(**INNER)
 def place(b, p, y, dt, Z, T, shape, state):
     """Move body b, its spheres and its patch p to the end of the step: mean velocities of the step, then those at its end."""
-    (S, B, P, _, _, _), (_, start, _, offsets, X0) = state, shape
+    (S, B, P, _, _, _), (_, start, _, offsets) = state, shape
     inverse, arm = 1.0 / dt, 1.0 / Z[Z_ARM]
     now, last = Z[Z_NOW] * inverse, Z[Z_BEFORE] * inverse
     for k in range(3):
@@ -135,7 +142,8 @@ def place(b, p, y, dt, Z, T, shape, state):
         (now * y[3] - last * T[T_Y + 3]) * arm, (now * y[4] - last * T[T_Y + 4]) * arm, (now * y[5] - last * T[T_Y + 5]) * arm,
     )  # fmt: skip
     v_end = (now * y[0] - last * T[T_Y], now * y[1] - last * T[T_Y + 1], now * y[2] - last * T[T_Y + 2])
-    place_spheres(b, start, offsets, S, X0, B, w, w_end, v_end, q, dt, 0.0)
+    x, v = (B[b, B_X], B[b, B_X + 1], B[b, B_X + 2]), (B[b, B_V], B[b, B_V + 1], B[b, B_V + 2])
+    place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt)
     for k in range(3):
         B[b, B_V + k], B[b, B_W + k] = v_end[k], w_end[k]
     P[p, P_Z], P[p, P_V] = Z[Z_PATCH] + y[6], now * y[6] - last * T[T_Y + 6]
@@ -168,32 +176,36 @@ def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
     `rate`: change of a velocity per change of place over the step, 1/s; v_x, v_y: mean velocity of the upper plate.
     """
     own, partner, kind, edges, incidence = spots
-    (S, B, P, H, _, _), body, n_history, rolling = state, shape[0], known[2], known[3]
+    (S, _, P, H, _, _), n_history, rolling = state, known[2], known[3]
     I, G, slots, before = work[0], work[3], work[4], work[5]  # noqa: E741
     m = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
-        overlap, n_x, n_y, n_z = separation(k, own, partner, S, P, 0.0, 0.0)
+        overlap = separation(k, own, partner, S, P, 0.0, 0.0)[0]
         if overlap <= 0.0:
             continue
         if m == TILE:
             return np.int64(-1)
-        stage(m, k, overlap, n_x, n_y, n_z, own, partner, kind, S, B, P, body, H, dt, v_x, v_y, I, G, n_history)
+        rise = P[max(-partner[k] - 2, 0), P_V]
+        stage_plate(m, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history)
         slots[m] = k
-        at = (I_HISTORY + n_history) * TILE + m
+        m += 1
+    turn_frames(m, dt, G)
+    slide(m, dt, I, G)
+    for q in range(m):
+        at = (I_HISTORY + n_history) * TILE + q
         if rolling > 0:
-            stage_rolling(m, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history)
+            stage_rolling(q, slots[q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
         I[at + J_INVERSE * TILE] = rate
-        gap = before[e - edges[b]]
+        gap = before[slots[q] - edges[b]]
         if gap < 0.0:
-            share = overlap / (overlap - gap)
-            I[I_SX * TILE + m] *= share
-            I[I_SY * TILE + m] *= share
+            share = I[I_OVERLAP * TILE + q] / (I[I_OVERLAP * TILE + q] - gap)
+            I[I_SX * TILE + q] *= share
+            I[I_SY * TILE + q] *= share
             if rolling > 0:
                 I[at + J_X * TILE] *= share
                 I[at + J_Y * TILE] *= share
                 I[at + J_TRAVEL * TILE] *= share
-        m += 1
     return m
 
 
@@ -210,11 +222,12 @@ def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law
     normal, deepest, radius, ratio, slot, power = 0.0, 0.0, 0.0, 0.0, -1.0, 0.0
     for q in range(m):
         i, up = own[slots[q]], partner[slots[q]] < -1
-        n, t_1, t_2, a = O[O_FN * TILE + q], O[O_TX * TILE + q], O[O_TY * TILE + q], G[q, 9]
-        f_x = n * G[q, 0] + t_1 * G[q, 3] + t_2 * G[q, 6]
-        f_y = n * G[q, 1] + t_1 * G[q, 4] + t_2 * G[q, 7]
-        f_z = n * G[q, 2] + t_1 * G[q, 5] + t_2 * G[q, 8]
-        r_x, r_y, r_z = S[i, S_ARM] - a * G[q, 0], S[i, S_ARM + 1] - a * G[q, 1], S[i, S_ARM + 2] - a * G[q, 2]
+        n, t_1, t_2, a = O[O_FN * TILE + q], O[O_TX * TILE + q], O[O_TY * TILE + q], G[q + G_ARM_I * TILE]
+        f_x = n * G[q + G_N * TILE] + t_1 * G[q + G_E * TILE] + t_2 * G[q + G_D * TILE]
+        f_y = n * G[q + (G_N + 1) * TILE] + t_1 * G[q + (G_E + 1) * TILE] + t_2 * G[q + (G_D + 1) * TILE]
+        f_z = n * G[q + (G_N + 2) * TILE] + t_1 * G[q + (G_E + 2) * TILE] + t_2 * G[q + (G_D + 2) * TILE]
+        r_x, r_y = S[i, S_ARM] - a * G[q + G_N * TILE], S[i, S_ARM + 1] - a * G[q + (G_N + 1) * TILE]
+        r_z = S[i, S_ARM + 2] - a * G[q + (G_N + 2) * TILE]
         r[0] += f_x
         r[1] += f_y
         r[2] += f_z
@@ -224,7 +237,7 @@ def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law
         if rolling == MOMENTS:
             at = (O_HISTORY + n_history) * TILE + q
             for d in range(3):
-                r[3 + d] += O[at + Q_X * TILE] * G[q, 3 + d] + O[at + Q_Y * TILE] * G[q, 6 + d]
+                r[3 + d] += O[at + Q_X * TILE] * G[q + (G_E + d) * TILE] + O[at + Q_Y * TILE] * G[q + (G_D + d) * TILE]
         if up:
             r[6] -= f_z
         overlap = I[I_OVERLAP * TILE + q]
@@ -287,22 +300,25 @@ def accept(b, m, v_x, v_y, spots, state, known, work, sums):
     S, B, P, H, F, R = state
     n_history, rolling = known[2], known[3]
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
-    q = np.int64(0)
     for k in range(B_UP, B_LOW + 3):
         B[b, k] = 0.0
+    push(m, O, G)
+    q = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
         if q < m and slots[q] == k:
-            apply(q, k, O, G, own, partner, S, H, F, n_history, sums, 0)
+            apply(q, k, k, O, G, I, H, F, n_history)
             record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y)
             if rolling == MOMENTS:
-                apply_rolling(q, k, partner, O, G, F, n_history)
                 record_rolling(q, k, O, G, R, n_history)
+            sums[0, SUM_WORK] += O[O_WORK * TILE + q]
             side = B_LOW if partner[k] == -1 else B_UP
             for d in range(3):
                 B[b, side + d] += F[k, F_F + d]
             q += 1
+        elif H[k, H_ON] != 0.0:
+            sums[0, SUM_WORK] += release(k, k, H, F)
         else:
-            release(k, H, F, sums, 0)
+            continue
         B[b, B_WORK] += F[k, F_WORK]
         B[b, B_SLIP] += F[k, F_SLIP]

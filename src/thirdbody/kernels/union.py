@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 from numba import njit
 
-from .options import CHUNK, INNER, OPTIONS
+from .options import CHUNK, DIRECT, INNER
 from .vectors import cross, dot
 
 TWO_PI = 2.0 * math.pi
@@ -149,7 +149,7 @@ def disc_moments(c, rho, toward, cuts, order, out):
     out[0], out[1], out[2], out[3], out[4], out[5] = o0, o1, o2, o3, o4, o5
 
 
-@njit(**OPTIONS)
+@njit(**DIRECT)
 def union_of_discs(c, rho, out):
     """As `disc_moments` for one set of discs, c (n, 2 or 3) and rho (n,); apart, since few runs need it."""
     n = rho.size
@@ -235,7 +235,6 @@ def add_slices(c, r, mid, half, nodes, weights, first, last, toward, cuts, order
         out[9] += weight * height * plane[2]
 
 
-@njit(**OPTIONS)
 def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
     """Ten moments (see MOMENTS) of unions and the sums of their errors over the layers, into total (b, 2, 10).
 
@@ -244,8 +243,14 @@ def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
     lower order, is kept.
     """
     n = R.shape[1]
-    toward, cuts, order = np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64)
-    rho, plane, old, new = np.empty(n), np.empty(6), np.zeros(MOMENTS), np.zeros(MOMENTS)
+    # in a kernel each of these calls would be compiled anew
+    room = np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64), np.empty(n), np.empty(6)
+    stack_moments(C, R, Z, nodes, weights, offsets, tolerance, total, *room, np.zeros(MOMENTS), np.zeros(MOMENTS))
+
+
+@njit(**DIRECT)
+def stack_moments(C, R, Z, nodes, weights, offsets, tolerance, total, toward, cuts, order, rho, plane, old, new):
+    """`union_moments` with room for one body."""
     for body in range(R.shape[0]):
         c, r, z = C[body], R[body], Z[body]
         pair_directions(c, toward)
@@ -272,36 +277,19 @@ def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
                 total[body, 1, q] += abs(new[q] - old[q])
 
 
-@njit(**CHUNK)
-def links(c, r, reach, joined):
-    """Grows a tree from sphere 0, nearest first: reach[i] = distance over sum of radii at which i joined.
-
-    The largest reach is the least factor on all radii that makes one body (Prim's algorithm); 1 or less:
-    the spheres are connected. joined: scratch (n,) bool.
-    """
-    n = r.size
-    for i in range(n):
-        joined[i] = False
-        reach[i] = math.inf
-    reach[0] = 0.0
-    for _ in range(n):
-        best = -1
-        for i in range(n):
-            if not joined[i] and (best < 0 or reach[i] < reach[best]):
-                best = i
-        joined[best] = True
-        for i in range(n):
-            if not joined[i]:
-                dx, dy, dz = c[i, 0] - c[best, 0], c[i, 1] - c[best, 1], c[i, 2] - c[best, 2]
-                reach[i] = min(reach[i], math.sqrt(dx * dx + dy * dy + dz * dz) / (r[i] + r[best]))
-
-
-@njit(**OPTIONS)
 def longest_links(C, R, longest):
-    """The largest reach (see `links`) of each of a stack of bodies (b, n, 3), (b, n), into longest (b,)."""
-    reach, joined = np.empty(R.shape[1]), np.empty(R.shape[1], np.bool_)
-    for b in range(R.shape[0]):
-        links(C[b], R[b], reach, joined)
-        longest[b] = 0.0
-        for i in range(reach.size):
-            longest[b] = max(longest[b], reach[i])
+    """The largest link of each of a stack of bodies (b, n, 3), (b, n), into longest (b,).
+
+    Grows a tree from sphere 0, nearest first, where near is the distance over the sum of radii. The longest link is the least
+    factor on all radii that makes one body (Prim's algorithm); 1 or less: the spheres are connected. Plain numpy, as above.
+    """
+    bodies, n = np.arange(R.shape[0]), R.shape[1]
+    reach, joined = np.full(R.shape, np.inf), np.zeros(R.shape, np.bool_)
+    reach[:, 0] = 0.0
+    for _ in range(n):
+        best = np.where(joined, np.inf, reach).argmin(axis=1)
+        joined[bodies, best] = True
+        arm = C - C[bodies, best][:, None]
+        near = np.sqrt(dot(arm, arm)) / (R + R[bodies, best][:, None])
+        reach = np.where(joined, reach, np.minimum(reach, near))
+    longest[:] = reach.max(axis=1)

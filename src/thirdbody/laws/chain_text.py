@@ -13,6 +13,7 @@ HEAD = """# generated: {title}
 import math
 import numpy as np
 from numba import njit
+from thirdbody.kernels.parameters import spread
 from thirdbody.kernels.signatures import EFFECTS, LAW
 from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
 {imports}
@@ -23,7 +24,6 @@ STILL = "Turn(0.0, 0.0, 0.0, 0.0)"
 
 CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {VN}],
                     I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}], {roll})
-        o = int(I[q + {TYPE}]) * {width}
 """
 
 
@@ -62,15 +62,15 @@ def field_of(offset: int) -> str:
 
 
 def contact_of(chain: Sequence[Law], still: bool = False) -> str:
-    names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY", "TYPE")
+    names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY")
     behind = at.I_HISTORY + sum(len(law.memory()) for law in chain) + at.J_TRAVEL
     roll = "0.0" if still or not any(law.rolls for law in chain) else f"I[{field_of(behind)}]"
-    return CONTACT.format(width=width_of(chain), roll=roll, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
+    return CONTACT.format(roll=roll, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
 
 
 def parameters_of(chain: Sequence[Law], k: int) -> str:
     offset = sum(len(field_names(law.parameters)) for law in chain[:k])
-    values = ", ".join(f"P[o + {offset + i}]" for i in range(len(field_names(chain[k].parameters))))
+    values = ", ".join(f"U[{field_of(offset + i)}]" for i in range(len(field_names(chain[k].parameters))))
     return f"parameters_{k}({values})"
 
 
@@ -98,7 +98,9 @@ def scratch_of(chain: Sequence[Law]) -> str:
 
 
 def tile_function(name: str, chain: Sequence[Law], contact: str, lines: Sequence[str]) -> str:
+    width = width_of(chain)
     head = f'@njit(LAW, error_model="numpy", cache=True)\ndef {name}(I, O, n_contacts, P):\n'
+    head += f"    U = np.empty({width * at.TILE})\n    spread(I, n_contacts, P, {width}, U)\n"
     return head + scratch_of(chain) + "    for q in range(n_contacts):\n" + contact + "\n".join(lines) + "\n"
 
 

@@ -1,7 +1,7 @@
 """The bench on which the conformance suite drives a law: its composed tile function, materials, and paths of
 contacts.
 
-Arrays are (T, 128) or (T, k, 128): one tile for each setting, times `repeats`, all driven at once. A setting
+Arrays are (T, TILE) or (T, k, TILE): one tile for each setting, times `repeats`, all driven at once. A setting
 is a pair of materials, a radius and a set of options, from ordinary to extreme.
 
 A rolling law is driven along the same paths: its moment over R* is the tangential force, and the slip over R* is the turn, so
@@ -94,7 +94,7 @@ def settings_of(law: Law) -> list[Setting]:
 
 
 class Contacts(NamedTuple):
-    """What a tile is asked, SI: overlap (T, 128), slip (T, 2, 128), separation speed, slip velocity."""
+    """What a tile is asked, SI: overlap (T, TILE), slip (T, 2, TILE), separation speed, slip velocity."""
 
     overlap: Array
     slip: Array
@@ -144,7 +144,7 @@ class Bench:
         return self.per_tile([s.pair.friction for s in self.settings], tiles)
 
     def inputs(self, asked: Contacts, history: Array) -> Array:
-        """The tiles as the engine stages them, (T, fields, 128)."""
+        """The tiles as the engine stages them, (T, fields, TILE)."""
         tiles = len(asked.overlap)
         radius = self.radius(tiles)
         end = at.I_HISTORY + self.width
@@ -159,7 +159,7 @@ class Bench:
         return I
 
     def call(self, asked: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
-        """Answers (T, 12, 128) by `kernels.layout` names O_*, and the new history (T, h, 128)."""
+        """Answers (T, 12, TILE) by `kernels.layout` names O_*, and the new history (T, h, TILE)."""
         I = self.inputs(asked, history)  # noqa: E741
         end = at.O_HISTORY + self.width
         O = np.full((len(I), end + (at.Q_COLS if self.rolling else 0), at.TILE), np.nan)  # noqa: E741
@@ -180,6 +180,8 @@ class Bench:
         """The tile function without the compiler, on Python floats: a division by zero raises."""
         text = plain(self.chain.law)
         names = dict(text.__globals__)
+        names["spread"] = plain(names["spread"])
+        names["np"] = types.SimpleNamespace(empty=lambda n: [0.0] * n, zeros=np.zeros)
         for k, one in enumerate(self.chain.laws):
             names[f"kernel_{k}"] = plain(one.kernel)
         on_lists = types.FunctionType(text.__code__, names)
@@ -203,7 +205,7 @@ def plain(function: Callable) -> Any:
 
 
 class Path(NamedTuple):
-    """Piecewise straight paths from the virgin state: overlap (k, T, 128) and slip (k, T, 2, 128) at the
+    """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the
     corners, m."""
 
     overlap: Array

@@ -95,7 +95,7 @@ def swap(bench: Bench) -> Result:
 
 
 def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
-    """Compare a walk with the walk of the path transformed by `matrix` (2, 2, T, 128)."""
+    """Compare a walk with the walk of the path transformed by `matrix` (2, 2, T, TILE)."""
     path = random_paths(bench, 5)
     image = Path(path.overlap, np.einsum("ijtl,ktjl->ktil", matrix, path.slip))
     size = np.full((len(bench.settings), at.O_HISTORY, at.TILE), 1e-300)
