@@ -1,0 +1,255 @@
+"""Our explicit engine and the C++ engines on the same scenes, in turn.
+
+    python tests/bench/peers.py [--scenes S16000,S64000,C2000,C10000,T2000] [--cores 1,2] [--rounds 5] [--peers DIR] [-o FILE]
+    python tests/bench/peers.py --startup | --small | --profile [-o FILE]
+
+DIR is a copy of the peers' folder, set up as its README says (`scripts/`, `configs/`, `venv/`); without it ours runs alone, on
+the scenes that it can make itself (S). S64000@2x2 is that scene side by side with copies of itself, which peers do not run.
+
+How to read it. In every round ours and every peer run once, one after the other, each in a process of its own on the same core
+(one core) or cores (two), with the same steps: a warm-up, then timed segments of a state that evolves. A figure is the median of
+all segments, with the least and the largest median of a round. `ratio` is the peer's time over ours of the same round: median of
+the rounds, least and largest; above 1 we are faster. Contacts are counted from places by one function for all.
+
+What is not the same. Our dashpot gives the restitution of a contact that cannot pull, and is 13 % stronger for it; LAMMPS'
+`granular` and LIGGGHTS let a contact pull at its end; `gran` damps by a constant. They cut spring plus dashpot at the friction
+limit, we cut the spring alone; our spring is rescaled when the contact area shrinks. Energies of S and C agree to per mille, of
+T, where pinched clumps jump free, to 10 % (YADE's are those of the bodies' translation). Nothing is written while it is timed.
+
+The other parts: --startup tells the seconds to the first step of a new and of a used cache, and of `thirdbody --help`; --small
+the time per step of 1 to 1000 bodies; --profile what this machine can do. Timings mean something on an idle machine: CPU is the
+least share of the processor that a run got.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from limits import measure_limits, print_limits
+from machine import machine
+from ours import REPS, STEPS, WARM
+from rich.console import Console
+from rich.table import Table
+from screen import screen
+from small import measure_small, print_small
+from startup import measure_startup, print_startup
+from theirs import ENGINES, PINNED, installed, run_peer
+
+OURS = "thirdbody"
+SCENES = "S16000,S64000,C2000,C10000,T2000"
+
+Run = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A scene on a number of cores, and the steps of its segments."""
+
+    kind: str
+    number: int
+    tiles: str
+    cores: int
+    steps: int
+    warm: int
+    reps: int
+
+    @property
+    def name(self) -> str:
+        """The scene in a table."""
+        return f"{self.kind}{self.number}" + ("" if self.tiles == "1x1" else f"@{self.tiles}")
+
+
+def main() -> None:
+    """Run what is asked for, print it and write its JSON."""
+    asked = arguments()
+    console = screen()
+    told: dict[str, Any] = {"machine": machine()}
+    head = told["machine"]
+    console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load'][0]:.2f}" if head["load"] else head["cpu"])
+    if asked.profile:
+        told["profile"] = part_profile(console)
+    if asked.startup:
+        told["startup"] = measure_startup(asked.rounds)
+        print_startup(told["startup"], console)
+    if asked.small:
+        told["small"] = measure_small(asked.rounds)
+        print_small(told["small"], console)
+    if not (asked.profile or asked.startup or asked.small):
+        told |= part_peers(asked, console)
+    told["load_at_end"] = machine()["load"]
+    if asked.output:
+        Path(asked.output).write_text(json.dumps(told, indent=1), encoding="utf-8")
+
+
+def arguments() -> argparse.Namespace:
+    """What the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--scenes", default=SCENES, help="default %(default)s")
+    parser.add_argument("--cores", default="1", help="1, 2 or 1,2 (default %(default)s)")
+    parser.add_argument("--rounds", type=int, default=5, help="default %(default)s")
+    parser.add_argument("--peers", metavar="DIR", type=Path, default=os.environ.get("THIRDBODY_PEERS"))
+    parser.add_argument("--without", default="", metavar="NAMES", help="peers to leave out, such as YADE,LIGGGHTS")
+    parser.add_argument("--steps", type=int, help="of a segment (default: as the peers' protocol, by scene)")
+    parser.add_argument("--warm", type=int, default=WARM, help="steps before the first segment (default %(default)s)")
+    parser.add_argument("--reps", type=int, default=REPS, help="segments of a run (default %(default)s)")
+    parser.add_argument("--startup", action="store_true", help="measure the start instead")
+    parser.add_argument("--small", action="store_true", help="measure the cost of a step of few bodies instead")
+    parser.add_argument("--profile", action="store_true", help="measure the machine instead")
+    parser.add_argument("-o", dest="output", metavar="FILE", help="write all figures there")
+    asked = parser.parse_args()
+    asked.peers = Path(asked.peers) if asked.peers else None
+    return asked
+
+
+def part_peers(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
+    """The comparison: all scenes on all numbers of cores."""
+    versions = installed(asked.peers)
+    for name, version in versions.items():
+        console.print(f"{name}: {version or 'not installed' if asked.peers else 'not asked for: no --peers'}")
+    left_out = [name.strip() for name in asked.without.split(",") if name.strip()]
+    peers = [engine for engine in ENGINES if versions[engine.name] and not any(engine.name.startswith(n) for n in left_out)]
+    rows, medians = [], {}
+    for case in cases(asked):
+        runs: dict[str, list[Run]] = {OURS: []}
+        for k in range(asked.rounds):
+            print(f"{case.name}, {case.cores} cores: round {k + 1} of {asked.rounds}", file=sys.stderr, flush=True)
+            runs[OURS].append(run_ours(case, asked.peers))
+            for engine in peers:
+                if case.kind in engine.kinds and case.tiles == "1x1":
+                    told = run_peer(engine, asked.peers, case.kind, case.number, case.cores, case.steps, case.warm, case.reps)
+                    runs.setdefault(engine.name, []).append(told)
+        summary = summed_up(runs)
+        print_case(case, runs, summary, console)
+        rows.append({"scene": case.name, **vars(case), "runs": runs, **summary})
+        medians[case.name, case.cores] = [median_of(run) for run in runs[OURS]]
+    threads = print_threads(medians, console)
+    return {"peers": versions, "scenes": rows, "two_threads": threads}
+
+
+def part_profile(console: Console) -> dict[str, Any]:
+    """The limits of the machine."""
+    limits = measure_limits()
+    print_limits(limits, console)
+    return {"limits": limits}
+
+
+def cases(asked: argparse.Namespace) -> list[Case]:
+    """The scenes asked for. Exits with a message for one that is not known."""
+    found = []
+    for word in asked.scenes.split(","):
+        parts = re.fullmatch(r"([SCT])(\d+)(?:@(\d+x\d+))?", word.strip())
+        if parts is None:
+            sys.exit(f"--scenes {word}: must be S, C or T and a number, such as S16000 or S64000@2x2")
+        kind, number, tiles = parts[1], int(parts[2]), parts[3] or "1x1"
+        known = asked.peers is not None and (asked.peers / "configs" / f"{kind}_{number}.npz").exists()
+        if not known and (asked.peers is not None or kind != "S"):
+            print(f"{word}: left out, no configuration {kind}_{number}.npz is given")
+            continue
+        steps = asked.steps or STEPS.get((kind, number), 300)
+        found += [Case(kind, number, tiles, int(cores), steps, asked.warm, asked.reps) for cores in asked.cores.split(",")]
+    return found
+
+
+def run_ours(case: Case, peers: Path | None) -> Run:
+    """One measurement of our engine, in a process of its own. Exits when it fails; its words are on stderr."""
+    pinned = PINNED.get(case.cores, ()) if shutil.which("taskset") else ()
+    command = [*pinned, sys.executable, str(Path(__file__).with_name("ours.py")), case.kind, str(case.number)]
+    options = {"steps": case.steps, "warm": case.warm, "reps": case.reps, "threads": case.cores, "tiles": case.tiles}
+    command += [word for key, value in options.items() for word in (f"--{key}", str(value))] + ["--json"]
+    command += ["--peers", str(peers)] if peers else []
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+    if done.returncode:
+        sys.exit(f"{case.name}: our own run ended with status {done.returncode}")
+    return json.loads(done.stdout)
+
+
+def median_of(run: Run) -> float:
+    """Seconds per step of one run, not a number if it failed."""
+    return statistics.median(run["t"]) if "t" in run else float("nan")
+
+
+def spread(values: list[float]) -> dict[str, float]:
+    """Median, least and largest; for values that are there."""
+    return {"median": statistics.median(values), "min": min(values), "max": max(values)}
+
+
+def summed_up(runs: dict[str, list[Run]]) -> dict[str, Any]:
+    """Ratios of every peer to ours, round by round, and which peer is the fastest."""
+    ours = [median_of(run) for run in runs[OURS]]
+    ratios, times = {}, {}
+    for name, theirs in runs.items():
+        pairs = [(median_of(run), own) for run, own in zip(theirs, ours, strict=True) if "t" in run]
+        if name != OURS and pairs:
+            ratios[name] = spread([peer / own for peer, own in pairs]) | {"rounds": [peer / own for peer, own in pairs]}
+            times[name] = statistics.median(t for run in theirs for t in run.get("t", []))
+    best = min(times, key=times.__getitem__) if times else None
+    return {"ratios": ratios, "best": best, "ratio": ratios[best] if best else None}
+
+
+def print_case(case: Case, runs: dict[str, list[Run]], summary: dict[str, Any], console: Console) -> None:
+    """One scene: an engine a line."""
+    first = runs[OURS][0]
+    title = (
+        f"{case.name}, {case.cores} core{'s' * (case.cores > 1)}: {first['spheres']} spheres, {first['bodies']} bodies; "
+        f"{len(runs[OURS])} rounds of {case.reps} x {case.steps} steps"
+    )
+    table = Table("engine", "ns/sphere-step", "ns/contact-step", "contacts + plates", "energy, J", "steps/search", "CPU",
+                  "ratio to ours", title=title)  # fmt: skip
+    for name, all_runs in runs.items():
+        done = [run for run in all_runs if "t" in run]
+        if not done:
+            table.add_row(name, f"failed: {all_runs[-1]['failed'][-80:]}")
+            continue
+        table.add_row(name, *_cells(done), _ratio(summary["ratios"].get(name)))
+    console.print(table)
+    size = first["bytes_per_sphere"]
+    memory = f"{size['built']:.0f} built, {size['run']:.0f} at most"
+    console.print(f"our memory, bytes per sphere: {memory}; built in {first['setup_s']:.2f} s")
+    if summary["best"]:
+        console.print(f"the fastest peer, {summary['best']}, over ours: {_ratio(summary['ratio'])}")
+
+
+def _cells(runs: list[Run]) -> list[str]:
+    """The figures of one engine on one scene."""
+    seconds = [t for run in runs for t in run["t"]]
+    each = spread([1e9 * median_of(run) / run["spheres"] for run in runs])
+    contacts, plates = (statistics.fmean(n for run in runs for n in run[key]) for key in ("contacts", "plate"))
+    shares = [share for run in runs for share in run["cpu"]]
+    energy = runs[-1]["ke_end"]
+    return [
+        f"{1e9 * statistics.median(seconds) / runs[0]['spheres']:.4g}  ({each['min']:.4g} .. {each['max']:.4g})",
+        f"{1e9 * statistics.median(seconds) / (contacts + plates):.4g}",
+        f"{contacts:.0f} + {plates:.0f}",
+        "" if energy is None else f"{energy:.5g}",
+        f"{statistics.median(n for run in runs for n in run['rebuild_every']):.0f}",
+        f"{min(shares):.0%}" if shares else "",
+    ]
+
+
+def _ratio(told: dict[str, Any] | None) -> str:
+    return "" if told is None else f"{told['median']:.2f}  ({told['min']:.2f} .. {told['max']:.2f})"
+
+
+def print_threads(medians: dict[tuple[str, int], list[float]], console: Console) -> dict[str, Any]:
+    """One thread's time over that of two, round by round, where both were run."""
+    found = {}
+    for (name, cores), two in medians.items():
+        if cores == 2 and (name, 1) in medians:
+            rounds = [one / both for one, both in zip(medians[name, 1], two, strict=True)]
+            found[name] = spread(rounds) | {"rounds": rounds}
+            console.print(f"{name}: two threads are {_ratio(found[name])} times as fast as one")
+    return found
+
+
+if __name__ == "__main__":
+    main()
