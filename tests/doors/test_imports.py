@@ -22,7 +22,7 @@ BELOW = {
     "scene": {"kernels", "laws", "bodies", "engine"},
     "output": {"kernels", "laws", "bodies", "engine"},
     # studies run whole scenes, so they stand on what runs, checks and prints one
-    "studies": {"kernels", "laws", "bodies", "engine", "scene", "output", "simulate", "check", "report"},
+    "studies": {"kernels", "laws", "bodies", "engine", "scene", "output", "course", "simulate", "check", "report"},
 }
 OPEN = {"errors", "cache"}
 # `plugin` is the facade of the contract: it may show what plug-ins need and nothing above it

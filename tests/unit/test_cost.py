@@ -10,11 +10,14 @@ import pytest
 from thirdbody_three_spot import THREE_SPOT
 
 from thirdbody.errors import OutputError, UsageError
+from thirdbody.kernels import layout as at
 from thirdbody.scene.model import Scene
+from thirdbody.simulate import prepare
 from thirdbody.studies import cost, cost_plot, cost_table, worker
+from thirdbody.studies.clock import Late, bare
 from thirdbody.studies.command import cost_command
-from thirdbody.studies.compare import Outcome, errors, front, label_difference, order, rms_error, turns
-from thirdbody.studies.convergence import convergence
+from thirdbody.studies.compare import Outcome, errors, front, label_difference, order, read_outcome, rms_error, turns
+from thirdbody.studies.convergence import convergence, falling
 from thirdbody.studies.ladder import Base, Rung, ladder
 
 SCENE = """
@@ -92,7 +95,7 @@ def made() -> cost.Study:
 def test_the_ladder_changes_one_thing_at_a_time(base):
     scene = Scene.parse(SCENE)
     rungs = ladder(scene, THREE_SPOT, base)
-    assert 14 <= len(rungs) <= 18
+    assert 14 <= len(rungs) <= 20
     assert len({rung.name for rung in rungs}) == len(rungs)
     assert [rung.default for rung in rungs].count(True) == 1 and [rung.reference for rung in rungs].count(True) == 1
     for rung in rungs:
@@ -101,8 +104,8 @@ def test_the_ladder_changes_one_thing_at_a_time(base):
             "step": rung.integrator == base.kind and rung.factor != 1.0,
             "integrator": rung.integrator != base.kind,
         }
-        # the rung that is the scene's own changes nothing, the reference the law and its step
-        assert sum(changed.values()) == (0 if rung.default else 2 if rung.reference else 1), rung.name
+        # the rung that is the scene's own changes nothing; the reference and those on the way to it the law and its step
+        assert sum(changed.values()) == (0 if rung.default else 2 if rung.axis in ("fine", "reference") else 1), rung.name
         scene.with_settings(rung.changes)  # every rung is a scene without a fault
 
 
@@ -110,6 +113,18 @@ def test_the_reference_has_the_finest_law_and_step():
     last = ladder(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)[-1]
     assert last.reference and last.level == "exact"
     assert last.changes["solver.time_step"] == f"{0.25e-10!r} s"
+
+
+def test_explicit_rungs_hold_their_step():
+    """An automatic one looks at the contacts, and laws would differ by their steps too."""
+    steps = {rung.factor: rung.changes["solver.time_step"] for rung in ladder(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
+             if rung.integrator == "explicit"}  # fmt: skip
+    assert steps == {factor: f"{factor * 1e-10!r} s" for factor in (4.0, 2.0, 1.0, 0.5, 0.25)}
+
+
+def test_a_finest_law_has_no_way_to_itself():
+    rungs = ladder(Scene.parse(SCENE), THREE_SPOT, Base("implicit", "exact", None, 1e-10, 5e-4))
+    assert not [rung for rung in rungs if rung.axis == "fine"] and len({rung.name for rung in rungs}) == len(rungs)
 
 
 def test_a_rung_takes_out_springs_that_its_level_does_not_know():
@@ -234,6 +249,13 @@ def test_springs_are_judged_against_the_finest_law_at_their_own_step(made):
     assert series["errors"] == pytest.approx([(1.06 - 1.001) / 1.001, (1.008 - 1.001) / 1.001], rel=1e-9)
 
 
+def test_an_order_is_told_of_errors_that_fall():
+    assert falling([8.0, 4.0, 2.0, 1.9, 1.8]) == 3  # something else has taken over
+    assert falling([8.0, 4.0, 2.0]) == 3
+    assert falling([1.0, 2.0, 0.1]) == 3  # no order to be seen: all of them, and the slope tells
+    assert falling([4.0, 1.0, math.nan, 0.1]) == 2
+
+
 def test_when_the_finest_rung_fails_the_next_one_is_the_reference(made):
     made.rows[-1].stable = False
     cost.judge(made)
@@ -266,6 +288,40 @@ def test_a_run_that_takes_too_long_is_stopped_and_told(tmp_path):
     file.write_text(SCENE)
     told = worker.measured(Scene.load(file), tmp_path / "run", [], 0.0)
     assert not told["stable"] and "given up after 0 s of one core" in told["message"]
+
+
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+def test_what_is_timed_is_the_run(integrator, tmp_path):
+    """The same steps to the last bit, without what is done at the stops."""
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE.replace("[solver]", f'[solver]\nintegrator = "{integrator}"'))
+    scene, folder = Scene.load(file), tmp_path / "run"
+    worker.measured(scene, folder, [], 30.0)
+    built = prepare(scene)
+    wall, cpu = bare(built, 30.0)
+    ran = read_outcome(folder)
+    assert np.array_equal(built.state.B[:, at.B_X : at.B_X + 3], ran.position)
+    assert np.array_equal(built.state.B[:, at.B_Q : at.B_Q + 4], ran.quaternion)
+    assert 0.0 < wall and 0.0 < cpu
+
+
+def test_short_rungs_take_turns_with_a_yardstick(tmp_path):
+    """Here the rung is the yardstick itself: it takes what that takes."""
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE)
+    job = {"scene": str(file), "plugins": [], "folder": str(tmp_path / "runs"), "repeats": 3, "limit": 30.0, "variants": [{}],
+           "beside": {}}  # fmt: skip
+    told = worker.work(job)[0]
+    assert len(told["cpu"]) == len(told["beside"]) == 3
+    rung = Rung("a", "law", "a", None, "implicit")
+    slow = [cost.Row(rung, cpu=[pace, 2.0 * pace], beside=[pace, pace]) for pace in (1.0, 3.0, 9.0)]
+    cost._one_pace(slow)
+    assert [row.cpu for row in slow] == [[3.0, 6.0]] * 3  # three times, the median pace
+
+
+def test_timing_has_an_end(tmp_path):
+    with pytest.raises(Late):
+        bare(prepare(Scene.parse(SCENE)), -1.0)
 
 
 def test_an_existing_folder_is_refused(tmp_path):

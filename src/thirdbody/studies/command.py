@@ -26,9 +26,10 @@ def cost_command(
     from .convergence import convergence, print_convergence
     from .cost_plot import draw_study
     from .cost_table import print_study
+    from .interaction import above, print_interaction
 
     made = study(scene, folder, settings, plugins, repeats, tell, verify)
-    told = as_json(made) | {"convergence": convergence(made)}
+    told = as_json(made) | {"convergence": convergence(made), "interaction": above(made, folder)}
     if verify:
         from .impact import impact_table
 
@@ -42,6 +43,7 @@ def cost_command(
         return
     print_study(made)
     print_convergence(told["convergence"])
+    print_interaction(told["interaction"])
     if verify:
         from .impact import print_impact
 

@@ -11,6 +11,9 @@ from .cost import Row, Study, figure_of_merit, percent
 FLOOR = 1e-9
 """Smaller errors than this are rounding and tell no order."""
 
+FALLS = 0.7
+"""From one error to the next, at least, as long as an order is told: half the step or the springs at order 1/2."""
+
 
 def convergence(made: Study) -> list[dict[str, Any]]:
     """Series of errors with their order: `what`, `against`, `sizes` (falling), `errors`, `order` (None when not known).
@@ -38,12 +41,12 @@ def _of_springs(made: Study) -> list[dict[str, Any]]:
 
 def _of_steps(made: Study) -> list[dict[str, Any]]:
     found = []
-    for what, axis in (("step", "step"), ("other integrator's step", "integrator")):
-        rows = [row for row in made.rows if row.stable and row.step and (row.rung.axis == axis)]
-        default = made.default
-        if axis == "step" and default is not None and default.stable and default.step:
-            rows.append(default)
-        rows.sort(key=lambda row: -float(row.step or 0.0))
+    laws = [row for row in made.rows if row.rung.axis == "law"]
+    extra = {"step": made.default, "fine": laws[-1] if laws else None}
+    for what, axis in (("step", "step"), ("other integrator's step", "integrator"), ("step of the finest law", "fine")):
+        rows = [row for row in made.rows if row.rung.axis == axis]
+        rows += [row for row in (extra.get(axis), made.reference if axis == "fine" else None) if row is not None]
+        rows = sorted((row for row in rows if row.stable and row.step), key=lambda row: -float(row.step or 0.0))
         if len({row.integrator for row in rows}) != 1 or len(rows) < 3:
             continue
         explicit = rows[0].integrator == "explicit"
@@ -59,8 +62,18 @@ def _series(made: Study, what: str, names: list[str], sizes: list[float], rows: 
     merit = figure_of_merit(made)
     assert limit.outcome is not None
     found = [errors(row.outcome, limit.outcome)[merit] if row.outcome is not None else math.nan for row in rows]
-    slope = order(sizes, [e if e > FLOOR else math.nan for e in found])
-    return {"what": what, "against": limit.rung.name, "sizes": names, "errors": found, "order": slope}
+    fitted = falling(found)
+    slope = order(sizes[:fitted], [e if e > FLOOR else math.nan for e in found[:fitted]])
+    return {"what": what, "against": limit.rung.name, "sizes": names, "errors": found, "order": slope, "fitted": fitted}
+
+
+def falling(found: list[float]) -> int:
+    """How many errors from the first on tell an order: all before the first that is not `FALLS` times its predecessor or less,
+    where something else than what is refined has taken over; all where that leaves only one."""
+    for k in range(1, len(found)):
+        if not found[k] <= FALLS * found[k - 1]:
+            return k if k > 1 else len(found)
+    return len(found)
 
 
 def print_convergence(series: list[dict[str, Any]]) -> None:
@@ -68,4 +81,5 @@ def print_convergence(series: list[dict[str, Any]]) -> None:
     for entry in series:
         values = ", ".join(f"{name}: {percent(error)}" for name, error in zip(entry["sizes"], entry["errors"], strict=True))
         slope = "not known" if math.isnan(entry["order"]) else f"{entry['order']:.2f}"
-        print(f"convergence with the {entry['what']} against {entry['against']}: {values}; order {slope}")
+        first = f" of the first {entry['fitted']}" if entry["fitted"] < len(entry["sizes"]) else ""
+        print(f"convergence with the {entry['what']} against {entry['against']}: {values}; order{first} {slope}")

@@ -9,20 +9,22 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.errors import OutputError, UsageError
+from thirdbody.scene import units
 from thirdbody.scene.model import File, Mesh, Scene
 
 from .compare import Outcome, errors, front, read_outcome
 from .ladder import Base, Rung, ladder, springs_option
+from .worker import SHORT
 
 if TYPE_CHECKING:
     from thirdbody.scene.build import Simulation
 
-LIMIT = 45.0
+LIMIT = 90.0
 """Seconds of one core after which one run of a rung is given up, and shown as such."""
 
 REPEATS = 3
@@ -36,7 +38,8 @@ Tell = Callable[[str], None]
 
 @dataclass
 class Row:
-    """One rung as it came out. `wall`, `cpu`: seconds of its repeats; `outcome`: None for a rung that gave nothing."""
+    """One rung as it came out. `wall`, `cpu`: seconds of its repeats; `outcome`: None for a rung that gave nothing; `place`: the
+    folder of its run, beside those of the other rungs; `beside`: seconds of the scene's own rung, in turns with it."""
 
     rung: Rung
     wall: list[float] = field(default_factory=list)
@@ -47,6 +50,8 @@ class Row:
     step: float | None = None
     outcome: Outcome | None = None
     errors: dict[str, float] = field(default_factory=dict)
+    place: str = ""
+    beside: list[float] = field(default_factory=list)
 
     @property
     def seconds(self) -> float:
@@ -96,14 +101,21 @@ def study(
     scene = scene.with_settings(settings) if settings else scene
     tell("building the scene and estimating its time")
     scene, built, reduction = reduced(scene, plugins)
-    rungs = ladder(scene, built.choice.family, base_of(scene, built, plugins), verify)
+    base = base_of(scene, built, plugins)
     _save(scene, folder)
+    if base.kind == "explicit" and isinstance(scene.solver.time_step, str):
+        tell("a run with an automatic time step")
+        base = replace(base, step=_smallest_step(folder, plugins, base.step))
+        reduction.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
+    rungs = ladder(scene, built.choice.family, base, verify)
+    own = next((rung.changes for rung in rungs if rung.default), None) if _estimate(built) < SHORT else None
     rows = []
     for number, rung in enumerate(rungs, 1):
         tell(f"rung {number} of {len(rungs)}: {rung.name}")
         times = 1 if rung.axis == "verify" else repeats  # of those nothing is timed
-        rows.append(climb(folder, rung, f"{number:02d}_{_slug(rung.name)}", plugins, times))
+        rows.append(climb(folder, rung, f"{number:02d}_{_slug(rung.name)}", plugins, times, own))
         tell(f"  {rows[-1].seconds:.3g} s" if rows[-1].stable else f"  {rows[-1].message}")
+    _one_pace(rows)
     made = Study(str(path), scene.title, reduction, machine(), rows)
     judge(made)
     return made
@@ -154,12 +166,33 @@ def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> B
     return Base(built.plan.kind, built.choice.level, springs, explicit.state.dt, tolerance)
 
 
-def climb(folder: Path, rung: Rung, name: str, plugins: Sequence[str | Path], repeats: int) -> Row:
-    """One rung, in a process of its own."""
+def _smallest_step(folder: Path, plugins: Sequence[str | Path], first: float) -> float:
+    """The smallest time step, s, that a run of the saved scene with an automatic one takes; `first` if it does not end."""
+    from thirdbody.output.run import open_run
+
+    place = folder / RUNGS / "automatic_step"
+    if not in_process(folder / SCENE_FILE, place, [{}], plugins, 0)[0]["stable"]:
+        return first
+    with open_run(place / "0") as run:
+        return min(first, float(run.summary()["time_step_limit"]["smallest"]))
+
+
+def _one_pace(rows: Sequence[Row]) -> None:
+    """Put the seconds of rungs that took turns with the scene's own to one pace of the machine, that of its median."""
+    paces = [seconds for row in rows for seconds in row.beside]
+    for row in rows:
+        if row.beside:
+            row.cpu = [cpu * statistics.median(paces) / own for cpu, own in zip(row.cpu, row.beside, strict=True)]
+
+
+def climb(
+    folder: Path, rung: Rung, name: str, plugins: Sequence[str | Path], repeats: int, own: Mapping[str, Any] | None = None
+) -> Row:  # fmt: skip
+    """One rung, in a process of its own; a short one in turns with the scene's `own`, by these changes."""
     place = folder / RUNGS / name
-    found = in_process(folder / SCENE_FILE, place, [rung.changes], plugins, repeats)[0]
+    found = in_process(folder / SCENE_FILE, place, [rung.changes], plugins, repeats, beside=own)[0]
     row = Row(rung, found["wall"], found["cpu"], found["stable"], found["message"], found.get("integrator") or rung.integrator,
-              found.get("step"))  # fmt: skip
+              found.get("step"), place=name, beside=found.get("beside", []))  # fmt: skip
     if found["wall"]:
         row.outcome = read_outcome(place / "0")
     return row
@@ -167,14 +200,14 @@ def climb(folder: Path, rung: Rung, name: str, plugins: Sequence[str | Path], re
 
 def in_process(
     scene: Path, place: Path, variants: Sequence[Mapping[str, Any]], plugins: Sequence[str | Path], repeats: int,
-    limit: float = LIMIT,
+    limit: float = LIMIT, beside: Mapping[str, Any] | None = None,
 ) -> list[dict[str, Any]]:  # fmt: skip
     """What `worker` tells of these variants of a scene; one that crashed is told like one that failed."""
     place.mkdir(parents=True, exist_ok=True)
     job, patience = place / "job.json", 600.0 + 4.0 * limit * len(variants) * (repeats + 1)
     job.write_text(json.dumps({
         "scene": str(scene), "variants": [dict(changes) for changes in variants], "plugins": [str(p) for p in plugins],
-        "folder": str(place), "repeats": repeats, "limit": limit,
+        "folder": str(place), "repeats": repeats, "limit": limit, "beside": None if beside is None else dict(beside),
     }), encoding="utf-8")  # fmt: skip
     command = [sys.executable, "-m", "thirdbody.studies.worker", str(job)]
     try:
@@ -198,18 +231,12 @@ def judge(made: Study) -> None:
         if not whole:
             raise UsageError(f"no rung of {made.scene} came to its end: {rows[0].message or rows[-1].message}")
         for row in rows:
-            row.rung = _marked(row.rung, row is whole[-1])
+            row.rung = replace(row.rung, reference=row is whole[-1])
     reference = made.reference.outcome
     assert reference is not None  # a stable run has frames
     for row in rows:
         if row.outcome is not None:
             row.errors = errors(row.outcome, reference)
-
-
-def _marked(rung: Rung, reference: bool) -> Rung:
-    from dataclasses import replace
-
-    return replace(rung, reference=reference)
 
 
 def figure_of_merit(made: Study) -> str:
@@ -277,6 +304,7 @@ def as_json(made: Study) -> dict[str, Any]:
                 "wall_spread_s": [min(entry.wall), max(entry.wall)] if entry.wall else None,
                 "cpu_s": entry.seconds,
                 "cpu_spread_s": [min(entry.cpu), max(entry.cpu)] if entry.cpu else None,
+                "yardstick_s": statistics.median(entry.beside) if entry.beside else None,
                 "repeats": len(entry.wall),
                 "time_ratio": entry.seconds / base,
                 **{name: entry.errors.get(name, math.nan) for name in ERRORS},

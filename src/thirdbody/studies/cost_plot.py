@@ -18,6 +18,7 @@ AXES = {  # axis of the ladder: label, colour, marker; shapes tell them apart wi
     "law": ("contact law and springs", LINE_COLORS["blue"], "o"),
     "step": ("step of the integrator", LINE_COLORS["vermilion"], "s"),
     "integrator": ("the other integrator", LINE_COLORS["green"], "D"),
+    "fine": ("step with the finest law", LINE_COLORS["purple"], "^"),
 }
 INK, SOFT = "#222222", "#5A626C"
 NOTHING = 1e-12
@@ -46,6 +47,7 @@ def picture(made: Study) -> Figure:
     _points(axes, rows, merit)
     _front(axes, efficient(made), merit)
     _marks(axes, made, merit)
+    axes.margins(x=0.12)  # room for names
     _names(axes, rows, merit)
     what = "friction curve" if merit == "friction_error" else "load or gap"
     axes.set_xlabel("seconds of one core for the integration, median of the repeats (bar: their range)", fontsize=9)
@@ -98,7 +100,7 @@ def _names(axes: Any, rows: list[Row], merit: str) -> None:
     own = next((row.rung.name.split(",")[0] for row in rows if row.rung.axis != "law"), "")
     for row, (x, y) in sorted(zip(rows, dots, strict=True), key=lambda pair: pair[1][0]):
         text = row.rung.name.removeprefix(f"{own}, ")
-        width, height = 4.7 * len(text) * scale, 9.5 * scale
+        width, height = 5.2 * len(text) * scale, 9.5 * scale
         for dx, dy in _AROUND:
             left = x + dx * scale - (width if dx < 0 else 0.0)
             box = (left, y + dy * scale - 0.5 * height, left + width, y + dy * scale + 0.5 * height)

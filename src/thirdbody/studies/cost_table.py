@@ -25,7 +25,10 @@ def print_study(made: Study) -> None:
     marks[id(made.reference)] = " r"
     table("", HEADINGS, [_cells(row, marks.get(id(row), ""), base) for row in made.rows if row.rung.axis != "verify"])
     print("* on the front: no rung is both faster and closer in friction; d: as the scene asks; r: reference; "
-          "seconds of one core, ~: half the range of the repeats")
+          "~: half the range of the repeats")
+    print("seconds: of one core, for the integration from output to output; without start, compiling, building and outputs")
+    if any(row.beside for row in made.rows):
+        print("short rungs took turns with the scene's own, by which their seconds are put to one pace of the machine")
     for row in made.rows:
         if not row.stable:
             print(f"{row.rung.name}: {row.message}")

@@ -62,7 +62,8 @@ def lost_contact(trial: Trial) -> None:
 def touch_and_go(trial: Trial) -> None:
     """A lump of three uneven balls tips over: spots leave and touch inside long steps.
 
-    Taken out: a contact that opens wipes its history -> memory of open spots.
+    Taken out: a contact that opens wipes its history -> memory of open spots. The cutting of implicit steps that found no balance
+    -> no step is found (`mdr`).
     """
     lump = clump([(-3, 0, 0, 3), (3, 0.5, 0, 3), (0, 1, 1, 3.2)], gap=1e-6)
     course = trial.start(pressed(trial, lump, 0.6, Motion(y=(ConstantVelocity(velocity=SPEED),))))
@@ -96,6 +97,9 @@ def no_friction(trial: Trial) -> None:
 
 def endless_friction(trial: Trial) -> None:
     """mu = 1e9: critical displacements of metres; the body tips, with finite forces.
+
+    Taken out of the implicit integrator: the line search (whole steps of Newton's method) -> no step is found (`mdr`). The clip
+    of a correction -> twice as many cuts (`mindlin`). The cutting of a step that found no balance -> no step is found (all).
 
     Known to fail: `exact` by the implicit integrator at .1 m/s. A spot that lifts off with T far above N lets go of T as the root
     of its overlap, and steps shrink until none is found; the run is stopped and says so.
@@ -153,6 +157,8 @@ def _degenerate() -> list[tuple[str, Any]]:
 
 def at_the_limit(trial: Trial) -> None:
     """mu = t_max to 1e-6: whether it slides or starts to tip is open, the force is not.
+
+    Taken out: the cutting of implicit steps that found no balance -> no step is found (`mdr`).
 
     Looked at from 50 nm on: partial slip (`exact`) reaches its limit at some 25 nm, until when it may be called sticking.
     """

@@ -16,14 +16,24 @@ SPRINGS = (8, 16, 32, 64, 128)
 FACTORS = {"explicit": (4.0, 2.0, 0.5, 0.25), "implicit": (16.0, 4.0, 0.25, 0.0625)}
 """Times the time step, or the tolerance of a step: the length of an implicit step goes as the root of that."""
 
+FINE = {"explicit": (2.0, 0.5), "implicit": (4.0, 0.25)}
+"""The same with the finest law, between its own step and that of the reference: there only the step errs."""
+
+FINEST = {"explicit": 0.25, "implicit": 1.0 / 64.0}
+"""The same of the reference."""
+
 AROUND = {"explicit": (1.0, 2.0, 0.5), "implicit": (1.0, 4.0, 0.25)}
 """The same for the integrator that the scene does not use; 1 leaves it to its default."""
+
+
+Law = tuple[str, int | None]
+"""A level and its springs."""
 
 
 @dataclass(frozen=True)
 class Base:
     """What the scene itself says. `kind`: its integrator; `level`, `springs` (None without that option); `step`: the time step
-    (s) of the explicit integrator at the start; `tolerance` of the implicit one."""
+    (s) of the explicit integrator, the smallest that an automatic one takes; `tolerance` of the implicit one."""
 
     kind: str
     level: str
@@ -48,35 +58,32 @@ class Rung:
 
 
 def ladder(scene: Scene, family: LawFamily, base: Base, verify: bool = False) -> list[Rung]:
-    """About 16 rungs around a scene; the last one is the reference: the finest law, and steps as fine as the ladder has.
+    """Some 18 rungs around a scene; the last one is the reference: the finest law, and steps as fine as the ladder has.
 
-    The levels of a family go from the coarsest to the finest, as it lists them. `verify` adds all numbers of springs with these
-    fine steps (axis `verify`): only there is what the springs neglect not hidden by the steps.
+    The levels of a family go from the coarsest to the finest, as it lists them. Explicit rungs have a fixed time step, for an
+    automatic one looks at the contacts: laws would differ by their steps too, and a body that rocks into place while it settles
+    tells that from the law's error no longer. `verify` adds all numbers of springs with the steps of the reference (axis
+    `verify`): only there is what the springs neglect not hidden by the steps.
     """
     laws = [(level, springs) for level in family.levels for springs in _springs_of(family, level, base)]
-    rungs = [
-        Rung(_law_name(level, springs), "law", level, springs, base.kind, default=(level, springs) == (base.level, base.springs),
-             changes=_law_changes(scene, level, springs))
-        for level, springs in laws
-    ]  # fmt: skip
-    own = _law_name(base.level, base.springs)
-    for factor in FACTORS[base.kind]:
-        rungs.append(Rung(f"{own}, {_factor_name(base.kind, factor)}", "step", base.level, base.springs, base.kind, factor,
-                          changes=_step_changes(base, base.kind, factor)))  # fmt: skip
     other = "implicit" if base.kind == "explicit" else "explicit"
-    for factor in AROUND[other]:
-        name = f"{own}, {other}" + ("" if factor == 1.0 else f", {_factor_name(other, factor)}")
-        rungs.append(Rung(name, "integrator", base.level, base.springs, other, factor,
-                          changes=_step_changes(base, other, factor)))  # fmt: skip
-    level, springs = laws[-1]
-    finest = min(FACTORS[base.kind])
-    name = f"{_law_name(level, springs)}, {_factor_name(base.kind, finest)}"
-    fine = _step_changes(base, base.kind, finest)
+    own, finest, least = (base.level, base.springs), laws[-1], FINEST[base.kind]
+
+    def rung(axis: str, law: Law, kind: str, factor: float = 1.0) -> Rung:
+        words = [_law_name(*law)] + ([kind] if kind != base.kind else [])
+        words += [_factor_name(kind, factor)] if factor != 1.0 else []
+        changes = {**_law_changes(scene, *law), **_step_changes(base, kind, factor)}
+        default = axis == "law" and law == own
+        return Rung(", ".join(words), axis, *law, kind, factor, default, axis == "reference", changes)
+
+    rungs = [rung("law", law, base.kind) for law in laws]
+    rungs += [rung("step", own, base.kind, factor) for factor in FACTORS[base.kind]]
+    rungs += [rung("integrator", own, other, factor) for factor in AROUND[other]]
+    if own != finest:
+        rungs += [rung("fine", finest, base.kind, factor) for factor in FINE[base.kind]]
     if verify:
-        rungs += [Rung(f"{_law_name(*law)}, {_factor_name(base.kind, finest)}", "verify", *law, base.kind, finest,
-                       changes={**_law_changes(scene, *law), **fine}) for law in laws[:-1] if law[1] is not None]  # fmt: skip
-    changes = {**_law_changes(scene, level, springs), **fine}
-    return [*rungs, Rung(name, "reference", level, springs, base.kind, finest, reference=True, changes=changes)]
+        rungs += [rung("verify", law, base.kind, least) for law in laws[:-1] if law[1] is not None]
+    return [*rungs, rung("reference", finest, base.kind, least)]
 
 
 def springs_option(family: LawFamily, level: str) -> int | None:
@@ -115,5 +122,5 @@ def _step_changes(base: Base, kind: str, factor: float) -> dict[str, Any]:
     if kind == "implicit":
         finer = {} if factor == 1.0 else {"solver.tolerance": factor * base.tolerance}
         return {"solver.integrator": kind, "solver.time_step": "auto", **finer}
-    step = "auto" if factor == 1.0 else f"{factor * base.step!r} s"
+    step = f"{factor * base.step!r} s"
     return {"solver.integrator": kind, "solver.time_step": step, **{f"solver.{key}": None for key in IMPLICIT_KEYS}}

@@ -1,16 +1,20 @@
 """One rung in a process of its own: `python -m thirdbody.studies.worker JOB`, JSON in, JSON on the last line of the output.
 
 A job holds `scene` (file), `variants` (one or more tables of changes to it), `plugins`, `folder` (for the runs), `repeats` and
-`limit` (s of one core for one run). Each variant is compiled first, by a run that ends at once, and then timed; several
-variants take turns, so that what disturbs the machine for a while disturbs all of them. Timed is the integration alone: neither
-compiling, nor building the scene, nor writing its frames. One thread computes, so its seconds of processor time are told beside
-those of the wall: on a machine that does nothing else they are the same, on a busy one they still tell what a rung costs.
+`limit` (s of one core for one run). Each variant is compiled first, by a run that ends at once; then it is run into its folder,
+and then timed; several variants take turns, so that what disturbs the machine for a while disturbs all of them. Timed is the
+integration alone, from stop to stop (`clock.bare`): neither compiling, nor building the scene, nor what is done at an output,
+which is the same for all. One thread computes, so its seconds of processor time are told beside those of the wall: on a machine
+that does nothing else they are the same, on a busy one they still tell what a rung costs. With `beside`, changes that make the
+scene a yardstick, short runs take turns with that one too, and its seconds are told with theirs: a busy machine is slower by some
+minutes than by others.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import statistics
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -20,24 +24,14 @@ from typing import Any
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError
 from thirdbody.scene.model import Scene
 
-SHORT, MORE = 0.3, 3
-"""Runs shorter than so many seconds are repeated so many times as often: their times spread most."""
+from .clock import Late, attach, bare
 
+SHORT, BATCH = 0.3, 9
+"""Of runs shorter than so many seconds a repeat is so many, one after the other, and their median: the first ones find the
+processor's caches cold, which is nothing of theirs."""
 
-class Clock:
-    """Seconds that an integrator spent in its steps: of the wall, and of the processor."""
-
-    def __init__(self, integrator: Any):
-        self.wall, self.cpu, self.advance = 0.0, 0.0, integrator.advance_to
-        integrator.advance_to = self._timed
-
-    def _timed(self, *arguments: Any, **keys: Any) -> None:
-        wall, cpu = time.perf_counter(), time.process_time()
-        try:
-            self.advance(*arguments, **keys)
-        finally:
-            self.wall += time.perf_counter() - wall
-            self.cpu += time.process_time() - cpu
+LONG = 2.0
+"""A run of so many seconds is timed while it writes its frames too: they do not matter there."""
 
 
 def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -> dict[str, Any]:
@@ -45,7 +39,7 @@ def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -
     from thirdbody.simulate import execute, prepare
 
     built = prepare(scene, plugins)
-    clock, message = Clock(built.integrator), ""
+    clock, message = attach(built.integrator), ""
     end = time.process_time() + limit
     try:
         # a busy machine makes a rung late, not costly: the limit is one of the processor's time
@@ -63,32 +57,63 @@ def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -
 
 def work(job: Mapping[str, Any]) -> list[dict[str, Any]]:
     """What each variant of a job took and told; `wall` and `cpu` hold the seconds of its repeats."""
-    base, repeats = Scene.load(job["scene"]), int(job["repeats"])
-    folders = [Path(job["folder"]) / str(k) for k in range(len(job["variants"]))]
-    scenes: list[Scene | None] = []
+    base = Scene.load(job["scene"])
+    scenes: list[Scene] = []
     found: list[dict[str, Any]] = []
-    for changes, folder in zip(job["variants"], folders, strict=True):
+    for k, changes in enumerate(job["variants"]):
+        told: dict[str, Any] = {"wall": [], "cpu": [], "stable": False}
         try:
             scenes.append(base.with_settings(changes) if changes else base)
-            measured(scenes[-1], folder, job["plugins"], 0.0)  # type: ignore[arg-type]
-            found.append({"wall": [], "cpu": []})
-        except ThirdbodyError as error:
-            scenes[len(found) :] = [None]
-            found.append({"wall": [], "cpu": [], "stable": False, "message": str(error)})
-    turn = 0
-    while turn < repeats:
-        for told, scene, folder in zip(found, scenes, folders, strict=True):
-            if scene is not None and told.get("stable", True):
-                told |= measured(scene, folder, job["plugins"], job["limit"])
+            folder = Path(job["folder"]) / str(k)
+            measured(scenes[-1], folder, job["plugins"], 0.0)
+            told |= measured(scenes[-1], folder, job["plugins"], job["limit"])
+            if not told["stable"] or told["cpu_s"] > LONG:
                 told["wall"].append(told["wall_s"])
                 told["cpu"].append(told["cpu_s"])
-        turn += 1
-        done = [told["wall"][-1] for told in found if told["wall"]]
-        if turn == repeats and done and max(done) < SHORT and repeats == int(job["repeats"]):
-            repeats *= MORE
-        if turn == 2 and sum(done) * repeats > job["limit"]:
-            break  # a long one: two tell the spread
+        except ThirdbodyError as error:
+            scenes[k:] = [base]
+            told["message"] = str(error)
+        found.append(told)
+    _repeat(job, scenes, found)
     return found
+
+
+def _repeat(job: Mapping[str, Any], scenes: Sequence[Scene], found: Sequence[dict[str, Any]]) -> None:
+    """Time what came to its end, in turns, until each has enough repeats."""
+    going = [(told, scene) for told, scene in zip(found, scenes, strict=True) if told["stable"]]
+    whole = sum(told["cpu_s"] for told, _ in going)
+    # of a long one two tell the spread
+    repeats = 2 if whole * int(job["repeats"]) > job["limit"] else int(job["repeats"])
+    batch = BATCH if whole < SHORT * len(going) else 1
+    if len({len(told["cpu"]) for told, _ in going}) > 1:  # only some are long: none of the pairs is to be torn
+        for told, _ in going:
+            told["wall"], told["cpu"] = [], []
+    yardstick = _yardstick(job) if batch > 1 and going else None
+    while going and len(going[0][0]["cpu"]) < repeats:
+        for told, scene in going:
+            try:
+                wall, cpu = _timed(scene, job, batch)
+                if yardstick is not None:
+                    told.setdefault("beside", []).append(_timed(yardstick, job, batch)[1])
+            except Late:
+                return
+            told["wall"].append(wall)
+            told["cpu"].append(cpu)
+
+
+def _yardstick(job: Mapping[str, Any]) -> Scene | None:
+    """The scene that is the yardstick of a job, if it has one."""
+    changes = job.get("beside")
+    return None if changes is None else Scene.load(job["scene"]).with_settings(changes)
+
+
+def _timed(scene: Scene, job: Mapping[str, Any], batch: int) -> tuple[float, float]:
+    """Seconds (wall, processor) of one integration: medians of a batch."""
+    from thirdbody.simulate import prepare
+
+    built = [prepare(scene, job["plugins"]) for _ in range(batch)]
+    times = [bare(simulation, job["limit"]) for simulation in built]
+    return statistics.median(wall for wall, _ in times), statistics.median(cpu for _, cpu in times)
 
 
 if __name__ == "__main__":
