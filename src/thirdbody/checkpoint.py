@@ -11,6 +11,7 @@ import json
 import os
 import zipfile
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,9 @@ FILE = "checkpoint.npz"
 VERSION = 1
 NOTES = "notes"
 THE_VERSION = "the version"
+
+LARGEST = 1e100
+"""No number of a run is larger in SI; such ones, and what is no number, would lead compiled loops out of their tables."""
 
 
 @dataclass
@@ -102,7 +106,8 @@ def write_checkpoint(folder: Path, kept: Checkpoint) -> None:
         os.replace(part, folder / FILE)
         _sync(folder)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        with suppress(OSError):  # a read-only folder refuses that too
+            part.unlink(missing_ok=True)
         raise OutputError(f"{folder / FILE}: cannot be written ({error.strerror or error}); the one before is kept") from error
 
 
@@ -127,12 +132,13 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         raise InputError(f"{path}: no checkpoint, so this run cannot go on; run the scene again")
     try:
         arrays = _arrays(path)
-        notes = json.loads(arrays.pop(NOTES).tobytes())
+        notes = json.loads(arrays.pop(NOTES).tobytes(), parse_constant=_no_number)
         if notes["version"] != VERSION:
             raise InputError(f"{path}: format {notes['version']}, this version reads {VERSION}")
         impulses = arrays.pop("impulses")
         if impulses.shape != (7,) or impulses.dtype != np.float64:
             raise ValueError("the impulses are no seven numbers")
+        _refuse_lies(notes)
         prints = {str(key): str(value) for key, value in notes["prints"].items()}
         return Checkpoint(
             str(notes["scene"]), str(notes["folder"]), prints, int(notes["frames"]), int(notes["stop"]),
@@ -146,6 +152,22 @@ def read_checkpoint(folder: Path) -> Checkpoint:
             MemoryError, OverflowError, RecursionError, zipfile.BadZipFile) as error:  # fmt: skip
         what = f"{type(error).__name__}: {error}".splitlines()[0][:120]
         raise InputError(Fault("", f"is damaged ({what}); this run cannot go on", str(path))) from None
+
+
+def _no_number(word: str) -> None:
+    raise ValueError(f"holds {word}")
+
+
+def _refuse_lies(notes: dict[str, Any]) -> None:
+    """Raise ValueError or TypeError for counts and times that no run has."""
+    for name in ("frames", "stop", "looks"):
+        if type(notes[name]) is not int or not 0 <= notes[name] < 2**31:
+            raise ValueError(f"{name}: {str(notes[name])[:40]}")
+    inner = notes["snapshot"]
+    times = {"wall_time": notes["wall_time"], "dt": inner["dt"], "energy_start": inner["energy_start"]}
+    for name, value in (times | {"energy_peak": inner["energy_peak"]}).items():
+        if type(value) not in (int, float) or not 0.0 <= value <= LARGEST:
+            raise ValueError(f"{name}: {str(value)[:40]}")
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
@@ -174,4 +196,7 @@ def _array(data: bytes) -> np.ndarray:
     size = int(np.prod(shape, dtype=object)) * dtype.itemsize
     if size != len(data) - stream.tell():
         raise ValueError("an array is longer or shorter than its header says")
-    return np.frombuffer(data, dtype, offset=stream.tell()).reshape(shape).copy()
+    array = np.frombuffer(data, dtype, offset=stream.tell()).reshape(shape).copy()
+    if dtype.kind == "f" and not np.all(np.abs(array) <= LARGEST):
+        raise ValueError("an array holds what is no number of a run")
+    return array

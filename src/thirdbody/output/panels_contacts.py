@@ -28,7 +28,9 @@ def why_no(name: str, sheet: Sheet) -> str:
     """Why there is no histogram of that array, empty if there is one."""
     if not len(sheet.contacts["position"]):
         return f"no contact at frame {sheet.frame}"
-    return "" if name in sheet.contacts else f"its contacts have no {name}"
+    if name not in sheet.contacts:
+        return f"its contacts have no {name}"
+    return "" if np.isfinite(sheet.contacts[name]).all() else f"{name} of its contacts is not a number"
 
 
 def why_no_utilisation(sheet: Sheet) -> str:

@@ -53,11 +53,14 @@ def render(
     OutputError when the file cannot be written.
     """
     from thirdbody.output.run import open_run
+    from thirdbody.output.shot import refuse_lost
 
     output = checked_output(output)
     _check_options(output, frame, size, zoom, view, forces, body, frames, fps, camera)
     with open_run(run_path) as run:
         numbers = _chosen(run, output, frame, frames)
+        for number in numbers[:-1]:
+            refuse_lost(run, number, run.bodies(number), run.spheres(number))
         shot = _try_one(run, numbers[-1], color, forces, body)
         run_file = run.path
     if output.suffix.lower() in PAGES:

@@ -7,10 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thirdbody.errors import InputError
 from thirdbody.output.coloring import Arrays, Legend, Scale, paint, rows_of
 from thirdbody.output.forces import Tubes, force_tubes
 from thirdbody.output.quantity import with_unit
 from thirdbody.output.run import Run
+
+FARTHEST = 1e6
+"""Place, or radius, of anything that is drawn, m, at most."""
 
 VIEWS = ("iso", "side", "front", "top")
 """Names of the camera's places."""
@@ -72,6 +76,7 @@ def take_shot(run: Run, frame: int, color: str, forces: bool = False, scale: Sca
     """
     bodies, spheres = run.bodies(frame), run.spheres(frame)
     plates = run.plates(frame)["position"]
+    refuse_lost(run, frame, bodies, spheres)
     row = rows_of(bodies, spheres["clump"])
     low, high = _room(run, bodies, spheres, plates)
     shift = _wrap(run, bodies["position"])
@@ -96,6 +101,17 @@ def take_shot(run: Run, frame: int, color: str, forces: bool = False, scale: Sca
         labels=_labels(run, bodies),
         tubes=force_tubes(run.contacts(frame), bodies, shift, size if periodic else None, painted) if forces else None,
     )
+
+
+def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
+    """Raise InputError for a frame with a body that is nowhere, as a damaged file may hold it."""
+    for what, values in (("body", bodies["position"]), ("sphere", spheres["position"]), ("sphere", spheres["radius"][:, None])):
+        lost = np.flatnonzero(~np.all(np.abs(values) <= FARTHEST, axis=1))  # what is not a number too
+        if len(lost):
+            place = ", ".join(f"{x:.3g}" for x in values[lost[0]])
+            raise InputError(f"{run.path}: frame {frame} cannot be drawn: {what} {lost[0]} is at {place}")
+    if len(spheres["radius"]) and not spheres["radius"].min() > 0.0:
+        raise InputError(f"{run.path}: frame {frame} cannot be drawn: sphere {int(np.argmin(spheres['radius']))} has no radius")
 
 
 def _labels(run: Run, bodies: Arrays) -> tuple[str, ...]:

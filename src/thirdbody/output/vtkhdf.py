@@ -22,7 +22,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,14 +52,18 @@ class TrajectoryWriter:
     `reason_names` and `units` (name to unit) must be there, `domain` ({"size": [x, y], "periodic": bool}),
     `title` and `versions` are of use to others. `static` gives per block ("spheres", "clumps") the arrays
     that never change, written once; `clump` of a sphere is the `id` of its clump.
+    `copy_of`: the file, and its frames, that the written one is to take the place of; faults are told of that one.
     Raises OutputError when the file cannot be written; what was committed before stays readable.
     """
 
-    def __init__(self, path: str | Path, header: Mapping[str, Any], static: Mapping[str, Arrays]):
+    def __init__(
+        self, path: str | Path, header: Mapping[str, Any], static: Mapping[str, Arrays], copy_of: tuple[Path, int] | None = None
+    ):
         missing = [name for name in REQUIRED_TEXTS if name not in header]
         if missing:
             raise ValueError(f"header lacks {', '.join(missing)}")
         self.path = Path(path)
+        self._named, self._before = copy_of or (self.path, 0)
         with self._told():
             rows = {name: len(next(iter(arrays.values()))) for name, arrays in static.items() if arrays}
             self._open("w", rows)
@@ -91,21 +95,24 @@ class TrajectoryWriter:
 
         path = Path(path)
         fresh = path.with_name(path.name + ".part")
-        with open_run(path) as old:
-            if frames > old.frames:
-                raise InputError(f"{path}: has {old.frames} frames, cannot go on after frame {frames}")
-            try:
-                with cls(fresh, header or old.header, old.static_arrays()) as new:
+        writer = cls.__new__(cls)
+        writer.path = writer._named = path
+        writer._before = frames
+        try:
+            with open_run(path) as old:
+                if frames > old.frames:
+                    raise InputError(f"{path}: has {old.frames} frames, cannot go on after frame {frames}")
+                with cls(fresh, header or old.header, old.static_arrays(), (path, old.frames)) as new:
                     for number in range(frames):
                         new.append(old.stored_frame(number))
                     new.sync()  # the checkpoint, which is on the disk, asks for these frames
-            except BaseException:
+            with writer._told():
+                os.replace(fresh, path)
+        except BaseException:
+            with suppress(OSError):  # a read-only folder refuses that too
                 fresh.unlink(missing_ok=True)
-                raise
-        writer = cls.__new__(cls)
-        writer.path = path
+            raise
         with writer._told():
-            os.replace(fresh, path)
             writer._open("r+", {})
             static = json.loads(writer._scene[STATIC_TEXT][()])
             for name, block in writer._blocks.items():
@@ -183,10 +190,10 @@ class TrajectoryWriter:
         free = shutil.disk_usage(self.path.parent).free
         if free < nbytes + nbytes // 2 + SPARE_BYTES:
             self.close()
-            raise OutputError(f"{self.path}: the disk is full ({free // 1024} KiB left); {self._kept()}")
+            raise OutputError(f"{self._named}: the disk is full ({free // 1024} KiB left); {self._kept()}")
 
     def _kept(self) -> str:
-        return f"the {getattr(self, 'frames', 0)} frames written before are kept"
+        return f"the {max(self._before, getattr(self, 'frames', 0))} frames written before are kept"
 
     @contextmanager
     def _told(self) -> Iterator[None]:
@@ -196,7 +203,7 @@ class TrajectoryWriter:
         except (OSError, RuntimeError) as error:
             self.close()
             reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
-            raise OutputError(f"{self.path}: cannot be written ({reason}); {self._kept()}") from error
+            raise OutputError(f"{self._named}: cannot be written ({reason}); {self._kept()}") from error
 
     def finish(self, summary: Mapping[str, Any]) -> None:
         """Store the summary of a run that came to its end. Raises OutputError."""

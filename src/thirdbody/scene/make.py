@@ -22,6 +22,9 @@ from .spots import Spots
 
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
+THINNEST = 1e-6
+"""Least axis ratio of an irregular body: far thinner ones lose their size to rounding."""
+
 
 def _from_spots(scene: Scene, debris: Spots) -> list[Clump]:
     summits = np.array([(spot.x, spot.y, spot.z) for spot in debris.spots])
@@ -43,7 +46,7 @@ def make_bodies(
     if isinstance(debris, File):
         shapes = drawn(debris, tables[index])
         placed = debris.placement is not None
-        return _sized(index, debris, shapes), UPRIGHT if placed else tables[index].quaternions
+        return _sized(scene, index, debris, shapes), UPRIGHT if placed else tables[index].quaternions
     if isinstance(debris, Spots):
         return _from_spots(scene, debris), UPRIGHT
     if isinstance(debris, Mesh):
@@ -70,6 +73,10 @@ def _numbers(key: str) -> tuple[int, ...]:
 
 
 def _irregular(scene: Scene, index: int, debris: Irregular) -> list[Clump]:
+    thin = int(np.argmin(debris.aspect))
+    if debris.aspect[thin] < THINNEST:
+        message = f"{debris.aspect[thin]:g} is less than the {THINNEST:g} that spheres can fill"
+        raise InputError(scene.fault(("debris", index, "aspect", thin), message))
     named, asperities = debris.asperities, None
     if named is not None:
         relative = None if isinstance(named.radius, str) else named.radius
@@ -78,8 +85,13 @@ def _irregular(scene: Scene, index: int, debris: Irregular) -> list[Clump]:
     try:
         return population(debris.seed, index, debris.count, *shape, **_distribution(debris.size))
     except InputError as error:
-        told = [(tuple(fault.key.split(".")) if fault.key else (), fault.message) for fault in error.faults]
-        raise InputError(scene.fault(("debris", index, *key), message) for key, message in told) from None
+        raise _of_debris(scene, index, error) from None
+
+
+def _of_debris(scene: Scene, index: int, error: InputError) -> InputError:
+    """The faults of a population's bodies with their places in the scene."""
+    told = [(tuple(fault.key.split(".")) if fault.key else (), fault.message) for fault in error.faults]
+    return InputError(scene.fault(("debris", index, *key), message) for key, message in told)
 
 
 def _distribution(size: Constant | Lognormal | Normal | Uniform) -> dict[str, Any]:
@@ -109,14 +121,17 @@ def _from_mesh(scene: Scene, index: int, debris: Mesh, warnings: list[str]) -> l
         f"{100.0 * fit.maximum:.0f} %); where a plane can touch, their radius is {float(np.median(fit.contacts.ratio)):.2f} "
         "times that of the mesh"
     )
-    return _sized(index, debris, [body] * debris.count)
+    return _sized(scene, index, debris, [body] * debris.count)
 
 
-def _sized(index: int, debris: Mesh | File, shapes: list[Clump]) -> list[Clump]:
+def _sized(scene: Scene, index: int, debris: Mesh | File, shapes: list[Clump]) -> list[Clump]:
     """The shapes, each rescaled to a size of its own when the scene gives sizes; body k draws from its own stream."""
     if debris.size is None:
         return shapes
     seeds = (np.random.SeedSequence(debris.seed, spawn_key=(index, k)) for k in range(len(shapes)))
     streams = Streams([np.random.default_rng(seed) for seed in seeds])
-    sizes = diameters(streams, len(shapes), **_distribution(debris.size)).tolist()
+    try:
+        sizes = diameters(streams, len(shapes), **_distribution(debris.size)).tolist()
+    except InputError as error:
+        raise _of_debris(scene, index, error) from None
     return [body.scaled(size / body.diameter) for body, size in zip(shapes, sizes, strict=True)]

@@ -7,6 +7,7 @@ errors whose text is final, so that nesting prefixes their place for free.
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
@@ -138,6 +139,7 @@ class Part(BaseModel):
             raw = cls._gather(raw, in_file(info))
         raw, renamed, wrongs = cls._known(raw)
         wrongs += cls.rules(raw, info.context)
+        wrongs += [(place, "nan is not a number") for place in _lost(raw.get(cls.rest, {}))]
         try:
             part = handler(cls.arrange(raw))
             wrongs += part.checks()
@@ -189,6 +191,14 @@ class Part(BaseModel):
         if self.rest:
             document.update(document.pop(self.rest))
         return document
+
+
+def _lost(value: Any, place: Place = ()) -> list[Place]:
+    """Places of what is not a number among keys that a plug-in will judge: it equals nothing, so the scene not itself."""
+    if isinstance(value, float):
+        return [place] if math.isnan(value) else []
+    entries = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else ()
+    return [found for key, entry in entries for found in _lost(entry, (*place, key))]
 
 
 def _rename(place: Place, renamed: dict[str, str]) -> Place:

@@ -133,9 +133,9 @@ def parse_any(text: str, dimensions: tuple[str, ...]) -> tuple[float, str]:
     number, unit = _split(text, wanted[0])
     if not unit and "dimensionless" not in dimensions:
         expected = " or ".join(entry.phrase for entry in wanted)
-        raise ValueError(
-            f'no unit: write "{text.strip()} {wanted[0].usual}" or another unit of {_bare(expected)}'
-        )
+        shown = text.strip()
+        shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
+        raise ValueError(f'no unit: write "{shown} {wanted[0].usual}" or another unit of {_bare(expected)}')
     factor, powers = _product(unit, wanted[0])
     for name, entry in zip(dimensions, wanted, strict=True):
         if powers == entry.powers or powers in entry.also:

@@ -1,0 +1,245 @@
+"""A disk that is full, and a folder that is read-only, while a checkpoint is written and while a run is taken up: one message,
+exit code 5, what was written is kept, and once there is room the run goes on to the same bits.
+
+The system refuses to write as it does then: past a limit on the size of files, by a folder without the right to write, or by a
+file system of a fixed size where the tests may mount one.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from collections import namedtuple
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import h5py
+import pytest
+
+import thirdbody
+from thirdbody import checkpoint
+from thirdbody.checkpoint import FILE, read_checkpoint
+from thirdbody.errors import Interrupted, OutputError
+from thirdbody.output import vtkhdf
+from thirdbody.simulate import execute, prepare
+from thirdbody.take_up import prepare_resume
+
+SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
+SHORT = {"debris.0.count": "20", "solver.distance": "0.2 um", "output.every": "0.05 um"}
+KINDS = {"explicit": {}, "implicit": {"contact.debris_contact": "none", "solver.integrator": "implicit"}}
+USAGE = namedtuple("usage", "total used free")
+
+
+def scene_of(kind: str) -> thirdbody.Scene:
+    return thirdbody.Scene.load(SCENE).with_settings(SHORT | KINDS[kind])
+
+
+def arrays(folder: Path) -> dict[str, bytes]:
+    found: dict[str, bytes] = {}
+
+    def keep(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset) and not name.startswith("scene/"):
+            found[name] = item[()].tobytes()
+
+    with h5py.File(folder / "run.vtkhdf") as file:
+        file.visititems(keep)
+    return found
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="module", params=KINDS)
+def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A whole run, and one that was stopped after two frames."""
+    home, frames = tmp_path_factory.mktemp(f"disk_{request.param}"), [0]
+    execute(prepare(scene_of(request.param)), home / "whole")
+    with pytest.raises(Interrupted):
+        execute(
+            prepare(scene_of(request.param)), home / "cut", every=0.0,
+            report=lambda progress: frames.append(progress.frame), stop=lambda: frames[-1] > 1,
+        )  # fmt: skip
+    return home / "whole", home / "cut"
+
+
+@pytest.fixture()
+def cut(runs: tuple[Path, Path], tmp_path: Path) -> Path:
+    return Path(shutil.copytree(runs[1], tmp_path / "run"))
+
+
+def take_up(folder: Path, every: float = 0.0) -> None:
+    simulation, kept = prepare_resume(folder)
+    execute(simulation, folder, kept=kept, every=every)
+
+
+def goes_on(folder: Path, whole: Path, before: set[str]) -> None:
+    """Nothing strange is left, what was written opens, and taken up again the run ends as the whole one."""
+    assert names(folder) == before
+    with thirdbody.open(folder) as run:
+        assert run.frames >= read_checkpoint(folder).frames > 1
+    take_up(folder)
+    first, second = arrays(whole), arrays(folder)
+    assert [name for name in first if first[name] != second[name]] == []
+
+
+@contextmanager
+def failing(owner: object, name: str, after: int, error: OSError) -> Iterator[None]:
+    """The so-manieth call and all after it raise what the system says."""
+    real, calls = getattr(owner, name), 0
+
+    def call(*args: object, **options: object) -> object:
+        nonlocal calls
+        calls += 1
+        if calls > after:
+            raise error
+        return real(*args, **options)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(owner, name, call)
+        yield
+
+
+FULL = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize("name", ["fsync", "replace"])
+@pytest.mark.parametrize("after", [0, 1, 3])
+def test_a_checkpoint_that_cannot_be_written_keeps_the_one_before(runs, cut, name, after):
+    """From the copy of the trajectory that a resumed run begins with, to its last checkpoint."""
+    before, old = names(cut), read_checkpoint(cut).frames
+    with failing(os, name, after, FULL), pytest.raises(OutputError) as told:
+        take_up(cut)
+    assert told.value.exit_code == 5 and str(told.value).count("\n") == 0
+    assert str(cut) in str(told.value) and "No space left" in str(told.value)
+    assert read_checkpoint(cut).frames >= old
+    goes_on(cut, runs[0], before)
+
+
+def test_a_checkpoint_cut_short_by_the_disk_is_not_taken_for_one(runs, cut, monkeypatch):
+    before, old = names(cut), (cut / FILE).read_bytes()
+
+    def half(file, **_arrays):
+        file.write(b"PK" * 1000)
+        raise FULL
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint.np, "savez", half)
+        with pytest.raises(OutputError, match="checkpoint.npz: cannot be written .No space left.*the one before is kept"):
+            take_up(cut)
+    assert (cut / FILE).read_bytes() == old
+    goes_on(cut, runs[0], before)
+
+
+@contextmanager
+def limited(nbytes: int) -> Iterator[None]:
+    """No file grows beyond so many bytes; the system tells as it does of a full disk."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (nbytes, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+@pytest.mark.parametrize("share", [0.01, 0.5, 0.99])
+def test_a_disk_that_is_full_for_the_copy_of_the_trajectory(runs, cut, share):
+    """A resumed run begins with a copy of the frames that count."""
+    before, size = names(cut), (cut / "run.vtkhdf").stat().st_size
+    with limited(int(share * size)), pytest.raises(OutputError) as told:
+        take_up(cut)
+    refused(told.value, cut / "run.vtkhdf")
+    goes_on(cut, runs[0], before)
+
+
+def test_a_disk_that_fills_up_under_a_resumed_run(runs, cut, monkeypatch):
+    """The copy fits, a later frame does not."""
+    before, asked = names(cut), [0]
+
+    def usage(_path):
+        asked[0] += 1
+        return USAGE(10**10, 10**10, 10**10 if asked[0] <= 4 else 1000)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(vtkhdf.shutil, "disk_usage", usage)
+        with pytest.raises(OutputError, match="disk is full") as told:
+            take_up(cut)
+    refused(told.value, cut / "run.vtkhdf")
+    goes_on(cut, runs[0], before)
+
+
+def refused(error: OutputError, path: Path) -> None:
+    """One line that names the file and how many frames are safe."""
+    text = str(error)
+    assert error.exit_code == 5 and "\n" not in text and text.startswith(str(path)) and ".part" not in text
+    assert int(text.split(" frames written before are kept")[0].split()[-1]) > 1
+
+
+@contextmanager
+def mounted(folder: Path, size: int) -> Iterator[Path]:
+    """A file system of its own of so many bytes; skips the test where none can be mounted."""
+    folder.mkdir()
+    made = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True)
+    if made.returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+def remount(folder: Path, how: str) -> None:
+    subprocess.run(["mount", "-o", f"remount,{how}", str(folder)], check=True)
+
+
+needs_mount = pytest.mark.skipif(not sys.platform.startswith("linux") or not shutil.which("mount"), reason="needs mount")
+
+
+@needs_mount
+@pytest.mark.parametrize("room", [4096, 300_000])
+def test_a_file_system_without_room(runs, tmp_path, room):
+    """The real thing: with a page left, and with room for a part of the copy."""
+    size = sum(path.stat().st_size for path in runs[1].iterdir())
+    with mounted(tmp_path / "small", 2 * size + 10_000_000) as small:
+        folder = Path(shutil.copytree(runs[1], small / "run"))
+        before, free = names(folder), shutil.disk_usage(small).free
+        (small / "ballast").write_bytes(bytes(free - room))
+        with pytest.raises(OutputError) as told:
+            take_up(folder)
+        assert str(told.value).count("\n") == 0 and str(folder) in str(told.value)
+        (small / "ballast").unlink()
+        goes_on(folder, runs[0], before)
+
+
+@needs_mount
+def test_a_read_only_file_system(runs, tmp_path):
+    size = sum(path.stat().st_size for path in runs[1].iterdir())
+    with mounted(tmp_path / "small", 4 * size + 20_000_000) as small:
+        folder = Path(shutil.copytree(runs[1], small / "run"))
+        before = names(folder)
+        remount(small, "ro")
+        with pytest.raises(OutputError, match="Read-only file system") as told:
+            take_up(folder)
+        refused(told.value, folder / "run.vtkhdf")
+        with pytest.raises(OutputError, match="checkpoint.npz.*Read-only.*the one before is kept"):
+            checkpoint.write_checkpoint(folder, read_checkpoint(folder))
+        remount(small, "rw")
+        goes_on(folder, runs[0], before)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="the rights of folders do not bind root")
+def test_a_folder_without_the_right_to_write(runs, cut):
+    before = names(cut)
+    cut.chmod(0o555)
+    try:
+        with pytest.raises(OutputError, match="Permission denied") as told:
+            take_up(cut)
+        refused(told.value, cut / "run.vtkhdf")
+    finally:
+        cut.chmod(0o755)
+    goes_on(cut, runs[0], before)

@@ -1,0 +1,106 @@
+"""A stop is heard within a batch of the implicit integrator, and what was cut there goes on with the same bits."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import h5py
+import pytest
+
+import thirdbody
+from thirdbody.checkpoint import FILE
+from thirdbody.engine import implicit
+from thirdbody.errors import Interrupted
+from thirdbody.kernels import layout as at
+from thirdbody.simulate import execute, prepare
+from thirdbody.take_up import prepare_resume
+
+SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
+ALONE = {"contact.debris_contact": "none", "solver.integrator": "implicit"}
+SECONDS = 15.0
+"""From the signal to the end: a call of a second, a checkpoint, a summary, and the closing of Python, on a busy machine."""
+
+
+def scene_of(bodies: int, way: str, level: str = "mindlin") -> thirdbody.Scene:
+    """Bodies between two outputs that lie `way` apart."""
+    keys = {"debris.0.count": str(bodies), "solver.distance": way, "output.every": way, "contact.level": level}
+    return thirdbody.Scene.load(SCENE).with_settings(ALONE | keys)
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Every array of a trajectory, and what its summary tells of the physics."""
+    found: dict[str, bytes] = {}
+
+    def keep(name: str, item: object) -> None:
+        if isinstance(item, h5py.Dataset) and not name.startswith("scene/"):
+            found[name] = item[()].tobytes()
+
+    with h5py.File(folder / "run.vtkhdf") as file:
+        file.visititems(keep)
+        summary = json.loads(file["scene/summary"][()])
+    for clock in ("wall_time", "sphere_steps_per_second"):
+        del summary[clock]
+    return found | {"summary": json.dumps(summary, sort_keys=True).encode()}
+
+
+def in_short_calls(monkeypatch: pytest.MonkeyPatch, seconds: float = 1e-3) -> None:
+    monkeypatch.setattr(implicit, "CALL", seconds)
+    monkeypatch.setattr(implicit, "FEW", 1.0)
+
+
+@pytest.mark.parametrize("level", ["mindlin", "mdr"])
+def test_bodies_that_wait_come_to_the_same_bits(tmp_path, monkeypatch, level):
+    execute(prepare(scene_of(60, "2 um", level)), tmp_path / "whole")
+    in_short_calls(monkeypatch)
+    looks = itertools.count()
+    execute(prepare(scene_of(60, "2 um", level)), tmp_path / "often", stop=lambda: next(looks) < 0)
+    assert next(looks) > 20  # else the calls were not cut
+    whole, often = contents(tmp_path / "whole"), contents(tmp_path / "often")
+    assert [name for name in whole if whole[name] != often[name]] == []
+
+
+def test_a_run_cut_within_a_batch_goes_on_to_the_same_bits(tmp_path, monkeypatch):
+    execute(prepare(scene_of(60, "2 um")), tmp_path / "whole")
+    in_short_calls(monkeypatch)
+    simulation, looks = prepare(scene_of(60, "2 um")), itertools.count()
+    with pytest.raises(Interrupted, match="thirdbody resume"):
+        execute(simulation, tmp_path / "cut", stop=lambda: next(looks) > 20)
+    times = simulation.integrator.totals[:, at.A_TIME]
+    assert len(set(times)) > 10  # bodies stopped on their way, each at a time of its own
+    monkeypatch.setattr(implicit, "CALL", math.inf)
+    simulation, kept = prepare_resume(tmp_path / "cut")
+    execute(simulation, tmp_path / "cut", kept=kept, threads=1)
+    whole, joined = contents(tmp_path / "whole"), contents(tmp_path / "cut")
+    assert [name for name in whole if whole[name] != joined[name]] == []
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGINT") or sys.platform == "win32", reason="no such signals here")
+@pytest.mark.parametrize("number, code", [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_batch_of_many_bodies_hears_a_signal(tmp_path, number, code):
+    """512 bodies that all have a millimetre to go: most of a minute between two outputs."""
+    folder = tmp_path / "run"
+    settings = {"debris.0.count": "512", "solver.distance": "1 mm", "output.every": "1 mm"} | ALONE
+    command = [sys.executable, "-c", "from thirdbody.cli import main; main()", "run", str(SCENE), "-o", str(folder), "-q"]
+    command += [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=os.environ)
+    begun = time.perf_counter()
+    while not (folder / FILE).exists() and child.poll() is None and time.perf_counter() - begun < 300.0:
+        time.sleep(0.05)
+    time.sleep(2.0)  # past settling, into the drag
+    first = (folder / FILE).read_bytes()
+    child.send_signal(number)
+    asked = time.perf_counter()
+    told = child.communicate(timeout=120.0)[1]
+    assert child.returncode == code, told
+    assert time.perf_counter() - asked < SECONDS
+    assert len(told.splitlines()) == 1 and "thirdbody resume" in told
+    assert (folder / FILE).read_bytes() != first  # one was written where it stopped
+    prepare_resume(folder)
