@@ -13,8 +13,9 @@ import pytest
 
 import thirdbody
 from thirdbody.kernels.bodies import BODIES
-from thirdbody.kernels.contacts import CHUNK
 from thirdbody.kernels.layout import DEBRIS
+from thirdbody.kernels.step import CONTACTS, DRIFT, FEW, GATHER, LOOK, chunks_of
+from thirdbody.laws.generated import plain
 from thirdbody.scene.build import build
 
 # Crowded, so that bodies collide; enough of them that the passes over contacts and bodies have several chunks.
@@ -32,13 +33,13 @@ restitution = 0.60
 [[debris]]
 material = "steel"
 kind = "irregular"
-count = 190
+count = 1100
 seed = 4
 size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "5 um", max = "20 um"}
 spheres = [5, 8]
 aspect = [1.0, 0.8, 0.6]
 [domain]
-size = ["190 um", "170 um"]
+size = ["490 um", "440 um"]
 [plates.lower]
 material = "steel"
 [plates.upper]
@@ -99,9 +100,10 @@ def one_thread(folder) -> Path:
 
 
 def test_the_scene_is_hard_enough(folder, one_thread):
-    """Several chunks in every parallel pass and debris that collides: else the tests below would show nothing."""
-    built = build(thirdbody.Scene.load(folder / "scene.toml"))
-    assert built.state.slots.count > CHUNK and built.state.n_bodies > 2 * BODIES
+    """Enough chunks for every pass to be shared out, and debris that collides: else the tests below would show nothing."""
+    state = build(thirdbody.Scene.load(folder / "scene.toml")).state
+    assert plain(chunks_of)(state.slots.count, state.slots.n_plates) >= FEW[CONTACTS]
+    assert state.n_bodies > BODIES * max(FEW[DRIFT], FEW[GATHER], FEW[LOOK])
     with thirdbody.open(one_thread) as run:
         assert sum(np.count_nonzero(run.contacts(k)["side"] == DEBRIS) for k in range(run.frames)) > 10
         assert run.summary()["searches"] > 1

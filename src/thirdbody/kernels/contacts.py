@@ -143,7 +143,7 @@ def measure_plates(first, last, own, partner, S, P, g):
 def measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
     """How much the spheres of the candidates first to last touch: positive if they do (c = 1/l, 0 if not periodic)."""
     for k in range(first, last):
-        i, j = own[k], partner[k]
+        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
         d_x, d_y, d_z = S[i, S_X] - S[j, S_X], S[i, S_Y] - S[j, S_Y], S[i, S_Z] - S[j, S_Z]
         d_x -= l_x * np.rint(d_x * c_x)
         d_y -= l_y * np.rint(d_y * c_y)
@@ -290,7 +290,7 @@ def contact_chunk(c, first, last, flat, own, partner, kind, row, S, P, H, F, R, 
         push(count, O, G)
         found = tally(count, slots, t, O, I, G, found)
         for q in range(count):
-            apply(q, slots[t + q], first + t + q, O, G, I, H, F, n_history)
+            apply(q, np.uint64(slots[t + q]), np.uint64(first + t + q), O, G, I, H, F, n_history)
         if observed:
             for q in range(count):
                 record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)

@@ -51,7 +51,7 @@ def sum_sphere(s, edges, incidence, row, n_plates, partner, F, S, up, low, lost)
     radius = S[s, S_R]
     for e in range(edges[s], edges[s + 1]):
         slot = incidence[e] >> 1
-        k = row[slot]
+        k = np.uint64(row[slot])  # numba asks of every signed index whether it counts from the end
         sign = 1.0 - 2.0 * (incidence[e] & 1)
         x, y, z = sign * F[k, F_F], sign * F[k, F_F + 1], sign * F[k, F_F + 2]
         f_x, f_y, f_z = f_x + x, f_y + y, f_z + z

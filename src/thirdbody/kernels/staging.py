@@ -18,11 +18,13 @@ from .layout import (
     G_F,
     G_MJ,
     G_N,
+    G_O,
     G_ON,
     G_P,
     G_Q,
     G_RI,
     G_RJ,
+    G_RO,
     G_RW,
     G_U,
     G_V,
@@ -44,6 +46,7 @@ from .layout import (
     O_TX,
     O_TY,
     S_MASS,
+    S_O,
     S_R,
     S_U,
     S_V,
@@ -56,6 +59,12 @@ from .options import BARE, BARE_CHUNK
 
 AT_END = (G_V - G_U) * TILE
 """From a field of the step to that of its end; the columns of spheres are S_V - S_U apart."""
+
+
+@njit(**BARE)
+def set3(q, field, x, y, z, G):
+    """Write a vector into place q of three fields."""
+    G[q + field * TILE], G[q + (field + 1) * TILE], G[q + (field + 2) * TILE] = x, y, z
 
 
 @njit(**BARE)
@@ -98,20 +107,23 @@ def stage_plate(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n
 def stage_pairs(n, slots, first, own, partner, kind, S, H, l_x, l_y, c_x, c_y, I, G, n_history):  # noqa: E741
     """Put the contacts between spheres, slots[first:first + n], into the first places; c = 1/l, 0 if not periodic."""
     for q in range(n):
-        k = slots[first + q]
-        i, j = own[k], partner[k]
+        k = np.uint64(slots[first + q])
+        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
         r_i, r_j = S[i, S_R], S[j, S_R]
         d_x, d_y = S[i, S_X] - S[j, S_X], S[i, S_X + 1] - S[j, S_X + 1]
         G[q + G_N * TILE] = d_x - l_x * np.rint(d_x * c_x)
         G[q + (G_N + 1) * TILE] = d_y - l_y * np.rint(d_y * c_y)
         G[q + (G_N + 2) * TILE] = S[i, S_Z] - S[j, S_Z]
-        for d in range(3):
-            for t in range(2):
-                at = q + d * TILE + t * AT_END
-                v, w = S_U + d + t * (S_V - S_U), S_W + d + t * (S_V - S_U)
-                G[at + G_U * TILE] = S[i, v] - S[j, v]
-                G[at + G_W * TILE] = S[i, w] + S[j, w]
-                G[at + G_RW * TILE] = r_i * S[i, w] + r_j * S[j, w]
+        u_x, u_y, u_z = S[i, S_U] - S[j, S_U], S[i, S_U + 1] - S[j, S_U + 1], S[i, S_U + 2] - S[j, S_U + 2]
+        v_x, v_y, v_z = S[i, S_V] - S[j, S_V], S[i, S_V + 1] - S[j, S_V + 1], S[i, S_V + 2] - S[j, S_V + 2]
+        a_x, a_y, a_z, b_x, b_y, b_z = S[i, S_W], S[i, S_W + 1], S[i, S_W + 2], S[j, S_W], S[j, S_W + 1], S[j, S_W + 2]
+        e_x, e_y, e_z, f_x, f_y, f_z = S[i, S_O], S[i, S_O + 1], S[i, S_O + 2], S[j, S_O], S[j, S_O + 1], S[j, S_O + 2]
+        set3(q, G_U, u_x, u_y, u_z, G)
+        set3(q, G_W, a_x + b_x, a_y + b_y, a_z + b_z, G)
+        set3(q, G_RW, r_i * a_x + r_j * b_x, r_i * a_y + r_j * b_y, r_i * a_z + r_j * b_z, G)
+        set3(q, G_V, v_x, v_y, v_z, G)
+        set3(q, G_O, e_x + f_x, e_y + f_y, e_z + f_z, G)
+        set3(q, G_RO, r_i * e_x + r_j * f_x, r_i * e_y + r_j * f_y, r_i * e_z + r_j * f_z, G)
         G[q + G_RI * TILE], G[q + G_RJ * TILE] = r_i, r_j
         I[q + I_MASS * TILE], G[q + G_MJ * TILE] = S[i, S_MASS], S[j, S_MASS]
         remember(q, k, kind, H, I, G, n_history)

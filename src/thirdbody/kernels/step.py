@@ -68,6 +68,10 @@ labeller looks at the end."""
 SHARES = 4
 """Parts of a pass per thread: one that is held up leaves its last parts to others."""
 
+FEW = (16, 4, 16, 8, 4)
+"""Chunks of each pass below which one thread does it alone: some 30 us of work. To wake the others takes 5 us, and milliseconds
+where something else holds their cores."""
+
 
 @njit(**BARE)
 def account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load, patch_damping):
@@ -245,7 +249,7 @@ def advance(budget, until, distance, dt, threads, n_plates, own, partner, kind, 
                 continue
             count = n_chunks if task == CONTACTS else n_groups
             parts = min(count, SHARES * threads)
-            if threads == 1 or parts == 1:
+            if threads == 1 or count < FEW[task]:
                 work(np.int64(task), np.int64(0), np.int64(0), np.int64(count), record, time, v_x, v_y, dt, n_plates, own,
                      partner, kind, row, edges, spheres, incidence, near, beginning, start, offsets, X0, S, B, P, H, F, R, M,
                      pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects,
