@@ -98,8 +98,9 @@ def no_friction(trial: Trial) -> None:
 def endless_friction(trial: Trial) -> None:
     """mu = 1e9: critical displacements of metres; the body tips, with finite forces.
 
-    Taken out of the implicit integrator: the line search (whole steps of Newton's method) -> no step is found (`mdr`). The clip
-    of a correction -> twice as many cuts (`mindlin`). The cutting of a step that found no balance -> no step is found (`mindlin`, `mdr`).
+    Taken out of the implicit integrator: the line search (whole steps of Newton's method) -> no step is found (`mdr`). The
+    clip of a correction -> twice as many cuts (`mindlin`). The cutting of a step that found no balance -> no step is found
+    (`mindlin`, `mdr`).
 
     Known to fail: `exact` by the implicit integrator at .1 m/s. A spot that lifts off with T far above N lets go of T as the root
     of its overlap, and steps shrink until none is found; the run is stopped and says so.
