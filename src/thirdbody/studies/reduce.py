@@ -10,11 +10,11 @@ from thirdbody.scene.model import Scene
 if TYPE_CHECKING:
     from thirdbody.scene.build import Simulation
 
-SECONDS = 1.6
-"""Of integration that one run of the scene may take as it stands: some 16 rungs, repeated three times, up to a dozen times as
+SECONDS = 1.0
+"""Of integration that one run of the scene may take as it stands: some 18 rungs, repeated three times, up to fifty times as
 slow, then end within minutes."""
 
-FEWEST = 40
+FEWEST = 25
 """Bodies that are left at least: fewer tell nothing of shares of states."""
 
 FRAMES = 20

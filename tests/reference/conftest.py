@@ -1,0 +1,12 @@
+"""Makes the scalar step, which is several modules beside the tests, and the benchmark's scenes importable."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).parent
+
+for folder in (HERE, HERE.parent / "bench"):
+    if str(folder) not in sys.path:
+        sys.path.append(str(folder))

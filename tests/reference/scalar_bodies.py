@@ -1,0 +1,191 @@
+"""The motion of one rigid body by velocity Verlet, in Python floats: kick, drift, turn, and where its spheres are.
+
+Rows are lists of floats with the columns of `thirdbody.kernels.layout`. What the engine does for 64 bodies field by field is
+done here for one body, in the same order of operations: each is an IEEE operation, so the bits must be the same.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from thirdbody.kernels import layout as at
+
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+LEAST_SPEED, LEAST_MOMENTUM = 1e-60, 1e-90
+"""m/s and kg m2/s: what moves more slowly at the end of a step rests."""
+
+
+def three(row: Sequence[float], column: int) -> Vector:
+    """A vector of a row, from a column on."""
+    return row[column], row[column + 1], row[column + 2]
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """The scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """The cross product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def added(a: Vector, b: Vector, factor: float = 1.0) -> Vector:
+    """a + factor b."""
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+def unit(q: Quaternion) -> Quaternion:
+    """q with unit length."""
+    s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return q[0] * s, q[1] * s, q[2] * s, q[3] * s
+
+
+def rows_of(q: Quaternion) -> tuple[Vector, Vector, Vector]:
+    """Rows of the rotation matrix, body to world."""
+    w, x, y, z = q
+    return (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+
+
+def in_body(q: Quaternion, momentum: Vector) -> Vector:
+    """A vector of the world in the body's own axes."""
+    columns = tuple(zip(*rows_of(q), strict=True))
+    return dot(columns[0], momentum), dot(columns[1], momentum), dot(columns[2], momentum)
+
+
+def spin(q: Quaternion, momentum: Vector, inertia: Vector) -> Vector:
+    """Angular velocity, world axes, rad/s, from the angular momentum, world axes."""
+    p = in_body(q, momentum)
+    p = p[0] / inertia[0], p[1] / inertia[1], p[2] / inertia[2]
+    turn = rows_of(q)
+    return dot(turn[0], p), dot(turn[1], p), dot(turn[2], p)
+
+
+def about(q: Quaternion, axis: int, angle: float) -> Quaternion:
+    """q after a turn about one of the body's own axes, tan(angle/2) replaced by angle/2."""
+    s = 0.5 * angle
+    c = 1.0 / math.sqrt(1.0 + s * s)
+    s *= c
+    w, x, y, z = q
+    if axis == 0:
+        return w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s
+    if axis == 1:
+        return w * c - y * s, x * c - z * s, y * c + w * s, z * c + x * s
+    return w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+
+
+def turned_freely(q: Quaternion, momentum: Vector, inertia: Vector, dt: float) -> Quaternion:
+    """Orientation after dt without torque: turns about the principal axes 3, 2, 1, 2, 3 (Dullweber et al. 1997)."""
+    for axis, share in ((2, 0.5), (1, 0.5), (0, 1.0), (1, 0.5), (2, 0.5)):
+        q = about(q, axis, share * dt * in_body(q, momentum)[axis] / inertia[axis])
+    return unit(q)
+
+
+def turned(q: Quaternion, r: Vector) -> Quaternion:
+    """q after a small turn by the rotation vector r, world axes."""
+    w, x, y, z = q
+    a, b, c = 0.5 * r[0], 0.5 * r[1], 0.5 * r[2]
+    return unit((w - a * x - b * y - c * z, x + a * w + b * z - c * y, y + b * w + c * x - a * z, z + c * w + a * y - b * x))
+
+
+def quaternion(B: list[float]) -> Quaternion:
+    """Orientation of a body."""
+    return B[at.B_Q], B[at.B_Q + 1], B[at.B_Q + 2], B[at.B_Q + 3]
+
+
+def spin_of(B: list[float]) -> Vector:
+    """Angular velocity of a body, rad/s."""
+    return spin(quaternion(B), three(B, at.B_L), three(B, at.B_I))
+
+
+def is_ball(B: list[float], offsets: Sequence[Vector]) -> bool:
+    """Whether a body is spheres round one point with one moment of inertia: it turns without a matrix."""
+    inertia = three(B, at.B_I)
+    return all(offset == (0.0, 0.0, 0.0) for offset in offsets) and inertia[0] == inertia[1] == inertia[2]
+
+
+def place(
+    sphere: list[float], offset: Vector, B: list[float], v: Vector, w: Vector, end: tuple[Vector, Vector], h: float
+) -> None:
+    """Put a sphere where its body is: v, w of the step act at its arm of h seconds ago, those of the `end` at that of now."""
+    turn = rows_of(quaternion(B))
+    arm = dot(turn[0], offset), dot(turn[1], offset), dot(turn[2], offset)
+    way = cross(w, arm)
+    middle = arm[0] - h * way[0], arm[1] - h * way[1], arm[2] - h * way[2]
+    sphere[at.S_X : at.S_X + 3] = added(three(B, at.B_X), arm)
+    # v + w x r as (v + one product) - the other, not v + (their difference)
+    sphere[at.S_U : at.S_U + 3] = carried(v, w, middle)
+    sphere[at.S_W : at.S_W + 3] = w
+    sphere[at.S_V : at.S_V + 3] = carried(end[0], end[1], arm)
+    sphere[at.S_O : at.S_O + 3] = end[1]
+    sphere[at.S_ARM : at.S_ARM + 3] = arm
+
+
+def carried(v: Vector, w: Vector, r: Vector) -> Vector:
+    """Velocity of a point of a body at the arm r."""
+    return v[0] + w[1] * r[2] - w[2] * r[1], v[1] + w[2] * r[0] - w[0] * r[2], v[2] + w[0] * r[1] - w[1] * r[0]
+
+
+def place_now(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector]) -> None:
+    """The spin of a synchronised body and its spheres, all with the velocities of now."""
+    v, w = three(B, at.B_V), spin_of(B)
+    B[at.B_W : at.B_W + 3] = w
+    for sphere, offset in zip(spheres, offsets, strict=True):
+        place(sphere, offset, B, v, w, (v, w), 0.0)
+
+
+def drift_ball(B: list[float], sphere: list[float], dt: float) -> None:
+    """Half kick and full drift of a ball."""
+    half, kick, per_inertia = 0.5 * dt, 0.5 * dt / B[at.B_MASS], 1.0 / B[at.B_I]
+    change = [kick * f for f in three(B, at.B_F)]
+    push = [half * t for t in three(B, at.B_T)]
+    v = [B[at.B_V + k] + change[k] for k in range(3)]
+    momentum = [B[at.B_L + k] + push[k] for k in range(3)]
+    B[at.B_X : at.B_X + 3] = x = [B[at.B_X + k] + dt * v[k] for k in range(3)]
+    B[at.B_V : at.B_V + 3], B[at.B_L : at.B_L + 3] = v, momentum
+    sphere[at.S_X : at.S_X + 3], sphere[at.S_U : at.S_U + 3] = x, v
+    sphere[at.S_W : at.S_W + 3] = [momentum[k] * per_inertia for k in range(3)]
+    sphere[at.S_V : at.S_V + 3] = [v[k] + change[k] for k in range(3)]
+    sphere[at.S_O : at.S_O + 3] = [(momentum[k] + push[k]) * per_inertia for k in range(3)]
+    angle = dt * per_inertia
+    B[at.B_Q : at.B_Q + 4] = turned(quaternion(B), (momentum[0] * angle, momentum[1] * angle, momentum[2] * angle))
+
+
+def drift_body(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector], dt: float) -> None:
+    """Half kick and full drift of any body, and its spheres with the velocities of the step and those foretold for its end."""
+    half, kick = 0.5 * dt, 0.5 * dt / B[at.B_MASS]
+    force, torque, inertia, before = three(B, at.B_F), three(B, at.B_T), three(B, at.B_I), quaternion(B)
+    v = added(three(B, at.B_V), force, kick)
+    momentum = added(three(B, at.B_L), torque, half)
+    after = turned_freely(before, momentum, inertia, dt)
+    w_0, w_1 = spin(before, momentum, inertia), spin(after, momentum, inertia)
+    w = 0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2])
+    B[at.B_X : at.B_X + 3] = added(three(B, at.B_X), v, dt)
+    B[at.B_V : at.B_V + 3], B[at.B_L : at.B_L + 3], B[at.B_Q : at.B_Q + 4] = v, momentum, after
+    end = added(v, force, kick), spin(after, added(momentum, torque, half), inertia)
+    for sphere, offset in zip(spheres, offsets, strict=True):
+        place(sphere, offset, B, v, w, end, 0.5 * dt)
+
+
+def drift(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector], dt: float) -> None:
+    """Half kick and full drift of a body and its spheres."""
+    if is_ball(B, offsets):
+        drift_ball(B, spheres[0], dt)
+    else:
+        drift_body(B, spheres, offsets, dt)
+
+
+def kick(B: list[float], force: Vector, torque: Vector, dt: float) -> None:
+    """Closing half kick of a body."""
+    share, half = 0.5 * dt / B[at.B_MASS], 0.5 * dt
+    for k in range(3):
+        v, momentum = B[at.B_V + k] + share * force[k], B[at.B_L + k] + half * torque[k]
+        B[at.B_V + k] = v if abs(v) > LEAST_SPEED else 0.0
+        B[at.B_L + k] = momentum if abs(momentum) > LEAST_MOMENTUM else 0.0

@@ -1,0 +1,225 @@
+"""One contact at a time in Python floats: does it touch, how do the two surfaces move, what do the laws answer.
+
+`Frame` holds what the engine keeps field by field in a tile. All in the order of operations of the engine.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from scalar_bodies import Vector, added, cross, dot, three
+from scalar_laws import Answer, Laws
+
+from thirdbody.kernels import layout as at
+from thirdbody.laws.contract import Contact, Turn
+
+
+@dataclass
+class Surroundings:
+    """What a contact meets besides its spheres: the patches, the velocity of the upper plate, the periods (0: none), m and s."""
+
+    P: list[list[float]]
+    v_x: float
+    v_y: float
+    dt: float
+    l_x: float
+    l_y: float
+
+
+@dataclass
+class Frame:
+    """Geometry of a closed contact: overlap, normals (partner to owner) of now and of the middle of the step, tangential axes."""
+
+    overlap: float
+    n: Vector
+    middle: Vector
+    arms: tuple[float, float]
+    radius: float
+    mass: float
+    moved: tuple[Vector, Vector, Vector]
+    moves: tuple[Vector, Vector, Vector]
+    e: Vector = (0.0, 0.0, 0.0)
+    d: Vector = (0.0, 0.0, 0.0)
+
+
+def image(d: float, length: float) -> float:
+    """A separation in a period of `length`, by times 1/length as the engine has it."""
+    c = 1.0 / length if length > 0.0 else 0.0
+    return d - length * math.copysign(float(round(d * c)), d)
+
+
+def between(a: list[float], b: list[float], world: Surroundings) -> Vector:
+    """From the centre of sphere b to that of a."""
+    d = [a[at.S_X + k] - b[at.S_X + k] for k in range(3)]
+    return image(d[0], world.l_x), image(d[1], world.l_y), d[2]
+
+
+def plate_overlap(sphere: list[float], partner: int, P: list[list[float]]) -> float:
+    """Overlap of a sphere with the plate -1, the lower one, or with patch p of the upper one, -2 - p."""
+    z, r = sphere[at.S_Z], sphere[at.S_R]
+    return r - z if partner == -1 else r - (P[-partner - 2][at.P_Z] - z)
+
+
+def touches(S: list[list[float]], i: int, j: int, world: Surroundings) -> bool:
+    """Whether a candidate is closed."""
+    if j < 0:
+        return plate_overlap(S[i], j, world.P) > 0.0
+    d, reach = between(S[i], S[j], world), S[i][at.S_R] + S[j][at.S_R]
+    return reach * reach - dot(d, d) > 0.0
+
+
+def frame_of(S: list[list[float]], i: int, j: int, world: Surroundings) -> Frame:
+    """The geometry of a closed contact, without its tangential axes."""
+    return with_plate(S[i], j, world) if j < 0 else with_sphere(S[i], S[j], world)
+
+
+def with_plate(a: list[float], partner: int, world: Surroundings) -> Frame:
+    """A sphere and a plate, which neither turns nor has a mass."""
+    up = 1.0 if partner < -1 else 0.0
+    plate = up * world.v_x, up * world.v_y, up * world.P[max(-partner - 2, 0)][at.P_V]
+    n, r, overlap = (0.0, 0.0, 1.0 - 2.0 * up), a[at.S_R], plate_overlap(a, partner, world.P)
+
+    def motion(velocity: int, spin: int) -> tuple[Vector, Vector, Vector]:
+        w = three(a, spin)
+        return added(three(a, velocity), plate, -1.0), w, (r * w[0], r * w[1], r * w[2])
+
+    return Frame(overlap, n, n, (r - 0.5 * overlap, 0.0), r, a[at.S_MASS], motion(at.S_U, at.S_W), motion(at.S_V, at.S_O))
+
+
+def with_sphere(a: list[float], b: list[float], world: Surroundings) -> Frame:
+    """Two spheres. The slip of a step belongs to its middle, hence the second normal."""
+    way, r_i, r_j, m_i, m_j = between(a, b, world), a[at.S_R], b[at.S_R], a[at.S_MASS], b[at.S_MASS]
+
+    def motion(velocity: int, spin: int) -> tuple[Vector, Vector, Vector]:
+        w_i, w_j = three(a, spin), three(b, spin)
+        rolled = (r_i * w_i[0] + r_j * w_j[0], r_i * w_i[1] + r_j * w_j[1], r_i * w_i[2] + r_j * w_j[2])
+        return added(three(a, velocity), three(b, velocity), -1.0), added(w_i, w_j), rolled
+
+    moved = motion(at.S_U, at.S_W)
+    distance = math.sqrt(dot(way, way))
+    inverse, reach = 1.0 / max(distance, 1e-300), r_i + r_j
+    overlap = reach - distance
+    half = 0.5 * world.dt
+    past = way[0] - half * moved[0][0], way[1] - half * moved[0][1], way[2] - half * moved[0][2]
+    back = 1.0 / max(math.sqrt(dot(past, past)), 1e-300)
+    return Frame(
+        overlap, scaled(way, inverse), scaled(past, back), (r_i - 0.5 * overlap, r_j - 0.5 * overlap), r_i * r_j / reach,
+        m_i * m_j / (m_i + m_j), moved, motion(at.S_V, at.S_O),
+    )  # fmt: skip
+
+
+def scaled(a: Vector, factor: float) -> Vector:
+    """a times a factor."""
+    return a[0] * factor, a[1] * factor, a[2] * factor
+
+
+def carry(frame: Frame, memory: Sequence[float], dt: float) -> None:
+    """Turn the remembered axis with the contact, or choose one at first touch; the other is normal times it."""
+    n, p, e = frame.n, frame.middle, three(memory, at.H_E)
+    twist = 0.5 * dt
+    twist *= dot(frame.moved[1], p)
+    e = added(e, cross(p, e), twist)
+    if memory[at.H_ON] == 0.0:
+        e = (1.0, 0.0, 0.0) if abs(n[2]) > 0.5 else (0.0, 0.0, 1.0)
+    along = dot(e, n) / dot(p, n)
+    e = e[0] - along * p[0], e[1] - along * p[1], e[2] - along * p[2]
+    frame.e = scaled(e, 1.0 / math.sqrt(dot(e, e)))
+    frame.d = cross(n, frame.e)
+
+
+def slipping(frame: Frame, motion: tuple[Vector, Vector, Vector], normal: Vector) -> Vector:
+    """Velocity of the owner's surface relative to the partner's: the arms are the radii less half the overlap."""
+    v, w, rolled = motion
+    half = 0.5 * frame.overlap
+    o = rolled[0] - half * w[0], rolled[1] - half * w[1], rolled[2] - half * w[2]
+    return added(v, cross(o, normal), -1.0)
+
+
+def rolling(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundings) -> tuple[Turn, float]:
+    """Relative rotation of the step and its rate at the end, and the way of the patch over the two surfaces."""
+    e, d, dt = frame.e, frame.d, world.dt
+
+    def relative(column: int) -> Vector:
+        w = three(S[i], column)
+        return w if j < 0 else added(w, three(S[j], column), -1.0)
+
+    w, end = relative(at.S_W), relative(at.S_O)
+    turn = Turn(dot(w, e) * dt, dot(w, d) * dt, dot(end, e), dot(end, d))
+    a, b = surfaces(S, i, j, frame, world, at.S_U, at.S_W)
+    share, p = 0.0, (0.0, 0.0, 0.0)
+    if j >= 0:
+        share, p = S[i][at.S_R] / (S[i][at.S_R] + S[j][at.S_R]), three(S[j], at.S_U)
+    u = three(S[i], at.S_U)
+    c = tuple((1.0 - share) * u[k] + share * p[k] - 0.5 * (a[k] + b[k]) for k in range(3))
+    along, across = dot((c[0], c[1], c[2]), e), dot((c[0], c[1], c[2]), d)
+    return turn, math.sqrt(along * along + across * across) * dt
+
+
+def surfaces(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundings, v: int, w: int) -> tuple[Vector, Vector]:
+    """Velocities of both surfaces at the contact."""
+
+    def surface(sphere: list[float], r: Vector) -> Vector:
+        u, o = three(sphere, v), three(sphere, w)
+        return u[0] + o[1] * r[2] - o[2] * r[1], u[1] + o[2] * r[0] - o[0] * r[2], u[2] + o[0] * r[1] - o[1] * r[0]
+
+    own = surface(S[i], scaled(frame.n, -frame.arms[0]))
+    if j == -1:
+        return own, (0.0, 0.0, 0.0)
+    if j < -1:
+        return own, (world.v_x, world.v_y, world.P[-j - 2][at.P_V])
+    return own, surface(S[j], scaled(frame.n, frame.arms[1]))
+
+
+@dataclass
+class Done:
+    """What a contact did in a step: force on the owner, normal times its tangential part, moment on the owner, N and N m."""
+
+    force: Vector
+    q: Vector
+    half: float
+    moment: Vector
+    frame: Frame
+    answer: Answer
+
+
+def interact(
+    S: list[list[float]], i: int, j: int, kind: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings
+) -> Done:
+    """Forces of a closed contact; `memory` (a row of H) is brought up to date."""
+    frame = frame_of(S, i, j, world)
+    carry(frame, memory, world.dt)
+    n, e, d = frame.n, frame.e, frame.d
+    slip, end = slipping(frame, frame.moved, frame.middle), slipping(frame, frame.moves, n)
+    turn, roll = rolling(S, i, j, frame, world) if turns else (Turn(0.0, 0.0, 0.0, 0.0), 0.0)
+    told = Contact(frame.overlap, frame.radius, frame.mass, dot(end, n), dot(slip, e) * world.dt, dot(slip, d) * world.dt,
+                   dot(end, e), dot(end, d), roll if laws.rolls else 0.0)  # fmt: skip
+    many = sum(len(law.memory()) for law in laws.laws)
+    answer = laws.ask(told, turn, kind, memory[at.H_LAW : at.H_LAW + many])
+    f, x, y = answer.normal, answer.x, answer.y
+    force = tuple(f * n[k] + x * e[k] + y * d[k] for k in range(3))
+    q = tuple(x * d[k] - y * e[k] for k in range(3))
+    m = tuple(answer.moment[0] * e[k] + answer.moment[1] * d[k] for k in range(3))
+    memory[at.H_ON], memory[at.H_E : at.H_E + 3], memory[at.H_STORED] = 1.0, e, answer.stored_t
+    memory[at.H_SLIP] += answer.slip
+    memory[at.H_LAW : at.H_LAW + many] = answer.memory
+    return Done((force[0], force[1], force[2]), (q[0], q[1], q[2]), 0.5 * frame.overlap, (m[0], m[1], m[2]), frame, answer)
+
+
+def record(S: list[list[float]], i: int, j: int, done: Done, world: Surroundings, moments: bool) -> list[float]:
+    """A row of R: everything that output and labels need of a contact."""
+    frame, answer, n = done.frame, done.answer, done.frame.n
+    R = [0.0] * (at.R_ROLLING_COLS if moments else at.R_COLS)
+    R[at.R_POINT : at.R_POINT + 3] = added(three(S[i], at.S_ARM), n, -frame.arms[0])
+    R[at.R_POINT_J : at.R_POINT_J + 3] = added(three(S[j], at.S_ARM), n, frame.arms[1]) if j >= 0 else (0.0, 0.0, 0.0)
+    R[at.R_N : at.R_N + 3] = n
+    R[at.R_T : at.R_T + 3] = [answer.x * frame.e[k] + answer.y * frame.d[k] for k in range(3)]
+    R[at.R_CURVATURE], R[at.R_CURVATURE_J] = S[i][at.S_R], S[j][at.S_R] if j >= 0 else 0.0
+    R[at.R_A], R[at.R_OVERLAP], R[at.R_FN], R[at.R_LOAD] = answer.radius, frame.overlap, answer.normal, answer.load
+    R[at.R_LIMIT], R[at.R_CRITICAL], R[at.R_EFFECTIVE] = answer.limit, answer.critical, frame.radius
+    R[at.R_STORED_N], R[at.R_STORED_T] = answer.stored_n, answer.stored_t
+    R[at.R_VI : at.R_VI + 3], R[at.R_VJ : at.R_VJ + 3] = surfaces(S, i, j, frame, world, at.S_V, at.S_O)
+    if moments:
+        R[at.R_M : at.R_M + 3], R[at.R_M_LIMIT] = done.moment, answer.moment_limit
+    return R

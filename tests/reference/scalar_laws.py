@@ -1,0 +1,179 @@
+"""The laws of a scene asked about one contact, and its effects about one body, as plain Python functions one after the other.
+
+The engine's own module is generated text, compiled, for a tile of contacts. Here the kernels run as their authors wrote them
+(`py_func`), put together as the contract says.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from thirdbody.kernels import layout as at
+from thirdbody.laws.contract import Body, BodyEffect, Contact, Law, Load, Turn, Wrench
+
+
+def plain(function: Callable) -> Callable:
+    """The Python function behind a compiled one."""
+    return getattr(function, "py_func", function)
+
+
+@dataclass
+class Answer:
+    """What the laws say of one contact: forces on the owner in its frame, N, and the rest of the columns O_* and Q_*."""
+
+    normal: float
+    x: float
+    y: float
+    load: float
+    limit: float
+    critical: float
+    slip: float
+    radius: float
+    stored_n: float
+    stored_t: float
+    work: float
+    power: float
+    memory: list[float]
+    moment: tuple[float, float]
+    moment_limit: float
+
+
+class Laws:
+    """The chain of a scene; `pairs` holds the parameters of all pairs of materials, one row after the other."""
+
+    def __init__(self, laws: Sequence[Law], pairs: Sequence[float]):
+        self.laws = laws
+        self.pairs = pairs
+        self.width = max(sum(len(law.parameters._fields) for law in laws), 1)  # type: ignore[attr-defined]
+        self.rolls = any(law.rolls for law in laws)
+
+    def ask(self, contact: Contact, turn: Turn, kind: int, memory: list[float]) -> Answer:
+        """Forces and the new memory of a contact of this kind; `memory` is not changed."""
+        at_law, at_memory, row = 0, 0, self.pairs[kind * self.width : (kind + 1) * self.width]
+        called: dict[str, Any] = {}
+        pulls, new = [], []
+        elastic = force = 0.0
+        load = Load(0.0, 0.0, 0.0, 0.0)
+        # stages come in the order normal, adhesion, damping, tangential, its damping, rolling; adhesion adds at the end, so that
+        # the tangential stages see the load without it
+        for law in self.laws:
+            p = law.parameters(*row[at_law : at_law + len(law.parameters._fields)])  # type: ignore[attr-defined]
+            at_law += len(p)
+            before = memory[at_memory : at_memory + len(law.memory())]
+            at_memory += len(before)
+            seen: tuple[Any, ...] = {
+                "normal": (contact,),
+                "adhesion": (contact, called.get("normal")),
+                "damping": (contact, called.get("normal")),
+                "tangential": (contact, load),
+                "tangential_damping": (contact, load),
+                "rolling": (contact, turn, load),
+            }[law.stage]
+            answer, after = ask(law, seen, p, before)
+            new += after
+            called[law.stage] = answer
+            if law.stage == "normal":
+                elastic = force = answer.force
+            elif law.stage == "adhesion":
+                pulls.append(answer)
+            elif law.stage == "damping":
+                force = max(elastic + answer, 0.0)
+            load = Load(force, elastic, called["normal"].contact_radius, 0.0)
+        return together(contact, turn, load, called, pulls, new)
+
+
+def ask(law: Law, seen: tuple[Any, ...], p: Any, before: list[float]) -> tuple[Any, list[float]]:
+    """The answer of one law and its new memory."""
+    kernel, count = plain(law.kernel), len(law.history)
+    if not before:
+        return kernel(*seen, p), []
+    if len(before) == count:
+        answer, history = kernel(*seen, p, tuple(before))
+        return answer, list(history)
+    field = np.empty(len(before) - count)
+    answer, history = kernel(*seen, p, tuple(before[:count]), np.array(before[count:]), field)
+    return answer, [float(h) for h in history] + field.tolist()
+
+
+def together(contact: Contact, turn: Turn, load: Load, called: dict[str, Any], pulls: list[Any], memory: list[float]) -> Answer:
+    """The stages added up: dashpots fitted into their limits, works and powers."""
+    normal = called["normal"]
+    force, stored, work = load.force, normal.stored, normal.dissipated
+    power = -(load.force - load.elastic) * contact.v_n if "damping" in called else 0.0
+    for pull in pulls:
+        force += pull.force
+        stored += pull.stored
+    x, y, limit, critical, stored_t = 0.0, 0.0, 0.0, 0.0, 0.0
+    slip = math.sqrt(contact.slip_x * contact.slip_x + contact.slip_y * contact.slip_y)
+    if "tangential" in called:
+        t = called["tangential"]
+        x, y, limit, critical, slip, stored_t = t.x, t.y, t.limit, t.critical, t.slip, t.stored
+        work += t.dissipated
+        if "tangential_damping" in called:
+            x, y, spent = fitted(x, y, called["tangential_damping"], contact.v_x, contact.v_y, limit)
+            power -= spent
+    moment, moment_limit = (0.0, 0.0), 0.0
+    if "rolling" in called:
+        r = called["rolling"]
+        m_x, m_y, spent = fitted(r.x, r.y, r.viscosity, turn.w_x, turn.w_y, r.limit)
+        power -= spent
+        stored_t += r.stored
+        work += r.dissipated
+        moment, moment_limit = (m_x, m_y), r.limit
+    return Answer(force, x, y, load.force, limit, critical, slip, normal.contact_radius, stored, stored_t, work, power, memory,
+                  moment, moment_limit)  # fmt: skip
+
+
+def fitted(x: float, y: float, viscosity: float, v_x: float, v_y: float, limit: float) -> tuple[float, float, float]:
+    """(x, y) plus the largest share, at most all, of the viscous part that stays within the limit; and that part's power, W."""
+    d_x, d_y = -viscosity * v_x, -viscosity * v_y
+    dd, td = d_x * d_x + d_y * d_y, x * d_x + y * d_y
+    room = max(limit * limit - x * x - y * y, 0.0)
+    share = min(max((math.sqrt(td * td + dd * room) - td) / max(dd, 1e-300), 0.0), 1.0)
+    return x + share * d_x, y + share * d_y, share * (d_x * v_x + d_y * v_y)
+
+
+class Effects:
+    """Body effects with their parameters, one after the other; behind them the end of settling, s, if one asks for it."""
+
+    def __init__(self, effects: Sequence[BodyEffect], parameters: Sequence[float]):
+        self.effects, self.parameters, first = effects, [], 0
+        for effect in effects:
+            count = len(effect.parameters._fields)  # type: ignore[attr-defined]
+            self.parameters.append(effect.parameters(*parameters[first : first + count]))
+            first += count
+        self.until = parameters[first] if any(effect.settling for effect in effects) else math.inf
+
+    def on(self, B: list[float], time: float, dt: float) -> list[float]:
+        """Force and torque (6) of all effects on a body."""
+        mean = (B[at.B_I] + B[at.B_I + 1] + B[at.B_I + 2]) / 3.0
+        moving = [*B[at.B_V : at.B_V + 3], *B[at.B_W : at.B_W + 3]]
+        pushed = [*B[at.B_F : at.B_F + 3], *B[at.B_T : at.B_T + 3]]
+        body = Body(B[at.B_MASS], *B[at.B_X : at.B_X + 3], *moving, mean, time)
+        answers: list[Any] = [None] * len(self.effects)
+        for k, effect in enumerate(self.effects):
+            if not effect.sees_forces:
+                answers[k] = plain(effect.kernel)(body, self.parameters[k])
+        first = [answer for answer in answers if answer is not None]
+        for k, effect in enumerate(self.effects):
+            if effect.sees_forces:
+                # they see the body after the closing half kick of those that do not, and all forces but their own
+                late = [moving[i] + 0.5 * dt / (mean if i > 2 else body.mass) * summed(first, i, 0.0) for i in range(6)]
+                total = Wrench(*(summed(first, i, pushed[i]) for i in range(6)))
+                seen = Body(body.mass, body.x, body.y, body.z, *late, mean, time)
+                answers[k] = plain(effect.kernel)(seen, total, self.parameters[k])
+            if effect.settling and time >= self.until:
+                answers[k] = Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        return [summed(answers[1:], i, answers[0][i]) for i in range(6)]
+
+
+def summed(answers: Sequence[Any], component: int, start: float) -> float:
+    """`start` plus a component of all answers, in their order."""
+    for answer in answers:
+        start += answer[component]
+    return start

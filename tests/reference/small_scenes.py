@@ -1,0 +1,144 @@
+"""Small scenes that between them use every part of the step. The layer of balls is the benchmark's, the others are texts."""
+
+from __future__ import annotations
+
+import peers_scenes
+from thirdbody_three_spot import PLUGIN as THREE_SPOT
+
+from thirdbody.laws.catalogue import PLUGIN as CATALOGUE
+from thirdbody.laws.registry import Registry
+from thirdbody.scene.build import Simulation, build
+from thirdbody.scene.model import Scene
+
+TEXT = """\
+scene = 1
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.30
+density = "7850 kg/m3"
+[materials.brass]
+youngs_modulus = "105 GPa"
+poisson_ratio = 0.30
+density = "8500 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.30
+restitution = 0.60
+[[pairs]]
+between = ["steel", "brass"]
+friction = 0.20
+restitution = 0.70
+[[pairs]]
+between = ["brass", "brass"]
+friction = 0.15
+restitution = 0.80
+{debris}
+[domain]
+size = {size}
+{domain}
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+{upper}
+[contact]
+{contact}
+[effects]
+{effects}
+[solver]
+integrator = "explicit"
+duration = "1 ms"
+settle = "{settle}"
+[output]
+every = "1 ms"
+"""
+
+CLUMPS = """\
+[[debris]]
+material = "{material}"
+kind = "irregular"
+count = {count}
+seed = {seed}
+size = {{distribution = "lognormal", median = "10 um", sigma = 0.2, min = "5 um", max = "20 um"}}
+spheres = [3, 6]
+aspect = [1.0, 0.8, 0.6]
+{placement}
+"""
+
+BALLS = """\
+[[debris]]
+material = "{material}"
+kind = "spheres"
+count = {count}
+seed = {seed}
+radius = "{radius}"
+velocity = ["{velocity} m/s", "0 m/s", "0 m/s"]
+"""
+
+LOADED = 'support = "load_per_particle"\nload = "0.1 mN"\ndamping = "7e-5 kg/s"\nmotion = {x = {velocity = "1 m/s"}}'
+
+
+def scene(debris: str, size: str, upper: str = LOADED, settle: str = "0.02 us", **more: str) -> Simulation:
+    """A scene of these parts."""
+    parts = {"contact": "", "effects": "", "domain": ""} | more
+    text = TEXT.format(debris=debris, size=size, upper=upper, settle=settle, **parts)
+    return build(Scene.parse(text), Registry((CATALOGUE, THREE_SPOT)))
+
+
+def clumps(steel: int, brass: int = 0, seed: int = 4, placement: str = "") -> str:
+    """Irregular debris of one or two materials."""
+    both = (("steel", steel), ("brass", brass))
+    return "".join(
+        CLUMPS.format(material=m, count=n, seed=seed + k, placement=placement) for k, (m, n) in enumerate(both) if n
+    )
+
+
+def balls(steel: int, brass: int, velocity: float = 1.0, seed: int = 1) -> str:
+    """Balls of two materials and sizes."""
+    both = (("steel", steel, "5 um"), ("brass", brass, "6 um"))
+    return "".join(
+        BALLS.format(material=m, count=n, radius=r, seed=seed + k, velocity=velocity) for k, (m, n, r) in enumerate(both) if n
+    )
+
+
+def heap(seed: int, speed: float, level: str) -> Simulation:
+    """Some clumps of two materials in a small periodic box, dragged under a load: one of many such scenes."""
+    bed = clumps(30, 15, seed, f'placement = "dense"\nvelocity = ["{speed} m/s", "0 m/s", "-1 m/s"]')
+    upper = f'support = "rigid"\nload = "5 mN"\nmotion = {{x = {{velocity = "{speed} m/s"}}}}'
+    return scene(bed, '["52 um", "54 um"]', upper=upper, contact=f'level = "{level}"')
+
+
+def layer() -> Simulation:
+    """A dense layer of balls, sheared by a plate at a fixed height: several chunks of bodies, of slots, and tiles."""
+    peers_scenes.warm_up = lambda: None  # type: ignore[attr-defined]  # it would compile what these tests never call
+    return peers_scenes.simulation_of(peers_scenes.start_of("S", peers_scenes.generated(360)))
+
+
+def crowd() -> Simulation:
+    """A dense bed of clumps of two materials under a free plate, with labels, gravity and drag."""
+    effects = 'gravity = ["0 m/s2", "1 m/s2", "-9.81 m/s2"]\ndamping = {rate = "1e5 1/s"}'
+    upper = 'support = "rigid"\nload = "50 mN"\nmotion = {x = {velocity = "3 m/s"}}'
+    bed = clumps(36, 36, placement='placement = "dense"\nvelocity = ["0 m/s", "0 m/s", "-2 m/s"]')
+    return scene(bed, '["58 um", "64 um"]', upper=upper, contact='law = "three_spot"\nlevel = "coulomb"', effects=effects)
+
+
+def springs() -> Simulation:
+    """Clumps that meet plates only, in one pass chunk by chunk, with partial slip, which asks for the way of the patch."""
+    return scene(clumps(50, 30), '["300 um", "300 um"]', contact='level = "mdr"\nsprings = 8\ndebris_contact = "none"')
+
+
+def foundation() -> Simulation:
+    """Balls under patches that hang on springs from a plate whose load and motion change in time; no period."""
+    upper = 'support = "foundation"\nstiffness = "1e5 N/m"\npreload = "0.1 mN"\ndamping = "7e-5 kg/s"\nload = "6 mN"\n'
+    upper += 'loading = {load = "9 mN", duration = "0.1 us"}\n'
+    upper += 'motion = {x = {stroke = "20 nm", frequency = "2 MHz"}, y = {ramp = "0.2 m/s", duration = "0.1 us"}}'
+    alone = 'debris_contact = "none"'
+    return scene(balls(45, 30, 0.5), '["200 um", "200 um"]', upper=upper, contact=alone, domain="periodic = false")
+
+
+def rolled() -> Simulation:
+    """Balls and clumps with moments of rolling under one free plate, and damping that sees forces while they settle."""
+    effects = "rolling_resistance = {coefficient = 0.05, damping = 0.3}\nlocal_damping = {coefficient = 0.3}\n"
+    effects += 'gravity = ["0 m/s2", "0 m/s2", "-9.81 m/s2"]'
+    upper = 'support = "rigid"\nload = "20 mN"\nmotion = {x = {velocity = "2 m/s"}}'
+    return scene(balls(25, 25, 3.0) + clumps(20), '["115 um", "110 um"]', upper=upper, effects=effects, settle="0.08 us")

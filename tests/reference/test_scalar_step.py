@@ -1,0 +1,255 @@
+"""The explicit engine against a step written plainly in Python floats (`scalar_step`): every bit of every table is the same.
+
+The two share the columns of the tables, the candidates of the search and the text of the law kernels, no more. That the
+comparison can fail is shown by `test_a_fault_is_seen`: it changes one sign, one term or one order of summation of the plain step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+import scalar_bodies
+import scalar_contact
+import scalar_laws
+import scalar_plates
+import scalar_step
+import small_scenes
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from scalar_step import Reference
+
+from thirdbody.engine.neighbours import search
+from thirdbody.engine.state import Slots
+from thirdbody.kernels import layout as at
+from thirdbody.kernels import motion, step
+from thirdbody.kernels.bodies import BODIES
+from thirdbody.kernels.contacts import CHUNK
+from thirdbody.kernels.rolling import MOMENTS
+from thirdbody.scene.build import Simulation
+
+SCENES = {"layer": (150, 20), "crowd": (400, 40), "springs": (16, 40), "foundation": (60, 24), "rolled": (100, 50)}
+"""About how many steps the engine goes alone, and how many with the plain step beside it: contacts then open and close."""
+
+Tables = dict[str, np.ndarray]
+Event = tuple[int, Slots | None]
+"""Steps that the engine made at a stretch, and the candidates of the search that ended them."""
+
+
+def lead(simulation: Simulation, steps: int) -> None:
+    """About so many steps of the engine, as a run makes them."""
+    state = simulation.state
+    while int(state.A[at.A_STEPS]) < steps:
+        simulation.integrator.advance_to(time=state.time + 15.5 * state.dt)
+
+
+def follow(simulation: Simulation, steps: int) -> list[Event]:
+    """So many steps of the engine, all of the same length."""
+    state, engine, events, left = simulation.state, simulation.integrator, [], steps
+    while left > 0:
+        before = int(state.A[at.A_STEPS])
+        code, _ = engine._advance(left, math.inf, math.inf, state.dt)  # type: ignore[union-attr]
+        assert code in (step.SEARCH, step.BUDGET)
+        if code == step.SEARCH:
+            search(state)
+            engine._tables()  # type: ignore[union-attr]
+        made = int(state.A[at.A_STEPS]) - before
+        events.append((made, state.slots if code == step.SEARCH else None))
+        left -= made
+    return events
+
+
+def walk(reference: Reference, events: list[Event], dt: float) -> Tables:
+    """The same steps of the plain step; its tables afterwards."""
+    for steps, slots in events:
+        reference.advance(steps, dt)
+        if slots is not None:
+            reference.take(slots)
+    found = {name: np.array(getattr(reference, name)) for name in "BSPAM"}
+    closed = [pair for pair in reference.pairs if reference.memory[pair][at.H_ON] > 0.0]
+    return found | {
+        "H": np.array([reference.memory[pair] for pair in reference.pairs]),
+        "R": np.array([reference.records[pair] for pair in closed]),
+    }
+
+
+def tables(simulation: Simulation) -> Tables:
+    """Every table that the engine's step writes: R where it is read, of closed contacts."""
+    state, slots = simulation.state, simulation.state.slots
+    found = {name: getattr(state, name).copy() for name in "BSPAM"}
+    return found | {"H": slots.H.copy(), "R": slots.R[slots.H[:, at.H_ON] > 0.0]}
+
+
+def differences(one: Tables, other: Tables) -> dict[str, str]:
+    """Where two sets of tables differ in any bit, by table: row, column and values of the first number, and how many more."""
+    found = {}
+    for name in one:
+        a, b = one[name], other[name]
+        assert a.shape == b.shape and a.dtype == b.dtype == np.float64, name
+        unlike = np.ascontiguousarray(a).view(np.uint64) != np.ascontiguousarray(b).view(np.uint64)
+        if name == "P":
+            unlike[:, at.P_Z0] = False  # written by the search
+        if unlike.any():
+            first = tuple(int(k[0]) for k in np.nonzero(unlike))
+            found[name] = f"{first}: {a[first]!r} or {b[first]!r}, and {unlike.sum() - 1} more"
+    return found
+
+
+@dataclass
+class Pass:
+    """One scene gone through by both: the tables before (`spare` plain steps that stand there) and after, and what happened."""
+
+    simulation: Simulation
+    engine: Tables
+    reference: Reference
+    expected: Tables
+    events: list[Event]
+    spare: list[Reference]
+
+
+@cache
+def both(name: str) -> Pass:
+    """A scene, its steps by the engine on one thread and by the plain step."""
+    numba.set_num_threads(1)
+    simulation = getattr(small_scenes, name)()
+    before, steps = SCENES[name]
+    lead(simulation, before)
+    reference, *spare = (Reference(simulation) for _ in range(1 + len(FAULTS)))
+    events = follow(simulation, steps)
+    engine = tables(simulation)
+    return Pass(simulation, engine, reference, walk(reference, events, simulation.state.dt), events, spare)
+
+
+@pytest.fixture
+def two_threads(monkeypatch) -> Iterator[None]:
+    """Two threads; where there is one core the work is cut as for two all the same, and one thread does all parts."""
+    before = numba.get_num_threads()
+    numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
+    monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
+    yield
+    numba.set_num_threads(before)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_engine_has_the_bits_of_the_plain_step(name):
+    found = both(name)
+    assert differences(found.engine, found.expected) == {}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_two_threads_have_the_bits_of_the_plain_step(name, two_threads):
+    simulation = getattr(small_scenes, name)()
+    before, steps = SCENES[name]
+    lead(simulation, before)
+    follow(simulation, steps)
+    assert differences(tables(simulation), both(name).expected) == {}
+
+
+def test_the_scenes_are_hard_enough():
+    """Contacts that open and close, searches on the way, several tiles and chunks, labels, moments, a plate of every kind."""
+    layer, crowd, springs, foundation, rolled = (both(name) for name in SCENES)
+    assert all(found.reference.opened > 0 for found in (layer, crowd, springs, rolled))
+    assert all(found.reference.closed > 0 for found in (layer, crowd, springs))
+    state, slots = layer.simulation.state, layer.simulation.state.slots
+    assert state.n_bodies > 2 * BODIES and slots.count - slots.n_plates > CHUNK and len(layer.engine["R"]) > 2 * at.TILE
+    assert any(slots is not None for found in (layer, crowd, springs, rolled) for _, slots in found.events)
+    for found in (crowd, springs, rolled):  # unlike materials in one tile
+        slots = found.simulation.state.slots
+        closed = [[k for k in chunk if slots.H[k, at.H_ON] > 0.0] for chunk in found.reference.chunks()]
+        tiles = [chunk[first : first + at.TILE] for chunk in closed for first in range(0, len(chunk), at.TILE)]
+        assert any(len(set(slots.kind[tile])) > 1 for tile in tiles)
+    assert [found.simulation.state.physics.labels for found in (layer, crowd, springs)] == [False, True, True]
+    assert springs.simulation.state.slots.n_plates == springs.simulation.state.slots.count
+    assert springs.simulation.state.n_bodies > BODIES and len(springs.reference.P) == springs.simulation.state.n_bodies
+    assert len(foundation.reference.P) == foundation.simulation.state.n_bodies + 1
+    assert foundation.reference.plan.rows[motion.LOAD] and foundation.reference.plan.rows[motion.Y]
+    clock, settled = rolled.engine["A"][at.A_TIME], rolled.simulation.settle  # what ends with settling ends on the way
+    assert clock - SCENES["rolled"][1] * rolled.simulation.state.dt < settled < clock
+    assert np.any(rolled.engine["R"][:, at.R_M : at.R_M + 3] != 0.0) and rolled.simulation.state.physics.rolling == MOMENTS
+
+
+def backwards(reference: Reference) -> None:
+    """The contacts of every sphere summed from the last to the first."""
+    for slots in reference.of_sphere:
+        slots.reverse()
+
+
+def other_sign(patch: pytest.MonkeyPatch) -> None:
+    """The torque of friction turned round."""
+    right = scalar_step.interact
+
+    def wrong(*arguments: Any) -> Any:
+        done = right(*arguments)
+        return replace(done, q=(-done.q[0], -done.q[1], -done.q[2]))
+
+    patch.setattr(scalar_step, "interact", wrong)
+
+
+def from_the_right(a: Any, b: Any) -> float:
+    """The scalar product summed from its last term."""
+    return a[2] * b[2] + a[1] * b[1] + a[0] * b[0]
+
+
+def unfitted(x: float, y: float, *_: float) -> tuple[float, float, float]:
+    """A tangential force without its dashpot."""
+    return x, y, 0.0
+
+
+def end_normal(frame: Any, moved: Any, _: Any) -> Any:
+    """Slip with the normal of the end of the step instead of that of its middle."""
+    return RIGHT_SLIP(frame, moved, frame.n)
+
+
+RIGHT_SLIP = scalar_contact.slipping
+
+FAULTS: dict[str, tuple[Callable[[pytest.MonkeyPatch], None], str]] = {
+    "sign of the torque of friction": (other_sign, "BSAHR"),
+    "order within a scalar product": (lambda patch: patch.setattr(scalar_bodies, "dot", from_the_right), "BSHR"),
+    "nearest image": (lambda patch: patch.setattr(scalar_contact, "image", lambda d, _: d), "BSHR"),
+    "viscous part of friction": (lambda patch: patch.setattr(scalar_laws, "fitted", unfitted), "BSAHR"),
+    "normal of the middle of the step": (lambda patch: patch.setattr(scalar_contact, "slipping", end_normal), "BSAHR"),
+    "bodies that are summed together": (lambda patch: patch.setattr(scalar_step, "BODIES", BODIES // 2), "A"),
+    "slots that are summed together": (lambda patch: patch.setattr(scalar_step, "CHUNK", CHUNK // 64), "A"),
+    "load": (lambda patch: patch.setattr(scalar_plates.Patches, "drift", lambda *_: None), "BSPAHR"),
+}
+"""Of the plain step: what is changed, and in which tables that must be seen."""
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_is_seen(fault, monkeypatch):
+    found = both("crowd")
+    spoil, where = FAULTS[fault]
+    spoil(monkeypatch)
+    wrong = walk(found.spare[list(FAULTS).index(fault)], found.events, found.simulation.state.dt)
+    wrong = {name: values for name, values in wrong.items() if values.shape == found.engine[name].shape}  # others may touch
+    assert set(differences({name: found.engine[name] for name in wrong}, wrong)) >= set(where) & set(wrong)
+
+
+def test_the_order_of_contacts_is_seen():
+    simulation = small_scenes.crowd()
+    lead(simulation, SCENES["crowd"][0])
+    reference = Reference(simulation)
+    backwards(reference)
+    events = follow(simulation, 8)
+    assert "B" in differences(tables(simulation), walk(reference, events, simulation.state.dt))
+
+
+@settings(max_examples=8, deadline=None, derandomize=True, phases=[Phase.generate])  # a smaller scene would tell no more
+@given(
+    seed=st.integers(0, 10_000),
+    speed=st.floats(-5.0, 5.0).map(lambda v: round(v, 2)),
+    level=st.sampled_from(["coulomb", "mindlin"]),
+    steps=st.integers(0, 300),
+)
+def test_any_heap_has_the_bits_of_the_plain_step(seed, speed, level, steps):
+    simulation = small_scenes.heap(seed, speed, level)
+    lead(simulation, steps)
+    reference = Reference(simulation)
+    events = follow(simulation, 40)
+    assert differences(tables(simulation), walk(reference, events, simulation.state.dt)) == {}
