@@ -8,18 +8,16 @@ largest value stands at some spot's own line. Work grows as (n + m)(n^2 + m^2): 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from thirdbody.plugin import helper
+
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-12  # of the largest |q - p|, as in `hulls`
-INNER: Mapping[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-helper = njit(**INNER)
 
 
 @helper

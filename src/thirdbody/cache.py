@@ -12,28 +12,38 @@ import re
 import shutil
 import sys
 import tempfile
+from importlib.metadata import version
 from pathlib import Path
 
 KEPT = 4
 """Folders of earlier versions that stay, so that switching between two checkouts does not recompile each time."""
 
+_place: Path | None = None
 _folder: Path | None = None
 
 
+def place() -> Path:
+    """The cache folder, made if needed; `THIRDBODY_CACHE` overrides its parent. Imports nothing heavy."""
+    global _place
+    if _place is None:
+        base = _parent()
+        _place = base / _fingerprint(version("numba"))
+        _place.mkdir(parents=True, exist_ok=True)
+        os.utime(_place)
+        _prune(base)
+    return _place
+
+
 def folder() -> Path:
-    """The cache folder, made if needed, set as numba's; `THIRDBODY_CACHE` overrides its parent."""
+    """The cache folder, set as numba's."""
     global _folder
     if _folder is None:
         # OpenMP's threads otherwise spin while they wait: with a busy neighbour a step took 12 ms instead of 0.5
         os.environ.setdefault("OMP_WAIT_POLICY", "passive")
         import numba
 
-        base = _parent()
-        _folder = base / _fingerprint(numba.__version__)
-        _folder.mkdir(parents=True, exist_ok=True)
-        os.utime(_folder)
+        _folder = place()
         numba.config.CACHE_DIR = str(_folder)  # type: ignore[attr-defined]
-        _prune(base)
     return _folder
 
 

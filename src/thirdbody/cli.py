@@ -109,6 +109,9 @@ def check(
     json: Json = False,
 ) -> None:
     """Print the resolved scene: defaults, laws and their sources, time step and what limits it, cost."""
+    from .warm import begin
+
+    begin()
     from .check import check_report, print_check
     from .report import print_json
     from .simulate import prepare
@@ -136,10 +139,13 @@ def run(
     json: Json = False,
 ) -> None:
     """Run a scene and write its trajectory, labels and series."""
+    from .warm import begin
+
+    limits = _limits(every, wall_limit)
+    begin()
     from .report import print_warnings
     from .simulate import check_threads, default_folder, prepare, refuse_existing
 
-    limits = _limits(every, wall_limit)
     loaded = _load(scene, settings)
     folder = out or default_folder(loaded)
     refuse_existing(folder, overwrite)

@@ -65,6 +65,7 @@ from .laws.contract import (
     Tangential,
     Turn,
     Wrench,
+    helper,
     kernel,
 )
 from .laws.coulomb import COULOMB
@@ -85,6 +86,6 @@ __all__ = [
     "Adhesion", "Balance", "Body", "BodyEffect", "Choice", "Contact", "Contacts", "Fault", "Grip", "InputError", "Labeller",
     "Law", "LawFamily", "Load", "Material", "NoStaticState", "Normal", "Option", "Options", "OutputError", "Pair", "Part",
     "Plugin", "Quantity", "QuasiStatic", "Rolling", "Tangential", "Turn", "UsageError", "Whole", "Wrench", "Wrong",
-    "clump_with_frame", "dundurs_beta", "e_star", "g_star", "kernel", "listing", "matrix_from_quaternion", "nearest", "one_of",
-    "pretty", "read_text", "read_toml", "wrongs_of",
+    "clump_with_frame", "dundurs_beta", "e_star", "g_star", "helper", "kernel", "listing", "matrix_from_quaternion", "nearest",
+    "one_of", "pretty", "read_text", "read_toml", "wrongs_of",
 ]  # fmt: skip

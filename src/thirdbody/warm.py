@@ -1,11 +1,12 @@
 """The first start of a version: compile in several processes at once, since numba itself compiles on one core.
 
-The main process compiles the step loop, the others what is called less often, all into the same cache; whoever is done takes
-the next unit of work. Afterwards all of it is loaded.
+The others start first, the main process joins them when it has read its scene; whoever is done takes the next unit of work, and
+all of it goes into the same cache. Afterwards all of it is loaded.
 """
 
 from __future__ import annotations
 
+import atexit
 import gc
 import os
 import subprocess
@@ -20,53 +21,75 @@ PATIENCE = 300.0
 """Seconds to wait for the other processes; whatever they have not finished the main process compiles itself."""
 
 PROCESSES = 4
-"""At most: the step loop alone takes longer than a fourth of the rest."""
+"""At most: the passes of a step alone take longer than a fourth of the rest."""
 
 COLD = 1
-"""LLVM's level for what is not the step loop: compiles in 0.9 of the time, and no bit of a result depends on it."""
+"""LLVM's level for all but the passes of a step: compiles in 0.9 of the time, and no bit of a result depends on it."""
+
+
+_begun: tuple[int, list[subprocess.Popen[bytes]]] | None = None
+
+
+def begin() -> None:
+    """Let other processes start to compile what is not compiled yet, while this one still reads its scene."""
+    global _begun
+    if _begun is not None or (cache.place() / MARK).exists():
+        return
+    queue, end = os.pipe()  # one byte per unit: reading one takes it, whoever reads
+    os.write(end, bytes(range(len(UNITS))))
+    os.close(end)
+    _begun = queue, [_helper(queue) for _ in range(min(_cores(), PROCESSES) - 1)]
+    atexit.register(_end)
 
 
 def warm_up() -> None:
     """Compile what is not compiled yet. A failure costs time only: numba then compiles where a function is first called."""
-    mark = cache.folder() / MARK
-    if mark.exists():
+    begin()
+    if _begun is None:
         return
     if sys.stderr.isatty():
         print("thirdbody: first start of this version, compiling ...", file=sys.stderr, flush=True)
-    queue, end = os.pipe()  # one byte per unit: reading one takes it, whoever reads
-    os.write(end, bytes(range(len(UNITS))))
-    os.close(end)
-    others = [_helper(queue) for _ in range(min(_cores(), PROCESSES) - 1)]
+    queue, others = _begun
     gc.disable()  # the compiler makes millions of objects and few cycles: a tenth of its time
     try:
-        from .kernels import step  # noqa: F401  (imported to be compiled)
-
         work_off(queue)
         # third-party modules that a run needs anyway, while others still compile
         import h5py  # noqa: F401
         import scipy.spatial  # noqa: F401
 
         if _all_done(others):
-            mark.touch()
+            (cache.folder() / MARK).touch()
     finally:
         gc.enable()
-        os.close(queue)
-        for other in others:
-            if other.poll() is None:
-                other.terminate()
+        _end()
 
 
 def work_off(queue: int) -> None:
     """Compile the units that the queue still holds."""
+    cache.folder()
     import numba
 
     usual = numba.config.OPT  # type: ignore[attr-defined]
-    numba.config.OPT = type(usual)(min(COLD, usual))  # type: ignore[attr-defined]
     try:
         while taken := os.read(queue, 1):
-            UNITS[taken[0]]()
+            unit = UNITS[taken[0]]
+            numba.config.OPT = usual if unit is _work else type(usual)(min(COLD, usual))  # type: ignore[attr-defined]
+            unit()
     finally:
         numba.config.OPT = usual  # type: ignore[attr-defined]
+
+
+def _end() -> None:
+    """Stop the other processes; whatever they have compiled so far stays."""
+    global _begun
+    if _begun is None:
+        return
+    queue, others = _begun
+    _begun = None
+    os.close(queue)
+    for other in others:
+        if other.poll() is None:
+            other.terminate()
 
 
 def _cores() -> int:
@@ -122,6 +145,14 @@ def _bodies() -> None:
     overlaps(np.zeros((1, 3)), np.ones(1), np.zeros(1, np.int64), (20.0, 20.0), True)
 
 
+def _work() -> None:
+    from .kernels import label, work  # noqa: F401  (imported to be compiled; they have functions in common)
+
+
+def _step() -> None:
+    from .kernels import step  # noqa: F401  (imported to be compiled)
+
+
 def _stability() -> None:
     from .kernels import stability  # noqa: F401  (imported to be compiled)
 
@@ -131,6 +162,7 @@ def _search() -> None:
 
     from .kernels import layout as at
     from .kernels import search
+    from .kernels.bodies import place_all
 
     S, P, H = np.zeros((1, at.S_COLS)), np.zeros((1, at.P_COLS)), np.zeros((0, 1))
     body, own, count = np.zeros(1, np.int64), np.zeros(0, np.int32), np.ones(3, np.int64)
@@ -139,9 +171,10 @@ def _search() -> None:
     search.pair_candidates(S, body, 1.0, 1.0, 0.0, np.zeros(3), np.ones(3), count, periodic, 0, own, own)
     search.carry_history(0, 0, own, own, H, 0, 0, own, own, H)
     search.incidences(0, own, own, 1)
+    place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], np.zeros((0, at.B_COLS)))
 
 
-UNITS: tuple[Callable[[], None], ...] = (_labeller, _bodies, _stability, _search, _laws)
+UNITS: tuple[Callable[[], None], ...] = (_work, _labeller, _step, _bodies, _stability, _laws, _search)
 """Units of work, the longest first."""
 
 if __name__ == "__main__":

@@ -14,7 +14,8 @@ import pytest
 import thirdbody
 from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.layout import DEBRIS
-from thirdbody.kernels.step import CONTACTS, DRIFT, FEW, GATHER, LOOK, chunks_of
+from thirdbody.kernels.signatures import CONTACTS, DRIFT, GATHER, LOOK
+from thirdbody.kernels.step import FEW, chunks_of
 from thirdbody.laws.generated import plain
 from thirdbody.scene.build import build
 

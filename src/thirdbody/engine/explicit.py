@@ -14,6 +14,7 @@ from ..kernels import bodies as body_pass
 from ..kernels import contacts as contact_pass
 from ..kernels import layout as at
 from ..kernels import step
+from ..kernels.work import work
 from ..laws.contract import Material
 from .guards import Guards
 from .labels import labels
@@ -120,7 +121,7 @@ class Explicit:
             slots.near, slots.beginning, s.start, s.offsets, s.X0, s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, len(physics.history), physics.rolling,
             at.C_MEMORY + physics.contact_memory, physics.has_effects, self.drag, physics.law, physics.effects, physics.observe,
-            self.room, self.marks, self.rows, step.work, s.patch, s.schedule, s.first, physics.stride, physics.labels,
+            self.room, self.marks, self.rows, work, s.patch, s.schedule, s.first, physics.stride, physics.labels,
         )  # fmt: skip
         refresh_spheres(s)  # the kernel places only spheres that can meet something
         return answer

@@ -34,7 +34,7 @@ from .layout import (
     X_Q,
     X_X,
 )  # fmt: skip
-from .options import BARE, BARE_CHUNK, OPTIONS
+from .options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from .rotation import free_rotation, matrix, spin, turned
 
 BODIES = 64
@@ -51,12 +51,6 @@ Z_COLS = 50
 
 
 @njit(**BARE)
-def put(T, row, column, x, y, z):
-    """Write a vector into a row of a table, from a column on."""
-    T[row, column], T[row, column + 1], T[row, column + 2] = x, y, z
-
-
-@njit(**BARE)
 def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
     """Position, arm and velocities of sphere s: of the step (arm half a step of length 2 h ago), and at its end."""
     o_x, o_y, o_z = offsets[s, 0], offsets[s, 1], offsets[s, 2]
@@ -66,13 +60,16 @@ def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
     m_x = r_x - h * (w[1] * r_z - w[2] * r_y)
     m_y = r_y - h * (w[2] * r_x - w[0] * r_z)
     m_z = r_z - h * (w[0] * r_y - w[1] * r_x)
-    put(S, s, S_X, x[0] + r_x, x[1] + r_y, x[2] + r_z)
-    put(S, s, S_U, v[0] + w[1] * m_z - w[2] * m_y, v[1] + w[2] * m_x - w[0] * m_z, v[2] + w[0] * m_y - w[1] * m_x)
-    put(S, s, S_W, w[0], w[1], w[2])
-    put(S, s, S_V, v_end[0] + w_end[1] * r_z - w_end[2] * r_y, v_end[1] + w_end[2] * r_x - w_end[0] * r_z,
-        v_end[2] + w_end[0] * r_y - w_end[1] * r_x)  # fmt: skip
-    put(S, s, S_O, w_end[0], w_end[1], w_end[2])
-    put(S, s, S_ARM, r_x, r_y, r_z)
+    S[s, S_X], S[s, S_X + 1], S[s, S_X + 2] = x[0] + r_x, x[1] + r_y, x[2] + r_z
+    S[s, S_U] = v[0] + w[1] * m_z - w[2] * m_y
+    S[s, S_U + 1] = v[1] + w[2] * m_x - w[0] * m_z
+    S[s, S_U + 2] = v[2] + w[0] * m_y - w[1] * m_x
+    S[s, S_W], S[s, S_W + 1], S[s, S_W + 2] = w
+    S[s, S_V] = v_end[0] + w_end[1] * r_z - w_end[2] * r_y
+    S[s, S_V + 1] = v_end[1] + w_end[2] * r_x - w_end[0] * r_z
+    S[s, S_V + 2] = v_end[2] + w_end[0] * r_y - w_end[1] * r_x
+    S[s, S_O], S[s, S_O + 1], S[s, S_O + 2] = w_end
+    S[s, S_ARM], S[s, S_ARM + 1], S[s, S_ARM + 2] = r_x, r_y, r_z
 
 
 @njit(**BARE_CHUNK)
@@ -83,7 +80,7 @@ def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
         place_sphere(s, offsets, x, turn, v, w, v_end, w_end, 0.5 * dt, S)
 
 
-@njit(**OPTIONS)
+@njit(**DIRECT, **NO_COUNTS)
 def place_all(start, offsets, S, B):
     """All spheres where their bodies are now, with the velocities of now; and the spins of the bodies."""
     for b in range(B.shape[0]):
@@ -100,17 +97,15 @@ def quaternion(b, B):
 
 
 @njit(**BARE)
-def three(Z, p, field):
-    """Three fields of place p of a chunk."""
-    at = p + field * BODIES
+def three(Z, at):
+    """Three fields of a place of a chunk, the first of them at `at`: a sum, since a bare number would be compiled once more."""
     return Z[at], Z[at + BODIES], Z[at + 2 * BODIES]
 
 
 @njit(**BARE)
-def put_three(Z, p, field, values):
-    """Write three fields of place p of a chunk."""
-    at = p + field * BODIES
-    Z[at], Z[at + BODIES], Z[at + 2 * BODIES] = values
+def put_three(Z, at, x, y, z):
+    """Write three fields of a place of a chunk, the first of them at `at`."""
+    Z[at], Z[at + BODIES], Z[at + 2 * BODIES] = x, y, z
 
 
 @njit(**BARE_CHUNK)
@@ -122,15 +117,15 @@ def move(n, dt, Z):
     half = 0.5 * dt
     for p in range(n):
         kick = half / Z[p + B_MASS * BODIES]
-        f_x, f_y, f_z = three(Z, p, B_F)
-        v_x, v_y, v_z = three(Z, p, B_V)
+        f_x, f_y, f_z = three(Z, p + B_F * BODIES)
+        v_x, v_y, v_z = three(Z, p + B_V * BODIES)
         v_x, v_y, v_z = v_x + kick * f_x, v_y + kick * f_y, v_z + kick * f_z
-        x, y, z = three(Z, p, B_X)
+        x, y, z = three(Z, p + B_X * BODIES)
         x, y, z = x + dt * v_x, y + dt * v_y, z + dt * v_z
-        t_x, t_y, t_z = three(Z, p, B_T)
-        l_x, l_y, l_z = three(Z, p, B_L)
+        t_x, t_y, t_z = three(Z, p + B_T * BODIES)
+        l_x, l_y, l_z = three(Z, p + B_L * BODIES)
         momentum = (l_x + half * t_x, l_y + half * t_y, l_z + half * t_z)
-        inertia = three(Z, p, B_I)
+        inertia = three(Z, p + B_I * BODIES)
         at = p + B_Q * BODIES
         old = (Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES])
         new = free_rotation(old, momentum, inertia, dt)
@@ -142,17 +137,18 @@ def move(n, dt, Z):
         at_q = p + (Z_FAR + X_Q) * BODIES
         same = new[0] * Z[at_q] + new[1] * Z[at_q + BODIES] + new[2] * Z[at_q + 2 * BODIES] + new[3] * Z[at_q + 3 * BODIES]
         arm = Z[p + (Z_FAR + X_ARM) * BODIES]
-        put_three(Z, p, B_X, (x, y, z))
-        put_three(Z, p, B_V, (v_x, v_y, v_z))
-        put_three(Z, p, B_L, momentum)
+        put_three(Z, p + B_X * BODIES, x, y, z)
+        put_three(Z, p + B_V * BODIES, v_x, v_y, v_z)
+        put_three(Z, p + B_L * BODIES, momentum[0], momentum[1], momentum[2])
         Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES] = new
-        put_three(Z, p, Z_W, w)
-        put_three(Z, p, Z_END_W, spin(new, end, inertia))
-        put_three(Z, p, Z_END_V, (v_x + kick * f_x, v_y + kick * f_y, v_z + kick * f_z))
+        put_three(Z, p + Z_W * BODIES, w[0], w[1], w[2])
+        w_end = spin(new, end, inertia)
+        put_three(Z, p + Z_END_W * BODIES, w_end[0], w_end[1], w_end[2])
+        put_three(Z, p + Z_END_V * BODIES, v_x + kick * f_x, v_y + kick * f_y, v_z + kick * f_z)
         turn = matrix(new[0], new[1], new[2], new[3])
-        put_three(Z, p, Z_TURN, (turn[0], turn[1], turn[2]))
-        put_three(Z, p, Z_TURN + 3, (turn[3], turn[4], turn[5]))
-        put_three(Z, p, Z_TURN + 6, (turn[6], turn[7], turn[8]))
+        put_three(Z, p + Z_TURN * BODIES, turn[0], turn[1], turn[2])
+        put_three(Z, p + (Z_TURN + 3) * BODIES, turn[3], turn[4], turn[5])
+        put_three(Z, p + (Z_TURN + 6) * BODIES, turn[6], turn[7], turn[8])
         # a point at the end of the arm goes the chord: twice the arm times the sine of half the angle
         chord = 2.0 * arm * math.sqrt(max(1.0 - same * same, 0.0))
         Z[p + Z_FAR * BODIES] = math.sqrt(d_x * d_x + d_y * d_y + d_z * d_z) + chord
@@ -206,7 +202,8 @@ def drift_ball(b, s, S, X0, B, dt):
         B[b, B_X + k], B[b, B_V + k], B[b, B_L + k] = x, v, momentum
         S[s, S_X + k], S[s, S_U + k], S[s, S_W + k] = x, v, momentum * turn
         S[s, S_V + k], S[s, S_O + k] = v + change, (momentum + push) * turn
-        far, fast = far + (x - X0[b, X_X + k]) ** 2, fast + v * v
+        way = x - X0[b, X_X + k]
+        far, fast = far + way * way, fast + v * v
     angle = dt * turn
     new = turned(quaternion(b, B), B[b, B_L] * angle, B[b, B_L + 1] * angle, B[b, B_L + 2] * angle)
     B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3] = new
@@ -225,8 +222,9 @@ def stage_body(p, b, B, X0, Z):
 @njit(**BARE)
 def place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt):
     """Place those of body b's spheres that can meet something (`near`), or `everything`, from place p of the chunk."""
-    turn = (*three(Z, p, Z_TURN), *three(Z, p, Z_TURN + 3), *three(Z, p, Z_TURN + 6))
-    x, v, w, v_end, w_end = three(Z, p, B_X), three(Z, p, B_V), three(Z, p, Z_W), three(Z, p, Z_END_V), three(Z, p, Z_END_W)
+    turn = (*three(Z, p + Z_TURN * BODIES), *three(Z, p + (Z_TURN + 3) * BODIES), *three(Z, p + (Z_TURN + 6) * BODIES))
+    x, v, w = three(Z, p + B_X * BODIES), three(Z, p + B_V * BODIES), three(Z, p + Z_W * BODIES)
+    v_end, w_end = three(Z, p + Z_END_V * BODIES), three(Z, p + Z_END_W * BODIES)
     begin = start[b] if everything else np.int64(beginning[b])
     end = start[b + 1] if everything else np.int64(beginning[b + 1])
     for e in range(begin, end):
@@ -237,7 +235,7 @@ def place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt):
 def drift_chunk(c, start, near, beginning, everything, offsets, S, X0, B, D, dt, moves, Z, staged):
     """Drift the bodies of chunk c and place those of their spheres that can meet something (`near`), or `everything`."""
     seen = (0.0, 0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
-    limits, n = limits_of(D), 0
+    limits, n = limits_of(D), np.int64(0)  # not the literal 0, for which the callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
         if is_ball(b, B, X0):
             far, way = drift_ball(b, start[b], S, X0, B, dt)
@@ -248,11 +246,11 @@ def drift_chunk(c, start, near, beginning, everything, offsets, S, X0, B, D, dt,
             n += 1
     move(n, dt, Z)
     for p in range(n):
-        b = staged[p]
+        i = np.int64(staged[p])
         for k in range(B_MASS):
-            B[b, k] = Z[p + k * BODIES]
-        x, y, z = three(Z, p, B_X)
-        seen = judge(b, Z[p + Z_FAR * BODIES], Z[p + Z_WAY * BODIES], S[start[b], S_R], x, y, z, limits, seen)
-        place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt)
+            B[i, k] = Z[p + k * BODIES]
+        x, y, z = three(Z, p + B_X * BODIES)
+        seen = judge(i, Z[p + Z_FAR * BODIES], Z[p + Z_WAY * BODIES], S[start[i], S_R], x, y, z, limits, seen)
+        place_staged(p, i, start, near, beginning, everything, offsets, S, Z, dt)
     moves[c, MOVE_FAR], moves[c, MOVE_WAY], moves[c, MOVE_STEP], moves[c, MOVE_BODY] = seen[0], seen[1], seen[2], seen[3]
     moves[c, MOVE_BAD], moves[c, MOVE_OUT] = seen[4], seen[5]

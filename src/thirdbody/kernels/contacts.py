@@ -10,7 +10,6 @@ import math
 import numpy as np
 from numba import njit
 
-from .bodies import put
 from .layout import (
     F_F,
     F_HALF,
@@ -242,10 +241,10 @@ def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
     R[k, R_LIMIT], R[k, R_CRITICAL] = O[q + O_LIMIT * TILE], O[q + O_CRITICAL * TILE]
     R[k, R_STORED_N], R[k, R_STORED_T] = O[q + O_STORED_N * TILE], O[q + O_STORED_T * TILE]
     R[k, R_EFFECTIVE] = I[q + I_RADIUS * TILE]
-    a = surface_velocity(S, i, S_V, S_O, -a_i * n[0], -a_i * n[1], -a_i * n[2])
-    b = partner_velocity(S, P, j, S_V, S_O, a_j * n[0], a_j * n[1], a_j * n[2], v_x, v_y)
-    put(R, k, R_VI, a[0], a[1], a[2])
-    put(R, k, R_VJ, b[0], b[1], b[2])
+    a = surface_velocity(S, i, np.int64(S_V), np.int64(S_O), -a_i * n[0], -a_i * n[1], -a_i * n[2])
+    b = partner_velocity(S, P, j, np.int64(S_V), np.int64(S_O), a_j * n[0], a_j * n[1], a_j * n[2], v_x, v_y)
+    R[k, R_VI], R[k, R_VI + 1], R[k, R_VI + 2] = a
+    R[k, R_VJ], R[k, R_VJ + 1], R[k, R_VJ + 2] = b
 
 
 @njit(**BARE)

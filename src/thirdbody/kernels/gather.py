@@ -6,7 +6,7 @@ Every body sums its contacts sphere by sphere, in the order of their slots: the 
 import numpy as np
 from numba import njit
 
-from .bodies import BODIES, MOVE_LOW, MOVE_POWER, MOVE_UP, put, quaternion
+from .bodies import BODIES, MOVE_LOW, MOVE_POWER, MOVE_UP, quaternion
 from .layout import (
     B_EF,
     B_ET,
@@ -100,10 +100,10 @@ def gather_body(b, near, beginning, edges, incidence, row, n_plates, partner, F,
         force = plus(force, f)
         torque = plus(torque, plus(t, cross((S[s, S_ARM], S[s, S_ARM + 1], S[s, S_ARM + 2]), f)))
     B[b, B_WORK], B[b, B_SLIP] = lost
-    put(B, b, B_F, force[0], force[1], force[2])
-    put(B, b, B_T, torque[0], torque[1], torque[2])
-    put(B, b, B_UP, up[0], up[1], up[2])
-    put(B, b, B_LOW, low[0], low[1], low[2])
+    B[b, B_F], B[b, B_F + 1], B[b, B_F + 2] = force
+    B[b, B_T], B[b, B_T + 1], B[b, B_T + 2] = torque
+    B[b, B_UP], B[b, B_UP + 1], B[b, B_UP + 2] = up
+    B[b, B_LOW], B[b, B_LOW + 1], B[b, B_LOW + 2] = low
     return up, low
 
 
@@ -154,8 +154,8 @@ def gather_chunk(c, start, near, beginning, edges, incidence, row, n_plates, par
             sum_moments(b, start, edges, incidence, row, F, B)
         kick_body(b, B, np.int64(B_F), np.int64(B_T), dt)
         push_up, push_low = plus(push_up, up), plus(push_low, low)
-    put(moves, c, MOVE_UP, push_up[0], push_up[1], push_up[2])
-    put(moves, c, MOVE_LOW, push_low[0], push_low[1], push_low[2])
+    moves[c, MOVE_UP], moves[c, MOVE_UP + 1], moves[c, MOVE_UP + 2] = push_up
+    moves[c, MOVE_LOW], moves[c, MOVE_LOW + 1], moves[c, MOVE_LOW + 2] = push_low
     moves[c, MOVE_POWER] = 0.0
     if has_effects or record:
         for b in range(first, last):

@@ -1,7 +1,7 @@
 """What a labeller sees: one row per loaded contact of a body, the body's motion and that of the plates."""
 
 import numpy as np
-from numba import njit, types
+from numba import njit
 
 from .bodies import BODIES
 from .layout import (
@@ -38,7 +38,6 @@ from .layout import (
     H_ON,
     H_SLIP,
     LOWER,
-    O_COLS,
     O_DRAG,
     O_EF,
     O_ELAPSED,
@@ -70,11 +69,7 @@ from .layout import (
     R_VJ,
     UPPER,
 )  # fmt: skip
-from .options import BARE, OPTIONS
-from .signatures import LABEL, OBSERVE
-
-_F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
-_I1 = types.Array(types.int32, 1, "C")
+from .options import BARE
 
 
 @njit(**BARE)
@@ -153,27 +148,3 @@ def observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed,
     """Let the labeller observe the bodies of chunk c. O and C are scratch."""
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
         observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O, C)
-
-
-LABEL_BODIES = types.void(
-    _I1, _I1, _I1, _I1, _F2, _F2, _F2, _F1, _F2, types.UniTuple(types.float64, 2), types.float64,
-    types.int64, types.int64, types.FunctionType(OBSERVE), types.FunctionType(LABEL), _F2,
-)  # fmt: skip
-
-
-@njit(LABEL_BODIES, **OPTIONS)
-def label_bodies(edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, label, out):
-    """State, reason, margins and extras of every body at this instant, from a copy of the labeller's memory."""
-    O = np.empty(O_COLS)  # noqa: E741
-    most = 0
-    for b in range(B.shape[0]):
-        most = max(most, edges[b + 1] - edges[b])
-    table = np.empty((most, width))
-    for b in range(B.shape[0]):
-        n = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history, table)
-        C = table[:n]
-        memory = M[b].copy()
-        body_row(b, B, A, drag, speed, O)
-        if A[A_ELAPSED] > 0.0:
-            observe(C, C.shape[0], O, memory)
-        label(C, C.shape[0], O, memory, out[b])

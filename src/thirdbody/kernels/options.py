@@ -8,10 +8,16 @@ OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True}
 DIRECT: dict[str, Any] = OPTIONS | {"no_cfunc_wrapper": True}
 """Kernels that only Python calls."""
 
-CHUNK: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+POINTED: dict[str, Any] = OPTIONS | {"no_cpython_wrapper": True}
+"""Kernels that are only handed on as pointers: Python would find nothing to call."""
+
+HELPER: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""What only kernels call."""
+
+CHUNK: dict[str, Any] = HELPER
 """Kernels called once per chunk, by kernels only: without the wrappers the engine compiles in half the time."""
 
-CHUNK_OF_THREADS: dict[str, Any] = CHUNK | {"parallel": True}
+CHUNK_OF_THREADS: dict[str, Any] = HELPER | {"parallel": True}
 """The same for what is shared out to threads."""
 
 INNER: dict[str, Any] = CHUNK | {"forceinline": True}

@@ -4,24 +4,25 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import njit
 
-from .options import CHUNK, DIRECT, INNER
+from .options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 
 
-@njit(**INNER)
+@njit(**BARE)
 def column(at, size, cells):
     """Index along one axis of the grid's column that holds the coordinate."""
-    return min(cells - 1, max(0, int(at / size * cells)))
+    return min(cells - 1, max(0, np.int64(at / size * cells)))
 
 
-@njit(**INNER)
+@njit(**BARE)
 def apart(d, size, periodic):
     """The difference of two coordinates, to the nearest image if periodic."""
     return d - size * math.floor(d / size + 0.5) if periodic else d
 
 
-@njit(**CHUNK)
+@njit(**BARE_CHUNK)
 def free(px, py, spheres, n_first, n_last, placed, heads, following, size, periodic, clearance):
     """Whether the spheres n_first..n_last, moved by (px, py), keep clear of all that stand in the grid."""
     nx, ny = heads.shape
@@ -47,7 +48,7 @@ def free(px, py, spheres, n_first, n_last, placed, heads, following, size, perio
     return True
 
 
-@njit(**CHUNK)
+@njit(**BARE_CHUNK)
 def enter(x, y, z, r, t, placed, heads, following, size, periodic):
     """Puts sphere t into the grid."""
     if periodic:
@@ -59,7 +60,7 @@ def enter(x, y, z, r, t, placed, heads, following, size, periodic):
     heads[cx, cy] = t
 
 
-@njit(**DIRECT)
+@njit(**DIRECT, **NO_COUNTS)
 def place_body(tries, spheres, first, last, count, placed, heads, following, size, periodic, clearance):
     """Index of the first try (x, y) at which the body fits, entered into the grid; -1 if none does.
 
@@ -78,7 +79,7 @@ def place_body(tries, spheres, first, last, count, placed, heads, following, siz
     return -1
 
 
-@njit(**DIRECT)
+@njit(**DIRECT, **NO_COUNTS)
 def overlapping(spheres, body, placed, heads, following, size, periodic, pairs, depth):
     """Number of pairs of spheres of different bodies that overlap; the first of them into pairs and depth.
 

@@ -1,5 +1,6 @@
 """The patches of the upper body: driven, loaded, sprung to a common plate, and moved by velocity Verlet."""
 
+import numpy as np
 from numba import njit
 
 from .layout import B_UP, P_DAMPING, P_F, P_FREE, P_LOAD, P_LOAD0, P_MASS, P_SPRING, P_V, P_Z, P_Z0
@@ -14,7 +15,7 @@ def drive_patches(P, schedule, first, t, dt):
         return
     for p in range(P.shape[0]):
         if P[p, P_SPRING] == 0.0 and P[p, P_FREE] == 0.0:
-            P[p, P_V] = mean_rate(schedule, first, GAP, t, dt)
+            P[p, P_V] = mean_rate(schedule, first, np.int64(GAP), t, dt)
 
 
 @njit(**BARE)
@@ -22,7 +23,7 @@ def load_patches(P, schedule, first, t):
     """Loads at time t where a schedule changes them."""
     if first[LOAD + 1] == first[LOAD]:
         return
-    factor = value(schedule, first, LOAD, t)
+    factor = value(schedule, first, np.int64(LOAD), t)
     for p in range(P.shape[0]):
         if P[p, P_LOAD0] != 0.0:
             P[p, P_LOAD] = factor * P[p, P_LOAD0]

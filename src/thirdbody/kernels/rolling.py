@@ -8,6 +8,7 @@ turn. The part about the normal (pivoting) is left out.
 
 import math
 
+import numpy as np
 from numba import njit
 
 from .layout import (
@@ -59,9 +60,10 @@ def travel(i, j, q, S, P, G, v_x, v_y):
     The contact point lies on the line of centres; under a ball on a plate it moves with the ball.
     """
     n_x, n_y, n_z = G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE]
+    u, w = np.int64(S_U), np.int64(S_W)  # not literals, for which the callees would be compiled once more
     a_i, a_j = G[q + G_ARM_I * TILE], G[q + G_ARM_J * TILE]
-    b_x, b_y, b_z = partner_velocity(S, P, j, S_U, S_W, a_j * n_x, a_j * n_y, a_j * n_z, v_x, v_y)
-    a_x, a_y, a_z = surface_velocity(S, i, S_U, S_W, -a_i * n_x, -a_i * n_y, -a_i * n_z)
+    b_x, b_y, b_z = partner_velocity(S, P, j, u, w, a_j * n_x, a_j * n_y, a_j * n_z, v_x, v_y)
+    a_x, a_y, a_z = surface_velocity(S, i, u, w, -a_i * n_x, -a_i * n_y, -a_i * n_z)
     share = 0.0
     p_x, p_y, p_z = 0.0, 0.0, 0.0
     if j >= 0:
@@ -81,10 +83,10 @@ def stage_rolling(q, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history):  # n
     patch into the tile."""
     i, j = own[k], partner[k]
     at = (I_HISTORY + n_history) * TILE + q
-    w_x, w_y, w_z = relative_spin(S, i, j, S_W)
+    w_x, w_y, w_z = relative_spin(S, i, j, np.int64(S_W))
     I[at + J_X * TILE] = (w_x * G[q + G_E * TILE] + w_y * G[q + (G_E + 1) * TILE] + w_z * G[q + (G_E + 2) * TILE]) * dt
     I[at + J_Y * TILE] = (w_x * G[q + G_D * TILE] + w_y * G[q + (G_D + 1) * TILE] + w_z * G[q + (G_D + 2) * TILE]) * dt
-    w_x, w_y, w_z = relative_spin(S, i, j, S_O)
+    w_x, w_y, w_z = relative_spin(S, i, j, np.int64(S_O))
     I[at + J_RATE_X * TILE] = w_x * G[q + G_E * TILE] + w_y * G[q + (G_E + 1) * TILE] + w_z * G[q + (G_E + 2) * TILE]
     I[at + J_RATE_Y * TILE] = w_x * G[q + G_D * TILE] + w_y * G[q + (G_D + 1) * TILE] + w_z * G[q + (G_D + 2) * TILE]
     I[at + J_TRAVEL * TILE] = travel(i, j, q, S, P, G, v_x, v_y) * dt

@@ -29,28 +29,20 @@ def spin(q, angular_momentum, inertia):
 
 
 @njit(**BARE)
-def _about(q, axis, angle):
-    """q after a turn about one of the body's own axes; tan(angle/2) replaced by angle/2, which keeps |q| and reversibility."""
+def _about(w, x, y, z, angle):
+    """Quaternion after a turn about the body's own axis of x; tan(angle/2) replaced by angle/2, which keeps its length and
+    reversibility. For the other axes the arguments go round."""
     s = 0.5 * angle
     c = 1.0 / math.sqrt(1.0 + s * s)
     s *= c
-    w, x, y, z = q
-    if axis == 0:
-        return w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s
-    if axis == 1:
-        return w * c - y * s, x * c - z * s, y * c + w * s, z * c + x * s
-    return w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+    return w * c - x * s, x * c + w * s, y * c + z * s, z * c - y * s
 
 
 @njit(**BARE)
-def _body_momentum(q, angular_momentum, axis):
-    a, b, c, d, e, f, g, h, i = matrix(q[0], q[1], q[2], q[3])
-    l_x, l_y, l_z = angular_momentum
-    if axis == 0:
-        return a * l_x + d * l_y + g * l_z
-    if axis == 1:
-        return b * l_x + e * l_y + h * l_z
-    return c * l_x + f * l_y + i * l_z
+def _body_momentum(w, x, y, z, l_x, l_y, l_z):
+    """Angular momentum in body axes."""
+    a, b, c, d, e, f, g, h, i = matrix(w, x, y, z)
+    return a * l_x + d * l_y + g * l_z, b * l_x + e * l_y + h * l_z, c * l_x + f * l_y + i * l_z
 
 
 @njit(**BARE)
@@ -60,11 +52,16 @@ def free_rotation(q, angular_momentum, inertia, dt):
     Splitting of Dullweber, Leimkuhler and McLachlan 1997 (Miller et al. 2002): second order, time-reversible, and the
     angular momentum, which is kept in world axes, is constant to the last bit. A ball needs no splitting (`turned`).
     """
-    q = _about(q, 2, 0.5 * dt * _body_momentum(q, angular_momentum, 2) / inertia[2])
-    q = _about(q, 1, 0.5 * dt * _body_momentum(q, angular_momentum, 1) / inertia[1])
-    q = _about(q, 0, dt * _body_momentum(q, angular_momentum, 0) / inertia[0])
-    q = _about(q, 1, 0.5 * dt * _body_momentum(q, angular_momentum, 1) / inertia[1])
-    return normalised(_about(q, 2, 0.5 * dt * _body_momentum(q, angular_momentum, 2) / inertia[2]))
+    w, x, y, z = q
+    i_x, i_y, i_z = inertia
+    l_x, l_y, l_z = angular_momentum
+    half = 0.5 * dt
+    w, z, x, y = _about(w, z, x, y, half * _body_momentum(w, x, y, z, l_x, l_y, l_z)[2] / i_z)
+    w, y, z, x = _about(w, y, z, x, half * _body_momentum(w, x, y, z, l_x, l_y, l_z)[1] / i_y)
+    w, x, y, z = _about(w, x, y, z, dt * _body_momentum(w, x, y, z, l_x, l_y, l_z)[0] / i_x)
+    w, y, z, x = _about(w, y, z, x, half * _body_momentum(w, x, y, z, l_x, l_y, l_z)[1] / i_y)
+    w, z, x, y = _about(w, z, x, y, half * _body_momentum(w, x, y, z, l_x, l_y, l_z)[2] / i_z)
+    return normalised((w, x, y, z))
 
 
 @njit(**BARE)

@@ -8,10 +8,10 @@ import numpy as np
 from numba import njit
 
 from .layout import EVERYTHING, ONLY_LOWER, ONLY_UPPER, P_Z, S_R, S_SIDE, S_X, S_Y, S_Z
-from .options import BARE, BARE_CHUNK, NO_COUNTS, OPTIONS
+from .options import BARE, DIRECT, NO_COUNTS
 
 
-@njit(**OPTIONS, **NO_COUNTS)
+@njit(**DIRECT, **NO_COUNTS)
 def plate_candidates(S, P, body, patch, has_lower, has_upper, skin, own, partner):
     """Fill own and partner with the spheres within `skin` of a plate; returns how many (also beyond the capacity)."""
     n = 0
@@ -32,7 +32,7 @@ def plate_candidates(S, P, body, patch, has_lower, has_upper, skin, own, partner
 @njit(**BARE)
 def cell_of(x, low, size, count, periodic):
     """Cell number along one axis: wrapped if periodic, else clipped to the range."""
-    c = int(np.floor((x - low) / size))
+    c = np.int64(np.floor((x - low) / size))
     if periodic:
         return c % count
     return min(max(c, 0), count - 1)
@@ -79,7 +79,7 @@ def sort_in(j, m, found):
 @njit(**BARE)
 def collect(i, S, body, l_x, l_y, c_x, c_y, skin, head, follow, place, count, periodic, found):
     """Partners j > i of sphere i within reach plus skin, into `found`, sorted; returns how many. c = 1/l, 0 if not periodic."""
-    m = 0
+    m = np.int64(0)
     x, y, z, r, b = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R] + skin, body[i]
     for step in range(27):
         a, e, c = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
@@ -102,9 +102,10 @@ def collect(i, S, body, l_x, l_y, c_x, c_y, skin, head, follow, place, count, pe
     return m
 
 
-@njit(**BARE_CHUNK)
-def collect_all(S, body, l_x, l_y, skin, head, follow, place, count, periodic, found, n, own, partner):
-    """Append the pairs of all spheres from slot n on; returns the number of slots."""
+@njit(**DIRECT, **NO_COUNTS)
+def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, head, follow, place, found, n, own, partner):
+    """`pair_candidates` with room for the cells and for the partners of a sphere."""
+    fill_cells(S, low, size, count, periodic, head, follow, place)
     c_x, c_y = 1.0 / l_x if l_x > 0.0 else 0.0, 1.0 / l_y if l_y > 0.0 else 0.0
     for i in range(S.shape[0]):
         if S[i, S_SIDE] == EVERYTHING:
@@ -115,15 +116,12 @@ def collect_all(S, body, l_x, l_y, skin, head, follow, place, count, periodic, f
     return n
 
 
-@njit(**OPTIONS)
 def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own, partner):
     """Append the sphere pairs within `skin` from slot n on; returns the number of slots (also beyond the capacity)."""
-    n_spheres = S.shape[0]
-    head = np.empty(count[0] * count[1] * count[2], np.int64)
-    follow, place = np.empty(n_spheres, np.int64), np.empty((n_spheres, 3), np.int64)
-    found = np.empty(n_spheres, np.int64)
-    fill_cells(S, low, size, count, periodic, head, follow, place)
-    return collect_all(S, body, l_x, l_y, skin, head, follow, place, count, periodic, found, n, own, partner)
+    # made here, since a kernel would compile each of these calls
+    head, follow = np.empty(int(np.prod(count)), np.int64), np.empty(len(S), np.int64)
+    place, found = np.empty((len(S), 3), np.int64), np.empty(len(S), np.int64)
+    return search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, head, follow, place, found, n, own, partner)
 
 
 @njit(**BARE)
@@ -132,7 +130,7 @@ def rank(j):
     return j if j >= 0 else (0 if j == -1 else 1)
 
 
-@njit(**OPTIONS, **NO_COUNTS)
+@njit(**DIRECT, **NO_COUNTS)
 def carry_history(first, last, own, partner, H, old_first, old_last, old_own, old_partner, old_H):
     """Copy the memory of candidates that were candidates before, within one sorted part of the list."""
     o = old_first
@@ -146,18 +144,24 @@ def carry_history(first, last, own, partner, H, old_first, old_last, old_own, ol
                 H[k, h] = old_H[o, h]
 
 
-@njit(**OPTIONS)
 def incidences(n, own, partner, n_spheres):
     """For each sphere the slots it takes part in, in their order: (edges, 2 slot + 1 if it is the partner)."""
     edges = np.zeros(n_spheres + 1, np.int32)
+    incidence = np.empty(n + np.count_nonzero(partner[:n] >= 0), np.int32)
+    list_slots(n, own, partner, edges, np.empty(n_spheres, np.int32), incidence)
+    return edges, incidence
+
+
+@njit(**DIRECT, **NO_COUNTS)
+def list_slots(n, own, partner, edges, at, incidence):
+    """Fill the tables of `incidences`; edges: zero at first, `at`: room."""
     for k in range(n):
         edges[own[k] + 1] += 1
         if partner[k] >= 0:
             edges[partner[k] + 1] += 1
-    for s in range(n_spheres):
+    for s in range(at.shape[0]):
+        at[s] = edges[s]
         edges[s + 1] += edges[s]
-    at = edges.copy()
-    incidence = np.empty(edges[n_spheres], np.int32)
     for k in range(n):
         s = own[k]
         incidence[at[s]] = 2 * k
@@ -166,4 +170,3 @@ def incidences(n, own, partner, n_spheres):
             s = partner[k]
             incidence[at[s]] = 2 * k + 1
             at[s] += 1
-    return edges, incidence

@@ -62,9 +62,9 @@ AT_END = (G_V - G_U) * TILE
 
 
 @njit(**BARE)
-def set3(q, field, x, y, z, G):
-    """Write a vector into place q of three fields."""
-    G[q + field * TILE], G[q + (field + 1) * TILE], G[q + (field + 2) * TILE] = x, y, z
+def set3(at, x, y, z, G):
+    """Write a vector into a place of three fields, the first of them at `at`."""
+    G[at], G[at + TILE], G[at + 2 * TILE] = x, y, z
 
 
 @njit(**BARE)
@@ -118,12 +118,12 @@ def stage_pairs(n, slots, first, own, partner, kind, S, H, l_x, l_y, c_x, c_y, I
         v_x, v_y, v_z = S[i, S_V] - S[j, S_V], S[i, S_V + 1] - S[j, S_V + 1], S[i, S_V + 2] - S[j, S_V + 2]
         a_x, a_y, a_z, b_x, b_y, b_z = S[i, S_W], S[i, S_W + 1], S[i, S_W + 2], S[j, S_W], S[j, S_W + 1], S[j, S_W + 2]
         e_x, e_y, e_z, f_x, f_y, f_z = S[i, S_O], S[i, S_O + 1], S[i, S_O + 2], S[j, S_O], S[j, S_O + 1], S[j, S_O + 2]
-        set3(q, G_U, u_x, u_y, u_z, G)
-        set3(q, G_W, a_x + b_x, a_y + b_y, a_z + b_z, G)
-        set3(q, G_RW, r_i * a_x + r_j * b_x, r_i * a_y + r_j * b_y, r_i * a_z + r_j * b_z, G)
-        set3(q, G_V, v_x, v_y, v_z, G)
-        set3(q, G_O, e_x + f_x, e_y + f_y, e_z + f_z, G)
-        set3(q, G_RO, r_i * e_x + r_j * f_x, r_i * e_y + r_j * f_y, r_i * e_z + r_j * f_z, G)
+        set3(q + G_U * TILE, u_x, u_y, u_z, G)
+        set3(q + G_W * TILE, a_x + b_x, a_y + b_y, a_z + b_z, G)
+        set3(q + G_RW * TILE, r_i * a_x + r_j * b_x, r_i * a_y + r_j * b_y, r_i * a_z + r_j * b_z, G)
+        set3(q + G_V * TILE, v_x, v_y, v_z, G)
+        set3(q + G_O * TILE, e_x + f_x, e_y + f_y, e_z + f_z, G)
+        set3(q + G_RO * TILE, r_i * e_x + r_j * f_x, r_i * e_y + r_j * f_y, r_i * e_z + r_j * f_z, G)
         G[q + G_RI * TILE], G[q + G_RJ * TILE] = r_i, r_j
         I[q + I_MASS * TILE], G[q + G_MJ * TILE] = S[i, S_MASS], S[j, S_MASS]
         remember(q, k, kind, H, I, G, n_history)
@@ -200,10 +200,10 @@ def slide(n, dt, I, G):  # noqa: E741
     for q in range(n):
         e_x, e_y, e_z = G[q + G_E * TILE], G[q + (G_E + 1) * TILE], G[q + (G_E + 2) * TILE]
         d_x, d_y, d_z = G[q + G_D * TILE], G[q + (G_D + 1) * TILE], G[q + (G_D + 2) * TILE]
-        x, y, z = drawn(q, 0, G_P, I, G)
+        x, y, z = drawn(q, np.int64(0), np.int64(G_P), I, G)
         I[q + I_SX * TILE] = (x * e_x + y * e_y + z * e_z) * dt
         I[q + I_SY * TILE] = (x * d_x + y * d_y + z * d_z) * dt
-        x, y, z = drawn(q, AT_END, G_N, I, G)
+        x, y, z = drawn(q, np.int64(AT_END), np.int64(G_N), I, G)
         I[q + I_VN * TILE] = x * G[q + G_N * TILE] + y * G[q + (G_N + 1) * TILE] + z * G[q + (G_N + 2) * TILE]
         I[q + I_VX * TILE] = x * e_x + y * e_y + z * e_z
         I[q + I_VY * TILE] = x * d_x + y * d_y + z * d_z

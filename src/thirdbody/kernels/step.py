@@ -17,11 +17,9 @@ from .bodies import (
     MOVE_STEP,
     MOVE_UP,
     MOVE_WAY,
-    drift_chunk,
 )  # fmt: skip
 from .clock import pass_time
-from .contacts import CHUNK, SUM_BAD, SUM_OVERLAP, SUM_POWER, SUM_SLOT, SUM_WORK, contact_chunk
-from .gather import gather_chunk
+from .contacts import CHUNK, SUM_BAD, SUM_OVERLAP, SUM_POWER, SUM_SLOT, SUM_WORK
 from .layout import (
     A_DAMPING,
     A_DISTANCE,
@@ -44,26 +42,18 @@ from .layout import (
     A_UPPER,
     D_GUARD_OVERLAP,
     D_GUARD_TRAVEL,
-    D_LX,
-    D_LY,
     D_SKIN,
 )  # fmt: skip
 from .motion import X, Y, mean_rate
-from .observe import observe_chunk
-from .options import BARE, CHUNK_OF_THREADS, NO_COUNTS, OPTIONS
+from .options import BARE, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
 from .patches import drift_patches, drive_patches, kick_patches, load_patches, patch_power
-from .signatures import EFFECTS, LAW, OBSERVE
+from .signatures import CONTACTS, DRIFT, KNOWN, LOOK, POINTERS, SCRATCH, SHAPES, SLOTS, TABLES, WHOLE, WORK
 
 DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT = range(8)
 """Why `advance` returned."""
 
 NEARLY = 1.000001
 """A target that is missed by rounding only is reached: the run must not add a step for it."""
-
-DRIFT, CONTACTS, GATHER, WHOLE, LOOK = range(5)
-"""Passes of a step, and the first three in one, chunk by chunk of bodies, where bodies meet plates only; in sampled steps the
-labeller looks at the end."""
-
 
 SHARES = 4
 """Parts of a pass per thread: one that is held up leaves its last parts to others."""
@@ -111,18 +101,18 @@ def guard(D, sums, n_chunks, moves, n_groups):
     """(code, number) of the first guard that trips, or (DONE, -1)."""
     for g in range(n_groups):
         if moves[g, MOVE_BAD] > 0.0:
-            return BAD_BODY, int(moves[g, MOVE_BAD]) - 1
+            return BAD_BODY, np.int64(moves[g, MOVE_BAD]) - 1
     for c in range(n_chunks):
         if sums[c, SUM_BAD] > 0.0:
-            return BAD_CONTACT, int(sums[c, SUM_BAD]) - 1
+            return BAD_CONTACT, np.int64(sums[c, SUM_BAD]) - 1
     for c in range(n_chunks):
         if sums[c, SUM_OVERLAP] > D[D_GUARD_OVERLAP]:
-            return OVERLAP, int(sums[c, SUM_SLOT])
+            return OVERLAP, np.int64(sums[c, SUM_SLOT])
     for g in range(n_groups):
         if moves[g, MOVE_OUT] > 0.0:
-            return LEFT, int(moves[g, MOVE_OUT]) - 1
+            return LEFT, np.int64(moves[g, MOVE_OUT]) - 1
         if moves[g, MOVE_STEP] > D[D_GUARD_TRAVEL]:
-            return TRAVEL, int(moves[g, MOVE_BODY])
+            return TRAVEL, np.int64(moves[g, MOVE_BODY])
     return DONE, -1
 
 
@@ -151,59 +141,12 @@ def chunks_of(n, n_plates):
     return (n_plates + CHUNK - 1) // CHUNK + (n - n_plates + CHUNK - 1) // CHUNK
 
 
-@njit(**BARE)
-def chunk_of(c, n, n_plates):
-    """First slot of chunk c and the one behind its last."""
-    flat = (n_plates + CHUNK - 1) // CHUNK
-    if c < flat:
-        return c * CHUNK, min((c + 1) * CHUNK, n_plates)
-    first = n_plates + (c - flat) * CHUNK
-    return first, min(first + CHUNK, n)
-
-
-_F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
-_I1, _S1, _I = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C"), types.int64
-SLOTS = (_I, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1)
-# ... number of plate slots; own, partner, kind, row; edges of bodies, of spheres, incidence; near, beginning
-SHAPES = (_I1, _F2, _F2)  # start; offsets, X0
-TABLES = (_F2, _F2, _F2, _F2, _F2, _F2, _F2)  # S, B, P, H, F, R, M
-KNOWN = (_F1, _F1, _F1, _F1, _F2, _F2, _I, _I, _I, types.boolean, types.UniTuple(types.float64, 2))
-# ... pairs, effect parameters, D, A; sums, moves; n_history, rolling, width, has_effects; drag direction
-POINTERS = (types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE))
-SCRATCH = (_F2, types.Array(types.int32, 2, "C"), types.Array(types.float64, 3, "C"))  # room, marks, rows
-STEP = (types.boolean, types.float64, types.float64, types.float64, types.float64)  # record, time, v_x, v_y, dt
-WORK = types.void(_I, _I, _I, _I, *STEP, *SLOTS, *SHAPES, *TABLES, *KNOWN, *POINTERS, *SCRATCH)
+_F2, _I1, _I = types.Array(types.float64, 2, "C"), types.Array(types.int64, 1, "C"), types.int64
 ADVANCE = types.Tuple((_I, _I))(
     _I, types.float64, types.float64, types.float64, _I,  # budget, target time, target distance, dt, threads
     *SLOTS, *SHAPES, *TABLES, *KNOWN, *POINTERS, *SCRATCH, types.FunctionType(WORK),
     _I1, _F2, _I1, _I, types.boolean,  # patch; schedule, first; stride, labels
 )  # fmt: skip
-
-
-@njit(WORK, **OPTIONS, **NO_COUNTS)
-def work(task, part, begin, end, record, time, v_x, v_y, dt, n_plates, own, partner, kind, row, edges, spheres, incidence, near,
-         beginning, start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling,
-         width, has_effects, drag, law, effects, observe, room, marks, rows):  # fmt: skip
-    """Chunks begin to end of one pass of the step. To call it through a pointer takes 1.4 us: hence not chunk by chunk."""
-    whole = task == WHOLE
-    for c in range(begin, end):
-        if task == DRIFT or whole:
-            drift_chunk(c, start, near, beginning, record, offsets, S, X0, B, D, dt, moves, room[part],
-                        marks[part])  # fmt: skip
-        if task == CONTACTS or whole:
-            first, last = chunk_of(c, own.shape[0], n_plates)
-            if whole:
-                first, last = edges[c * BODIES], edges[min((c + 1) * BODIES, B.shape[0])]
-            contact_chunk(c, first, last, last <= n_plates, own, partner, kind, row, S, P, H, F, R, sums, law, pairs, dt, v_x,
-                          v_y, max(D[D_LX], 0.0), max(D[D_LY], 0.0), n_history, rolling, record, room[part],
-                          marks[part])  # fmt: skip
-        if task == GATHER or whole:
-            gather_chunk(c, start, near, beginning, spheres, incidence, row, n_plates, partner, F, S, B, dt, time, effects,
-                         effect_parameters, has_effects, record, rolling, moves)  # fmt: skip
-        if task == LOOK:
-            speed = (v_x * v_x + v_y * v_y) ** 0.5
-            observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, room[part],
-                          rows[part])  # fmt: skip
 
 
 @njit(**CHUNK_OF_THREADS)
@@ -218,7 +161,7 @@ def share_out(parts, task, count, record, time, v_x, v_y, dt, n_plates, own, par
              marks, rows)  # fmt: skip
 
 
-@njit(ADVANCE, **OPTIONS, **NO_COUNTS)
+@njit(ADVANCE, **DIRECT, **NO_COUNTS)
 def advance(budget, until, distance, dt, threads, n_plates, own, partner, kind, row, edges, spheres, incidence, near, beginning,
             start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width,
             has_effects, drag, law, effects, observe, room, marks, rows, work, patch, schedule, first, stride,
@@ -235,7 +178,7 @@ def advance(budget, until, distance, dt, threads, n_plates, own, partner, kind, 
         v_y = mean_rate(schedule, first, np.int64(Y), A[A_TIME], dt)
         speed = (v_x * v_x + v_y * v_y) ** 0.5
         last = A[A_TIME] + NEARLY * dt >= until or A[A_DISTANCE] + NEARLY * speed * dt >= distance
-        sampled = labels and (int(A[A_STEPS]) + 1) % stride == 0
+        sampled = labels and (np.int64(A[A_STEPS]) + 1) % stride == 0
         record = sampled or last or step == budget - 1
         time = A[A_TIME] + dt
         drive_patches(P, schedule, first, A[A_TIME], dt)
@@ -266,7 +209,7 @@ def advance(budget, until, distance, dt, threads, n_plates, own, partner, kind, 
             return code, number
         due = search_due(moves, n_groups, far_patch, D[D_SKIN])
         if last:
-            return DONE, int(due)
+            return DONE, np.int64(due)
         if due:
             return SEARCH, 1
     return BUDGET, -1

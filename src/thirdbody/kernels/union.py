@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 from numba import njit
 
-from .options import CHUNK, DIRECT, INNER
+from .options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from .vectors import cross, dot
 
 TWO_PI = 2.0 * math.pi
@@ -36,7 +36,7 @@ def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> tuple[np.ndarra
     return np.concatenate(nodes), np.concatenate(weights), offsets
 
 
-@njit(**CHUNK)
+@njit(**BARE_CHUNK)
 def pair_directions(c, toward):
     """Of pairs of points (n, 3 or 2) seen along z: distance, unit vector from i to j, its angle; into toward (n, n, 4).
 
@@ -51,7 +51,7 @@ def pair_directions(c, toward):
         toward[i, i, 0] = math.inf
 
 
-@njit(**INNER)
+@njit(**BARE)
 def covered(i, rho, toward, cuts, order):
     """Number of the arcs of circle i that other discs cover, -1 if they hide all of it.
 
@@ -85,7 +85,7 @@ def covered(i, rho, toward, cuts, order):
     return m
 
 
-@njit(**INNER)
+@njit(**BARE)
 def arc_sums(m, toward, cuts, order):
     """Integrals of cos^m sin^n over the arcs of a circle that m cuts leave free: 10, 20, 30, 40, 11, 21, 12, 22, 31."""
     last = order[0]
@@ -119,7 +119,7 @@ def arc_sums(m, toward, cuts, order):
     return j10, j20, j10 - j12, j40, 0.5 * j11, j21 / 3.0, j12, j22, 0.25 * j31
 
 
-@njit(**CHUNK)
+@njit(**BARE_CHUNK)
 def disc_moments(c, rho, toward, cuts, order, out):
     """Area, x, y, xx, yy, xy moments of the union of discs round c (n, 3 or 2: x, y) into out (6,).
 
@@ -213,7 +213,7 @@ def _triple_points(c, r, axis, along, ring2, center) -> tuple[np.ndarray, np.nda
     return foot, cross(axis, across) * np.sqrt(ring2[:, pair] / w2 - t * t)[:, :, None]
 
 
-@njit(**CHUNK)
+@njit(**BARE_CHUNK)
 def add_slices(c, r, mid, half, nodes, weights, first, last, toward, cuts, order, rho, plane, out):
     """Adds the ten moments of the layer mid +- half by the nodes first..last; scratch as in `disc_moments`, and (6,)."""
     n = r.size
@@ -248,7 +248,7 @@ def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
     stack_moments(C, R, Z, nodes, weights, offsets, tolerance, total, *room, np.zeros(MOMENTS), np.zeros(MOMENTS))
 
 
-@njit(**DIRECT)
+@njit(**DIRECT, **NO_COUNTS)
 def stack_moments(C, R, Z, nodes, weights, offsets, tolerance, total, toward, cuts, order, rho, plane, old, new):
     """`union_moments` with room for one body."""
     for body in range(R.shape[0]):

@@ -13,9 +13,11 @@ HEAD = """# generated: {title}
 import math
 import numpy as np
 from numba import njit
+from thirdbody.kernels.options import OPTIONS
 from thirdbody.kernels.parameters import spread
 from thirdbody.kernels.signatures import EFFECTS, LAW
 from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
+from thirdbody.laws.generated import taken
 {imports}
 
 """
@@ -42,6 +44,7 @@ def imports_of(k: int, kernel: Callable, parameters: type) -> list[str]:
     function = plain(kernel)
     return [
         f"from {function.__module__} import {function.__name__} as kernel_{k}",
+        f"kernel_{k} = taken(kernel_{k})",
         f"from {parameters.__module__} import {parameters.__name__} as parameters_{k}",
     ]
 
@@ -54,6 +57,7 @@ def head_of(chain: Sequence[Law]) -> str:
         if law.tangent is not None:
             function = plain(law.tangent)
             imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
+            imports.append(f"tangent_{k} = taken(tangent_{k})")
     return HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports))
 
 
@@ -99,7 +103,7 @@ def scratch_of(chain: Sequence[Law]) -> str:
 
 def tile_function(name: str, chain: Sequence[Law], contact: str, lines: Sequence[str]) -> str:
     width = width_of(chain)
-    head = f'@njit(LAW, error_model="numpy", cache=True)\ndef {name}(I, O, n_contacts, P):\n'
+    head = f'@njit(LAW, **OPTIONS)\ndef {name}(I, O, n_contacts, P):\n'
     head += f"    U = np.empty({width * at.TILE})\n    spread(I, n_contacts, P, {width}, U)\n"
     return head + scratch_of(chain) + "    for q in range(n_contacts):\n" + contact + "\n".join(lines) + "\n"
 

@@ -28,7 +28,7 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
         lines.append(f"        e{k} = {call}{until}")
     sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
     lines += [f"        B[i, {at.B_EF + i}] = {total or 0.0}" for i, total in enumerate(sums)]
-    body = f"""@njit(EFFECTS, error_model="numpy", cache=True)
+    body = f"""@njit(EFFECTS, **OPTIONS)
 def effects(B, first, last, time, dt, P):
     for i in range(first, last):
         mean = (B[i, {at.B_I}] + B[i, {at.B_I + 1}] + B[i, {at.B_I + 2}]) / 3.0
@@ -60,23 +60,34 @@ def _late(effects: Sequence[int]) -> str:
     return f"Body(b.mass, b.x, b.y, b.z, {', '.join(kicks)}, mean, time)"
 
 
+OWN = """
+from types import FunctionType
+from numba import njit
+from thirdbody.kernels.signatures import LABEL, OBSERVE
+from thirdbody.laws.generated import plain
+
+
+def own(function, name):
+    # as one of this module to numba's cache, which goes by file and name
+    function = plain(function)
+    copy = FunctionType(function.__code__.replace(co_filename=__file__), function.__globals__, name)
+    copy.__module__, copy.__qualname__ = __name__, name
+    return copy
+
+
+"""
+
+
 def compose_labeller(labeller: Labeller) -> tuple[Callable, Callable]:
-    """Compile `observe` and `label` behind the engine's signatures."""
-    text = "# generated: " + labeller.name + "\nfrom numba import njit\n"
-    text += "from thirdbody.kernels.signatures import LABEL, OBSERVE\n"
+    """Compile `observe` and `label` behind the engine's signatures.
+
+    The generated module takes their code over as its own: behind wrappers that call them all of it would be compiled twice.
+    """
+    text = "# generated: " + labeller.name + OWN
     for name in ("observe", "label"):
         function = plain(getattr(labeller, name))
         text += f"from {function.__module__} import {function.__name__} as {name}_kernel\n"
-    text += """
-
-@njit(OBSERVE, error_model="numpy", cache=True)
-def observe(contacts, n, body, memory):
-    observe_kernel(contacts, n, body, memory)
-
-
-@njit(LABEL, error_model="numpy", cache=True)
-def label(contacts, n, body, memory, out):
-    label_kernel(contacts, n, body, memory, out)
-"""
+    for name in ("observe", "label"):
+        text += f'{name} = njit({name.upper()}, error_model="numpy", cache=True)(own({name}_kernel, "{name}"))\n'
     module, _ = load("labeller", text, [labeller.observe, labeller.label])
     return module.observe, module.label

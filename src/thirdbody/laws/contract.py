@@ -38,6 +38,8 @@ from typing import Any, NamedTuple
 
 from numba import njit
 
+from ..kernels.options import HELPER
+
 STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling")
 STIFF = ("normal", "tangential", "rolling")
 """Stages whose tangents bound the time step."""
@@ -45,6 +47,9 @@ STIFF = ("normal", "tangential", "rolling")
 _LAW: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_wrapper": True}
 kernel = njit(**_LAW)
 """Decorator of every law kernel: IEEE arithmetic, inlined into the generated contact loop, which is all that C calls."""
+
+helper = njit(**HELPER)
+"""Decorator of functions that only kernels and labellers call: compiled without what Python needs to call them."""
 
 
 class Contact(NamedTuple):

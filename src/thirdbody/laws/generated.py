@@ -16,6 +16,7 @@ from types import ModuleType
 import numba
 
 from .. import cache
+from ..kernels.options import HELPER
 
 ENGINE = "thirdbody"
 
@@ -31,6 +32,14 @@ def sources(functions: Iterable[Callable]) -> str:
 def plain(function: Callable) -> Callable:
     """The Python function behind a compiled one."""
     return function.py_func if hasattr(function, "py_func") else function
+
+
+def taken(kernel: Callable) -> Callable:
+    """The same kernel for kernels only: without what Python needs to call it, which takes as long to compile as most laws."""
+    if plain(kernel) is kernel:
+        return kernel
+    options = {name: value for name, value in vars(kernel)["targetoptions"].items() if name != "nopython"}
+    return numba.njit(**options | {name: HELPER[name] for name in HELPER if name != "error_model"})(plain(kernel))
 
 
 def source_files(functions: Iterable[Callable]) -> list[Path]:
