@@ -17,7 +17,7 @@ from .course import targets
 from .engine.energy import Ledger
 from .engine.guards import Looks
 from .engine.snapshot import put, snapshot
-from .errors import InputError, Interrupted
+from .errors import InputError, Interrupted, OutputError
 from .output.frames import FrameMaker
 from .output.vtkhdf import TrajectoryWriter
 from .progress import Progress, Reporter
@@ -118,7 +118,10 @@ class Conduct:
         """A frame of this instant."""
         simulation = self.simulation
         frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None)
-        self.writer.append(frame)
+        try:
+            self.writer.append(frame)
+        except ValueError as error:  # a run that is gone on with, whose file holds other arrays than it wrote
+            raise OutputError(f"{self.folder}: the trajectory is damaged, so the run cannot go on: {error}") from error
         self._tell(dict(frame.series))
         # after the frame, which shows what went wrong
         self.looks.look(simulation.state, self.ledger.watch(simulation.state))

@@ -87,5 +87,10 @@ def _slots(kept: Snapshot, state: State) -> Slots:
         raise ValueError("slots name spheres or plates that are not there")
     if not 0 <= n_plates <= n or np.any(partner[:n_plates] >= 0) or np.any(partner[n_plates:] < 0):
         raise ValueError("contacts with plates do not come first")
+    # as the search leaves them: by sphere, then by what it meets, nothing twice
+    order = own.astype(np.int64) * (state.n_spheres + 2) + np.where(partner < 0, partner < -1, 2 + partner)
+    for part in (order[:n_plates], order[n_plates:]):
+        if np.any(np.diff(part) <= 0):
+            raise ValueError("slots are not in order")
     H, R = (np.ascontiguousarray(arrays[name]) for name in ("H", "R"))
     return slots_of(state, own, partner, n_plates, H, R)

@@ -2,7 +2,9 @@
 
 from typing import Any
 
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True}
+from .pipeline import Inner, Own, Taken, way
+
+OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True} | way(Own)
 """Kernels that Python calls and that may be handed on as pointers."""
 
 DIRECT: dict[str, Any] = OPTIONS | {"no_cfunc_wrapper": True}
@@ -11,10 +13,10 @@ DIRECT: dict[str, Any] = OPTIONS | {"no_cfunc_wrapper": True}
 POINTED: dict[str, Any] = OPTIONS | {"no_cpython_wrapper": True}
 """Kernels that are only handed on as pointers: Python would find nothing to call."""
 
-HELPER: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+HELPER: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True} | way(Taken)
 """What only kernels call."""
 
-CHUNK: dict[str, Any] = HELPER
+CHUNK: dict[str, Any] = HELPER | way(Inner)
 """Kernels called once per chunk, by kernels only: without the wrappers the engine compiles in half the time."""
 
 CHUNK_OF_THREADS: dict[str, Any] = HELPER | {"parallel": True}

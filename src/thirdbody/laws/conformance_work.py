@@ -102,14 +102,15 @@ def _excess(bench: Bench, path: Path) -> Iterator[tuple[int, Array]]:
 def ledger(bench: Bench) -> Result:
     """Stored plus dissipated equals the work, but for truncation that falls with the step; no step dissipates
     < 0."""
-    path = touching(random_paths(bench, 5, resolved=True))
+    path = touching(random_paths(bench, 5, repeats=2, resolved=True))  # some hundred paths for each setting
     coarse, fine = account(bench, path, 12), account(bench, path, 48)
     lowest = float(min(coarse.negative.min(), fine.negative.min()))
     if not lowest >= -ROUND_OFF:
         return False, f"a step dissipates {lowest:.2e} of the path's work"
-    bad = np.flatnonzero(_lasting(coarse.mismatch, fine.mismatch))
-    tile = int(bad[0]) if len(bad) else int(np.argmax(fine.mismatch.mean(1)))
-    before, after = coarse.mismatch[tile].mean(), fine.mismatch[tile].mean()
+    rough, smooth = (np.concatenate(np.split(one.mismatch, 2), 1) for one in (coarse, fine))  # by setting
+    bad = np.flatnonzero(_lasting(rough, smooth))
+    tile = int(bad[0]) if len(bad) else int(np.argmax(smooth.mean(1)))
+    before, after = rough[tile].mean(), smooth[tile].mean()
     told = f"work differs by {before:.1e}, with steps of a quarter by {after:.1e}"
     return not len(bad), told + (f", {bench.settings[tile].label}" if len(bad) else "")
 

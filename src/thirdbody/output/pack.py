@@ -6,6 +6,10 @@ same weight together), which helps gzip with floats.
 
 from __future__ import annotations
 
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +26,7 @@ from thirdbody.output.vtkhdf import FORMAT
 LEVEL = 4
 SMALL = 64  # bytes; below it a filter costs more than it saves
 SLAB = 1 << 24  # bytes copied at once
+SHORTEST = 1100  # bytes that gzip makes of one at most, about: a data set that promises more is damaged, and takes for ever
 
 
 def refuse_target(run: Run, path: Path, overwrite: bool) -> None:
@@ -34,13 +39,23 @@ def refuse_target(run: Run, path: Path, overwrite: bool) -> None:
 def pack_run(run: Run, path: Path, overwrite: bool = False) -> None:
     """Write the compressed copy. Raises OutputError (nothing is changed then), InputError when the run is damaged."""
     refuse_target(run, path, overwrite)
-    rows = _committed_rows(run)
+    with _run_faults(run):
+        rows = _committed_rows(run)
     with new_file(path, overwrite) as part, Sink(part, "w+") as sink:
-        with h5py.File(sink, "w", libver=FORMAT) as copy:
+        with _run_faults(run), h5py.File(sink, "w", libver=FORMAT) as copy:
             _copy_group(run.file, copy, rows, sink)
             for steps in [*(f"VTKHDF/{block}/Steps" for block in BLOCKS), "series"]:
                 copy[steps].attrs.modify("NSteps", np.int64(run.frames))
         sink.check()
+
+
+@contextmanager
+def _run_faults(run: Run) -> Iterator[None]:
+    """What h5py says of a run that is none any more, told as that; what the disk of the copy says is an OSError."""
+    try:
+        yield
+    except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
+        raise InputError(f"{run.path}: damaged, so that it cannot be copied ({error})") from error
 
 
 def _committed_rows(run: Run) -> dict[str, int]:
@@ -92,7 +107,9 @@ def _copy_dataset(source: h5py.Dataset, target: h5py.Group, name: str, rows: int
     else:
         count = source.shape[0] if rows is None else rows
         shape = (count, *source.shape[1:])
-        size = int(np.prod(shape)) * source.dtype.itemsize
+        size = math.prod(shape) * source.dtype.itemsize
+        if size > (SHORTEST if source.compression else 1) * os.path.getsize(source.file.filename):
+            raise InputError(f"{source.file.filename}: damaged at {source.name} (it promises {size:.3g} bytes)")
         filters = {"compression": "gzip", "compression_opts": LEVEL, "shuffle": True} if size > SMALL else {}
         if filters:
             filters["chunks"] = (min(count, source.chunks[0] if source.chunks else 65536), *source.shape[1:])

@@ -130,7 +130,10 @@ def domain_of(run: Run) -> tuple[np.ndarray | None, bool]:
     domain = run.header.get("domain")
     if not domain:
         return None, False
-    return np.asarray(domain["size"], np.float64), bool(domain.get("periodic", True))
+    try:
+        return np.asarray(domain["size"], np.float64), bool(domain.get("periodic", True))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{run.path}: damaged: its scene names no size of the domain ({error!r})") from error
 
 
 def _wrap(run: Run, position: np.ndarray) -> np.ndarray:
