@@ -108,7 +108,7 @@ class Explicit:
         floats, marks = contact_pass.room_for(len(physics.history), longest)
         self.room = np.empty((parts, max(floats, body_pass.Z_COLS * body_pass.BODIES)))
         self.marks = np.empty((parts, max(marks, body_pass.BODIES)), np.int32)
-        most = int(np.diff(slots.edges).max(initial=0)) if physics.labels else 0
+        most = slots.most if physics.labels else 0
         self.rows = np.empty((parts, most, at.C_MEMORY + physics.contact_memory))
 
     def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:

@@ -106,7 +106,7 @@ class Implicit:
         state.world = replace(world, debris_meets=False)
         search(state)
         state.world = world
-        self.most = int(np.diff(state.slots.edges).max())
+        self.most = state.slots.most
         self.near = Nearness(state) if world.debris_meets else None
 
     def advance_to(

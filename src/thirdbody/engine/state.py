@@ -107,6 +107,11 @@ class Slots:
         """Number of candidates."""
         return len(self.own)
 
+    @property
+    def most(self) -> int:
+        """Largest number of candidates of one body."""
+        return int(np.diff(self.edges).max(initial=0))
+
 
 @dataclass
 class State:

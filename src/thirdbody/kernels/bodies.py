@@ -80,13 +80,20 @@ def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
         place_sphere(s, offsets, x, turn, v, w, v_end, w_end, 0.5 * dt, S)
 
 
+@njit(**BARE_CHUNK)
+def spin_body(b, B):
+    """The angular velocity of body b, from its angular momentum and orientation."""
+    w = spin(quaternion(b, B), (B[b, B_L], B[b, B_L + 1], B[b, B_L + 2]), (B[b, B_I], B[b, B_I + 1], B[b, B_I + 2]))
+    B[b, B_W], B[b, B_W + 1], B[b, B_W + 2] = w
+
+
 @njit(**DIRECT, **NO_COUNTS)
 def place_all(start, offsets, S, B):
     """All spheres where their bodies are now, with the velocities of now; and the spins of the bodies."""
     for b in range(B.shape[0]):
         x, v, q = (B[b, B_X], B[b, B_X + 1], B[b, B_X + 2]), (B[b, B_V], B[b, B_V + 1], B[b, B_V + 2]), quaternion(b, B)
-        w = spin(q, (B[b, B_L], B[b, B_L + 1], B[b, B_L + 2]), (B[b, B_I], B[b, B_I + 1], B[b, B_I + 2]))
-        B[b, B_W], B[b, B_W + 1], B[b, B_W + 2] = w
+        spin_body(b, B)
+        w = (B[b, B_W], B[b, B_W + 1], B[b, B_W + 2])
         place_body(b, start, offsets, S, x, q, v, w, v, w, 0.0)
 
 

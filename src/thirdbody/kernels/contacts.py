@@ -78,6 +78,7 @@ from .layout import (
     TILE,
 )  # fmt: skip
 from .options import BARE, BARE_CHUNK
+from .periodic import image, inverse, nearest_image
 from .rolling import MOMENTS, apply_rolling, record_rolling, stage_rolling
 from .staging import meet, push, slide, stage_pairs, stage_plate, turn_frames
 from .surface import partner_velocity, surface_velocity
@@ -94,12 +95,6 @@ def room_for(n_history, longest):
     """Scratch of a thread for chunks of at most `longest` slots: numbers of floats and of marks."""
     fields = I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS + G_COLS
     return fields * TILE + longest, 2 * longest + 2
-
-
-@njit(**BARE)
-def nearest_image(d, length):
-    """Separation d in a period of `length`; 0 means not periodic."""
-    return d - length * np.rint(d / length) if length > 0.0 else d
 
 
 @njit(**BARE)
@@ -144,8 +139,7 @@ def measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
     for k in range(first, last):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
         d_x, d_y, d_z = S[i, S_X] - S[j, S_X], S[i, S_Y] - S[j, S_Y], S[i, S_Z] - S[j, S_Z]
-        d_x -= l_x * np.rint(d_x * c_x)
-        d_y -= l_y * np.rint(d_y * c_y)
+        d_x, d_y = image(d_x, l_x, c_x), image(d_y, l_y, c_y)
         reach = S[i, S_R] + S[j, S_R]
         g[k - first] = reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
 
@@ -266,7 +260,7 @@ def contact_chunk(c, first, last, flat, own, partner, kind, row, S, P, H, F, R, 
     begin, end = (I_HISTORY + n_history + J_COLS) * TILE, (I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS) * TILE
     I, O, G, g = room[:begin], room[begin:end], room[end : end + G_COLS * TILE], room[end + G_COLS * TILE :]  # noqa: E741
     slots, opened = marks[: last - first + 1], marks[last - first + 1 :]
-    c_x, c_y = 1.0 / l_x if l_x > 0.0 else 0.0, 1.0 / l_y if l_y > 0.0 else 0.0
+    c_x, c_y = inverse(l_x), inverse(l_y)
     if flat:
         measure_plates(first, last, own, partner, S, P, g)
     else:

@@ -10,10 +10,10 @@ import math
 import numpy as np
 from numba import njit
 
-from .contacts import nearest_image
 from .layout import S_R, S_X, S_Y, S_Z
 from .options import CHUNK, OPTIONS
 from .packing import enter, free
+from .periodic import nearest_image
 from .rotation import matrix, turned
 
 DT, ALPHA, DOWNHILL = 0, 1, 2  # slots of the relaxation's memory

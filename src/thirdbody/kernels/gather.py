@@ -6,12 +6,11 @@ Every body sums its contacts sphere by sphere, in the order of their slots: the 
 import numpy as np
 from numba import njit
 
-from .bodies import BODIES, MOVE_LOW, MOVE_POWER, MOVE_UP, quaternion
+from .bodies import BODIES, MOVE_LOW, MOVE_POWER, MOVE_UP, spin_body
 from .layout import (
     B_EF,
     B_ET,
     B_F,
-    B_I,
     B_L,
     B_LOW,
     B_MASS,
@@ -32,7 +31,6 @@ from .layout import (
 )  # fmt: skip
 from .options import BARE, BARE_CHUNK
 from .rolling import MOMENTS
-from .rotation import spin
 
 RESTING_SPEED, RESTING_MOMENTUM = 1e-60, 1e-90
 """m/s and kg m2/s, some fifty orders below any motion: a ball that a dashpot brings to rest between two plates decays for ever,
@@ -120,13 +118,6 @@ def kick_body(b, B, force, torque, dt):
     for k in range(3):
         B[b, B_V + k] = settled(B[b, B_V + k] + kick * B[b, force + k], RESTING_SPEED)
         B[b, B_L + k] = settled(B[b, B_L + k] + half * B[b, torque + k], RESTING_MOMENTUM)
-
-
-@njit(**BARE_CHUNK)
-def spin_body(b, B):
-    """The angular velocity of body b, from its angular momentum and orientation."""
-    w = spin(quaternion(b, B), (B[b, B_L], B[b, B_L + 1], B[b, B_L + 2]), (B[b, B_I], B[b, B_I + 1], B[b, B_I + 2]))
-    B[b, B_W], B[b, B_W + 1], B[b, B_W + 2] = w
 
 
 @njit(**BARE_CHUNK)

@@ -9,6 +9,7 @@ from numba import njit
 
 from .layout import EVERYTHING, ONLY_LOWER, ONLY_UPPER, P_Z, S_R, S_SIDE, S_X, S_Y, S_Z
 from .options import BARE, DIRECT, NO_COUNTS
+from .periodic import image, inverse
 
 
 @njit(**DIRECT, **NO_COUNTS)
@@ -91,8 +92,7 @@ def collect(i, S, body, l_x, l_y, c_x, c_y, skin, head, follow, place, count, pe
             j = head[(cell_x * count[1] + cell_y) * count[2] + cell_z]
         while j > i:  # lists run down
             d_x, d_y, d_z = x - S[j, S_X], y - S[j, S_Y], z - S[j, S_Z]
-            d_x -= l_x * np.rint(d_x * c_x)
-            d_y -= l_y * np.rint(d_y * c_y)
+            d_x, d_y = image(d_x, l_x, c_x), image(d_y, l_y, c_y)
             reach = r + S[j, S_R]
             if d_x * d_x + d_y * d_y + d_z * d_z < reach * reach:
                 if body[j] != b and S[j, S_SIDE] == EVERYTHING:
@@ -106,7 +106,7 @@ def collect(i, S, body, l_x, l_y, c_x, c_y, skin, head, follow, place, count, pe
 def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, head, follow, place, found, n, own, partner):
     """`pair_candidates` with room for the cells and for the partners of a sphere."""
     fill_cells(S, low, size, count, periodic, head, follow, place)
-    c_x, c_y = 1.0 / l_x if l_x > 0.0 else 0.0, 1.0 / l_y if l_y > 0.0 else 0.0
+    c_x, c_y = inverse(l_x), inverse(l_y)
     for i in range(S.shape[0]):
         if S[i, S_SIDE] == EVERYTHING:
             m = collect(i, S, body, l_x, l_y, c_x, c_y, skin, head, follow, place, count, periodic, found)

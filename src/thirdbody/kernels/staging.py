@@ -56,6 +56,7 @@ from .layout import (
     TILE,
 )  # fmt: skip
 from .options import BARE, BARE_CHUNK
+from .periodic import image
 
 AT_END = (G_V - G_U) * TILE
 """From a field of the step to that of its end; the columns of spheres are S_V - S_U apart."""
@@ -111,8 +112,8 @@ def stage_pairs(n, slots, first, own, partner, kind, S, H, l_x, l_y, c_x, c_y, I
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
         r_i, r_j = S[i, S_R], S[j, S_R]
         d_x, d_y = S[i, S_X] - S[j, S_X], S[i, S_X + 1] - S[j, S_X + 1]
-        G[q + G_N * TILE] = d_x - l_x * np.rint(d_x * c_x)
-        G[q + (G_N + 1) * TILE] = d_y - l_y * np.rint(d_y * c_y)
+        G[q + G_N * TILE] = image(d_x, l_x, c_x)
+        G[q + (G_N + 1) * TILE] = image(d_y, l_y, c_y)
         G[q + (G_N + 2) * TILE] = S[i, S_Z] - S[j, S_Z]
         u_x, u_y, u_z = S[i, S_U] - S[j, S_U], S[i, S_U + 1] - S[j, S_U + 1], S[i, S_U + 2] - S[j, S_U + 2]
         v_x, v_y, v_z = S[i, S_V] - S[j, S_V], S[i, S_V + 1] - S[j, S_V + 1], S[i, S_V + 2] - S[j, S_V + 2]
