@@ -62,7 +62,7 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
     state, physics = simulation.state, simulation.state.physics
     tables: dict[str, list[Any]] = {
         "the bodies at the start": [
-            state.offsets, state.S[:, at.S_R], state.body, state.material, state.B[:, : at.B_L], state.B[:, at.B_MASS : at.B_F],
+            state.offsets, state.S[:, at.S_R], state.body, state.material, state.B[:, : at.B_L], state.B[:, at.B_I : at.B_W],
         ],
         "the parameters of laws and effects": [physics.pairs, physics.effect_parameters],
         "the motion of the plates": [state.schedule, state.first],

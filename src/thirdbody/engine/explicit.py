@@ -14,6 +14,7 @@ from ..kernels import bodies as body_pass
 from ..kernels import contacts as contact_pass
 from ..kernels import layout as at
 from ..kernels import step
+from ..kernels.gather import settle
 from ..kernels.work import work
 from ..laws.contract import Material
 from .guards import Guards
@@ -93,18 +94,17 @@ class Explicit:
         self._tables()
 
     def _tables(self) -> None:
-        slots = self.state.slots
-        groups = max(1, -(-self.state.n_bodies // body_pass.BODIES))
-        chunks = max(groups, 1 + -(-slots.count // contact_pass.CHUNK))  # one more, where plates end and pairs begin
-        self.sums = np.zeros((chunks, contact_pass.SUM_COLS))
-        self.moves = np.zeros((groups, body_pass.MOVE_COLS))
+        chunks = -(-self.state.n_bodies // body_pass.BODIES)
+        self.sums = np.zeros((2 * chunks, contact_pass.SUM_COLS))
+        self.moves = np.zeros((chunks, body_pass.MOVE_COLS))
         self._scratch(numba.get_num_threads())
 
     def _scratch(self, threads: int) -> None:
         """Room to work in for every part of a pass: the kernels themselves make no arrays."""
         slots, physics, parts = self.state.slots, self.state.physics, step.SHARES * threads
-        groups = np.append(slots.edges[:: body_pass.BODIES], slots.count)
-        longest = max(contact_pass.CHUNK, int(np.diff(groups).max(initial=0)))
+        chunks = slots.cuts.shape[1] - 1
+        ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
+        longest = int(np.diff(slots.cuts[: body_pass.GUESTS, ends], axis=1).max(initial=0))
         floats, marks = contact_pass.room_for(len(physics.history), longest)
         self.room = np.empty((parts, max(floats, body_pass.Z_COLS * body_pass.BODIES)))
         self.marks = np.empty((parts, max(marks, body_pass.BODIES)), np.int32)
@@ -117,12 +117,14 @@ class Explicit:
             self._scratch(threads)
         answer = step.advance(
             budget, time, distance, dt, threads,
-            slots.n_plates, slots.own, slots.partner, slots.kind, slots.row, slots.edges, slots.spheres, slots.incidence,
-            slots.near, slots.beginning, s.start, s.offsets, s.X0, s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
+            slots.n_plates == slots.count, slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges,
+            slots.incidence, slots.near, slots.beginning, slots.guests, slots.cuts, s.body, s.start, s.offsets, s.X0,
+            s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, len(physics.history), physics.rolling,
             at.C_MEMORY + physics.contact_memory, physics.has_effects, self.drag, physics.law, physics.effects, physics.observe,
             self.room, self.marks, self.rows, work, s.patch, s.schedule, s.first, physics.stride, physics.labels,
         )  # fmt: skip
+        settle(slots.edges, slots.incidence, slots.n_plates, slots.H, s.B)
         refresh_spheres(s)  # the kernel places only spheres that can meet something
         return answer
 
@@ -182,9 +184,9 @@ class Explicit:
                 f"(guard: {s.D[at.D_GUARD_OVERLAP]:g}); a smaller time step, a lower load or a stiffer material is needed"
             )
         where = ", ".join(f"{x:.4g}" for x in s.B[number, at.B_X : at.B_X + 3])
-        body = f"body {number} at ({where}) m"
+        body = f"body {s.order[number]} at ({where}) m"
         if code == step.BAD_BODY:
-            return f"{when}: the position of body {number} is not a number; the time step is too large"
+            return f"{when}: the position of body {s.order[number]} is not a number; the time step is too large"
         if code == step.LEFT:
             return f"{when}: {body} left the domain"
         return (
@@ -203,10 +205,10 @@ class Explicit:
         s, slots = self.state, self.state.slots
         j = int(slots.partner[slot])
         names = {-1: "the lower plate"}
-        other = names.get(j, "the upper plate") if j < 0 else f"body {int(s.body[j])}"
+        other = names.get(j, "the upper plate") if j < 0 else f"body {s.order[s.body[j]]}"
         b = int(s.body[slots.own[slot]])
         where = ", ".join(f"{x:.4g}" for x in s.B[b, at.B_X : at.B_X + 3])
-        return f"body {b} at ({where}) m", other
+        return f"body {s.order[b]} at ({where}) m", other
 
 
 def _drag(state: State) -> tuple[float, float]:

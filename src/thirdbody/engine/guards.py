@@ -72,7 +72,7 @@ def _judge_norms(state: State, most: float) -> None:
     if len(bad):
         body = int(bad[0])
         raise GuardStop(
-            f"{_when(state)}: the orientation of body {body} is no rotation any more: its quaternion has the length "
+            f"{_when(state)}: the orientation of body {state.order[body]} is no rotation any more: its quaternion has the length "
             f"{norms[body]:.9g} (guard: 1 within {most:g}); a smaller time step is needed"
         )
 

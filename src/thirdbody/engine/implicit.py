@@ -243,7 +243,7 @@ class Implicit:
         s, totals = self.state, self.totals[body]
         code, when = int(self.memory[body, at.T_CODE]), f"stopped at t = {totals[at.A_TIME]:.6g} s"
         where = ", ".join(f"{x:.4g}" for x in s.B[body, at.B_X : at.B_X + 3])
-        who = f"body {body} at ({where}) m"
+        who = f"body {s.order[body]} at ({where}) m"
         if code == steps.TOO_DEEP:
             slot = int(self.memory[body, at.T_SLOT])
             plate = "lower" if s.slots.partner[slot] == -1 else "upper"
@@ -256,7 +256,7 @@ class Implicit:
         if code == steps.TOO_MANY:
             return f"{when}: {who} has more than {at.TILE} loaded spots, which the implicit integrator cannot hold"
         if code == steps.NOT_A_NUMBER:
-            return f"{when}: the position of body {body} is not a number"
+            return f"{when}: the position of body {s.order[body]} is not a number"
         return f"{when}: no step of {who} could be solved, down to {self.settings[steps.V_SHORTEST]:.2g} s; {self._spots(body)}"
 
     def _spots(self, body: int) -> str:

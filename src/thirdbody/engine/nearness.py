@@ -68,9 +68,10 @@ class Nearness:
         state = self.state
         a, b = int(state.body[i]), int(state.body[j])
         x, y = state.B[a, at.B_X], state.B[a, at.B_X + 1]
+        one, other = state.order[a], state.order[b]
         return (
-            f"stopped at t = {state.time:.6g} s: body {a} at ({x:.4g}, {y:.4g}) m and body {b} come near enough to touch, and "
-            'the implicit integrator has no contact between bodies: integrator = "explicit" has it, and '
+            f"stopped at t = {state.time:.6g} s: body {one} at ({x:.4g}, {y:.4g}) m and body {other} come near enough to touch, "
+            'and the implicit integrator has no contact between bodies: integrator = "explicit" has it, and '
             'contact.debris_contact = "none" declares an ensemble of bodies that do not see each other'
         )
 

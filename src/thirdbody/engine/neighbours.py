@@ -6,7 +6,9 @@ import numpy as np
 
 from ..kernels import layout as at
 from ..kernels import search as passes
-from .state import Array, Numbers, Slots, State, force_columns
+from ..kernels.bodies import BODIES
+from ..kernels.contacts import GROUP
+from .state import Array, Numbers, Slots, State
 
 
 def search(state: State) -> None:
@@ -26,24 +28,42 @@ def search(state: State) -> None:
 
 def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Array, R: Array) -> Slots:
     """The candidates with all that follows from who meets whom, and with their memory."""
-    n = len(own)
-    spheres, incidence = passes.incidences(n, own, partner, state.n_spheres)
+    spheres, incidence = passes.incidences(len(own), own, partner, state.n_spheres)
     meets = np.diff(spheres) > 0
+    host = state.body[own]
+    guest = state.body[partner[n_plates:]]
+    outer, guests = _handed_out(host[n_plates:], guest)
+    chunks = np.arange(-(-state.n_bodies // BODIES) + 1) * BODIES
+    flat, paired = np.searchsorted(host[:n_plates], chunks), n_plates + np.searchsorted(host[n_plates:], chunks)
+    cuts = flat, paired, np.searchsorted(guests // BODIES * BODIES, chunks)
     return Slots(
         own=own,
         partner=partner,
         kind=kinds_of(state, own, partner),
-        row=np.where(H[:, at.H_ON] > 0.0, np.arange(n), n).astype(np.int32),
+        closed=(H[:, at.H_ON] > 0.0).astype(np.int32),
+        outer=np.concatenate((np.full(n_plates, -1, np.int32), outer)),
         edges=spheres[state.start],
-        spheres=spheres,
         incidence=incidence,
         near=np.flatnonzero(meets).astype(np.int32),
         beginning=np.concatenate(([0], np.cumsum(meets)))[state.start].astype(np.int32),
+        guests=guests.astype(np.int32),
+        cuts=np.array(cuts, np.int32),
         n_plates=n_plates,
         H=H,
-        F=np.zeros((n + 1, force_columns(state.physics))),
+        F=np.zeros((len(guests), at.F_COLS)),
         R=R,
     )
+
+
+def _handed_out(host: Numbers, guest: Numbers) -> tuple[Numbers, Numbers]:
+    """The row of F for each pair of bodies, -1 where both are of one group, and the bodies of those rows: chunk by chunk, in the
+    order of their slots."""
+    group = BODIES * GROUP
+    others = np.flatnonzero(host // group != guest // group)
+    others = others[np.argsort(guest[others] // BODIES, kind="stable")]
+    outer = np.full(len(host), -1, np.int32)
+    outer[others] = np.arange(len(others))
+    return outer, guest[others]
 
 
 def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Slots, source: Array, target: Array) -> None:

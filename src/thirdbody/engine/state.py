@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,19 @@ Numbers = NDArray[np.int32]
 """Of slots and spheres: half the memory that the step loop reads."""
 
 
+class _Taken(Sequence[Clump]):
+    """Shapes in another order, without a list of their own: they may be made as they are asked for."""
+
+    def __init__(self, clumps: Sequence[Clump], order: Ints) -> None:
+        self.clumps, self.order = clumps, order.tolist()
+
+    def __len__(self) -> int:
+        return len(self.order)
+
+    def __getitem__(self, k: Any) -> Any:
+        return [self.clumps[b] for b in self.order[k]] if isinstance(k, slice) else self.clumps[self.order[k]]
+
+
 @dataclass(frozen=True)
 class Placed:
     """Bodies as they start. Positions of the centres of mass (n, 3) m, quaternions (n, 4) body to world, velocities."""
@@ -32,6 +46,14 @@ class Placed:
     quaternions: Array
     velocities: Array
     angular_velocities: Array
+
+    def taken(self, order: Ints) -> Placed:
+        """The same bodies in another order."""
+        if np.array_equal(order, np.arange(len(order))):
+            return self
+        given = (self.densities, self.materials, self.populations, self.positions, self.quaternions, self.velocities,
+                 self.angular_velocities)  # fmt: skip
+        return Placed(_Taken(self.clumps, order), *(array[order] for array in given))
 
     def sides(self) -> Ints:
         """What every sphere can meet (`kernels.layout`)."""
@@ -81,22 +103,25 @@ class Physics:
 
 @dataclass
 class Slots:
-    """Candidate contacts, in order, plates first; memory H, this step's answer F, and the record R of the last observed step.
+    """Candidate contacts, in order, plates first; memory H, and the record R of the last observed step.
 
-    `row` (n,): the row of F that holds the force of a candidate, n if it does not touch. `spheres` (n_spheres + 1,) and `edges`
-    (n_bodies + 1,): where the slots of each begin in `incidence` (2 slot, +1 for its partner). `near`: spheres that have slots,
-    body by body from `beginning` (n_bodies + 1,).
+    `closed` (n,): whether it touches. `edges` (n_bodies + 1,): where the slots of a body begin in `incidence` (2 slot, +1 for its
+    partner). `near`: spheres that have slots, body by body from `beginning` (n_bodies + 1,). `outer` (n,): the row of F in which
+    a contact leaves what it does to its partner's body, which is that of `guests`; -1: both bodies are of one group of chunks.
+    `cuts` (3, chunks + 1): `kernels.bodies`.
     """
 
     own: Numbers
     partner: Numbers
     kind: Numbers
-    row: Numbers
+    closed: Numbers
+    outer: Numbers
     edges: Numbers
-    spheres: Numbers
     incidence: Numbers
     near: Numbers
     beginning: Numbers
+    guests: Numbers
+    cuts: Numbers
     n_plates: int
     H: Array
     F: Array
@@ -115,7 +140,10 @@ class Slots:
 
 @dataclass
 class State:
-    """Tables at one synchronised instant; columns are named in `kernels.layout`."""
+    """Tables at one synchronised instant; columns are named in `kernels.layout`.
+
+    `order` (n_bodies,): the number by which the scene and all outputs know each body.
+    """
 
     world: World
     physics: Physics
@@ -137,6 +165,7 @@ class State:
     rayleigh_radius: Array
     slots: Slots
     skin: float
+    order: Ints
     dt: float = 0.0
     searches: int = 0
 
@@ -151,6 +180,18 @@ class State:
         return len(self.S)
 
     @property
+    def given(self) -> Ints:
+        """(n_bodies,) where each body of the scene is."""
+        return np.argsort(self.order)
+
+    @property
+    def given_spheres(self) -> Ints:
+        """(n_spheres,) where each sphere of the scene is."""
+        given = self.given
+        counts = np.diff(self.start)[given]
+        return np.repeat(self.start[given] - (np.cumsum(counts) - counts), counts) + np.arange(self.n_spheres)
+
+    @property
     def time(self) -> float:
         """Time since the start, s."""
         return float(self.A[at.A_TIME])
@@ -163,14 +204,9 @@ class State:
 
 def empty_slots(memory: int, record: int) -> Slots:
     """No candidates."""
-    none: Numbers = np.zeros(0, np.int32)
+    none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
     H, F, R = np.zeros((0, memory)), np.zeros((0, at.F_COLS)), np.zeros((0, record))
-    return Slots(none, none, none, none, none, none, none, none, none, 0, H, F, R)
-
-
-def force_columns(physics: Physics) -> int:
-    """Columns of F: those of a moment only where a law has one."""
-    return at.F_ROLLING_COLS if physics.moments else at.F_COLS
+    return Slots(none, none, none, none, none, none, none, none, none, none, cuts, 0, H, F, R)
 
 
 def memory_columns(physics: Physics) -> int:
@@ -178,12 +214,21 @@ def memory_columns(physics: Physics) -> int:
     return at.H_LAW + len(physics.history) + 2 * physics.contact_memory
 
 
-def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> State:
-    """The tables of a scene at time zero; forces are zero until `engine.explicit.start` evaluates them."""
+def table(rows: int, columns: int) -> Array:
+    """Zeros whose first row begins where a line of the processor's cache does: groups of columns then never lie across two."""
+    line = 64
+    room = np.zeros(rows * columns * 8 + line, np.uint8)
+    first = -room.ctypes.data % line
+    return room[first : first + rows * columns * 8].view(np.float64).reshape(rows, columns)
+
+
+def assemble(placed: Placed, world: World, physics: Physics, skin: float, order: Ints | None = None) -> State:
+    """The tables of a scene at time zero; `order`: State's, of bodies that were given in another. Forces are zero until
+    `engine.explicit.start` evaluates them."""
     counts = np.array([len(clump.radii) for clump in placed.clumps], np.int64)
     start = np.concatenate(([0], np.cumsum(counts)))
     n_bodies, n_spheres = len(counts), int(start[-1])
-    B = np.zeros((n_bodies, at.B_COLS))
+    B = table(n_bodies, at.B_COLS)
     volume = np.array([clump.volume for clump in placed.clumps])
     inertia = np.array([clump.inertia for clump in placed.clumps])
     B[:, at.B_X : at.B_X + 3] = placed.positions
@@ -193,7 +238,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> Sta
     B[:, at.B_I : at.B_I + 3] = placed.densities[:, None] * inertia
     B[:, at.B_W : at.B_W + 3] = placed.angular_velocities
     B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
-    S = np.zeros((n_spheres, at.S_COLS))
+    S = table(n_spheres, at.S_COLS)
     S[:, at.S_R] = np.concatenate([clump.radii for clump in placed.clumps])
     S[:, at.S_SIDE] = placed.sides()
     S[:, at.S_MASS] = np.repeat(B[:, at.B_MASS], counts)
@@ -223,6 +268,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float) -> Sta
         rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
         slots=empty_slots(memory_columns(physics), at.R_ROLLING_COLS if physics.moments else at.R_COLS),
         skin=skin,
+        order=np.arange(n_bodies) if order is None else order,
     )
     refresh_spheres(state)
     return state

@@ -57,7 +57,8 @@ def bound(state: State, materials: list[Material], steps: int, deepest: float) -
     times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
     slowest = int(np.argmin(times))
     rayleigh = float(times[slowest])
-    best = Bound(RAYLEIGH_FRACTION * rayleigh, "rayleigh", slowest, math.inf, rayleigh)
+    named = state.order.tolist()
+    best = Bound(RAYLEIGH_FRACTION * rayleigh, "rayleigh", named[slowest], math.inf, rayleigh)
     if state.physics.stiffness is None:
         return best
     bodies, patches = np.zeros((state.n_bodies, 4)), np.zeros((len(state.P), 2))
@@ -72,14 +73,14 @@ def bound(state: State, materials: list[Material], steps: int, deepest: float) -
     body, patch = int(np.argmin(of_bodies)), int(np.argmin(of_patches))
     limit = float(min(stable_step(bodies[:, 0], bodies[:, 3]).min(), stable_step(patches[:, 0], patches[:, 1]).min()))
     if min(of_bodies[body], of_patches[patch]) >= best.step:
-        return Bound(best.step, "rayleigh", slowest, limit, rayleigh)
+        return Bound(best.step, "rayleigh", named[slowest], limit, rayleigh)
     if of_patches[patch] < of_bodies[body]:
         owner = int(np.argmax(state.patch == patch))
-        return Bound(float(of_patches[patch]), "patch", owner, limit, rayleigh)
+        return Bound(float(of_patches[patch]), "patch", named[owner], limit, rayleigh)
     every, along, around, _ = bodies[body]
     by_frequency = STABILITY_FRACTION * stable_step(every, 0.0)
     mechanism = "damping" if of_bodies[body] < by_frequency else "rotation" if around > along else "translation"
-    return Bound(float(of_bodies[body]), mechanism, body, limit, rayleigh)
+    return Bound(float(of_bodies[body]), mechanism, named[body], limit, rayleigh)
 
 
 def _pressed(state: State, horizon: float) -> Array:

@@ -9,13 +9,16 @@ import math
 import numpy as np
 from numba import njit
 
+from .four import crossed, lane, load, of, spread, store, with_last
 from .layout import (
     B_F,
     B_I,
     B_L,
+    B_LOW,
     B_MASS,
     B_Q,
     B_T,
+    B_UP,
     B_V,
     B_W,
     B_X,
@@ -40,44 +43,59 @@ from .rotation import free_rotation, matrix, spin, turned
 BODIES = 64
 """Bodies per chunk."""
 
-# columns of `moves`, one row per chunk of bodies
-(MOVE_FAR, MOVE_STEP, MOVE_BAD, MOVE_OUT, MOVE_UP, MOVE_LOW, MOVE_POWER, MOVE_BODY, MOVE_WAY) = 0, 1, 2, 3, 4, 7, 10, 11, 12
-MOVE_COLS = 13
+FLAT, PAIRED, GUESTS = range(3)
+"""Rows of `cuts`: where the slots of a chunk with plates begin, those that its spheres own with others, and what others left for
+its bodies."""
 
-# Z: fields of a chunk of bodies, stride BODIES: first the columns of B up to the torque
-Z_FAR = B_T + 3  # where the bodies were at the last search, then how far they are from there
-Z_W, Z_END_W, Z_END_V, Z_TURN, Z_WAY = 31, 34, 37, 40, 49  # spin of the step, at its end, velocity there, matrix, longest way
-Z_COLS = 50
+# columns of `moves`, one row per chunk of bodies
+(MOVE_FAR, MOVE_STEP, MOVE_BAD, MOVE_OUT, MOVE_UP, MOVE_LOW, MOVE_POWER, MOVE_BODY, MOVE_WAY) = 0, 1, 2, 3, 4, 8, 12, 13, 14
+MOVE_COLS = 15
+
+# Z: fields of a chunk of bodies, stride BODIES: first the columns of B up to the moments
+Z_FAR = B_I + 4  # where the bodies were at the last search, then how far they are from there
+Z_W, Z_END_W, Z_END_V, Z_TURN, Z_WAY = 36, 39, 42, 45, 54  # spin of the step, at its end, velocity there, matrix, longest way
+Z_COLS = 55
+
+
+@njit(**BARE)
+def keep_last(S, s, c, v):
+    """Write the first three numbers of v into row s from column c on; the column behind them is another thing."""
+    store(S, s, c, with_last(v, load(S, s, c)))
 
 
 @njit(**BARE)
 def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
-    """Position, arm and velocities of sphere s: of the step (arm half a step of length 2 h ago), and at its end."""
-    o_x, o_y, o_z = offsets[s, 0], offsets[s, 1], offsets[s, 2]
-    r_x = turn[0] * o_x + turn[1] * o_y + turn[2] * o_z
-    r_y = turn[3] * o_x + turn[4] * o_y + turn[5] * o_z
-    r_z = turn[6] * o_x + turn[7] * o_y + turn[8] * o_z
-    m_x = r_x - h * (w[1] * r_z - w[2] * r_y)
-    m_y = r_y - h * (w[2] * r_x - w[0] * r_z)
-    m_z = r_z - h * (w[0] * r_y - w[1] * r_x)
-    S[s, S_X], S[s, S_X + 1], S[s, S_X + 2] = x[0] + r_x, x[1] + r_y, x[2] + r_z
-    S[s, S_U] = v[0] + w[1] * m_z - w[2] * m_y
-    S[s, S_U + 1] = v[1] + w[2] * m_x - w[0] * m_z
-    S[s, S_U + 2] = v[2] + w[0] * m_y - w[1] * m_x
-    S[s, S_W], S[s, S_W + 1], S[s, S_W + 2] = w
-    S[s, S_V] = v_end[0] + w_end[1] * r_z - w_end[2] * r_y
-    S[s, S_V + 1] = v_end[1] + w_end[2] * r_x - w_end[0] * r_z
-    S[s, S_V + 2] = v_end[2] + w_end[0] * r_y - w_end[1] * r_x
-    S[s, S_O], S[s, S_O + 1], S[s, S_O + 2] = w_end
-    S[s, S_ARM], S[s, S_ARM + 1], S[s, S_ARM + 2] = r_x, r_y, r_z
+    """Position, arm and velocities of sphere s: of the step (arm half a step of length 2 h ago), and at its end. All are fours;
+    `turn`: the columns of the matrix."""
+    arm = turn[0] * spread(offsets[s, 0]) + turn[1] * spread(offsets[s, 1]) + turn[2] * spread(offsets[s, 2])
+    middle = arm - spread(h) * crossed(w, arm)
+    keep_last(S, s, np.int64(S_X), x + arm)
+    keep_last(S, s, np.int64(S_U), v + crossed(w, middle))
+    keep_last(S, s, np.int64(S_ARM), arm)
+    store(S, s, S_W, w)
+    store(S, s, S_V, v_end + crossed(w_end, arm))
+    store(S, s, S_O, w_end)
+
+
+@njit(**BARE)
+def vector(v):
+    """A tuple of three as a four."""
+    return of(v[0], v[1], v[2], 0.0)
+
+
+@njit(**BARE)
+def columns(turn):
+    """The columns of a matrix, a tuple of nine row by row, as fours."""
+    return of(turn[0], turn[3], turn[6], 0.0), of(turn[1], turn[4], turn[7], 0.0), of(turn[2], turn[5], turn[8], 0.0)
 
 
 @njit(**BARE_CHUNK)
 def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
     """Positions, arms and velocities of body b's spheres, m and rad, with position x and orientation q at the end of a step."""
-    turn = matrix(q[0], q[1], q[2], q[3])
+    turn, at = columns(matrix(q[0], q[1], q[2], q[3])), vector(x)
+    u, o, u_end, o_end = vector(v), vector(w), vector(v_end), vector(w_end)
     for s in range(start[b], start[b + 1]):
-        place_sphere(s, offsets, x, turn, v, w, v_end, w_end, 0.5 * dt, S)
+        place_sphere(s, offsets, at, turn, u, o, u_end, o_end, 0.5 * dt, S)
 
 
 @njit(**BARE_CHUNK)
@@ -198,40 +216,75 @@ def is_ball(b, B, X0):
 
 
 @njit(**BARE)
+def size(v):
+    """Length of the vector of the first three numbers of v."""
+    x, y, z = lane(v, 0), lane(v, 1), lane(v, 2)
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@njit(**BARE)
+def forget(b, B):
+    """The contacts add up the forces on body b anew."""
+    nothing = spread(0.0)
+    store(B, b, B_F, nothing)
+    store(B, b, B_T, nothing)
+    store(B, b, B_UP, with_last(nothing, load(B, b, B_UP)))
+    store(B, b, B_LOW, with_last(nothing, load(B, b, B_LOW)))
+
+
+@njit(**BARE)
 def drift_ball(b, s, S, X0, B, dt):
     """Half kick and full drift of body b, which is sphere s; returns how far it is from where it was, and the way of the step."""
-    half, kick, turn = 0.5 * dt, 0.5 * dt / B[b, B_MASS], 1.0 / B[b, B_I]
-    far, fast = 0.0, 0.0
-    for k in range(3):
-        change, push = kick * B[b, B_F + k], half * B[b, B_T + k]
-        v, momentum = B[b, B_V + k] + change, B[b, B_L + k] + push
-        x = B[b, B_X + k] + dt * v
-        B[b, B_X + k], B[b, B_V + k], B[b, B_L + k] = x, v, momentum
-        S[s, S_X + k], S[s, S_U + k], S[s, S_W + k] = x, v, momentum * turn
-        S[s, S_V + k], S[s, S_O + k] = v + change, (momentum + push) * turn
-        way = x - X0[b, X_X + k]
-        far, fast = far + way * way, fast + v * v
-    angle = dt * turn
-    new = turned(quaternion(b, B), B[b, B_L] * angle, B[b, B_L + 1] * angle, B[b, B_L + 2] * angle)
+    half, rate = spread(0.5 * dt), spread(1.0 / B[b, B_I])
+    x, momentum = load(B, b, B_X), load(B, b, B_L)
+    change, push = spread(0.5 * dt / B[b, B_MASS]) * load(B, b, B_F), half * load(B, b, B_T)
+    v, momentum = load(B, b, B_V) + change, momentum + push
+    x = x + spread(dt) * v  # the mass stands behind the position, and nothing behind the velocity
+    store(B, b, B_X, x)
+    store(B, b, B_V, v)
+    store(B, b, B_L, momentum)
+    forget(b, B)
+    keep_last(S, s, np.int64(S_X), x)
+    store(S, s, S_U, with_last(v, x))
+    w = momentum * rate
+    store(S, s, S_W, w)
+    store(S, s, S_V, v + change)
+    store(S, s, S_O, (momentum + push) * rate)
+    angle = spread(dt) * w
+    new = turned(quaternion(b, B), lane(angle, 0), lane(angle, 1), lane(angle, 2))
     B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3] = new
-    return math.sqrt(far), math.sqrt(fast) * dt
+    return size(x - load(X0, b, X_X)), size(v) * dt
 
 
 @njit(**BARE)
 def stage_body(p, b, B, X0, Z):
     """Put body b into place p of the chunk."""
-    for k in range(B_T + 3):
+    for k in range(B_I + 3):
         Z[p + k * BODIES] = B[b, k]
     for k in range(X_COLS):
         Z[p + (Z_FAR + k) * BODIES] = X0[b, k]
 
 
 @njit(**BARE)
+def unstage_body(p, b, Z, B):
+    """Take the motion of body b from place p of the chunk."""
+    for k in range(3):
+        B[b, B_X + k], B[b, B_V + k] = Z[p + (B_X + k) * BODIES], Z[p + (B_V + k) * BODIES]
+        B[b, B_L + k] = Z[p + (B_L + k) * BODIES]
+    for k in range(4):
+        B[b, B_Q + k] = Z[p + (B_Q + k) * BODIES]
+    forget(b, B)
+
+
+@njit(**BARE)
 def place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt):
     """Place those of body b's spheres that can meet something (`near`), or `everything`, from place p of the chunk."""
-    turn = (*three(Z, p + Z_TURN * BODIES), *three(Z, p + (Z_TURN + 3) * BODIES), *three(Z, p + (Z_TURN + 6) * BODIES))
-    x, v, w = three(Z, p + B_X * BODIES), three(Z, p + B_V * BODIES), three(Z, p + Z_W * BODIES)
-    v_end, w_end = three(Z, p + Z_END_V * BODIES), three(Z, p + Z_END_W * BODIES)
+    turn = columns((
+        *three(Z, p + Z_TURN * BODIES), *three(Z, p + (Z_TURN + 3) * BODIES), *three(Z, p + (Z_TURN + 6) * BODIES),
+    ))  # fmt: skip
+    x, v = vector(three(Z, p + B_X * BODIES)), vector(three(Z, p + B_V * BODIES))
+    w, w_end = vector(three(Z, p + Z_W * BODIES)), vector(three(Z, p + Z_END_W * BODIES))
+    v_end = vector(three(Z, p + Z_END_V * BODIES))
     begin = start[b] if everything else np.int64(beginning[b])
     end = start[b + 1] if everything else np.int64(beginning[b + 1])
     for e in range(begin, end):
@@ -254,8 +307,7 @@ def drift_chunk(c, start, near, beginning, everything, offsets, S, X0, B, D, dt,
     move(n, dt, Z)
     for p in range(n):
         i = np.int64(staged[p])
-        for k in range(B_MASS):
-            B[i, k] = Z[p + k * BODIES]
+        unstage_body(p, i, Z, B)
         x, y, z = three(Z, p + B_X * BODIES)
         seen = judge(i, Z[p + Z_FAR * BODIES], Z[p + Z_WAY * BODIES], S[start[i], S_R], x, y, z, limits, seen)
         place_staged(p, i, start, near, beginning, everything, offsets, S, Z, dt)

@@ -1,7 +1,8 @@
-"""The contact pass: candidate pairs -> gaps -> law tiles -> forces in slots, chunk by chunk.
+"""The contact pass: candidate pairs -> gaps -> law tiles -> forces on bodies, group by group.
 
-A chunk is a fixed range of slots, whatever the number of threads, and writes only its own slots and its own row of `sums`,
-so the result has the same bits for any number of threads. Branches that the processor cannot foretell cost more than all
+A group is a fixed range of bodies, whatever the number of threads, with the slots that its spheres own. It writes only to its
+own slots, bodies and row of `sums`; what its contacts do to bodies of other groups it leaves in F, for them to add in a fixed
+order. So the result has the same bits for any number of threads. Branches that the processor cannot foretell cost more than all
 arithmetic, so gaps are computed for all candidates first and the touching ones are listed without a branch.
 """
 
@@ -10,12 +11,14 @@ import math
 import numpy as np
 from numba import njit
 
+from .four import crossed, get, load, of, spread, store, transposed
 from .layout import (
+    B_F,
+    B_LOW,
+    B_T,
+    B_UP,
     F_F,
-    F_HALF,
-    F_Q,
-    F_SLIP,
-    F_WORK,
+    F_T,
     G_ARM_I,
     G_ARM_J,
     G_COLS,
@@ -23,14 +26,15 @@ from .layout import (
     G_E,
     G_F,
     G_N,
-    G_Q,
     G_RI,
     G_RJ,
+    G_TI,
+    G_TJ,
     H_E,
     H_LAW,
-    H_ON,
-    H_SLIP,
     H_STORED,
+    H_WAY,
+    H_WORK,
     I_HISTORY,
     I_OVERLAP,
     I_RADIUS,
@@ -79,14 +83,14 @@ from .layout import (
 )  # fmt: skip
 from .options import BARE, BARE_CHUNK
 from .periodic import image, inverse, nearest_image
-from .rolling import MOMENTS, apply_rolling, record_rolling, stage_rolling
+from .rolling import MOMENTS, add_moments, record_rolling, stage_rolling
 from .staging import meet, push, slide, stage_pairs, stage_plate, turn_frames
 from .surface import partner_velocity, surface_velocity
 
-CHUNK = 1024
-"""Slots per chunk."""
+GROUP = 4
+"""Chunks of bodies per group."""
 
-# columns of `sums`, one row per chunk
+# columns of `sums`, two rows per group: contacts with plates, and between spheres
 SUM_WORK, SUM_POWER, SUM_OVERLAP, SUM_SLOT, SUM_BAD = range(5)
 SUM_COLS = 5
 
@@ -94,7 +98,7 @@ SUM_COLS = 5
 def room_for(n_history, longest):
     """Scratch of a thread for chunks of at most `longest` slots: numbers of floats and of marks."""
     fields = I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS + G_COLS
-    return fields * TILE + longest, 2 * longest + 2
+    return fields * TILE + longest, 2 * longest + 8
 
 
 @njit(**BARE)
@@ -145,59 +149,148 @@ def measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
 
 
 @njit(**BARE_CHUNK)
-def sort_out(first, last, nowhere, g, row, touching, opened):
+def sort_out(first, last, g, closed, touching, opened):
     """List the candidates that touch, and those that did a step ago but do no more; returns how many of each.
 
-    `row` says where the gather finds the force of a candidate: those that touch take the rows from `first` on, one by one;
-    `nowhere` is the row of those that do not.
+    `closed` remembers who touches. Behind those that touch the list goes on with the last of them, to a full four.
     """
     m, o = np.int64(0), np.int64(0)
     for k in range(first, last):
-        on, was = g[k - first] > 0.0, row[k] != nowhere
+        on, was = np.int64(g[k - first] > 0.0), np.int64(closed[k])
         touching[m], opened[o] = k, k
-        row[k] = first + m if on else nowhere
-        m += np.int64(on)
-        o += np.int64(was) * (1 - np.int64(on))
+        closed[k] = on
+        m += on
+        o += was * (1 - on)
+    for e in range(m, m + 3):
+        touching[e] = touching[max(m - 1, 0)]
     return m, o
 
 
 @njit(**BARE)
-def release(k, f, H, F):
-    """A contact that opened: what its tangential spring still held is dissipated (returned, and in row f), its memory wiped."""
-    lost = H[k, H_STORED]
-    for e in range(F.shape[1]):
-        F[f, e] = 0.0
-    F[f, F_WORK] = lost
+def release(k, H):
+    """A contact that opened: what its tangential spring still held is dissipated (returned), its memory wiped, but for what the
+    bodies have not been told of yet."""
+    lost, work, way = H[k, H_STORED], H[k, H_WORK], H[k, H_WAY]
     for h in range(H.shape[1]):
         H[k, h] = 0.0
+    H[k, H_WORK], H[k, H_WAY] = work + lost, way
     return lost
 
 
 @njit(**BARE)
-def let_go(o, opened, first, row, H, F):
-    """Release o contacts; the gather still finds what they lost, in rows from `first` on, in this step only. Returns the sum."""
+def let_go(o, opened, outer, H, F):
+    """Release o contacts that were closed; returns what was lost."""
     lost = 0.0
     for e in range(o):
         k = opened[e]
-        if H[k, H_ON] != 0.0:
-            lost += release(k, first + e, H, F)
-            row[k] = first + e
+        lost += release(k, H)
+        if outer[k] >= 0:
+            hand_out(outer[k], spread(0.0), spread(0.0), F)
     return lost
 
 
 @njit(**BARE)
-def apply(q, k, f, O, G, I, H, F, n_history):  # noqa: E741
-    """Take the law's answer for place q of the tile: force and what its torque needs into row f, history into slot k."""
-    for d in range(3):
-        F[f, F_F + d], F[f, F_Q + d] = G[q + (G_F + d) * TILE], G[q + (G_Q + d) * TILE]
-        H[k, H_E + d] = G[q + (G_E + d) * TILE]
-    F[f, F_HALF] = 0.5 * I[q + I_OVERLAP * TILE]
-    F[f, F_WORK], F[f, F_SLIP] = O[q + O_WORK * TILE], O[q + O_SLIP * TILE]
-    H[k, H_ON] = 1.0
-    H[k, H_STORED] = O[q + O_STORED_T * TILE]
-    H[k, H_SLIP] += O[q + O_SLIP * TILE]
+def push_body(b, B, force, torque):
+    """Add a force and a torque, the three first of four numbers whose last is 0, to those on body b."""
+    store(B, b, B_F, load(B, b, B_F) + force)
+    store(B, b, B_T, load(B, b, B_T) + torque)
+
+
+@njit(**BARE)
+def hand_out(f, force, torque, F):
+    """Leave a force and a torque in row f for whoever sums the forces on the body."""
+    store(F, f, F_F, force)
+    store(F, f, F_T, torque)
+
+
+@njit(**BARE)
+def push_one(k, own, partner, body, S, B, force, torque):
+    """A contact with a plate acts on its body; `torque`: about the centre of the sphere."""
+    i = np.uint64(own[k])
+    b = np.uint64(body[i])
+    push_body(b, B, force, torque + crossed(load(S, i, S_ARM), force))
+    side = np.int64(B_LOW) if partner[k] == -1 else np.int64(B_UP)
+    store(B, b, side, load(B, b, side) + force)
+
+
+@njit(**BARE)
+def push_both(k, own, partner, body, outer, clumps, S, B, F, force, torque, back):
+    """A contact between spheres acts on both bodies; `torque` and `back`: about the centre of the owner and of the partner."""
+    i, j = np.uint64(own[k]), np.uint64(partner[k])
+    against = spread(0.0) - force
+    b, p = i, j
+    if clumps:
+        b, p = np.uint64(body[i]), np.uint64(body[j])
+        torque = torque + crossed(load(S, i, S_ARM), force)
+        back = back + crossed(load(S, j, S_ARM), against)
+    push_body(b, B, force, torque)
+    if outer[k] < 0:
+        push_body(p, B, against, back)
+    else:
+        hand_out(outer[k], against, back, F)
+
+
+@njit(**BARE)
+def four_rows(at, G):
+    """Three fields as rows of four places, whose last number is 0."""
+    return transposed(get(G, at), get(G, at + TILE), get(G, at + 2 * TILE), spread(0.0))
+
+
+@njit(**BARE_CHUNK)
+def push_flat(n, slots, first, own, partner, body, S, G, B):
+    """The contacts with plates slots[first:first + n], a tile, act on their bodies."""
+    for q in range(0, n, 4):
+        p, f, t = first + q, four_rows(q + G_F * TILE, G), four_rows(q + G_TI * TILE, G)
+        push_one(np.uint64(slots[p]), own, partner, body, S, B, f[0], t[0])
+        if q + 1 < n:
+            push_one(np.uint64(slots[p + 1]), own, partner, body, S, B, f[1], t[1])
+        if q + 2 < n:
+            push_one(np.uint64(slots[p + 2]), own, partner, body, S, B, f[2], t[2])
+        if q + 3 < n:
+            push_one(np.uint64(slots[p + 3]), own, partner, body, S, B, f[3], t[3])
+
+
+@njit(**BARE_CHUNK)
+def push_pairs(n, slots, first, own, partner, body, outer, S, G, B, F):
+    """The contacts between spheres slots[first:first + n], a tile, act on their bodies."""
+    clumps = S.shape[0] != B.shape[0]
+    for q in range(0, n, 4):
+        p, f = first + q, four_rows(q + G_F * TILE, G)
+        t, w = four_rows(q + G_TI * TILE, G), four_rows(q + G_TJ * TILE, G)
+        push_both(np.uint64(slots[p]), own, partner, body, outer, clumps, S, B, F, f[0], t[0], w[0])
+        if q + 1 < n:
+            push_both(np.uint64(slots[p + 1]), own, partner, body, outer, clumps, S, B, F, f[1], t[1], w[1])
+        if q + 2 < n:
+            push_both(np.uint64(slots[p + 2]), own, partner, body, outer, clumps, S, B, F, f[2], t[2], w[2])
+        if q + 3 < n:
+            push_both(np.uint64(slots[p + 3]), own, partner, body, outer, clumps, S, B, F, f[3], t[3], w[3])
+
+
+@njit(**BARE)
+def learn(k, q, axis, told, O, H, n_history):  # noqa: E741
+    """Slot k learns the axis of its frame, and that it touches, energy, slip and work, and its history from place q."""
+    store(H, k, H_E, axis)
+    store(H, k, H_STORED, told + load(H, k, H_STORED) * of(0.0, 1.0, 1.0, 1.0))
     for h in range(n_history):
         H[k, H_LAW + h] = O[q + (O_HISTORY + h) * TILE]
+
+
+@njit(**BARE_CHUNK)
+def keep(n, slots, first, O, G, H, n_history):  # noqa: E741
+    """What the slots[first:first + n] remember of the step, from a tile."""
+    one = spread(1.0)
+    for q in range(0, n, 4):
+        e, p = q + G_E * TILE, first + q
+        axes = transposed(get(G, e), get(G, e + TILE), get(G, e + 2 * TILE), one)
+        slip = get(O, q + O_SLIP * TILE)
+        told = transposed(get(O, q + O_STORED_T * TILE), slip, get(O, q + O_WORK * TILE), slip)
+        learn(np.uint64(slots[p]), q, axes[0], told[0], O, H, n_history)
+        if q + 1 < n:
+            learn(np.uint64(slots[p + 1]), q + 1, axes[1], told[1], O, H, n_history)
+        if q + 2 < n:
+            learn(np.uint64(slots[p + 2]), q + 2, axes[2], told[2], O, H, n_history)
+        if q + 3 < n:
+            learn(np.uint64(slots[p + 3]), q + 3, axes[3], told[3], O, H, n_history)
 
 
 @njit(**BARE)
@@ -251,45 +344,47 @@ def stage_plates(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_
 
 
 @njit(**BARE_CHUNK)
-def contact_chunk(c, first, last, flat, own, partner, kind, row, S, P, H, F, R, sums, law, pairs, dt, v_x, v_y, l_x, l_y,
-                  n_history, rolling, observed, room, marks):  # fmt: skip
-    """Forces of the candidate slots first to last, into row c of `sums`: filter by gap, then the law in tiles.
+def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, P, H, F, R, sums, law, pairs, dt, v_x,
+                  v_y, l_x, l_y, n_history, rolling, observed, room, marks):  # fmt: skip
+    """The candidate slots first to last act on their bodies; sums into row c: filter by gap, then the law in tiles.
 
     `flat`: all of them are with plates; else all are between spheres. `room`, `marks`: scratch (`room_for`).
     """
     begin, end = (I_HISTORY + n_history + J_COLS) * TILE, (I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS) * TILE
     I, O, G, g = room[:begin], room[begin:end], room[end : end + G_COLS * TILE], room[end + G_COLS * TILE :]  # noqa: E741
-    slots, opened = marks[: last - first + 1], marks[last - first + 1 :]
+    slots, opened = marks[: last - first + 4], marks[last - first + 4 :]
     c_x, c_y = inverse(l_x), inverse(l_y)
     if flat:
         measure_plates(first, last, own, partner, S, P, g)
     else:
         measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g)
-    m, o = sort_out(first, last, own.shape[0], g, row, slots, opened)
-    found = (let_go(o, opened, first + m, row, H, F), 0.0, 0.0, np.int64(0), np.int64(0))
+    m, o = sort_out(first, last, g, closed, slots, opened)
+    found = (let_go(o, opened, outer, H, F), 0.0, 0.0, np.int64(0), np.int64(0))
     for t in range(0, m, TILE):
         count = min(TILE, m - t)
         if flat:
             stage_plates(count, slots, t, g, first, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history)
         else:
-            stage_pairs(count, slots, t, own, partner, kind, S, H, l_x, l_y, c_x, c_y, I, G, n_history)
-            meet(count, dt, I, G)
+            stage_pairs(count, slots, t, own, partner, kind, S, H, I, G, n_history)
+            meet(count, dt, l_x, l_y, c_x, c_y, I, G)
         turn_frames(count, dt, G)
         slide(count, dt, I, G)
         if rolling > 0:
             for q in range(count):
                 stage_rolling(q, slots[t + q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
         law(I, O, count, pairs)
-        push(count, O, G)
+        push(count, I, O, G)
+        if rolling == MOMENTS:
+            add_moments(count, O, G, n_history)
         found = tally(count, slots, t, O, I, G, found)
-        for q in range(count):
-            apply(q, np.uint64(slots[t + q]), np.uint64(first + t + q), O, G, I, H, F, n_history)
+        if flat:
+            push_flat(count, slots, t, own, partner, body, S, G, B)
+        else:
+            push_pairs(count, slots, t, own, partner, body, outer, S, G, B, F)
+        keep(count, slots, t, O, G, H, n_history)
         if observed:
             for q in range(count):
                 record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)
-        if rolling == MOMENTS:
-            for q in range(count):
-                apply_rolling(q, first + t + q, O, G, F, n_history)
-                if observed:
+                if rolling == MOMENTS:
                     record_rolling(q, slots[t + q], O, G, R, n_history)
     sums[c, SUM_WORK], sums[c, SUM_POWER], sums[c, SUM_OVERLAP], sums[c, SUM_SLOT], sums[c, SUM_BAD] = found

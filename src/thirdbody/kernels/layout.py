@@ -3,38 +3,39 @@
 Tables are C-contiguous float64 with one row per thing, so that a kernel touches one cache line where it can.
 """
 
-# S: spheres. Mid-step velocities carry the displacement of the step; the synchronised ones feed the dashpots.
+# S: spheres, in groups of four columns. Mid-step velocities carry the displacement of the step; the synchronised ones feed the
+# dashpots.
 S_X, S_Y, S_Z, S_R = 0, 1, 2, 3
 S_U = 4  # mid-step velocity of the centre, 3
-S_W = 7  # mid-step angular velocity, 3
-S_V = 10  # velocity predicted for the end of the step, 3
-S_O = 13  # angular velocity predicted for the end of the step, 3
-S_MASS = 16  # of its body
-S_ARM = 17  # centre of the sphere from its body's centre of mass, world axes, 3
-S_SIDE = 20  # what the sphere can meet
-S_COLS = 21
+S_MASS = 7  # of its body
+S_W = 8  # mid-step angular velocity, 3
+S_V = 12  # velocity predicted for the end of the step, 3
+S_O = 16  # angular velocity predicted for the end of the step, 3
+S_ARM = 20  # centre of the sphere from its body's centre of mass, world axes, 3
+S_SIDE = 23  # what the sphere can meet
+S_COLS = 24
 
 # X0: where a body was at the last search (position, 3; quaternion, 4), and how far its farthest sphere is from its centre.
 X_X, X_Q, X_ARM = 0, 3, 7
 X_COLS = 8
 
-# B: bodies.
+# B: bodies, in groups of four columns, first those that every step reads.
 B_X = 0  # position, 3
-B_V = 3  # velocity: full step when synchronised, mid-step inside a step, 3
-B_Q = 6  # quaternion w, x, y, z; body to world, 4
-B_L = 10  # angular momentum, world axes, 3
-B_MASS = 13
-B_I = 14  # principal moments, 3
-B_F = 17  # total force, 3
+B_MASS = 3
+B_V = 4  # velocity: full step when synchronised, mid-step inside a step, 3
+B_Q = 8  # quaternion w, x, y, z; body to world, 4
+B_L = 12  # angular momentum, world axes, 3
+B_F = 16  # total force, 3
 B_T = 20  # total torque, 3
-B_WORK = 23  # friction work, J, cumulative
-B_SLIP = 24  # slip distance, m, cumulative: the sum over the body's spots
-B_UP = 25  # force of the upper plate on the body, 3
-B_LOW = 28  # force of the lower plate on the body, 3
-B_W = 31  # angular velocity, synchronised where somebody looks, 3
-B_EF = 34  # force of body effects, 3
-B_ET = 37  # torque of body effects, 3
-B_COLS = 40
+B_I = 24  # principal moments, 3
+B_W = 28  # angular velocity, synchronised where somebody looks, 3
+B_WORK = 31  # friction work, J, cumulative
+B_UP = 32  # force of the upper plate on the body, 3
+B_SLIP = 35  # slip distance, m, cumulative: the sum over the body's spots
+B_LOW = 36  # force of the lower plate on the body, 3
+B_EF = 40  # force of body effects, 3
+B_ET = 44  # torque of body effects, 3
+B_COLS = 48
 
 # P: patches of the upper body (one for a rigid plate, else one per body); on a foundation the last row is the common plate.
 # P_SPRING is the stiffness of a patch's spring to that plate; P_F is the force of debris and springs, upwards.
@@ -42,17 +43,13 @@ B_COLS = 40
 P_Z, P_V, P_MASS, P_DAMPING, P_LOAD, P_F, P_FREE, P_Z0, P_SPRING, P_LOAD0 = range(10)
 P_COLS = 10
 
-# H: what a candidate contact remembers; law history and labeller memory follow from H_LAW on.
-H_ON, H_E, H_STORED, H_SLIP, H_LAW = 0, 1, 4, 5, 6
+# H: what a candidate contact remembers: an axis of its frame (3), whether it touches, energy of its tangential spring, slip; work
+# and slip that the bodies have not been told of yet; law history and labeller memory follow from H_LAW on.
+H_E, H_ON, H_STORED, H_SLIP, H_WORK, H_WAY, H_LAW = 0, 3, 4, 5, 6, 7, 8
 
-# F: what a contact did in this step. The last row stays zero: candidates that do not touch point at it.
-F_F = 0  # force on the owner, 3
-F_Q = 3  # normal times tangential force, 3: the torque about the centre of either sphere is (F_HALF - radius) times it
-F_HALF = 6  # half the overlap
-F_WORK, F_SLIP = 7, 8
-F_COLS = 9
-F_M = 9  # moment on the owner, 3: columns that only a scene with a rolling law has
-F_ROLLING_COLS = 12
+# F: what contacts between bodies of two groups did to their partners in this step, zero where they do not touch.
+F_F, F_T = 0, 4  # force and torque on the partner's body, 3 each
+F_COLS = 8
 
 # R: full record of a contact, written in observed steps only.
 R_POINT = 0  # contact point minus centre of the owner's body, 3
@@ -88,7 +85,7 @@ G_ARM_I, G_ARM_J = 12, 13  # from the centres to the contact point
 G_U, G_W, G_RW = 14, 17, 20  # of the step: relative velocity of the centres; sum of the spins; the same, each times its radius
 G_V, G_O, G_RO = 23, 26, 29  # the same at the end of the step
 G_ON, G_RI, G_RJ, G_MJ = 32, 33, 34, 35  # whether it touched before; radii; mass of the partner's body
-G_F, G_Q = 14, 17  # then, in place of what is needed no more: force on the owner, and normal times its tangential part
+G_F, G_TI, G_TJ = 14, 17, 20  # then, in place of what is needed no more: force on the owner, torques about the two centres
 G_COLS = 36
 
 # A: totals since the start of the run (J, N s, m), and the powers of the last step for the trapezoid.

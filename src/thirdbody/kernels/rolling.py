@@ -12,12 +12,13 @@ import numpy as np
 from numba import njit
 
 from .layout import (
-    F_M,
     G_ARM_I,
     G_ARM_J,
     G_D,
     G_E,
     G_N,
+    G_TI,
+    G_TJ,
     I_HISTORY,
     J_RATE_X,
     J_RATE_Y,
@@ -93,12 +94,15 @@ def stage_rolling(q, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history):  # n
 
 
 @njit(**BARE)
-def apply_rolling(q, f, O, G, F, n_history):  # noqa: E741
-    """Put the moment of place q into row f: M on the owner's body, -M on the partner's."""
-    at = (O_HISTORY + n_history) * TILE + q
-    m_1, m_2 = O[at + Q_X * TILE], O[at + Q_Y * TILE]
-    for d in range(3):
-        F[f, F_M + d] = m_1 * G[q + (G_E + d) * TILE] + m_2 * G[q + (G_D + d) * TILE]
+def add_moments(n, O, G, n_history):  # noqa: E741
+    """Add the moments of n contacts to the torques: M on the owner's body, -M on the partner's."""
+    for q in range(n):
+        at = (O_HISTORY + n_history) * TILE + q
+        m_1, m_2 = O[at + Q_X * TILE], O[at + Q_Y * TILE]
+        for d in range(3):
+            moment = m_1 * G[q + (G_E + d) * TILE] + m_2 * G[q + (G_D + d) * TILE]
+            G[q + (G_TI + d) * TILE] += moment
+            G[q + (G_TJ + d) * TILE] -= moment
 
 
 @njit(**BARE)

@@ -18,14 +18,15 @@ OBSERVE = types.void(_TABLE, types.int64, _ROW, _ROW)
 LABEL = types.void(_TABLE, types.int64, _ROW, _ROW, _ROW)
 """label(contacts of the body, how many, body, memory, out)"""
 
-SLOTS = (_I, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1)
-# ... number of plate slots; own, partner, kind, row; edges of bodies, of spheres, incidence; near, beginning
-SHAPES = (_I1, _TABLE, _TABLE)  # start; offsets, X0
+_S2 = types.Array(types.int32, 2, "C")
+SLOTS = (_S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S2)
+# ... own, partner, kind, closed, outer; edges, incidence; near, beginning; guests, cuts
+SHAPES = (_I1, _I1, _TABLE, _TABLE)  # body, start; offsets, X0
 TABLES = (_TABLE, _TABLE, _TABLE, _TABLE, _TABLE, _TABLE, _TABLE)  # S, B, P, H, F, R, M
 KNOWN = (_ROW, _ROW, _ROW, _ROW, _TABLE, _TABLE, _I, _I, _I, types.boolean, types.UniTuple(types.float64, 2))
 # ... pairs, effect parameters, D, A; sums, moves; n_history, rolling, width, has_effects; drag direction
 POINTERS = (types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE))
-SCRATCH = (_TABLE, types.Array(types.int32, 2, "C"), types.Array(types.float64, 3, "C"))  # room, marks, rows
+SCRATCH = (_TABLE, _S2, types.Array(types.float64, 3, "C"))  # room, marks, rows
 STEP = (types.boolean, types.float64, types.float64, types.float64, types.float64)  # record, time, v_x, v_y, dt
 WORK = types.void(_I, _I, _I, _I, *STEP, *SLOTS, *SHAPES, *TABLES, *KNOWN, *POINTERS, *SCRATCH)
 """work(pass, part, first chunk, the one behind the last, then all that a step knows and works on)"""

@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
+from .four import lane, load, of, put, splat, transposed
 from .layout import (
     G_ARM_I,
     G_ARM_J,
@@ -18,14 +19,13 @@ from .layout import (
     G_F,
     G_MJ,
     G_N,
-    G_O,
     G_ON,
     G_P,
-    G_Q,
     G_RI,
     G_RJ,
-    G_RO,
     G_RW,
+    G_TI,
+    G_TJ,
     G_U,
     G_V,
     G_W,
@@ -52,20 +52,16 @@ from .layout import (
     S_V,
     S_W,
     S_X,
-    S_Z,
     TILE,
 )  # fmt: skip
 from .options import BARE, BARE_CHUNK
 from .periodic import image
 
 AT_END = (G_V - G_U) * TILE
-"""From a field of the step to that of its end; the columns of spheres are S_V - S_U apart."""
+"""From a field of the step to that of its end."""
 
-
-@njit(**BARE)
-def set3(at, x, y, z, G):
-    """Write a vector into a place of three fields, the first of them at `at`."""
-    G[at], G[at + TILE], G[at + 2 * TILE] = x, y, z
+TO_END = S_V - S_U
+"""The same for the columns of spheres."""
 
 
 @njit(**BARE)
@@ -90,8 +86,8 @@ def stage_plate(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n
     for d in range(3):
         for t in range(2):
             at = q + d * TILE + t * AT_END
-            w = S[i, S_W + d + t * (S_V - S_U)]
-            G[at + G_U * TILE] = S[i, S_U + d + t * (S_V - S_U)]
+            w = S[i, S_W + d + t * TO_END]
+            G[at + G_U * TILE] = S[i, S_U + d + t * TO_END]
             G[at + G_W * TILE], G[at + G_RW * TILE] = w, r * w
     for t in range(2):
         at = q + t * AT_END
@@ -104,41 +100,82 @@ def stage_plate(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n
     remember(q, k, kind, H, I, G, n_history)
 
 
-@njit(**BARE_CHUNK)
-def stage_pairs(n, slots, first, own, partner, kind, S, H, l_x, l_y, c_x, c_y, I, G, n_history):  # noqa: E741
-    """Put the contacts between spheres, slots[first:first + n], into the first places; c = 1/l, 0 if not periodic."""
-    for q in range(n):
-        k = np.uint64(slots[first + q])
-        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
-        r_i, r_j = S[i, S_R], S[j, S_R]
-        d_x, d_y = S[i, S_X] - S[j, S_X], S[i, S_X + 1] - S[j, S_X + 1]
-        G[q + G_N * TILE] = image(d_x, l_x, c_x)
-        G[q + (G_N + 1) * TILE] = image(d_y, l_y, c_y)
-        G[q + (G_N + 2) * TILE] = S[i, S_Z] - S[j, S_Z]
-        u_x, u_y, u_z = S[i, S_U] - S[j, S_U], S[i, S_U + 1] - S[j, S_U + 1], S[i, S_U + 2] - S[j, S_U + 2]
-        v_x, v_y, v_z = S[i, S_V] - S[j, S_V], S[i, S_V + 1] - S[j, S_V + 1], S[i, S_V + 2] - S[j, S_V + 2]
-        a_x, a_y, a_z, b_x, b_y, b_z = S[i, S_W], S[i, S_W + 1], S[i, S_W + 2], S[j, S_W], S[j, S_W + 1], S[j, S_W + 2]
-        e_x, e_y, e_z, f_x, f_y, f_z = S[i, S_O], S[i, S_O + 1], S[i, S_O + 2], S[j, S_O], S[j, S_O + 1], S[j, S_O + 2]
-        set3(q + G_U * TILE, u_x, u_y, u_z, G)
-        set3(q + G_W * TILE, a_x + b_x, a_y + b_y, a_z + b_z, G)
-        set3(q + G_RW * TILE, r_i * a_x + r_j * b_x, r_i * a_y + r_j * b_y, r_i * a_z + r_j * b_z, G)
-        set3(q + G_V * TILE, v_x, v_y, v_z, G)
-        set3(q + G_O * TILE, e_x + f_x, e_y + f_y, e_z + f_z, G)
-        set3(q + G_RO * TILE, r_i * e_x + r_j * f_x, r_i * e_y + r_j * f_y, r_i * e_z + r_j * f_z, G)
-        G[q + G_RI * TILE], G[q + G_RJ * TILE] = r_i, r_j
-        I[q + I_MASS * TILE], G[q + G_MJ * TILE] = S[i, S_MASS], S[j, S_MASS]
-        remember(q, k, kind, H, I, G, n_history)
+@njit(**BARE)
+def rows_of(i, c, S):
+    """Columns c to c + 3 of four spheres."""
+    return load(S, i[0], c), load(S, i[1], c), load(S, i[2], c), load(S, i[3], c)
+
+
+@njit(**BARE)
+def put_three(G, at, rows):
+    """The first three numbers of four rows, into as many places of three fields, the first of them at `at`."""
+    x, y, z, _ = transposed(rows[0], rows[1], rows[2], rows[3])
+    put(G, at, x)
+    put(G, at + TILE, y)
+    put(G, at + 2 * TILE, z)
+
+
+@njit(**BARE)
+def less(a, b):
+    """Four differences of rows."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
+
+
+@njit(**BARE)
+def stage_spins(q, a, b, r_i, r_j, G):
+    """Sums of the spins of the owners, `a`, and of the partners, plainly and times the radii, into the fields from place q on."""
+    put_three(G, q + G_W * TILE, (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]))
+    put_three(G, q + G_RW * TILE, (
+        splat(r_i[0], 3) * a[0] + splat(r_j[0], 3) * b[0], splat(r_i[1], 3) * a[1] + splat(r_j[1], 3) * b[1],
+        splat(r_i[2], 3) * a[2] + splat(r_j[2], 3) * b[2], splat(r_i[3], 3) * a[3] + splat(r_j[3], 3) * b[3],
+    ))  # fmt: skip
+
+
+@njit(**BARE)
+def stage_memory(q, k, kind, H, I, G, n_history):  # noqa: E741
+    """Put what the four slots k remember into the places from q on."""
+    x, y, z, on = transposed(load(H, k[0], H_E), load(H, k[1], H_E), load(H, k[2], H_E), load(H, k[3], H_E))
+    put(G, q + G_E * TILE, x)
+    put(G, q + (G_E + 1) * TILE, y)
+    put(G, q + (G_E + 2) * TILE, z)
+    put(G, q + G_ON * TILE, on)
+    put(I, q + I_TYPE * TILE, of(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
+    for h in range(n_history):
+        put(I, q + (I_HISTORY + h) * TILE, of(H[k[0], H_LAW + h], H[k[1], H_LAW + h], H[k[2], H_LAW + h], H[k[3], H_LAW + h]))
 
 
 @njit(**BARE_CHUNK)
-def meet(n, dt, I, G):  # noqa: E741
-    """Normals, overlaps, arms, effective radii and masses of n contacts between spheres.
+def stage_pairs(n, slots, first, own, partner, kind, S, H, I, G, n_history):  # noqa: E741
+    """Put the contacts between spheres, slots[first:first + n], into the first places, four by four; behind the last of them up
+    to three more slots are read."""
+    for q in range(0, n, 4):
+        p = first + q
+        k = np.uint64(slots[p]), np.uint64(slots[p + 1]), np.uint64(slots[p + 2]), np.uint64(slots[p + 3])
+        i = np.uint64(own[k[0]]), np.uint64(own[k[1]]), np.uint64(own[k[2]]), np.uint64(own[k[3]])
+        j = np.uint64(partner[k[0]]), np.uint64(partner[k[1]]), np.uint64(partner[k[2]]), np.uint64(partner[k[3]])
+        r_i, r_j = rows_of(i, np.int64(S_X), S), rows_of(j, np.int64(S_X), S)
+        put_three(G, q + G_N * TILE, less(r_i, r_j))
+        put(G, q + G_RI * TILE, of(lane(r_i[0], 3), lane(r_i[1], 3), lane(r_i[2], 3), lane(r_i[3], 3)))
+        put(G, q + G_RJ * TILE, of(lane(r_j[0], 3), lane(r_j[1], 3), lane(r_j[2], 3), lane(r_j[3], 3)))
+        a, b = rows_of(i, np.int64(S_U), S), rows_of(j, np.int64(S_U), S)
+        put_three(G, q + G_U * TILE, less(a, b))
+        put(I, q + I_MASS * TILE, of(lane(a[0], 3), lane(a[1], 3), lane(a[2], 3), lane(a[3], 3)))
+        put(G, q + G_MJ * TILE, of(lane(b[0], 3), lane(b[1], 3), lane(b[2], 3), lane(b[3], 3)))
+        put_three(G, q + G_V * TILE, less(rows_of(i, np.int64(S_V), S), rows_of(j, np.int64(S_V), S)))
+        stage_spins(q, rows_of(i, np.int64(S_W), S), rows_of(j, np.int64(S_W), S), r_i, r_j, G)
+        stage_spins(q + AT_END, rows_of(i, np.int64(S_O), S), rows_of(j, np.int64(S_O), S), r_i, r_j, G)
+        stage_memory(q, k, kind, H, I, G, n_history)
+
+
+@njit(**BARE_CHUNK)
+def meet(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
+    """Normals, overlaps, arms, effective radii and masses of n contacts between spheres; c = 1/l, 0 if not periodic.
 
     Slip is a displacement of the step, so its arms are those of the middle of the step: hence the normal of half a step ago.
     """
     half = 0.5 * dt
     for q in range(n):
-        x, y, z = G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE]
+        x, y, z = image(G[q + G_N * TILE], l_x, c_x), image(G[q + (G_N + 1) * TILE], l_y, c_y), G[q + (G_N + 2) * TILE]
         r_i, r_j = G[q + G_RI * TILE], G[q + G_RJ * TILE]
         m_i, m_j = I[q + I_MASS * TILE], G[q + G_MJ * TILE]
         distance = math.sqrt(x * x + y * y + z * z)
@@ -211,16 +248,18 @@ def slide(n, dt, I, G):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def push(n, O, G):  # noqa: E741
-    """Forces of n contacts in world axes, and the normal times their tangential parts."""
+def push(n, I, O, G):  # noqa: E741
+    """Forces of n contacts on the owners, and the torques about the centres of both spheres, in world axes."""
     for q in range(n):
         f_n, t_1, t_2 = O[q + O_FN * TILE], O[q + O_TX * TILE], O[q + O_TY * TILE]
         n_x, n_y, n_z = G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE]
         e_x, e_y, e_z = G[q + G_E * TILE], G[q + (G_E + 1) * TILE], G[q + (G_E + 2) * TILE]
         d_x, d_y, d_z = G[q + G_D * TILE], G[q + (G_D + 1) * TILE], G[q + (G_D + 2) * TILE]
+        half = 0.5 * I[q + I_OVERLAP * TILE]
+        a_i, a_j = half - G[q + G_RI * TILE], half - G[q + G_RJ * TILE]
+        x, y, z = t_1 * d_x - t_2 * e_x, t_1 * d_y - t_2 * e_y, t_1 * d_z - t_2 * e_z  # normal times tangential force
         G[q + G_F * TILE] = f_n * n_x + t_1 * e_x + t_2 * d_x
         G[q + (G_F + 1) * TILE] = f_n * n_y + t_1 * e_y + t_2 * d_y
         G[q + (G_F + 2) * TILE] = f_n * n_z + t_1 * e_z + t_2 * d_z
-        G[q + G_Q * TILE] = t_1 * d_x - t_2 * e_x
-        G[q + (G_Q + 1) * TILE] = t_1 * d_y - t_2 * e_y
-        G[q + (G_Q + 2) * TILE] = t_1 * d_z - t_2 * e_z
+        G[q + G_TI * TILE], G[q + (G_TI + 1) * TILE], G[q + (G_TI + 2) * TILE] = a_i * x, a_i * y, a_i * z
+        G[q + G_TJ * TILE], G[q + (G_TJ + 1) * TILE], G[q + (G_TJ + 2) * TILE] = a_j * x, a_j * y, a_j * z

@@ -19,7 +19,7 @@ from .bodies import (
     MOVE_WAY,
 )  # fmt: skip
 from .clock import pass_time
-from .contacts import CHUNK, SUM_BAD, SUM_OVERLAP, SUM_POWER, SUM_SLOT, SUM_WORK
+from .contacts import GROUP, SUM_BAD, SUM_OVERLAP, SUM_POWER, SUM_SLOT, SUM_WORK
 from .layout import (
     A_DAMPING,
     A_DISTANCE,
@@ -64,10 +64,10 @@ where something else holds their cores."""
 
 
 @njit(**BARE)
-def account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load, patch_damping):
+def account(A, sums, moves, n_groups, v_x, v_y, dt, load, patch_damping):
     """Add the step to the energy ledger, to impulses and distances: powers by the trapezoid, in a fixed order."""
     work, power = 0.0, 0.0
-    for c in range(n_chunks):
+    for c in range(sums.shape[0]):
         work += sums[c, SUM_WORK]
         power += sums[c, SUM_POWER]
     up_x, up_y, up_z, low_x, low_y, low_z, effects = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -97,15 +97,15 @@ def account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load, patch_dampin
 
 
 @njit(**BARE)
-def guard(D, sums, n_chunks, moves, n_groups):
+def guard(D, sums, moves, n_groups):
     """(code, number) of the first guard that trips, or (DONE, -1)."""
     for g in range(n_groups):
         if moves[g, MOVE_BAD] > 0.0:
             return BAD_BODY, np.int64(moves[g, MOVE_BAD]) - 1
-    for c in range(n_chunks):
+    for c in range(sums.shape[0]):
         if sums[c, SUM_BAD] > 0.0:
             return BAD_CONTACT, np.int64(sums[c, SUM_BAD]) - 1
-    for c in range(n_chunks):
+    for c in range(sums.shape[0]):
         if sums[c, SUM_OVERLAP] > D[D_GUARD_OVERLAP]:
             return OVERLAP, np.int64(sums[c, SUM_SLOT])
     for g in range(n_groups):
@@ -135,44 +135,37 @@ def pushed(moves, n_groups):
     return push
 
 
-@njit(**BARE)
-def chunks_of(n, n_plates):
-    """Number of chunks of n slots, of which the first n_plates are with plates: none holds both kinds."""
-    return (n_plates + CHUNK - 1) // CHUNK + (n - n_plates + CHUNK - 1) // CHUNK
-
-
 _F2, _I1, _I = types.Array(types.float64, 2, "C"), types.Array(types.int64, 1, "C"), types.int64
 ADVANCE = types.Tuple((_I, _I))(
-    _I, types.float64, types.float64, types.float64, _I,  # budget, target time, target distance, dt, threads
+    _I, types.float64, types.float64, types.float64, _I, types.boolean,  # budget, targets (2), dt, threads, whole
     *SLOTS, *SHAPES, *TABLES, *KNOWN, *POINTERS, *SCRATCH, types.FunctionType(WORK),
     _I1, _F2, _I1, _I, types.boolean,  # patch; schedule, first; stride, labels
 )  # fmt: skip
 
 
 @njit(**CHUNK_OF_THREADS)
-def share_out(parts, task, count, record, time, v_x, v_y, dt, n_plates, own, partner, kind, row, edges, spheres, incidence, near,
-              beginning, start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history,
-              rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, work):  # fmt: skip
+def share_out(parts, task, count, record, time, v_x, v_y, dt, own, partner, kind, closed, outer, edges, incidence, near,
+              beginning, guests, cuts, body, start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums,
+              moves, n_history, rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, work):  # fmt: skip
     """The chunks of one pass in as many parts, on all threads."""
     for p in prange(parts):
-        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, record, time, v_x, v_y, dt, n_plates, own,
-             partner, kind, row, edges, spheres, incidence, near, beginning, start, offsets, X0, S, B, P, H, F, R, M, pairs,
-             effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects, observe, room,
-             marks, rows)  # fmt: skip
+        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, record, time, v_x, v_y, dt, own, partner, kind,
+             closed, outer, edges, incidence, near, beginning, guests, cuts, body, start, offsets, X0, S, B, P, H, F, R, M,
+             pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects, observe,
+             room, marks, rows)  # fmt: skip
 
 
 @njit(ADVANCE, **DIRECT, **NO_COUNTS)
-def advance(budget, until, distance, dt, threads, n_plates, own, partner, kind, row, edges, spheres, incidence, near, beginning,
-            start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width,
-            has_effects, drag, law, effects, observe, room, marks, rows, work, patch, schedule, first, stride,
+def advance(budget, until, distance, dt, threads, whole, own, partner, kind, closed, outer, edges, incidence, near, beginning,
+            guests, cuts, body, start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history,
+            rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, work, patch, schedule, first, stride,
             labels):  # fmt: skip
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
     Returns the code and the slot or body that a guard names, or whether a search is due. State is synchronised on return.
     """
     n_groups = (B.shape[0] + BODIES - 1) // BODIES
-    whole = own.shape[0] == n_plates
-    n_chunks = n_groups if whole else chunks_of(own.shape[0], n_plates)
+    n_chunks = n_groups if whole else (n_groups + GROUP - 1) // GROUP
     for step in range(budget):
         v_x = mean_rate(schedule, first, np.int64(X), A[A_TIME], dt)
         v_y = mean_rate(schedule, first, np.int64(Y), A[A_TIME], dt)
@@ -187,24 +180,24 @@ def advance(budget, until, distance, dt, threads, n_plates, own, partner, kind, 
             if task == LOOK:
                 load_patches(P, schedule, first, time)
                 load, damping = kick_patches(P, B, patch, pushed(moves, n_groups), dt)
-                account(A, sums, n_chunks, moves, n_groups, v_x, v_y, dt, load + patch_power(P), damping)
+                account(A, sums, moves, n_groups, v_x, v_y, dt, load + patch_power(P), damping)
             if task == LOOK and not sampled or task == WHOLE and not whole:
                 continue
             count = n_chunks if task == CONTACTS else n_groups
             parts = min(count, SHARES * threads)
             if threads == 1 or count < FEW[task]:
-                work(np.int64(task), np.int64(0), np.int64(0), np.int64(count), record, time, v_x, v_y, dt, n_plates, own,
-                     partner, kind, row, edges, spheres, incidence, near, beginning, start, offsets, X0, S, B, P, H, F, R, M,
-                     pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects,
+                work(np.int64(task), np.int64(0), np.int64(0), np.int64(count), record, time, v_x, v_y, dt, own, partner, kind,
+                     closed, outer, edges, incidence, near, beginning, guests, cuts, body, start, offsets, X0, S, B, P, H, F, R,
+                     M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects,
                      observe, room, marks, rows)  # fmt: skip
             else:
-                share_out(np.int64(parts), np.int64(task), np.int64(count), record, time, v_x, v_y, dt, n_plates, own, partner,
-                          kind, row, edges, spheres, incidence, near, beginning, start, offsets, X0, S, B, P, H, F, R, M, pairs,
-                          effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects,
-                          observe, room, marks, rows, work)  # fmt: skip
+                share_out(np.int64(parts), np.int64(task), np.int64(count), record, time, v_x, v_y, dt, own, partner, kind,
+                          closed, outer, edges, incidence, near, beginning, guests, cuts, body, start, offsets, X0, S, B, P, H,
+                          F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag,
+                          law, effects, observe, room, marks, rows, work)  # fmt: skip
         if sampled:
             A[A_ELAPSED], A[A_DX], A[A_DY] = 0.0, 0.0, 0.0
-        code, number = guard(D, sums, n_chunks, moves, n_groups)
+        code, number = guard(D, sums, moves, n_groups)
         if code != DONE:
             return code, number
         due = search_due(moves, n_groups, far_patch, D[D_SKIN])

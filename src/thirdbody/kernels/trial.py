@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from .bodies import place_body
-from .contacts import SUM_WORK, apply, record, release, separation
+from .contacts import SUM_WORK, keep, record, release, separation
 from .layout import (
     B_EF,
     B_ET,
@@ -40,14 +40,14 @@ from .layout import (
     B_W,
     B_WORK,
     B_X,
-    F_F,
-    F_SLIP,
-    F_WORK,
     G_ARM_I,
     G_D,
     G_E,
+    G_F,
     G_N,
     H_ON,
+    H_WAY,
+    H_WORK,
     I_HISTORY,
     I_OVERLAP,
     I_SX,
@@ -300,25 +300,26 @@ def accept(b, m, v_x, v_y, spots, state, known, work, sums):
     S, B, P, H, F, R = state
     n_history, rolling = known[2], known[3]
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
-    for k in range(B_UP, B_LOW + 3):
-        B[b, k] = 0.0
-    push(m, O, G)
+    for d in range(3):
+        B[b, B_UP + d] = B[b, B_LOW + d] = 0.0
+    push(m, I, O, G)
+    keep(m, slots, 0, O, G, H, n_history)
     q = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
         if q < m and slots[q] == k:
-            apply(q, k, k, O, G, I, H, F, n_history)
             record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y)
             if rolling == MOMENTS:
                 record_rolling(q, k, O, G, R, n_history)
             sums[0, SUM_WORK] += O[O_WORK * TILE + q]
             side = B_LOW if partner[k] == -1 else B_UP
             for d in range(3):
-                B[b, side + d] += F[k, F_F + d]
+                B[b, side + d] += G[q + (G_F + d) * TILE]
             q += 1
         elif H[k, H_ON] != 0.0:
-            sums[0, SUM_WORK] += release(k, k, H, F)
+            sums[0, SUM_WORK] += release(k, H)
         else:
             continue
-        B[b, B_WORK] += F[k, F_WORK]
-        B[b, B_SLIP] += F[k, F_SLIP]
+        B[b, B_WORK] += H[k, H_WORK]  # all of it: what a spot meets is a plate
+        B[b, B_SLIP] += H[k, H_WAY]
+        H[k, H_WORK] = H[k, H_WAY] = 0.0

@@ -3,29 +3,19 @@ the two can be compiled at the same time."""
 
 from numba import njit
 
-from .bodies import BODIES, drift_chunk
-from .contacts import CHUNK, contact_chunk
+from .bodies import FLAT, PAIRED, drift_chunk
+from .contacts import GROUP, contact_chunk
 from .gather import gather_chunk
 from .layout import D_LX, D_LY
 from .observe import observe_chunk
-from .options import BARE, NO_COUNTS, POINTED
+from .options import NO_COUNTS, POINTED
 from .signatures import CONTACTS, DRIFT, GATHER, LOOK, WHOLE, WORK
 
 
-@njit(**BARE)
-def chunk_of(c, n, n_plates):
-    """First slot of chunk c and the one behind its last."""
-    flat = (n_plates + CHUNK - 1) // CHUNK
-    if c < flat:
-        return c * CHUNK, min((c + 1) * CHUNK, n_plates)
-    first = n_plates + (c - flat) * CHUNK
-    return first, min(first + CHUNK, n)
-
-
 @njit(WORK, **POINTED, **NO_COUNTS)
-def work(task, part, begin, end, record, time, v_x, v_y, dt, n_plates, own, partner, kind, row, edges, spheres, incidence, near,
-         beginning, start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling,
-         width, has_effects, drag, law, effects, observe, room, marks, rows):  # fmt: skip
+def work(task, part, begin, end, record, time, v_x, v_y, dt, own, partner, kind, closed, outer, edges, incidence, near, beginning,
+         guests, cuts, body, start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history,
+         rolling, width, has_effects, drag, law, effects, observe, room, marks, rows):  # fmt: skip
     """Chunks begin to end of one pass of the step. To call it through a pointer takes 1.4 us: hence not chunk by chunk."""
     whole = task == WHOLE
     for c in range(begin, end):
@@ -33,15 +23,13 @@ def work(task, part, begin, end, record, time, v_x, v_y, dt, n_plates, own, part
             drift_chunk(c, start, near, beginning, record, offsets, S, X0, B, D, dt, moves, room[part],
                         marks[part])  # fmt: skip
         if task == CONTACTS or whole:
-            first, last = chunk_of(c, own.shape[0], n_plates)
-            if whole:
-                first, last = edges[c * BODIES], edges[min((c + 1) * BODIES, B.shape[0])]
-            contact_chunk(c, first, last, last <= n_plates, own, partner, kind, row, S, P, H, F, R, sums, law, pairs, dt, v_x,
-                          v_y, max(D[D_LX], 0.0), max(D[D_LY], 0.0), n_history, rolling, record, room[part],
-                          marks[part])  # fmt: skip
+            first, last = (c, c + 1) if whole else (c * GROUP, min((c + 1) * GROUP, moves.shape[0]))
+            for side in range(FLAT, FLAT + 1 if whole else PAIRED + 1):
+                contact_chunk(2 * c + side, cuts[side, first], cuts[side, last], side == FLAT, own, partner, kind, closed, outer,
+                              body, S, B, P, H, F, R, sums, law, pairs, dt, v_x, v_y, max(D[D_LX], 0.0), max(D[D_LY], 0.0),
+                              n_history, rolling, record, room[part], marks[part])  # fmt: skip
         if task == GATHER or whole:
-            gather_chunk(c, start, near, beginning, spheres, incidence, row, n_plates, partner, F, S, B, dt, time, effects,
-                         effect_parameters, has_effects, record, rolling, moves)  # fmt: skip
+            gather_chunk(c, cuts, guests, F, B, dt, time, effects, effect_parameters, has_effects, record, moves)
         if task == LOOK:
             speed = (v_x * v_x + v_y * v_y) ** 0.5
             observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, room[part],

@@ -28,29 +28,33 @@ class FrameMaker:
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
         self.impulses = impulses_of(self.state)
         self._corners = _corners(state)
+        self.given, self.spheres = state.given, state.given_spheres
 
     def static(self) -> dict[str, dict[str, np.ndarray]]:
         """Arrays that never change, by block."""
         s = self.state
         clumps = {
             "id": np.arange(s.n_bodies),
-            "population": s.population,
-            "material": s.material,
-            "mass": s.B[:, at.B_MASS].copy(),
-            "diameter": 2.0 * s.rayleigh_radius,
+            "population": s.population[self.given],
+            "material": s.material[self.given],
+            "mass": s.B[self.given, at.B_MASS],
+            "diameter": 2.0 * s.rayleigh_radius[self.given],
         }
-        spheres = {"radius": s.S[:, at.S_R].copy(), "id": np.arange(s.n_spheres), "clump": s.body}
+        spheres = {"radius": s.S[self.spheres, at.S_R], "id": np.arange(s.n_spheres), "clump": s.order[s.body[self.spheres]]}
         return {"spheres": spheres, "clumps": clumps}
 
     def frame(self, labels: np.ndarray | None) -> Frame:
-        """The frame of this instant; `labels` as `Explicit.label` gives them, None without a labeller."""
+        """The frame of this instant, bodies as the scene has them; `labels` as `Explicit.label` gives them, None without a
+        labeller."""
         s = self.state
         contacts = self._contacts()
         clumps = self._clumps(labels, contacts)
-        spheres = {"points": s.S[:, :3].copy(), "velocity": s.S[:, at.S_V : at.S_V + 3].copy()}
+        S = s.S[self.spheres]
+        spheres = {"points": S[:, :3].copy(), "velocity": S[:, at.S_V : at.S_V + 3].copy()}
         if labels is not None:
-            spheres["state"] = clumps["state"][s.body]
-            spheres["state_reason"] = clumps["state_reason"][s.body]
+            clump = s.order[s.body[self.spheres]]
+            spheres["state"] = clumps["state"][clump]
+            spheres["state_reason"] = clumps["state_reason"][clump]
         return Frame(s.time, spheres, clumps, contacts, self._plates(), self._series(clumps.get("state"), contacts))
 
     def _contacts(self) -> dict[str, np.ndarray]:
@@ -58,13 +62,13 @@ class FrameMaker:
         on = np.flatnonzero(slots.H[:, at.H_ON] > 0.0)
         R, body, partner = slots.R[on], s.body[slots.own[on]], slots.partner[on]
         plate = partner < 0
-        other = np.where(plate, np.maximum(partner, -2), s.body[np.where(plate, 0, partner)])
+        other = np.where(plate, np.maximum(partner, -2), s.order[s.body[np.where(plate, 0, partner)]])
         tangential = R[:, at.R_T : at.R_T + 3]
         size, limit = np.linalg.norm(tangential, axis=1), R[:, at.R_LIMIT]
         eta = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
         arrays = {
             "points": s.B[body, at.B_X : at.B_X + 3] + R[:, at.R_POINT : at.R_POINT + 3],
-            "body": body,
+            "body": s.order[body],
             "partner": other,
             "side": np.where(partner == -1, at.LOWER, np.where(plate, at.UPPER, at.DEBRIS)).astype(np.uint8),
             "normal": R[:, at.R_N : at.R_N + 3],
@@ -85,7 +89,7 @@ class FrameMaker:
         return arrays
 
     def _clumps(self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        s, B = self.state, self.state.B
+        s, B = self.state, self.state.B[self.given]
         arrays = {
             "points": B[:, at.B_X : at.B_X + 3].copy(),
             "quaternion": B[:, at.B_Q : at.B_Q + 4].copy(),
@@ -101,6 +105,7 @@ class FrameMaker:
         }
         if labels is None or self.labeller is None:
             return arrays
+        labels = labels[self.given]
         arrays["state"] = labels[:, 0].astype(np.uint8)
         arrays["state_reason"] = labels[:, 1].astype(np.uint8)
         for k, name in enumerate(self.labeller.margins):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..engine.explicit import Explicit
+from ..engine.order import in_columns
 from ..engine.plates import Schedule
 from ..engine.state import Placed, State, World, assemble
 from ..errors import InputError
@@ -103,15 +104,17 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
     placed = populate(scene, warnings)
+    meets = scene.contact.debris_contact == "auto" and _meeting(placed) > 1
+    order = in_columns(placed.positions, _diameter(placed)) if meets else np.arange(len(placed.clumps))
+    placed = placed.taken(order)
     upper = upper_plate(scene, choice, placed, warnings)
     _end_settling(scene, choice, upper)
     names = list(scene.materials)
     lower = None if scene.plates.lower is None else names.index(scene.plates.lower.material)
-    meets = scene.contact.debris_contact == "auto" and _meeting(placed) > 1
     bounded = not scene.domain.periodic and lower is not None
     world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, meets)
     radii = np.concatenate([clump.radii for clump in placed.clumps])
-    state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()))
+    state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order)
     _refuse_narrow_domain(scene, state)
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
     chosen = plan(scene, choice, state)
@@ -130,6 +133,11 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
     _refuse_many_frames(simulation)
     _refuse_endless(simulation, integrator, force)
     return simulation
+
+
+def _diameter(placed: Placed) -> float:
+    """Mean diameter of balls of the bodies' volumes, m."""
+    return float(np.mean(np.cbrt([6.0 / math.pi * clump.volume for clump in placed.clumps])))
 
 
 def _meeting(placed: Placed) -> int:

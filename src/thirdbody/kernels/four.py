@@ -1,0 +1,219 @@
+"""Four numbers at once: a type for kernels whose arithmetic is the processor's vector arithmetic.
+
+The compiler makes vectors of loops over fields by itself, not of copies between rows and fields, nor of the few numbers of one
+row. Each lane is IEEE arithmetic of its own: the same bits as one by one.
+"""
+
+import operator
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils, errors
+from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+from numba.extending import intrinsic, lower_builtin, models, register_model
+
+LANES = 4
+_VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+_SPLIT = ir.IntType(32)
+_BITS = ir.VectorType(ir.IntType(64), LANES)
+
+
+class FourType(types.Type):
+    """The type of four numbers."""
+
+    def __init__(self) -> None:
+        super().__init__("four")
+
+
+four = FourType()
+
+
+@register_model(FourType)
+class _Model(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, _VECTOR)
+
+
+def _operator(symbol: Any, name: str) -> None:
+    """Teach numba an operator between two fours."""
+
+    @infer_global(symbol)
+    class _Template(ConcreteTemplate):  # type: ignore[misc]
+        key = symbol
+        cases = [signature(four, four, four)]
+
+    @lower_builtin(symbol, FourType, FourType)
+    def _lower(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return getattr(builder, name)(*args)
+
+
+for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+    _operator(_symbol, _name)
+
+
+def _shuffle(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
+    return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_SPLIT, len(lanes)), lanes))
+
+
+def _place(context: Any, builder: Any, kind: Any, table: Any, index: list[Any]) -> Any:
+    """Pointer to four numbers of a table, which need not be aligned."""
+    array = context.make_array(kind)(context, builder, table)
+    pointer = cgutils.get_item_pointer(context, builder, kind, array, index, wraparound=False)
+    return builder.bitcast(pointer, _VECTOR.as_pointer())
+
+
+def _lane(kind: Any) -> int:
+    if not isinstance(kind, types.IntegerLiteral) or not 0 <= kind.literal_value < LANES:
+        raise errors.TypingError("a lane is a literal from 0 to 3")
+    return int(kind.literal_value)
+
+
+def _index(context: Any, builder: Any, sig: Any, args: Any, which: range) -> list[Any]:
+    return [context.cast(builder, args[k], sig.args[k], types.intp) for k in which]
+
+
+@intrinsic
+def load(typing: Any, A: Any, i: Any, c: Any) -> Any:
+    """Row i of the table A from column c on."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
+        return builder.load(place, align=8)
+
+    return four(A, i, c), make
+
+
+@intrinsic
+def store(typing: Any, A: Any, i: Any, c: Any, v: Any) -> Any:
+    """Write v into row i of the table A from column c on."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
+        builder.store(args[3], place, align=8)
+        return context.get_dummy_value()
+
+    return types.void(A, i, c, v), make
+
+
+@intrinsic
+def get(typing: Any, G: Any, at: Any) -> Any:
+    """Four numbers of a row from `at` on."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
+        return builder.load(place, align=8)
+
+    return four(G, at), make
+
+
+@intrinsic
+def put(typing: Any, G: Any, at: Any, v: Any) -> Any:
+    """Write v into a row from `at` on."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
+        builder.store(args[2], place, align=8)
+        return context.get_dummy_value()
+
+    return types.void(G, at, v), make
+
+
+@intrinsic
+def spread(typing: Any, x: Any) -> Any:
+    """The number x four times."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), args[0], _SPLIT(0))
+        return _shuffle(builder, one, one, [0] * LANES)
+
+    return four(types.float64), make
+
+
+@intrinsic
+def of(typing: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
+    """Four numbers."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        v = ir.Constant(_VECTOR, ir.Undefined)
+        for k in range(LANES):
+            v = builder.insert_element(v, args[k], _SPLIT(k))
+        return v
+
+    return four(*[types.float64] * LANES), make
+
+
+@intrinsic(prefer_literal=True)
+def lane(typing: Any, v: Any, k: Any) -> Any:
+    """Number k of v, k a literal."""
+    number = _lane(k)
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.extract_element(args[0], _SPLIT(number))
+
+    return types.float64(v, k), make
+
+
+@intrinsic(prefer_literal=True)
+def splat(typing: Any, v: Any, k: Any) -> Any:
+    """Number k of v four times, k a literal."""
+    number = _lane(k)
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _shuffle(builder, args[0], args[0], [number] * LANES)
+
+    return four(v, k), make
+
+
+@intrinsic
+def with_last(typing: Any, v: Any, w: Any) -> Any:
+    """The first three numbers of v and the last of w."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _shuffle(builder, args[0], args[1], [0, 1, 2, 7])
+
+    return four(v, w), make
+
+
+@intrinsic
+def crossed(typing: Any, v: Any, w: Any) -> Any:
+    """The cross product of the first three numbers of v and of w."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        a, b = args
+        a_1, a_2 = (_shuffle(builder, a, a, lanes) for lanes in ([1, 2, 0, 3], [2, 0, 1, 3]))
+        b_1, b_2 = (_shuffle(builder, b, b, lanes) for lanes in ([1, 2, 0, 3], [2, 0, 1, 3]))
+        return builder.fsub(builder.fmul(a_1, b_2), builder.fmul(a_2, b_1))
+
+    return four(v, w), make
+
+
+@intrinsic
+def above(typing: Any, v: Any, least: Any) -> Any:
+    """v, with 0 for whatever is not larger than `least`, by size; what is not a number stays."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        bits = builder.and_(builder.bitcast(args[0], _BITS), ir.Constant(_BITS, [(1 << 63) - 1] * LANES))  # without the sign
+        size = builder.bitcast(bits, _VECTOR)
+        one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), args[1], _SPLIT(0))
+        low = builder.fcmp_ordered("<=", size, _shuffle(builder, one, one, [0] * LANES))
+        return builder.select(low, ir.Constant(_VECTOR, [0.0] * LANES), args[0])
+
+    return four(v, types.float64), make
+
+
+@intrinsic
+def transposed(typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+    """Rows to columns: the first numbers of a, b, c and d, the second ones, and so on."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        a, b, c, d = args
+        low, high = _shuffle(builder, a, b, [0, 4, 1, 5]), _shuffle(builder, a, b, [2, 6, 3, 7])
+        low_2, high_2 = _shuffle(builder, c, d, [0, 4, 1, 5]), _shuffle(builder, c, d, [2, 6, 3, 7])
+        columns = [
+            _shuffle(builder, low, low_2, [0, 1, 4, 5]), _shuffle(builder, low, low_2, [2, 3, 6, 7]),
+            _shuffle(builder, high, high_2, [0, 1, 4, 5]), _shuffle(builder, high, high_2, [2, 3, 6, 7]),
+        ]  # fmt: skip
+        return context.make_tuple(builder, sig.return_type, columns)
+
+    return types.UniTuple(four, LANES)(a, b, c, d), make
