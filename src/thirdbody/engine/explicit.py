@@ -71,7 +71,7 @@ class Explicit:
             budget = BUDGET - int(state.A[at.A_STEPS]) % BUDGET
             code, number = self._advance(budget, time, distance, state.dt)
             if code in (step.SEARCH, step.DONE) and number == 1:
-                search(state)
+                search(state, code == step.DONE)
                 self._tables()
             elif code not in (step.SEARCH, step.BUDGET, step.DONE):
                 raise GuardStop(self._explain(code, number))
@@ -95,7 +95,8 @@ class Explicit:
 
     def _tables(self) -> None:
         chunks = -(-self.state.n_bodies // body_pass.BODIES)
-        self.sums = np.zeros((2 * chunks, contact_pass.SUM_COLS))
+        self.sums = np.zeros((2 * -(-chunks // contact_pass.GROUP), contact_pass.SUM_COLS))
+        self.moved = np.zeros(len(self.sums) // 2, np.int32)
         self.moves = np.zeros((chunks, body_pass.MOVE_COLS))
         self._scratch(numba.get_num_threads())
 
@@ -117,12 +118,13 @@ class Explicit:
             self._scratch(threads)
         answer = step.advance(
             budget, time, distance, dt, threads,
-            slots.n_plates == slots.count, slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges,
-            slots.incidence, slots.near, slots.beginning, slots.guests, slots.cuts, s.body, s.start, s.offsets, s.X0,
+            slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
+            slots.beginning, slots.guests, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets,
             s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, len(physics.history), physics.rolling,
             at.C_MEMORY + physics.contact_memory, physics.has_effects, self.drag, physics.law, physics.effects, physics.observe,
-            self.room, self.marks, self.rows, work, s.patch, s.schedule, s.first, physics.stride, physics.labels,
+            self.room, self.marks, self.rows, self.moved, work, s.X0, s.patch, s.schedule, s.first, physics.stride,
+            physics.labels,
         )  # fmt: skip
         settle(slots.edges, slots.incidence, slots.n_plates, slots.H, s.B)
         refresh_spheres(s)  # the kernel places only spheres that can meet something

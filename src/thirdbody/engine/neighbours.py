@@ -8,20 +8,23 @@ from ..kernels import layout as at
 from ..kernels import search as passes
 from ..kernels.bodies import BODIES
 from ..kernels.contacts import GROUP
-from .state import Array, Numbers, Slots, State
+from .state import Array, Ints, Numbers, Slots, State
 
 
-def search(state: State) -> None:
-    """Find all pairs that can touch before anything has moved by the skin; contact memory is carried over."""
+def search(state: State, recorded: bool = True) -> None:
+    """Find all pairs that can touch before anything has moved by the skin; contact memory is carried over, and records if this
+    step was `recorded`."""
     n_plates, own, partner = _candidates(state)
     old = state.slots
     n = len(own)
     H, R = np.zeros((n, old.H.shape[1])), np.zeros((n, old.R.shape[1]))
-    for source, target in ((old.H, H), (old.R, R)):
-        _carry(n_plates, own, partner, old, source, target)
+    _carry(n_plates, own, partner, old, old.H, H)
+    if recorded:
+        _carry(n_plates, own, partner, old, old.R, R)
     state.slots = slots_of(state, own, partner, n_plates, H, R)
     state.X0[:, at.X_X : at.X_X + 3] = state.B[:, at.B_X : at.B_X + 3]
     state.X0[:, at.X_Q : at.X_Q + 4] = state.B[:, at.B_Q : at.B_Q + 4]
+    state.A[at.A_FAR] = 0.0
     state.P[:, at.P_Z0] = state.P[:, at.P_Z]
     state.searches += 1
 
@@ -31,8 +34,7 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
     spheres, incidence = passes.incidences(len(own), own, partner, state.n_spheres)
     meets = np.diff(spheres) > 0
     host = state.body[own]
-    guest = state.body[partner[n_plates:]]
-    outer, guests = _handed_out(host[n_plates:], guest)
+    outer, guests, lowest, needs = _between_groups(host[n_plates:], state.body[partner[n_plates:]], state.n_bodies)
     chunks = np.arange(-(-state.n_bodies // BODIES) + 1) * BODIES
     flat, paired = np.searchsorted(host[:n_plates], chunks), n_plates + np.searchsorted(host[n_plates:], chunks)
     cuts = flat, paired, np.searchsorted(guests // BODIES * BODIES, chunks)
@@ -46,8 +48,10 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
         incidence=incidence,
         near=np.flatnonzero(meets).astype(np.int32),
         beginning=np.concatenate(([0], np.cumsum(meets)))[state.start].astype(np.int32),
-        guests=guests.astype(np.int32),
+        guests=guests,
         cuts=np.array(cuts, np.int32),
+        lowest=lowest,
+        needs=needs,
         n_plates=n_plates,
         H=H,
         F=np.zeros((len(guests), at.F_COLS)),
@@ -55,15 +59,20 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
     )
 
 
-def _handed_out(host: Numbers, guest: Numbers) -> tuple[Numbers, Numbers]:
-    """The row of F for each pair of bodies, -1 where both are of one group, and the bodies of those rows: chunk by chunk, in the
-    order of their slots."""
-    group = BODIES * GROUP
-    others = np.flatnonzero(host // group != guest // group)
+def _between_groups(host: Ints, guest: Ints, n_bodies: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
+    """`outer`, `guests`, `lowest` and `needs` of `Slots` for these pairs of bodies: chunk by chunk of the guests, in the order of
+    their slots."""
+    size, groups = BODIES * GROUP, -(-n_bodies // (BODIES * GROUP))
+    others = np.flatnonzero(host // size != guest // size)
     others = others[np.argsort(guest[others] // BODIES, kind="stable")]
     outer = np.full(len(host), -1, np.int32)
     outer[others] = np.arange(len(others))
-    return outer, guest[others]
+    asked = np.unique(host[others] // size * groups + guest[others] // size)
+    one, other = asked // groups, asked % groups
+    lowest = np.arange(groups, dtype=np.int32)
+    np.minimum.at(lowest, other, one.astype(np.int32))
+    needs = np.concatenate((groups + 1 + np.searchsorted(one, np.arange(groups + 1)), other))
+    return outer, guest[others].astype(np.int32), lowest, needs.astype(np.int32)
 
 
 def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Slots, source: Array, target: Array) -> None:

@@ -51,9 +51,10 @@ class Placed:
         """The same bodies in another order."""
         if np.array_equal(order, np.arange(len(order))):
             return self
-        given = (self.densities, self.materials, self.populations, self.positions, self.quaternions, self.velocities,
-                 self.angular_velocities)  # fmt: skip
-        return Placed(_Taken(self.clumps, order), *(array[order] for array in given))
+        return Placed(
+            _Taken(self.clumps, order), self.densities[order], self.materials[order], self.populations[order],
+            self.positions[order], self.quaternions[order], self.velocities[order], self.angular_velocities[order],
+        )  # fmt: skip
 
     def sides(self) -> Ints:
         """What every sphere can meet (`kernels.layout`)."""
@@ -108,7 +109,8 @@ class Slots:
     `closed` (n,): whether it touches. `edges` (n_bodies + 1,): where the slots of a body begin in `incidence` (2 slot, +1 for its
     partner). `near`: spheres that have slots, body by body from `beginning` (n_bodies + 1,). `outer` (n,): the row of F in which
     a contact leaves what it does to its partner's body, which is that of `guests`; -1: both bodies are of one group of chunks.
-    `cuts` (3, chunks + 1): `kernels.bodies`.
+    `cuts` (3, chunks + 1): `kernels.bodies`. `lowest` (groups,): the first group whose contacts act on bodies of a group.
+    `needs`: where the list of the other groups whose bodies its contacts need begins (groups + 1,), then these lists.
     """
 
     own: Numbers
@@ -122,6 +124,8 @@ class Slots:
     beginning: Numbers
     guests: Numbers
     cuts: Numbers
+    lowest: Numbers
+    needs: Numbers
     n_plates: int
     H: Array
     F: Array
@@ -206,7 +210,7 @@ def empty_slots(memory: int, record: int) -> Slots:
     """No candidates."""
     none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
     H, F, R = np.zeros((0, memory)), np.zeros((0, at.F_COLS)), np.zeros((0, record))
-    return Slots(none, none, none, none, none, none, none, none, none, none, cuts, 0, H, F, R)
+    return Slots(none, none, none, none, none, none, none, none, none, none, cuts, none, none, 0, H, F, R)
 
 
 def memory_columns(physics: Physics) -> int:
@@ -236,13 +240,16 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     B[:, at.B_Q : at.B_Q + 4] = placed.quaternions
     B[:, at.B_MASS] = placed.densities * volume
     B[:, at.B_I : at.B_I + 3] = placed.densities[:, None] * inertia
+    offsets = np.ascontiguousarray(np.concatenate([clump.centers for clump in placed.clumps]))
+    B[:, at.B_ARM] = np.maximum.reduceat(np.linalg.norm(offsets, axis=1), start[:-1])
+    ball = (B[:, at.B_ARM] == 0.0) & np.all(inertia == inertia[:, :1], axis=1)
+    B[:, at.B_BALL] = np.where(ball, B[:, at.B_I], 0.0)
     B[:, at.B_W : at.B_W + 3] = placed.angular_velocities
     B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
     S = table(n_spheres, at.S_COLS)
     S[:, at.S_R] = np.concatenate([clump.radii for clump in placed.clumps])
     S[:, at.S_SIDE] = placed.sides()
     S[:, at.S_MASS] = np.repeat(B[:, at.B_MASS], counts)
-    offsets = np.ascontiguousarray(np.concatenate([clump.centers for clump in placed.clumps]))
     upper = world.upper
     # kernels index the patch of every body; without an upper plate nothing is ever a candidate with it
     P = np.ones((1, at.P_COLS)) * (np.arange(at.P_COLS) == at.P_MASS) if upper is None else upper.table()
@@ -259,7 +266,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
         first=first,
         M=np.zeros((n_bodies, max(physics.memory, 1))),
         offsets=offsets,
-        X0=_reach(offsets, start),
+        X0=np.zeros((n_bodies, at.X_COLS)),
         body=np.repeat(np.arange(n_bodies), counts),
         start=start,
         patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch,
@@ -306,9 +313,3 @@ def refresh_spheres(state: State) -> None:
     """Sphere positions, arms and velocities of now, of all spheres, from the bodies."""
     body_pass.place_all(state.start, state.offsets, state.S, state.B)
 
-
-def _reach(offsets: Array, start: Ints) -> Array:
-    """The table X0 before the first search: only how far the farthest centre of a sphere is."""
-    X0 = np.zeros((len(start) - 1, at.X_COLS))
-    X0[:, at.X_ARM] = np.maximum.reduceat(np.linalg.norm(offsets, axis=1), start[:-1])
-    return X0

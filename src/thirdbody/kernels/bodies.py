@@ -11,6 +11,8 @@ from numba import njit
 
 from .four import crossed, lane, load, of, spread, store, with_last
 from .layout import (
+    B_ARM,
+    B_BALL,
     B_F,
     B_I,
     B_L,
@@ -32,8 +34,6 @@ from .layout import (
     S_V,
     S_W,
     S_X,
-    X_ARM,
-    X_COLS,
     X_Q,
     X_X,
 )  # fmt: skip
@@ -48,13 +48,12 @@ FLAT, PAIRED, GUESTS = range(3)
 its bodies."""
 
 # columns of `moves`, one row per chunk of bodies
-(MOVE_FAR, MOVE_STEP, MOVE_BAD, MOVE_OUT, MOVE_UP, MOVE_LOW, MOVE_POWER, MOVE_BODY, MOVE_WAY) = 0, 1, 2, 3, 4, 8, 12, 13, 14
-MOVE_COLS = 15
+MOVE_WAY, MOVE_STEP, MOVE_BODY, MOVE_BAD, MOVE_OUT, MOVE_POWER = range(6)
+MOVE_COLS = 6
 
 # Z: fields of a chunk of bodies, stride BODIES: first the columns of B up to the moments
-Z_FAR = B_I + 4  # where the bodies were at the last search, then how far they are from there
-Z_W, Z_END_W, Z_END_V, Z_TURN, Z_WAY = 36, 39, 42, 45, 54  # spin of the step, at its end, velocity there, matrix, longest way
-Z_COLS = 55
+Z_W, Z_END_W, Z_END_V, Z_TURN, Z_WAY = 28, 31, 34, 37, 46  # spin of the step, at its end, velocity there, matrix, longest way
+Z_COLS = 47
 
 
 @njit(**BARE)
@@ -135,7 +134,7 @@ def put_three(Z, at, x, y, z):
 
 @njit(**BARE_CHUNK)
 def move(n, dt, Z):
-    """Half kick and full drift of n bodies; how far each is from where the last search saw it, and its way in this step.
+    """Half kick and full drift of n bodies, and the longest way of a point of each in this step.
 
     No loop stands inside the loop: the compiler makes vector instructions of innermost loops only.
     """
@@ -157,11 +156,7 @@ def move(n, dt, Z):
         w_0, w_1 = spin(old, momentum, inertia), spin(new, momentum, inertia)
         w = (0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2]))
         end = (momentum[0] + half * t_x, momentum[1] + half * t_y, momentum[2] + half * t_z)
-        at_x = p + (Z_FAR + X_X) * BODIES
-        d_x, d_y, d_z = x - Z[at_x], y - Z[at_x + BODIES], z - Z[at_x + 2 * BODIES]
-        at_q = p + (Z_FAR + X_Q) * BODIES
-        same = new[0] * Z[at_q] + new[1] * Z[at_q + BODIES] + new[2] * Z[at_q + 2 * BODIES] + new[3] * Z[at_q + 3 * BODIES]
-        arm = Z[p + (Z_FAR + X_ARM) * BODIES]
+        arm = Z[p + B_ARM * BODIES]
         put_three(Z, p + B_X * BODIES, x, y, z)
         put_three(Z, p + B_V * BODIES, v_x, v_y, v_z)
         put_three(Z, p + B_L * BODIES, momentum[0], momentum[1], momentum[2])
@@ -174,24 +169,21 @@ def move(n, dt, Z):
         put_three(Z, p + Z_TURN * BODIES, turn[0], turn[1], turn[2])
         put_three(Z, p + (Z_TURN + 3) * BODIES, turn[3], turn[4], turn[5])
         put_three(Z, p + (Z_TURN + 6) * BODIES, turn[6], turn[7], turn[8])
-        # a point at the end of the arm goes the chord: twice the arm times the sine of half the angle
-        chord = 2.0 * arm * math.sqrt(max(1.0 - same * same, 0.0))
-        Z[p + Z_FAR * BODIES] = math.sqrt(d_x * d_x + d_y * d_y + d_z * d_z) + chord
         fast = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z) + math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * arm
         Z[p + Z_WAY * BODIES] = fast * dt
 
 
 @njit(**BARE)
-def judge(b, far, way, radius, x, y, z, limits, seen):
-    """What was `seen` of a chunk, and body b: the farthest, the longest way and the largest share of a radius, with its body, and
-    the last body that is not finite or left the domain (+ 1; 0: none)."""
-    farthest, longest, step, body, bad, out = seen
+def judge(b, way, radius, x, y, z, limits, seen):
+    """What was `seen` of a chunk, and body b: the longest way and the largest share of a radius, with its body, and the last body
+    that is not finite or left the domain (+ 1; 0: none)."""
+    longest, step, body, bad, out = seen
     floor, low_x, high_x, low_y, high_y = limits
     share = way / radius
     body = b if share > step else body
     bad = bad if abs(x) + abs(y) + abs(z) + share < 1e300 else b + 1
     out = b + 1 if (z < floor) | (x < low_x) | (x > high_x) | (y < low_y) | (y > high_y) else out
-    return max(farthest, far), max(longest, way), max(step, share), body, bad, out
+    return max(longest, way), max(step, share), body, bad, out
 
 
 @njit(**BARE)
@@ -210,12 +202,6 @@ def outside(x, length):
 
 
 @njit(**BARE)
-def is_ball(b, B, X0):
-    """Whether body b is one sphere: its motion needs no matrix."""
-    return X0[b, X_ARM] == 0.0 and B[b, B_I] == B[b, B_I + 1] and B[b, B_I + 1] == B[b, B_I + 2]
-
-
-@njit(**BARE)
 def size(v):
     """Length of the vector of the first three numbers of v."""
     x, y, z = lane(v, 0), lane(v, 1), lane(v, 2)
@@ -225,44 +211,64 @@ def size(v):
 @njit(**BARE)
 def forget(b, B):
     """The contacts add up the forces on body b anew."""
-    nothing = spread(0.0)
-    store(B, b, B_F, nothing)
-    store(B, b, B_T, nothing)
-    store(B, b, B_UP, with_last(nothing, load(B, b, B_UP)))
-    store(B, b, B_LOW, with_last(nothing, load(B, b, B_LOW)))
+    store(B, b, B_F, spread(0.0))
+    store(B, b, B_T, spread(0.0))
+
+
+@njit(**BARE_CHUNK)
+def forget_plates(first, last, own, body, B):
+    """The same for the forces of the plates on the bodies that can touch them, slots first to last."""
+    for k in range(first, last):
+        b = np.uint64(body[own[k]])
+        keep_last(B, b, np.int64(B_UP), spread(0.0))
+        keep_last(B, b, np.int64(B_LOW), spread(0.0))
 
 
 @njit(**BARE)
-def drift_ball(b, s, S, X0, B, dt):
-    """Half kick and full drift of body b, which is sphere s; returns how far it is from where it was, and the way of the step."""
-    half, rate = spread(0.5 * dt), spread(1.0 / B[b, B_I])
+def drift_ball(b, s, S, B, dt):
+    """Half kick and full drift of body b, which is sphere s; returns the way of the step. The columns behind position, velocity
+    and momentum stay what they are: nothing stands behind force and torque, and a ball has no arm."""
+    half, rate = spread(0.5 * dt), spread(1.0 / B[b, B_BALL])
     x, momentum = load(B, b, B_X), load(B, b, B_L)
     change, push = spread(0.5 * dt / B[b, B_MASS]) * load(B, b, B_F), half * load(B, b, B_T)
     v, momentum = load(B, b, B_V) + change, momentum + push
-    x = x + spread(dt) * v  # the mass stands behind the position, and nothing behind the velocity
+    x = x + spread(dt) * v
     store(B, b, B_X, x)
     store(B, b, B_V, v)
     store(B, b, B_L, momentum)
     forget(b, B)
     keep_last(S, s, np.int64(S_X), x)
     store(S, s, S_U, with_last(v, x))
-    w = momentum * rate
+    w = with_last(momentum * rate, change)
     store(S, s, S_W, w)
     store(S, s, S_V, v + change)
-    store(S, s, S_O, (momentum + push) * rate)
+    store(S, s, S_O, with_last((momentum + push) * rate, change))
     angle = spread(dt) * w
     new = turned(quaternion(b, B), lane(angle, 0), lane(angle, 1), lane(angle, 2))
     B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3] = new
-    return size(x - load(X0, b, X_X)), size(v) * dt
+    return size(v) * dt
 
 
 @njit(**BARE)
-def stage_body(p, b, B, X0, Z):
+def farthest(X0, B):
+    """How far a point of a body is from where the last search saw it, at most."""
+    far = 0.0
+    for b in range(B.shape[0]):
+        x, y, z = B[b, B_X] - X0[b, X_X], B[b, B_X + 1] - X0[b, X_X + 1], B[b, B_X + 2] - X0[b, X_X + 2]
+        same = 0.0
+        for k in range(4):
+            same += B[b, B_Q + k] * X0[b, X_Q + k]
+        # a point at the end of the arm goes the chord: twice the arm times the sine of half the angle
+        chord = 2.0 * B[b, B_ARM] * math.sqrt(max(1.0 - same * same, 0.0))
+        far = max(far, math.sqrt(x * x + y * y + z * z) + chord)
+    return far
+
+
+@njit(**BARE)
+def stage_body(p, b, B, Z):
     """Put body b into place p of the chunk."""
     for k in range(B_I + 3):
         Z[p + k * BODIES] = B[b, k]
-    for k in range(X_COLS):
-        Z[p + (Z_FAR + k) * BODIES] = X0[b, k]
 
 
 @njit(**BARE)
@@ -292,16 +298,16 @@ def place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt):
 
 
 @njit(**BARE_CHUNK)
-def drift_chunk(c, start, near, beginning, everything, offsets, S, X0, B, D, dt, moves, Z, staged):
+def drift_chunk(c, start, near, beginning, everything, offsets, S, B, D, dt, moves, Z, staged):
     """Drift the bodies of chunk c and place those of their spheres that can meet something (`near`), or `everything`."""
-    seen = (0.0, 0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
+    seen = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
     limits, n = limits_of(D), np.int64(0)  # not the literal 0, for which the callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
-        if is_ball(b, B, X0):
-            far, way = drift_ball(b, start[b], S, X0, B, dt)
-            seen = judge(b, far, way, S[start[b], S_R], B[b, B_X], B[b, B_X + 1], B[b, B_X + 2], limits, seen)
+        if B[b, B_BALL] != 0.0:
+            way = drift_ball(b, start[b], S, B, dt)
+            seen = judge(b, way, S[start[b], S_R], B[b, B_X], B[b, B_X + 1], B[b, B_X + 2], limits, seen)
         else:
-            stage_body(n, b, B, X0, Z)
+            stage_body(n, b, B, Z)
             staged[n] = b
             n += 1
     move(n, dt, Z)
@@ -309,7 +315,6 @@ def drift_chunk(c, start, near, beginning, everything, offsets, S, X0, B, D, dt,
         i = np.int64(staged[p])
         unstage_body(p, i, Z, B)
         x, y, z = three(Z, p + B_X * BODIES)
-        seen = judge(i, Z[p + Z_FAR * BODIES], Z[p + Z_WAY * BODIES], S[start[i], S_R], x, y, z, limits, seen)
+        seen = judge(i, Z[p + Z_WAY * BODIES], S[start[i], S_R], x, y, z, limits, seen)
         place_staged(p, i, start, near, beginning, everything, offsets, S, Z, dt)
-    moves[c, MOVE_FAR], moves[c, MOVE_WAY], moves[c, MOVE_STEP], moves[c, MOVE_BODY] = seen[0], seen[1], seen[2], seen[3]
-    moves[c, MOVE_BAD], moves[c, MOVE_OUT] = seen[4], seen[5]
+    moves[c, MOVE_WAY], moves[c, MOVE_STEP], moves[c, MOVE_BODY], moves[c, MOVE_BAD], moves[c, MOVE_OUT] = seen

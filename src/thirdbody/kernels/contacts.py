@@ -92,7 +92,8 @@ GROUP = 4
 
 # columns of `sums`, two rows per group: contacts with plates, and between spheres
 SUM_WORK, SUM_POWER, SUM_OVERLAP, SUM_SLOT, SUM_BAD = range(5)
-SUM_COLS = 5
+SUM_UP, SUM_LOW = 8, 12  # forces of the upper and of the lower plate, 3 each
+SUM_COLS = 16
 
 
 def room_for(n_history, longest):
@@ -204,13 +205,15 @@ def hand_out(f, force, torque, F):
 
 
 @njit(**BARE)
-def push_one(k, own, partner, body, S, B, force, torque):
+def push_one(k, c, own, partner, body, S, B, sums, force, torque):
     """A contact with a plate acts on its body; `torque`: about the centre of the sphere."""
     i = np.uint64(own[k])
     b = np.uint64(body[i])
     push_body(b, B, force, torque + crossed(load(S, i, S_ARM), force))
-    side = np.int64(B_LOW) if partner[k] == -1 else np.int64(B_UP)
+    low = partner[k] == -1
+    side, total = (np.int64(B_LOW), np.int64(SUM_LOW)) if low else (np.int64(B_UP), np.int64(SUM_UP))
     store(B, b, side, load(B, b, side) + force)
+    store(sums, c, total, load(sums, c, total) + force)
 
 
 @njit(**BARE)
@@ -237,17 +240,17 @@ def four_rows(at, G):
 
 
 @njit(**BARE_CHUNK)
-def push_flat(n, slots, first, own, partner, body, S, G, B):
-    """The contacts with plates slots[first:first + n], a tile, act on their bodies."""
+def push_flat(n, c, slots, first, own, partner, body, S, G, B, sums):
+    """The contacts with plates slots[first:first + n], a tile, act on their bodies; the sums of their forces into row c."""
     for q in range(0, n, 4):
         p, f, t = first + q, four_rows(q + G_F * TILE, G), four_rows(q + G_TI * TILE, G)
-        push_one(np.uint64(slots[p]), own, partner, body, S, B, f[0], t[0])
+        push_one(np.uint64(slots[p]), c, own, partner, body, S, B, sums, f[0], t[0])
         if q + 1 < n:
-            push_one(np.uint64(slots[p + 1]), own, partner, body, S, B, f[1], t[1])
+            push_one(np.uint64(slots[p + 1]), c, own, partner, body, S, B, sums, f[1], t[1])
         if q + 2 < n:
-            push_one(np.uint64(slots[p + 2]), own, partner, body, S, B, f[2], t[2])
+            push_one(np.uint64(slots[p + 2]), c, own, partner, body, S, B, sums, f[2], t[2])
         if q + 3 < n:
-            push_one(np.uint64(slots[p + 3]), own, partner, body, S, B, f[3], t[3])
+            push_one(np.uint64(slots[p + 3]), c, own, partner, body, S, B, sums, f[3], t[3])
 
 
 @njit(**BARE_CHUNK)
@@ -359,6 +362,8 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
     else:
         measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g)
     m, o = sort_out(first, last, g, closed, slots, opened)
+    store(sums, c, SUM_UP, spread(0.0))
+    store(sums, c, SUM_LOW, spread(0.0))
     found = (let_go(o, opened, outer, H, F), 0.0, 0.0, np.int64(0), np.int64(0))
     for t in range(0, m, TILE):
         count = min(TILE, m - t)
@@ -378,7 +383,7 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
             add_moments(count, O, G, n_history)
         found = tally(count, slots, t, O, I, G, found)
         if flat:
-            push_flat(count, slots, t, own, partner, body, S, G, B)
+            push_flat(count, c, slots, t, own, partner, body, S, G, B, sums)
         else:
             push_pairs(count, slots, t, own, partner, body, outer, S, G, B, F)
         keep(count, slots, t, O, G, H, n_history)

@@ -19,6 +19,9 @@ _SPLIT = ir.IntType(32)
 _BITS = ir.VectorType(ir.IntType(64), LANES)
 
 
+_intrinsic: Any = intrinsic  # its annotations speak of the typing context as of an argument
+
+
 class FourType(types.Type):
     """The type of four numbers."""
 
@@ -73,7 +76,7 @@ def _index(context: Any, builder: Any, sig: Any, args: Any, which: range) -> lis
     return [context.cast(builder, args[k], sig.args[k], types.intp) for k in which]
 
 
-@intrinsic
+@_intrinsic
 def load(typing: Any, A: Any, i: Any, c: Any) -> Any:
     """Row i of the table A from column c on."""
 
@@ -84,7 +87,7 @@ def load(typing: Any, A: Any, i: Any, c: Any) -> Any:
     return four(A, i, c), make
 
 
-@intrinsic
+@_intrinsic
 def store(typing: Any, A: Any, i: Any, c: Any, v: Any) -> Any:
     """Write v into row i of the table A from column c on."""
 
@@ -96,7 +99,7 @@ def store(typing: Any, A: Any, i: Any, c: Any, v: Any) -> Any:
     return types.void(A, i, c, v), make
 
 
-@intrinsic
+@_intrinsic
 def get(typing: Any, G: Any, at: Any) -> Any:
     """Four numbers of a row from `at` on."""
 
@@ -107,7 +110,7 @@ def get(typing: Any, G: Any, at: Any) -> Any:
     return four(G, at), make
 
 
-@intrinsic
+@_intrinsic
 def put(typing: Any, G: Any, at: Any, v: Any) -> Any:
     """Write v into a row from `at` on."""
 
@@ -119,7 +122,7 @@ def put(typing: Any, G: Any, at: Any, v: Any) -> Any:
     return types.void(G, at, v), make
 
 
-@intrinsic
+@_intrinsic
 def spread(typing: Any, x: Any) -> Any:
     """The number x four times."""
 
@@ -130,7 +133,7 @@ def spread(typing: Any, x: Any) -> Any:
     return four(types.float64), make
 
 
-@intrinsic
+@_intrinsic
 def of(typing: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
     """Four numbers."""
 
@@ -143,7 +146,7 @@ def of(typing: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
     return four(*[types.float64] * LANES), make
 
 
-@intrinsic(prefer_literal=True)
+@_intrinsic(prefer_literal=True)
 def lane(typing: Any, v: Any, k: Any) -> Any:
     """Number k of v, k a literal."""
     number = _lane(k)
@@ -154,7 +157,7 @@ def lane(typing: Any, v: Any, k: Any) -> Any:
     return types.float64(v, k), make
 
 
-@intrinsic(prefer_literal=True)
+@_intrinsic(prefer_literal=True)
 def splat(typing: Any, v: Any, k: Any) -> Any:
     """Number k of v four times, k a literal."""
     number = _lane(k)
@@ -165,7 +168,7 @@ def splat(typing: Any, v: Any, k: Any) -> Any:
     return four(v, k), make
 
 
-@intrinsic
+@_intrinsic
 def with_last(typing: Any, v: Any, w: Any) -> Any:
     """The first three numbers of v and the last of w."""
 
@@ -175,7 +178,7 @@ def with_last(typing: Any, v: Any, w: Any) -> Any:
     return four(v, w), make
 
 
-@intrinsic
+@_intrinsic
 def crossed(typing: Any, v: Any, w: Any) -> Any:
     """The cross product of the first three numbers of v and of w."""
 
@@ -188,7 +191,7 @@ def crossed(typing: Any, v: Any, w: Any) -> Any:
     return four(v, w), make
 
 
-@intrinsic
+@_intrinsic
 def above(typing: Any, v: Any, least: Any) -> Any:
     """v, with 0 for whatever is not larger than `least`, by size; what is not a number stays."""
 
@@ -202,7 +205,7 @@ def above(typing: Any, v: Any, least: Any) -> Any:
     return four(v, types.float64), make
 
 
-@intrinsic
+@_intrinsic
 def transposed(typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Rows to columns: the first numbers of a, b, c and d, the second ones, and so on."""
 

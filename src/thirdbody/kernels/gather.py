@@ -3,18 +3,16 @@
 import numpy as np
 from numba import njit
 
-from .bodies import BODIES, GUESTS, MOVE_LOW, MOVE_POWER, MOVE_UP, spin_body
+from .bodies import BODIES, GUESTS, MOVE_POWER, spin_body
 from .four import above, load, spread, store
 from .layout import (
     B_EF,
     B_ET,
     B_F,
     B_L,
-    B_LOW,
     B_MASS,
     B_SLIP,
     B_T,
-    B_UP,
     B_V,
     B_W,
     B_WORK,
@@ -78,12 +76,8 @@ def gather_chunk(c, cuts, guests, F, B, dt, time, effects, effect_parameters, ha
     """Forces and closing half kick of the bodies of chunk c; their spins where somebody looks (`record`) or acts on them."""
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
     collect(cuts[GUESTS, c], cuts[GUESTS, c + 1], guests, F, B)
-    push_up, push_low = spread(0.0), spread(0.0)
     for b in range(first, last):
         kick_body(b, B, np.int64(B_F), np.int64(B_T), dt)
-        push_up, push_low = push_up + load(B, b, B_UP), push_low + load(B, b, B_LOW)
-    store(moves, c, MOVE_UP, push_up)
-    store(moves, c, MOVE_LOW, push_low)
     moves[c, MOVE_POWER] = 0.0
     if has_effects or record:
         for b in range(first, last):

@@ -15,16 +15,18 @@ S_ARM = 20  # centre of the sphere from its body's centre of mass, world axes, 3
 S_SIDE = 23  # what the sphere can meet
 S_COLS = 24
 
-# X0: where a body was at the last search (position, 3; quaternion, 4), and how far its farthest sphere is from its centre.
-X_X, X_Q, X_ARM = 0, 3, 7
-X_COLS = 8
+# X0: where a body was at the last search (position, 3; quaternion, 4).
+X_X, X_Q = 0, 3
+X_COLS = 7
 
 # B: bodies, in groups of four columns, first those that every step reads.
 B_X = 0  # position, 3
 B_MASS = 3
 B_V = 4  # velocity: full step when synchronised, mid-step inside a step, 3
+B_ARM = 7  # how far its farthest sphere is from its centre
 B_Q = 8  # quaternion w, x, y, z; body to world, 4
 B_L = 12  # angular momentum, world axes, 3
+B_BALL = 15  # moment of inertia of a ball; 0: not a ball
 B_F = 16  # total force, 3
 B_T = 20  # total torque, 3
 B_I = 24  # principal moments, 3
@@ -104,7 +106,8 @@ A_POWER_DAMPING, A_POWER_EFFECTS, A_POWER_PATCH, A_UPPER, A_LOWER, A_POWER_LOAD 
 A_DX, A_DY, A_STEPS, A_ELAPSED, A_SPEED = 23, 24, 25, 26, 27
 A_HEADING = 28  # unit vector of the last relative motion of the plates, 2
 A_NUMERICAL = 30  # what the integrator itself lost
-A_COLS = 31
+A_FAR = 31  # no body is farther from where the last search saw it
+A_COLS = 32
 
 # K: tangents of a contact (N/m): dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd; then, only with a law of the rolling
 # stage, the same six of its moment and turn.

@@ -40,18 +40,24 @@ def cell_of(x, low, size, count, periodic):
 
 
 @njit(**BARE)
-def fill_cells(S, low, size, count, periodic, head, follow, place):
-    """Linked lists of spheres by cell, descending ids."""
-    for h in range(head.shape[0]):
-        head[h] = -1
+def fill_cells(S, body, low, size, count, periodic, edges, place, Q, who):
+    """The spheres that meet others in the order of their cells, z fastest, then of their numbers: centre and radius into Q,
+    number and body into `who`, and where each cell begins, one further on, into `edges`, which is zero at first."""
     for i in range(S.shape[0]):
         a = cell_of(S[i, S_X], low[0], size[0], count[0], periodic[0])
         b = cell_of(S[i, S_Y], low[1], size[1], count[1], periodic[1])
         c = cell_of(S[i, S_Z], low[2], size[2], count[2], np.bool_(False))
         place[i, 0], place[i, 1], place[i, 2] = a, b, c
-        cell = (a * count[1] + b) * count[2] + c
-        follow[i] = head[cell]
-        head[cell] = i
+        edges[(a * count[1] + b) * count[2] + c + 2] += S[i, S_SIDE] == EVERYTHING
+    for h in range(2, edges.shape[0]):
+        edges[h] += edges[h - 1]
+    for i in range(S.shape[0]):
+        if S[i, S_SIDE] == EVERYTHING:
+            cell = (place[i, 0] * count[1] + place[i, 1]) * count[2] + place[i, 2]
+            at = edges[cell + 1]
+            edges[cell + 1] += 1
+            Q[at, 0], Q[at, 1], Q[at, 2], Q[at, 3] = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R]
+            who[at, 0], who[at, 1] = i, body[i]
 
 
 @njit(**BARE)
@@ -62,9 +68,9 @@ def neighbour(c, step, count, periodic):
     if count == 2 and step == -1 and periodic:
         return -1
     n = c + step
-    if periodic:
-        return n % count
-    return n if 0 <= n < count else -1
+    if 0 <= n < count:
+        return n
+    return n - step * count if periodic else -1
 
 
 @njit(**BARE)
@@ -78,38 +84,36 @@ def sort_in(j, m, found):
 
 
 @njit(**BARE)
-def collect(i, S, body, l_x, l_y, c_x, c_y, skin, head, follow, place, count, periodic, found):
-    """Partners j > i of sphere i within reach plus skin, into `found`, sorted; returns how many. c = 1/l, 0 if not periodic."""
+def collect(i, S, b, l_x, l_y, c_x, c_y, skin, place, edges, Q, who, count, periodic, found):
+    """Partners j > i of sphere i of body b within reach plus skin, into `found`, sorted; returns how many. c = 1/l, 0 if not
+    periodic. Whether a sphere is near enough cannot be foretold: hence no branch."""
     m = np.int64(0)
-    x, y, z, r, b = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R] + skin, body[i]
-    for step in range(27):
-        a, e, c = step // 9 - 1, step // 3 % 3 - 1, step % 3 - 1
-        cell_x = neighbour(place[i, 0], a, count[0], periodic[0])
-        cell_y = neighbour(place[i, 1], e, count[1], periodic[1])
-        cell_z = neighbour(place[i, 2], c, count[2], np.bool_(False))
-        j = np.int64(-1)
-        if (cell_x >= 0) & (cell_y >= 0) & (cell_z >= 0):
-            j = head[(cell_x * count[1] + cell_y) * count[2] + cell_z]
-        while j > i:  # lists run down
-            d_x, d_y, d_z = x - S[j, S_X], y - S[j, S_Y], z - S[j, S_Z]
-            d_x, d_y = image(d_x, l_x, c_x), image(d_y, l_y, c_y)
-            reach = r + S[j, S_R]
-            if d_x * d_x + d_y * d_y + d_z * d_z < reach * reach:
-                if body[j] != b and S[j, S_SIDE] == EVERYTHING:
-                    sort_in(j, m, found)
-                    m += 1
-            j = follow[j]
+    x, y, z, r = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R] + skin
+    below, above = max(place[i, 2] - 1, 0), min(place[i, 2] + 1, count[2] - 1)
+    for step in range(9):
+        cell_x = neighbour(place[i, 0], step // 3 - 1, count[0], periodic[0])
+        cell_y = neighbour(place[i, 1], step % 3 - 1, count[1], periodic[1])
+        there = (cell_x >= 0) & (cell_y >= 0)
+        base = (cell_x * count[1] + cell_y) * count[2] if there else 0
+        for p in range(edges[base + below] if there else 0, edges[base + above + 1] if there else 0):
+            k = np.uint64(p)
+            d_x, d_y, d_z = image(x - Q[k, 0], l_x, c_x), image(y - Q[k, 1], l_y, c_y), z - Q[k, 2]
+            reach = r + Q[k, 3]
+            found[m] = who[k, 0]
+            m += np.int64((d_x * d_x + d_y * d_y + d_z * d_z < reach * reach) & (who[k, 0] > i) & (who[k, 1] != b))
+    for e in range(1, m):
+        sort_in(found[e], e, found)
     return m
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, head, follow, place, found, n, own, partner):
+def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, place, Q, who, found, n, own, partner):
     """`pair_candidates` with room for the cells and for the partners of a sphere."""
-    fill_cells(S, low, size, count, periodic, head, follow, place)
+    fill_cells(S, body, low, size, count, periodic, edges, place, Q, who)
     c_x, c_y = inverse(l_x), inverse(l_y)
     for i in range(S.shape[0]):
         if S[i, S_SIDE] == EVERYTHING:
-            m = collect(i, S, body, l_x, l_y, c_x, c_y, skin, head, follow, place, count, periodic, found)
+            m = collect(i, S, body[i], l_x, l_y, c_x, c_y, skin, place, edges, Q, who, count, periodic, found)
             for p in range(min(m, own.shape[0] - n)):
                 own[n + p], partner[n + p] = i, found[p]
             n += m
@@ -119,9 +123,10 @@ def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, head, foll
 def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own, partner):
     """Append the sphere pairs within `skin` from slot n on; returns the number of slots (also beyond the capacity)."""
     # made here, since a kernel would compile each of these calls
-    head, follow = np.empty(int(np.prod(count)), np.int64), np.empty(len(S), np.int64)
-    place, found = np.empty((len(S), 3), np.int64), np.empty(len(S), np.int64)
-    return search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, head, follow, place, found, n, own, partner)
+    many = len(S)
+    edges, place = np.zeros(int(np.prod(count)) + 2, np.int32), np.empty((many, 3), np.int32)
+    Q, who, found = np.empty((many, 4)), np.empty((many, 2), np.int32), np.empty(many + 1, np.int32)
+    return search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, place, Q, who, found, n, own, partner)
 
 
 @njit(**BARE)

@@ -6,20 +6,10 @@ It returns to Python only for events: a target reached, a new search, a new time
 import numpy as np
 from numba import njit, prange, types
 
-from .bodies import (
-    BODIES,
-    MOVE_BAD,
-    MOVE_BODY,
-    MOVE_FAR,
-    MOVE_LOW,
-    MOVE_OUT,
-    MOVE_POWER,
-    MOVE_STEP,
-    MOVE_UP,
-    MOVE_WAY,
-)  # fmt: skip
+from .bodies import MOVE_BAD, MOVE_BODY, MOVE_OUT, MOVE_POWER, MOVE_STEP, MOVE_WAY, farthest
 from .clock import pass_time
-from .contacts import GROUP, SUM_BAD, SUM_OVERLAP, SUM_POWER, SUM_SLOT, SUM_WORK
+from .contacts import SUM_BAD, SUM_LOW, SUM_OVERLAP, SUM_POWER, SUM_SLOT, SUM_UP, SUM_WORK
+from .four import lane, load, spread
 from .layout import (
     A_DAMPING,
     A_DISTANCE,
@@ -27,6 +17,7 @@ from .layout import (
     A_DY,
     A_EFFECTS,
     A_ELAPSED,
+    A_FAR,
     A_FRICTION,
     A_IMPULSE,
     A_IMPULSE_LOW,
@@ -47,7 +38,7 @@ from .layout import (
 from .motion import X, Y, mean_rate
 from .options import BARE, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
 from .patches import drift_patches, drive_patches, kick_patches, load_patches, patch_power
-from .signatures import CONTACTS, DRIFT, KNOWN, LOOK, POINTERS, SCRATCH, SHAPES, SLOTS, TABLES, WHOLE, WORK
+from .signatures import EARLY, KNOWN, LATE, LOOK, POINTERS, SCRATCH, SHAPES, SLOTS, TABLES, WORK
 
 DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT = range(8)
 """Why `advance` returned."""
@@ -55,51 +46,47 @@ DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT = range(8)
 NEARLY = 1.000001
 """A target that is missed by rounding only is reached: the run must not add a step for it."""
 
-SHARES = 4
-"""Parts of a pass per thread: one that is held up leaves its last parts to others."""
+SHARES = 2
+"""Parts of a pass per thread: one that is held up leaves its last part to others."""
 
-FEW = (16, 4, 16, 8, 4)
-"""Chunks of each pass below which one thread does it alone: some 30 us of work. To wake the others takes 5 us, and milliseconds
-where something else holds their cores."""
+FEW = 4
+"""Groups below which one thread does it alone: some 100 us of work. To wake the others takes 5 us, and milliseconds where
+something else holds their cores."""
 
 
 @njit(**BARE)
-def account(A, sums, moves, n_groups, v_x, v_y, dt, load, patch_damping):
+def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping):
     """Add the step to the energy ledger, to impulses and distances: powers by the trapezoid, in a fixed order."""
     work, power = 0.0, 0.0
     for c in range(sums.shape[0]):
         work += sums[c, SUM_WORK]
         power += sums[c, SUM_POWER]
-    up_x, up_y, up_z, low_x, low_y, low_z, effects = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for g in range(n_groups):
-        up_x -= moves[g, MOVE_UP]
-        up_y -= moves[g, MOVE_UP + 1]
-        up_z -= moves[g, MOVE_UP + 2]
-        low_x -= moves[g, MOVE_LOW]
-        low_y -= moves[g, MOVE_LOW + 1]
-        low_z -= moves[g, MOVE_LOW + 2]
-        effects += moves[g, MOVE_POWER]
+    upper, lower, effects = spread(0.0), spread(0.0), 0.0
+    for c in range(sums.shape[0]):
+        upper, lower = upper - load(sums, c, SUM_UP), lower - load(sums, c, SUM_LOW)
+    for c in range(moves.shape[0]):
+        effects += moves[c, MOVE_POWER]
     half = 0.5 * dt
     A[A_FRICTION] += work
     A[A_DAMPING] += half * (A[A_POWER_DAMPING] + power + A[A_POWER_PATCH] + patch_damping)
     A[A_EFFECTS] += half * (A[A_POWER_EFFECTS] + effects)
-    drag = -half * ((A[A_UPPER] + up_x) * v_x + (A[A_UPPER + 1] + up_y) * v_y)
-    plate = drag + half * (A[A_POWER_LOAD] + load)
+    drag = -half * ((A[A_UPPER] + lane(upper, 0)) * v_x + (A[A_UPPER + 1] + lane(upper, 1)) * v_y)
+    plate = drag + half * (A[A_POWER_LOAD] + lifted)
     A[A_PLATE_WORK] += plate
     A[A_PLATE_ABS] += abs(plate)
-    upper, lower = (up_x, up_y, up_z), (low_x, low_y, low_z)
+    up, low = (lane(upper, 0), lane(upper, 1), lane(upper, 2)), (lane(lower, 0), lane(lower, 1), lane(lower, 2))
     for k in range(3):
-        A[A_IMPULSE + k] += half * (A[A_UPPER + k] + upper[k])
-        A[A_IMPULSE_LOW + k] += half * (A[A_LOWER + k] + lower[k])
-        A[A_UPPER + k], A[A_LOWER + k] = upper[k], lower[k]
-    A[A_POWER_DAMPING], A[A_POWER_PATCH], A[A_POWER_EFFECTS], A[A_POWER_LOAD] = power, patch_damping, effects, load
+        A[A_IMPULSE + k] += half * (A[A_UPPER + k] + up[k])
+        A[A_IMPULSE_LOW + k] += half * (A[A_LOWER + k] + low[k])
+        A[A_UPPER + k], A[A_LOWER + k] = up[k], low[k]
+    A[A_POWER_DAMPING], A[A_POWER_PATCH], A[A_POWER_EFFECTS], A[A_POWER_LOAD] = power, patch_damping, effects, lifted
     pass_time(A, dt, v_x, v_y)
 
 
 @njit(**BARE)
-def guard(D, sums, moves, n_groups):
+def guard(D, sums, moves):
     """(code, number) of the first guard that trips, or (DONE, -1)."""
-    for g in range(n_groups):
+    for g in range(moves.shape[0]):
         if moves[g, MOVE_BAD] > 0.0:
             return BAD_BODY, np.int64(moves[g, MOVE_BAD]) - 1
     for c in range(sums.shape[0]):
@@ -108,7 +95,7 @@ def guard(D, sums, moves, n_groups):
     for c in range(sums.shape[0]):
         if sums[c, SUM_OVERLAP] > D[D_GUARD_OVERLAP]:
             return OVERLAP, np.int64(sums[c, SUM_SLOT])
-    for g in range(n_groups):
+    for g in range(moves.shape[0]):
         if moves[g, MOVE_OUT] > 0.0:
             return LEFT, np.int64(moves[g, MOVE_OUT]) - 1
         if moves[g, MOVE_STEP] > D[D_GUARD_TRAVEL]:
@@ -117,55 +104,66 @@ def guard(D, sums, moves, n_groups):
 
 
 @njit(**BARE)
-def search_due(moves, n_groups, far_patch, skin):
+def reached(far, way, far_patch, skin):
     """Whether two things could have covered the skin between them by the end of the next step (10 % for acceleration)."""
-    far, way = 0.0, 0.0
-    for g in range(n_groups):
-        far, way = max(far, moves[g, MOVE_FAR]), max(way, moves[g, MOVE_WAY])
-    far += way
-    return 1.1 * (far + max(far, far_patch)) > 0.9 * skin
+    return 1.1 * (far + way + max(far + way, far_patch)) > 0.9 * skin
 
 
 @njit(**BARE)
-def pushed(moves, n_groups):
+def search_due(A, X0, B, moves, far_patch, skin):
+    """Whether a search must come before the next step. How far the bodies are is measured only where it could matter."""
+    way = 0.0
+    for c in range(moves.shape[0]):
+        way = max(way, moves[c, MOVE_WAY])
+    A[A_FAR] += way
+    if reached(A[A_FAR], way, far_patch, skin):
+        A[A_FAR] = farthest(X0, B)
+        return reached(A[A_FAR], way, far_patch, skin)
+    return False
+
+
+@njit(**BARE)
+def pushed(sums):
     """Upward force of all debris on the upper plate, N."""
     push = 0.0
-    for g in range(n_groups):
-        push -= moves[g, MOVE_UP + 2]
+    for c in range(sums.shape[0]):
+        push -= sums[c, SUM_UP + 2]
     return push
 
 
 _F2, _I1, _I = types.Array(types.float64, 2, "C"), types.Array(types.int64, 1, "C"), types.int64
 ADVANCE = types.Tuple((_I, _I))(
-    _I, types.float64, types.float64, types.float64, _I, types.boolean,  # budget, targets (2), dt, threads, whole
+    _I, types.float64, types.float64, types.float64, _I,  # budget, targets of time and distance, dt, threads
     *SLOTS, *SHAPES, *TABLES, *KNOWN, *POINTERS, *SCRATCH, types.FunctionType(WORK),
-    _I1, _F2, _I1, _I, types.boolean,  # patch; schedule, first; stride, labels
+    _F2, _I1, _F2, _I1, _I, types.boolean,  # X0, patch; schedule, first; stride, labels
 )  # fmt: skip
 
 
 @njit(**CHUNK_OF_THREADS)
-def share_out(parts, task, count, record, time, v_x, v_y, dt, own, partner, kind, closed, outer, edges, incidence, near,
-              beginning, guests, cuts, body, start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums,
-              moves, n_history, rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, work):  # fmt: skip
-    """The chunks of one pass in as many parts, on all threads."""
+def share_out(parts, task, count, number, record, time, v_x, v_y, dt, own, partner, kind, closed, outer, edges, incidence, near,
+              beginning, guests, cuts, lowest, needs, body, start, offsets, S, B, P, H, F, R, M, pairs, effect_parameters, D, A,
+              sums, moves, n_history, rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, moved,
+              work):  # fmt: skip
+    """The groups of one pass in as many parts, on all threads."""
     for p in prange(parts):
-        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, record, time, v_x, v_y, dt, own, partner, kind,
-             closed, outer, edges, incidence, near, beginning, guests, cuts, body, start, offsets, X0, S, B, P, H, F, R, M,
-             pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects, observe,
-             room, marks, rows)  # fmt: skip
+        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, number, record, time, v_x, v_y, dt, own, partner,
+             kind, closed, outer, edges, incidence, near, beginning, guests, cuts, lowest, needs, body, start, offsets, S, B, P,
+             H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law,
+             effects, observe, room, marks, rows, moved)  # fmt: skip
 
 
 @njit(ADVANCE, **DIRECT, **NO_COUNTS)
-def advance(budget, until, distance, dt, threads, whole, own, partner, kind, closed, outer, edges, incidence, near, beginning,
-            guests, cuts, body, start, offsets, X0, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history,
-            rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, work, patch, schedule, first, stride,
-            labels):  # fmt: skip
+def advance(budget, until, distance, dt, threads, own, partner, kind, closed, outer, edges, incidence, near, beginning, guests,
+            cuts, lowest, needs, body, start, offsets, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves,
+            n_history, rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, moved, work, X0, patch,
+            schedule, first, stride, labels):  # fmt: skip
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
     Returns the code and the slot or body that a guard names, or whether a search is due. State is synchronised on return.
     """
-    n_groups = (B.shape[0] + BODIES - 1) // BODIES
-    n_chunks = n_groups if whole else (n_groups + GROUP - 1) // GROUP
+    groups = lowest.shape[0]
+    parts = min(groups, SHARES * threads) if threads > 1 and groups >= FEW else 1
+    moved[:] = 0
     for step in range(budget):
         v_x = mean_rate(schedule, first, np.int64(X), A[A_TIME], dt)
         v_y = mean_rate(schedule, first, np.int64(Y), A[A_TIME], dt)
@@ -176,31 +174,29 @@ def advance(budget, until, distance, dt, threads, whole, own, partner, kind, clo
         time = A[A_TIME] + dt
         drive_patches(P, schedule, first, A[A_TIME], dt)
         far_patch = drift_patches(P, dt)
-        for task in range(WHOLE if whole else DRIFT, LOOK + 1):
+        for task in range(EARLY, LOOK + 1):
             if task == LOOK:
                 load_patches(P, schedule, first, time)
-                load, damping = kick_patches(P, B, patch, pushed(moves, n_groups), dt)
-                account(A, sums, moves, n_groups, v_x, v_y, dt, load + patch_power(P), damping)
-            if task == LOOK and not sampled or task == WHOLE and not whole:
+                lifted, damping = kick_patches(P, B, patch, pushed(sums), dt)
+                account(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping)
+            if (task == LOOK and not sampled) or (parts == 1 and (task == EARLY or task == LATE)):
                 continue
-            count = n_chunks if task == CONTACTS else n_groups
-            parts = min(count, SHARES * threads)
-            if threads == 1 or count < FEW[task]:
-                work(np.int64(task), np.int64(0), np.int64(0), np.int64(count), record, time, v_x, v_y, dt, own, partner, kind,
-                     closed, outer, edges, incidence, near, beginning, guests, cuts, body, start, offsets, X0, S, B, P, H, F, R,
-                     M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law, effects,
-                     observe, room, marks, rows)  # fmt: skip
+            if parts == 1:
+                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), np.int64(step + 1), record, time, v_x, v_y, dt,
+                     own, partner, kind, closed, outer, edges, incidence, near, beginning, guests, cuts, lowest, needs, body,
+                     start, offsets, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling,
+                     width, has_effects, drag, law, effects, observe, room, marks, rows, moved)  # fmt: skip
             else:
-                share_out(np.int64(parts), np.int64(task), np.int64(count), record, time, v_x, v_y, dt, own, partner, kind,
-                          closed, outer, edges, incidence, near, beginning, guests, cuts, body, start, offsets, X0, S, B, P, H,
-                          F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag,
-                          law, effects, observe, room, marks, rows, work)  # fmt: skip
+                share_out(np.int64(parts), np.int64(task), np.int64(groups), np.int64(step + 1), record, time, v_x, v_y, dt,
+                          own, partner, kind, closed, outer, edges, incidence, near, beginning, guests, cuts, lowest, needs,
+                          body, start, offsets, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history,
+                          rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, moved, work)  # fmt: skip
         if sampled:
             A[A_ELAPSED], A[A_DX], A[A_DY] = 0.0, 0.0, 0.0
-        code, number = guard(D, sums, moves, n_groups)
+        code, who = guard(D, sums, moves)
         if code != DONE:
-            return code, number
-        due = search_due(moves, n_groups, far_patch, D[D_SKIN])
+            return code, who
+        due = search_due(A, X0, B, moves, far_patch, D[D_SKIN])
         if last:
             return DONE, np.int64(due)
         if due:

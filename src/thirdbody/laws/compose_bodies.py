@@ -27,7 +27,8 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
         until = f" if time < P[{sum(counts)}] else Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)" if effect.settling else ""
         lines.append(f"        e{k} = {call}{until}")
     sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
-    lines += [f"        B[i, {at.B_EF + i}] = {total or 0.0}" for i, total in enumerate(sums)]
+    columns = (*range(at.B_EF, at.B_EF + 3), *range(at.B_ET, at.B_ET + 3))
+    lines += [f"        B[i, {column}] = {total or 0.0}" for column, total in zip(columns, sums, strict=True)]
     body = f"""@njit(EFFECTS, **OPTIONS)
 def effects(B, first, last, time, dt, P):
     for i in range(first, last):
