@@ -120,7 +120,6 @@ def place(
     way = cross(w, arm)
     middle = arm[0] - h * way[0], arm[1] - h * way[1], arm[2] - h * way[2]
     sphere[at.S_X : at.S_X + 3] = added(three(B, at.B_X), arm)
-    # v + w x r as (v + one product) - the other, not v + (their difference)
     sphere[at.S_U : at.S_U + 3] = carried(v, w, middle)
     sphere[at.S_W : at.S_W + 3] = w
     sphere[at.S_V : at.S_V + 3] = carried(end[0], end[1], arm)
@@ -130,7 +129,7 @@ def place(
 
 def carried(v: Vector, w: Vector, r: Vector) -> Vector:
     """Velocity of a point of a body at the arm r."""
-    return v[0] + w[1] * r[2] - w[2] * r[1], v[1] + w[2] * r[0] - w[0] * r[2], v[2] + w[0] * r[1] - w[1] * r[0]
+    return added(v, cross(w, r))
 
 
 def place_now(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector]) -> None:
@@ -151,11 +150,10 @@ def drift_ball(B: list[float], sphere: list[float], dt: float) -> None:
     B[at.B_X : at.B_X + 3] = x = [B[at.B_X + k] + dt * v[k] for k in range(3)]
     B[at.B_V : at.B_V + 3], B[at.B_L : at.B_L + 3] = v, momentum
     sphere[at.S_X : at.S_X + 3], sphere[at.S_U : at.S_U + 3] = x, v
-    sphere[at.S_W : at.S_W + 3] = [momentum[k] * per_inertia for k in range(3)]
+    sphere[at.S_W : at.S_W + 3] = w = [momentum[k] * per_inertia for k in range(3)]
     sphere[at.S_V : at.S_V + 3] = [v[k] + change[k] for k in range(3)]
     sphere[at.S_O : at.S_O + 3] = [(momentum[k] + push[k]) * per_inertia for k in range(3)]
-    angle = dt * per_inertia
-    B[at.B_Q : at.B_Q + 4] = turned(quaternion(B), (momentum[0] * angle, momentum[1] * angle, momentum[2] * angle))
+    B[at.B_Q : at.B_Q + 4] = turned(quaternion(B), (dt * w[0], dt * w[1], dt * w[2]))
 
 
 def drift_body(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector], dt: float) -> None:
@@ -175,11 +173,19 @@ def drift_body(B: list[float], spheres: list[list[float]], offsets: Sequence[Vec
 
 
 def drift(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector], dt: float) -> None:
-    """Half kick and full drift of a body and its spheres."""
+    """Half kick and full drift of a body and its spheres; the forces on it are used up."""
     if is_ball(B, offsets):
         drift_ball(B, spheres[0], dt)
     else:
         drift_body(B, spheres, offsets, dt)
+    for column in (at.B_F, at.B_T, at.B_UP, at.B_LOW):  # the contacts add them up anew
+        B[column : column + 3] = 0.0, 0.0, 0.0
+
+
+def act(B: list[float], force: Vector, torque: Vector) -> None:
+    """Add a force and a torque about the centre of mass to those on a body."""
+    for column, push in ((at.B_F, force), (at.B_T, torque)):
+        B[column : column + 3] = added(three(B, column), push)
 
 
 def kick(B: list[float], force: Vector, torque: Vector, dt: float) -> None:
@@ -187,5 +193,6 @@ def kick(B: list[float], force: Vector, torque: Vector, dt: float) -> None:
     share, half = 0.5 * dt / B[at.B_MASS], 0.5 * dt
     for k in range(3):
         v, momentum = B[at.B_V + k] + share * force[k], B[at.B_L + k] + half * torque[k]
-        B[at.B_V + k] = v if abs(v) > LEAST_SPEED else 0.0
-        B[at.B_L + k] = momentum if abs(momentum) > LEAST_MOMENTUM else 0.0
+        # what is not a number is not hidden
+        B[at.B_V + k] = 0.0 if abs(v) <= LEAST_SPEED else v
+        B[at.B_L + k] = 0.0 if abs(momentum) <= LEAST_MOMENTUM else momentum

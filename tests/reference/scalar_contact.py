@@ -174,11 +174,12 @@ def surfaces(S: list[list[float]], i: int, j: int, frame: Frame, world: Surround
 
 @dataclass
 class Done:
-    """What a contact did in a step: force on the owner, normal times its tangential part, moment on the owner, N and N m."""
+    """What a contact did in a step: force on the owner, N; torques about the centres of owner and partner, with the moment of a
+    rolling law, which is that on the owner, N m."""
 
     force: Vector
-    q: Vector
-    half: float
+    torque: Vector
+    back: Vector
     moment: Vector
     frame: Frame
     answer: Answer
@@ -199,12 +200,33 @@ def interact(
     answer = laws.ask(told, turn, kind, memory[at.H_LAW : at.H_LAW + many])
     f, x, y = answer.normal, answer.x, answer.y
     force = tuple(f * n[k] + x * e[k] + y * d[k] for k in range(3))
-    q = tuple(x * d[k] - y * e[k] for k in range(3))
-    m = tuple(answer.moment[0] * e[k] + answer.moment[1] * d[k] for k in range(3))
+    moment = added(scaled(e, answer.moment[0]), d, answer.moment[1])
+    torque, back = torques(S, i, j, frame, (x, y))
+    if laws.turns:
+        torque, back = added(torque, moment), added(back, moment, -1.0)
     memory[at.H_ON], memory[at.H_E : at.H_E + 3], memory[at.H_STORED] = 1.0, e, answer.stored_t
     memory[at.H_SLIP] += answer.slip
+    # the bodies are told of these two when the steps are done
+    memory[at.H_WAY] += answer.slip
+    memory[at.H_WORK] += answer.work
     memory[at.H_LAW : at.H_LAW + many] = answer.memory
-    return Done((force[0], force[1], force[2]), (q[0], q[1], q[2]), 0.5 * frame.overlap, (m[0], m[1], m[2]), frame, answer)
+    return Done((force[0], force[1], force[2]), torque, back, moment, frame, answer)
+
+
+def torques(S: list[list[float]], i: int, j: int, frame: Frame, friction: tuple[float, float]) -> tuple[Vector, Vector]:
+    """Torques of the tangential force, told along the frame's axes, about the centres of owner and partner."""
+    (x, y), e, d, half = friction, frame.e, frame.d, 0.5 * frame.overlap
+    turning = (x * d[0] - y * e[0], x * d[1] - y * e[1], x * d[2] - y * e[2])  # normal times tangential force
+    none = (0.0, 0.0, 0.0)
+    return scaled(turning, half - S[i][at.S_R]), scaled(turning, half - S[j][at.S_R]) if j >= 0 else none
+
+
+def let_go(memory: list[float]) -> float:
+    """Wipe the memory of a contact that has opened, but for what the bodies are still to be told; the energy that it lost, J."""
+    lost, work, way = memory[at.H_STORED], memory[at.H_WORK], memory[at.H_WAY]
+    memory[:] = [0.0] * len(memory)
+    memory[at.H_WORK], memory[at.H_WAY] = work + lost, way
+    return lost
 
 
 def record(S: list[list[float]], i: int, j: int, done: Done, world: Surroundings, moments: bool) -> list[float]:

@@ -51,6 +51,7 @@ class Laws:
         self.pairs = pairs
         self.width = max(sum(len(law.parameters._fields) for law in laws), 1)  # type: ignore[attr-defined]
         self.rolls = any(law.rolls for law in laws)
+        self.turns = any(law.stage == "rolling" for law in laws)
 
     def ask(self, contact: Contact, turn: Turn, kind: int, memory: list[float]) -> Answer:
         """Forces and the new memory of a contact of this kind; `memory` is not changed."""

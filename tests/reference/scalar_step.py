@@ -2,18 +2,19 @@
 
 No compiled code, tiles, lists of what touches, rows of forces that are shared, or threads. It starts from the tables of a state,
 takes the engine's candidates (the search is not judged here), and keeps the memory of a contact under the names of its spheres.
-Only two things are the engine's own: the columns of the tables, and how many bodies and slots are summed together (`BODIES`,
-`CHUNK`), for sums have the same bits only in the same order.
+Only two things are the engine's own: the columns of the tables, and how many bodies are summed together (`BODIES`, and `GROUP`
+times as many for contacts), for sums have the same bits only in the same order.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from scalar_bodies import added, cross, drift, kick, place_now, spin_of, three
-from scalar_contact import Done, Surroundings, interact, record, touches
+from scalar_bodies import Vector, act, added, cross, drift, kick, place_now, spin_of, three
+from scalar_contact import Done, Surroundings, interact, let_go, record, touches
 from scalar_labels import look
 from scalar_laws import Effects, Laws
 from scalar_plates import Patches, Plan
@@ -21,10 +22,35 @@ from scalar_plates import Patches, Plan
 from thirdbody.kernels import layout as at
 from thirdbody.kernels import motion
 from thirdbody.kernels.bodies import BODIES
-from thirdbody.kernels.contacts import CHUNK
+from thirdbody.kernels.contacts import GROUP
 from thirdbody.kernels.rolling import MOMENTS
 
 Pair = tuple[int, int]
+Push = tuple[int, Vector, Vector]
+"""A body, and the force and torque about its centre of mass on it."""
+
+
+@dataclass
+class Sums:
+    """Work of friction and power of the dashpots of contacts, J and W; forces of the debris on both plates, N."""
+
+    work: float = 0.0
+    power: float = 0.0
+    upper: Vector = (0.0, 0.0, 0.0)
+    lower: Vector = (0.0, 0.0, 0.0)
+
+    def press(self, force: Vector, lower: bool) -> None:
+        """A plate acts on a body with a force, and the body on the plate."""
+        if lower:
+            self.lower = added(self.lower, force, -1.0)
+        else:
+            self.upper = added(self.upper, force, -1.0)
+
+    def add(self, row: Sums) -> None:
+        """Those of other contacts besides."""
+        self.work += row.work
+        self.power += row.power
+        self.upper, self.lower = added(self.upper, row.upper), added(self.lower, row.lower)
 
 
 class Reference:
@@ -34,7 +60,8 @@ class Reference:
         state, choice = simulation.state, simulation.choice
         self.physics, self.choice = state.physics, choice
         self.B, self.S, self.P, self.A, self.M = (t.tolist() for t in (state.B, state.S, state.P, state.A, state.M))
-        self.start, self.offsets = state.start.tolist(), [tuple(row) for row in state.offsets.tolist()]
+        self.body, self.start = state.body.tolist(), state.start.tolist()
+        self.offsets = [tuple(row) for row in state.offsets.tolist()]
         self.size = max(float(state.D[at.D_LX]), 0.0), max(float(state.D[at.D_LY]), 0.0)
         self.plan = Plan(state.schedule.tolist(), state.first.tolist())
         self.patches = Patches(self.P, state.patch.tolist(), self.plan)
@@ -71,11 +98,22 @@ class Reference:
         return [entry for s in self.spheres(b) for entry in self.of_sphere[s]]
 
     def advance(self, steps: int, dt: float) -> None:
-        """So many steps of velocity Verlet."""
+        """So many steps of velocity Verlet, and what they leave behind when they are done."""
         for _ in range(steps):
             self.step(dt)
+        self.settle()
         for b, B in enumerate(self.B):
             place_now(B, [self.S[s] for s in self.spheres(b)], [self.offsets[s] for s in self.spheres(b)])
+
+    def settle(self) -> None:
+        """Tell the bodies of the work and slip of their contacts; work between two bodies is shared by them."""
+        for b, B in enumerate(self.B):
+            for k, _ in self.slots(b):
+                memory = self.memory[self.pairs[k]]
+                B[at.B_WORK] += (1.0 if k < self.plates else 0.5) * memory[at.H_WORK]
+                B[at.B_SLIP] += memory[at.H_WAY]
+        for pair in self.pairs:
+            self.memory[pair][at.H_WORK] = self.memory[pair][at.H_WAY] = 0.0
 
     def step(self, dt: float) -> None:
         """One step, and what a labeller sees of it."""
@@ -86,125 +124,116 @@ class Reference:
         self.patches.drift(dt)
         for b, B in enumerate(self.B):
             drift(B, [self.S[s] for s in self.spheres(b)], [self.offsets[s] for s in self.spheres(b)], dt)
-        world = Surroundings(self.P, v[0], v[1], dt, *self.size)
-        done, lost = self.contacts(world)
-        pushes = [self.gather(b, done, lost, t + dt, dt) for b in range(len(self.B))]
-        groups = [in_order(pushes[first : first + BODIES]) for first in range(0, len(pushes), BODIES)]
+        spent = self.contacts(Surroundings(self.P, v[0], v[1], dt, *self.size))
+        powers = [self.close(b, t + dt, dt) for b in range(len(self.B))]
+        effects = chunk_by_chunk(powers)
         self.patches.load(t + dt)
-        upward = 0.0
-        for group in groups:
-            upward -= group[2]
-        self.patches.press(self.B, upward)
-        self.account(self.spent(done, lost), groups, self.patches.kick(dt), v, dt)
+        self.patches.press(self.B, spent.upper[2])
+        self.account(spent, effects, self.patches.kick(dt), v, dt)
         if sampled:
             look(self, v)
             self.A[at.A_ELAPSED], self.A[at.A_DX], self.A[at.A_DY] = 0.0, 0.0, 0.0
 
-    def contacts(self, world: Surroundings) -> tuple[dict[int, Done], dict[int, float]]:
-        """What the closed candidates do, and what the springs of those that have opened still held, J, by slot."""
-        done, lost = {}, {}
-        turns, moments = self.physics.rolling > 0, self.physics.rolling == MOMENTS
-        for k, (i, j) in enumerate(self.pairs):
-            memory = self.memory[i, j]
-            if touches(self.S, i, j, world):
-                self.closed += memory[at.H_ON] == 0.0
-                done[k] = interact(self.S, i, j, self.kinds[k], memory, self.laws, turns, world)
-                self.records[i, j] = record(self.S, i, j, done[k], world, moments)
-            elif memory[at.H_ON] != 0.0:
-                self.opened += 1
-                lost[k] = memory[at.H_STORED]
-                memory[:] = [0.0] * len(memory)
-        return done, lost
+    def contacts(self, world: Surroundings) -> Sums:
+        """All contacts act on their bodies, group by group.
 
-    def gather(self, b: int, done: dict[int, Done], lost: dict[int, float], time: float, dt: float) -> list[float]:
-        """Forces, torques and losses of a body, its closing half kick and its effects; returns the forces of the upper and of the
-        lower plate on it (6) and the powers of the effects along the axes (3)."""
-        B, none = self.B[b], (0.0, 0.0, 0.0)
-        force, torque, plates = none, none, {True: none, False: none}
-        for s in self.spheres(b):
-            f, t = none, none
-            for k, sign in self.of_sphere[s]:
-                plate = k < self.plates
-                share = 1.0 if plate else 0.5
-                if k in lost:
-                    B[at.B_WORK] += share * lost[k]
-                if k not in done:
-                    continue
-                push = done[k].force[0] * sign, done[k].force[1] * sign, done[k].force[2] * sign
-                f, t = added(f, push), added(t, done[k].q, done[k].half - self.S[s][at.S_R])
-                if plate:
-                    upper = self.pairs[k][1] < -1
-                    plates[upper] = added(plates[upper], push)
-                B[at.B_WORK] += share * done[k].answer.work
-                B[at.B_SLIP] += done[k].answer.slip
-            force = added(force, f)
-            torque = added(torque, added(t, cross(three(self.S[s], at.S_ARM), f)))
-        if self.physics.rolling == MOMENTS:
-            for k, sign in self.slots(b):
-                torque = added(torque, done[k].moment, sign) if k in done else torque
-        kick(B, force, torque, dt)
+        What a contact does to a body of another group comes after all that the body's own group does to it.
+        """
+        total, late = Sums(), []
+        for slots in self.rows():
+            row = Sums()
+            closed = [k for k in slots if touches(self.S, *self.pairs[k], world)]
+            for k in sorted(set(slots) - set(closed)):
+                if self.memory[self.pairs[k]][at.H_ON] != 0.0:
+                    self.opened += 1
+                    row.work += let_go(self.memory[self.pairs[k]])
+            for k in closed:
+                done = self.meet(k, world)
+                row.work += done.answer.work
+                row.power += done.answer.power
+                if k < self.plates:
+                    row.press(done.force, lower=self.pairs[k][1] == -1)
+                late += self.push(k, done)
+            total.add(row)
+        for b, force, torque in late:
+            act(self.B[b], force, torque)
+        return total
+
+    def rows(self) -> list[list[int]]:
+        """Slots whose work is summed together, of every group of bodies: what its spheres have with plates, then what they own of
+        the contacts between spheres."""
+        groups = 1 + self.group(len(self.B) - 1)
+        found: list[list[int]] = [[] for _ in range(2 * groups)]
+        for k, (i, _) in enumerate(self.pairs):
+            found[2 * self.group(self.body[i]) + (k >= self.plates)].append(k)
+        return found
+
+    def group(self, b: int) -> int:
+        """The group of a body."""
+        return b // (GROUP * BODIES)
+
+    def meet(self, k: int, world: Surroundings) -> Done:
+        """What the closed contact in slot k does; its memory and its record are brought up to date."""
+        (i, j), memory = self.pairs[k], self.memory[self.pairs[k]]
+        self.closed += memory[at.H_ON] == 0.0
+        done = interact(self.S, i, j, self.kinds[k], memory, self.laws, self.physics.rolling > 0, world)
+        self.records[i, j] = record(self.S, i, j, done, world, self.physics.rolling == MOMENTS)
+        return done
+
+    def push(self, k: int, done: Done) -> list[Push]:
+        """The contact in slot k acts on its bodies; what it does to a body of another group is not added yet but returned."""
+        i, j = self.pairs[k]
+        here, force = self.body[i], done.force
+        if j < 0:
+            act(self.B[here], force, self.about(i, done.torque, force))
+            side = at.B_LOW if j == -1 else at.B_UP
+            self.B[here][side : side + 3] = added(three(self.B[here], side), force)
+            return []
+        there, against = self.body[j], added((0.0, 0.0, 0.0), force, -1.0)
+        torque, back = done.torque, done.back
+        if len(self.S) > len(self.B):
+            torque, back = self.about(i, torque, force), self.about(j, back, against)
+        act(self.B[here], force, torque)
+        if self.group(here) != self.group(there):
+            return [(there, against, back)]
+        act(self.B[there], against, back)
+        return []
+
+    def about(self, s: int, torque: Vector, force: Vector) -> Vector:
+        """Torque about the centre of mass, from that about the centre of sphere s and the force at it."""
+        return added(torque, cross(three(self.S[s], at.S_ARM), force))
+
+    def close(self, b: int, time: float, dt: float) -> list[float]:
+        """The closing half kick of a body and its effects; returns the powers of the effects along the axes, W."""
+        B, powers = self.B[b], [0.0, 0.0, 0.0]
+        kick(B, three(B, at.B_F), three(B, at.B_T), dt)
         B[at.B_W : at.B_W + 3] = spin_of(B)
-        powers = [0.0, 0.0, 0.0]
         if self.physics.has_effects:
-            B[at.B_F : at.B_F + 3], B[at.B_T : at.B_T + 3] = force, torque
             acting = self.effects.on(B, time, dt)
-            B[at.B_EF : at.B_EF + 3], B[at.B_ET : at.B_ET + 3] = acting[:3], acting[3:]
-            kick(B, three(acting, 0), three(acting, 3), dt)
+            force, torque = three(acting, 0), three(acting, 3)
+            B[at.B_EF : at.B_EF + 3], B[at.B_ET : at.B_ET + 3] = force, torque
+            kick(B, force, torque, dt)
             B[at.B_W : at.B_W + 3] = spin_of(B)
-            force, torque = added(force, three(acting, 0)), added(torque, three(acting, 3))
-            powers = [acting[k] * B[at.B_V + k] + acting[3 + k] * B[at.B_W + k] for k in range(3)]
-        B[at.B_F : at.B_F + 3], B[at.B_T : at.B_T + 3] = force, torque
-        B[at.B_UP : at.B_UP + 3], B[at.B_LOW : at.B_LOW + 3] = plates[True], plates[False]
-        return [*plates[True], *plates[False], *powers]
+            act(B, force, torque)
+            powers = [force[k] * B[at.B_V + k] + torque[k] * B[at.B_W + k] for k in range(3)]
+        return powers
 
-    def spent(self, done: dict[int, Done], lost: dict[int, float]) -> tuple[float, float]:
-        """Work of friction and power of the dashpots: chunk by chunk, what opened first."""
-        work, power = 0.0, 0.0
-        for slots in self.chunks():
-            part, dashpots = 0.0, 0.0
-            for k in slots:
-                part += lost.get(k, 0.0)
-            for k in slots:
-                if k in done:
-                    part += done[k].answer.work
-                    dashpots += done[k].answer.power
-            work += part
-            power += dashpots
-        return work, power
-
-    def chunks(self) -> list[range]:
-        """Slots that are summed together: `CHUNK` in turn, plates apart; those of `BODIES` bodies where there are plates only."""
-        n = len(self.pairs)
-        if n == self.plates:
-            body = [b for b in range(len(self.B)) for _ in self.spheres(b)]
-            groups = [[k for k, (i, _) in enumerate(self.pairs) if body[i] // BODIES == g] for g in range(1 + body[-1] // BODIES)]
-            return [range(g[0], g[-1] + 1) if g else range(0) for g in groups]
-        flat = [range(first, min(first + CHUNK, self.plates)) for first in range(0, self.plates, CHUNK)]
-        return flat + [range(first, min(first + CHUNK, n)) for first in range(self.plates, n, CHUNK)]
-
-    def account(
-        self, spent: tuple[float, float], groups: list[list[float]], patches: tuple[float, ...], v: tuple[float, float], dt: float
-    ) -> None:
+    def account(self, spent: Sums, effects: float, patches: tuple[float, ...], v: tuple[float, float], dt: float) -> None:
         """The step in the ledger, by the trapezoid, and on the clock."""
-        A, half = self.A, 0.5 * dt
-        sums = [0.0] * 6
-        effects = 0.0
-        for group in groups:
-            sums = [sums[k] - group[k] for k in range(6)]
-            effects += group[6]
+        A, half, upper, lower = self.A, 0.5 * dt, spent.upper, spent.lower
         load, damping = patches[0] + patches[1], patches[2]
-        A[at.A_FRICTION] += spent[0]
-        A[at.A_DAMPING] += half * (A[at.A_POWER_DAMPING] + spent[1] + A[at.A_POWER_PATCH] + damping)
+        A[at.A_FRICTION] += spent.work
+        A[at.A_DAMPING] += half * (A[at.A_POWER_DAMPING] + spent.power + A[at.A_POWER_PATCH] + damping)
         A[at.A_EFFECTS] += half * (A[at.A_POWER_EFFECTS] + effects)
-        drag = -half * ((A[at.A_UPPER] + sums[0]) * v[0] + (A[at.A_UPPER + 1] + sums[1]) * v[1])
+        drag = -half * ((A[at.A_UPPER] + upper[0]) * v[0] + (A[at.A_UPPER + 1] + upper[1]) * v[1])
         plate = drag + half * (A[at.A_POWER_LOAD] + load)
         A[at.A_PLATE_WORK] += plate
         A[at.A_PLATE_ABS] += abs(plate)
         for k in range(3):
-            A[at.A_IMPULSE + k] += half * (A[at.A_UPPER + k] + sums[k])
-            A[at.A_IMPULSE_LOW + k] += half * (A[at.A_LOWER + k] + sums[3 + k])
-        A[at.A_UPPER : at.A_UPPER + 3], A[at.A_LOWER : at.A_LOWER + 3] = sums[:3], sums[3:]
-        A[at.A_POWER_DAMPING], A[at.A_POWER_PATCH] = spent[1], damping
+            A[at.A_IMPULSE + k] += half * (A[at.A_UPPER + k] + upper[k])
+            A[at.A_IMPULSE_LOW + k] += half * (A[at.A_LOWER + k] + lower[k])
+        A[at.A_UPPER : at.A_UPPER + 3], A[at.A_LOWER : at.A_LOWER + 3] = upper, lower
+        A[at.A_POWER_DAMPING], A[at.A_POWER_PATCH] = spent.power, damping
         A[at.A_POWER_EFFECTS], A[at.A_POWER_LOAD] = effects, load
         speed = math.sqrt(v[0] * v[0] + v[1] * v[1])
         for column, change in ((at.A_TIME, dt), (at.A_ELAPSED, dt), (at.A_DX, v[0] * dt), (at.A_DY, v[1] * dt),
@@ -220,11 +249,13 @@ def pairs_of(slots: Any) -> list[Pair]:
     return list(zip(slots.own.tolist(), slots.partner.tolist(), strict=True))
 
 
-def in_order(pushes: Sequence[list[float]]) -> list[float]:
-    """Sums over bodies: forces of the plates (6); the powers (3 each) go into one number."""
-    sums = [0.0] * 7
-    for push in pushes:
-        sums[:6] = [sums[k] + push[k] for k in range(6)]
-        for power in push[6:]:
-            sums[6] += power
-    return sums
+def chunk_by_chunk(powers: Sequence[list[float]]) -> float:
+    """The sum of the powers (3 each) of bodies: those of a chunk first."""
+    total = 0.0
+    for first in range(0, len(powers), BODIES):
+        part = 0.0
+        for body in powers[first : first + BODIES]:
+            for power in body:
+                part += power
+        total += part
+    return total

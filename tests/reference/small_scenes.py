@@ -72,7 +72,7 @@ kind = "spheres"
 count = {count}
 seed = {seed}
 radius = "{radius}"
-velocity = ["{velocity} m/s", "0 m/s", "0 m/s"]
+{placement}
 """
 
 LOADED = 'support = "load_per_particle"\nload = "0.1 mN"\ndamping = "7e-5 kg/s"\nmotion = {x = {velocity = "1 m/s"}}'
@@ -93,11 +93,12 @@ def clumps(steel: int, brass: int = 0, seed: int = 4, placement: str = "") -> st
     )
 
 
-def balls(steel: int, brass: int, velocity: float = 1.0, seed: int = 1) -> str:
+def balls(steel: int, brass: int, velocity: float = 1.0, seed: int = 1, placement: str = "") -> str:
     """Balls of two materials and sizes."""
+    placement = placement or f'velocity = ["{velocity} m/s", "0 m/s", "0 m/s"]'
     both = (("steel", steel, "5 um"), ("brass", brass, "6 um"))
     return "".join(
-        BALLS.format(material=m, count=n, radius=r, seed=seed + k, velocity=velocity) for k, (m, n, r) in enumerate(both) if n
+        BALLS.format(material=m, count=n, radius=r, seed=seed + k, placement=placement) for k, (m, n, r) in enumerate(both) if n
     )
 
 
@@ -120,6 +121,15 @@ def crowd() -> Simulation:
     upper = 'support = "rigid"\nload = "50 mN"\nmotion = {x = {velocity = "3 m/s"}}'
     bed = clumps(36, 36, placement='placement = "dense"\nvelocity = ["0 m/s", "0 m/s", "-2 m/s"]')
     return scene(bed, '["58 um", "64 um"]', upper=upper, contact='law = "three_spot"\nlevel = "coulomb"', effects=effects)
+
+
+def swarm() -> Simulation:
+    """More bodies than three groups: a dense bed of balls and clumps of two materials with moments of rolling under a plate."""
+    effects = 'rolling_resistance = {coefficient = 0.05, damping = 0.3}\ngravity = ["0 m/s2", "0 m/s2", "-9.81 m/s2"]'
+    upper = 'support = "rigid"\nload = "200 mN"\nmotion = {x = {velocity = "3 m/s"}}'
+    dense = 'placement = "dense"\nvelocity = ["1 m/s", "0 m/s", "-3 m/s"]'
+    bed = clumps(30, 15, placement=dense) + balls(440, 300, placement=dense)
+    return scene(bed, '["140 um", "130 um"]', upper=upper, effects=effects)
 
 
 def springs() -> Simulation:

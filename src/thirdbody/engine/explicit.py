@@ -15,6 +15,8 @@ from ..kernels import contacts as contact_pass
 from ..kernels import layout as at
 from ..kernels import step
 from ..kernels.gather import settle
+from ..kernels.pointers import address
+from ..kernels.signatures import EFFECTS, LAW, OBSERVE, WORK
 from ..kernels.work import work
 from ..laws.contract import Material
 from .guards import Guards
@@ -50,6 +52,9 @@ class Explicit:
         self.tightest: Bound | None = None
         self.waiting: list[float] = []  # bounds since the last change of the step, all above it
         self.drag = _drag(state)
+        physics = state.physics
+        asked = (physics.law, LAW), (physics.effects, EFFECTS), (physics.observe, OBSERVE)
+        self.addresses, self.work = [address(function, signature) for function, signature in asked], address(work, WORK)
 
     def start(self) -> None:
         """First search, forces at time zero, first time step."""
@@ -122,8 +127,8 @@ class Explicit:
             slots.beginning, slots.guests, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets,
             s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, len(physics.history), physics.rolling,
-            at.C_MEMORY + physics.contact_memory, physics.has_effects, self.drag, physics.law, physics.effects, physics.observe,
-            self.room, self.marks, self.rows, self.moved, work, s.X0, s.patch, s.schedule, s.first, physics.stride,
+            at.C_MEMORY + physics.contact_memory, physics.has_effects, self.drag, *self.addresses,
+            self.room, self.marks, self.rows, self.moved, self.work, s.X0, s.patch, s.schedule, s.first, physics.stride,
             physics.labels,
         )  # fmt: skip
         settle(slots.edges, slots.incidence, slots.n_plates, slots.H, s.B)

@@ -26,6 +26,7 @@ TABLES = (_TABLE, _TABLE, _TABLE, _TABLE, _TABLE, _TABLE, _TABLE)  # S, B, P, H,
 KNOWN = (_ROW, _ROW, _ROW, _ROW, _TABLE, _TABLE, _I, _I, _I, types.boolean, types.UniTuple(types.float64, 2))
 # ... pairs, effect parameters, D, A; sums, moves; n_history, rolling, width, has_effects; drag direction
 POINTERS = (types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE))
+ADDRESSES = (_I, _I, _I)  # of the same
 SCRATCH = (_TABLE, _S2, types.Array(types.float64, 3, "C"), _S1)  # room, marks, rows, moved
 STEP = (_I, types.boolean, types.float64, types.float64, types.float64, types.float64)  # number, record, time, v_x, v_y, dt
 WORK = types.void(_I, _I, _I, _I, *STEP, *SLOTS, *SHAPES, *TABLES, *KNOWN, *POINTERS, *SCRATCH)

@@ -38,7 +38,8 @@ from .layout import (
 from .motion import X, Y, mean_rate
 from .options import BARE, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
 from .patches import drift_patches, drive_patches, kick_patches, load_patches, patch_power
-from .signatures import EARLY, KNOWN, LATE, LOOK, POINTERS, SCRATCH, SHAPES, SLOTS, TABLES, WORK
+from .pointers import pointed
+from .signatures import ADDRESSES, EARLY, EFFECTS, KNOWN, LATE, LAW, LOOK, OBSERVE, SCRATCH, SHAPES, SLOTS, TABLES, WORK
 
 DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT = range(8)
 """Why `advance` returned."""
@@ -131,10 +132,12 @@ def pushed(sums):
     return push
 
 
+law_at, effects_at, observe_at, work_at = pointed(LAW), pointed(EFFECTS), pointed(OBSERVE), pointed(WORK)
+
 _F2, _I1, _I = types.Array(types.float64, 2, "C"), types.Array(types.int64, 1, "C"), types.int64
 ADVANCE = types.Tuple((_I, _I))(
     _I, types.float64, types.float64, types.float64, _I,  # budget, targets of time and distance, dt, threads
-    *SLOTS, *SHAPES, *TABLES, *KNOWN, *POINTERS, *SCRATCH, types.FunctionType(WORK),
+    *SLOTS, *SHAPES, *TABLES, *KNOWN, *ADDRESSES, *SCRATCH, _I,
     _F2, _I1, _F2, _I1, _I, types.boolean,  # X0, patch; schedule, first; stride, labels
 )  # fmt: skip
 
@@ -159,8 +162,13 @@ def advance(budget, until, distance, dt, threads, own, partner, kind, closed, ou
             schedule, first, stride, labels):  # fmt: skip
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
-    Returns the code and the slot or body that a guard names, or whether a search is due. State is synchronised on return.
+    Law, effects, observer and `work` come as addresses. Returns the code and the slot or body that a guard names, or whether a
+    search is due. State is synchronised on return.
     """
+    law = law_at(law)
+    effects = effects_at(effects)
+    observe = observe_at(observe)
+    work = work_at(work)
     groups = lowest.shape[0]
     parts = min(groups, SHARES * threads) if threads > 1 and groups >= FEW else 1
     moved[:] = 0

@@ -1,0 +1,177 @@
+"""Four numbers at once: every function has the bits of numpy's arithmetic number by number."""
+
+import numpy as np
+import pytest
+from numba import njit
+from numba.core.errors import TypingError
+
+from thirdbody.kernels.four import (
+    above,
+    crossed,
+    get,
+    lane,
+    load,
+    of,
+    put,
+    splat,
+    spread,
+    store,
+    transposed,
+    with_last,
+)
+
+LANES = range(4)
+SMALLEST, LARGEST_DENORMAL = 5e-324, 2.2250738585072009e-308
+ODD = [0.0, -0.0, np.inf, -np.inf, np.nan, SMALLEST, -SMALLEST, LARGEST_DENORMAL, -LARGEST_DENORMAL, 1e-60, -1e-60,
+       np.nextafter(1e-60, 1.0), np.nextafter(-1e-60, -1.0), 1.0, -1e308, -np.nan]  # fmt: skip
+
+
+def numbers(rows: int, seed: int, reach: float = 150.0) -> np.ndarray:
+    """Random numbers of all sizes between 10^-reach and 10^reach, (rows, 4)."""
+    rng = np.random.default_rng(seed)
+    return rng.choice([-1.0, 1.0], (rows, 4)) * rng.uniform(1.0, 10.0, (rows, 4)) * 10.0 ** rng.uniform(-reach, reach, (rows, 4))
+
+
+def alike(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two arrays have the same bits, so that -0 is not 0 and what is not a number is the same."""
+    return one.shape == other.shape and np.array_equal(one.view(np.uint64), other.view(np.uint64))
+
+
+@njit(error_model="numpy")
+def arithmetic(A, B, out):
+    for i in range(A.shape[0]):
+        a, b = load(A, i, 0), load(B, i, 0)
+        store(out[0], i, 0, a + b)
+        store(out[1], i, 0, a - b)
+        store(out[2], i, 0, a * b)
+        store(out[3], i, 0, crossed(a, b))
+
+
+@njit(error_model="numpy")
+def fused(A, B, C, out):
+    for i in range(A.shape[0]):
+        store(out[0], i, 0, load(A, i, 0) + load(B, i, 0) * load(C, i, 0))
+        store(out[1], i, 0, load(A, i, 0) * load(B, i, 0) - load(C, i, 0))
+
+
+@njit(error_model="numpy")
+def lanes(A, B, out):
+    for i in range(A.shape[0]):
+        a, b = load(A, i, 0), load(B, i, 0)
+        store(out[0], i, 0, splat(a, 0))
+        store(out[1], i, 0, splat(a, 1))
+        store(out[2], i, 0, splat(a, 2))
+        store(out[3], i, 0, splat(a, 3))
+        store(out[4], i, 0, of(lane(b, 3), lane(a, 2), lane(b, 1), lane(a, 0)))
+        store(out[5], i, 0, with_last(a, b))
+        store(out[6], i, 0, spread(B[i, 2]))
+
+
+@njit(error_model="numpy")
+def turned_over(A, out):
+    for i in range(0, A.shape[0], 4):
+        columns = transposed(load(A, i, 0), load(A, i + 1, 0), load(A, i + 2, 0), load(A, i + 3, 0))
+        store(out, i, 0, columns[0])
+        store(out, i + 1, 0, columns[1])
+        store(out, i + 2, 0, columns[2])
+        store(out, i + 3, 0, columns[3])
+
+
+@njit(error_model="numpy")
+def cut_off(A, least, out):
+    for i in range(A.shape[0]):
+        store(out, i, 0, above(load(A, i, 0), least))
+
+
+@njit(error_model="numpy")
+def moved(A, rows, first, to, out):
+    for k in range(rows.shape[0]):
+        store(out, k, to, load(A, np.uint64(rows[k]), first))
+
+
+@njit(error_model="numpy")
+def moved_along(row, first, to, out):
+    put(out, to, get(row, first))
+
+
+def test_arithmetic_has_the_bits_of_numpy():
+    a, b = numbers(400, 1), numbers(400, 2)
+    a[:300] *= np.abs(b[:300] / a[:300])  # of like size, so that both have a say in a sum
+    a[:100, 1], b[50:150, 2], a[0] = 0.0, -0.0, -b[0]
+    out = np.full((4, *a.shape), np.nan)
+    arithmetic(a, b, out)
+    x, y = a[:, :3], b[:, :3]
+    cross = x[:, [1, 2, 0]] * y[:, [2, 0, 1]] - x[:, [2, 0, 1]] * y[:, [1, 2, 0]]
+    assert all(alike(found, expected) for found, expected in zip(out[:3], (a + b, a - b, a * b), strict=True))
+    assert alike(np.ascontiguousarray(out[3, :, :3]), cross)
+    assert np.all(out[3, :, 3] == 0.0)  # what stands behind a vector stays nothing
+
+
+def test_a_product_and_a_sum_are_rounded_one_by_one():
+    """A processor can do both with one rounding: other bits, and not on every machine."""
+    a, b, c = numbers(400, 3, 2.0), numbers(400, 4, 2.0), numbers(400, 5, 2.0)
+    out = np.empty((2, *a.shape))
+    fused(a, b, c, out)
+    assert alike(out[0], a + b * c) and alike(out[1], a * b - c)
+
+
+def test_numbers_go_where_they_are_sent():
+    a, b = numbers(40, 6), numbers(40, 7)
+    a[3], b[4] = ODD[:4], ODD[3:7]
+    out = np.full((7, *a.shape), 7.0)
+    lanes(a, b, out)
+    for k in LANES:
+        assert alike(out[k], np.repeat(a[:, k : k + 1], 4, axis=1))
+    assert alike(out[4], np.column_stack((b[:, 3], a[:, 2], b[:, 1], a[:, 0])))
+    assert alike(out[5], np.column_stack((a[:, :3], b[:, 3])))
+    assert alike(out[6], np.repeat(b[:, 2:3], 4, axis=1))
+
+
+def test_rows_become_columns():
+    a = numbers(40, 8)
+    a[:4] = np.reshape(ODD, (4, 4))
+    out = np.empty_like(a)
+    turned_over(a, out)
+    assert alike(out, np.ascontiguousarray(a.reshape(10, 4, 4).transpose(0, 2, 1)).reshape(40, 4))
+
+
+@pytest.mark.parametrize("least", [0.0, SMALLEST, 1e-60, 1e-300, 1.0, np.inf])
+def test_what_is_too_small_is_zero_and_no_number_is_hidden(least):
+    a = np.vstack((np.reshape(ODD, (4, 4)), numbers(40, 9, 90.0)))
+    out = np.empty_like(a)
+    cut_off(a, least, out)
+    assert alike(out, np.where(np.abs(a) <= least, 0.0, a))
+    assert np.array_equal(np.isnan(out), np.isnan(a)) and np.isnan(out).sum() == 2
+    assert not np.any(np.signbit(out[out == 0.0]))
+
+
+@pytest.mark.parametrize("first", [0, 1, 5])
+@pytest.mark.parametrize("to", [0, 3])
+def test_a_table_is_read_and_written_at_any_column(first, to):
+    table = numbers(27, 10).reshape(12, 9)
+    rows = np.array([11, 0, 4, 4, 7])
+    out = np.full((5, 8), 7.0)
+    moved(table, rows, first, to, out)
+    expected = np.full((5, 8), 7.0)
+    expected[:, to : to + 4] = table[rows, first : first + 4]
+    assert alike(out, expected)
+    row = np.full(8, 7.0)
+    moved_along(table[3], first, to, row)
+    expected = np.full(8, 7.0)
+    expected[to : to + 4] = table[3, first : first + 4]
+    assert alike(row, expected)
+
+
+def test_a_lane_is_a_literal_from_zero_to_three():
+    @njit
+    def behind(A):
+        return lane(load(A, 0, 0), 4)
+
+    @njit
+    def unknown(A, k):
+        return lane(load(A, 0, 0), k)
+
+    with pytest.raises(TypingError, match="from 0 to 3"):
+        behind(np.zeros((1, 4)))
+    with pytest.raises(TypingError, match="from 0 to 3"):
+        unknown(np.zeros((1, 4)), 1)
