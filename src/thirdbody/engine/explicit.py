@@ -53,8 +53,8 @@ class Explicit:
         self.waiting: list[float] = []  # bounds since the last change of the step, all above it
         self.drag = _drag(state)
         physics = state.physics
-        asked = (physics.law, LAW), (physics.effects, EFFECTS), (physics.observe, OBSERVE)
-        self.addresses, self.work = [address(function, signature) for function, signature in asked], address(work, WORK)
+        self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
+        self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
 
     def start(self) -> None:
         """First search, forces at time zero, first time step."""
@@ -127,7 +127,7 @@ class Explicit:
             slots.beginning, slots.guests, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets,
             s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, len(physics.history), physics.rolling,
-            at.C_MEMORY + physics.contact_memory, physics.has_effects, self.drag, *self.addresses,
+            at.C_MEMORY + physics.contact_memory, physics.has_effects, self.drag, self.law, self.effects, self.observe,
             self.room, self.marks, self.rows, self.moved, self.work, s.X0, s.patch, s.schedule, s.first, physics.stride,
             physics.labels,
         )  # fmt: skip

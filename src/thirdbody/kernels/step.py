@@ -171,6 +171,7 @@ def advance(budget, until, distance, dt, threads, own, partner, kind, closed, ou
     work = work_at(work)
     groups = lowest.shape[0]
     parts = min(groups, SHARES * threads) if threads > 1 and groups >= FEW else 1
+    whole = parts == 1 or guests.shape[0] == 0
     moved[:] = 0
     for step in range(budget):
         v_x = mean_rate(schedule, first, np.int64(X), A[A_TIME], dt)
@@ -187,7 +188,7 @@ def advance(budget, until, distance, dt, threads, own, partner, kind, closed, ou
                 load_patches(P, schedule, first, time)
                 lifted, damping = kick_patches(P, B, patch, pushed(sums), dt)
                 account(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping)
-            if (task == LOOK and not sampled) or (parts == 1 and (task == EARLY or task == LATE)):
+            if (task == LOOK and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
             if parts == 1:
                 work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), np.int64(step + 1), record, time, v_x, v_y, dt,
