@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..kernels import layout as at
-from ..kernels.stability import frequencies, matrices
+from ..kernels import stability
 from ..laws.contract import Material
-from .state import Array, State
+from .state import Array, Ints, State
 
 RAYLEIGH_FRACTION = 0.2
 """Share of the Rayleigh time used: a Hertz collision at 1 m/s then takes some 30 steps (the usual DEM choice is 0.1 to 0.3)."""
@@ -42,45 +42,39 @@ def rayleigh_time(radius: float, material: Material) -> float:
     return math.pi * radius * math.sqrt(material.density / material.shear_modulus) / speed
 
 
-def stable_step(squared_frequency, rate):
-    """Longest stable step, s, of oscillators x'' + rate x' + squared_frequency x = 0; infinite without both.
-
-    Velocity Verlet with the velocity of the dashpot predicted from the force before: its amplification has the eigenvalue -1
-    where (omega dt)^2/4 + rate dt = 1.
-    """
-    with np.errstate(divide="ignore"):
-        return 2.0 / (rate + np.sqrt(rate * rate + squared_frequency))
-
-
 def bound(state: State, materials: list[Material], steps: int, deepest: float) -> Bound:
     """The automatic time step for the next so many steps; overlaps over the radius are foreseen up to `deepest`."""
     times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
     slowest = int(np.argmin(times))
     rayleigh = float(times[slowest])
-    named = state.order.tolist()
-    best = Bound(RAYLEIGH_FRACTION * rayleigh, "rayleigh", named[slowest], math.inf, rayleigh)
+    best = Bound(RAYLEIGH_FRACTION * rayleigh, "rayleigh", int(state.order[slowest]), math.inf, rayleigh)
     if state.physics.stiffness is None:
         return best
-    bodies, patches = np.zeros((state.n_bodies, 4)), np.zeros((len(state.P), 2))
-    slots, physics = state.slots, state.physics
-    horizon = steps * (state.dt or best.step)
-    l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
-    frequencies(
-        slots.count, slots.own, slots.partner, slots.kind, state.body, state.S, state.B, _pressed(state, horizon), physics.pairs,
-        l_x, l_y, horizon, deepest, physics.stiffness, bodies, patches, *matrices(state.n_bodies),
-    )  # fmt: skip
-    of_bodies, of_patches = _steps(bodies[:, 0], bodies[:, 3]), _steps(patches[:, 0], patches[:, 1])
+    numbers, bodies, patches = _found(state, steps * (state.dt or best.step), deepest)
+    of_bodies, of_patches = _steps(bodies), _steps(patches)
     body, patch = int(np.argmin(of_bodies)), int(np.argmin(of_patches))
-    limit = float(min(stable_step(bodies[:, 0], bodies[:, 3]).min(), stable_step(patches[:, 0], patches[:, 1]).min()))
-    if min(of_bodies[body], of_patches[patch]) >= best.step:
-        return Bound(best.step, "rayleigh", named[slowest], limit, rayleigh)
+    limit = float(min(bodies[:, 3].min(), patches[:, 3].min()))
+    step = float(min(of_bodies[body], of_patches[patch]))
+    if step >= best.step:
+        return replace(best, stability=limit)
     if of_patches[patch] < of_bodies[body]:
-        owner = int(np.argmax(state.patch == patch))
-        return Bound(float(of_patches[patch]), "patch", named[owner], limit, rayleigh)
-    every, along, around, _ = bodies[body]
-    by_frequency = STABILITY_FRACTION * stable_step(every, 0.0)
-    mechanism = "damping" if of_bodies[body] < by_frequency else "rotation" if around > along else "translation"
-    return Bound(float(of_bodies[body]), mechanism, named[body], limit, rayleigh)
+        return Bound(step, "patch", int(state.order[np.argmax(state.patch == patch)]), limit, rayleigh)
+    along, around, by_frequency, _ = bodies[body]
+    damped = of_bodies[body] < STABILITY_FRACTION * by_frequency
+    mechanism = "damping" if damped else "rotation" if around > along else "translation"
+    return Bound(step, mechanism, int(state.order[numbers[body]]), limit, rayleigh)
+
+
+def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, Array]:
+    """Which bodies may have the shortest step, with their frequencies and steps, and those of the patches."""
+    slots, physics = state.slots, state.physics
+    patches, room = np.zeros((len(state.P), 4)), stability.scratch(state.n_bodies, slots.count)
+    l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
+    found = stability.shortest_steps(
+        slots.n_plates, slots.count, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body,
+        state.S, state.B, _pressed(state, horizon), physics.pairs, l_x, l_y, horizon, deepest, physics.stiffness, patches, *room,
+    )  # fmt: skip
+    return room[0][:found], room[1][:found], patches
 
 
 def _pressed(state: State, horizon: float) -> Array:
@@ -94,9 +88,6 @@ def _pressed(state: State, horizon: float) -> Array:
     return P
 
 
-def _steps(squared_frequency: Array, rate: Array) -> Array:
-    """The steps to take for these oscillators, s."""
-    still = np.zeros_like(rate)
-    return np.minimum(
-        STABILITY_FRACTION * stable_step(squared_frequency, still), DAMPING_FRACTION * stable_step(squared_frequency, rate)
-    )
+def _steps(found: Array) -> Array:
+    """The steps to take, s, of those by the frequency alone and by the damping rate, too."""
+    return np.minimum(STABILITY_FRACTION * found[:, 2], DAMPING_FRACTION * found[:, 3])

@@ -1,0 +1,270 @@
+"""The bound of the time step, which looks closely at few bodies, against all of them with matrices and eigenvalues by numpy."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from numba import njit
+from scipy.linalg import eigh
+
+from thirdbody.engine.state import rotation_matrices
+from thirdbody.engine.timestep import DAMPING_FRACTION, STABILITY_FRACTION, _found, bound
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.four import load
+from thirdbody.kernels.search import incidences
+from thirdbody.kernels.signatures import LAW
+from thirdbody.kernels.stability import ceiling
+
+NEAR = 0.3
+"""Spheres are candidates when they are not farther apart than this."""
+
+
+@njit
+def answers(overlap, radius, mass, kind, P):
+    """k_n, k_t, k_r, c_n, c_t, c_r of a law of no physics: all different functions, some zero."""
+    k_n, share, roll, damping = P[4 * kind], P[4 * kind + 1], P[4 * kind + 2], P[4 * kind + 3]
+    k_n *= math.sqrt(overlap * radius)
+    c_n = damping * math.sqrt(mass * k_n)
+    return k_n, share * k_n, roll * k_n * radius**2, c_n, share**2 * c_n, roll * c_n * radius**2
+
+
+@njit(LAW)
+def stiffness(I, O, n, P):  # noqa: E741
+    """`answers` of a tile."""
+    for q in range(n):
+        kind = int(I[q + at.I_TYPE * at.TILE])
+        told = answers(I[q + at.I_OVERLAP * at.TILE], I[q + at.I_RADIUS * at.TILE], I[q + at.I_MASS * at.TILE], kind, P)
+        for f in range(6):
+            O[q + f * at.TILE] = told[f]
+
+
+PAIRS = np.array([1.0, 0.8, 0.0, 0.0, 2.0, 0.0, 0.0, 0.5, 0.5, 1.1, 0.3, 1.5, 1.0, 0.7, 0.2, 0.0])
+"""Four kinds of contact: without and with dashpots, without tangential spring, stiffer along than across, rolling."""
+
+
+def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool = False, free: float = 1.0):
+    """A state of bodies of up to `most` spheres thrown into a periodic box over a plate and under another; nothing moves."""
+    rng = np.random.default_rng(seed)
+    counts = rng.integers(1, most + 1, bodies)
+    start = np.concatenate(([0], np.cumsum(counts)))
+    body = np.repeat(np.arange(bodies), counts)
+    radii = rng.uniform(0.2, 0.4, len(body))
+    B, S = np.zeros((bodies, at.B_COLS)), np.zeros((len(body), at.S_COLS))
+    B[:, at.B_X : at.B_X + 3] = rng.uniform(0.0, size, (bodies, 3))
+    B[:, at.B_MASS] = np.exp(rng.normal(0.0, 0.5, bodies))
+    B[:, at.B_I : at.B_I + 3] = (B[:, at.B_MASS] * rng.uniform(0.02, 0.08, bodies))[:, None]
+    clump = counts > 1
+    B[clump, at.B_I : at.B_I + 3] *= rng.uniform(0.7, 1.3, (clump.sum(), 3))
+    q = rng.normal(size=(bodies, 4))
+    B[:, at.B_Q : at.B_Q + 4] = q / np.linalg.norm(q, axis=1)[:, None]
+    arms = rng.normal(0.0, 0.2, (len(body), 3)) * clump[body][:, None]
+    S[:, :3], S[:, at.S_R] = B[body, :3] + arms, radii
+    S[:, at.S_ARM : at.S_ARM + 3], S[:, at.S_SIDE], S[:, at.S_MASS] = arms, 7.0, B[body, at.B_MASS]
+    patch = np.arange(bodies) if foundation else np.zeros(bodies, int)
+    P = np.zeros((bodies + 1 if foundation else 1, at.P_COLS))
+    P[:, at.P_Z], P[:, at.P_MASS], P[:, at.P_FREE] = size, rng.uniform(0.5, 2.0, len(P)), free
+    P[:-1, at.P_SPRING] = rng.uniform(0.0, 20.0, len(P) - 1)
+    state = SimpleNamespace(
+        n_bodies=bodies, body=body, start=start, B=B, S=S, P=P, D=np.array([size, size, 0.0]), patch=patch, dt=0.0, time=0.0,
+        order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
+        physics=SimpleNamespace(stiffness=stiffness, pairs=PAIRS), world=SimpleNamespace(upper=None),
+    )  # fmt: skip
+    find(state, rng)
+    return state
+
+
+def find(state, rng) -> None:
+    """The candidates of a state, in their order: plates first."""
+    S, body = state.S, state.body
+    flat = [(i, -1) for i in range(len(S)) if S[i, 2] - S[i, 3] < NEAR]
+    flat += [(i, -2 - state.patch[body[i]]) for i in range(len(S)) if S[i, 2] + S[i, 3] > state.P[0, at.P_Z] - NEAR]
+    pairs = [(i, j) for i in range(len(S)) for j in range(i + 1, len(S)) if body[i] != body[j] and gap(state, i, j)[0] < NEAR]
+    own, partner = np.array(sorted(flat) + pairs, np.int32).reshape(-1, 2).T.copy()
+    spheres, incidence = incidences(len(own), own, partner, len(S))
+    state.slots = SimpleNamespace(
+        own=own, partner=partner, kind=rng.integers(0, 4, len(own)).astype(np.int32), edges=spheres[state.start],
+        incidence=incidence, n_plates=len(flat), count=len(own),
+    )  # fmt: skip
+
+
+def gap(state, i: int, j: int) -> tuple[float, np.ndarray]:
+    """How far sphere i is from sphere j or from a plate, and the normal from there."""
+    S = state.S
+    if j < 0:
+        top = state.P[max(-j - 2, 0), at.P_Z]
+        return (S[i, 2] if j == -1 else top - S[i, 2]) - S[i, 3], np.array([0.0, 0.0, 1.0 if j == -1 else -1.0])
+    apart = S[i, :3] - S[j, :3]
+    apart[:2] -= state.D[:2] * np.round(apart[:2] / state.D[:2])
+    distance = np.linalg.norm(apart)
+    return distance - S[i, 3] - S[j, 3], apart / distance
+
+
+def cross(r: np.ndarray) -> np.ndarray:
+    """The matrix of r x."""
+    return np.array([[0.0, -r[2], r[1]], [r[2], 0.0, -r[0]], [-r[1], r[0], 0.0]])
+
+
+def everything(state) -> tuple[np.ndarray, np.ndarray]:
+    """K and C (n, 2, 6, 6) of all bodies, and of all patches (n, 2), by definition: sums of J^T k J."""
+    sums, patches = np.zeros((state.n_bodies, 2, 6, 6)), np.zeros((len(state.P), 2))
+    for i, j, kind in zip(state.slots.own, state.slots.partner, state.slots.kind, strict=True):
+        distance, n = gap(state, i, j)
+        if distance >= 0.0:
+            continue
+        radius, mass, twice = state.S[i, at.S_R], state.S[i, at.S_MASS], 1.0
+        if j >= 0:
+            other, heavy = state.S[j, at.S_R], state.S[j, at.S_MASS]
+            radius, mass, twice = radius * other / (radius + other), mass * heavy / (mass + heavy), 2.0
+        told = answers.py_func(-distance, radius, mass, kind, PAIRS)
+        if j < -1 and state.P[-2 - j, at.P_FREE]:
+            patches[-2 - j] += 2.0 * np.array(told)[[0, 3]] / state.P[-2 - j, at.P_MASS]
+            twice = 2.0
+        along = np.outer(n, n)
+        for sphere, reach in ((i, -state.S[i, at.S_R]), *([(j, state.S[j, at.S_R])] if j >= 0 else [])):
+            J = np.hstack((np.eye(3), -cross(state.S[sphere, at.S_ARM : at.S_ARM + 3] + reach * n)))
+            for w, (normal, across, roll) in enumerate((told[:3], told[3:])):
+                sums[state.body[sphere], w] += twice * J.T @ (across * np.eye(3) + (normal - across) * along) @ J
+                sums[state.body[sphere], w, 3:, 3:] += twice * roll * (np.eye(3) - along)
+    spring = 2.0 * state.P[:-1, at.P_SPRING]
+    patches[:-1, 0] += spring / state.P[:-1, at.P_MASS]
+    patches[-1, 0] += spring.sum() / state.P[-1, at.P_MASS] * state.P[-1, at.P_FREE]
+    return sums, patches
+
+
+def root(values: np.ndarray) -> float:
+    """(sum of 16th powers)^(1/16)."""
+    largest = max(values.max(), 1e-300)
+    return float(largest * np.sum((values.clip(0.0) / largest) ** 16) ** (1.0 / 16.0))
+
+
+def full(state) -> list[tuple[float, str, int, float]]:
+    """Step, mechanism, body and longest stable step of every body and patch, the one that limits first."""
+    sums, patches = everything(state)
+    turns = rotation_matrices(state.B[:, at.B_Q : at.B_Q + 4])
+    rows = []
+    for b in range(state.n_bodies):
+        inertia = turns[b] @ np.diag(state.B[b, at.B_I : at.B_I + 3]) @ turns[b].T
+        mass = np.zeros((6, 6))
+        mass[:3, :3], mass[3:, 3:] = state.B[b, at.B_MASS] * np.eye(3), inertia
+        square, rate = (root(eigh(matrix, mass, eigvals_only=True)) for matrix in sums[b])
+        shares = np.diag(np.linalg.solve(mass, sums[b, 0]))
+        mechanism = "rotation" if shares[3:].sum() > shares[:3].sum() else "translation"
+        rows.append(steps(square, rate, mechanism, state.order[b]))
+    for p, (square, rate) in enumerate(patches):
+        step, _, *rest = steps(square, rate, "patch", state.order[np.argmax(state.patch == p)])
+        rows.append((step, "patch", *rest))
+    return sorted(rows)
+
+
+def steps(square: float, rate: float, mechanism: str, body: int) -> tuple[float, str, int, float]:
+    """A row of `full` for an oscillator."""
+    with np.errstate(divide="ignore"):
+        alone, both = np.float64(2.0) / math.sqrt(square), np.float64(2.0) / (rate + math.sqrt(rate**2 + square))
+    damped = DAMPING_FRACTION * both < STABILITY_FRACTION * alone
+    return min(STABILITY_FRACTION * alone, DAMPING_FRACTION * both), "damping" if damped else mechanism, int(body), both
+
+
+SOFT = SimpleNamespace(poisson_ratio=0.3, density=1e12, shear_modulus=1.0)
+"""A material whose Rayleigh time never limits the step."""
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.integers(0, 2**31), st.integers(1, 25), st.sampled_from([1, 1, 4]), st.sampled_from([1.2, 2.0, 4.0]), st.booleans(),
+    st.sampled_from([0.0, 1.0]),
+)  # fmt: skip
+def test_few_bodies_tell_the_bound_of_all(seed, bodies, most, size, foundation, free):
+    state = heap(seed, bodies, most, size, foundation, free)
+    rows = full(state)
+    assume(math.isinf(rows[0][0]) or len(rows) < 2 or rows[1][0] > rows[0][0] * (1.0 + 1e-9))  # rounding cannot decide ties
+    found = bound(state, [SOFT], 0, 0.3)
+    # rounding of a generalised eigenvalue with moments of inertia some fifty times smaller than the masses
+    assert found.stability == pytest.approx(min(row[3] for row in rows), rel=1e-10)
+    if math.isinf(rows[0][0]):
+        assert (found.mechanism, found.step) == ("rayleigh", 0.2 * found.rayleigh)
+    else:
+        assert found.step == pytest.approx(rows[0][0], rel=1e-10)
+        assert (found.mechanism, found.body) == rows[0][1:3]
+
+
+@njit
+def ceiling_of(s, u, v):
+    """`ceiling` of a sum whose parts are the rows of s."""
+    parts = load(s, 0, 0), load(s, 1, 0), load(s, 2, 0), load(s, 3, 0), load(s, 4, 0), load(s, 5, 0), load(s, 6, 0)
+    return ceiling(parts, u, v)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**31), st.lists(st.sampled_from([0.0, 0.1, 0.2, 0.5, 1.0, 1.0]), min_size=6, max_size=6))
+def test_the_ceiling_of_a_body_is_over_its_eigenvalue(seed, values):
+    """Any positive semidefinite matrix, also where all eigenvalues are alike or all but one (there it is tight)."""
+    rng = np.random.default_rng(seed)
+    turn = np.linalg.qr(rng.normal(size=(6, 6)))[0]
+    K, (mass, inertia) = turn @ np.diag(values) @ turn.T, rng.uniform(0.1, 10.0, 2)
+    scale = np.sqrt([mass] * 3 + [inertia] * 3)
+    raw, off, back, void = K * np.outer(scale, scale), ([1, 2, 0], [2, 0, 1]), ([2, 0, 1], [1, 2, 0]), [0.0]
+    A, D, W = raw[:3, :3], raw[3:, 3:], raw[:3, 3:]
+    s = np.array([[*part, *void] for part in (np.diag(A), A[off], np.diag(D), D[off], np.diag(W), W[off], W[back])])
+    found, largest = ceiling_of(s, 1.0 / mass, 1.0 / inertia), root(np.array(values))
+    assert found >= largest * (1.0 + 1e-10)  # the factor for rounding is 1e-9
+    # the norm; rounding of a difference of squares, under a root
+    assert found <= np.linalg.norm(values) * (1.0 + 1e-8) + 1e-8
+    if sum(values) > 0.0 and len(set(values)) == 1:
+        assert found < 1.03 * largest, "3^(1/16) 51/48 over 6^(1/16)"
+
+
+def test_most_bodies_need_no_matrix():
+    """Sizes, masses and contacts vary, so that few of 300 bodies can be the one that limits."""
+    for most in (1, 3):
+        state = heap(5, 300, most, size=6.0)
+        numbers, rows, _ = _found(state, 0.0, 0.3)
+        assert 1 <= len(numbers) == len(rows) < 30
+        assert np.all(np.diff(numbers) > 0)
+
+
+def test_of_twins_the_first_limits():
+    """Two bodies alike to the last bit: neither norms nor their rounding may exclude the first."""
+    state = heap(1, 2, 1)
+    for table in (state.S, state.B):
+        table[1] = table[0]
+    state.S[:, 2], state.order = state.S[:, 3] - 0.1, np.array([1, 0])
+    state.slots = SimpleNamespace(
+        own=np.array([0, 1], np.int32), partner=np.array([-1, -1], np.int32), kind=np.zeros(2, np.int32), n_plates=2, count=2,
+        edges=np.array([0, 1, 2], np.int32), incidence=np.array([0, 2], np.int32),
+    )  # fmt: skip
+    assert bound(state, [SOFT], 0, 0.3).body == 1
+    assert _found(state, 0.0, 0.3)[0].tolist() == [0, 1]
+
+
+def test_nothing_touches():
+    state = heap(0, 1, 1, size=100.0)
+    state.B[:, 2] = state.S[:, 2] = 50.0
+    for edges in (state.slots.edges, np.zeros(0, np.int32)):  # before the first search there are none
+        state.slots.edges = edges
+        found = bound(state, [SOFT], 0, 0.3)
+        assert (found.mechanism, found.stability) == ("rayleigh", math.inf)
+
+
+def test_a_contact_to_come_counts_as_deep_as_it_gets():
+    """A ball that falls onto the plate is bounded as if it were there already, but no deeper than is foreseen."""
+    state, horizon, speed = heap(0, 1, 1, size=100.0), 1e-3, 50.0
+    height = state.S[0, at.S_R] + 0.02
+    state.S[0, 2], state.S[0, at.S_V + 2] = height, -speed
+    find(state, np.random.default_rng(0))
+    state.slots.kind[:] = 1
+    ahead = [_found(state, horizon, deepest)[1][0] for deepest in (0.3, 0.01)]
+    state.S[0, at.S_V + 2] = 0.0
+    for found, overlap in zip(ahead, (speed * horizon - 0.02, 0.01 * state.S[0, at.S_R]), strict=True):
+        state.S[0, 2] = state.S[0, at.S_R] - overlap
+        assert found == pytest.approx(_found(state, 0.0, 0.0)[1][0], rel=1e-12)  # overlaps as differences
+
+
+def test_what_is_no_number_is_told():
+    state = heap(3, 20, 1)
+    state.B[state.body[state.slots.own[0]], at.B_MASS] = math.nan
+    assert math.isnan(bound(state, [SOFT], 0, 0.3).stability)
