@@ -16,6 +16,7 @@ from thirdbody.engine.state import rotation_matrices
 from thirdbody.engine.timestep import DAMPING_FRACTION, STABILITY_FRACTION, _found, bound
 from thirdbody.kernels import layout as at
 from thirdbody.kernels.four import load
+from thirdbody.kernels.pointers import address
 from thirdbody.kernels.search import incidences
 from thirdbody.kernels.signatures import LAW
 from thirdbody.kernels.stability import ceiling
@@ -72,7 +73,8 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
     state = SimpleNamespace(
         n_bodies=bodies, body=body, start=start, B=B, S=S, P=P, D=np.array([size, size, 0.0]), patch=patch, dt=0.0, time=0.0,
         order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
-        physics=SimpleNamespace(stiffness=stiffness, pairs=PAIRS), world=SimpleNamespace(upper=None),
+        physics=SimpleNamespace(stiffness=stiffness, stiffness_at=address(stiffness, LAW), pairs=PAIRS),
+        world=SimpleNamespace(upper=None),
     )  # fmt: skip
     find(state, rng)
     return state

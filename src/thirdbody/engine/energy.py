@@ -47,7 +47,7 @@ class Ledger:
         return found
 
     def lines(self, state: State, found: Stored | None = None) -> dict[str, float]:
-        """Every line of the ledger, J; `residual` is the absolute one. `found`: what is `stored`, where that is known already."""
+        """The lines of the ledger that the scene has, J; `residual` is the absolute one. `found`: what is `stored`, if known."""
         kinetic, normal, tangential, springs = found or stored(state)
         A = state.A
         gained = A[at.A_PLATE_WORK] + A[at.A_EFFECTS]
@@ -58,6 +58,8 @@ class Ledger:
             A[at.A_NUMERICAL], gained - spent,
         )  # fmt: skip
         lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
+        if not state.physics.has_effects:  # absent, not a line of zeros
+            del lines["body_effects"]
         upper = state.world.upper
         return lines if upper is None or upper.foundation is None else lines | {"foundation": springs}
 

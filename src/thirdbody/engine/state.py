@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 from ..bodies.clump import Clump
 from ..kernels import bodies as body_pass
 from ..kernels import layout as at
+from ..kernels.pointers import address
 from ..kernels.rolling import MOMENTS
+from ..kernels.signatures import LAW
 from .plates import Schedule, UpperPlate
 
 Array = NDArray[np.float64]
@@ -95,6 +98,11 @@ class Physics:
     stride: int
     labels: bool
     outputs: int
+
+    @cached_property
+    def stiffness_at(self) -> int:
+        """The address of `stiffness`, as `kernels.stability` wants it. Raises AttributeError without."""
+        return address(self.stiffness, LAW)
 
     @property
     def moments(self) -> bool:

@@ -41,6 +41,7 @@ from .layout import (
 )  # fmt: skip
 from .options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from .periodic import image, inverse
+from .pointers import pointed
 from .rotation import matrix
 from .signatures import LAW
 
@@ -326,9 +327,10 @@ def judge_patches(P, patches):
 
 _F3, _F2, _F1 = (types.Array(types.float64, n, "C") for n in (3, 2, 1))
 _I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
+stiffness_at = pointed(LAW)
 STIFFNESS = types.int64(
     types.int64, types.int64, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F1, types.float64, types.float64, types.float64,
-    types.float64, types.FunctionType(LAW), _F2, _I1, _F2, _F1, _F1, _F2, _S1, _S1, _F2, _F3
+    types.float64, types.int64, _F2, _I1, _F2, _F1, _F1, _F2, _S1, _S1, _F2, _F3
 )  # fmt: skip
 
 
@@ -341,10 +343,12 @@ def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body, S, B
     and by the damping rate, too, s; of the m bodies `number`, in order. Returns m, at least 1. `patches` (n, 4), zero at first:
     squared frequency, 1/s^2, and damping rate, 1/s, and the same steps.
     Contacts are taken as deep as they can get within the `horizon` (s), but no new depth beyond `limit` times the radius.
+    `stiffness` comes as an address.
     A contact between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
     """
+    law = stiffness_at(stiffness)
     m = list_near(n_plates, n, own, partner, S, l_x, l_y, near, place)
-    find_contacts(m, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, limit, stiffness, patches, told, answer,
+    find_contacts(m, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, limit, law, patches, told, answer,
                   rows, place)  # fmt: skip
     judge_patches(P, patches)
     first, by_frequency, by_both = (np.int64(0), np.int64(0)), np.inf, np.inf
