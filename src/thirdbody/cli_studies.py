@@ -14,6 +14,7 @@ def cost(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="folder of the study [runs/<scene>_cost]")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the scene")] = None,
     repeats: Annotated[int, typer.Option("--repeats", min=2, help="runs of each rung that are timed")] = 3,
+    budget: Annotated[str, typer.Option("--budget", help="wall time for the ladder, to which the scene is reduced")] = "7 min",
     effects: Annotated[bool, typer.Option("--effects", help="what each effect costs and changes, instead of the ladder")] = False,
     verify: Annotated[bool, typer.Option("--verify", help="add an oblique impact: errors and orders of convergence")] = False,
     plugin: Annotated[list[Path] | None, typer.Option("--plugin", help="Python file with a PLUGIN; may be repeated")] = None,
@@ -23,14 +24,22 @@ def cost(
 ) -> None:
     """Tell what accuracy costs in time: laws, springs, steps and integrators of a scene against the finest of them."""
     from .cli import _pairs
+    from .errors import UsageError
+    from .scene import units
     from .studies.command import cost_command
 
     def tell(text: str) -> None:
         if not quiet:
             print(text, file=sys.stderr, flush=True)
 
+    try:
+        seconds = units.parse(budget, "time")
+    except ValueError as error:
+        raise UsageError(f"--budget: {error}") from None
+    if seconds <= 0.0:
+        raise UsageError(f"--budget {budget}: a time above zero")
     folder = out or Path("runs") / f"{scene.stem}_{'effects' if effects else 'cost'}"
-    cost_command(scene, folder, _pairs(settings), plugin or [], repeats, effects, verify, overwrite, json, tell)
+    cost_command(scene, folder, _pairs(settings), plugin or [], repeats, effects, verify, overwrite, json, tell, seconds)
 
 
 def hard(

@@ -163,7 +163,7 @@ def _search() -> None:
     from .kernels import layout as at
     from .kernels import search
     from .kernels.bodies import place_all
-    from .kernels.gather import settle
+    from .kernels.gather import tell
 
     S, P, H = np.zeros((1, at.S_COLS)), np.zeros((1, at.P_COLS)), np.zeros((0, 1))
     body, own, count = np.zeros(1, np.int64), np.zeros(0, np.int32), np.ones(3, np.int64)
@@ -172,7 +172,7 @@ def _search() -> None:
     search.pair_candidates(S, body, 1.0, 1.0, 0.0, np.zeros(3), np.ones(3), count, periodic, 0, own, own)
     search.carry_history(0, 0, own, own, H, 0, 0, own, own, H)
     search.incidences(0, own, own, 1)
-    settle(own, own, 0, H, np.zeros((0, at.B_COLS)))
+    tell(own, own, 0, H, np.zeros((0, at.B_COLS)))
     place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], np.zeros((0, at.B_COLS)))
 
 

@@ -2,8 +2,9 @@
 
     python tests/bench/limits.py
 
-Bandwidth of a triad by the size of its working set, vector square roots and divisions, and random reads of rows of 32 bytes,
-which is what a contact does that looks up its partner. Best of several timings: a limit is what is reached undisturbed.
+Bandwidth of a triad by the size of its working set, vector products and sums, square roots and divisions, and random reads of
+rows of 32 bytes, which is what a contact does that looks up its partner. Best of several timings: a limit is what is reached
+undisturbed.
 """
 
 from __future__ import annotations
@@ -18,13 +19,16 @@ from rich.console import Console
 from rich.table import Table
 from screen import screen
 
-SIZES = (24, 256, 4096, 16384, 262144)
+SIZES = (24, 256, 1024, 4096, 16384, 262144)
 """Working sets of the triad, KiB: the last is far beyond any cache."""
 
 ROWS = (1_000, 16_000, 64_000, 256_000, 2_000_000)
 """Rows of the tables that are read at random."""
 
 TRIES, READS, LANES = 7, 1_000_000, 2048
+
+CHAINS, LINKS = 4, 8
+"""Products and sums that wait for each other, and such chains side by side, so that none waits: of one element."""
 
 kernel = njit(error_model="numpy")  # as the engine's: IEEE, no exception for a division by zero
 
@@ -36,6 +40,18 @@ def triad(a, b, c, factor, repeats):
         for i in range(a.shape[0]):
             a[i] = b[i] + factor * c[i]
         factor *= 1.0000001  # else the compiler does it once
+
+
+@kernel
+def chains(a, b, repeats):
+    """a = a sum of four polynomials of b, a product and a sum a power."""
+    for _ in range(repeats):
+        for i in range(a.shape[0]):
+            x = b[i]
+            p, q, r, s = x, x + 1.0, x + 2.0, x + 3.0
+            for _ in range(LINKS):
+                p, q, r, s = p * x + 0.1, q * x + 0.2, r * x + 0.3, s * x + 0.4
+            a[i] = (p + q) + (r + s)
 
 
 @kernel
@@ -64,13 +80,15 @@ def reads(table, rows):
 
 
 def measure_limits() -> dict[str, Any]:
-    """Triad by KiB of its working set (24 bytes per element), sqrt and division per element, random reads by rows of a table."""
+    """Triad by KiB of its working set (24 bytes per element), products and sums, sqrt and division per element, random reads by
+    rows of a table."""
     rng = np.random.default_rng(1)
     out, values = np.empty(LANES), rng.uniform(0.5, 1.5, LANES)
     repeats = 1000
     per_lane = 1e9 / (repeats * LANES)
     return {
         "bandwidth_GB_s": {size: _bandwidth(size) for size in SIZES},
+        "arithmetic_GF_s": (2 * CHAINS * LINKS + 6) / (per_lane * best(chains, out, values, repeats)),
         "sqrt_ns": per_lane * best(roots, out, values, repeats),
         "division_ns": per_lane * best(divisions, out, values, repeats),
         "read_ns": {rows: _read(rng, rows) for rows in ROWS},
@@ -108,6 +126,7 @@ def print_limits(told: dict[str, Any], console: Console) -> None:
     for size, rate in told["bandwidth_GB_s"].items():
         wide.add_row(f"{size} KiB", f"{rate:.1f} GB/s")
     single = Table("operation", "ns", title="one core, per element")
+    single.add_row("vector product or sum", f"{1.0 / told['arithmetic_GF_s']:.4f}")
     single.add_row("vector sqrt", f"{told['sqrt_ns']:.3f}")
     single.add_row("vector division", f"{told['division_ns']:.3f}")
     for rows, cost in told["read_ns"].items():

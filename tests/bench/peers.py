@@ -1,7 +1,7 @@
 """Our explicit engine and the C++ engines on the same scenes, in turn.
 
     python tests/bench/peers.py [--scenes S16000,S64000,C2000,C10000,T2000] [--cores 1,2] [--rounds 5] [--peers DIR] [-o FILE]
-    python tests/bench/peers.py --startup | --small | --profile [-o FILE]
+    python tests/bench/peers.py --startup | --small | --profile [--scenes S2000,C2000] [-o FILE]
 
 DIR is a copy of the peers' folder, set up as its README says (`scripts/`, `configs/`, `venv/`); without it ours runs alone, on
 the scenes that it can make itself (S). S64000@2x2 is that scene side by side with copies of itself, which peers do not run.
@@ -17,7 +17,8 @@ limit, we cut the spring alone; our spring is rescaled when the contact area shr
 T, where pinched clumps jump free, to 10 % (YADE's are those of the bodies' translation). Nothing is written while it is timed.
 
 The other parts: --startup tells the seconds to the first step of a new and of a used cache, and of `thirdbody --help`; --small
-the time per step of 1 to 1000 bodies; --profile what this machine can do. Timings mean something on an idle machine: CPU is the
+the time per step of 1 to 1000 bodies; --profile what one core of this machine can do, and for every pass of the step how near it
+comes to that. Timings mean something on an idle machine: CPU is the
 least share of the processor that a run got.
 """
 
@@ -37,7 +38,7 @@ from typing import Any
 
 from limits import measure_limits, print_limits
 from machine import machine
-from ours import REPS, STEPS, WARM
+from ours import REPS, STEPS, WARM, tiles
 from rich.console import Console
 from rich.table import Table
 from screen import screen
@@ -46,7 +47,7 @@ from startup import measure_startup, print_startup
 from theirs import ENGINES, PINNED, installed, run_peer
 
 OURS = "thirdbody"
-SCENES = "S16000,S64000,C2000,C10000,T2000"
+SCENES, PROFILED = "S16000,S64000,C2000,C10000,T2000", "S2000,S16000,C2000,T2000"
 
 Run = dict[str, Any]
 
@@ -77,7 +78,7 @@ def main() -> None:
     head = told["machine"]
     console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load'][0]:.2f}" if head["load"] else head["cpu"])
     if asked.profile:
-        told["profile"] = part_profile(console)
+        told["profile"] = part_profile(asked, console)
     if asked.startup:
         told["startup"] = measure_startup(asked.rounds)
         print_startup(told["startup"], console)
@@ -94,7 +95,7 @@ def main() -> None:
 def arguments() -> argparse.Namespace:
     """What the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", default=SCENES, help="default %(default)s")
+    parser.add_argument("--scenes", help=f"default {SCENES}, with --profile {PROFILED}")
     parser.add_argument("--cores", default="1", help="1, 2 or 1,2 (default %(default)s)")
     parser.add_argument("--rounds", type=int, default=5, help="default %(default)s")
     parser.add_argument("--peers", metavar="DIR", type=Path, default=os.environ.get("THIRDBODY_PEERS"))
@@ -104,10 +105,11 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--reps", type=int, default=REPS, help="segments of a run (default %(default)s)")
     parser.add_argument("--startup", action="store_true", help="measure the start instead")
     parser.add_argument("--small", action="store_true", help="measure the cost of a step of few bodies instead")
-    parser.add_argument("--profile", action="store_true", help="measure the machine instead")
+    parser.add_argument("--profile", action="store_true", help="measure the machine and the passes of a step instead")
     parser.add_argument("-o", dest="output", metavar="FILE", help="write all figures there")
     asked = parser.parse_args()
     asked.peers = Path(asked.peers) if asked.peers else None
+    asked.scenes = asked.scenes or (PROFILED if asked.profile else SCENES)
     return asked
 
 
@@ -136,11 +138,26 @@ def part_peers(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
     return {"peers": versions, "scenes": rows, "two_threads": threads}
 
 
-def part_profile(console: Console) -> dict[str, Any]:
-    """The limits of the machine."""
+def part_profile(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
+    """The limits of the machine, and how near the passes of a step come to them."""
+    from breakdown import print_profile, profile  # the engine, which other parts run in processes of their own
+    from peers_scenes import generated, read, simulation_of, start_of, tiled
+
+    from thirdbody.simulate import set_threads
+
     limits = measure_limits()
     print_limits(limits, console)
-    return {"limits": limits}
+    set_threads(1)
+    scenes, asked.cores = {}, "1"
+    for case in cases(asked):
+        print(f"{case.name}: profile", file=sys.stderr, flush=True)
+        copies, folder = tiles(case.tiles), asked.peers and asked.peers / "configs"
+        given = read(folder / f"{case.kind}_{case.number}.npz", copies) if folder else None
+        start = given or start_of(case.kind, tiled(generated(case.number), *copies))
+        told = profile(simulation_of(start), limits, case.warm, case.steps, case.reps)
+        print_profile(case.name, told, console)
+        scenes[case.name] = told
+    return {"limits": limits, "scenes": scenes}
 
 
 def cases(asked: argparse.Namespace) -> list[Case]:

@@ -13,10 +13,9 @@ import pytest
 
 import thirdbody
 from thirdbody.kernels.bodies import BODIES
+from thirdbody.kernels.contacts import GROUP
 from thirdbody.kernels.layout import DEBRIS
-from thirdbody.kernels.signatures import CONTACTS, DRIFT, GATHER, LOOK
-from thirdbody.kernels.step import FEW, chunks_of
-from thirdbody.laws.generated import plain
+from thirdbody.kernels.step import FEW
 from thirdbody.scene.build import build
 
 # Crowded, so that bodies collide; enough of them that the passes over contacts and bodies have several chunks.
@@ -101,10 +100,11 @@ def one_thread(folder) -> Path:
 
 
 def test_the_scene_is_hard_enough(folder, one_thread):
-    """Enough chunks for every pass to be shared out, and debris that collides: else the tests below would show nothing."""
+    """Enough groups for the passes to be shared out, contacts between them, debris that collides: else the tests below would
+    show nothing."""
     state = build(thirdbody.Scene.load(folder / "scene.toml")).state
-    assert plain(chunks_of)(state.slots.count, state.slots.n_plates) >= FEW[CONTACTS]
-    assert state.n_bodies > BODIES * max(FEW[DRIFT], FEW[GATHER], FEW[LOOK])
+    assert state.n_bodies > BODIES * GROUP * FEW
+    assert len(state.slots.guests) > 10
     with thirdbody.open(one_thread) as run:
         assert sum(np.count_nonzero(run.contacts(k)["side"] == DEBRIS) for k in range(run.frames)) > 10
         assert run.summary()["searches"] > 1

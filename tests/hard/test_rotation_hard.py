@@ -34,7 +34,7 @@ def turned_pair(make, axis, count):
     step = 1e-7
     simulation = build(make.scene(make_pair(make), {"ball": make.STEEL}, friction=0.5, time_step=step), force=True)
     B = simulation.state.B
-    B[:, at.B_MASS] = B[:, at.B_I] = B[:, at.B_I + 1] = B[:, at.B_I + 2] = 1e30
+    B[:, at.B_MASS] = B[:, at.B_I] = B[:, at.B_I + 1] = B[:, at.B_I + 2] = B[:, at.B_BALL] = 1e30
 
     def drive(target, spin=(0.0, 0.0, 0.0)):
         B[:, at.B_V : at.B_V + 3] = (target - B[:, at.B_X : at.B_X + 3]) / step

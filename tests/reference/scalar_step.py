@@ -98,10 +98,9 @@ class Reference:
         return [entry for s in self.spheres(b) for entry in self.of_sphere[s]]
 
     def advance(self, steps: int, dt: float) -> None:
-        """So many steps of velocity Verlet, and what they leave behind when they are done."""
+        """So many steps of velocity Verlet."""
         for _ in range(steps):
             self.step(dt)
-        self.settle()
         for b, B in enumerate(self.B):
             place_now(B, [self.S[s] for s in self.spheres(b)], [self.offsets[s] for s in self.spheres(b)])
 

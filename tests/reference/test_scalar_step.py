@@ -84,6 +84,7 @@ def walk(reference: Reference, events: list[Event], dt: float) -> Tables:
     for steps, slots in events:
         reference.advance(steps, dt)
         if slots is not None:
+            reference.settle()
             reference.take(slots)
     found = {name: np.array(getattr(reference, name)) for name in "BSPAM"}
     closed = [pair for pair in reference.pairs if reference.memory[pair][at.H_ON] > 0.0]
@@ -328,7 +329,7 @@ FAULTS: dict[str, tuple[str, Spoil, str]] = {
     "viscous part of friction": ("crowd", instead(scalar_laws, "fitted", unfitted), "BSAHR"),
     "normal of the middle of the step": ("crowd", instead(scalar_contact, "slipping", end_normal), "BSAHR"),
     "arm of the force": ("crowd", instead(Reference, "about", lambda _, s, torque, force: torque), "BSAHR"),
-    "energy of springs that open": ("rolled", instead(scalar_step, "let_go", forgotten), "B"),
+    "energy of springs that open": ("rolled", instead(scalar_step, "let_go", forgotten), "H"),
     "order of contacts": ("crowd", backwards, "BSAHR"),
     "plates before spheres": ("crowd", spheres_first, "BSAHR"),
     "order in which bodies are told": ("crowd", told_backwards, "B"),

@@ -77,7 +77,7 @@ def test_drag_pays_for_friction(history):
     """After pressing, what the plates put in leaves mostly as friction and damping: the stored part stays bounded."""
     _, _, _, lines = history
     start, end = lines[4], lines[-1]
-    paid = end["plate_work"] + end["body_effects"] - start["plate_work"] - start["body_effects"]
+    paid = sum(end[name] - start[name] for name in ("plate_work", "body_effects") if name in end)
     lost = end["friction"] + end["damping"] - start["friction"] - start["damping"]
     kept = [name for name in ("kinetic", "elastic_normal", "elastic_tangential", "foundation") if name in end]
     stored = sum(end[name] - start[name] for name in kept)

@@ -20,7 +20,7 @@ def top(make, step):
     """A body with the principal moments `MOMENTS`, alone in space, spinning with `SPIN`."""
     simulation = build(make.scene([make.ball(1.0, (0.0, 0.0, 0.0))], {"ball": make.STEEL}, time_step=step), force=True)
     B = simulation.state.B
-    B[:, at.B_I : at.B_I + 3] = MOMENTS
+    B[:, at.B_I : at.B_I + 3], B[:, at.B_BALL] = MOMENTS, 0.0
     B[:, at.B_W : at.B_W + 3] = SPIN
     B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
     return simulation

@@ -14,11 +14,13 @@ from thirdbody.kernels import layout as at
 from thirdbody.scene.model import Scene
 from thirdbody.simulate import prepare
 from thirdbody.studies import cost, cost_plot, cost_table, worker
+from thirdbody.studies.budget import Costs, fitting, repeats_of, whole
 from thirdbody.studies.clock import Late, bare
 from thirdbody.studies.command import cost_command
 from thirdbody.studies.compare import Outcome, errors, front, label_difference, order, read_outcome, rms_error, turns
-from thirdbody.studies.convergence import convergence, falling
+from thirdbody.studies.convergence import convergence, falling, reference_error
 from thirdbody.studies.ladder import Base, Rung, ladder
+from thirdbody.studies.reduce import FEWEST, WIDER, reduced, thinned
 
 SCENE = """
 scene = 1
@@ -192,7 +194,8 @@ def test_the_recommended_rung_is_the_fastest_that_is_good_enough(made):
     best, words = cost.recommended(made)
     assert best.rung.name == "mdr 16"
     assert words == "`mdr 16` gives 0.8 % friction error at 2 times the cost of `mindlin` (5 %); no label changes"
-    assert [row.rung.name for row in cost.efficient(made)] == ["mindlin, step x4", "coulomb", "mindlin", "mdr 16", "exact"]
+    front = ["mindlin, step x4", "coulomb", "mindlin", "mdr 16", "exact", "exact, step /4"]
+    assert [row.rung.name for row in cost.efficient(made)] == front  # the reference ends it
 
 
 def test_without_a_good_rung_the_most_accurate_one_is_named(made):
@@ -200,6 +203,97 @@ def test_without_a_good_rung_the_most_accurate_one_is_named(made):
         entry.errors["label_difference"] = 0.2
     best, words = cost.recommended(made)
     assert best.rung.name == "exact" and "no rung is within 1 %" in words
+
+
+def test_a_rung_that_the_scene_itself_cannot_use_is_told_beside_the_recommended_one(made):
+    """Bodies of the scene meet, those of the copy do not: the implicit integrator is fast and right there, and only there."""
+    made.rows.append(row("mindlin, implicit", 0.1, 0.004, axis="integrator"))
+    made.rows[-1].integrator = "implicit"
+    assert cost.recommended(made)[0].rung.name == "mindlin, implicit"
+    made.alone = True
+    best, words = cost.recommended(made)
+    assert best.rung.name == "mdr 16"
+    other = "`mindlin, implicit` gives 0.4 % in 0.025 times that time; no label changes"
+    assert words.endswith(f'(contact.debris_contact = "none"), {other}')
+
+
+def test_the_table_marks_the_front_its_end_and_what_stopped(made, capsys):
+    made.alone = True
+    made.rows[0].stable, made.rows[0].message = False, "stopped at t = 1 s: the step is too long"
+    cost_table.print_study(made)
+    lines = {line[:18].strip(): line for line in capsys.readouterr().out.splitlines()}
+    told = {name: line.split() for name, line in lines.items()}
+    assert told["*r  exact, step /4"[:18].strip()][0] == "*r"
+    assert next(line for line in lines.values() if "coulomb " in line).split()[-1] == "stopped"  # no errors of a part of a run
+    assert any("no two bodies of this copy meet" in line for line in lines.values())
+
+
+def test_rungs_that_stopped_alike_are_told_once(made):
+    made.rows[0].stable, made.rows[0].message = False, made.rows[-2].message
+    assert cost_table.stopped(made) == {"cannot run this scene": ["coulomb", "mindlin, implicit"]}
+
+
+@pytest.mark.parametrize("p", [1.0, 2.0])
+def test_the_error_of_the_reference_comes_from_its_steps(p):
+    """Errors h^p of steps 1, 1/2, 1/4, the last one taken for the truth."""
+    h = {1.0: "exact", 0.5: "exact, step /2", 0.25: "exact, step /4"}
+    rows = []
+    for size, name in h.items():
+        rows.append(row(name, 1.0 / size, size**p - 0.25**p, axis="law" if size == 1.0 else "fine", reference=size == 0.25))
+        rows[-1].rung = cost.replace(rows[-1].rung, level="exact")
+        rows[-1].step = 1e-10 * size
+    made = cost.Study("", "", [], {}, rows)
+    assert reference_error(made) == pytest.approx(0.25**p, rel=1e-9)
+    rows[1].errors["friction_error"] = rows[0].errors["friction_error"]
+    assert math.isnan(reference_error(made))  # no order, no extrapolation
+
+
+@pytest.mark.parametrize("seconds, runs", [(0.01, 7), (1.0, 3), (60.0, 2)])
+def test_cheap_rungs_are_repeated_more_often(seconds, runs):
+    assert repeats_of(seconds, 3) == runs
+    assert repeats_of(seconds, 1) == 1 and repeats_of(seconds, 0) == 0  # nothing to be timed
+    assert repeats_of(0.01, 12) == 12
+
+
+def test_a_copy_is_as_large_as_the_budget_allows():
+    rungs = ladder(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
+    costs = Costs(1.0, 128, 17.0, ("exact", None), 15.0, 0.1)
+    told = {rung.name: costs.of(rung, EXPLICIT) for rung in rungs}
+    assert told["mdr 64"] == pytest.approx(9.0) and told["mindlin"] == 1.0  # linear in the springs
+    assert told["mindlin, step x4"] == 0.25 and told["exact, step /4"] == 60.0 and told["mindlin, implicit"] == 0.1
+    share = fitting(rungs, EXPLICIT, costs, 3, 300.0)
+    assert share < 1.0 and whole(rungs, EXPLICIT, costs, 3, share) < 300.0
+    assert fitting(rungs, EXPLICIT, costs, 3, 600.0) > 1.5 * share
+    assert fitting(rungs, EXPLICIT, costs, 3, 0.0) == pytest.approx(0.01, rel=0.03)  # and not for ever
+
+
+def crowd() -> Scene:
+    text = SCENE.replace("count = 2", "count = 200").replace('radius = "5 um"', 'radius = "5 um"\nplacement = "layer"')
+    return Scene.parse(text.replace('"100 um", "100 um"', '"300 um", "200 um"').replace('debris_contact = "none"', ""))
+
+
+def test_a_thinned_copy_has_its_bodies_apart_or_as_close_as_they_were():
+    scene = crowd()
+    apart, words = thinned(scene, 200, 0.25)
+    copy = scene.with_settings(apart)
+    assert copy.debris[0].count == 50 and words == ["50 of 200 bodies, in a domain so wide that they are apart"]
+    assert copy.domain.size == pytest.approx((WIDER * 300e-6, WIDER * 200e-6), rel=1e-12)
+    near, words = thinned(scene, 200, 0.25, meet=True)
+    assert scene.with_settings(near).domain.size == pytest.approx((150e-6, 100e-6), rel=1e-12)  # a quarter of the area
+    assert words == ["50 of 200 bodies, as close as they were"]
+    assert thinned(scene, 200, 1.5) == ({}, []) and thinned(scene, FEWEST, 0.1) == ({}, [])
+
+
+def test_bodies_of_a_copy_are_apart_for_the_implicit_integrator():
+    """It has no contact between bodies and stops where two come near each other."""
+    copy, built, words = reduced(crowd(), [], 1e-9)
+    assert copy.debris[0].count == FEWEST and built.state.world.debris_meets and "apart" in words[0]
+    place = built.state.B[:, at.B_X : at.B_X + 2]
+    apart = place[:, None] - place[None]
+    apart -= np.array(copy.domain.size) * np.round(apart / np.array(copy.domain.size))
+    distance = np.linalg.norm(apart, axis=2)[~np.eye(len(place), dtype=bool)]
+    # 25 balls at random where 1600 by 2400 um are free: two within a diameter and the way, 10.02 um, in 2 % of the copies
+    assert distance.min() > 10.02e-6
 
 
 def test_a_scene_without_a_drag_is_judged_by_its_load(made):
@@ -235,9 +329,11 @@ def test_the_picture_shows_every_rung_the_front_and_the_scenes_own(made, tmp_pat
     names = {text.get_text() for text in axes.texts}
     assert {"coulomb", "mindlin", "mdr 8", "mdr 16", "exact", "step x4"} <= names
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert {"efficient front", "as the scene asks", "recommended"} <= set(labels)
-    line = next(line for line in axes.lines if line.get_label() == "efficient front")
-    assert list(line.get_xdata()) == [0.5, 1.0, 2.0, 4.0, 9.0]
+    assert {"efficient front, to the reference", "as the scene asks", "recommended"} <= set(labels)
+    line = next(line for line in axes.lines if line.get_label() == "efficient front, to the reference")
+    assert list(line.get_xdata()) == [0.5, 1.0, 2.0, 4.0, 9.0, 30.0] and line.get_drawstyle() == "steps-post"
+    # steps of the reference's law are not there to tell its own error: it stands below all others
+    assert line.get_ydata()[-1] < min(line.get_ydata()[:-1])
     cost_plot.draw_study(made, tmp_path / "cost.png")
     assert (tmp_path / "cost.png").stat().st_size > 10_000
 
@@ -312,11 +408,19 @@ def test_short_rungs_take_turns_with_a_yardstick(tmp_path):
     job = {"scene": str(file), "plugins": [], "folder": str(tmp_path / "runs"), "repeats": 3, "limit": 30.0, "variants": [{}],
            "beside": {}}  # fmt: skip
     told = worker.work(job)[0]
-    assert len(told["cpu"]) == len(told["beside"]) == 3
+    assert len(told["cpu"]) == len(told["beside"]) == 7  # short ones are repeated more often than asked
     rung = Rung("a", "law", "a", None, "implicit")
     slow = [cost.Row(rung, cpu=[pace, 2.0 * pace], beside=[pace, pace]) for pace in (1.0, 3.0, 9.0)]
     cost._one_pace(slow)
     assert [row.cpu for row in slow] == [[3.0, 6.0]] * 3  # three times, the median pace
+
+
+def test_late_rungs_are_timed_once(tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(SCENE)
+    job = {"scene": str(file), "plugins": [], "folder": str(tmp_path / "runs"), "repeats": 3, "limit": 30.0, "variants": [{}],
+           "until": 0.0}  # fmt: skip
+    assert len(worker.work(job)[0]["cpu"]) == 1
 
 
 def test_timing_has_an_end(tmp_path):

@@ -14,7 +14,6 @@ from ..kernels import bodies as body_pass
 from ..kernels import contacts as contact_pass
 from ..kernels import layout as at
 from ..kernels import step
-from ..kernels.gather import settle
 from ..kernels.pointers import address
 from ..kernels.signatures import EFFECTS, LAW, OBSERVE, WORK
 from ..kernels.work import work
@@ -131,7 +130,6 @@ class Explicit:
             self.room, self.marks, self.rows, self.moved, self.work, s.X0, s.patch, s.schedule, s.first, physics.stride,
             physics.labels,
         )  # fmt: skip
-        settle(slots.edges, slots.incidence, slots.n_plates, slots.H, s.B)
         refresh_spheres(s)  # the kernel places only spheres that can meet something
         return answer
 

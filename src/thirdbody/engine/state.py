@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..bodies.clump import Clump
 from ..kernels import bodies as body_pass
 from ..kernels import layout as at
+from ..kernels.gather import tell
 from ..kernels.pointers import address
 from ..kernels.rolling import MOMENTS
 from ..kernels.signatures import LAW
@@ -315,6 +316,13 @@ def angular_momentum(B: Array) -> Array:
     turn = rotation_matrices(B[:, at.B_Q : at.B_Q + 4])
     in_body = np.einsum("nji,nj->ni", turn, B[:, at.B_W : at.B_W + 3]) * B[:, at.B_I : at.B_I + 3]
     return np.einsum("nij,nj->ni", turn, in_body)
+
+
+def told_bodies(state: State) -> Array:
+    """A copy of the table of bodies with the friction work and slip that their contacts still remember (`layout.H_WORK`)."""
+    slots, B = state.slots, state.B.copy()
+    tell(slots.edges, slots.incidence, slots.n_plates, slots.H, B)
+    return B
 
 
 def refresh_spheres(state: State) -> None:

@@ -37,16 +37,14 @@ def kick_body(b, B, force, torque, dt):
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def settle(edges, incidence, n_plates, H, B):
-    """Tell the bodies of the friction work and slip that their contacts have seen since they were told last; work that is done
-    between two bodies is shared by them."""
-    for b in range(B.shape[0]):
+def tell(edges, incidence, n_plates, H, B):
+    """Add the friction work and slip that contacts have seen since bodies were told last; work that is done between two bodies is
+    shared by them."""
+    for b in range(B.shape[0] if H.shape[0] > 0 else 0):  # before the first search no list has any length
         for e in range(edges[b], edges[b + 1]):
             k = incidence[e] >> 1
             B[b, B_WORK] += (1.0 if k < n_plates else 0.5) * H[k, H_WORK]
             B[b, B_SLIP] += H[k, H_WAY]
-    for k in range(H.shape[0]):
-        H[k, H_WORK] = H[k, H_WAY] = 0.0
 
 
 @njit(**BARE_CHUNK)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.energy import Ledger
-from ..engine.state import State
+from ..engine.state import State, told_bodies
 from ..kernels import layout as at
 from ..laws.contract import Labeller
 from .schema import Frame
@@ -89,7 +89,7 @@ class FrameMaker:
         return arrays
 
     def _clumps(self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        s, B = self.state, self.state.B[self.given]
+        s, B = self.state, told_bodies(self.state)[self.given]
         arrays = {
             "points": B[:, at.B_X : at.B_X + 3].copy(),
             "quaternion": B[:, at.B_Q : at.B_Q + 4].copy(),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json as json_module
 import shutil
+import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,25 +12,29 @@ from typing import Any
 from thirdbody.errors import OutputError
 from thirdbody.report import as_plain, print_json
 
+from .budget import BUDGET
 from .cost import JSON_FILE, PICTURE, as_json, study
 
 
 def cost_command(
     scene: Path, folder: Path, settings: dict[str, str], plugins: Sequence[Path], repeats: int, effects: bool, verify: bool,
-    overwrite: bool, json: bool, tell: Callable[[str], None],
+    overwrite: bool, json: bool, tell: Callable[[str], None], budget: float = BUDGET,
 ) -> None:  # fmt: skip
     """Do what `thirdbody cost` was asked for. Raises ThirdbodyError; nothing is left half-written but the runs of rungs."""
     _make_room(folder, overwrite)
     if effects:
         _effects(scene, folder, settings, plugins, repeats, json, tell)
         return
-    from .convergence import convergence, print_convergence
+    from .convergence import convergence, print_convergence, print_reference, reference_error
     from .cost_plot import draw_study
     from .cost_table import print_study
     from .interaction import above, print_interaction
 
-    made = study(scene, folder, settings, plugins, repeats, tell, verify)
-    told = as_json(made) | {"convergence": convergence(made), "interaction": above(made, folder)}
+    began = time.perf_counter()
+    made = study(scene, folder, settings, plugins, repeats, tell, verify, budget)
+    tell("the elastic interaction of spots")
+    told: dict[str, Any] = {"convergence": convergence(made), "reference_error": reference_error(made)}
+    told["interaction"] = above(made, folder)
     if verify:
         from .impact import impact_table
 
@@ -37,12 +42,15 @@ def cost_command(
         told["impact"] = impact_table(made, plugins)
     draw_study(made, folder / PICTURE)
     draw_study(made, (folder / PICTURE).with_suffix(".pdf"))
+    made.took = time.perf_counter() - began
+    told = as_json(made) | told
     _write(folder / JSON_FILE, told)
     if json:
         print_json(told)
         return
     print_study(made)
     print_convergence(told["convergence"])
+    print_reference(made)
     print_interaction(told["interaction"])
     if verify:
         from .impact import print_impact

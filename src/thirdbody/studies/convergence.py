@@ -15,6 +15,10 @@ FALLS = 0.7
 """From one error to the next, at least, as long as an order is told: half the step or the springs at order 1/2."""
 
 
+SLOWEST = 1.0 + math.sqrt(2.0)
+"""Rise of an error from one step to the next, at least, for the error of the reference to be extrapolated: order 1/2."""
+
+
 def convergence(made: Study) -> list[dict[str, Any]]:
     """Series of errors with their order: `what`, `against`, `sizes` (falling), `errors`, `order` (None when not known).
 
@@ -52,10 +56,14 @@ def _of_steps(made: Study) -> list[dict[str, Any]]:
         explicit = rows[0].integrator == "explicit"
         unit = " s" if explicit else ""
         names = [f"{row.step:.2g}{unit}" for row in rows[:-1]]
-        # a step of backward Euler with the error tolerance^1 is as long as the root of it
-        sizes = [float(row.step or 0.0) ** (1.0 if explicit else 0.5) for row in rows[:-1]]
+        sizes = [_size(row) for row in rows[:-1]]
         found.append(_series(made, f"{what} ({'time step' if explicit else 'tolerance'})", names, sizes, rows[:-1], rows[-1]))
     return found
+
+
+def _size(row: Row) -> float:
+    """Length of a rung's steps; a step of backward Euler with the error tolerance^1 is as long as the root of it."""
+    return float(row.step or 0.0) ** (1.0 if row.integrator == "explicit" else 0.5)
 
 
 def _series(made: Study, what: str, names: list[str], sizes: list[float], rows: list[Row], limit: Row) -> dict[str, Any]:
@@ -74,6 +82,30 @@ def falling(found: list[float]) -> int:
         if not found[k] <= FALLS * found[k - 1]:
             return k if k > 1 else len(found)
     return len(found)
+
+
+def reference_error(made: Study) -> float:
+    """What the error of the reference itself is about, relative; NaN when its steps do not tell.
+
+    Errors C h^p against a limit of step h_L, of steps r h_L and r^2 h_L, are C h_L^p times (r^p - 1) and (r^2p - 1): their ratio
+    is r^p + 1, and what is left at h_L is the first one over r^p - 1 (L.F. Richardson, Phil. Trans. A 210, 1911).
+    """
+    merit, last = figure_of_merit(made), made.reference
+    rows = [row for row in made.rows if row.stable and row.integrator == last.integrator and row.step
+            and (row.rung.level, row.rung.springs) == (last.rung.level, last.rung.springs) and row is not last]  # fmt: skip
+    sizes = {_size(row) / _size(last): row.errors[merit] for row in rows}
+    r = min((size for size in sizes if size > 1.0), default=math.nan)
+    second = next((error for size, error in sizes.items() if math.isclose(size, r * r, rel_tol=0.01)), math.nan)
+    first = sizes.get(r, math.nan)
+    rise = second / first if first > FLOOR else math.nan
+    return first / (rise - 2.0) if rise > SLOWEST else math.nan
+
+
+def print_reference(made: Study) -> None:
+    """Print how far the reference itself may be off."""
+    told = reference_error(made)
+    words = "not known, its steps tell no order" if math.isnan(told) else f"about {percent(told)}, extrapolated from its steps"
+    print(f"error of the reference itself: {words}; differences below it tell nothing")
 
 
 def print_convergence(series: list[dict[str, Any]]) -> None:

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from thirdbody.output.palette import LINE_COLORS
 
-from .cost import Row, Study, efficient, figure_of_merit, recommended
+from .convergence import reference_error
+from .cost import Row, Study, efficient, figure_of_merit, percent, recommended
+from .cost_table import stopped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,12 +45,15 @@ def picture(made: Study) -> Figure:
     axes.set_yscale("log")
     axes.grid(True, which="major", alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    rows = [row for row in made.rows if row.stable and row.rung.axis in AXES and math.isfinite(row.errors[merit])]
-    _points(axes, rows, merit)
-    _front(axes, efficient(made), merit)
-    _marks(axes, made, merit)
-    axes.margins(x=0.12)  # room for names
-    _names(axes, rows, merit)
+    heights = _heights(made, merit)
+    rows = [row for row, _ in heights]
+    place = {id(row): (row.seconds, height) for row, height in heights}
+    _points(axes, [row for row in rows if row is not made.reference], place)
+    front = [row for row in efficient(made) if id(row) in place]
+    _front(axes, front, place)
+    ringed = _marks(axes, made, place, merit)
+    axes.margins(x=0.15, y=0.08)  # room for names
+    _names(axes, rows, place, front, ringed)
     what = "friction curve" if merit == "friction_error" else "load or gap"
     axes.set_xlabel("seconds of one core for the integration, median of the repeats (bar: their range)", fontsize=9)
     axes.set_ylabel(f"error of the {what} (rms over the mean)", fontsize=9)
@@ -57,75 +62,129 @@ def picture(made: Study) -> Figure:
     return figure
 
 
-def _points(axes: Any, rows: list[Row], merit: str) -> None:
+def _heights(made: Study, merit: str) -> list[tuple[Row, float]]:
+    """The rungs that are shown and their errors; the reference at what its own error is about, never above what ends the front,
+    or below all others."""
+    rows = [row for row in made.rows if row.stable and row.rung.axis in AXES and row is not made.reference]
+    shown = [(row, max(row.errors[merit], NOTHING)) for row in rows if math.isfinite(row.errors[merit])]
+    own, least = reference_error(made), min((height for _, height in shown if height > NOTHING), default=1.0)
+    return [*shown, (made.reference, least / 3.0 if math.isnan(own) else min(own, least))]
+
+
+def _points(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]]) -> None:
     for axis, (label, color, marker) in AXES.items():
         here = [row for row in rows if row.rung.axis == axis]
         if not here:
             continue
-        x, y = [row.seconds for row in here], [_height(row, merit) for row in here]
-        spread = [[row.seconds - min(row.cpu) for row in here], [max(row.cpu) - row.seconds for row in here]]
-        axes.errorbar(x, y, xerr=spread, fmt=marker, color=color, markersize=6.5, elinewidth=1.0, capsize=2.0, label=label,
+        x, y = zip(*(place[id(row)] for row in here), strict=True)
+        axes.errorbar(x, y, xerr=_spread(here), fmt=marker, color=color, markersize=6.5, elinewidth=1.0, capsize=2.0, label=label,
                       markeredgecolor="white", markeredgewidth=0.6, zorder=3)  # fmt: skip
 
 
-def _front(axes: Any, rows: list[Row], merit: str) -> None:
-    axes.plot([row.seconds for row in rows], [_height(row, merit) for row in rows], color=INK, linewidth=1.2, linestyle="--",
-              zorder=2, label="efficient front")  # fmt: skip
+def _spread(rows: list[Row]) -> list[list[float]]:
+    return [[row.seconds - min(row.cpu) for row in rows], [max(row.cpu) - row.seconds for row in rows]]
 
 
-def _marks(axes: Any, made: Study, merit: str) -> None:
-    default, best = made.default, recommended(made)[0]
+def _front(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]]) -> None:
+    """Steps, for between two rungs there is nothing: more time buys nothing until it pays for the next one."""
+    x, y = zip(*(place[id(row)] for row in rows), strict=True)
+    axes.plot(x, y, color=INK, linewidth=1.2, linestyle="--", drawstyle="steps-post", zorder=2,
+              label="efficient front, to the reference")  # fmt: skip
+
+
+def _marks(axes: Any, made: Study, place: dict[int, tuple[float, float]], merit: str) -> set[int]:
+    """Rings, the reference and the line of what steps change; the ids of the rows with a ring."""
+    default, best, reference = made.default, recommended(made)[0], made.reference
+    ringed = set()
     for row, color, size, label in (
         (default, LINE_COLORS["black"], 15.0, "as the scene asks"), (best, LINE_COLORS["orange"], 20.0, "recommended"),
     ):  # fmt: skip
         if row is not None and row.stable and not row.rung.reference:
-            axes.plot(row.seconds, _height(row, merit), "o", markersize=size, markerfacecolor="none", markeredgecolor=color,
+            axes.plot(*place[id(row)], "o", markersize=size, markerfacecolor="none", markeredgecolor=color,
                       markeredgewidth=1.6, label=label, zorder=4)  # fmt: skip
-    reference = made.reference
-    axes.axvline(reference.seconds, color=SOFT, linewidth=1.0, linestyle=":", zorder=1,
-                 label=f"time of the reference ({reference.rung.name})")  # fmt: skip
+            ringed.add(id(row))
+    x, y = place[id(reference)]
+    own = reference_error(made)
+    unknown = math.isnan(own)
+    label = "reference (its error is 0 by definition)" if unknown else f"reference (its own error: about {percent(own)})"
+    marker, size = ("v", 7.0) if unknown else ("*", 10.0)
+    axes.errorbar([x], [y], xerr=_spread([reference]), fmt=marker, color=INK, markersize=size, markerfacecolor="white",
+                  elinewidth=1.0, capsize=2.0, label=label, zorder=3)  # fmt: skip
     laws = [row for row in made.rows if row.rung.axis == "law" and row.stable and row is not reference]
     if laws and laws[-1].errors[merit] > 0.0:
         axes.axhline(laws[-1].errors[merit], color=SOFT, linewidth=1.0, linestyle="-.", zorder=1,
                      label=f"{laws[-1].rung.name}: what the step alone changes")  # fmt: skip
+    return ringed
 
 
-def _names(axes: Any, rows: list[Row], merit: str) -> None:
-    """A name beside each point, moved up or down until it is off the names and points before it."""
+Box = tuple[float, float, float, float]
+"""Left, bottom, right and top of what stands in the picture, in its pixels."""
+
+
+def _names(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]], front: list[Row], ringed: set[int]) -> None:
+    """A name beside each point, where it hides the least: other names and points first, then the front."""
+    from matplotlib.patheffects import withStroke
+
     axes.figure.canvas.draw()
-    boxes: list[tuple[float, float, float, float]] = []
-    place = axes.transData.transform
-    dots = [place((row.seconds, _height(row, merit))) for row in rows]
     scale = axes.figure.dpi / 72.0
+    dots = {id(row): axes.transData.transform(place[id(row)]) for row in rows}
+    taken: list[Box] = []
+    steps, inside = _steps([dots[id(row)] for row in front]), axes.bbox.extents
     own = next((row.rung.name.split(",")[0] for row in rows if row.rung.axis != "law"), "")
-    for row, (x, y) in sorted(zip(rows, dots, strict=True), key=lambda pair: pair[1][0]):
-        text = row.rung.name.removeprefix(f"{own}, ")
-        width, height = 5.2 * len(text) * scale, 9.5 * scale
-        for dx, dy in _AROUND:
-            left = x + dx * scale - (width if dx < 0 else 0.0)
-            box = (left, y + dy * scale - 0.5 * height, left + width, y + dy * scale + 0.5 * height)
-            over = any(box[0] < b[2] and b[0] < box[2] and box[1] < b[3] and b[1] < box[3] for b in boxes)
-            hidden = any(box[0] - 3 < px < box[2] + 3 and box[1] - 3 < py < box[3] + 3 for px, py in dots if (px, py) != (x, y))
-            if not over and not hidden:
-                break
-        boxes.append(box)
-        far = abs(dy) > 12.0
-        axes.annotate(text, (row.seconds, _height(row, merit)), xytext=(dx, dy), textcoords="offset points", fontsize=7.0,
-                      va="center", ha="left" if dx > 0 else "right", color=INK, zorder=5,
+    for row in sorted(rows, key=lambda row: dots[id(row)][0]):
+        text, (x, y) = row.rung.name.removeprefix(f"{own}, "), dots[id(row)]
+        width, height = 3.9 * len(text) * scale, 9.5 * scale
+        off = 9.0 if id(row) in ringed else 0.0  # outside the ring
+        others = [(px - r, py - r, px + r, py + r) for key, (px, py) in dots.items() if key != id(row)
+                  for r in (scale * (10.5 if key in ringed else 1.5),)]  # fmt: skip
+        found: list[tuple[float, Box, tuple[float, float]]] = []
+        for dx, dy in ((_further(dx, off), _further(dy, 0.5 * off)) for dx, dy in _AROUND):
+            left, middle = x + dx * scale - (width if dx < 0 else 0.0), y + dy * scale
+            box = (left, middle - 0.5 * height, left + width, middle + 0.5 * height)
+            out = box[0] < inside[0] or box[2] > inside[2] or box[1] < inside[1] or box[3] > inside[3]
+            hidden = sum(_meet(box, other) for other in [*taken, *others]) + out
+            crossed = any(_meet(box, step) for step in steps)
+            away = 0.1 * math.hypot(dx, dy) + 0.8 * (dx < 0) + 0.4 * (dy < 0)  # rather above and to the right
+            found.append((10.0 * hidden + 1.5 * crossed + away, box, (dx, dy)))
+        _, box, shift = min(found)
+        taken.append(box)
+        far = max(abs(shift[0]) - 6.0, abs(shift[1])) > 12.0 + off
+        axes.annotate(text, place[id(row)], xytext=shift, textcoords="offset points", fontsize=7.0, va="center",
+                      ha="left" if shift[0] > 0 else "right", color=INK, zorder=5,
+                      path_effects=[withStroke(linewidth=2.0, foreground="white")],
                       arrowprops={"arrowstyle": "-", "color": SOFT, "linewidth": 0.5} if far else None)  # fmt: skip
 
 
-_AROUND = [(dx, sign * dy) for dy in (9, 18, 27, 36, 48, 60) for sign in (1, -1) for dx in (3, -3)]
-"""Offsets of a name from its point, in points, the nearest first."""
+def _steps(points: list[Any]) -> list[Box]:
+    """The lines of the front."""
+    pairs = list(zip(points, points[1:], strict=False))
+    level = [(a[0], a[1], b[0], a[1]) for a, b in pairs]
+    return level + [(b[0], min(a[1], b[1]), b[0], max(a[1], b[1])) for a, b in pairs]
+
+
+def _meet(a: Box, b: Box) -> bool:
+    return a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3]
+
+
+def _further(value: float, more: float) -> float:
+    """A value that is further from zero by so much."""
+    return value + math.copysign(more, value)
+
+
+_AROUND = [(dx, side * dy) for far in (3, 45, 90) for dy in (9, 18, 27, 36, 48) for side in (1, -1) for dx in (far, -far)]
+"""Offsets of a name from its point, in points."""
 
 
 def _texts(figure: Any, axes: Any, made: Study) -> None:
     told = made.machine
-    failed = [f"{row.rung.name} ({row.message.split(':')[0][:60]})" for row in made.rows if not row.stable]
+    failed = [f"{', '.join(names)} ({_short(message)})" for message, names in stopped(made).items()]
+    alone = ["No two bodies of this copy meet; with the implicit integrator the whole scene needs contact.debris_contact = "
+             "\"none\"."] if made.alone else []  # fmt: skip
     lines = [
         f"Recommended: {recommended(made)[1].replace('`', '')}.",
         f"Computed: {'; '.join(made.reduction) or 'the whole scene'}; {told['cpu']}, one of {told['cores']} cores.",
-        *([f"Not shown, failed or stopped: {', '.join(failed)}."] if failed else []),
+        *alone,
+        *([f"Stopped and not shown: {'; '.join(failed)}."] if failed else []),
     ]
     text = "\n".join(line for text in lines for line in textwrap.wrap(text, 118))
     figure.suptitle(f"What accuracy costs: {made.title or made.scene}", fontsize=12, fontweight="bold", x=0.01, ha="left",
@@ -134,5 +193,7 @@ def _texts(figure: Any, axes: Any, made: Study) -> None:
     figure.legend(fontsize=8, frameon=False, loc="outside lower left", ncols=3, markerscale=0.6)
 
 
-def _height(row: Row, merit: str) -> float:
-    return max(row.errors[merit], NOTHING)
+def _short(message: str) -> str:
+    """What a message says, without where it says it, in some words."""
+    told = message.split(": ", 1)[1] if message.startswith("stopped at") and ": " in message else message
+    return textwrap.shorten(told.split(",")[0], 80, placeholder=" ...")

@@ -6,10 +6,10 @@ import math
 
 from thirdbody.report import table
 
-from .cost import Row, Study, efficient, recommended
+from .cost import Row, Study, efficient, possible, recommended
 
-HEADINGS = ("", "rung", "step", "seconds", "ratio", "friction", "load|gap", "position", "turn, rad", "labels", "dissipated",
-            "residual")  # fmt: skip
+HEADINGS = ("", "rung", "step", "seconds", "runs", "ratio", "friction", "load|gap", "position", "turn, rad", "labels",
+            "dissipated", "residual")  # fmt: skip
 
 
 def print_study(made: Study) -> None:
@@ -17,32 +17,49 @@ def print_study(made: Study) -> None:
     told = made.machine
     print(f"{made.title or made.scene}: errors against {made.reference.rung.name}")
     print(f"reduced: {'; '.join(made.reduction) or 'nothing'}")
+    if made.alone:
+        print("no two bodies of this copy meet: contact between bodies costs and changes nothing here; rungs marked i compute "
+              'the whole scene only with contact.debris_contact = "none"')  # fmt: skip
+    print(f"budget {made.budget / 60.0:.3g} min, took {made.took / 60.0:.3g} min")
     print(f"on {told['cpu']}, {told['cores']} cores, one used; load before: {told['load']}")
     default = made.default
     base = default.seconds if default is not None and default.stable else math.nan
     front = efficient(made)
-    marks = {id(row): "*" for row in front} | ({id(default): "*d" if default in front else " d"} if default else {})
-    marks[id(made.reference)] = " r"
-    table("", HEADINGS, [_cells(row, marks.get(id(row), ""), base) for row in made.rows if row.rung.axis != "verify"])
-    print("* on the front: no rung is both faster and closer in friction; d: as the scene asks; r: reference; "
-          "~: half the range of the repeats")
+    rows = [(row, _mark(made, row, front)) for row in made.rows if row.rung.axis != "verify"]
+    table("", HEADINGS, [_cells(row, mark, base) for row, mark in rows])
+    print("* on the front: no rung is both faster and closer in friction; d: as the scene asks; r: reference, the end of the "
+          "front; ~: half the range of the repeats; runs: how many are timed")  # fmt: skip
     print("seconds: of one core, for the integration from output to output; without start, compiling, building and outputs")
     if any(row.beside for row in made.rows):
         print("short rungs took turns with the scene's own, by which their seconds are put to one pace of the machine")
+    for message, names in stopped(made).items():
+        print(f"{'; '.join(names)}: {message}")
+    print(f"recommended: {recommended(made)[1]}")
+
+
+def stopped(made: Study) -> dict[str, list[str]]:
+    """Names of the rungs that did not come to their end, by what they said."""
+    found: dict[str, list[str]] = {}
     for row in made.rows:
         if not row.stable:
-            print(f"{row.rung.name}: {row.message}")
-    print(f"recommended: {recommended(made)[1]}")
+            found.setdefault(row.message, []).append(row.rung.name)
+    return found
+
+
+def _mark(made: Study, row: Row, front: list[Row]) -> str:
+    letters = {"*": any(row is other for other in front), "d": row is made.default, "r": row is made.reference,
+               "i": not possible(made, row)}  # fmt: skip
+    return "".join(letter for letter, holds in letters.items() if holds)
 
 
 def _cells(row: Row, mark: str, base: float) -> tuple[str, ...]:
     step = "" if row.step is None else f"{row.step:.2g}{' s' if row.integrator == 'explicit' else ''}"
-    if not row.cpu:
-        return (mark, row.rung.name, step, "failed", *[""] * 8)
+    if not row.stable:  # what it computed until then is compared with nothing
+        return (mark, row.rung.name, step, "stopped" if row.cpu else "failed", *[""] * 9)
     found = row.errors
     residual = row.outcome.residual if row.outcome is not None else None
     return (
-        mark, row.rung.name, step, _time(row) + ("" if row.stable else " stopped"), f"{row.seconds / base:.2f}",
+        mark, row.rung.name, step, _time(row), str(len(row.cpu)), f"{row.seconds / base:.3g}",
         *(_share(found.get(name)) for name in ("friction_error", "load_error", "position_error")),
         _plain(found.get("rotation_error")), _share(found.get("label_difference")), _share(found.get("dissipation_error")),
         _plain(residual),
@@ -51,7 +68,7 @@ def _cells(row: Row, mark: str, base: float) -> tuple[str, ...]:
 
 def _time(row: Row) -> str:
     spread = 50.0 * (max(row.cpu) - min(row.cpu)) / row.seconds
-    return f"{row.seconds:.3g} ~{spread:.0f} %"
+    return f"{row.seconds:.3g}" + (f" ~{spread:.0f} %" if len(row.cpu) > 1 else "")
 
 
 def _share(value: float | None) -> str:

@@ -15,11 +15,17 @@ from thirdbody.laws.contract import BodyEffect, Law
 from thirdbody.scene.model import Scene
 
 from .compare import errors, read_outcome
-from .cost import RUNGS, SCENE_FILE, _save, in_process, percent, reduced
+from .cost import percent
 from .machine import machine
+from .process import RUNGS, SCENE_FILE, in_process
+from .reduce import reduced
+from .stage import save
 
 if TYPE_CHECKING:
     from thirdbody.scene.build import Simulation
+
+SECONDS = 2.0
+"""Of integration that one run of the copy may take: some six effects, each in five pairs or, where a run is long, in two."""
 
 TRIED: Mapping[str, tuple[str, Any, str]] = {
     "gravity": ("effects.gravity", ["0 m/s2", "0 m/s2", "-9.81 m/s2"], "9.81 m/s2 downwards"),
@@ -38,8 +44,8 @@ def effects_study(
     scene = Scene.load(path)
     scene = scene.with_settings(settings) if settings else scene
     tell("building the scene and estimating its time")
-    scene, built, reduction = reduced(scene, plugins)
-    _save(scene, folder)
+    scene, built, reduction = reduced(scene, plugins, SECONDS, meet=True)
+    save(scene, folder)
     rows: list[dict[str, Any]] = []
     left_out: list[str] = []
     for name, what, changes in candidates(scene, built, plugins, left_out):

@@ -108,6 +108,7 @@ def _flake(trial: Trial) -> Course:
     course = trial.start(scene(trial, [alone], {"ball": STEEL}, 0.0))
     B = course.state.B
     B[:, at.B_I : at.B_I + 3] *= FLAKE
+    B[:, at.B_BALL] = 0.0
     B[:, at.B_W : at.B_W + 3] = WOBBLE
     B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
     course.ledger.start = course.ledger.peak = course.kinetic()
@@ -295,7 +296,7 @@ def _turned(trial: Trial, axis: np.ndarray, count: int) -> tuple[np.ndarray, np.
     solver = Solver(duration=LONG, time_step=step, integrator="explicit")
     simulation = build(scene(trial, pair, {"ball": STEEL}, 0.5, solver=solver), force=True)
     B = simulation.state.B
-    B[:, at.B_MASS] = B[:, at.B_I] = B[:, at.B_I + 1] = B[:, at.B_I + 2] = 1e30
+    B[:, at.B_MASS] = B[:, at.B_I] = B[:, at.B_I + 1] = B[:, at.B_I + 2] = B[:, at.B_BALL] = 1e30
 
     def drive(target: np.ndarray, spin: np.ndarray) -> np.ndarray:
         B[:, at.B_V : at.B_V + 3] = (target - B[:, at.B_X : at.B_X + 3]) / step

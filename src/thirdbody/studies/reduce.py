@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import time
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from thirdbody.scene import units
@@ -10,12 +14,11 @@ from thirdbody.scene.model import Scene
 if TYPE_CHECKING:
     from thirdbody.scene.build import Simulation
 
-SECONDS = 1.0
-"""Of integration that one run of the scene may take as it stands: some 18 rungs, repeated three times, up to fifty times as
-slow, then end within minutes."""
+SECONDS = 0.75
+"""Of integration that one run of a copy may take as the scene asks, at first; the ladder's measured cost then decides."""
 
-FEWEST = 25
-"""Bodies that are left at least: fewer tell nothing of shares of states."""
+FEWEST = 16
+"""Bodies that are left at least: fewer tell little of shares of states."""
 
 FRAMES = 20
 """Outputs that are left at least."""
@@ -23,35 +26,81 @@ FRAMES = 20
 SHORTEST = 0.02
 """Share of the way or time that is left at least."""
 
-BESIDE = 0.1
-"""Time of the drag over that of settling that is left at least: where settling takes most, the drag costs little."""
+BESIDE = 0.5
+"""Time of the drag over that of settling that is left at least: a shorter one saves little, and is all first slip."""
+
+CLOSE = 0.8
+"""Share of its time that a run must come down to before its way is cut: a trial is no better than that."""
+
+WIDER = 8.0
+"""Times the sides of the domain of a thinned copy: of 40 bodies that lie at random where 2000 cover a fifth, two come
+near each other in one copy of thirty; in the same domain two pairs did in each."""
 
 
-def thinned(scene: Scene, bodies: int, seconds: float) -> tuple[dict[str, Any], list[str]]:
-    """Fewer bodies in the same domain, if the scene takes longer than `SECONDS` and its bodies can be left out.
+def reduced(
+    scene: Scene, plugins: Sequence[str | Path], most: float = SECONDS, meet: bool = False
+) -> tuple[Scene, Simulation, list[str]]:
+    """The scene, or a smaller copy of it that is integrated in `most` seconds; the simulation of it; what was reduced.
 
-    They can where each carries its own load or the gap is prescribed, and where they are drawn at random on one layer.
+    A thinned copy has its bodies apart, where its ladder tells accuracy and not which of two bodies tips first when they
+    collide; with `meet` they stay as close to each other as they were.
+    """
+    from thirdbody.simulate import prepare, set_threads
+
+    set_threads(1)
+    built, told = prepare(scene, plugins), []
+    for step in ("thin", "shorten"):
+        share = most / seconds_of(built)
+        if step == "thin":
+            changes, words = thinned(scene, built.state.n_bodies, share, meet and built.state.world.debris_meets)
+        else:
+            changes, words = shortened(built, share)
+        if changes:
+            told += words
+            scene = scene.with_settings(changes)
+            built = prepare(scene, plugins)
+    return scene, built, told
+
+
+def seconds_of(built: Simulation) -> float:
+    """Seconds of one core that a run would take, from a trial; infinite where a guard stops it."""
+    from thirdbody.check import check_report
+
+    wall, cpu = time.perf_counter(), time.process_time()
+    told = check_report(built)["estimated_wall_time"]
+    # what other processes took from the trial does not count
+    busy = min(1.0, (time.process_time() - cpu) / max(time.perf_counter() - wall, 1e-9))
+    return math.inf if math.isnan(told) else max(told * busy, 1e-9)
+
+
+def thinned(scene: Scene, bodies: int, share: float, meet: bool = False) -> tuple[dict[str, Any], list[str]]:
+    """A share of the bodies, if it is below 1 and bodies can be left out; what is told of it.
+
+    They can where each carries its own load or the gap is prescribed, and where they are drawn at random on one layer. The
+    domain gets wider, or, with `meet`, as much smaller as keeps the bodies as close as they are.
     """
     upper = scene.plates.upper
     alone = upper is None or upper.support == "load_per_particle" or upper.gap is not None
     drawn = all(getattr(debris, "count", None) and getattr(debris, "placement", "") == "layer" for debris in scene.debris)
-    if seconds <= SECONDS or bodies <= FEWEST or not alone or not drawn:
+    if share >= 1.0 or bodies <= FEWEST or not alone or not drawn:
         return {}, []
-    keep = max(FEWEST / bodies, SECONDS / seconds)
+    keep = max(FEWEST / bodies, share)
     counts = {k: max(1, round(keep * getattr(debris, "count", 1))) for k, debris in enumerate(scene.debris)}
     left = sum(counts.values())
-    return {f"debris.{k}.count": count for k, count in counts.items()}, [f"{left} of {bodies} bodies, in the same domain"]
+    changes: dict[str, Any] = {f"debris.{k}.count": count for k, count in counts.items()}
+    near = math.sqrt(left / bodies)
+    times, words = (near, "as close as they were") if meet else (WIDER, "in a domain so wide that they are apart")
+    changes["domain.size"] = [units.format_si(times * side, "length") for side in scene.domain.size]
+    return changes, [f"{left} of {bodies} bodies, {words}"]
 
 
-def shortened(built: Simulation, seconds: float) -> tuple[dict[str, Any], list[str]]:
-    """A shorter way (or time) after settling, with the frames closer together, if it still takes longer than `SECONDS`."""
+def shortened(built: Simulation, share: float) -> tuple[dict[str, Any], list[str]]:
+    """A share of the time, if it is well below 1: a shorter way (or time) after settling, with the frames closer together."""
     solver, output = built.scene.solver, built.scene.output
-    if not seconds > SECONDS:
-        return {}, []
     settled = built.settle / built.planned_time
-    if settled >= 1.0:
+    if share >= CLOSE or settled >= 1.0:
         return {}, []
-    fits = (SECONDS / seconds - settled) / (1.0 - settled)
+    fits = (share - settled) / (1.0 - settled)
     share = min(1.0, max(fits, SHORTEST, BESIDE * settled / (1.0 - settled)))
     key, kind = ("distance", "length") if solver.distance is not None else ("duration", "time")
     whole = solver.distance if solver.distance is not None else solver.duration

@@ -1,13 +1,13 @@
 """One rung in a process of its own: `python -m thirdbody.studies.worker JOB`, JSON in, JSON on the last line of the output.
 
-A job holds `scene` (file), `variants` (one or more tables of changes to it), `plugins`, `folder` (for the runs), `repeats` and
-`limit` (s of one core for one run). Each variant is compiled first, by a run that ends at once; then it is run into its folder,
-and then timed; several variants take turns, so that what disturbs the machine for a while disturbs all of them. Timed is the
-integration alone, from stop to stop (`clock.bare`): neither compiling, nor building the scene, nor what is done at an output,
-which is the same for all. One thread computes, so its seconds of processor time are told beside those of the wall: on a machine
-that does nothing else they are the same, on a busy one they still tell what a rung costs. With `beside`, changes that make the
-scene a yardstick, short runs take turns with that one too, and its seconds are told with theirs: a busy machine is slower by some
-minutes than by others.
+A job holds `scene` (file), `variants` (one or more tables of changes to it), `plugins`, `folder` (for the runs), `repeats`,
+`limit` (s of one core for one run) and `until` (see `process.in_process`). Each variant is compiled first, by a run that ends at
+once; then it is run into its folder, and then timed; several variants take turns, so that what disturbs the machine for a while
+disturbs all of them. Timed is the integration alone, from stop to stop (`clock.bare`): neither compiling, nor building the scene,
+nor what is done at an output, which is the same for all. One thread computes, so its seconds of processor time are told beside
+those of the wall: on a machine that does nothing else they are the same, on a busy one they still tell what a rung costs. With
+`beside`, changes that make the scene a yardstick, short runs take turns with that one too, and its seconds are told with theirs:
+a busy machine is slower by some minutes than by others.
 """
 
 from __future__ import annotations
@@ -24,18 +24,19 @@ from typing import Any
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError
 from thirdbody.scene.model import Scene
 
+from .budget import LONG, SHORT, repeats_of
 from .clock import Late, attach, bare
 
-SHORT, BATCH = 0.3, 9
-"""Of runs shorter than so many seconds a repeat is so many, one after the other, and their median: the first ones find the
-processor's caches cold, which is nothing of theirs."""
-
-LONG = 2.0
-"""A run of so many seconds is timed while it writes its frames too: they do not matter there."""
+BATCH = 9
+"""A repeat of a short run is up to so many, one after the other, and their median: the first ones find the processor's caches
+cold, which is nothing of theirs."""
 
 
 def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -> dict[str, Any]:
-    """One run into a folder: seconds of integration, its step, how it ended. Raises ThirdbodyError for what cannot be built."""
+    """One run into a folder: seconds of integration, its step, how it ended, and which share of it was `done`.
+
+    Raises ThirdbodyError for what cannot be built.
+    """
     from thirdbody.simulate import execute, prepare
 
     built = prepare(scene, plugins)
@@ -49,7 +50,8 @@ def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -
     except Interrupted:
         done = built.state.time / built.planned_time
         message = f"given up after {limit:.3g} s of one core, at {100.0 * done:.0f} % of the run"
-    told = {"wall_s": clock.wall, "cpu_s": clock.cpu, "integrator": built.plan.kind, "message": message, "stable": not message}
+    told = {"wall_s": clock.wall, "cpu_s": clock.cpu, "done": built.state.time / built.planned_time,
+            "integrator": built.plan.kind, "message": message, "stable": not message}  # fmt: skip
     if built.plan.kind == "implicit":
         return told | {"step": built.integrator.accuracy.tolerance, "step_kind": "tolerance"}  # type: ignore[union-attr]
     return told | {"step": built.state.dt, "step_kind": "time_step"}
@@ -79,17 +81,20 @@ def work(job: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _repeat(job: Mapping[str, Any], scenes: Sequence[Scene], found: Sequence[dict[str, Any]]) -> None:
-    """Time what came to its end, in turns, until each has enough repeats."""
+    """Time what came to its end, in turns, until each has enough repeats, or one and no time is left for more."""
     going = [(told, scene) for told, scene in zip(found, scenes, strict=True) if told["stable"]]
     whole = sum(told["cpu_s"] for told, _ in going)
-    # of a long one two tell the spread
-    repeats = 2 if whole * int(job["repeats"]) > job["limit"] else int(job["repeats"])
-    batch = BATCH if whole < SHORT * len(going) else 1
+    each = whole / max(len(going), 1)
+    repeats = repeats_of(each, int(job["repeats"]))
+    until = math.inf if job.get("until") is None else float(job["until"])
+    batch = max(1, min(BATCH, round(SHORT / each))) if going and each > 0.0 else 1
     if len({len(told["cpu"]) for told, _ in going}) > 1:  # only some are long: none of the pairs is to be torn
         for told, _ in going:
             told["wall"], told["cpu"] = [], []
-    yardstick = _yardstick(job) if batch > 1 and going else None
+    yardstick = _yardstick(job) if each < SHORT and going else None
     while going and len(going[0][0]["cpu"]) < repeats:
+        if going[0][0]["cpu"] and time.time() + whole > until:
+            return
         for told, scene in going:
             try:
                 wall, cpu = _timed(scene, job, batch)

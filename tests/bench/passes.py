@@ -1,0 +1,251 @@
+"""The passes of the explicit step, each alone: what to run, and what it reads, writes and computes.
+
+A pass runs on the tables of a scene that flows, over all of the scene, on one thread. In a step the passes come group by group,
+so each finds in the near cache what the one before it read; alone it starts over at the other end of the tables.
+
+Bytes are columns that a pass reads and columns that it writes, 8 bytes each, 4 or 8 a number in lists: as the kernels and the
+layout have them, to be counted anew when these change. Fields of tiles of contacts and the gaps of a group count; the staging of
+a chunk of clumps does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from thirdbody.kernels import bodies, contacts, gather, staging
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.bodies import BODIES, FLAT, PAIRED
+from thirdbody.kernels.contacts import GROUP
+from thirdbody.kernels.options import NO_COUNTS
+from thirdbody.kernels.step import effects_at, law_at
+
+kernel = njit(error_model="numpy", **NO_COUNTS)
+
+
+@kernel
+def over_parts(repeats, one, count, arguments):
+    """Call `one` for every chunk or group."""
+    for _ in range(repeats):
+        for c in range(count):
+            one(np.int64(c), *arguments)
+
+
+@kernel
+def over_tiles(repeats, one, tiles, arguments):
+    """Call `one` for every tile: how many contacts, and what it works on."""
+    for _ in range(repeats):
+        for t in range(tiles.shape[0]):
+            one(tiles[t, 1], *arguments)
+
+
+@kernel
+def over_slots(repeats, one, tiles, slots, arguments):
+    """Call `one` for every tile: how many contacts, which slots, the first of them, and what it works on."""
+    for _ in range(repeats):
+        for t in range(tiles.shape[0]):
+            one(tiles[t, 1], slots, tiles[t, 0], *arguments)
+
+
+@kernel
+def drift(c, start, near, beginning, offsets, S, B, D, moves, Z, staged, cuts, own, body):
+    """The bodies of a chunk, by a step of no length."""
+    bodies.drift_chunk(c, start, near, beginning, False, offsets, S, B, D, 0.0, moves, Z, staged)
+    bodies.forget_plates(cuts[FLAT, c], cuts[FLAT, c + 1], own, body, B)
+
+
+@kernel
+def kick(c, cuts, guests, F, B, effects, parameters, moves):
+    """The bodies of a chunk, by a step of no length."""
+    gather.gather_chunk(c, cuts, guests, F, B, 0.0, 0.0, effects_at(effects), parameters, False, False, moves)
+
+
+@kernel
+def ends(g, cuts, side):
+    """Where the slots of a group begin and end."""
+    return cuts[side, g * GROUP], cuts[side, min((g + 1) * GROUP, cuts.shape[1] - 1)]
+
+
+@kernel
+def measure(g, cuts, own, partner, S, P, l_x, l_y, c_x, c_y, gaps):
+    """The gaps of a group."""
+    first, last = ends(g, cuts, FLAT)
+    contacts.measure_plates(first, last, own, partner, S, P, gaps)
+    first, last = ends(g, cuts, PAIRED)
+    contacts.measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, gaps)
+
+
+@kernel
+def sort(g, cuts, gaps, closed, touching, opened):
+    """Who touches in a group, by the gaps of another: the work does not depend on them."""
+    for side in range(FLAT, PAIRED + 1):
+        first, last = ends(g, cuts, side)
+        contacts.sort_out(first, last, gaps, closed, touching, opened)
+
+
+@kernel
+def law(n, place, I, O, pairs):  # noqa: E741
+    """The law on a tile."""
+    law_at(place)(I, O, n, pairs)
+
+
+@kernel
+def tally(n, slots, first, O, I, G, sums):  # noqa: E741
+    """The sums of a tile."""
+    found = contacts.tally(n, slots, first, O, I, G, (0.0, 0.0, 0.0, np.int64(0), np.int64(0)))
+    sums[0, 0], sums[0, 1], sums[0, 2] = found[0] + found[3], found[1] + found[4], found[2]
+
+
+@kernel
+def push_flat(n, slots, first, own, partner, body, S, G, B, sums):
+    """A tile of contacts with plates."""
+    contacts.push_flat(n, np.int64(0), slots, first, own, partner, body, S, G, B, sums)
+
+
+@dataclass(frozen=True)
+class Pass:
+    """A pass over a scene: what to run so many times; then, of a step: calls of its kernel, how many of which things it works on,
+    the bytes that it reads and writes, the bytes of all tables that it does so in, and kernels with how often they run."""
+
+    name: str
+    run: Callable[[int], Any]
+    calls: int
+    items: int
+    things: str
+    touched: float
+    tables: float
+    kernels: Sequence[tuple[Any, float]]
+
+
+class Tables:
+    """The tables of a scene, copied where a pass changes them, and the contacts of now in tiles."""
+
+    def __init__(self, integrator: Any) -> None:
+        s = self.state = integrator.state
+        self.slots, self.physics, self.at = s.slots, s.physics, integrator
+        self.S, self.B, self.H, self.F = s.S.copy(), s.B.copy(), s.slots.H.copy(), s.slots.F.copy()
+        self.sums, self.moves, self.closed = integrator.sums.copy(), integrator.moves.copy(), s.slots.closed.copy()
+        self.room, self.marks = np.empty_like(integrator.room), np.empty((2, max(s.slots.count + 4, BODIES)), np.int32)
+        self.overlaps = np.full(s.slots.n_plates, 1e-9)  # m; what a plate's contact costs does not depend on it
+        self.h, self.groups = len(s.physics.history), len(s.slots.lowest)
+        fields = (at.I_HISTORY + self.h + at.J_COLS, at.O_HISTORY + self.h + at.Q_COLS, at.G_COLS)
+        self.I, self.O, self.G = (np.zeros(n * at.TILE) for n in fields)
+        behind = [max(s.slots.count - 1, 0)] * 3  # a tile is read to a full four
+        self.touching = np.append(np.flatnonzero(self.closed), behind).astype(np.int32)
+        self.flat, self.paired = self._tiles(FLAT), self._tiles(PAIRED)
+        self.tiles = np.concatenate((self.flat, self.paired))
+        length = max(s.D[at.D_LX], 0.0), max(s.D[at.D_LY], 0.0)
+        self.periods = (*length, *(1.0 / x if x else 0.0 for x in length))
+
+    def _tiles(self, side: int) -> np.ndarray:
+        """Where each tile begins in the list of those that touch, and how many it has: as a step cuts them, group by group."""
+        found = []
+        for g in range(self.groups):
+            first, last = np.searchsorted(self.touching[:-3], ends(g, self.slots.cuts, side))
+            found += [(t, min(at.TILE, last - t)) for t in range(first, last, at.TILE)]
+        return np.array(found, np.int64).reshape(-1, 2)
+
+
+def passes_of(k: Tables) -> list[Pass]:
+    """All passes of a step that have something to do, in their order; a pass may need what those before it left in a tile."""
+    found = [drift_of(k), *gaps_of(k), *staging_of(k), *fields_of(k), *pushes_of(k), gather_of(k)]
+    return [one for one in found if one.items]
+
+
+def drift_of(k: Tables) -> Pass:
+    """Motion of the bodies, places of their spheres. Of a ball: B up to its torque, both ways; of its sphere, what moves."""
+    s, slots, balls = k.state, k.slots, k.B[:, at.B_BALL] != 0.0
+    many, clumps = int(balls.sum()), int((~balls).sum())
+    placed = int(np.diff(slots.beginning)[~balls].sum())
+    touched = 8 * many * (1 + 24 + 24 + 4 + 20) + clumps * (8 * (2 + 27 + 21) + 8) + placed * (8 * (3 + 12 + 24) + 4)
+    given = (
+        s.start, slots.near, slots.beginning, s.offsets, k.S, k.B, s.D, k.moves, k.room[0], k.marks[0], slots.cuts, slots.own,
+        s.body,
+    )  # fmt: skip
+    kernels = [(bodies.drift_ball, many), (bodies.move, clumps), (bodies.place_sphere, placed), (bodies.judge, len(balls))]
+    return Pass("drift", lambda n: over_parts(n, drift, len(k.moves), given), len(k.moves), len(balls), "bodies",
+                touched + slots.n_plates * (12 + 8 * 16), k.S.nbytes + k.B.nbytes + s.offsets.nbytes, kernels)  # fmt: skip
+
+
+def gaps_of(k: Tables) -> list[Pass]:
+    """Gaps of all candidates: places and radii of two spheres; and a list of those that touch."""
+    slots, calls = k.slots, 2 * k.groups
+    flat, paired = slots.n_plates, slots.count - slots.n_plates
+    given = (slots.cuts, slots.own, slots.partner, k.S, k.state.P, *k.periods, k.room[0])
+    sorts = (slots.cuts, k.room[0], k.closed, *k.marks)
+    return [
+        Pass("measure", lambda n: over_parts(n, measure, k.groups, given), calls, slots.count, "candidates",
+             flat * (8 + 8 * 4) + paired * (8 + 8 * 9), k.S.nbytes + 8 * slots.count,
+             [(contacts.plate_overlap, flat), (contacts.measure_pairs, paired)]),
+        Pass("sort", lambda n: over_parts(n, sort, k.groups, sorts), calls, slots.count, "candidates",
+             24 * slots.count, k.closed.nbytes, []),
+    ]  # fmt: skip
+
+
+def staging_of(k: Tables) -> list[Pass]:
+    """Rows to fields: of both spheres all columns but the arm, the axis and the mark of the contact, its history."""
+    slots, h = k.slots, k.h
+    listed, kept = (slots.own, slots.partner, slots.kind), k.S.nbytes + k.H.nbytes + 12 * slots.count
+    flat = (k.overlaps, 0, *listed, k.S, k.state.P, k.H, 0.0, 0.0, k.I, k.G, h)
+    return [
+        slotted(k, "stage, plates", contacts.stage_plates, k.flat, flat,
+                16 + 8 * (14 + 4 + 36 + 2 * h), kept, staging.stage_plate, 1),
+        slotted(k, "stage, pairs", staging.stage_pairs, k.paired, (*listed, k.S, k.H, k.I, k.G, h),
+                16 + 8 * (40 + 4 + 30 + 2 * h), kept, staging.stage_pairs, 4),
+    ]  # fmt: skip
+
+
+def fields_of(k: Tables) -> list[Pass]:
+    """What works on the fields of a tile alone, with the number of fields that each reads and writes."""
+    dt, meeting, laws = k.state.dt, (k.state.dt, *k.periods, k.I, k.G), (k.at.law, k.I, k.O, k.physics.pairs)
+    return [
+        tiled(k, "meet", staging.meet, k.paired, meeting, 10 + 11),
+        tiled(k, "turn frames", staging.turn_frames, k.tiles, (dt, k.G), 13 + 6),
+        tiled(k, "slide", staging.slide, k.tiles, (dt, k.I, k.G), 31 + 5),
+        tiled(k, "law", law, k.tiles, laws, at.I_HISTORY + at.O_HISTORY + 2 * k.h, k.physics.law),
+        tiled(k, "push", staging.push, k.tiles, (k.I, k.O, k.G), 15 + 9),
+        slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * at.TILE, contacts.tally, 1),
+    ]
+
+
+def pushes_of(k: Tables) -> list[Pass]:
+    """Fields to rows: force and torque of both bodies, both ways, with the arm of a clump's sphere; the memory of the contact."""
+    s, slots, h, clumps = k.state, k.slots, k.h, len(k.S) != len(k.B)
+    arms, listed = 16 + 8 * 8 if clumps else 0, slots.own.nbytes + slots.partner.nbytes
+    tables = k.B.nbytes + listed + k.S.nbytes * clumps
+    return [
+        slotted(k, "bodies, plates", push_flat, k.flat, (slots.own, slots.partner, s.body, k.S, k.G, k.B, k.sums),
+                20 + 8 * (6 + 4 + 12 + 12), tables, contacts.push_flat, 4),
+        slotted(k, "bodies, pairs", contacts.push_pairs, k.paired,
+                (slots.own, slots.partner, s.body, slots.outer, k.S, k.G, k.B, k.F),
+                16 + arms + 8 * (9 + 16 + 16), tables + k.F.nbytes + slots.outer.nbytes, contacts.push_pairs, 4),
+        slotted(k, "keep", contacts.keep, k.tiles, (k.O, k.G, k.H, h), 4 + 8 * (6 + 4 + 8 + 2 * h), k.H.nbytes, contacts.keep, 4),
+    ]  # fmt: skip
+
+
+def gather_of(k: Tables) -> Pass:
+    """Closing half kick: mass, velocity, momentum, force and torque; before it what other groups left, a row each."""
+    slots, n, guests = k.slots, len(k.B), len(k.slots.guests)
+    given = (slots.cuts, slots.guests, k.F, k.B, k.at.effects, k.physics.effect_parameters, k.moves)
+    return Pass("gather", lambda many: over_parts(many, kick, len(k.moves), given), len(k.moves), n, "bodies",
+                8 * 25 * n + (4 + 8 * 24) * guests, k.B.nbytes + k.F.nbytes,
+                [(gather.kick_body, n), (gather.collect, guests)])  # fmt: skip
+
+
+def tiled(k: Tables, name: str, one: Any, tiles: np.ndarray, given: tuple, fields: int, counted: Any = None) -> Pass:
+    """A pass over fields of tiles."""
+    n = int(tiles[:, 1].sum())
+    return Pass(name, lambda many: over_tiles(many, one, tiles, given), len(tiles), n, "contacts", 8 * fields * n,
+                8 * fields * at.TILE, [(counted or one, n)])  # fmt: skip
+
+
+def slotted(k: Tables, name: str, one: Any, tiles: np.ndarray, given: tuple, each: int, tables: float, counted: Any,
+            unrolled: int) -> Pass:  # fmt: skip
+    """A pass over slots of tiles, of so many bytes each; `counted` does `unrolled` contacts in a round."""
+    n = int(tiles[:, 1].sum())
+    return Pass(name, lambda many: over_slots(many, one, tiles, k.touching, given), len(tiles), n, "contacts", each * n, tables,
+                [(counted, n / unrolled)])  # fmt: skip
