@@ -196,12 +196,6 @@ def limits_of(D):
 
 
 @njit(**BARE)
-def outside(x, length):
-    """Whether x left an open domain, whose length is told as a negative number; periodic ones cannot be left."""
-    return length < 0.0 and (x < 0.0 or x > -length)
-
-
-@njit(**BARE)
 def size(v):
     """Length of the vector of the first three numbers of v."""
     x, y, z = lane(v, 0), lane(v, 1), lane(v, 2)

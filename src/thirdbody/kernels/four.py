@@ -59,6 +59,11 @@ def _shuffle(builder: Any, a: Any, b: Any, lanes: list[int]) -> Any:
     return builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(_SPLIT, len(lanes)), lanes))
 
 
+def _four_times(builder: Any, x: Any) -> Any:
+    one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), x, _SPLIT(0))
+    return _shuffle(builder, one, one, [0] * LANES)
+
+
 def _place(context: Any, builder: Any, kind: Any, table: Any, index: list[Any]) -> Any:
     """Pointer to four numbers of a table, which need not be aligned."""
     array = context.make_array(kind)(context, builder, table)
@@ -127,8 +132,7 @@ def spread(typing: Any, x: Any) -> Any:
     """The number x four times."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), args[0], _SPLIT(0))
-        return _shuffle(builder, one, one, [0] * LANES)
+        return _four_times(builder, args[0])
 
     return four(types.float64), make
 
@@ -198,8 +202,7 @@ def above(typing: Any, v: Any, least: Any) -> Any:
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         bits = builder.and_(builder.bitcast(args[0], _BITS), ir.Constant(_BITS, [(1 << 63) - 1] * LANES))  # without the sign
         size = builder.bitcast(bits, _VECTOR)
-        one = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), args[1], _SPLIT(0))
-        low = builder.fcmp_ordered("<=", size, _shuffle(builder, one, one, [0] * LANES))
+        low = builder.fcmp_ordered("<=", size, _four_times(builder, args[1]))
         return builder.select(low, ir.Constant(_VECTOR, [0.0] * LANES), args[0])
 
     return four(v, types.float64), make

@@ -4,6 +4,7 @@ import numpy as np
 from numba import njit
 
 from .bodies import BODIES, GUESTS, MOVE_POWER, spin_body
+from .contacts import push_body
 from .four import above, load, spread, store
 from .layout import (
     B_EF,
@@ -64,9 +65,7 @@ def act(c, first, last, B, dt, time, effects, effect_parameters, moves):
 def collect(first, last, guests, F, B):
     """Add what the contacts of other groups did to their partners, rows first to last of F, in that order."""
     for f in range(first, last):
-        b = np.uint64(guests[f])
-        store(B, b, B_F, load(B, b, B_F) + load(F, f, F_F))
-        store(B, b, B_T, load(B, b, B_T) + load(F, f, F_T))
+        push_body(np.uint64(guests[f]), B, load(F, f, F_F), load(F, f, F_T))
 
 
 @njit(**BARE_CHUNK)

@@ -41,7 +41,7 @@ def linearise(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
     A patch whose height is prescribed has no equation of its own, unless `coupled` asks how the forces change with its height.
     """
     own, partner, _, edges, _ = spots
-    S, B, P, _, _, _ = state
+    S, B, P, _, _ = state
     pairs, rolling = known[0], known[3]
     I, O, K, G, slots, before = work[0], work[1], work[2], work[3], work[4], work[5]  # noqa: E741
     tangents(I, K, m, pairs)

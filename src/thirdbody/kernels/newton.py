@@ -171,7 +171,7 @@ def turned_back(x, m, own, S, work, Z, share):
 def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects):
     """Find the end y of a step from the guess that it holds; (how it ended, number of staged spots, iterations)."""
     y, r, x, tried, J, told = work[6], work[7], work[8], work[9], work[10], work[11]
-    S, B, P, _, _, _ = state
+    S, B, P, _, _ = state
     size, part, whole, halvings, leaps, iterations, m = 1e300, 0.0, 0.0, 0, 0, 0, np.int64(0)
     for k in range(FREEDOMS):
         x[k] = 0.0

@@ -102,7 +102,7 @@ def stage_plate(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n
 
 @njit(**BARE)
 def rows_of(i, c, S):
-    """Columns c to c + 3 of four spheres."""
+    """Columns c to c + 3 of four rows of a table."""
     return load(S, i[0], c), load(S, i[1], c), load(S, i[2], c), load(S, i[3], c)
 
 
@@ -113,6 +113,12 @@ def put_three(G, at, rows):
     put(G, at, x)
     put(G, at + TILE, y)
     put(G, at + 2 * TILE, z)
+
+
+@njit(**BARE)
+def lasts(rows):
+    """The last number of each of four rows."""
+    return of(lane(rows[0], 3), lane(rows[1], 3), lane(rows[2], 3), lane(rows[3], 3))
 
 
 @njit(**BARE)
@@ -134,11 +140,9 @@ def stage_spins(q, a, b, r_i, r_j, G):
 @njit(**BARE)
 def stage_memory(q, k, kind, H, I, G, n_history):  # noqa: E741
     """Put what the four slots k remember into the places from q on."""
-    x, y, z, on = transposed(load(H, k[0], H_E), load(H, k[1], H_E), load(H, k[2], H_E), load(H, k[3], H_E))
-    put(G, q + G_E * TILE, x)
-    put(G, q + (G_E + 1) * TILE, y)
-    put(G, q + (G_E + 2) * TILE, z)
-    put(G, q + G_ON * TILE, on)
+    axes = rows_of(k, np.int64(H_E), H)  # and whether they touch
+    put_three(G, q + G_E * TILE, axes)
+    put(G, q + G_ON * TILE, lasts(axes))
     put(I, q + I_TYPE * TILE, of(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
     for h in range(n_history):
         put(I, q + (I_HISTORY + h) * TILE, of(H[k[0], H_LAW + h], H[k[1], H_LAW + h], H[k[2], H_LAW + h], H[k[3], H_LAW + h]))
@@ -155,12 +159,12 @@ def stage_pairs(n, slots, first, own, partner, kind, S, H, I, G, n_history):  # 
         j = np.uint64(partner[k[0]]), np.uint64(partner[k[1]]), np.uint64(partner[k[2]]), np.uint64(partner[k[3]])
         r_i, r_j = rows_of(i, np.int64(S_X), S), rows_of(j, np.int64(S_X), S)
         put_three(G, q + G_N * TILE, less(r_i, r_j))
-        put(G, q + G_RI * TILE, of(lane(r_i[0], 3), lane(r_i[1], 3), lane(r_i[2], 3), lane(r_i[3], 3)))
-        put(G, q + G_RJ * TILE, of(lane(r_j[0], 3), lane(r_j[1], 3), lane(r_j[2], 3), lane(r_j[3], 3)))
+        put(G, q + G_RI * TILE, lasts(r_i))
+        put(G, q + G_RJ * TILE, lasts(r_j))
         a, b = rows_of(i, np.int64(S_U), S), rows_of(j, np.int64(S_U), S)
         put_three(G, q + G_U * TILE, less(a, b))
-        put(I, q + I_MASS * TILE, of(lane(a[0], 3), lane(a[1], 3), lane(a[2], 3), lane(a[3], 3)))
-        put(G, q + G_MJ * TILE, of(lane(b[0], 3), lane(b[1], 3), lane(b[2], 3), lane(b[3], 3)))
+        put(I, q + I_MASS * TILE, lasts(a))
+        put(G, q + G_MJ * TILE, lasts(b))
         put_three(G, q + G_V * TILE, less(rows_of(i, np.int64(S_V), S), rows_of(j, np.int64(S_V), S)))
         stage_spins(q, rows_of(i, np.int64(S_W), S), rows_of(j, np.int64(S_W), S), r_i, r_j, G)
         stage_spins(q + AT_END, rows_of(i, np.int64(S_O), S), rows_of(j, np.int64(S_O), S), r_i, r_j, G)

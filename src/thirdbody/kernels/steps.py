@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .bodies import outside
+from .bodies import limits_of
 from .clock import pass_time
 from .contacts import SUM_COLS, SUM_WORK, separation
 from .layout import (
@@ -35,10 +35,7 @@ from .layout import (
     B_V,
     B_W,
     B_X,
-    D_FLOOR,
     D_GUARD_OVERLAP,
-    D_LX,
-    D_LY,
     H_ON,
     P_DAMPING,
     P_FREE,
@@ -297,7 +294,7 @@ def advance_clock(W, dt, end, whole, v_x, v_y):
 @njit(**INNER)
 def look(b, spots, state, M, W, known, drag, observe, seen, table):
     """Let the labeller observe body b after its step."""
-    (own, partner, _, edges, incidence), (_, B, _, H, _, R) = spots, state
+    (own, partner, _, edges, incidence), (_, B, _, H, R) = spots, state
     observe_body(b, edges, incidence, own, partner, H, R, B, W, M, drag, W[A_SPEED], known[2], known[4], observe, seen, table)
     W[A_ELAPSED], W[A_DX], W[A_DY] = 0.0, 0.0, 0.0
 
@@ -328,7 +325,7 @@ def stay(b, p, Z, T, shape, state):
 @njit(**INNER)
 def take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
     """Make the step of body b, as it is staged, part of its past."""
-    (_, B, P, H, _, R), told, sums = state, work[11], work[12]
+    (_, B, P, H, R), told, sums = state, work[11], work[12]
     for k in range(SUM_COLS):
         sums[0, k] = 0.0
     accept(b, m, v_x, v_y, spots, state, known, work, sums)
@@ -374,6 +371,7 @@ def stopped(b, told, B, D):
         return NOT_A_NUMBER, -1.0
     if told[E_RATIO] > D[D_GUARD_OVERLAP]:
         return TOO_DEEP, told[E_SLOT]
-    if z < D[D_FLOOR] or outside(x, D[D_LX]) or outside(y, D[D_LY]):
+    floor, low_x, high_x, low_y, high_y = limits_of(D)
+    if z < floor or x < low_x or x > high_x or y < low_y or y > high_y:
         return LEFT, -1.0
     return GOING, -1.0

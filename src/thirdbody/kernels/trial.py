@@ -6,7 +6,7 @@ Tables come in groups, named alike in all these kernels:
 |---|---|
 | spots | own, partner, kind, edges, incidence: the candidates, which here are all pairs of a sphere and a plate |
 | shape | body, start, patch, offsets |
-| state | S, B, P, H, F, R |
+| state | S, B, P, H, R |
 | known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels |
 | work | I, O, K, G: the law's tile; slots: candidates in it; before: gaps at the start of the step; then see `march` |
 
@@ -111,7 +111,7 @@ TURN = 0.05
 @njit(**CHUNK)
 def begin(b, p, shape, state, Z):
     """Note where a step of body b begins."""
-    (S, B, P, _, _, _), (_, start, _, offsets) = state, shape
+    (S, B, P, _, _), (_, start, _, offsets) = state, shape
     for k in range(3):
         Z[Z_X + k], Z[Z_V + k] = B[b, B_X + k], B[b, B_V + k]
         Z[Z_L + k], Z[Z_W + k] = B[b, B_L + k], B[b, B_W + k]
@@ -128,7 +128,7 @@ def begin(b, p, shape, state, Z):
 @njit(**INNER)
 def place(b, p, y, dt, Z, T, shape, state):
     """Move body b, its spheres and its patch p to the end of the step: mean velocities of the step, then those at its end."""
-    (S, B, P, _, _, _), (_, start, _, offsets) = state, shape
+    (S, B, P, _, _), (_, start, _, offsets) = state, shape
     inverse, arm = 1.0 / dt, 1.0 / Z[Z_ARM]
     now, last = Z[Z_NOW] * inverse, Z[Z_BEFORE] * inverse
     for k in range(3):
@@ -176,7 +176,7 @@ def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
     `rate`: change of a velocity per change of place over the step, 1/s; v_x, v_y: mean velocity of the upper plate.
     """
     own, partner, kind, edges, incidence = spots
-    (S, _, P, H, _, _), n_history, rolling = state, known[2], known[3]
+    (S, _, P, H, _), n_history, rolling = state, known[2], known[3]
     I, G, slots, before = work[0], work[3], work[4], work[5]  # noqa: E741
     m = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
@@ -213,7 +213,7 @@ def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
 def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told):
     """Unbalanced forces r (7) of body b and its patch, with m staged spots; `told` gets what else a step wants to know (E_*)."""
     own, partner, edges = spots[0], spots[1], spots[3]
-    S, B, P, _, _, _ = state
+    S, B, P, _, _ = state
     pairs, parameters, n_history, rolling, _, has_effects, _ = known
     I, O, _, G, slots, before = work[0], work[1], work[2], work[3], work[4], work[5]  # noqa: E741
     law(I, O, m, pairs)
@@ -297,7 +297,7 @@ def inertial_forces(b, p, y, dt, Z, T, B, P, inertial, r):
 def accept(b, m, v_x, v_y, spots, state, known, work, sums):
     """Take the staged spots as the end of a step: history, forces of plates, friction work and slip, records."""
     own, partner, _, edges, incidence = spots
-    S, B, P, H, F, R = state
+    S, B, P, H, R = state
     n_history, rolling = known[2], known[3]
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
     for d in range(3):
