@@ -63,13 +63,13 @@ def run(
 def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False) -> Simulation:
     """The simulation of a scene, compiled and in place at time zero. Raises UsageError and InputError."""
     from .laws.registry import discover
-    from .warm import warm_up
+    from .warm import begin, warm_up
 
+    begin()
     registry = discover(tuple(plugins))
-    warm_up()
     from .scene.build import build
 
-    return build(scene, registry, force)
+    return build(scene, registry, force, warm_up)
 
 
 def default_folder(scene: Scene) -> Path:

@@ -1,7 +1,8 @@
 """The first start of a version: compile in several processes at once, since numba itself compiles on one core.
 
-The others start first, the main process joins them when it has read its scene; whoever is done takes the next unit of work, and
-all of it goes into the same cache. Afterwards all of it is loaded.
+The others start first, with what every scene needs. The main process reads its scene, compiles the laws and the geometry that
+this one names, makes the bodies, and then joins them; whoever is done takes the next unit of work, and all of it goes into the
+same cache. Afterwards all of it is loaded.
 """
 
 from __future__ import annotations
@@ -53,10 +54,6 @@ def warm_up() -> None:
     gc.disable()  # the compiler makes millions of objects and few cycles: a tenth of its time
     try:
         work_off(queue)
-        # third-party modules that a run needs anyway, while others still compile
-        import h5py  # noqa: F401
-        import scipy.spatial  # noqa: F401
-
         if _all_done(others):
             (cache.folder() / MARK).touch()
     finally:
@@ -111,40 +108,6 @@ def _all_done(others: list[subprocess.Popen[bytes]]) -> bool:
         return False
 
 
-def _labeller() -> None:
-    from .laws.compose_bodies import compose_labeller
-    from .laws.registry import discover
-
-    for family in discover().families.values():
-        if family.labeller is not None:
-            compose_labeller(family.labeller)
-
-
-def _laws() -> None:
-    from .laws.compose import compose
-    from .laws.compose_bodies import compose_effects
-    from .laws.registry import discover
-
-    for family in discover().families.values():
-        if family.labeller is not None:
-            compose(family.levels[family.default_level])
-    compose_effects([])
-
-
-def _bodies() -> None:
-    import numpy as np
-
-    from .bodies.placement import overlaps, place_layer
-    from .bodies.poses import settle
-    from .bodies.shapes import population
-
-    rng = np.random.default_rng(0)
-    bodies = population(0, 0, 2, (4, 4), (1.0, 0.8, 0.6), distribution="constant", value=1.0)
-    turns = np.array([settle(body, rng)[0] for body in bodies])
-    place_layer(bodies, turns, (20.0, 20.0), True, rng)
-    overlaps(np.zeros((1, 3)), np.ones(1), np.zeros(1, np.int64), (20.0, 20.0), True)
-
-
 def _work() -> None:
     from .kernels import label, work  # noqa: F401  (imported to be compiled; they have functions in common)
 
@@ -176,9 +139,10 @@ def _search() -> None:
     place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], np.zeros((0, at.B_COLS)))
 
 
-UNITS: tuple[Callable[[], None], ...] = (_work, _labeller, _step, _bodies, _stability, _laws, _search)
+UNITS: tuple[Callable[[], None], ...] = (_work, _step, _stability, _search)
 """Units of work, the longest first."""
 
 if __name__ == "__main__":
     gc.disable()
     work_off(sys.stdin.fileno())
+    os._exit(0)  # all is written: to take millions of objects apart first costs a second

@@ -6,7 +6,6 @@ comparison can fail is shown by `test_a_fault_is_seen`: it changes one sign, one
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -33,8 +32,9 @@ from thirdbody.kernels import layout as at
 from thirdbody.kernels import motion, step
 from thirdbody.kernels.bodies import BODIES
 from thirdbody.kernels.contacts import GROUP
+from thirdbody.kernels.context import known
 from thirdbody.kernels.rolling import MOMENTS
-from thirdbody.kernels.signatures import WORK
+from thirdbody.kernels.signatures import KINDS, WORK, Context
 from thirdbody.kernels.work import work
 from thirdbody.scene.build import Simulation
 
@@ -187,11 +187,14 @@ def pairs_of_groups(found: Pass) -> tuple[np.ndarray, np.ndarray]:
 
 def work_from_the_last() -> Any:
     """The engine's passes over groups, each with its parts in the opposite order."""
-    names = list(inspect.signature(work.py_func).parameters)
-    swapped = [{"begin": "lowest.shape[0] - end", "end": "lowest.shape[0] - begin"}.get(name, name) for name in names]
-    made: dict[str, Any] = {"work": work}
-    exec(f"def turned_round({', '.join(names)}):\n    work({', '.join(swapped)})", made)
-    return numba.njit(WORK, error_model="numpy")(made["turned_round"])
+    context_of = known(KINDS, Context)
+
+    @numba.njit(WORK, error_model="numpy")
+    def turned_round(task, part, begin, end, number, record, time, v_x, v_y, dt, context):
+        groups = context_of(context).lowest.shape[0]
+        work(task, part, groups - end, groups - begin, number, record, time, v_x, v_y, dt, context)
+
+    return turned_round
 
 
 def test_the_order_of_parts_does_not_matter(two_threads, monkeypatch):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -14,8 +15,9 @@ from ..kernels import bodies as body_pass
 from ..kernels import contacts as contact_pass
 from ..kernels import layout as at
 from ..kernels import step
+from ..kernels.context import expected, told
 from ..kernels.pointers import address
-from ..kernels.signatures import EFFECTS, LAW, OBSERVE, WORK
+from ..kernels.signatures import EFFECTS, KINDS, LAW, OBSERVE, WORK, Context
 from ..kernels.work import work
 from ..laws.contract import Material
 from .guards import Guards
@@ -30,6 +32,10 @@ BUDGET = 64
 GROWTH, PATIENCE = 1.25, 16
 """The automatic step follows its bound down at once. Up it goes at once to a bound that is higher by this factor, to a lower one
 only after so many bounds that all allow more: a step that wobbles loses energy."""
+
+
+EXPECTED = expected(KINDS)
+"""What the step loop takes."""
 
 
 class Explicit:
@@ -51,9 +57,11 @@ class Explicit:
         self.tightest: Bound | None = None
         self.waiting: list[float] = []  # bounds since the last change of the step, all above it
         self.drag = _drag(state)
+        self.ahead = np.array(self.drag)
         physics = state.physics
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
+        self.known: Context | None = None  # what `told` tells of, which must stay alive as long
 
     def start(self) -> None:
         """First search, forces at time zero, first time step."""
@@ -117,21 +125,31 @@ class Explicit:
         self.rows = np.empty((parts, most, at.C_MEMORY + physics.contact_memory))
 
     def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
-        s, slots, physics, threads = self.state, self.state.slots, self.state.physics, numba.get_num_threads()
+        s, physics, threads = self.state, self.state.physics, numba.get_num_threads()
         if len(self.room) < step.SHARES * threads:
             self._scratch(threads)
         answer = step.advance(
-            budget, time, distance, dt, threads,
-            slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
-            slots.beginning, slots.guests, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets,
-            s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
-            physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, len(physics.history), physics.rolling,
-            at.C_MEMORY + physics.contact_memory, physics.has_effects, self.drag, self.law, self.effects, self.observe,
-            self.room, self.marks, self.rows, self.moved, self.work, s.X0, s.patch, s.schedule, s.first, physics.stride,
+            budget, time, distance, dt, threads, self._context(), s.X0, s.patch, s.schedule, s.first, physics.stride,
             physics.labels,
         )  # fmt: skip
         refresh_spheres(s)  # the kernel places only spheres that can meet something
         return answer
+
+    def _context(self) -> Array:
+        """What tells kernels of all tables; made anew only when one of them is another (some 30 us)."""
+        s, slots, physics = self.state, self.state.slots, self.state.physics
+        now = Context(  # type: ignore[call-arg]
+            slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
+            slots.beginning, slots.guests, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets,
+            s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
+            physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, self.ahead,
+            self.room, self.marks, self.rows, self.moved,
+            len(physics.history), physics.rolling, at.C_MEMORY + physics.contact_memory, int(physics.has_effects),
+            self.law, self.effects, self.observe, self.work,
+        )  # fmt: skip
+        if self.known is None or any(map(operator.is_not, now, self.known)):
+            self.known, self.told = now, told(EXPECTED, now)
+        return self.told
 
     def _choose_step(self) -> None:
         # a fixed step is judged by the contacts as they are

@@ -2,10 +2,13 @@
 
 from typing import Any
 
-from .pipeline import Inner, Own, Taken, way
+from .pipeline import Inner, Own, Taken, Whole, way
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True} | way(Own)
 """Kernels that Python calls and that may be handed on as pointers."""
+
+OTHERS: dict[str, Any] = {"error_model": "numpy", "cache": True} | way(Whole)
+"""Functions of others that Python calls."""
 
 DIRECT: dict[str, Any] = OPTIONS | {"no_cfunc_wrapper": True}
 """Kernels that only Python calls."""

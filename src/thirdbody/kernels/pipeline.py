@@ -15,6 +15,9 @@ from typing import Any
 import numba
 from numba import types
 from numba.core import codegen, compiler, compiler_machinery, targetconfig, typed_passes, untyped_passes
+from numba.core.typing import signature
+
+from .lowering import ShortLowering, plain_extreme
 
 TESTED = ("0.68.",)
 """Beginnings of the versions of numba whose inside is known."""
@@ -35,6 +38,8 @@ def _get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     """`BaseFunction.get_call_type` with a memory; numbers that index a table are all alike."""
     if kws or not args:
         return _ask(self, context, args, kws)
+    if plain_extreme(self, args) and isinstance(targetconfig.ConfigStack.top_or_none(), _Flags):
+        return signature(types.float64, *args)
     alike = isinstance(args[0], types.Array) or self.typing_key in PLAIN and all(isinstance(a, types.Number) for a in args)
     seen = tuple(types.unliteral(a) for a in args) if alike else tuple(args)
     key = id(self), id(context), seen, targetconfig.ConfigStack.top_or_none()
@@ -100,9 +105,22 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
             if not function.is_declaration:
                 manager.run(function, builder)
 
+    def _optimize_final_module(self) -> None:
+        # whatever takes it over is optimised as a whole; the step loop alone is the faster for both
+        if numba.config.OPT > 1:  # type: ignore[attr-defined]
+            super()._optimize_final_module()
+
     def _finalize_final_module(self) -> None:
         self._finalize_dynamic_globals()
         self._finalized = True
+
+
+def _whole(state: Any) -> list[Any]:
+    """All that numba knows of Python, and the short lowering."""
+    manager = compiler.DefaultPassBuilder.define_nopython_pipeline(state)
+    plain = typed_passes.NativeLowering
+    manager.passes[:] = [(ShortLowering if one is plain else one, about) for one, about in manager.passes]
+    return [manager]
 
 
 class Own(compiler.CompilerBase):  # type: ignore[misc]
@@ -114,10 +132,13 @@ class Own(compiler.CompilerBase):  # type: ignore[misc]
             return super()._compile_core()
 
     def define_pipelines(self) -> list[Any]:
+        if self.state.flags.auto_parallel.enabled:
+            return _whole(self.state)
         manager = compiler_machinery.PassManager("own")
         for module, names in ((untyped_passes, UNTYPED), (typed_passes, TYPED)):
             for name in names:
-                manager.add_pass(getattr(module, name, None) or getattr(compiler, name), name)
+                own = ShortLowering if name == "NativeLowering" else None
+                manager.add_pass(own or getattr(module, name, None) or getattr(compiler, name), name)
         manager.finalize()
         return [manager]
 
@@ -130,10 +151,18 @@ class Inner(Own):
         return super().compile_extra(func)
 
 
-class Taken(Inner):
-    """The same for functions of others, with all that numba knows."""
+class Whole(Own):
+    """Compiles the functions of others."""
 
-    define_pipelines = compiler.Compiler.define_pipelines
+    def define_pipelines(self) -> list[Any]:
+        return _whole(self.state)
+
+
+class Taken(Inner):
+    """The same for those that only kernels call."""
+
+    def define_pipelines(self) -> list[Any]:
+        return _whole(self.state)
 
 
 def way(pipeline: type[compiler.CompilerBase]) -> dict[str, Any]:

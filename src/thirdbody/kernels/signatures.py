@@ -1,6 +1,10 @@
 """Signatures of the functions that the engine calls through a pointer, so that it is compiled once for all laws."""
 
+from collections import namedtuple
+
 from numba import types
+
+from .context import Kinds
 
 _TABLE = types.Array(types.float64, 2, "C")
 _ROW = types.Array(types.float64, 1, "C")
@@ -19,18 +23,28 @@ LABEL = types.void(_TABLE, types.int64, _ROW, _ROW, _ROW)
 """label(contacts of the body, how many, body, memory, out)"""
 
 _S2 = types.Array(types.int32, 2, "C")
-SLOTS = (_S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S1, _S2, _S1, _S1)
-# ... own, partner, kind, closed, outer; edges, incidence; near, beginning; guests, cuts, lowest, needs
-SHAPES = (_I1, _I1, _TABLE)  # body, start; offsets
-TABLES = (_TABLE, _TABLE, _TABLE, _TABLE, _TABLE, _TABLE, _TABLE)  # S, B, P, H, F, R, M
-KNOWN = (_ROW, _ROW, _ROW, _ROW, _TABLE, _TABLE, _I, _I, _I, types.boolean, types.UniTuple(types.float64, 2))
-# ... pairs, effect parameters, D, A; sums, moves; n_history, rolling, width, has_effects; drag direction
-POINTERS = (types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE))
-ADDRESSES = (_I, _I, _I)  # of the same
-SCRATCH = (_TABLE, _S2, types.Array(types.float64, 3, "C"), _S1)  # room, marks, rows, moved
+KINDS: Kinds = {
+    # slots (`engine.slots`)
+    **dict.fromkeys(("own", "partner", "kind", "closed", "outer", "edges", "incidence", "near", "beginning", "guests"), _S1),
+    "cuts": _S2, "lowest": _S1, "needs": _S1,
+    # which sphere belongs to which body
+    "body": _I1, "start": _I1, "offsets": _TABLE,
+    # state (`layout`), parameters, what a step sums up
+    **dict.fromkeys(("S", "B", "P", "H", "F", "R", "M"), _TABLE),
+    "pairs": _ROW, "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "sums": _TABLE, "moves": _TABLE,
+    # direction of the drag that is planned; room of each part to work in
+    "drag": _ROW, "room": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
+    # numbers, and addresses of functions
+    **dict.fromkeys(("n_history", "rolling", "width", "has_effects", "law", "effects", "observe", "work"), _I),
+}  # fmt: skip
+"""Types of all that a step works on and with, by name."""
+
+Context = namedtuple("Context", tuple(KINDS))  # type: ignore[misc]
+"""All that a step works on and with; kernels make it of an array (`context`)."""
+
 STEP = (_I, types.boolean, types.float64, types.float64, types.float64, types.float64)  # number, record, time, v_x, v_y, dt
-WORK = types.void(_I, _I, _I, _I, *STEP, *SLOTS, *SHAPES, *TABLES, *KNOWN, *POINTERS, *SCRATCH)
-"""work(pass, part, first group, the one behind the last, then all that a step knows and works on)"""
+WORK = types.void(_I, _I, _I, _I, *STEP, _I1)
+"""work(pass, part, first group, the one behind the last, then what a step is, and the array that tells of its `Context`)"""
 
 EARLY, SWEEP, LATE, LOOK = range(4)
 """Passes of a step. The sweep goes through its groups once and does all that a group needs; where there are several parts, bodies

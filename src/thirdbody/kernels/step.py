@@ -9,6 +9,7 @@ from numba import njit, prange, types
 from .bodies import MOVE_BAD, MOVE_BODY, MOVE_OUT, MOVE_POWER, MOVE_STEP, MOVE_WAY, farthest
 from .clock import pass_time
 from .contacts import SUM_BAD, SUM_LOW, SUM_OVERLAP, SUM_POWER, SUM_SLOT, SUM_UP, SUM_WORK
+from .context import known
 from .four import lane, load, spread
 from .layout import (
     A_DAMPING,
@@ -39,7 +40,7 @@ from .motion import X, Y, mean_rate
 from .options import BARE, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
 from .patches import drift_patches, drive_patches, kick_patches, load_patches, patch_power
 from .pointers import pointed
-from .signatures import ADDRESSES, EARLY, EFFECTS, KNOWN, LATE, LAW, LOOK, OBSERVE, SCRATCH, SHAPES, SLOTS, TABLES, WORK
+from .signatures import EARLY, KINDS, LATE, LOOK, WORK, Context
 
 DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT = range(8)
 """Why `advance` returned."""
@@ -132,47 +133,36 @@ def pushed(sums):
     return push
 
 
-law_at, effects_at, observe_at, work_at = pointed(LAW), pointed(EFFECTS), pointed(OBSERVE), pointed(WORK)
+context_of, work_at = known(KINDS, Context), pointed(WORK)
 
 _F2, _I1, _I = types.Array(types.float64, 2, "C"), types.Array(types.int64, 1, "C"), types.int64
 ADVANCE = types.Tuple((_I, _I))(
-    _I, types.float64, types.float64, types.float64, _I,  # budget, targets of time and distance, dt, threads
-    *SLOTS, *SHAPES, *TABLES, *KNOWN, *ADDRESSES, *SCRATCH, _I,
+    _I, types.float64, types.float64, types.float64, _I, _I1,  # budget, targets of time and distance, dt, threads; context
     _F2, _I1, _F2, _I1, _I, types.boolean,  # X0, patch; schedule, first; stride, labels
 )  # fmt: skip
 
 
 @njit(**CHUNK_OF_THREADS)
-def share_out(parts, task, count, number, record, time, v_x, v_y, dt, own, partner, kind, closed, outer, edges, incidence, near,
-              beginning, guests, cuts, lowest, needs, body, start, offsets, S, B, P, H, F, R, M, pairs, effect_parameters, D, A,
-              sums, moves, n_history, rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, moved,
-              work):  # fmt: skip
+def share_out(parts, task, count, number, record, time, v_x, v_y, dt, context, work):
     """The groups of one pass in as many parts, on all threads."""
     for p in prange(parts):
-        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, number, record, time, v_x, v_y, dt, own, partner,
-             kind, closed, outer, edges, incidence, near, beginning, guests, cuts, lowest, needs, body, start, offsets, S, B, P,
-             H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling, width, has_effects, drag, law,
-             effects, observe, room, marks, rows, moved)  # fmt: skip
+        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, number, record, time, v_x, v_y, dt, context)
 
 
 @njit(ADVANCE, **DIRECT, **NO_COUNTS)
-def advance(budget, until, distance, dt, threads, own, partner, kind, closed, outer, edges, incidence, near, beginning, guests,
-            cuts, lowest, needs, body, start, offsets, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves,
-            n_history, rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, moved, work, X0, patch,
-            schedule, first, stride, labels):  # fmt: skip
+def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
-    Law, effects, observer and `work` come as addresses. Returns the code and the slot or body that a guard names, or whether a
-    search is due. State is synchronised on return.
+    `context` tells of the step's `Context`. Returns the code and the slot or body that a guard names, or whether a search is due.
+    State is synchronised on return.
     """
-    law = law_at(law)
-    effects = effects_at(effects)
-    observe = observe_at(observe)
-    work = work_at(work)
-    groups = lowest.shape[0]
+    k = context_of(context)
+    B, P, D, A, sums, moves = k.B, k.P, k.D, k.A, k.sums, k.moves
+    work = work_at(k.work)
+    groups = k.lowest.shape[0]
     parts = min(groups, SHARES * threads) if threads > 1 and groups >= FEW else 1
-    whole = parts == 1 or guests.shape[0] == 0
-    moved[:] = 0
+    whole = parts == 1 or k.guests.shape[0] == 0
+    k.moved[:] = 0
     for step in range(budget):
         v_x = mean_rate(schedule, first, np.int64(X), A[A_TIME], dt)
         v_y = mean_rate(schedule, first, np.int64(Y), A[A_TIME], dt)
@@ -190,16 +180,11 @@ def advance(budget, until, distance, dt, threads, own, partner, kind, closed, ou
                 account(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping)
             if (task == LOOK and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
+            number = np.int64(step + 1)
             if parts == 1:
-                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), np.int64(step + 1), record, time, v_x, v_y, dt,
-                     own, partner, kind, closed, outer, edges, incidence, near, beginning, guests, cuts, lowest, needs, body,
-                     start, offsets, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history, rolling,
-                     width, has_effects, drag, law, effects, observe, room, marks, rows, moved)  # fmt: skip
+                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), number, record, time, v_x, v_y, dt, context)
             else:
-                share_out(np.int64(parts), np.int64(task), np.int64(groups), np.int64(step + 1), record, time, v_x, v_y, dt,
-                          own, partner, kind, closed, outer, edges, incidence, near, beginning, guests, cuts, lowest, needs,
-                          body, start, offsets, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums, moves, n_history,
-                          rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, moved, work)  # fmt: skip
+                share_out(np.int64(parts), np.int64(task), np.int64(groups), number, record, time, v_x, v_y, dt, context, work)
         if sampled:
             A[A_ELAPSED], A[A_DX], A[A_DY] = 0.0, 0.0, 0.0
         code, who = guard(D, sums, moves)

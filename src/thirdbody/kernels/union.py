@@ -10,6 +10,8 @@ Gauss-Legendre in t then converges geometrically. Lengths are in units of the la
 from __future__ import annotations
 
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import combinations
 
@@ -22,6 +24,9 @@ from .vectors import cross, dot
 TWO_PI = 2.0 * math.pi
 # Order of the ten moments: 1, x, y, z, xx, yy, zz, xy, xz, yz.
 MOMENTS = 10
+
+FEW = 64
+"""Bodies per thread below which another thread is not worth its start."""
 
 
 def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -242,13 +247,24 @@ def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
     order is raised until the moments of two orders differ by less than tolerance; that difference, the error of the
     lower order, is kept.
     """
-    n = R.shape[1]
-    # in a kernel each of these calls would be compiled anew
-    room = np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64), np.empty(n), np.empty(6)
-    stack_moments(C, R, Z, nodes, weights, offsets, tolerance, total, *room, np.zeros(MOMENTS), np.zeros(MOMENTS))
+    n, parts = R.shape[1], min(os.cpu_count() or 1, 1 + len(R) // FEW)
+    ends = [k * len(R) // parts for k in range(parts + 1)]
+
+    def part(k: int) -> None:
+        # in a kernel each of these calls would be compiled anew
+        room = np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64), np.empty(n), np.empty(6)
+        own = slice(ends[k], ends[k + 1])
+        stack_moments(C[own], R[own], Z[own], nodes, weights, offsets, tolerance, total[own], *room, np.zeros(MOMENTS),
+                      np.zeros(MOMENTS))  # fmt: skip
+
+    if parts == 1:
+        part(0)
+        return
+    with ThreadPoolExecutor(parts) as pool:
+        list(pool.map(part, range(parts)))
 
 
-@njit(**DIRECT, **NO_COUNTS)
+@njit(nogil=True, **DIRECT, **NO_COUNTS)
 def stack_moments(C, R, Z, nodes, weights, offsets, tolerance, total, toward, cuts, order, rho, plane, old, new):
     """`union_moments` with room for one body."""
     for body in range(R.shape[0]):

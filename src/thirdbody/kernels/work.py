@@ -6,42 +6,48 @@ from numba import njit
 
 from .bodies import FLAT, PAIRED, drift_chunk, forget_plates
 from .contacts import GROUP, contact_chunk
+from .context import known
 from .gather import gather_chunk
 from .layout import D_LX, D_LY
 from .observe import observe_chunk
 from .options import NO_COUNTS, POINTED
-from .signatures import EARLY, LATE, LOOK, SWEEP, WORK
+from .pointers import pointed
+from .signatures import EARLY, EFFECTS, KINDS, LATE, LAW, LOOK, OBSERVE, SWEEP, WORK, Context
+
+context_of, law_at, effects_at, observe_at = known(KINDS, Context), pointed(LAW), pointed(EFFECTS), pointed(OBSERVE)
 
 
 @njit(WORK, **POINTED, **NO_COUNTS)
-def work(task, part, begin, end, number, record, time, v_x, v_y, dt, own, partner, kind, closed, outer, edges, incidence, near,
-         beginning, guests, cuts, lowest, needs, body, start, offsets, S, B, P, H, F, R, M, pairs, effect_parameters, D, A, sums,
-         moves, n_history, rolling, width, has_effects, drag, law, effects, observe, room, marks, rows, moved):  # fmt: skip
+def work(task, part, begin, end, number, record, time, v_x, v_y, dt, context):
     """Groups begin to end of one pass of step `number`. To call it through a pointer takes 1.4 us: hence not group by group.
 
     `lowest`: the first group whose contacts act on bodies of a group. `needs`: the groups whose bodies its contacts need besides.
     """
+    k = context_of(context)
+    law, effects, observe = law_at(k.law), effects_at(k.effects), observe_at(k.observe)
+    l_x, l_y, drag, chunks = max(k.D[D_LX], 0.0), max(k.D[D_LY], 0.0), (k.drag[0], k.drag[1]), k.moves.shape[0]
     for g in range(begin, end):
-        first, last, alone = g * GROUP, min((g + 1) * GROUP, moves.shape[0]), lowest[g] >= begin
-        asked = needs[g + 1] if task == SWEEP else needs[g] if task == EARLY and not alone else needs[g] - 1
-        for e in range(needs[g] - 1, asked):
-            h = np.int64(needs[e]) if e >= needs[g] else g
-            if moved[h] != number:
-                moved[h] = number
-                for c in range(h * GROUP, min((h + 1) * GROUP, moves.shape[0])):
-                    drift_chunk(c, start, near, beginning, record, offsets, S, B, D, dt, moves, room[part],
-                                marks[part])  # fmt: skip
-                    forget_plates(cuts[FLAT, c], cuts[FLAT, c + 1], own, body, B)
+        first, last, alone = g * GROUP, min((g + 1) * GROUP, chunks), k.lowest[g] >= begin
+        asked = k.needs[g + 1] if task == SWEEP else k.needs[g] if task == EARLY and not alone else k.needs[g] - 1
+        for e in range(k.needs[g] - 1, asked):
+            h = np.int64(k.needs[e]) if e >= k.needs[g] else g
+            if k.moved[h] != number:
+                k.moved[h] = number
+                for c in range(h * GROUP, min((h + 1) * GROUP, chunks)):
+                    drift_chunk(c, k.start, k.near, k.beginning, record, k.offsets, k.S, k.B, k.D, dt, k.moves, k.room[part],
+                                k.marks[part])  # fmt: skip
+                    forget_plates(k.cuts[FLAT, c], k.cuts[FLAT, c + 1], k.own, k.body, k.B)
         if task == SWEEP:
             for side in range(FLAT, PAIRED + 1):
-                contact_chunk(2 * g + side, cuts[side, first], cuts[side, last], side == FLAT, own, partner, kind, closed, outer,
-                              body, S, B, P, H, F, R, sums, law, pairs, dt, v_x, v_y, max(D[D_LX], 0.0), max(D[D_LY], 0.0),
-                              n_history, rolling, record, room[part], marks[part])  # fmt: skip
+                contact_chunk(2 * g + side, k.cuts[side, first], k.cuts[side, last], side == FLAT, k.own, k.partner, k.kind,
+                              k.closed, k.outer, k.body, k.S, k.B, k.P, k.H, k.F, k.R, k.sums, law, k.pairs, dt, v_x, v_y, l_x,
+                              l_y, k.n_history, k.rolling, record, k.room[part], k.marks[part])  # fmt: skip
         if (task == SWEEP and alone) or (task == LATE and not alone):
             for c in range(first, last):
-                gather_chunk(c, cuts, guests, F, B, dt, time, effects, effect_parameters, has_effects, record, moves)
+                gather_chunk(c, k.cuts, k.guests, k.F, k.B, dt, time, effects, k.effect_parameters, k.has_effects != 0, record,
+                             k.moves)  # fmt: skip
         if task == LOOK:
             speed = (v_x * v_x + v_y * v_y) ** 0.5
             for c in range(first, last):
-                observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe,
-                              room[part], rows[part])  # fmt: skip
+                observe_chunk(c, k.edges, k.incidence, k.own, k.partner, k.H, k.R, k.B, k.A, k.M, drag, speed, k.n_history,
+                              k.width, observe, k.room[part], k.rows[part])  # fmt: skip

@@ -64,6 +64,7 @@ def _late(effects: Sequence[int]) -> str:
 OWN = """
 from types import FunctionType
 from numba import njit
+from thirdbody.kernels.options import OTHERS
 from thirdbody.kernels.signatures import LABEL, OBSERVE
 from thirdbody.laws.generated import plain
 
@@ -89,6 +90,6 @@ def compose_labeller(labeller: Labeller) -> tuple[Callable, Callable]:
         function = plain(getattr(labeller, name))
         text += f"from {function.__module__} import {function.__name__} as {name}_kernel\n"
     for name in ("observe", "label"):
-        text += f'{name} = njit({name.upper()}, error_model="numpy", cache=True)(own({name}_kernel, "{name}"))\n'
+        text += f'{name} = njit({name.upper()}, **OTHERS)(own({name}_kernel, "{name}"))\n'
     module, _ = load("labeller", text, [labeller.observe, labeller.label])
     return module.observe, module.label

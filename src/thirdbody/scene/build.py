@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..engine.explicit import Explicit
 from ..engine.order import in_columns
 from ..engine.plates import Schedule
 from ..engine.state import Placed, State, World, assemble
@@ -26,6 +26,7 @@ from .populate import populate
 from .upper import Upper, upper_plate
 
 if TYPE_CHECKING:
+    from ..engine.explicit import Explicit
     from ..engine.implicit import Implicit
 
 SKIN = 0.15
@@ -91,10 +92,13 @@ class Simulation:
         return self.end_distance if math.isfinite(self.end_distance) else self.schedule.path(self.settle, self.end_time)
 
 
-def build(scene: Scene, registry: Registry | None = None, force: bool = False) -> Simulation:
+def build(
+    scene: Scene, registry: Registry | None = None, force: bool = False, ready: Callable[[], None] = lambda: None
+) -> Simulation:
     """Everything of the scene, compiled and in place at time zero. Raises InputError with what cannot work.
 
-    `force` lets a fixed time step exceed its bound.
+    `force` lets a fixed time step exceed its bound; `ready` is called when the bodies are there, before the step loop is
+    compiled, as its import does.
     """
     registry = registry or discover()
     choice = choose(scene, registry)
@@ -107,6 +111,7 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
     meets = scene.contact.debris_contact == "auto" and _meeting(placed) > 1
     order = in_columns(placed.positions, _diameter(placed)) if meets else np.arange(len(placed.clumps))
     placed = placed.taken(order)
+    ready()
     upper = upper_plate(scene, choice, placed, warnings)
     _end_settling(scene, choice, upper)
     names = list(scene.materials)
@@ -124,6 +129,8 @@ def build(scene: Scene, registry: Registry | None = None, force: bool = False) -
         _refuse_unreached(simulation)
         _refuse_many_frames(simulation)
         return simulation
+    from ..engine.explicit import Explicit
+
     integrator = Explicit(state, list(choice.materials), fixed, force=force)
     integrator.start()
     if fixed is not None and not force:

@@ -1,0 +1,90 @@
+"""All tables and numbers that a step works on, told to kernels as one array of addresses, lengths and numbers.
+
+A function that hands on fifty arguments is compiled for a second; one array of integers costs nothing. The tables must stay
+alive, and where they are, as long as somebody may use the array.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+from numba.np.numpy_support import as_dtype
+
+Kinds = dict[str, Any]
+"""Numba's types of what is told, by name: contiguous arrays, and int64."""
+
+_LONG = ir.IntType(64)
+
+
+def _places(kind: Any) -> int:
+    """Numbers that tell of one: the address and the lengths of a table, or the number itself."""
+    return 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
+
+
+def expected(kinds: Kinds) -> tuple[tuple[str, np.dtype | None, int], ...]:
+    """Name, type of number and dimensions of each table; no type for what is a number itself."""
+    tables = {name: kind for name, kind in kinds.items() if isinstance(kind, types.Array)}
+    return tuple((name, as_dtype(kinds[name].dtype), kinds[name].ndim) if name in tables else (name, None, 0) for name in kinds)
+
+
+def told(expected: tuple[tuple[str, np.dtype | None, int], ...], given: NamedTuple) -> np.ndarray:
+    """The array (int64) that tells of `given`, which has a field for each that is `expected`. Raises TypeError for a table of
+    another kind."""
+    rows: list[int] = []
+    for (name, kind, dimensions), value in zip(expected, given, strict=True):
+        if kind is None:
+            rows.append(value)
+            continue
+        if value.dtype != kind or value.ndim != dimensions or not value.flags.c_contiguous:
+            raise TypeError(f"{name} is {value.dtype}, of shape {value.shape}, strides {value.strides}; the step takes {kind}")
+        rows.append(value.__array_interface__["data"][0])
+        rows += value.shape
+    return np.array(rows, np.int64)
+
+
+def known(kinds: Kinds, names: type) -> Any:
+    """A function for kernels, which makes the named tuple `names` of such an array."""
+    whole = types.NamedTuple(tuple(kinds.values()), names)
+    make_intrinsic: Any = intrinsic
+
+    @make_intrinsic
+    def function(typing: Any, rows: Any) -> Any:
+        def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+            first = builder.extract_value(args[0], context.data_model_manager[sig.args[0]].get_field_position("data"))
+            parts, place = [], 0
+            for kind in kinds.values():
+                numbers = [builder.load(builder.gep(first, [_LONG(place + k)])) for k in range(_places(kind))]
+                place += len(numbers)
+                parts.append(_table(context, builder, kind, *numbers) if len(numbers) > 1 else numbers[0])
+            return context.make_tuple(builder, whole, parts)
+
+        return whole(types.Array(types.int64, 1, "C")), make
+
+    return function
+
+
+def _table(context: Any, builder: Any, kind: Any, address: Any, *lengths: Any) -> Any:
+    """The table at an address; nothing counts references to it."""
+    model, size = context.data_model_manager[kind], _LONG(as_dtype(kind.dtype).itemsize)
+    strides: list[Any] = []
+    step = size
+    for length in reversed(lengths):
+        strides.insert(0, step)
+        step = builder.mul(step, length)
+    parts = {
+        "nitems": builder.sdiv(step, size), "itemsize": size, "shape": _row(builder, lengths), "strides": _row(builder, strides),
+        "data": builder.inttoptr(address, context.get_data_type(kind.dtype).as_pointer()),
+    }  # fmt: skip
+    table = context.get_value_type(kind)(None)
+    for name, part in parts.items():
+        table = builder.insert_value(table, part, model.get_field_position(name))
+    return table
+
+
+def _row(builder: Any, values: Any) -> Any:
+    row = ir.ArrayType(_LONG, len(values))(ir.Undefined)
+    for k, value in enumerate(values):
+        row = builder.insert_value(row, value, k)
+    return row

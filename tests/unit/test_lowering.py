@@ -1,0 +1,211 @@
+"""Our way through numba gives what numba's own gives: every function here is compiled by both."""
+
+import math
+from collections import namedtuple
+
+import numba
+import numpy as np
+import pytest
+from numba import njit, prange, types
+from numba.core.runtime import _nrt_python, rtsys
+
+from thirdbody.kernels.context import expected, known, told
+from thirdbody.kernels.options import CHUNK, NO_COUNTS, OPTIONS, OTHERS
+
+NUMBERS = np.array([3.5, -1.0, 0.0, -0.0, math.nan, math.inf, 7.25, -2.5])
+
+
+def ours(function, **options):
+    """Compiled as our kernels are: inside another, since inner kernels have no machine code of their own."""
+    inner = njit(**CHUNK)(function)
+
+    @njit(**{key: value for key, value in (OPTIONS | options).items() if key != "cache"})
+    def outer(*arguments):
+        return inner(*arguments)
+
+    return outer
+
+
+def last_and_first(table):
+    return table[-1, 0], table[0, -1], table[-2, -3]
+
+
+def backwards(table):
+    total = 0.0
+    for i in range(1, table.shape[0] + 1):
+        for j in range(table.shape[1]):
+            total = 2.0 * total + table[-i, j]
+    return total
+
+
+def written(table):
+    for i in range(table.shape[0]):
+        row = table[i]
+        row[-1] += 1.0
+        table[i, 0] = table[i, 1] - i
+    return table.sum()
+
+
+def chosen(table):
+    found = table[0, 0]
+    for i in range(table.shape[0]):
+        if table[i, 1] > found:
+            found = table[i, 1]
+            place = i
+        else:
+            place = -1
+    while place > 2:
+        place -= 1
+        table = table[1:]
+    return found, place, table.shape[0]
+
+
+def half_made(table):
+    """`kept` has one definition, in a branch that is not always taken."""
+    total = 0.0
+    for i in range(table.shape[0]):
+        if table[i, 0] > 0.0:
+            kept = table[i, 1]
+            total += kept
+        elif i > 3:
+            total -= kept
+    return total
+
+
+def not_always(table):
+    """What a branch defines is used where the branches meet."""
+    if table[0, 0] > 0.0:
+        kept = 2.0 * table[0, 1]
+    return kept + 1.0 if table[0, 0] > 0.0 else table[1, 1]
+
+
+def swapped(table):
+    a, b = table[0, 0], table[0, 1]
+    for i in range(table.shape[0]):
+        a, b = b, a + table[i, 0]
+        if b > 100.0:
+            break
+    return a, b, i
+
+
+@pytest.mark.parametrize("function", [last_and_first, backwards, written, chosen, half_made, not_always, swapped])
+def test_tables_are_read_and_written_as_numba_does(function):
+    table = np.random.default_rng(3).normal(size=(7, 4))
+    mine, other = table.copy(), table.copy()
+    assert ours(function)(mine) == njit(error_model="numpy")(function)(other)
+    assert np.array_equal(mine, other)
+
+
+def test_narrow_and_short_tables():
+    """Numbers of four bytes, rows of length one, and an index without a sign."""
+
+    def picked(places, table):
+        total = 0.0
+        for i in range(places.shape[0]):
+            total += table[places[i], 0] * (1 + i)
+        return total + table[np.uint8(2), 0]
+
+    places, table = np.array([1, -1, 0], np.int32), np.arange(4.0).reshape(4, 1)
+    assert ours(picked)(places, table) == picked(places, table)
+
+
+@pytest.mark.parametrize("a", NUMBERS)
+@pytest.mark.parametrize("b", NUMBERS)
+def test_extremes_order_nan_and_signs_of_zero_as_python_does(a, b):
+    found = EXTREMES(a, b)
+    wanted = max(a, b), min(a, b), max(a, b, 1.0), min(2, int(a) if math.isfinite(a) else 0)
+    for mine, true in zip(found, wanted, strict=True):
+        assert (mine == true and math.copysign(1.0, mine) == math.copysign(1.0, true)) or (math.isnan(mine) and math.isnan(true))
+
+
+def extremes(a, b):
+    return max(a, b), min(a, b), max(a, b, 1.0), min(2, int(a) if math.isfinite(a) else 0)
+
+
+EXTREMES = ours(extremes)
+
+
+def test_references_are_counted():
+    """Arrays that a kernel makes, hands on and drops: none is lost, none is freed twice."""
+
+    def kept(count):
+        room, part = np.zeros(3), np.zeros(1)
+        for k in range(count):
+            fresh = np.full(3, float(k))
+            if k == 5:
+                part = fresh[:2]
+                continue
+            for j in range(k):
+                both = (fresh, room)
+                if j == 3:
+                    room = both[0]
+                    break
+            fresh[0] = room[1]
+        if count > 5:
+            return fresh, part
+        return room, part
+
+    compiled = ours(kept)
+    for _ in range(50):
+        whole, part = compiled(8)
+        assert list(whole) == [7.0, 7.0, 7.0] and list(part) == [5.0, 5.0]
+        assert list(compiled(0)[0]) == [0.0, 0.0, 0.0]
+    _nrt_python.memsys_enable_stats()
+    before = rtsys.get_allocation_stats()
+    for _ in range(10):
+        compiled(8)
+    after = rtsys.get_allocation_stats()
+    assert after.alloc - before.alloc == after.free - before.free > 0
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free > 0
+
+
+def test_functions_of_others_may_use_all_of_python():
+    """Closures and `with` blocks: what our own kernels never do."""
+
+    @njit(**{key: value for key, value in OTHERS.items() if key != "cache"})
+    def sums(table):
+        def twice(x):
+            return 2.0 * x
+
+        return [twice(x) for x in table[0]]
+
+    assert sums(np.arange(6.0).reshape(2, 3)) == [0.0, 2.0, 4.0]
+
+
+@pytest.mark.parametrize("options", [OPTIONS, OTHERS])
+def test_parallel_loops_are_shared_out(options):
+    """Our shorter list of passes once left out the one that shares loops out, and nothing but the clock told."""
+
+    def shared(found):
+        for k in prange(found.shape[0]):
+            found[k] = k
+
+    found = np.zeros(64)
+    compiled = njit(parallel=True, **{key: value for key, value in options.items() if key != "cache"})(shared)
+    compiled(found)
+    assert list(found) == list(range(64))
+    (made,) = compiled.overloads.values()
+    assert len(made.metadata["parfor_diagnostics"].initial_parfors) == 1
+
+
+KINDS = {"table": types.Array(types.float64, 2, "C"), "places": types.Array(types.int32, 1, "C"), "number": types.int64}
+
+
+
+def test_a_context_tells_of_tables_and_numbers():
+    names = namedtuple("names", tuple(KINDS))
+    context_of = known(KINDS, names)
+
+    @njit(types.float64(types.Array(types.int64, 1, "C")), error_model="numpy", **NO_COUNTS)
+    def total(context):
+        found = context_of(context)
+        found.table[1, 0] = 5.0
+        return found.table[1, 2] + found.places[1] + found.number + found.table.shape[0] * 100.0 + found.table.size * 1000.0
+
+    table, places = np.arange(6.0).reshape(2, 3), np.array([7, 8], np.int32)
+    given = names(table, places, 9)
+    assert total(told(expected(KINDS), given)) == 5.0 + 8.0 + 9.0 + 200.0 + 6000.0
+    assert table[1, 0] == 5.0
+    for wrong in (given._replace(places=places.astype(np.int64)), given._replace(table=table.T), given._replace(table=places)):
+        with pytest.raises(TypeError, match="the step takes"):
+            told(expected(KINDS), wrong)
