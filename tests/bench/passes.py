@@ -22,7 +22,7 @@ from thirdbody.kernels import layout as at
 from thirdbody.kernels.bodies import BODIES, FLAT, PAIRED
 from thirdbody.kernels.contacts import GROUP
 from thirdbody.kernels.options import NO_COUNTS
-from thirdbody.kernels.step import effects_at, law_at
+from thirdbody.kernels.work import effects_at, law_at
 
 kernel = njit(error_model="numpy", **NO_COUNTS)
 

@@ -3,7 +3,6 @@
 import math
 from collections import namedtuple
 
-import numba
 import numpy as np
 import pytest
 from numba import njit, prange, types
