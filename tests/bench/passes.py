@@ -129,12 +129,13 @@ class Tables:
         self.slots, self.physics, self.at = s.slots, s.physics, integrator
         self.S, self.B, self.H, self.F = s.S.copy(), s.B.copy(), s.slots.H.copy(), s.slots.F.copy()
         self.sums, self.moves, self.closed = integrator.sums.copy(), integrator.moves.copy(), s.slots.closed.copy()
-        self.room, self.marks = np.empty_like(integrator.room), np.empty((2, max(s.slots.count + 4, BODIES)), np.int32)
+        self.room = np.empty_like(integrator.room)
+        self.marks = np.empty((2, max(s.slots.count + staging.SPARE, BODIES)), np.int32)
         self.overlaps = np.full(s.slots.n_plates, 1e-9)  # m; what a plate's contact costs does not depend on it
         self.h, self.groups = len(s.physics.history), len(s.slots.lowest)
         fields = (at.I_HISTORY + self.h + at.J_COLS, at.O_HISTORY + self.h + at.Q_COLS, at.G_COLS)
         self.I, self.O, self.G = (np.zeros(n * at.TILE) for n in fields)
-        behind = [max(s.slots.count - 1, 0)] * 3  # a tile is read to a full four
+        behind = [max(s.slots.count - 1, 0)] * staging.SPARE  # as far as it is looked ahead
         self.touching = np.append(np.flatnonzero(self.closed), behind).astype(np.int32)
         self.flat, self.paired = self._tiles(FLAT), self._tiles(PAIRED)
         self.tiles = np.concatenate((self.flat, self.paired))
@@ -145,7 +146,7 @@ class Tables:
         """Where each tile begins in the list of those that touch, and how many it has: as a step cuts them, group by group."""
         found = []
         for g in range(self.groups):
-            first, last = np.searchsorted(self.touching[:-3], ends(g, self.slots.cuts, side))
+            first, last = np.searchsorted(self.touching[: -staging.SPARE], ends(g, self.slots.cuts, side))
             found += [(t, min(at.TILE, last - t)) for t in range(first, last, at.TILE)]
         return np.array(found, np.int64).reshape(-1, 2)
 
@@ -190,11 +191,12 @@ def staging_of(k: Tables) -> list[Pass]:
     """Rows to fields: of both spheres all columns but the arm, the axis and the mark of the contact, its history."""
     slots, h = k.slots, k.h
     listed, kept = (slots.own, slots.partner, slots.kind), k.S.nbytes + k.H.nbytes + 12 * slots.count
+    pairs = (slots.own, slots.partner, k.state.body, slots.kind)
     flat = (k.overlaps, 0, *listed, k.S, k.state.P, k.H, 0.0, 0.0, k.I, k.G, h)
     return [
         slotted(k, "stage, plates", contacts.stage_plates, k.flat, flat,
                 16 + 8 * (14 + 4 + 36 + 2 * h), kept, staging.stage_plate, 1),
-        slotted(k, "stage, pairs", staging.stage_pairs, k.paired, (*listed, k.S, k.H, k.I, k.G, h),
+        slotted(k, "stage, pairs", staging.stage_pairs, k.paired, (*pairs, k.S, k.B, k.H, k.I, k.G, h),
                 16 + 8 * (40 + 4 + 30 + 2 * h), kept, staging.stage_pairs, 4),
     ]  # fmt: skip
 

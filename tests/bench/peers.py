@@ -1,7 +1,7 @@
 """Our explicit engine and the C++ engines on the same scenes, in turn.
 
     python tests/bench/peers.py [--scenes S16000,S64000,C2000,C10000,T2000] [--cores 1,2] [--rounds 5] [--peers DIR] [-o FILE]
-    python tests/bench/peers.py --startup | --small | --profile [--scenes S2000,C2000] [-o FILE]
+    python tests/bench/peers.py --startup | --small | --profile | --guards [--scenes S2000,C2000] [-o FILE]
 
 DIR is a copy of the peers' folder, set up as its README says (`scripts/`, `configs/`, `venv/`); without it ours runs alone, on
 the scenes that it can make itself (S). S64000@2x2 is that scene side by side with copies of itself, which peers do not run.
@@ -18,8 +18,8 @@ T, where pinched clumps jump free, to 10 % (YADE's are those of the bodies' tran
 
 The other parts: --startup tells the seconds to the first step of a new and of a used cache, and of `thirdbody --help`; --small
 the time per step of 1 to 1000 bodies; --profile what one core of this machine can do, and for every pass of the step how near it
-comes to that. Timings mean something on an idle machine: CPU is the
-least share of the processor that a run got.
+comes to that; --guards what the guards of a run cost, by our engine with and without them in turn (`guards.py` tells what is
+taken out). Timings mean something on an idle machine: CPU is the least share of the processor that a run got.
 """
 
 from __future__ import annotations
@@ -36,6 +36,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from guards import SCENES as GUARDED
+from guards import measure_guards, print_guards
 from limits import measure_limits, print_limits
 from machine import machine
 from ours import REPS, STEPS, WARM, tiles
@@ -85,7 +87,11 @@ def main() -> None:
     if asked.small:
         told["small"] = measure_small(asked.rounds)
         print_small(told["small"], console)
-    if not (asked.profile or asked.startup or asked.small):
+    if asked.guards:
+        asked.cores = "1"
+        told["guards"] = measure_guards(cases(asked), asked.rounds, asked.peers)
+        print_guards(told["guards"], console)
+    if not (asked.profile or asked.startup or asked.small or asked.guards):
         told |= part_peers(asked, console)
     told["load_at_end"] = machine()["load"]
     if asked.output:
@@ -95,7 +101,7 @@ def main() -> None:
 def arguments() -> argparse.Namespace:
     """What the command line asks for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--scenes", help=f"default {SCENES}, with --profile {PROFILED}")
+    parser.add_argument("--scenes", help=f"default {SCENES}, with --profile {PROFILED}, with --guards {GUARDED}")
     parser.add_argument("--cores", default="1", help="1, 2 or 1,2 (default %(default)s)")
     parser.add_argument("--rounds", type=int, default=5, help="default %(default)s")
     parser.add_argument("--peers", metavar="DIR", type=Path, default=os.environ.get("THIRDBODY_PEERS"))
@@ -106,10 +112,11 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--startup", action="store_true", help="measure the start instead")
     parser.add_argument("--small", action="store_true", help="measure the cost of a step of few bodies instead")
     parser.add_argument("--profile", action="store_true", help="measure the machine and the passes of a step instead")
+    parser.add_argument("--guards", action="store_true", help="measure what the guards of a run cost instead")
     parser.add_argument("-o", dest="output", metavar="FILE", help="write all figures there")
     asked = parser.parse_args()
     asked.peers = Path(asked.peers) if asked.peers else None
-    asked.scenes = asked.scenes or (PROFILED if asked.profile else SCENES)
+    asked.scenes = asked.scenes or (PROFILED if asked.profile else GUARDED if asked.guards else SCENES)
     return asked
 
 

@@ -84,7 +84,7 @@ from .layout import (
 from .options import BARE, BARE_CHUNK
 from .periodic import image, inverse, nearest_image
 from .rolling import MOMENTS, add_moments, record_rolling, stage_rolling
-from .staging import meet, push, slide, stage_pairs, stage_plate, turn_frames
+from .staging import SPARE, meet, push, slide, stage_pairs, stage_plate, turn_frames
 from .surface import partner_velocity, surface_velocity
 
 GROUP = 4
@@ -99,7 +99,7 @@ SUM_COLS = 16
 def room_for(n_history, longest):
     """Scratch of a thread for chunks of at most `longest` slots: numbers of floats and of marks."""
     fields = I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS + G_COLS
-    return fields * TILE + longest, 2 * longest + 8
+    return fields * TILE + longest, 2 * (longest + SPARE)
 
 
 @njit(**BARE)
@@ -153,7 +153,7 @@ def measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
 def sort_out(first, last, g, closed, touching, opened):
     """List the candidates that touch, and those that did a step ago but do no more; returns how many of each.
 
-    `closed` remembers who touches. Behind those that touch the list goes on with the last of them, to a full four.
+    `closed` remembers who touches. Behind those that touch the list goes on with the last of them, as far as it is looked ahead.
     """
     m, o = np.int64(0), np.int64(0)
     for k in range(first, last):
@@ -162,7 +162,7 @@ def sort_out(first, last, g, closed, touching, opened):
         closed[k] = on
         m += on
         o += was * (1 - on)
-    for e in range(m, m + 3):
+    for e in range(m, m + SPARE - 1):
         touching[e] = touching[max(m - 1, 0)]
     return m, o
 
@@ -355,7 +355,7 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
     """
     begin, end = (I_HISTORY + n_history + J_COLS) * TILE, (I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS) * TILE
     I, O, G, g = room[:begin], room[begin:end], room[end : end + G_COLS * TILE], room[end + G_COLS * TILE :]  # noqa: E741
-    slots, opened = marks[: last - first + 4], marks[last - first + 4 :]
+    slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
     c_x, c_y = inverse(l_x), inverse(l_y)
     if flat:
         measure_plates(first, last, own, partner, S, P, g)
@@ -370,7 +370,7 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
         if flat:
             stage_plates(count, slots, t, g, first, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history)
         else:
-            stage_pairs(count, slots, t, own, partner, kind, S, H, I, G, n_history)
+            stage_pairs(count, slots, t, own, partner, body, kind, S, B, H, I, G, n_history)
             meet(count, dt, l_x, l_y, c_x, c_y, I, G)
         turn_frames(count, dt, G)
         slide(count, dt, I, G)

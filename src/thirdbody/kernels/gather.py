@@ -5,7 +5,7 @@ from numba import njit
 
 from .bodies import BODIES, GUESTS, MOVE_POWER, spin_body
 from .contacts import push_body
-from .four import above, load, spread, store
+from .four import AHEAD, above, fetch, load, spread, store
 from .layout import (
     B_EF,
     B_ET,
@@ -65,6 +65,7 @@ def act(c, first, last, B, dt, time, effects, effect_parameters, moves):
 def collect(first, last, guests, F, B):
     """Add what the contacts of other groups did to their partners, rows first to last of F, in that order."""
     for f in range(first, last):
+        fetch(B, np.uint64(guests[min(f + AHEAD, last - 1)]), np.int64(B_F))
         push_body(np.uint64(guests[f]), B, load(F, f, F_F), load(F, f, F_T))
 
 

@@ -10,8 +10,9 @@ import math
 import numpy as np
 from numba import njit
 
-from .four import lane, load, of, put, splat, transposed
+from .four import AHEAD, fetch, lane, load, of, put, splat, transposed
 from .layout import (
+    B_F,
     G_ARM_I,
     G_ARM_J,
     G_D,
@@ -62,6 +63,9 @@ AT_END = (G_V - G_U) * TILE
 
 TO_END = S_V - S_U
 """The same for the columns of spheres."""
+
+SPARE = AHEAD + 4
+"""Places behind a list of contacts, which are read before somebody sees that they are not needed."""
 
 
 @njit(**BARE)
@@ -148,12 +152,26 @@ def stage_memory(q, k, kind, H, I, G, n_history):  # noqa: E741
         put(I, q + (I_HISTORY + h) * TILE, of(H[k[0], H_LAW + h], H[k[1], H_LAW + h], H[k[2], H_LAW + h], H[k[3], H_LAW + h]))
 
 
+@njit(**BARE)
+def foretell(p, slots, partner, body, S, B, H):
+    """Ask for what the four contacts from place p of the list will need: a partner may lie anywhere."""
+    for e in range(p, p + 4):
+        k = np.uint64(slots[e])
+        j = np.uint64(partner[k])
+        fetch(S, j, np.int64(S_W))
+        fetch(S, j, np.int64(S_O))
+        fetch(H, k, np.int64(H_E))
+        fetch(H, k, np.int64(H_LAW))
+        fetch(B, np.uint64(body[j]), np.int64(B_F))
+
+
 @njit(**BARE_CHUNK)
-def stage_pairs(n, slots, first, own, partner, kind, S, H, I, G, n_history):  # noqa: E741
-    """Put the contacts between spheres, slots[first:first + n], into the first places, four by four; behind the last of them up
-    to three more slots are read."""
+def stage_pairs(n, slots, first, own, partner, body, kind, S, B, H, I, G, n_history):  # noqa: E741
+    """Put the contacts between spheres, slots[first:first + n], into the first places, four by four; behind the last of them
+    `SPARE` - 1 more slots are read."""
     for q in range(0, n, 4):
         p = first + q
+        foretell(p + AHEAD, slots, partner, body, S, B, H)
         k = np.uint64(slots[p]), np.uint64(slots[p + 1]), np.uint64(slots[p + 2]), np.uint64(slots[p + 3])
         i = np.uint64(own[k[0]]), np.uint64(own[k[1]]), np.uint64(own[k[2]]), np.uint64(own[k[3]])
         j = np.uint64(partner[k[0]]), np.uint64(partner[k[1]]), np.uint64(partner[k[2]]), np.uint64(partner[k[3]])
