@@ -63,9 +63,10 @@ def run(
 def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False) -> Simulation:
     """The simulation of a scene, compiled and in place at time zero. Raises UsageError and InputError."""
     from .laws.registry import discover
-    from .warm import begin, warm_up
+    from .warm import begin, tell, warm_up
 
     begin()
+    tell()
     registry = discover(tuple(plugins))
     from .scene.build import build
 

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from typing import Any
 
 from . import cache
 
@@ -25,10 +26,11 @@ PROCESSES = 4
 """At most: the passes of a step alone take longer than a fourth of the rest."""
 
 COLD = 1
-"""LLVM's level for all but the passes of a step: compiles in 0.9 of the time, and no bit of a result depends on it."""
-
+"""LLVM's level for all but the passes of a step: compiles in 0.8 of the time, and no bit of a result depends on it."""
 
 _begun: tuple[int, list[subprocess.Popen[bytes]]] | None = None
+_usual: Any = None
+"""numba's own level, while ours is set."""
 
 
 def begin() -> None:
@@ -41,6 +43,14 @@ def begin() -> None:
     os.close(end)
     _begun = queue, [_helper(queue) for _ in range(min(_cores(), PROCESSES) - 1)]
     atexit.register(_end)
+    gc.disable()  # the compiler makes millions of objects and few cycles: a tenth of its time
+    _quickly()
+
+
+def tell() -> None:
+    """Say at a terminal why the start takes longer than it will the next time."""
+    if _begun is not None and sys.stderr.isatty():
+        print("thirdbody: first start of this version, compiling ...", file=sys.stderr, flush=True)
 
 
 def warm_up() -> None:
@@ -48,32 +58,44 @@ def warm_up() -> None:
     begin()
     if _begun is None:
         return
-    if sys.stderr.isatty():
-        print("thirdbody: first start of this version, compiling ...", file=sys.stderr, flush=True)
     queue, others = _begun
-    gc.disable()  # the compiler makes millions of objects and few cycles: a tenth of its time
     try:
         work_off(queue)
         if _all_done(others):
             (cache.folder() / MARK).touch()
     finally:
-        gc.enable()
         _end()
 
 
 def work_off(queue: int) -> None:
     """Compile the units that the queue still holds."""
+    _quickly()
+    while taken := os.read(queue, 1):
+        unit = UNITS[taken[0]]
+        if unit is _work:
+            _thoroughly()
+        unit()
+        _quickly()
+
+
+def _quickly() -> None:
+    """From now on numba compiles in little time."""
+    global _usual
     cache.folder()
     import numba
 
-    usual = numba.config.OPT  # type: ignore[attr-defined]
-    try:
-        while taken := os.read(queue, 1):
-            unit = UNITS[taken[0]]
-            numba.config.OPT = usual if unit is _work else type(usual)(min(COLD, usual))  # type: ignore[attr-defined]
-            unit()
-    finally:
-        numba.config.OPT = usual  # type: ignore[attr-defined]
+    if _usual is None:
+        _usual = numba.config.OPT  # type: ignore[attr-defined]
+        numba.config.OPT = type(_usual)(min(COLD, _usual))  # type: ignore[attr-defined]
+
+
+def _thoroughly() -> None:
+    """From now on numba compiles as it does by itself."""
+    global _usual
+    if _usual is not None:
+        import numba
+
+        numba.config.OPT, _usual = _usual, None  # type: ignore[attr-defined]
 
 
 def _end() -> None:
@@ -81,6 +103,9 @@ def _end() -> None:
     global _begun
     if _begun is None:
         return
+    _thoroughly()
+    gc.freeze()  # what numba keeps: to go through it once would take half a second
+    gc.enable()
     queue, others = _begun
     _begun = None
     os.close(queue)

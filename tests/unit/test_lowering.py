@@ -78,6 +78,29 @@ def not_always(table):
     return kept + 1.0 if table[0, 0] > 0.0 else table[1, 1]
 
 
+def stepped(table):
+    """Loops of any step and bound, of numbers of any width, left and gone on with."""
+    total, n = 0.0, table.shape[0]
+    for start in range(-2, 3):
+        for k in range(start, n, 2):
+            total = 2.0 * total + k
+        for k in range(n, start, -3):
+            total = 2.0 * total - k
+            if k == 4:
+                continue
+        for k in range(start):
+            total += 0.5 * k
+        for _ in range(n - start, n):
+            total *= 1.25
+        for k in range(start, start + 7, n):
+            total += k
+            if total > 1e6:
+                break
+        for k in range(np.int32(start), np.int32(5)):
+            total += k
+    return total, k
+
+
 def swapped(table):
     a, b = table[0, 0], table[0, 1]
     for i in range(table.shape[0]):
@@ -87,7 +110,7 @@ def swapped(table):
     return a, b, i
 
 
-@pytest.mark.parametrize("function", [last_and_first, backwards, written, chosen, half_made, not_always, swapped])
+@pytest.mark.parametrize("function", [last_and_first, backwards, written, chosen, half_made, not_always, stepped, swapped])
 def test_tables_are_read_and_written_as_numba_does(function):
     table = np.random.default_rng(3).normal(size=(7, 4))
     mine, other = table.copy(), table.copy()
@@ -169,6 +192,17 @@ def test_functions_of_others_may_use_all_of_python():
         return [twice(x) for x in table[0]]
 
     assert sums(np.arange(6.0).reshape(2, 3)) == [0.0, 2.0, 4.0]
+
+
+def test_functions_of_others_may_use_linear_algebra():
+    """SciPy's, which is not imported before somebody needs it."""
+
+    @njit(**{key: value for key, value in OTHERS.items() if key != "cache"})
+    def solved(a, b):
+        return np.dot(a, np.linalg.solve(a, b))
+
+    a, b = np.array([[2.0, 1.0], [1.0, 3.0]]), np.array([1.0, 2.0])
+    assert np.allclose(solved(a, b), b, atol=1e-14)  # some ulp: the matrix is well conditioned
 
 
 @pytest.mark.parametrize("options", [OPTIONS, OTHERS])

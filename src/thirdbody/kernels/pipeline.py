@@ -165,6 +165,23 @@ class Taken(Inner):
         return _whole(self.state)
 
 
+def _trust_scipy() -> None:
+    """Let numba take for granted that SciPy has a BLAS, as we depend on it: to look takes a fifth of a start, and whatever needs
+    the BLAS looks again."""
+    from numba.np import linalg
+
+    look = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = look
+
+
+if numba.__version__.startswith(TESTED):
+    _trust_scipy()
+
+
 def way(pipeline: type[compiler.CompilerBase]) -> dict[str, Any]:
     """Options that compile by this pipeline, if this version of numba is one that it was tested with."""
     return {"pipeline_class": pipeline} if numba.__version__.startswith(TESTED) else {}
