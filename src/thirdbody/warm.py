@@ -83,8 +83,10 @@ def _quickly() -> None:
     global _usual
     cache.folder()
     import numba
+    from numba.core.registry import cpu_target
 
     if _usual is None:
+        cpu_target.target_context.codegen()  # made now, it writes machine code at the usual level for ever
         _usual = numba.config.OPT  # type: ignore[attr-defined]
         numba.config.OPT = type(_usual)(min(COLD, _usual))  # type: ignore[attr-defined]
 
