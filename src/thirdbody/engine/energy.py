@@ -23,9 +23,9 @@ def stored(state: State) -> Stored:
     kinetic += 0.5 * float(np.sum(B[:, at.B_L : at.B_L + 3] * B[:, at.B_W : at.B_W + 3]))
     kinetic += 0.5 * float(np.sum(P[:, at.P_FREE] * P[:, at.P_MASS] * P[:, at.P_V] ** 2))
     loaded = state.slots.H[:, at.H_ON] > 0.0
-    R = state.slots.R[loaded]
+    R = state.slots.R
     springs = 0.5 * float(np.sum(P[:, at.P_SPRING] * (P[:, at.P_Z] - P[-1, at.P_Z]) ** 2))
-    return kinetic, float(R[:, at.R_STORED_N].sum()), float(R[:, at.R_STORED_T].sum()), springs
+    return kinetic, float(R[loaded, at.R_STORED_N].sum()), float(R[loaded, at.R_STORED_T].sum()), springs
 
 
 class Ledger:
