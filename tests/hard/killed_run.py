@@ -42,7 +42,7 @@ def die_at(last: int) -> None:
         setattr(owner, name, call)
 
     # data of a frame, its count, its time, flush; header and data of HDF5; checkpoint: data, fsync, replace
-    places = [(Block, "append"), (Block, "count_frames"), (Block, "add_time"), (h5py.File, "flush"), (Sink, "write"),
+    places = [(Block, "append"), (Block, "count_frames"), (Block, "add_time"), (h5py.File, "flush"), (Sink, "put"),
               (np, "savez"), (os, "fsync"), (os, "replace")]  # fmt: skip
     for owner, name in places:
         watched(owner, name)

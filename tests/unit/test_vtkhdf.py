@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import subprocess
 import sys
-import time
 from collections import namedtuple
 from pathlib import Path
 
@@ -16,7 +14,7 @@ import numpy as np
 import pytest
 
 from thirdbody.errors import InputError, OutputError
-from thirdbody.output import block, sink, vtkhdf
+from thirdbody.output import block, vtkhdf
 from thirdbody.output.paraview import write_paraview_files, write_sidecars
 from thirdbody.output.run import open_run
 from thirdbody.output.schema import BLOCKS, Frame
@@ -189,13 +187,13 @@ def test_a_scene_without_plates_has_no_polygons(tmp_path):
 def test_vtk_reads_the_file_as_a_kill_between_any_two_flushes_leaves_it(tmp_path, monkeypatch):
     """VTK reads all `Values` into a buffer of `NSteps`: with one more it corrupts its heap."""
     path, copies = tmp_path / "run.vtkhdf", []
-    flush = h5py.File.flush
+    flush = TrajectoryWriter._flush
 
-    def flush_and_copy(file):
-        flush(file)
+    def flush_and_copy(writer):
+        flush(writer)
         copies.append(shutil.copy(path, tmp_path / f"{len(copies)}.vtkhdf"))
 
-    monkeypatch.setattr(h5py.File, "flush", flush_and_copy)
+    monkeypatch.setattr(TrajectoryWriter, "_flush", flush_and_copy)
     with TrajectoryWriter(path, HEADER, STATIC) as writer:
         for number in range(4):
             writer.append(make_frame(number))
@@ -211,56 +209,6 @@ def test_vtk_reads_the_file_as_a_kill_between_any_two_flushes_leaves_it(tmp_path
         for number in range(frames if frames > 1 else 0):
             for name, data in zip(BLOCKS, vtk_blocks(copy, number), strict=True):
                 assert_same_as_vtk(data, name, number)
-
-
-class Journal(sink.Sink):
-    """Notes every write and every change of size with the number of frames that were committed by then."""
-
-    notes: list[tuple] = []
-    writer: TrajectoryWriter | None = None
-
-    def write(self, data):
-        self.notes.append((Journal.writer.frames if Journal.writer else 0, self.tell(), bytes(data)))
-        return super().write(data)
-
-    def truncate(self, size=None):
-        self.notes.append((Journal.writer.frames if Journal.writer else 0, size, None))
-        return super().truncate(size)
-
-
-def test_a_kill_after_any_single_write_leaves_the_committed_frames(tmp_path, monkeypatch):
-    """The file as it is after the first n writes: around every header and change of size, and now and then between."""
-    monkeypatch.setattr(vtkhdf, "Sink", Journal)
-    monkeypatch.setattr(Journal, "notes", [])
-    writer = TrajectoryWriter(tmp_path / "run.vtkhdf", HEADER, STATIC)
-    monkeypatch.setattr(Journal, "writer", writer)
-    for number in range(260):  # counts and times begin their second chunk at 256, arrays at 21 and later
-        writer.append(make_frame(number))
-    notes = list(Journal.notes)
-    writer.close()
-    edges = {n + k for n, (_, place, data) in enumerate(notes) if data is None or place == 0 for k in (0, 1)}
-    torn, checked, faults = tmp_path / "torn.vtkhdf", 0, []
-    with open(torn, "wb", buffering=0) as file:
-        for n, (told, place, data) in enumerate(notes):
-            if data is None:
-                file.truncate(place)
-            else:
-                file.seek(place)
-                file.write(data)
-            # Before the first frame stands there is none to lose. In between all is as in the first frames.
-            if not (1 <= told < 26 or told >= 254) or (n not in edges and n % 41):
-                continue
-            checked += 1
-            try:
-                with open_run(torn) as run:
-                    assert run.frames in (told, told + 1)
-                    if run.frames:
-                        wanted = make_frame(run.frames - 1).clumps["quaternion"]
-                        np.testing.assert_array_equal(run.bodies(-1)["quaternion"], wanted)
-            except (InputError, AssertionError) as error:
-                faults.append((n, told, str(error)[:120]))
-    assert checked > 200
-    assert not faults, f"{len(faults)} of {checked}: {faults[:4]}"
 
 
 LIMITED = """
@@ -292,53 +240,6 @@ def test_a_write_that_the_system_refuses_keeps_what_it_says(tmp_path, limit):
         assert told > 0 and run.frames in (told, told + 1)
         wanted = make_frame(run.frames - 1).clumps["quaternion"]
         np.testing.assert_array_equal(run.bodies(-1)["quaternion"], wanted)
-
-
-WRITE_FOR_EVER = """
-import sys
-sys.path[:0] = [{tests!r}]
-from test_vtkhdf import HEADER, STATIC, make_frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
-writer = TrajectoryWriter(sys.argv[1], HEADER, STATIC)
-for number in range(100000):
-    writer.append(make_frame(number))
-    print(writer.frames, flush=True)
-"""
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no SIGKILL on this system")
-@pytest.mark.parametrize("delay", [0.0, 0.013, 0.05])
-def test_a_killed_writer_leaves_its_committed_frames(tmp_path, delay):
-    path = tmp_path / "run.vtkhdf"
-    code = WRITE_FOR_EVER.format(tests=os.path.dirname(__file__))
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    with subprocess.Popen(
-        [sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, env=environment
-    ) as process:
-        assert process.stdout is not None
-        for _ in range(10):
-            process.stdout.readline()
-        time.sleep(delay)
-        process.send_signal(signal.SIGKILL)
-        lines = process.stdout.read().split()
-    told = int(lines[-1]) if lines else 10
-    with open_run(path) as run:
-        # The frame being written when the signal came may have been committed, but not yet told.
-        assert run.frames in (told, told + 1)
-        last = run.frames - 1
-        np.testing.assert_array_equal(run.bodies(last)["quaternion"], make_frame(last).clumps["quaternion"])
-        frames = run.frames
-    # As small as the frames are, all of them lie in one chunk: the reader must still see these frames only.
-    assert_same_as_vtk(vtk_blocks(path, frames - 1)[1], "clumps", frames - 1)
-
-    with TrajectoryWriter.resume(path, 7) as writer:
-        assert writer.frames == 7
-        writer.append(make_frame(7))
-    with open_run(path) as run:
-        assert run.frames == 8
-    for number in (0, 6, 7):
-        for name, data in zip(BLOCKS, vtk_blocks(path, number), strict=True):
-            assert_same_as_vtk(data, name, number)
 
 
 def test_resume_drops_later_frames_and_goes_on(written):

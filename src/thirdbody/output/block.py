@@ -75,12 +75,10 @@ class Block:
             group.attrs["Version"] = np.array(VERSION, np.int64)
             group.attrs.create("Type", np.bytes_(b"PolyData"))
         self._data = group.require_group("PointData")
-        self._steps = group.require_group("Steps")
+        self._steps = group["Steps"]
         self._offsets = self._steps.require_group("PointDataOffsets")
         for name in ("CellData", "FieldData", "Steps/CellDataOffsets", "Steps/FieldDataOffsets"):
             group.require_group(name)
-        if "NSteps" not in self._steps.attrs:
-            self._steps.attrs["NSteps"] = np.int64(0)
         self._make_topology()
         self._static = {name: self._offset_column(name) for name in self._data}
         self._varying: dict[str, tuple[Column, Column]] = {}

@@ -14,6 +14,11 @@ leaves a file that reads to its last committed frame. Readers never look beyond 
 which are therefore written last (`Block.add_time`); the frames of `series` count with them and are the ones
 that our own reader trusts. (With `NSteps` 1 VTK takes a file for static: of a run killed within its second
 frame it shows both; ours shows the first.)
+
+A kill comes at any write of HDF5, or within one. VTK refuses a file whose blocks differ in `NSteps`: the four
+counts lie in one page of the file and reach it by one write. No header crosses the end of a page, where a kill
+may tear a write in two (half of a new header after half of an old one does not sum to its checksum, and nothing
+below it can be read). In which order the writes of a flush are safe: `Sink.in_order`.
 """
 
 from __future__ import annotations
@@ -32,7 +37,7 @@ import numpy as np
 from thirdbody.errors import InputError, OutputError
 from thirdbody.output.block import VERSION, Block, Column, growing
 from thirdbody.output.schema import BLOCKS, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
-from thirdbody.output.sink import Sink
+from thirdbody.output.sink import PAGE, Sink
 
 # The lowest format that has the indices of growing data sets; `latest` leaves an open flag when a run is
 # killed, and such a file does not open.
@@ -123,9 +128,12 @@ class TrajectoryWriter:
     def _open(self, mode: str, rows: Mapping[str, int]) -> None:
         # No chunk cache: it would write every chunk whole at every flush (23 -> 10 ms per frame of 8 MB).
         self._sink = Sink(self.path, "w+" if mode == "w" else mode)
-        self._file = h5py.File(self._sink, mode, libver=FORMAT, rdcc_nbytes=0)
+        pages = {"fs_strategy": "page", "fs_page_size": PAGE} if mode == "w" else {}
+        self._file = h5py.File(self._sink, mode, libver=FORMAT, rdcc_nbytes=0, **pages)
         if mode == "w":
             self._file.create_group("VTKHDF", track_order=True)
+            for name in BLOCKS:  # before anything else, so that they lie in one page
+                self._file["VTKHDF"].create_group(f"{name}/Steps").attrs["NSteps"] = np.int64(0)
         root = self._file["VTKHDF"]
         bodies = rows.get("clumps", 1)
         ahead = {"spheres": rows.get("spheres", 1), "clumps": bodies, "contacts": 4 * bodies, "plates": 8}
@@ -182,7 +190,8 @@ class TrajectoryWriter:
     def _flush(self) -> None:
         # Each flush cuts the hole off again, and the counts and times may begin new chunks after the data did.
         self._sink.reserve(HOLE_BYTES)
-        self._file.flush()
+        with self._sink.in_order():
+            self._file.flush()
         self._sink.check()
 
     def _require_space(self, nbytes: int) -> None:
