@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import zipfile
 from collections.abc import Iterable
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .engine.snapshot import Snapshot
+from .engine.snapshot import LARGEST, Snapshot
 from .errors import Fault, InputError, OutputError
 from .kernels import layout as at
 
@@ -29,9 +30,6 @@ FILE = "checkpoint.npz"
 VERSION = 1
 NOTES = "notes"
 THE_VERSION = "the version"
-
-LARGEST = 1e100
-"""No number of a run is larger in SI; such ones, and what is no number, would lead compiled loops out of their tables."""
 
 
 @dataclass
@@ -132,13 +130,13 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         raise InputError(f"{path}: no checkpoint, so this run cannot go on; run the scene again")
     try:
         arrays = _arrays(path)
-        notes = json.loads(arrays.pop(NOTES).tobytes(), parse_constant=_no_number)
+        notes = json.loads(arrays.pop(NOTES).tobytes(), parse_constant=_constant)
         if notes["version"] != VERSION:
             raise InputError(f"{path}: format {notes['version']}, this version reads {VERSION}")
         impulses = arrays.pop("impulses")
         if impulses.shape != (7,) or impulses.dtype != np.float64:
             raise ValueError("the impulses are no seven numbers")
-        _refuse_lies(notes)
+        _refuse_lies(notes, arrays)
         prints = {str(key): str(value) for key, value in notes["prints"].items()}
         return Checkpoint(
             str(notes["scene"]), str(notes["folder"]), prints, int(notes["frames"]), int(notes["stop"]),
@@ -154,16 +152,24 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         raise InputError(Fault("", f"is damaged ({what}); this run cannot go on", str(path))) from None
 
 
-def _no_number(word: str) -> None:
-    raise ValueError(f"holds {word}")
+def _constant(word: str) -> float:
+    """Infinity, which the stable step is where nothing touches; nothing else that is no number."""
+    if word != "Infinity":
+        raise ValueError(f"holds {word}")
+    return math.inf
 
 
-def _refuse_lies(notes: dict[str, Any]) -> None:
-    """Raise ValueError or TypeError for counts and times that no run has."""
-    for name in ("frames", "stop", "looks"):
-        if type(notes[name]) is not int or not 0 <= notes[name] < 2**31:
-            raise ValueError(f"{name}: {str(notes[name])[:40]}")
+def _refuse_lies(notes: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    """Raise KeyError, ValueError or TypeError for counts and times that no run has."""
     inner = notes["snapshot"]
+    counts = {name: notes[name] for name in ("frames", "stop", "looks")} | {name: inner[name] for name in ("searches", "plates")}
+    for name, count in counts.items():
+        if type(count) is not int or not 0 <= count < 2**31:
+            raise ValueError(f"{name}: {str(count)[:40]}")
+    A = arrays["A"]
+    # a run that stood before its start would be on its way there for ever
+    if A.shape != (at.A_COLS,) or not A[[at.A_TIME, at.A_DISTANCE, at.A_STEPS]].min() >= 0.0:
+        raise ValueError("its clock stands before the start")
     times = {"wall_time": notes["wall_time"], "dt": inner["dt"], "energy_start": inner["energy_start"]}
     for name, value in (times | {"energy_peak": inner["energy_peak"]}).items():
         if type(value) not in (int, float) or not 0.0 <= value <= LARGEST:

@@ -14,6 +14,7 @@ import pytest
 import thirdbody
 from thirdbody.checkpoint import FILE, NOTES
 from thirdbody.errors import InputError, Interrupted
+from thirdbody.kernels import layout as at
 from thirdbody.simulate import execute, prepare
 from thirdbody.take_up import prepare_resume
 
@@ -217,6 +218,90 @@ def test_forged_arrays_are_refused(copy):
             simulation, kept = prepare_resume(copy)
             execute(simulation, copy, kept=kept)
     assert (copy / "run.vtkhdf").is_file()
+
+
+def test_forged_numbers_that_no_run_has_are_refused(copy):
+    """Bodies without mass, and a clock before the start, from which a run would go on for ever."""
+    with np.load(copy / FILE) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    for name, columns in (("B", (at.B_MASS, at.B_I + 2)), ("S", (at.S_R, at.S_MASS)), ("P", (at.P_MASS,))):
+        for column in columns:
+            other = arrays[name].copy()
+            other[-1, column] = 0.0
+            forged(copy, **(arrays | {name: other}))
+            with pytest.raises(InputError, match=f"{name} holds other bodies or plates"):
+                simulation, kept = prepare_resume(copy)
+                execute(simulation, copy, kept=kept)
+    for column in (at.A_TIME, at.A_DISTANCE, at.A_STEPS):
+        other = arrays["A"].copy()
+        other[column] = -1.0
+        forged(copy, **(arrays | {"A": other}))
+        with pytest.raises(InputError, match="its clock stands before the start"):
+            prepare_resume(copy)
+    forged(copy, **(arrays | {"A": None}))
+    with pytest.raises(InputError, match="is damaged"):
+        prepare_resume(copy)
+
+
+@pytest.mark.parametrize(
+    ("key", "lie"),
+    [
+        ("tightest", None), ("bound", {}), ("tightest.step", "x"), ("tightest.step", -math.inf), ("tightest.mechanism", 3),
+        ("bound.stability", True), ("bound.step", 1e200), ("waiting", [None]), ("waiting", 1.0),
+    ],
+)  # fmt: skip
+def test_forged_notes_of_the_time_step_are_refused(copy, key, lie):
+    with np.load(copy / FILE) as archive:
+        arrays = {name: archive[name] for name in archive.files}
+    notes = json.loads(arrays[NOTES].tobytes())
+    *above, last = key.split(".")
+    node = notes["snapshot"]["integrator"]
+    for part in above:
+        node = node[part]
+    node[last] = lie
+    forged(copy, **(arrays | {NOTES: np.frombuffer(json.dumps(notes).encode(), np.uint8)}))
+    with pytest.raises(InputError, match="does not fit this scene|is damaged"):
+        simulation, kept = prepare_resume(copy)
+        execute(simulation, copy, kept=kept)
+
+
+RESTING = """
+scene = 1
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.30
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.30
+restitution = 0.60
+[[debris]]
+kind = "spheres"
+material = "steel"
+radius = "5 um"
+count = 3
+[domain]
+size = ["80 um", "60 um"]
+[plates]
+lower = {material = "steel"}
+[solver]
+duration = "1 us"
+integrator = "explicit"
+[output]
+every = "0.5 us"
+"""
+
+
+def test_a_run_in_which_nothing_touches_goes_on(tmp_path):
+    """Its stable step is infinite, which a checkpoint must be able to tell."""
+    scene = thirdbody.Scene.parse(RESTING)
+    execute(prepare(scene), tmp_path / "whole")
+    with pytest.raises(Interrupted):
+        execute(prepare(scene), tmp_path / "cut", stop=after(3))
+    simulation, kept = prepare_resume(tmp_path / "cut")
+    assert kept.snapshot.notes["integrator"]["bound"]["stability"] == math.inf
+    execute(simulation, tmp_path / "cut", kept=kept)
+    assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
 
 
 def test_a_trajectory_that_lost_frames_is_refused(copy):

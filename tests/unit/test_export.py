@@ -247,6 +247,16 @@ def test_a_folder_with_other_files_is_never_replaced(path, tmp_path, kind):
     assert (tmp_path / "mine" / "notes.txt").read_text() == "keep me"
 
 
+@pytest.mark.parametrize("held", ["/", "VTKHDF/contacts/Vertices"])
+def test_a_run_whose_groups_hold_themselves_is_not_packed_for_ever(path, tmp_path, held):
+    """By a hard link, which looks like any other group."""
+    with h5py.File(path, "r+") as file:
+        file["VTKHDF/contacts/Vertices/again"] = file[held]
+    with pytest.raises(InputError, match="damaged at /VTKHDF/contacts/Vertices/again .a group that holds itself."):
+        export(path, pack=tmp_path / "packed.vtkhdf")
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["run.vtkhdf"]
+
+
 def test_a_run_is_not_packed_onto_itself(path):
     before = path.read_bytes()
     with pytest.raises(OutputError, match="is the run itself"):

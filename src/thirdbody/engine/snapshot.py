@@ -5,12 +5,14 @@ What follows from the scene (shapes, laws, schedules) is not kept: the run is bu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ..kernels import layout as at
 from .energy import Ledger
 from .neighbours import slots_of
 from .state import Slots, State
@@ -21,6 +23,19 @@ if TYPE_CHECKING:
 
 FIXED = ("B", "S", "P", "A", "M", "X0")
 """Tables of a state whose shape follows from the scene."""
+
+GIVEN = {
+    "B": (at.B_MASS, at.B_ARM, at.B_BALL, at.B_I, at.B_I + 1, at.B_I + 2),
+    "S": (at.S_R, at.S_MASS, at.S_SIDE),
+    "P": (at.P_MASS, at.P_DAMPING, at.P_FREE, at.P_SPRING, at.P_LOAD0),
+}
+"""Columns that the scene decides on and a run leaves alone."""
+
+LARGEST = 1e100
+"""No number of a run is larger in SI; such ones, and what is no number, would lead compiled loops out of their tables."""
+
+SAME = 1e-9
+"""Relative: other versions of libraries may round the last digits of a mass elsewhere."""
 
 SLOTS = ("own", "partner", "H", "R")
 """What the candidates for contact are and remember."""
@@ -49,11 +64,13 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
 
 def put(kept: Snapshot, state: State, integrator: Explicit | Implicit, ledger: Ledger) -> None:
     """Put a freshly built run where the snapshot was taken. Raises ValueError where it does not fit, with the run as it was."""
-    own, _ = integrator.keep()
+    own, remembered = integrator.keep()
     wanted = {name: getattr(state, name) for name in FIXED} | {f"integrator_{name}": array for name, array in own.items()}
     check(kept.arrays, wanted)
+    _refuse_others(kept.arrays, state)
     slots = _slots(kept, state)
     notes = kept.notes
+    _refuse_unlike("integrator", notes["integrator"], remembered)
     state.dt, state.searches = float(notes["dt"]), int(notes["searches"])
     for name in FIXED:
         getattr(state, name)[:] = kept.arrays[name]
@@ -70,6 +87,33 @@ def check(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, np.ndarray]) ->
         found = arrays[name]
         if found.shape != array.shape or found.dtype != array.dtype:
             raise ValueError(f"{name} holds {found.dtype} {found.shape}, expected {array.dtype} {array.shape}")
+
+
+def _refuse_others(arrays: Mapping[str, np.ndarray], state: State) -> None:
+    """Raise ValueError for other bodies or plates than those of the scene: a mass of zero would make forces infinite."""
+    for name, columns in GIVEN.items():
+        for column in columns:
+            if not np.allclose(arrays[name][:, column], getattr(state, name)[:, column], rtol=SAME, atol=0.0):
+                raise ValueError(f"{name} holds other bodies or plates than the scene")
+
+
+def _refuse_unlike(name: str, told: Any, wanted: Any) -> None:
+    """Raise ValueError unless notes have the keys and kinds of those wanted."""
+    if isinstance(wanted, dict):
+        if not isinstance(told, dict) or told.keys() != wanted.keys():
+            raise ValueError(f"{name} has other notes than expected")
+        for key in wanted:
+            _refuse_unlike(key, told[key], wanted[key])
+    elif isinstance(wanted, list):  # of numbers, as many as it may be
+        if not isinstance(told, list):
+            raise ValueError(f"{name} is no list")
+        for one in told:
+            _refuse_unlike(name, one, 0.0)
+    elif isinstance(wanted, int | float) and not isinstance(wanted, bool):
+        if isinstance(told, bool) or not isinstance(told, int | float) or not (abs(told) <= LARGEST or told == math.inf):
+            raise ValueError(f"{name} is no number of a run")
+    elif type(told) is not type(wanted):
+        raise ValueError(f"{name} is no {type(wanted).__name__}")
 
 
 def _slots(kept: Snapshot, state: State) -> Slots:

@@ -43,7 +43,7 @@ def pack_run(run: Run, path: Path, overwrite: bool = False) -> None:
         rows = _committed_rows(run)
     with new_file(path, overwrite) as part, Sink(part, "w+") as sink:
         with _run_faults(run), h5py.File(sink, "w", libver=FORMAT) as copy:
-            _copy_group(run.file, copy, rows, sink)
+            _copy_group(run.file["/"], copy, rows, sink)
             for steps in [*(f"VTKHDF/{block}/Steps" for block in BLOCKS), "series"]:
                 copy[steps].attrs.modify("NSteps", np.int64(run.frames))
         sink.check()
@@ -78,14 +78,21 @@ def _committed_rows(run: Run) -> dict[str, int]:
     return rows
 
 
-def _copy_group(source: h5py.Group, target: h5py.Group, rows: dict[str, int], sink: Sink) -> None:
+def _copy_group(
+    source: h5py.Group, target: h5py.Group, rows: dict[str, int], sink: Sink, above: tuple[h5py.Group, ...] = ()
+) -> None:
+    """A group with all below it; `above`: the groups on the way to it, for one that holds itself has no end."""
     _copy_attributes(source, target)
     for name in source:
         link = source.get(name, getlink=True)
         if isinstance(link, h5py.SoftLink):
             target[name] = h5py.SoftLink(link.path)
         elif isinstance(source[name], h5py.Group):
-            _copy_group(source[name], target.create_group(name, track_order=_ordered(source[name])), rows, sink)
+            item = source[name]
+            if item == source or item in above:
+                raise InputError(f"{source.file.filename}: damaged at {source.name}/{name} (a group that holds itself)")
+            below = target.create_group(name, track_order=_ordered(item))
+            _copy_group(item, below, rows, sink, (*above, source))
         else:
             _copy_dataset(source[name], target, name, rows.get(source[name].name))
             sink.check()
