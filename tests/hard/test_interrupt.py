@@ -74,7 +74,7 @@ def test_a_run_cut_within_a_batch_goes_on_to_the_same_bits(tmp_path, monkeypatch
     with pytest.raises(Interrupted, match="thirdbody resume"):
         execute(simulation, tmp_path / "cut", stop=lambda: next(looks) > 20)
     times = simulation.integrator.totals[:, at.A_TIME]
-    assert len(set(times)) > 10  # bodies stopped on their way, each at a time of its own
+    assert len(set(times)) > 3  # bodies stopped on their way, each at a time of its own
     monkeypatch.setattr(implicit, "CALL", math.inf)
     simulation, kept = prepare_resume(tmp_path / "cut")
     execute(simulation, tmp_path / "cut", kept=kept, threads=1)

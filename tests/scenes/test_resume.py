@@ -265,6 +265,23 @@ def test_forged_notes_of_the_time_step_are_refused(copy, key, lie):
         execute(simulation, copy, kept=kept)
 
 
+@pytest.mark.parametrize(
+    ("table", "column", "lie"),
+    [("totals", at.A_TIME, -1e99), ("totals", at.A_STEPS, 1e99), ("memory", at.T_TRIES, 1e99)],
+)
+def test_forged_clocks_of_bodies_are_refused(tmp_path, table, column, lie):
+    """A body that stands at no time of the run, or cannot count its trials up, would go on for ever."""
+    folder = tmp_path / "cut"
+    assert cut("sliding_flakes mdr", folder, 1)
+    with np.load(folder / FILE) as archive:
+        other = archive[f"integrator_{table}"]
+    other[-1, column] = lie
+    forged(folder, **{f"integrator_{table}": other})
+    with pytest.raises(InputError, match=f"integrator_{table} holds times or counts that no run has"):
+        simulation, kept = prepare_resume(folder)
+        execute(simulation, folder, kept=kept)
+
+
 RESTING = """
 scene = 1
 [materials.steel]

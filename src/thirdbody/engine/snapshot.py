@@ -37,6 +37,15 @@ LARGEST = 1e100
 SAME = 1e-9
 """Relative: other versions of libraries may round the last digits of a mass elsewhere."""
 
+CLOCKS = {
+    "A": (at.A_TIME, at.A_DISTANCE, at.A_STEPS),
+    "integrator_totals": (at.A_TIME, at.A_DISTANCE, at.A_STEPS),
+    "integrator_memory": (at.T_CUTS, at.T_HARD, at.T_TRIES, at.T_ITERATIONS),
+}
+"""Columns that only grow, from zero; beyond LAST they would not, and a loop that waits for them would wait for ever."""
+
+LAST = 2.0**53
+
 SLOTS = ("own", "partner", "H", "R")
 """What the candidates for contact are and remember."""
 
@@ -68,6 +77,7 @@ def put(kept: Snapshot, state: State, integrator: Explicit | Implicit, ledger: L
     wanted = {name: getattr(state, name) for name in FIXED} | {f"integrator_{name}": array for name, array in own.items()}
     check(kept.arrays, wanted)
     _refuse_others(kept.arrays, state)
+    _refuse_clocks(kept.arrays)
     slots = _slots(kept, state)
     notes = kept.notes
     _refuse_unlike("integrator", notes["integrator"], remembered)
@@ -95,6 +105,14 @@ def _refuse_others(arrays: Mapping[str, np.ndarray], state: State) -> None:
         for column in columns:
             if not np.allclose(arrays[name][:, column], getattr(state, name)[:, column], rtol=SAME, atol=0.0):
                 raise ValueError(f"{name} holds other bodies or plates than the scene")
+
+
+def _refuse_clocks(arrays: Mapping[str, np.ndarray]) -> None:
+    """Raise ValueError for clocks and counters of the run, or of a body, that stand where none can."""
+    for name in CLOCKS.keys() & arrays.keys():
+        shown = np.atleast_2d(arrays[name])[:, CLOCKS[name]]
+        if not np.all((shown >= 0.0) & (shown < LAST)):
+            raise ValueError(f"{name} holds times or counts that no run has")
 
 
 def _refuse_unlike(name: str, told: Any, wanted: Any) -> None:
