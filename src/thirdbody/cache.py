@@ -15,6 +15,8 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
+from .collector import resting
+
 KEPT = 4
 """Folders of earlier versions that stay, so that switching between two checkouts does not recompile each time."""
 
@@ -40,7 +42,8 @@ def folder() -> Path:
     if _folder is None:
         # OpenMP's threads otherwise spin while they wait: with a busy neighbour a step took 12 ms instead of 0.5
         os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-        import numba
+        with resting("numba"):
+            import numba
 
         _folder = place()
         numba.config.CACHE_DIR = str(_folder)  # type: ignore[attr-defined]

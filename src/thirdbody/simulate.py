@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .checkpoint import Checkpoint
+from .collector import resting
 from .conduct import CHECKPOINT_EVERY, Conduct
 from .errors import GuardStop, Interrupted, OutputError, UsageError
 from .lock import held
@@ -67,10 +68,11 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
 
     begin()
     tell()
-    registry = discover(tuple(plugins))
-    from .scene.build import build
+    with resting("simulation"):
+        registry = discover(tuple(plugins))
+        from .scene.build import build
 
-    return build(scene, registry, force, warm_up)
+        return build(scene, registry, force, warm_up)
 
 
 def default_folder(scene: Scene) -> Path:

@@ -17,6 +17,8 @@ from collections.abc import Callable
 from typing import Any
 
 from . import cache
+from .collector import resting
+from .cores import cores
 
 MARK = "warm"
 PATIENCE = 300.0
@@ -41,9 +43,8 @@ def begin() -> None:
     queue, end = os.pipe()  # one byte per unit: reading one takes it, whoever reads
     os.write(end, bytes(range(len(UNITS))))
     os.close(end)
-    _begun = queue, [_helper(queue) for _ in range(min(_cores(), PROCESSES) - 1)]
+    _begun = queue, [_helper(queue) for _ in range(min(cores(), PROCESSES) - 1)]
     atexit.register(_end)
-    gc.disable()  # the compiler makes millions of objects and few cycles: a tenth of its time
     _quickly()
 
 
@@ -60,7 +61,8 @@ def warm_up() -> None:
         return
     queue, others = _begun
     try:
-        work_off(queue)
+        with resting("compiler"):
+            work_off(queue)
         if _all_done(others):
             (cache.folder() / MARK).touch()
     finally:
@@ -106,19 +108,12 @@ def _end() -> None:
     if _begun is None:
         return
     _thoroughly()
-    gc.freeze()  # what numba keeps: to go through it once would take half a second
-    gc.enable()
     queue, others = _begun
     _begun = None
     os.close(queue)
     for other in others:
         if other.poll() is None:
             other.terminate()
-
-
-def _cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _helper(queue: int) -> subprocess.Popen[bytes]:
@@ -153,7 +148,6 @@ def _search() -> None:
     from .kernels import layout as at
     from .kernels import search
     from .kernels.bodies import place_all
-    from .kernels.gather import tell
 
     S, P, H = np.zeros((1, at.S_COLS)), np.zeros((1, at.P_COLS)), np.zeros((0, 1))
     body, own, count = np.zeros(1, np.int64), np.zeros(0, np.int32), np.ones(3, np.int64)
@@ -162,7 +156,6 @@ def _search() -> None:
     search.pair_candidates(S, body, 1.0, 1.0, 0.0, np.zeros(3), np.ones(3), count, periodic, 0, own, own)
     search.carry_history(0, 0, own, own, H, 0, 0, own, own, H)
     search.incidences(0, own, own, 1)
-    tell(own, own, 0, H, np.zeros((0, at.B_COLS)))
     place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], np.zeros((0, at.B_COLS)))
 
 

@@ -10,7 +10,6 @@ Gauss-Legendre in t then converges geometrically. Lengths are in units of the la
 from __future__ import annotations
 
 import math
-import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import combinations
@@ -18,6 +17,7 @@ from itertools import combinations
 import numpy as np
 from numba import njit
 
+from ..cores import cores
 from .options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from .vectors import cross, dot
 
@@ -247,7 +247,7 @@ def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
     order is raised until the moments of two orders differ by less than tolerance; that difference, the error of the
     lower order, is kept.
     """
-    n, parts = R.shape[1], min(os.cpu_count() or 1, 1 + len(R) // FEW)
+    n, parts = R.shape[1], min(cores(), 1 + len(R) // FEW)
     ends = [k * len(R) // parts for k in range(parts + 1)]
 
     def part(k: int) -> None:

@@ -7,6 +7,8 @@ import platform
 from pathlib import Path
 from typing import Any
 
+from ..cores import cores
+
 
 def machine() -> dict[str, Any]:
     """Processor, cores that this process may use, load of the last minute when asked, system and versions."""
@@ -17,7 +19,7 @@ def machine() -> dict[str, Any]:
 
     return {
         "cpu": processor(),
-        "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+        "cores": cores(),
         "threads": 1,
         "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
         "system": f"{platform.system()} {platform.machine()}",
