@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from hashlib import sha256
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -16,6 +18,9 @@ from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.union import longest_links
 
 SPHERES = (4, 40)
+
+KEPT = 16
+"""Fits that are remembered: populations of one scene often share a mesh."""
 
 # Lengths in R, the radius of the ball of the same volume.
 _SAMPLES = 8000
@@ -62,14 +67,29 @@ class Fit:
         return max(self.to_spheres.maximum, self.to_mesh.maximum)
 
 
+_made: dict[Any, tuple[Clump, Fit]] = {}
+
+
 def clump_from_mesh(mesh: Mesh, n_spheres: int, seed: int = 0) -> tuple[Clump, Fit]:
     """Clump with the mesh's exact volume, centroid and inertia, whose spheres carry the contact, and how well they fit.
 
     Balls that touch the surface from inside (medial axis: Ma, Bae & Choi 2012, Vis. Comput. 28, 7) are chosen one by
     one, each where it helps most, then all centers and radii adjusted to the surface by least squares. The same mesh
-    and seed give the same clump; place, turn and unit of the mesh only enter by rounding.
+    and seed give the same clump, fitted once for all populations that ask for it; place, turn and unit of the mesh only enter
+    by rounding.
     InputError: n_spheres out of range, or spheres that do not connect.
     """
+    shape = sha256(mesh.vertices.tobytes()).digest(), sha256(mesh.faces.tobytes()).digest()
+    key = (*shape, mesh.name, n_spheres, seed)
+    if key not in _made:
+        if len(_made) == KEPT:
+            _made.clear()
+        _made[key] = _clump_of(mesh, n_spheres, seed)
+    return _made[key]
+
+
+def _clump_of(mesh: Mesh, n_spheres: int, seed: int) -> tuple[Clump, Fit]:
+    """`clump_from_mesh`, fitted anew."""
     least, most = SPHERES
     if not least <= n_spheres <= most:
         raise InputError(Fault("spheres", f"{n_spheres} is outside {least} to {most}, the spheres that stand for a mesh"))
