@@ -10,6 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from steel import STEEL
 
 import thirdbody
 from thirdbody.checkpoint import FILE, NOTES
@@ -282,16 +283,7 @@ def test_forged_clocks_of_bodies_are_refused(tmp_path, table, column, lie):
         execute(simulation, folder, kept=kept)
 
 
-RESTING = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.30
-restitution = 0.60
+RESTING = STEEL + """\
 [[debris]]
 kind = "spheres"
 material = "steel"

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from steel import STEEL
 from thirdbody_three_spot import THREE_SPOT
 
 from thirdbody.errors import OutputError, UsageError
@@ -22,17 +23,7 @@ from thirdbody.studies.convergence import convergence, falling, reference_error
 from thirdbody.studies.ladder import Base, Rung, ladder
 from thirdbody.studies.reduce import FEWEST, WIDER, reduced, thinned
 
-SCENE = """
-scene = 1
-title = "one ball"
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.6
+SCENE = STEEL + """\
 [[debris]]
 material = "steel"
 kind = "spheres"

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from steel import STEEL
 
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
 from thirdbody.bodies.table import load_bodies
@@ -19,16 +20,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.scene.populate import populate, sphere_centres
 from thirdbody.scene.units import parse
 
-TEXT = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.6
+TEXT = STEEL + """\
 [[debris]]
 material = "steel"
 kind = "file"

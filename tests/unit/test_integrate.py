@@ -9,6 +9,7 @@ import sys
 
 import numpy as np
 import pytest
+from steel import STEEL
 
 import thirdbody
 from thirdbody.errors import GuardStop, InputError
@@ -16,17 +17,7 @@ from thirdbody.scene.build import build
 from thirdbody.scene.model import Scene
 from thirdbody.simulate import prepare
 
-BALLS = """\
-scene = 1
-title = "balls"
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.30
-restitution = 0.60
+BALLS = STEEL + """\
 [[debris]]
 material = "steel"
 kind = "spheres"

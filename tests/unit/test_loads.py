@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 import pytest
+from steel import STEEL
 
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schedule import schedule
 
-TEXT = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.6
+TEXT = STEEL + """\
 [[debris]]
 material = "steel"
 kind = "spheres"

@@ -5,23 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
+from steel import STEEL
 
+from thirdbody.bodies.fit import clump_from_mesh
+from thirdbody.bodies.mesh import Mesh, load_mesh
 from thirdbody.errors import InputError
 from thirdbody.kernels import layout as at
 from thirdbody.laws.registry import discover
 from thirdbody.scene.build import build
 from thirdbody.scene.model import Scene
 
-TEXT = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.6
+TEXT = STEEL + """\
 [[debris]]
 material = "steel"
 kind = "mesh"
@@ -83,6 +77,17 @@ def test_a_bad_file_is_told_at_its_key(tmp_path, rock, damage):
     else:
         rock.update_faces(np.arange(len(rock.faces)) > 3)
         rock.export(path)
-    with pytest.raises(InputError, match=r"scene.toml:14:1: debris\[0\].file: .*rock.stl") as caught:
+    with pytest.raises(InputError, match=r"scene.toml:13:1: debris\[0\].file: .*rock.stl") as caught:
         made(tmp_path)
     assert len(caught.value.faults) == 1
+
+
+def test_populations_that_share_a_mesh_share_its_fit(tmp_path, rock):
+    mesh = load_mesh(tmp_path / "rock.stl", 1e-6)
+    again = load_mesh(tmp_path / "rock.stl", 1e-6)
+    one, other = clump_from_mesh(mesh, 8, 3), clump_from_mesh(again, 8, 3)
+    assert one[0] is other[0] and one[1] is other[1]
+    moved = Mesh(mesh.vertices * 1.5, mesh.faces, mesh.name)
+    for asked, factor in (((mesh, 8, 4), 1.0), ((mesh, 9, 3), 1.0), ((moved, 8, 3), 1.5)):
+        found = clump_from_mesh(*asked)
+        assert found[0] is not one[0] and found[0].volume == pytest.approx(factor**3 * one[0].volume, rel=1e-9)

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from steel import STEEL
 
 from thirdbody.engine.plates import Schedule, Segment
 from thirdbody.kernels import layout as at
@@ -17,16 +18,7 @@ from thirdbody.scene.build import build
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schedule import schedule
 
-PLATES = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.6
+PLATES = STEEL + """\
 {debris}
 [domain]
 size = ["100 um", "100 um"]

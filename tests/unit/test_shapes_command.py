@@ -8,22 +8,14 @@ import sys
 import numpy as np
 import pytest
 import trimesh
+from steel import STEEL
 
 from thirdbody.cli import main
 from thirdbody.errors import OutputError
 from thirdbody.scene.make import shapes_of
 from thirdbody.scene.model import Scene
 
-SCENE = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.6
+SCENE = STEEL + """\
 [[debris]]
 material = "steel"
 kind = "irregular"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from steel import STEEL
 
 from thirdbody.bodies.spots import rows, spot_body
 from thirdbody.errors import InputError
@@ -12,16 +13,7 @@ from thirdbody.scene.build import build
 from thirdbody.scene.model import Scene
 from thirdbody.scene.write import toml_text
 
-SCENE = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.3
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.3
-restitution = 0.6
+SCENE = STEEL + """\
 [[debris]]
 material = "steel"
 kind = "spots"
