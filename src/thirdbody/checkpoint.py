@@ -203,6 +203,7 @@ def _array(data: bytes) -> np.ndarray:
     if size != len(data) - stream.tell():
         raise ValueError("an array is longer or shorter than its header says")
     array = np.frombuffer(data, dtype, offset=stream.tell()).reshape(shape).copy()
-    if dtype.kind == "f" and not np.all(np.abs(array) <= LARGEST):
-        raise ValueError("an array holds what is no number of a run")
+    with np.errstate(over="ignore"):  # what is wider than a double may be too large for one
+        if dtype.kind == "f" and not np.all(np.abs(array) <= LARGEST):
+            raise ValueError("an array holds what is no number of a run")
     return array

@@ -204,11 +204,8 @@ def interact(
     torque, back = torques(S, i, j, frame, (x, y))
     if laws.turns:
         torque, back = added(torque, moment), added(back, moment, -1.0)
-    memory[at.H_ON], memory[at.H_E : at.H_E + 3], memory[at.H_STORED] = 1.0, e, answer.stored_t
-    memory[at.H_SLIP] += answer.slip
-    # the bodies are told of these two when the steps are done
-    memory[at.H_WAY] += answer.slip
-    memory[at.H_WORK] += answer.work
+    memory[at.H_E : at.H_E + 3], memory[at.H_STORED] = e, answer.stored_t
+    memory[at.H_SLIP] = max(memory[at.H_SLIP] + answer.slip, at.H_LEAST)
     memory[at.H_LAW : at.H_LAW + many] = answer.memory
     return Done((force[0], force[1], force[2]), torque, back, moment, frame, answer)
 
@@ -222,10 +219,9 @@ def torques(S: list[list[float]], i: int, j: int, frame: Frame, friction: tuple[
 
 
 def let_go(memory: list[float]) -> float:
-    """Wipe the memory of a contact that has opened, but for what the bodies are still to be told; the energy that it lost, J."""
-    lost, work, way = memory[at.H_STORED], memory[at.H_WORK], memory[at.H_WAY]
+    """Wipe the memory of a contact that has opened; the energy that it lost, J."""
+    lost = memory[at.H_STORED]
     memory[:] = [0.0] * len(memory)
-    memory[at.H_WORK], memory[at.H_WAY] = work + lost, way
     return lost
 
 

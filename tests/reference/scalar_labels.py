@@ -43,7 +43,7 @@ def contact_row(pair: tuple[int, int], sign: float, H: list[float], R: list[floa
     C[at.C_V : at.C_V + 3] = R[velocity : velocity + 3]
     C[at.C_NORMAL : at.C_NORMAL + 3] = [sign * n for n in R[at.R_N : at.R_N + 3]]
     C[at.C_T : at.C_T + 3] = [sign * t for t in R[at.R_T : at.R_T + 3]]
-    C[at.C_CURVATURE], C[at.C_SLIP] = R[curvature], H[at.H_SLIP]
+    C[at.C_CURVATURE], C[at.C_SLIP] = R[curvature], H[at.H_SLIP] - at.H_LEAST
     for to, column in ((at.C_A, at.R_A), (at.C_OVERLAP, at.R_OVERLAP), (at.C_FN, at.R_FN), (at.C_LOAD, at.R_LOAD),
                        (at.C_LIMIT, at.R_LIMIT), (at.C_CRITICAL, at.R_CRITICAL)):  # fmt: skip
         C[to] = R[column]
@@ -58,7 +58,7 @@ def body_row(B: list[float], A: list[float], drag: tuple[float, float], speed: f
     O[at.O_MASS] = B[at.B_MASS]
     for to, column in ((at.O_X, at.B_X), (at.O_V, at.B_V), (at.O_W, at.B_W), (at.O_F, at.B_F), (at.O_T, at.B_T),
                        (at.O_MA, at.B_F), (at.O_LDOT, at.B_T), (at.O_EF, at.B_EF), (at.O_ET, at.B_ET)):  # fmt: skip
-        O[to : to + 3] = B[column : column + 3]
+        O[to : to + 3] = B[column : column + 3] if column < len(B) else (0.0, 0.0, 0.0)
     O[at.O_Q : at.O_Q + 4] = B[at.B_Q : at.B_Q + 4]
     O[at.O_ELAPSED], O[at.O_SHIFT], O[at.O_SHIFT + 1] = A[at.A_ELAPSED], A[at.A_DX], A[at.A_DY]
     heading = A[at.A_HEADING], A[at.A_HEADING + 1]

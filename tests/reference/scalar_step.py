@@ -26,16 +26,18 @@ from thirdbody.kernels.contacts import GROUP
 from thirdbody.kernels.rolling import MOMENTS
 
 Pair = tuple[int, int]
-Push = tuple[int, Vector, Vector]
-"""A body, and the force and torque about its centre of mass on it."""
+Push = tuple[int, int, Vector, Vector, float, float]
+"""A slot, a body, the force and torque about its centre of mass on it, and its shares of friction work and slip."""
 
 
 @dataclass
 class Sums:
-    """Work of friction and power of the dashpots of contacts, J and W; forces of the debris on both plates, N."""
+    """Work of friction, power of dashpots and elastic energies of contacts, J and W; forces of the debris on both plates, N."""
 
     work: float = 0.0
     power: float = 0.0
+    stored_n: float = 0.0
+    stored_t: float = 0.0
     upper: Vector = (0.0, 0.0, 0.0)
     lower: Vector = (0.0, 0.0, 0.0)
 
@@ -50,6 +52,8 @@ class Sums:
         """Those of other contacts besides."""
         self.work += row.work
         self.power += row.power
+        self.stored_n += row.stored_n
+        self.stored_t += row.stored_t
         self.upper, self.lower = added(self.upper, row.upper), added(self.lower, row.lower)
 
 
@@ -104,16 +108,6 @@ class Reference:
         for b, B in enumerate(self.B):
             place_now(B, [self.S[s] for s in self.spheres(b)], [self.offsets[s] for s in self.spheres(b)])
 
-    def settle(self) -> None:
-        """Tell the bodies of the work and slip of their contacts; work between two bodies is shared by them."""
-        for b, B in enumerate(self.B):
-            for k, _ in self.slots(b):
-                memory = self.memory[self.pairs[k]]
-                B[at.B_WORK] += (1.0 if k < self.plates else 0.5) * memory[at.H_WORK]
-                B[at.B_SLIP] += memory[at.H_WAY]
-        for pair in self.pairs:
-            self.memory[pair][at.H_WORK] = self.memory[pair][at.H_WAY] = 0.0
-
     def step(self, dt: float) -> None:
         """One step, and what a labeller sees of it."""
         t = self.A[at.A_TIME]
@@ -138,25 +132,46 @@ class Reference:
 
         What a contact does to a body of another group comes after all that the body's own group does to it.
         """
-        total, late = Sums(), []
+        total, late = Sums(), list[Push]()
         for slots in self.rows():
             row = Sums()
             closed = [k for k in slots if touches(self.S, *self.pairs[k], world)]
             for k in sorted(set(slots) - set(closed)):
                 if self.memory[self.pairs[k]][at.H_ON] != 0.0:
                     self.opened += 1
-                    row.work += let_go(self.memory[self.pairs[k]])
+                    lost = let_go(self.memory[self.pairs[k]])
+                    row.work += lost
+                    late += self.lose(k, lost)
             for k in closed:
                 done = self.meet(k, world)
                 row.work += done.answer.work
                 row.power += done.answer.power
+                row.stored_n += done.answer.stored_n
+                row.stored_t += done.answer.stored_t
                 if k < self.plates:
                     row.press(done.force, lower=self.pairs[k][1] == -1)
                 late += self.push(k, done)
             total.add(row)
-        for b, force, torque in late:
-            act(self.B[b], force, torque)
+        for _, b, force, torque, work, slip in sorted(late):
+            self.give(b, force, torque, work, slip)
         return total
+
+    def give(self, b: int, force: Vector, torque: Vector, work: float, slip: float) -> None:
+        """A contact acts on a body, which has its shares of friction work and slip."""
+        act(self.B[b], force, torque)
+        self.B[b][at.B_WORK] += work
+        self.B[b][at.B_SLIP] += slip
+
+    def lose(self, k: int, lost: float) -> list[Push]:
+        """What an opened contact lost is friction work too; returns what is for a body of another group."""
+        (i, j), none = self.pairs[k], (0.0, 0.0, 0.0)
+        self.B[self.body[i]][at.B_WORK] += lost if j < 0 else 0.5 * lost
+        if j < 0:
+            return []
+        if self.group(self.body[i]) != self.group(self.body[j]):
+            return [(k, self.body[j], none, none, 0.5 * lost, 0.0)]
+        self.B[self.body[j]][at.B_WORK] += 0.5 * lost
+        return []
 
     def rows(self) -> list[list[int]]:
         """Slots whose work is summed together, of every group of bodies: what its spheres have with plates, then what they own of
@@ -182,9 +197,9 @@ class Reference:
     def push(self, k: int, done: Done) -> list[Push]:
         """The contact in slot k acts on its bodies; what it does to a body of another group is not added yet but returned."""
         i, j = self.pairs[k]
-        here, force = self.body[i], done.force
+        here, force, slip = self.body[i], done.force, done.answer.slip
         if j < 0:
-            act(self.B[here], force, self.about(i, done.torque, force))
+            self.give(here, force, self.about(i, done.torque, force), done.answer.work, slip)
             side = at.B_LOW if j == -1 else at.B_UP
             self.B[here][side : side + 3] = added(three(self.B[here], side), force)
             return []
@@ -192,10 +207,11 @@ class Reference:
         torque, back = done.torque, done.back
         if len(self.S) > len(self.B):
             torque, back = self.about(i, torque, force), self.about(j, back, against)
-        act(self.B[here], force, torque)
+        share = 0.5 * done.answer.work
+        self.give(here, force, torque, share, slip)
         if self.group(here) != self.group(there):
-            return [(there, against, back)]
-        act(self.B[there], against, back)
+            return [(k, there, against, back, share, slip)]
+        self.give(there, against, back, share, slip)
         return []
 
     def about(self, s: int, torque: Vector, force: Vector) -> Vector:
@@ -234,6 +250,7 @@ class Reference:
         A[at.A_UPPER : at.A_UPPER + 3], A[at.A_LOWER : at.A_LOWER + 3] = upper, lower
         A[at.A_POWER_DAMPING], A[at.A_POWER_PATCH] = spent.power, damping
         A[at.A_POWER_EFFECTS], A[at.A_POWER_LOAD] = effects, load
+        A[at.A_STORED_N], A[at.A_STORED_T] = spent.stored_n, spent.stored_t
         speed = math.sqrt(v[0] * v[0] + v[1] * v[1])
         for column, change in ((at.A_TIME, dt), (at.A_ELAPSED, dt), (at.A_DX, v[0] * dt), (at.A_DY, v[1] * dt),
                                (at.A_DISTANCE, speed * dt), (at.A_STEPS, 1.0)):  # fmt: skip

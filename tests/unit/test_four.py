@@ -7,12 +7,15 @@ from numba.core.errors import TypingError
 
 from thirdbody.kernels.four import (
     above,
+    any_below,
+    at_least,
     crossed,
     get,
     lane,
     load,
     of,
     put,
+    rounded,
     splat,
     spread,
     store,
@@ -84,6 +87,15 @@ def cut_off(A, least, out):
 
 
 @njit(error_model="numpy")
+def compared(A, B, least, out, below):
+    for i in range(A.shape[0]):
+        a, b = load(A, i, 0), load(B, i, 0)
+        store(out[0], i, 0, at_least(a, least))
+        store(out[1], i, 0, rounded(a))
+        below[i] = any_below(a, b)
+
+
+@njit(error_model="numpy")
 def moved(A, rows, first, to, out):
     for k in range(rows.shape[0]):
         store(out, k, to, load(A, np.uint64(rows[k]), first))
@@ -143,6 +155,17 @@ def test_what_is_too_small_is_zero_and_no_number_is_hidden(least):
     assert alike(out, np.where(np.abs(a) <= least, 0.0, a))
     assert np.array_equal(np.isnan(out), np.isnan(a)) and np.isnan(out).sum() == 2
     assert not np.any(np.signbit(out[out == 0.0]))
+
+
+def test_numbers_are_compared_and_rounded_as_numpy_does():
+    halves = np.arange(-20.0, 20.0).reshape(10, 4) / 2.0
+    a = np.vstack((np.reshape(ODD, (4, 4)), numbers(40, 10, 3.0), halves))
+    b = a[::-1].copy()
+    b[20:30] = a[20:30]  # none below
+    out, below = np.empty((2, *a.shape)), np.empty(len(a), np.bool_)
+    compared(a, b, 1e-300, out, below)
+    assert alike(out[0], np.where(a < 1e-300, 1e-300, a)) and alike(out[1], np.rint(a))
+    assert np.array_equal(below, (a < b).any(axis=1)) and below.any() and not below.all()
 
 
 @pytest.mark.parametrize("first", [0, 1, 5])

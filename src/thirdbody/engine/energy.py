@@ -17,14 +17,15 @@ Stored = tuple[float, float, float, float]
 
 
 def stored(state: State) -> Stored:
-    """Kinetic, elastic normal, elastic tangential and foundation energy, from the record of the last observed step."""
+    """Kinetic, elastic normal, elastic tangential and foundation energy, as of the last observed step."""
     B, P = state.B, state.P
     kinetic = 0.5 * float(np.sum(B[:, at.B_MASS] * np.sum(B[:, at.B_V : at.B_V + 3] ** 2, axis=1)))
     kinetic += 0.5 * float(np.sum(B[:, at.B_L : at.B_L + 3] * B[:, at.B_W : at.B_W + 3]))
     kinetic += 0.5 * float(np.sum(P[:, at.P_FREE] * P[:, at.P_MASS] * P[:, at.P_V] ** 2))
-    loaded = state.slots.H[:, at.H_ON] > 0.0
-    R = state.slots.R
     springs = 0.5 * float(np.sum(P[:, at.P_SPRING] * (P[:, at.P_Z] - P[-1, at.P_Z]) ** 2))
+    if state.summed:
+        return kinetic, float(state.A[at.A_STORED_N]), float(state.A[at.A_STORED_T]), springs
+    loaded, R = state.slots.H[:, at.H_ON] > 0.0, state.slots.R
     return kinetic, float(R[loaded, at.R_STORED_N].sum()), float(R[loaded, at.R_STORED_T].sum()), springs
 
 

@@ -23,7 +23,8 @@ from ..laws.contract import Material
 from .guards import Guards
 from .labels import labels
 from .neighbours import search
-from .state import Array, State, refresh_spheres
+from .pace import Pace, clocks
+from .state import Array, State, refresh_spheres, table
 from .timestep import Bound, bound
 
 BUDGET = 64
@@ -53,11 +54,13 @@ class Explicit:
     ):
         self.state, self.materials, self.fixed, self.force = state, materials, time_step, force
         (guards or Guards()).put(state)
+        state.summed = True
         self.bound: Bound | None = None
         self.tightest: Bound | None = None
         self.waiting: list[float] = []  # bounds since the last change of the step, all above it
         self.drag = _drag(state)
         self.ahead = np.array(self.drag)
+        self.pace = Pace()
         physics = state.physics
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
@@ -82,6 +85,9 @@ class Explicit:
         while state.time < time and state.distance < distance:
             budget = BUDGET - int(state.A[at.A_STEPS]) % BUDGET
             code, number = self._advance(budget, time, distance, state.dt)
+            if code == step.RECORD:  # no step was made
+                state.slots.R = table(state.slots.count, state.slots.R.shape[1])
+                continue
             if code in (step.SEARCH, step.DONE) and number == 1:
                 search(state, code == step.DONE)
                 self._tables()
@@ -125,13 +131,16 @@ class Explicit:
         self.rows = np.empty((parts, most, at.C_MEMORY + physics.contact_memory))
 
     def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
-        s, physics, threads = self.state, self.state.physics, numba.get_num_threads()
+        s, physics, (began, worked) = self.state, self.state.physics, clocks()
+        threads = self.pace.threads(numba.get_num_threads(), began)
         if len(self.room) < step.SHARES * threads:
             self._scratch(threads)
         answer = step.advance(
             budget, time, distance, dt, threads, self._context(), s.X0, s.patch, s.schedule, s.first, physics.stride,
             physics.labels,
         )  # fmt: skip
+        now, busy = clocks()
+        self.pace.note(threads, now - began, busy - worked, now)
         refresh_spheres(s)  # the kernel places only spheres that can meet something
         return answer
 

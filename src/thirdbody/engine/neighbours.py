@@ -8,18 +8,16 @@ from ..kernels import layout as at
 from ..kernels import search as passes
 from ..kernels.bodies import BODIES
 from ..kernels.contacts import GROUP
-from ..kernels.gather import tell
-from .state import Array, Ints, Numbers, Slots, State
+from .state import Array, Ints, Numbers, Slots, State, table
 
 
 def search(state: State, recorded: bool = True) -> None:
     """Find all pairs that can touch before anything has moved by the skin; contact memory is carried over, and records if this
-    step was `recorded`."""
+    step was `recorded`. There is room for them then, and where a labeller looks on the way."""
     n_plates, own, partner = _candidates(state)
     old = state.slots
-    tell_bodies(state)
     n = len(own)
-    H, R = np.zeros((n, old.H.shape[1])), np.zeros((n, old.R.shape[1]))
+    H, R = table(n, old.H.shape[1]), table(n if recorded or state.physics.labels else 0, old.R.shape[1])
     _carry(n_plates, own, partner, old, old.H, H)
     if recorded:
         _carry(n_plates, own, partner, old, old.R, R)
@@ -29,13 +27,6 @@ def search(state: State, recorded: bool = True) -> None:
     state.A[at.A_FAR] = 0.0
     state.P[:, at.P_Z0] = state.P[:, at.P_Z]
     state.searches += 1
-
-
-def tell_bodies(state: State) -> None:
-    """Move the friction work and slip that contacts remember to their bodies: at searches, whose steps no output can shift."""
-    slots = state.slots
-    tell(slots.edges, slots.incidence, slots.n_plates, slots.H, state.B)
-    slots.H[:, [at.H_WORK, at.H_WAY]] = 0.0
 
 
 def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Array, R: Array) -> Slots:

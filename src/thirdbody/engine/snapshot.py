@@ -142,6 +142,8 @@ def _slots(kept: Snapshot, state: State) -> Slots:
         raise ValueError("slots_own is missing or no list")
     n, n_plates = len(own), int(kept.notes["plates"])
     rows = {name: np.empty((n, *getattr(old, name).shape[1:]), getattr(old, name).dtype) for name in SLOTS}
+    if arrays["R"] is not None and not len(arrays["R"]):  # nobody was going to read it
+        arrays["R"] = np.zeros(rows["R"].shape)
     check({name: array for name, array in arrays.items() if array is not None}, rows)
     low = -2 - len(state.P)
     assert partner is not None

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from ..bodies.clump import Clump
 from ..kernels import bodies as body_pass
 from ..kernels import layout as at
-from ..kernels.gather import tell
 from ..kernels.pointers import address
 from ..kernels.rolling import MOMENTS
 from ..kernels.signatures import LAW
@@ -113,13 +112,14 @@ class Physics:
 
 @dataclass
 class Slots:
-    """Candidate contacts, in order, plates first; memory H, and the record R of the last observed step.
+    """Candidate contacts, in order, plates first; memory H, and the record R of the last observed step, or no rows.
 
-    `closed` (n,): whether it touches. `edges` (n_bodies + 1,): where the slots of a body begin in `incidence` (2 slot, +1 for its
-    partner). `near`: spheres that have slots, body by body from `beginning` (n_bodies + 1,). `outer` (n,): the row of F in which
-    a contact leaves what it does to its partner's body, which is that of `guests`; -1: both bodies are of one group of chunks.
-    `cuts` (3, chunks + 1): `kernels.bodies`. `lowest` (groups,): the first group whose contacts act on bodies of a group.
-    `needs`: where the list of the other groups whose bodies its contacts need begins (groups + 1,), then these lists.
+    `closed` (n,): 1: it touches; 2: it did a step ago. `edges` (n_bodies + 1,): where the slots of a body begin in `incidence`
+    (2 slot, +1 for its partner). `near`: spheres that have slots, body by body from `beginning` (n_bodies + 1,). `outer` (n,):
+    the row of F in which a contact leaves what it does to its partner's body, which is that of `guests`; -1: both bodies are of
+    one group of chunks. `cuts` (3, chunks + 1): `kernels.bodies`. `lowest` (groups,): the first group whose contacts act on
+    bodies of a group. `needs`: where the list of the other groups whose bodies its contacts need begins (groups + 1,), then
+    these lists.
     """
 
     own: Numbers
@@ -155,7 +155,8 @@ class Slots:
 class State:
     """Tables at one synchronised instant; columns are named in `kernels.layout`.
 
-    `order` (n_bodies,): the number by which the scene and all outputs know each body.
+    `order` (n_bodies,): the number by which the scene and all outputs know each body. `summed`: the integrator itself sums up
+    what contacts store; else their records tell.
     """
 
     world: World
@@ -181,6 +182,7 @@ class State:
     order: Ints
     dt: float = 0.0
     searches: int = 0
+    summed: bool = False
 
     @property
     def n_bodies(self) -> int:
@@ -224,7 +226,7 @@ def empty_slots(memory: int, record: int) -> Slots:
 
 def memory_columns(physics: Physics) -> int:
     """Columns of H: the engine's own, the laws' history, and the labeller's memory for both bodies of a contact."""
-    return at.H_LAW + len(physics.history) + 2 * physics.contact_memory
+    return max(at.H_LAW + len(physics.history) + 2 * physics.contact_memory, at.H_COLS)
 
 
 def table(rows: int, columns: int) -> Array:
@@ -241,7 +243,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     counts = np.array([len(clump.radii) for clump in placed.clumps], np.int64)
     start = np.concatenate(([0], np.cumsum(counts)))
     n_bodies, n_spheres = len(counts), int(start[-1])
-    B = table(n_bodies, at.B_COLS)
+    B = table(n_bodies, at.B_COLS if physics.has_effects else at.B_EF)
     volume = np.array([clump.volume for clump in placed.clumps])
     inertia = np.array([clump.inertia for clump in placed.clumps])
     B[:, at.B_X : at.B_X + 3] = placed.positions
@@ -316,13 +318,6 @@ def angular_momentum(B: Array) -> Array:
     turn = rotation_matrices(B[:, at.B_Q : at.B_Q + 4])
     in_body = np.einsum("nji,nj->ni", turn, B[:, at.B_W : at.B_W + 3]) * B[:, at.B_I : at.B_I + 3]
     return np.einsum("nij,nj->ni", turn, in_body)
-
-
-def told_bodies(state: State) -> Array:
-    """A copy of the table of bodies with the friction work and slip that their contacts still remember (`layout.H_WORK`)."""
-    slots, B = state.slots, state.B.copy()
-    tell(slots.edges, slots.incidence, slots.n_plates, slots.H, B)
-    return B
 
 
 def refresh_spheres(state: State) -> None:

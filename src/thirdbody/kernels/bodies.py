@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .four import crossed, lane, load, of, spread, store, with_last
+from .four import crossed, lane, load, of, put, spread, store, transposed, with_last
 from .layout import (
     B_ARM,
     B_BALL,
@@ -204,9 +204,9 @@ def size(v):
 
 @njit(**BARE)
 def forget(b, B):
-    """The contacts add up the forces on body b anew."""
-    store(B, b, B_F, spread(0.0))
-    store(B, b, B_T, spread(0.0))
+    """The contacts add up the forces on body b anew, but go on with its friction work and slip."""
+    keep_last(B, b, np.int64(B_F), spread(0.0))
+    keep_last(B, b, np.int64(B_T), spread(0.0))
 
 
 @njit(**BARE_CHUNK)
@@ -214,17 +214,18 @@ def forget_plates(first, last, own, body, B):
     """The same for the forces of the plates on the bodies that can touch them, slots first to last."""
     for k in range(first, last):
         b = np.uint64(body[own[k]])
-        keep_last(B, b, np.int64(B_UP), spread(0.0))
-        keep_last(B, b, np.int64(B_LOW), spread(0.0))
+        store(B, b, B_UP, spread(0.0))
+        store(B, b, B_LOW, spread(0.0))
 
 
 @njit(**BARE)
 def drift_ball(b, s, S, B, dt):
     """Half kick and full drift of body b, which is sphere s; returns the way of the step. The columns behind position, velocity
-    and momentum stay what they are: nothing stands behind force and torque, and a ball has no arm."""
-    half, rate = spread(0.5 * dt), spread(1.0 / B[b, B_BALL])
+    and momentum stay what they are, and a ball has no arm."""
+    half, rate, none = spread(0.5 * dt), spread(1.0 / B[b, B_BALL]), spread(0.0)
     x, momentum = load(B, b, B_X), load(B, b, B_L)
-    change, push = spread(0.5 * dt / B[b, B_MASS]) * load(B, b, B_F), half * load(B, b, B_T)
+    change = spread(0.5 * dt / B[b, B_MASS]) * with_last(load(B, b, B_F), none)
+    push = half * with_last(load(B, b, B_T), none)
     v, momentum = load(B, b, B_V) + change, momentum + push
     x = x + spread(dt) * v
     store(B, b, B_X, x)
@@ -259,10 +260,16 @@ def farthest(X0, B):
 
 
 @njit(**BARE)
-def stage_body(p, b, B, Z):
-    """Put body b into place p of the chunk."""
-    for k in range(B_I + 3):
-        Z[p + k * BODIES] = B[b, k]
+def stage_four(p, staged, B, Z):
+    """Put the four bodies staged[p:p + 4] into the places from p on."""
+    b = np.uint64(staged[p]), np.uint64(staged[p + 1]), np.uint64(staged[p + 2]), np.uint64(staged[p + 3])
+    for k in range(0, B_I + 4, 4):
+        fields = transposed(load(B, b[0], k), load(B, b[1], k), load(B, b[2], k), load(B, b[3], k))
+        at = p + k * BODIES
+        put(Z, at, fields[0])
+        put(Z, at + BODIES, fields[1])
+        put(Z, at + 2 * BODIES, fields[2])
+        put(Z, at + 3 * BODIES, fields[3])
 
 
 @njit(**BARE)
@@ -301,9 +308,12 @@ def drift_chunk(c, start, near, beginning, everything, offsets, S, B, D, dt, mov
             way = drift_ball(b, start[b], S, B, dt)
             seen = judge(b, way, S[start[b], S_R], B[b, B_X], B[b, B_X + 1], B[b, B_X + 2], limits, seen)
         else:
-            stage_body(n, b, B, Z)
             staged[n] = b
             n += 1
+    for p in range(n, n + -n % 4):
+        staged[p] = staged[n - 1]  # up to a multiple of four
+    for p in range(0, n, 4):
+        stage_four(np.int64(p), staged, B, Z)
     move(n, dt, Z)
     for p in range(n):
         i = np.int64(staged[p])

@@ -11,12 +11,13 @@ import math
 import numpy as np
 from numba import njit
 
-from .four import crossed, get, load, of, spread, store, transposed
+from .four import crossed, get, load, of, spread, store, transposed, with_last
 from .layout import (
     B_F,
     B_LOW,
     B_T,
     B_UP,
+    B_WORK,
     F_F,
     F_T,
     G_ARM_I,
@@ -30,11 +31,6 @@ from .layout import (
     G_RJ,
     G_TI,
     G_TJ,
-    H_E,
-    H_LAW,
-    H_STORED,
-    H_WAY,
-    H_WORK,
     I_HISTORY,
     I_OVERLAP,
     I_RADIUS,
@@ -81,6 +77,7 @@ from .layout import (
     S_Z,
     TILE,
 )  # fmt: skip
+from .memory import keep, release
 from .options import BARE, BARE_CHUNK
 from .periodic import image, inverse, nearest_image
 from .rolling import MOMENTS, add_moments, record_rolling, stage_rolling
@@ -90,8 +87,11 @@ from .surface import partner_velocity, surface_velocity
 GROUP = 4
 """Chunks of bodies per group."""
 
+SHARE = 0.5
+"""Of friction work between two bodies, for each."""
+
 # columns of `sums`, two rows per group: contacts with plates, and between spheres
-SUM_WORK, SUM_POWER, SUM_OVERLAP, SUM_SLOT, SUM_BAD = range(5)
+SUM_WORK, SUM_POWER, SUM_OVERLAP, SUM_SLOT, SUM_BAD, SUM_STORED_N, SUM_STORED_T = range(7)
 SUM_UP, SUM_LOW = 8, 12  # forces of the upper and of the lower plate, 3 each
 SUM_COLS = 16
 
@@ -151,48 +151,44 @@ def measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
 
 @njit(**BARE_CHUNK)
 def sort_out(first, last, g, closed, touching, opened):
-    """List the candidates that touch, and those that did a step ago but do no more; returns how many of each.
+    """List the candidates that touch, and those that do no more but did one or two steps ago; returns how many of each.
 
-    `closed` remembers who touches. Behind those that touch the list goes on with the last of them, as far as it is looked ahead.
+    `closed` remembers who touches (1), or did a step ago (2). Behind those that touch the list goes on with the last of them, as
+    far as it is looked ahead.
     """
     m, o = np.int64(0), np.int64(0)
     for k in range(first, last):
         on, was = np.int64(g[k - first] > 0.0), np.int64(closed[k])
         touching[m], opened[o] = k, k
-        closed[k] = on
+        closed[k] = on + 2 * (was & 1) * (1 - on)
         m += on
-        o += was * (1 - on)
+        o += np.int64(was != 0) * (1 - on)
     for e in range(m, m + SPARE - 1):
         touching[e] = touching[max(m - 1, 0)]
     return m, o
 
 
 @njit(**BARE)
-def release(k, H):
-    """A contact that opened: what its tangential spring still held is dissipated (returned), its memory wiped, but for what the
-    bodies have not been told of yet."""
-    lost, work, way = H[k, H_STORED], H[k, H_WORK], H[k, H_WAY]
-    for h in range(H.shape[1]):
-        H[k, h] = 0.0
-    H[k, H_WORK], H[k, H_WAY] = work + lost, way
-    return lost
-
-
-@njit(**BARE)
-def let_go(o, opened, outer, H, F):
-    """Release o contacts that were closed; returns what was lost."""
-    lost = 0.0
+def let_go(o, opened, own, partner, body, outer, H, B, F):
+    """Release o contacts that were closed; returns what was lost. One that opened a step ago has nothing left: what it handed to
+    another group then must go."""
+    total = 0.0
     for e in range(o):
-        k = opened[e]
-        lost += release(k, H)
+        k = np.int64(opened[e])
+        lost = release(k, H)
+        total += lost
+        share = lost if partner[k] < 0 else SHARE * lost
+        B[body[own[k]], B_WORK] += share
         if outer[k] >= 0:
-            hand_out(outer[k], spread(0.0), spread(0.0), F)
-    return lost
+            hand_out(outer[k], of(0.0, 0.0, 0.0, share), spread(0.0), F)
+        elif partner[k] >= 0:
+            B[body[partner[k]], B_WORK] += share
+    return total
 
 
 @njit(**BARE)
 def push_body(b, B, force, torque):
-    """Add a force and a torque, the three first of four numbers whose last is 0, to those on body b."""
+    """Add a force and a torque, with friction work and slip behind them, to those on body b."""
     store(B, b, B_F, load(B, b, B_F) + force)
     store(B, b, B_T, load(B, b, B_T) + torque)
 
@@ -210,17 +206,17 @@ def push_one(k, c, own, partner, body, S, B, sums, force, torque):
     i = np.uint64(own[k])
     b = np.uint64(body[i])
     push_body(b, B, force, torque + crossed(load(S, i, S_ARM), force))
-    low = partner[k] == -1
+    low, alone = partner[k] == -1, with_last(force, spread(0.0))
     side, total = (np.int64(B_LOW), np.int64(SUM_LOW)) if low else (np.int64(B_UP), np.int64(SUM_UP))
-    store(B, b, side, load(B, b, side) + force)
-    store(sums, c, total, load(sums, c, total) + force)
+    store(B, b, side, load(B, b, side) + alone)
+    store(sums, c, total, load(sums, c, total) + alone)
 
 
 @njit(**BARE)
 def push_both(k, own, partner, body, outer, clumps, S, B, F, force, torque, back):
     """A contact between spheres acts on both bodies; `torque` and `back`: about the centre of the owner and of the partner."""
     i, j = np.uint64(own[k]), np.uint64(partner[k])
-    against = spread(0.0) - force
+    against = with_last(spread(0.0) - force, force)
     b, p = i, j
     if clumps:
         b, p = np.uint64(body[i]), np.uint64(body[j])
@@ -234,16 +230,17 @@ def push_both(k, own, partner, body, outer, clumps, S, B, F, force, torque, back
 
 
 @njit(**BARE)
-def four_rows(at, G):
-    """Three fields as rows of four places, whose last number is 0."""
-    return transposed(get(G, at), get(G, at + TILE), get(G, at + 2 * TILE), spread(0.0))
+def four_rows(at, G, last):
+    """Three fields as rows of four places, and behind them a number of each place."""
+    return transposed(get(G, at), get(G, at + TILE), get(G, at + 2 * TILE), last)
 
 
 @njit(**BARE_CHUNK)
-def push_flat(n, c, slots, first, own, partner, body, S, G, B, sums):
+def push_flat(n, c, slots, first, own, partner, body, S, O, G, B, sums):  # noqa: E741
     """The contacts with plates slots[first:first + n], a tile, act on their bodies; the sums of their forces into row c."""
     for q in range(0, n, 4):
-        p, f, t = first + q, four_rows(q + G_F * TILE, G), four_rows(q + G_TI * TILE, G)
+        work, slip = get(O, q + O_WORK * TILE), get(O, q + O_SLIP * TILE)
+        p, f, t = first + q, four_rows(q + G_F * TILE, G, work), four_rows(q + G_TI * TILE, G, slip)
         push_one(np.uint64(slots[p]), c, own, partner, body, S, B, sums, f[0], t[0])
         if q + 1 < n:
             push_one(np.uint64(slots[p + 1]), c, own, partner, body, S, B, sums, f[1], t[1])
@@ -254,12 +251,13 @@ def push_flat(n, c, slots, first, own, partner, body, S, G, B, sums):
 
 
 @njit(**BARE_CHUNK)
-def push_pairs(n, slots, first, own, partner, body, outer, S, G, B, F):
+def push_pairs(n, slots, first, own, partner, body, outer, S, O, G, B, F):  # noqa: E741
     """The contacts between spheres slots[first:first + n], a tile, act on their bodies."""
     clumps = S.shape[0] != B.shape[0]
     for q in range(0, n, 4):
-        p, f = first + q, four_rows(q + G_F * TILE, G)
-        t, w = four_rows(q + G_TI * TILE, G), four_rows(q + G_TJ * TILE, G)
+        work, slip = spread(SHARE) * get(O, q + O_WORK * TILE), get(O, q + O_SLIP * TILE)
+        p, f = first + q, four_rows(q + G_F * TILE, G, work)
+        t, w = four_rows(q + G_TI * TILE, G, slip), four_rows(q + G_TJ * TILE, G, slip)
         push_both(np.uint64(slots[p]), own, partner, body, outer, clumps, S, B, F, f[0], t[0], w[0])
         if q + 1 < n:
             push_both(np.uint64(slots[p + 1]), own, partner, body, outer, clumps, S, B, F, f[1], t[1], w[1])
@@ -267,33 +265,6 @@ def push_pairs(n, slots, first, own, partner, body, outer, S, G, B, F):
             push_both(np.uint64(slots[p + 2]), own, partner, body, outer, clumps, S, B, F, f[2], t[2], w[2])
         if q + 3 < n:
             push_both(np.uint64(slots[p + 3]), own, partner, body, outer, clumps, S, B, F, f[3], t[3], w[3])
-
-
-@njit(**BARE)
-def learn(k, q, axis, told, O, H, n_history):  # noqa: E741
-    """Slot k learns the axis of its frame, and that it touches, energy, slip and work, and its history from place q."""
-    store(H, k, H_E, axis)
-    store(H, k, H_STORED, told + load(H, k, H_STORED) * of(0.0, 1.0, 1.0, 1.0))
-    for h in range(n_history):
-        H[k, H_LAW + h] = O[q + (O_HISTORY + h) * TILE]
-
-
-@njit(**BARE_CHUNK)
-def keep(n, slots, first, O, G, H, n_history):  # noqa: E741
-    """What the slots[first:first + n] remember of the step, from a tile."""
-    one = spread(1.0)
-    for q in range(0, n, 4):
-        e, p = q + G_E * TILE, first + q
-        axes = transposed(get(G, e), get(G, e + TILE), get(G, e + 2 * TILE), one)
-        slip = get(O, q + O_SLIP * TILE)
-        told = transposed(get(O, q + O_STORED_T * TILE), slip, get(O, q + O_WORK * TILE), slip)
-        learn(np.uint64(slots[p]), q, axes[0], told[0], O, H, n_history)
-        if q + 1 < n:
-            learn(np.uint64(slots[p + 1]), q + 1, axes[1], told[1], O, H, n_history)
-        if q + 2 < n:
-            learn(np.uint64(slots[p + 2]), q + 2, axes[2], told[2], O, H, n_history)
-        if q + 3 < n:
-            learn(np.uint64(slots[p + 3]), q + 3, axes[3], told[3], O, H, n_history)
 
 
 @njit(**BARE)
@@ -311,6 +282,14 @@ def tally(m, slots, first, O, I, G, found):  # noqa: E741
         deepest = max(deepest, ratio)
         bad = bad if size < 1e300 else k + 1
     return work, power, deepest, slot, bad
+
+
+@njit(**BARE_CHUNK)
+def add_stored(n, c, O, sums):  # noqa: E741
+    """Add the elastic energy of n contacts, normal and tangential, to row c."""
+    for q in range(n):
+        sums[c, SUM_STORED_N] += O[q + O_STORED_N * TILE]
+        sums[c, SUM_STORED_T] += O[q + O_STORED_T * TILE]
 
 
 @njit(**BARE_CHUNK)
@@ -362,9 +341,10 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
     else:
         measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g)
     m, o = sort_out(first, last, g, closed, slots, opened)
+    sums[c, SUM_STORED_N] = sums[c, SUM_STORED_T] = 0.0
     store(sums, c, SUM_UP, spread(0.0))
     store(sums, c, SUM_LOW, spread(0.0))
-    found = (let_go(o, opened, outer, H, F), 0.0, 0.0, np.int64(0), np.int64(0))
+    found = (let_go(o, opened, own, partner, body, outer, H, B, F), 0.0, 0.0, np.int64(0), np.int64(0))
     for t in range(0, m, TILE):
         count = min(TILE, m - t)
         if flat:
@@ -383,12 +363,13 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
             add_moments(count, O, G, n_history)
         found = tally(count, slots, t, O, I, G, found)
         if flat:
-            push_flat(count, c, slots, t, own, partner, body, S, G, B, sums)
+            push_flat(count, c, slots, t, own, partner, body, S, O, G, B, sums)
         else:
-            push_pairs(count, slots, t, own, partner, body, outer, S, G, B, F)
+            push_pairs(count, slots, t, own, partner, body, outer, S, O, G, B, F)
         keep(count, slots, t, O, G, H, n_history)
         if observed:
-            for q in range(count):
+            add_stored(count, c, O, sums)
+            for q in range(count if R.shape[0] > 0 else 0):
                 record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)
                 if rolling == MOMENTS:
                     record_rolling(q, slots[t + q], O, G, R, n_history)

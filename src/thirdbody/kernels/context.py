@@ -25,8 +25,10 @@ def _places(kind: Any) -> int:
 
 def expected(kinds: Kinds) -> tuple[tuple[str, np.dtype | None, int], ...]:
     """Name, type of number and dimensions of each table; no type for what is a number itself."""
-    tables = {name: kind for name, kind in kinds.items() if isinstance(kind, types.Array)}
-    return tuple((name, as_dtype(kinds[name].dtype), kinds[name].ndim) if name in tables else (name, None, 0) for name in kinds)
+    return tuple(
+        (name, as_dtype(kind.dtype), kind.ndim) if isinstance(kind, types.Array) else (name, None, 0)
+        for name, kind in kinds.items()
+    )
 
 
 def told(expected: tuple[tuple[str, np.dtype | None, int], ...], given: NamedTuple) -> np.ndarray:

@@ -208,6 +208,39 @@ def crossed(typing: Any, v: Any, w: Any) -> Any:
 
 
 @_intrinsic
+def rounded(typing: Any, v: Any) -> Any:
+    """v to the nearest whole numbers, halves to the even ones, as `np.rint`."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        kind = ir.FunctionType(_VECTOR, [_VECTOR])
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, f"llvm.rint.v{LANES}f64"), args)
+
+    return four(v), make
+
+
+@_intrinsic
+def any_below(typing: Any, v: Any, w: Any) -> Any:
+    """Whether any number of v is smaller than that of w."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        each = builder.bitcast(builder.fcmp_ordered("<", *args), ir.IntType(LANES))
+        return builder.icmp_unsigned("!=", each, ir.Constant(ir.IntType(LANES), 0))
+
+    return types.boolean(v, w), make
+
+
+@_intrinsic
+def at_least(typing: Any, v: Any, least: Any) -> Any:
+    """v, with `least` for whatever is smaller; what is not a number stays."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        floor = _four_times(builder, args[1])
+        return builder.select(builder.fcmp_ordered("<", args[0], floor), floor, args[0])
+
+    return four(v, types.float64), make
+
+
+@_intrinsic
 def above(typing: Any, v: Any, least: Any) -> Any:
     """v, with 0 for whatever is not larger than `least`, by size; what is not a number stays."""
 

@@ -5,24 +5,20 @@ from numba import njit
 
 from .bodies import BODIES, GUESTS, MOVE_POWER, spin_body
 from .contacts import push_body
-from .four import AHEAD, above, fetch, load, spread, store
+from .four import AHEAD, above, fetch, load, spread, store, with_last
 from .layout import (
     B_EF,
     B_ET,
     B_F,
     B_L,
     B_MASS,
-    B_SLIP,
     B_T,
     B_V,
     B_W,
-    B_WORK,
     F_F,
     F_T,
-    H_WAY,
-    H_WORK,
 )  # fmt: skip
-from .options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
+from .options import BARE, BARE_CHUNK
 
 RESTING_SPEED, RESTING_MOMENTUM = 1e-60, 1e-90
 """m/s and kg m2/s, some fifty orders below any motion: a ball that a dashpot brings to rest between two plates decays for ever,
@@ -32,20 +28,10 @@ and arithmetic on denormal numbers is thirty times slower."""
 @njit(**BARE)
 def kick_body(b, B, force, torque, dt):
     """Half kick of body b by the three forces from column `force` and torques from column `torque`."""
-    kick, half = 0.5 * dt / B[b, B_MASS], 0.5 * dt
-    store(B, b, B_V, above(load(B, b, B_V) + spread(kick) * load(B, b, force), RESTING_SPEED))
-    store(B, b, B_L, above(load(B, b, B_L) + spread(half) * load(B, b, torque), RESTING_MOMENTUM))
-
-
-@njit(**DIRECT, **NO_COUNTS)
-def tell(edges, incidence, n_plates, H, B):
-    """Add the friction work and slip that contacts have seen since bodies were told last; work that is done between two bodies is
-    shared by them."""
-    for b in range(B.shape[0] if H.shape[0] > 0 else 0):  # before the first search no list has any length
-        for e in range(edges[b], edges[b + 1]):
-            k = incidence[e] >> 1
-            B[b, B_WORK] += (1.0 if k < n_plates else 0.5) * H[k, H_WORK]
-            B[b, B_SLIP] += H[k, H_WAY]
+    kick, half, none = 0.5 * dt / B[b, B_MASS], 0.5 * dt, spread(0.0)
+    change, push = spread(kick) * with_last(load(B, b, force), none), spread(half) * with_last(load(B, b, torque), none)
+    store(B, b, B_V, above(load(B, b, B_V) + change, RESTING_SPEED))
+    store(B, b, B_L, above(load(B, b, B_L) + push, RESTING_MOMENTUM))
 
 
 @njit(**BARE_CHUNK)

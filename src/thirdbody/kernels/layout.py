@@ -28,14 +28,14 @@ B_Q = 8  # quaternion w, x, y, z; body to world, 4
 B_L = 12  # angular momentum, world axes, 3
 B_BALL = 15  # moment of inertia of a ball; 0: not a ball
 B_F = 16  # total force, 3
+B_WORK = 19  # friction work, J, cumulative; behind the force, so that it is summed with it
 B_T = 20  # total torque, 3
+B_SLIP = 23  # slip distance, m, cumulative: the sum over the body's spots; behind the torque
 B_I = 24  # principal moments, 3
 B_W = 28  # angular velocity, synchronised where somebody looks, 3
-B_WORK = 31  # friction work, J, cumulative
 B_UP = 32  # force of the upper plate on the body, 3
-B_SLIP = 35  # slip distance, m, cumulative: the sum over the body's spots
 B_LOW = 36  # force of the lower plate on the body, 3
-B_EF = 40  # force of body effects, 3
+B_EF = 40  # force of body effects, 3: columns that only a scene with body effects has
 B_ET = 44  # torque of body effects, 3
 B_COLS = 48
 
@@ -45,15 +45,19 @@ B_COLS = 48
 P_Z, P_V, P_MASS, P_DAMPING, P_LOAD, P_F, P_FREE, P_Z0, P_SPRING, P_LOAD0 = range(10)
 P_COLS = 10
 
-# H: what a candidate contact remembers: an axis of its frame (3), whether it touches, energy of its tangential spring, slip; work
-# and slip that the bodies have not been told of yet; law history and labeller memory follow from H_LAW on.
-H_E, H_ON, H_STORED, H_SLIP, H_WORK, H_WAY, H_LAW = 0, 3, 4, 5, 6, 7, 8
+# H: what a candidate contact remembers: an axis of its frame (3), whether it touches, energy of its tangential spring; history of
+# the law and memory of the labeller from H_LAW on. Most laws remember three numbers: then all is one line of the cache.
+H_E, H_ON, H_STORED, H_LAW = 0, 3, 4, 5
+H_SLIP = H_ON  # 0 where it is open; else its slip since it closed, m, and H_LEAST or more
+H_LEAST = 1e-300
+H_COLS = 8  # at least
 
-# F: what contacts between bodies of two groups did to their partners in this step, zero where they do not touch.
-F_F, F_T = 0, 4  # force and torque on the partner's body, 3 each
+# F: what contacts between bodies of two groups did to their partners in this step, zero where they do not touch: force and torque
+# on the partner's body, 3 each, and behind them its shares of friction work and slip.
+F_F, F_T = 0, 4
 F_COLS = 8
 
-# R: full record of a contact, written in observed steps only.
+# R: full record of a contact, written in observed steps; it has no rows where nobody is going to read them.
 R_POINT = 0  # contact point minus centre of the owner's body, 3
 R_POINT_J = 3  # contact point minus centre of the partner's body, 3
 R_N = 6  # unit normal from partner to owner, 3
@@ -107,7 +111,8 @@ A_DX, A_DY, A_STEPS, A_ELAPSED, A_SPEED = 23, 24, 25, 26, 27
 A_HEADING = 28  # unit vector of the last relative motion of the plates, 2
 A_NUMERICAL = 30  # what the integrator itself lost
 A_FAR = 31  # no body is farther from where the last search saw it
-A_COLS = 32
+A_STORED_N, A_STORED_T = 32, 33  # elastic energy of all contacts at the last observed step
+A_COLS = 34
 
 # K: tangents of a contact (N/m): dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd; then, only with a law of the rolling
 # stage, the same six of its moment and turn.

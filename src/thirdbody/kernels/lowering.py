@@ -12,9 +12,7 @@ from typing import Any
 from llvmlite import ir as llvm
 from numba.core import analysis, compiler_machinery, ir, lowering, typed_passes, types
 
-_PLAIN = (types.Integer, types.Float)
-
-
+PLAIN = (types.Integer, types.Float)
 PURE = (llvm.instructions.InsertValue, llvm.instructions.ExtractValue, llvm.instructions.LoadInstr, llvm.instructions.GEPInstr)
 """Instructions that are left out where nothing uses what they give."""
 
@@ -84,7 +82,7 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
     def _pointer(self, table: Any, table_type: Any, index: Any, index_type: Any) -> Any:
         """Where a number of a contiguous table is, or None if the index names anything but one number."""
         kinds = _places(index_type)
-        if not (isinstance(table_type, types.Array) and table_type.layout == "C" and isinstance(table_type.dtype, _PLAIN)):
+        if not (isinstance(table_type, types.Array) and table_type.layout == "C" and isinstance(table_type.dtype, PLAIN)):
             return None
         if kinds is None or len(kinds) != table_type.ndim or self.context.enable_boundscheck:
             return None

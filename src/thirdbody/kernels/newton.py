@@ -101,7 +101,7 @@ def size_of(r):
 def scale_of(b, p, y, dt, Z, B, P, told):
     """Sum of all forces at work, N: what the unbalanced ones are compared with."""
     move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
-    weight = abs(B[b, B_EF]) + abs(B[b, B_EF + 1]) + abs(B[b, B_EF + 2])
+    weight = abs(B[b, B_EF]) + abs(B[b, B_EF + 1]) + abs(B[b, B_EF + 2]) if B.shape[1] > B_EF else 0.0
     free = P[p, P_FREE]
     square = 1.0 / (dt * dt)
     # of a patch that touches nothing too: its spring pulls, its dashpot holds; without load, what it was loaded with counts

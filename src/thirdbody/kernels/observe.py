@@ -35,6 +35,7 @@ from .layout import (
     C_V,
     DEBRIS,
     H_LAW,
+    H_LEAST,
     H_ON,
     H_SLIP,
     LOWER,
@@ -85,7 +86,7 @@ def contact_row(C, n, k, second, own, partner, H, R, memory_at):
         C[n, C_V + d] = R[k, R_VI + d] if second else R[k, R_VJ + d]
     C[n, C_CURVATURE] = R[k, R_CURVATURE_J] if second else R[k, R_CURVATURE]
     C[n, C_A], C[n, C_OVERLAP], C[n, C_FN], C[n, C_LOAD] = R[k, R_A], R[k, R_OVERLAP], R[k, R_FN], R[k, R_LOAD]
-    C[n, C_LIMIT], C[n, C_CRITICAL], C[n, C_SLIP] = R[k, R_LIMIT], R[k, R_CRITICAL], H[k, H_SLIP]
+    C[n, C_LIMIT], C[n, C_CRITICAL], C[n, C_SLIP] = R[k, R_LIMIT], R[k, R_CRITICAL], H[k, H_SLIP] - H_LEAST
     # unique within the body: its own sphere and the partner, which is a plate (-1, -2) or a sphere
     here, there = (j, own[k]) if second else (own[k], max(j, -2))
     C[n, C_IDENTITY] = here * 67108864.0 + there + 3.0
@@ -102,7 +103,7 @@ def body_row(b, B, A, drag, speed, O):  # noqa: E741
         O[O_F + k], O[O_T + k] = B[b, B_F + k], B[b, B_T + k]
         # Newton's second law as the integrator applies it: the acceleration is the force of this instant
         O[O_MA + k], O[O_LDOT + k] = B[b, B_F + k], B[b, B_T + k]
-        O[O_EF + k], O[O_ET + k] = B[b, B_EF + k], B[b, B_ET + k]
+        O[O_EF + k], O[O_ET + k] = (B[b, B_EF + k], B[b, B_ET + k]) if B.shape[1] > B_EF else (0.0, 0.0)
     for k in range(4):
         O[O_Q + k] = B[b, B_Q + k]
     O[O_ELAPSED], O[O_SHIFT], O[O_SHIFT + 1] = A[A_ELAPSED], A[A_DX], A[A_DY]

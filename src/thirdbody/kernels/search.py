@@ -7,6 +7,7 @@ history is carried over by one merge and nothing depends on threads.
 import numpy as np
 from numba import njit
 
+from .four import LANES, any_below, load, rounded, spread
 from .layout import EVERYTHING, ONLY_LOWER, ONLY_UPPER, P_Z, S_R, S_SIDE, S_X, S_Y, S_Z
 from .options import BARE, DIRECT, NO_COUNTS
 from .periodic import image, inverse
@@ -41,8 +42,8 @@ def cell_of(x, low, size, count, periodic):
 
 @njit(**BARE)
 def fill_cells(S, body, low, size, count, periodic, edges, place, Q, who):
-    """The spheres that meet others in the order of their cells, z fastest, then of their numbers: centre and radius into Q,
-    number and body into `who`, and where each cell begins, one further on, into `edges`, which is zero at first."""
+    """The spheres that meet others in the order of their cells, z fastest, then of their numbers: centre and radius into Q (4, n
+    and some), number and body into `who`, and where each cell begins, one further on, into `edges`, which is zero at first."""
     for i in range(S.shape[0]):
         a = cell_of(S[i, S_X], low[0], size[0], count[0], periodic[0])
         b = cell_of(S[i, S_Y], low[1], size[1], count[1], periodic[1])
@@ -56,7 +57,7 @@ def fill_cells(S, body, low, size, count, periodic, edges, place, Q, who):
             cell = (place[i, 0] * count[1] + place[i, 1]) * count[2] + place[i, 2]
             at = edges[cell + 1]
             edges[cell + 1] += 1
-            Q[at, 0], Q[at, 1], Q[at, 2], Q[at, 3] = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R]
+            Q[0, at], Q[1, at], Q[2, at], Q[3, at] = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R]
             who[at, 0], who[at, 1] = i, body[i]
 
 
@@ -84,9 +85,18 @@ def sort_in(j, m, found):
 
 
 @njit(**BARE)
+def any_near(k, x, y, z, r, l_x, l_y, c_x, c_y, Q):
+    """Whether any of four spheres from place k on, or of what stands behind them, is nearer than r and its radius."""
+    d_x, d_y, d_z = spread(x) - load(Q, 0, k), spread(y) - load(Q, 1, k), spread(z) - load(Q, 2, k)
+    d_x, d_y = d_x - spread(l_x) * rounded(d_x * spread(c_x)), d_y - spread(l_y) * rounded(d_y * spread(c_y))
+    reach = spread(r) + load(Q, 3, k)
+    return any_below(d_x * d_x + d_y * d_y + d_z * d_z, reach * reach)
+
+
+@njit(**BARE)
 def collect(i, S, b, l_x, l_y, c_x, c_y, skin, place, edges, Q, who, count, periodic, found):
     """Partners j > i of sphere i of body b within reach plus skin, into `found`, sorted; returns how many. c = 1/l, 0 if not
-    periodic. Whether a sphere is near enough cannot be foretold: hence no branch."""
+    periodic. Few of those in the cells around are near: four are asked at once."""
     m = np.int64(0)
     x, y, z, r = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R] + skin
     below, above = max(place[i, 2] - 1, 0), min(place[i, 2] + 1, count[2] - 1)
@@ -95,12 +105,15 @@ def collect(i, S, b, l_x, l_y, c_x, c_y, skin, place, edges, Q, who, count, peri
         cell_y = neighbour(place[i, 1], step % 3 - 1, count[1], periodic[1])
         there = (cell_x >= 0) & (cell_y >= 0)
         base = (cell_x * count[1] + cell_y) * count[2] if there else 0
-        for p in range(edges[base + below] if there else 0, edges[base + above + 1] if there else 0):
-            k = np.uint64(p)
-            d_x, d_y, d_z = image(x - Q[k, 0], l_x, c_x), image(y - Q[k, 1], l_y, c_y), z - Q[k, 2]
-            reach = r + Q[k, 3]
-            found[m] = who[k, 0]
-            m += np.int64((d_x * d_x + d_y * d_y + d_z * d_z < reach * reach) & (who[k, 0] > i) & (who[k, 1] != b))
+        end = edges[base + above + 1] if there else 0
+        for first in range(edges[base + below] if there else 0, end, LANES):
+            if any_near(np.int64(first), x, y, z, r, l_x, l_y, c_x, c_y, Q):
+                for p in range(first, min(first + LANES, end)):
+                    k = np.uint64(p)
+                    d_x, d_y, d_z = image(x - Q[0, k], l_x, c_x), image(y - Q[1, k], l_y, c_y), z - Q[2, k]
+                    reach = r + Q[3, k]
+                    found[m] = who[k, 0]
+                    m += np.int64((d_x * d_x + d_y * d_y + d_z * d_z < reach * reach) & (who[k, 0] > i) & (who[k, 1] != b))
     for e in range(1, m):
         sort_in(found[e], e, found)
     return m
@@ -125,7 +138,7 @@ def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own,
     # made here, since a kernel would compile each of these calls
     many = len(S)
     edges, place = np.zeros(int(np.prod(count)) + 2, np.int32), np.empty((many, 3), np.int32)
-    Q, who, found = np.empty((many, 4)), np.empty((many, 2), np.int32), np.empty(many + 1, np.int32)
+    Q, who, found = np.full((4, many + LANES), np.inf), np.empty((many, 2), np.int32), np.empty(many + 1, np.int32)
     return search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, place, Q, who, found, n, own, partner)
 
 

@@ -33,6 +33,7 @@ from .layout import (
     H_E,
     H_LAW,
     H_ON,
+    H_STORED,
     I_HISTORY,
     I_MASS,
     I_OVERLAP,
@@ -148,7 +149,13 @@ def stage_memory(q, k, kind, H, I, G, n_history):  # noqa: E741
     put_three(G, q + G_E * TILE, axes)
     put(G, q + G_ON * TILE, lasts(axes))
     put(I, q + I_TYPE * TILE, of(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
-    for h in range(n_history):
+    told, at = rows_of(k, np.int64(H_STORED), H), q + I_HISTORY * TILE
+    _, one, two, three = transposed(told[0], told[1], told[2], told[3])
+    if n_history >= 3:
+        put(I, at, one)
+        put(I, at + TILE, two)
+        put(I, at + 2 * TILE, three)
+    for h in range(3 if n_history >= 3 else 0, n_history):
         put(I, q + (I_HISTORY + h) * TILE, of(H[k[0], H_LAW + h], H[k[1], H_LAW + h], H[k[2], H_LAW + h], H[k[3], H_LAW + h]))
 
 
@@ -161,7 +168,6 @@ def foretell(p, slots, partner, body, S, B, H):
         fetch(S, j, np.int64(S_W))
         fetch(S, j, np.int64(S_O))
         fetch(H, k, np.int64(H_E))
-        fetch(H, k, np.int64(H_LAW))
         fetch(B, np.uint64(body[j]), np.int64(B_F))
 
 

@@ -8,7 +8,17 @@ from numba import njit, prange, types
 
 from .bodies import MOVE_BAD, MOVE_BODY, MOVE_OUT, MOVE_POWER, MOVE_STEP, MOVE_WAY, farthest
 from .clock import pass_time
-from .contacts import SUM_BAD, SUM_LOW, SUM_OVERLAP, SUM_POWER, SUM_SLOT, SUM_UP, SUM_WORK
+from .contacts import (
+    SUM_BAD,
+    SUM_LOW,
+    SUM_OVERLAP,
+    SUM_POWER,
+    SUM_SLOT,
+    SUM_STORED_N,
+    SUM_STORED_T,
+    SUM_UP,
+    SUM_WORK,
+)
 from .context import known
 from .four import lane, load, spread
 from .layout import (
@@ -30,6 +40,8 @@ from .layout import (
     A_POWER_LOAD,
     A_POWER_PATCH,
     A_STEPS,
+    A_STORED_N,
+    A_STORED_T,
     A_TIME,
     A_UPPER,
     D_GUARD_OVERLAP,
@@ -42,7 +54,7 @@ from .patches import drift_patches, drive_patches, kick_patches, load_patches, p
 from .pointers import pointed
 from .signatures import EARLY, KINDS, LATE, LOOK, WORK, Context
 
-DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT = range(8)
+DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT, RECORD = range(9)
 """Why `advance` returned."""
 
 NEARLY = 1.000001
@@ -57,8 +69,9 @@ something else holds their cores."""
 
 
 @njit(**BARE)
-def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping):
-    """Add the step to the energy ledger, to impulses and distances: powers by the trapezoid, in a fixed order."""
+def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
+    """Add the step to the energy ledger, to impulses and distances: powers by the trapezoid, in a fixed order; and what contacts
+    store, if it is an observed one (`record`)."""
     work, power = 0.0, 0.0
     for c in range(sums.shape[0]):
         work += sums[c, SUM_WORK]
@@ -83,6 +96,11 @@ def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping):
         A[A_UPPER + k], A[A_LOWER + k] = up[k], low[k]
     A[A_POWER_DAMPING], A[A_POWER_PATCH], A[A_POWER_EFFECTS], A[A_POWER_LOAD] = power, patch_damping, effects, lifted
     pass_time(A, dt, v_x, v_y)
+    if record:
+        A[A_STORED_N] = A[A_STORED_T] = 0.0
+        for c in range(sums.shape[0]):
+            A[A_STORED_N] += sums[c, SUM_STORED_N]
+            A[A_STORED_T] += sums[c, SUM_STORED_T]
 
 
 @njit(**BARE)
@@ -153,8 +171,8 @@ def share_out(parts, task, count, number, record, time, v_x, v_y, dt, context, w
 def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
-    `context` tells of the step's `Context`. Returns the code and the slot or body that a guard names, or whether a search is due.
-    State is synchronised on return.
+    `context` tells of the step's `Context`. Returns the code and the slot or body that a guard names, or whether a search is due;
+    before a step that reaches its target RECORD, if there is no table for its records. State is synchronised on return.
     """
     k = context_of(context)
     B, P, D, A, sums, moves = k.B, k.P, k.D, k.A, k.sums, k.moves
@@ -168,6 +186,8 @@ def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, 
         v_y = mean_rate(schedule, first, np.int64(Y), A[A_TIME], dt)
         speed = (v_x * v_x + v_y * v_y) ** 0.5
         last = A[A_TIME] + NEARLY * dt >= until or A[A_DISTANCE] + NEARLY * speed * dt >= distance
+        if last and k.R.shape[0] < k.own.shape[0]:
+            return RECORD, -1
         sampled = labels and (np.int64(A[A_STEPS]) + 1) % stride == 0
         record = sampled or last or step == budget - 1
         time = A[A_TIME] + dt
@@ -177,7 +197,7 @@ def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, 
             if task == LOOK:
                 load_patches(P, schedule, first, time)
                 lifted, damping = kick_patches(P, B, patch, pushed(sums), dt)
-                account(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping)
+                account(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping, record)
             if (task == LOOK and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
             number = np.int64(step + 1)

@@ -240,8 +240,9 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
     mass, now, last = B[b, B_MASS], Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt
     for k in range(3):
         theta, w = y[3 + k] * arm, B[b, B_W + k]
-        contacts += (B[b, B_F + k] - B[b, B_EF + k]) * y[k] + (B[b, B_T + k] - B[b, B_ET + k]) * theta
-        effects += B[b, B_EF + k] * y[k] + B[b, B_ET + k] * theta
+        force, torque = (B[b, B_EF + k], B[b, B_ET + k]) if B.shape[1] > B_EF else (0.0, 0.0)
+        contacts += (B[b, B_F + k] - force) * y[k] + (B[b, B_T + k] - torque) * theta
+        effects += force * y[k] + torque * theta
         pushed += Z[Z_MASS] * mass * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) * y[k]
         pushed += Z[Z_MASS] * (now * (B[b, B_L + k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) * theta
         pushed += Z[Z_PULL] * (y[k] * y[k] + y[3 + k] * y[3 + k])
@@ -330,7 +331,7 @@ def take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
         sums[0, k] = 0.0
     accept(b, m, v_x, v_y, spots, state, known, work, sums)
     B[b, B_L], B[b, B_L + 1], B[b, B_L + 2] = momentum_of(b, B)
-    for k in range(3):
+    for k in range(3 if B.shape[1] > B_EF else 0):
         B[b, B_F + k] += B[b, B_EF + k]
         B[b, B_T + k] += B[b, B_ET + k]
     stored = stored_in(b, spots, H, R)

@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from .bodies import place_body
-from .contacts import SUM_WORK, keep, record, release, separation
+from .contacts import SUM_WORK, record, separation
 from .layout import (
     B_EF,
     B_ET,
@@ -46,8 +46,6 @@ from .layout import (
     G_F,
     G_N,
     H_ON,
-    H_WAY,
-    H_WORK,
     I_HISTORY,
     I_OVERLAP,
     I_SX,
@@ -63,6 +61,7 @@ from .layout import (
     O_FN,
     O_HISTORY,
     O_POWER,
+    O_SLIP,
     O_TX,
     O_TY,
     O_WORK,
@@ -83,6 +82,7 @@ from .layout import (
     T_Y,
     TILE,
 )  # fmt: skip
+from .memory import keep, release
 from .options import CHUNK, INNER
 from .rolling import MOMENTS, record_rolling, stage_rolling
 from .rotation import matrix, turned_by
@@ -312,14 +312,13 @@ def accept(b, m, v_x, v_y, spots, state, known, work, sums):
             if rolling == MOMENTS:
                 record_rolling(q, k, O, G, R, n_history)
             sums[0, SUM_WORK] += O[O_WORK * TILE + q]
+            B[b, B_WORK] += O[O_WORK * TILE + q]  # all of it: what a spot meets is a plate
+            B[b, B_SLIP] += O[O_SLIP * TILE + q]
             side = B_LOW if partner[k] == -1 else B_UP
             for d in range(3):
                 B[b, side + d] += G[q + (G_F + d) * TILE]
             q += 1
         elif H[k, H_ON] != 0.0:
-            sums[0, SUM_WORK] += release(k, H)
-        else:
-            continue
-        B[b, B_WORK] += H[k, H_WORK]  # all of it: what a spot meets is a plate
-        B[b, B_SLIP] += H[k, H_WAY]
-        H[k, H_WORK] = H[k, H_WAY] = 0.0
+            lost = release(k, H)
+            sums[0, SUM_WORK] += lost
+            B[b, B_WORK] += lost

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from ..engine.energy import Ledger
-from ..engine.state import State, told_bodies
+from ..engine.state import State
 from ..kernels import layout as at
 from ..laws.contract import Labeller
 from .schema import Frame
@@ -76,7 +76,7 @@ class FrameMaker:
             "tangential_force": tangential,
             "force": R[:, [at.R_FN]] * R[:, at.R_N : at.R_N + 3] + tangential,
             "utilisation": eta,
-            "slip": slots.H[on, at.H_SLIP],
+            "slip": slots.H[on, at.H_SLIP] - at.H_LEAST,
             "overlap": R[:, at.R_OVERLAP],
             "contact_radius": R[:, at.R_A],
             "critical_slip": R[:, at.R_CRITICAL],
@@ -89,7 +89,7 @@ class FrameMaker:
         return arrays
 
     def _clumps(self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        s, B = self.state, told_bodies(self.state)[self.given]
+        s, B = self.state, self.state.B[self.given]
         arrays = {
             "points": B[:, at.B_X : at.B_X + 3].copy(),
             "quaternion": B[:, at.B_Q : at.B_Q + 4].copy(),

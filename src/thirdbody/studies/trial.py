@@ -172,9 +172,8 @@ class Course:
         return self.state.slots.H[:, at.H_ON] > 0.0
 
     def remembered(self) -> float:
-        """Largest entry of the history of open contacts: they must have forgotten all that their bodies know."""
-        untold = [at.H_WORK, at.H_WAY]
-        return float(np.abs(np.delete(self.state.slots.H[~self.loaded()], untold, axis=1)).max(initial=0.0))
+        """Largest entry of the history of open contacts, which must have forgotten all."""
+        return float(np.abs(self.state.slots.H[~self.loaded()]).max(initial=0.0))
 
     def shear(self) -> np.ndarray:
         """Tangential forces of the candidates (n, 3), N; zero where open."""
