@@ -2,15 +2,16 @@
 
     python tests/bench/limits.py
 
-Bandwidth of a triad by the size of its working set, vector products and sums, square roots and divisions, and random reads of
-rows of 32 bytes, which is what a contact does that looks up its partner. Best of several timings: a limit is what is reached
-undisturbed.
+Bandwidth of a triad by the size of its working set, and what two cores get through of it that each have a set of that size;
+vector products and sums, square roots and divisions, and random reads of rows of 32 bytes, which is what a contact does that
+looks up its partner. Best of several timings: a limit is what is reached undisturbed.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ TRIES, READS, LANES = 7, 1_000_000, 2048
 CHAINS, LINKS = 4, 8
 """Products and sums that wait for each other, and such chains side by side, so that none waits: of one element."""
 
-kernel = njit(error_model="numpy")  # as the engine's: IEEE, no exception for a division by zero
+kernel = njit(error_model="numpy", nogil=True)  # as the engine's: IEEE, no exception for a division by zero
 
 
 @kernel
@@ -80,14 +81,15 @@ def reads(table, rows):
 
 
 def measure_limits() -> dict[str, Any]:
-    """Triad by KiB of its working set (24 bytes per element), products and sums, sqrt and division per element, random reads by
-    rows of a table."""
+    """Triad by KiB of its working set (24 bytes per element), two cores over one in that, products and sums, sqrt and division
+    per element, random reads by rows of a table."""
     rng = np.random.default_rng(1)
     out, values = np.empty(LANES), rng.uniform(0.5, 1.5, LANES)
     repeats = 1000
     per_lane = 1e9 / (repeats * LANES)
     return {
         "bandwidth_GB_s": {size: _bandwidth(size) for size in SIZES},
+        "two_cores_over_one": {size: _two_over_one(size) for size in SIZES},
         "arithmetic_GF_s": (2 * CHAINS * LINKS + 6) / (per_lane * best(chains, out, values, repeats)),
         "sqrt_ns": per_lane * best(roots, out, values, repeats),
         "division_ns": per_lane * best(divisions, out, values, repeats),
@@ -97,10 +99,27 @@ def measure_limits() -> dict[str, Any]:
 
 def _bandwidth(kibibytes: int) -> float:
     """GB/s of a triad over three arrays of this size together."""
+    arrays, repeats = _arrays(kibibytes)
+    return 24e-9 * arrays[0].size * repeats / best(triad, *arrays, 2.0, repeats)
+
+
+def _arrays(kibibytes: int) -> tuple[list[np.ndarray], int]:
+    """Three arrays that take so much together, and how often to go through them to have something to time."""
     n = kibibytes * 1024 // 24
-    a, b, c = (np.ones(n) for _ in range(3))
-    repeats = max(1, int(2e8 / (24 * n)))
-    return 24e-9 * n * repeats / best(triad, a, b, c, 2.0, repeats)
+    return [np.ones(n) for _ in range(3)], max(1, int(4e9 / (24 * n)))
+
+
+def _two_over_one(kibibytes: int) -> float:
+    """What two triads at a time get through, each over arrays of its own, in terms of what one gets through alone."""
+    (one, repeats), (other, _) = _arrays(kibibytes), _arrays(kibibytes)
+    alone = best(triad, *one, 2.0, repeats)
+    with ThreadPoolExecutor(2) as pool:
+
+        def both() -> None:
+            for half in [pool.submit(triad, *arrays, 2.0, repeats) for arrays in (one, other)]:
+                half.result()
+
+        return 2.0 * alone / best(both)
 
 
 def _read(rng: np.random.Generator, rows: int) -> float:
@@ -122,9 +141,9 @@ def best(function: Callable, *arguments: Any) -> float:
 
 def print_limits(told: dict[str, Any], console: Console) -> None:
     """The limits as two tables."""
-    wide = Table("working set", "triad", title="bandwidth of one core")
+    wide = Table("working set", "triad", "two cores over one", title="bandwidth of one core")
     for size, rate in told["bandwidth_GB_s"].items():
-        wide.add_row(f"{size} KiB", f"{rate:.1f} GB/s")
+        wide.add_row(f"{size} KiB", f"{rate:.1f} GB/s", f"{told['two_cores_over_one'][size]:.2f}")
     single = Table("operation", "ns", title="one core, per element")
     single.add_row("vector product or sum", f"{1.0 / told['arithmetic_GF_s']:.4f}")
     single.add_row("vector sqrt", f"{told['sqrt_ns']:.3f}")

@@ -10,6 +10,7 @@ and after every segment, kinetic energy at the end, steps per search, memory. DI
 from __future__ import annotations
 
 import argparse
+import ctypes
 import json
 import os
 import statistics
@@ -66,6 +67,7 @@ def measure(asked: argparse.Namespace) -> dict[str, Any]:
         sys.exit(f"{asked.kind} needs its configuration: give --peers DIR")
     set_threads(asked.threads)
     advance(simulation_of(start_of("S", generated(200))), 70)  # compiled code is no memory of the scene
+    at_start = count_contacts(start, start.x)  # now, since what it imports is no memory of the scene either
     base = forget_peak()
     began = time.perf_counter()
     simulation = simulation_of(start)
@@ -78,15 +80,19 @@ def measure(asked: argparse.Namespace) -> dict[str, Any]:
         highest = peak()
         note(told, count_contacts(start, spheres_of(simulation)["points"]))
     energy = kinetic_energy(start, spheres_of(simulation)["velocity"])
+    stepping = resident(simulation)
     touching = statistics.fmean(told["contacts"]) + statistics.fmean(told["plate"])
     return {
         "engine": "thirdbody", "scene": asked.kind, "N": asked.number, "tiles": asked.tiles, "cores": asked.threads,
         "spheres": start.spheres, "bodies": start.bodies, "steps": asked.steps, "setup_s": seconds, **told,
-        "ke_end": energy, "start": count_contacts(start, start.x),
+        "ke_end": energy, "start": at_start,
         "ns_per_sphere_step": [1e9 * t / start.spheres for t in told["t"]],
         "processor_ns_per_sphere_step": 1e9 / start.spheres * statistics.median(map(mul, told["t"], told["cpu"])),
         "ns_per_contact_step": [1e9 * t / touching for t in told["t"]],
-        "bytes_per_sphere": {"built": (built - base) / start.spheres, "run": (highest - base) / start.spheres},
+        "bytes_per_sphere": {
+            "built": (built - base) / start.spheres, "run": (highest - base) / start.spheres,
+            "stepping": (stepping - base) / start.spheres,
+        },
     }  # fmt: skip
 
 
@@ -107,6 +113,21 @@ def advance(simulation: Any, steps: int) -> int:
     state = simulation.state
     simulation.integrator.advance_to(time=state.time + (steps - 0.5) * state.dt)
     return simulation.integrator.summary()["steps"] - before
+
+
+def resident(simulation: Any) -> int:
+    """Memory that a run holds between two searches, bytes: without what is there while something is built, sought or told, and
+    without what has been freed but not given back to the system yet."""
+    seen: list[int] = []
+    state, libc = simulation.state, ctypes.CDLL(None)
+
+    def look() -> None:
+        if hasattr(libc, "malloc_trim"):
+            libc.malloc_trim(0)
+        seen.append(_status("VmRSS"))
+
+    simulation.integrator.advance_to(time=state.time + 400.5 * state.dt, watch=look)
+    return min(seen)
 
 
 def note(told: dict[str, list[Any]], found: tuple[int, int]) -> None:
@@ -150,7 +171,8 @@ def show(told: dict[str, Any]) -> None:
     print(f"contacts             {touching}")
     print(f"steps per search     {', '.join(f'{n:.0f}' for n in told['rebuild_every'])}")
     print(f"kinetic energy       {told['ke_end']:.5g} J")
-    print(f"bytes per sphere     {told['bytes_per_sphere']['built']:.0f} built, {told['bytes_per_sphere']['run']:.0f} at most")
+    print(f"bytes per sphere     {told['bytes_per_sphere']['built']:.0f} built, {told['bytes_per_sphere']['run']:.0f} at most, "
+          f"{told['bytes_per_sphere']['stepping']:.0f} between searches")
     print(f"built in             {told['setup_s']:.2f} s")
 
 

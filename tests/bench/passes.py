@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from thirdbody.kernels import bodies, contacts, gather, staging
+from thirdbody.kernels import bodies, contacts, gather, memory, staging
 from thirdbody.kernels import layout as at
 from thirdbody.kernels.bodies import BODIES, FLAT, PAIRED
 from thirdbody.kernels.contacts import GROUP
@@ -101,9 +101,9 @@ def tally(n, slots, first, O, I, G, sums):  # noqa: E741
 
 
 @kernel
-def push_flat(n, slots, first, own, partner, body, S, G, B, sums):
+def push_flat(n, slots, first, own, partner, body, S, O, G, B, sums):  # noqa: E741
     """A tile of contacts with plates."""
-    contacts.push_flat(n, np.int64(0), slots, first, own, partner, body, S, G, B, sums)
+    contacts.push_flat(n, np.int64(0), slots, first, own, partner, body, S, O, G, B, sums)
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ class Tables:
         fields = (at.I_HISTORY + self.h + at.J_COLS, at.O_HISTORY + self.h + at.Q_COLS, at.G_COLS)
         self.I, self.O, self.G = (np.zeros(n * at.TILE) for n in fields)
         behind = [max(s.slots.count - 1, 0)] * staging.SPARE  # as far as it is looked ahead
-        self.touching = np.append(np.flatnonzero(self.closed), behind).astype(np.int32)
+        self.touching = np.append(np.flatnonzero(self.closed == 1), behind).astype(np.int32)
         self.flat, self.paired = self._tiles(FLAT), self._tiles(PAIRED)
         self.tiles = np.concatenate((self.flat, self.paired))
         length = max(s.D[at.D_LX], 0.0), max(s.D[at.D_LY], 0.0)
@@ -162,7 +162,7 @@ def drift_of(k: Tables) -> Pass:
     s, slots, balls = k.state, k.slots, k.B[:, at.B_BALL] != 0.0
     many, clumps = int(balls.sum()), int((~balls).sum())
     placed = int(np.diff(slots.beginning)[~balls].sum())
-    touched = 8 * many * (1 + 24 + 24 + 4 + 20) + clumps * (8 * (2 + 27 + 21) + 8) + placed * (8 * (3 + 12 + 24) + 4)
+    touched = 8 * many * (1 + 24 + 24 + 4 + 20) + clumps * (8 * (2 + 28 + 21) + 8) + placed * (8 * (3 + 12 + 24) + 4)
     given = (
         s.start, slots.near, slots.beginning, s.offsets, k.S, k.B, s.D, k.moves, k.room[0], k.marks[0], slots.cuts, slots.own,
         s.body,
@@ -220,12 +220,12 @@ def pushes_of(k: Tables) -> list[Pass]:
     arms, listed = 16 + 8 * 8 if clumps else 0, slots.own.nbytes + slots.partner.nbytes
     tables = k.B.nbytes + listed + k.S.nbytes * clumps
     return [
-        slotted(k, "bodies, plates", push_flat, k.flat, (slots.own, slots.partner, s.body, k.S, k.G, k.B, k.sums),
-                20 + 8 * (6 + 4 + 12 + 12), tables, contacts.push_flat, 4),
+        slotted(k, "bodies, plates", push_flat, k.flat, (slots.own, slots.partner, s.body, k.S, k.O, k.G, k.B, k.sums),
+                20 + 8 * (8 + 4 + 12 + 12), tables, contacts.push_flat, 4),
         slotted(k, "bodies, pairs", contacts.push_pairs, k.paired,
-                (slots.own, slots.partner, s.body, slots.outer, k.S, k.G, k.B, k.F),
-                16 + arms + 8 * (9 + 16 + 16), tables + k.F.nbytes + slots.outer.nbytes, contacts.push_pairs, 4),
-        slotted(k, "keep", contacts.keep, k.tiles, (k.O, k.G, k.H, h), 4 + 8 * (6 + 4 + 8 + 2 * h), k.H.nbytes, contacts.keep, 4),
+                (slots.own, slots.partner, s.body, slots.outer, k.S, k.O, k.G, k.B, k.F),
+                16 + arms + 8 * (11 + 16 + 16), tables + k.F.nbytes + slots.outer.nbytes, contacts.push_pairs, 4),
+        slotted(k, "keep", memory.keep, k.tiles, (k.O, k.G, k.H, h), 4 + 8 * (6 + 5 + 2 * h), k.H.nbytes, memory.keep, 4),
     ]  # fmt: skip
 
 

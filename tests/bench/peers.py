@@ -78,7 +78,7 @@ def main() -> None:
     console = screen()
     told: dict[str, Any] = {"machine": machine()}
     head = told["machine"]
-    console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load'][0]:.2f}" if head["load"] else head["cpu"])
+    console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load']}" if head["load"] else head["cpu"])
     if asked.profile:
         told["profile"] = part_profile(asked, console)
     if asked.startup:
@@ -237,7 +237,7 @@ def print_case(case: Case, runs: dict[str, list[Run]], summary: dict[str, Any], 
         table.add_row(name, *_cells(done), _ratio(summary["ratios"].get(name)))
     console.print(table)
     size = first["bytes_per_sphere"]
-    memory = f"{size['built']:.0f} built, {size['run']:.0f} at most"
+    memory = f"{size['stepping']:.0f} between searches, {size['built']:.0f} built, {size['run']:.0f} at most"
     console.print(f"our memory, bytes per sphere: {memory}; built in {first['setup_s']:.2f} s")
     if summary["best"]:
         console.print(f"the fastest peer, {summary['best']}, over ours: {_ratio(summary['ratio'])}")

@@ -53,7 +53,7 @@ def main() -> None:
     console = Console() if Console().is_terminal else Console(width=150)
     told: dict[str, Any] = {"machine": machine()}
     head = told["machine"]
-    console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load'][0]:.2f}" if head["load"] else head["cpu"])
+    console.print(f"{head['cpu']}, {head['cores']} cores, load {head['load']}" if head["load"] else head["cpu"])
     told |= part_scale(asked, console) if asked.scale else part_speeds(asked, console)
     told["load_at_end"] = machine()["load"]
     if asked.json:
