@@ -8,18 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from steel import STEEL
 
-BALLS = """\
-scene = 1
-title = "four balls"
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.30
-restitution = 0.60
+BALLS = 'title = "four balls"\n' + STEEL + """\
 [[debris]]
 material = "steel"
 kind = "spheres"

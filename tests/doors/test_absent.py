@@ -14,6 +14,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from steel import STEEL
 
 from thirdbody.kernels import layout as at
 from thirdbody.laws.compose_tangents import tangent_module
@@ -27,16 +28,7 @@ from thirdbody.simulate import execute
 
 DMT = Path(__file__).parents[2] / "plugins" / "dmt_adhesion.py"
 
-SCENE = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.30
-restitution = 0.60
+SCENE = STEEL + """\
 [[debris]]
 material = "steel"
 kind = "spheres"

@@ -24,7 +24,7 @@ def given(x: str, z: str = "5 um") -> tuple[str, str]:
 # what is spoilt; where the fault stands (line:column: key); words that the message must hold
 FAULTS = {
     # keys at several levels, with the nearest name
-    "key at the top": ([("title", "titel")], "2:1: titel", ["did you mean 'title'"]),
+    "key at the top": ([("title", "titel")], "1:1: titel", ["did you mean 'title'"]),
     "key of a material": ([("density", "densty")], "6:1: materials.steel.densty", ["did you mean 'density'"]),
     "key of a plate": ([("load =", "laod =")], "24:1: plates.upper.laod", ["did you mean 'load'"]),
     "key in a list": ([("radius", "raduis")], "14:1: debris[0].raduis", ["did you mean 'radius'"]),

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from steel import STEEL
 
 import thirdbody
 from thirdbody.kernels.bodies import BODIES
@@ -19,17 +20,7 @@ from thirdbody.kernels.step import FEW
 from thirdbody.scene.build import build
 
 # Crowded, so that bodies collide; enough of them that the passes over contacts and bodies have several chunks.
-SCENE = """\
-scene = 1
-title = "a crowded layer"
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.30
-restitution = 0.60
+SCENE = STEEL + """\
 [[debris]]
 material = "steel"
 kind = "irregular"

@@ -13,7 +13,7 @@ SOURCE, PLUGINS = ROOT / "src" / "thirdbody", ROOT / "plugins"
 OURS = sorted(SOURCE.rglob("*.py"))
 THEIRS = sorted(PLUGINS.rglob("*.py"))
 
-# each layer may import itself and those named; `errors` and `cache` are open to all
+# each layer may import itself and those named; those of OPEN are for all
 BELOW = {
     "kernels": set(),
     "laws": {"kernels"},
@@ -24,7 +24,7 @@ BELOW = {
     # studies run whole scenes, so they stand on what runs, checks and prints one
     "studies": {"kernels", "laws", "bodies", "engine", "scene", "output", "course", "simulate", "check", "report"},
 }
-OPEN = {"errors", "cache"}
+OPEN = {"errors", "cache", "collector", "cores"}
 # `plugin` is the facade of the contract: it may show what plug-ins need and nothing above it
 FACADE = {"bodies", "engine", "errors", "kernels", "laws", "scene"}
 

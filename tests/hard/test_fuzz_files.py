@@ -18,6 +18,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 import trimesh
+from steel import STEEL
 
 import thirdbody
 
@@ -27,16 +28,7 @@ PATIENCE = 60.0  # s on the clock; the first answer waits for imports too
 BATCH = 60  # of CI
 MANY = int(os.environ.get("FUZZ_FILES", "1000"))
 
-SCENE = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.30
-restitution = 0.60
+SCENE = STEEL + """\
 [[debris]]
 material = "steel"
 {debris}

@@ -17,6 +17,7 @@ from random import Random
 from types import ModuleType
 
 import pytest
+from steel import STEEL
 
 import thirdbody
 from thirdbody.errors import Interrupted
@@ -42,16 +43,7 @@ def loaded(name: str) -> ModuleType:
 
 F, M = loaded("file_mutants"), loaded("run_mutants")
 
-SCENE = """
-scene = 1
-[materials.steel]
-youngs_modulus = "210 GPa"
-poisson_ratio = 0.30
-density = "7850 kg/m3"
-[[pairs]]
-between = ["steel", "steel"]
-friction = 0.30
-restitution = 0.60
+SCENE = STEEL + """\
 [[debris]]
 kind = "spheres"
 material = "steel"

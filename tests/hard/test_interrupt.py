@@ -51,17 +51,18 @@ def contents(folder: Path) -> dict[str, bytes]:
     return found | {"summary": json.dumps(summary, sort_keys=True).encode()}
 
 
-def in_short_calls(monkeypatch: pytest.MonkeyPatch, seconds: float = 1e-3) -> None:
-    monkeypatch.setattr(implicit, "CALL", seconds)
+def in_short_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One try of a step per body and call, whatever the clock says."""
+    monkeypatch.setattr(implicit, "CALL", 0.0)
     monkeypatch.setattr(implicit, "FEW", 1.0)
 
 
 @pytest.mark.parametrize("level", ["mindlin", "mdr"])
 def test_bodies_that_wait_come_to_the_same_bits(tmp_path, monkeypatch, level):
-    execute(prepare(scene_of(60, "2 um", level)), tmp_path / "whole")
+    execute(prepare(scene_of(60, "0.5 um", level)), tmp_path / "whole")
     in_short_calls(monkeypatch)
     looks = itertools.count()
-    execute(prepare(scene_of(60, "2 um", level)), tmp_path / "often", stop=lambda: next(looks) < 0)
+    execute(prepare(scene_of(60, "0.5 um", level)), tmp_path / "often", stop=lambda: next(looks) < 0)
     assert next(looks) > 20  # else the calls were not cut
     whole, often = contents(tmp_path / "whole"), contents(tmp_path / "often")
     assert [name for name in whole if whole[name] != often[name]] == []
@@ -74,7 +75,7 @@ def test_a_run_cut_within_a_batch_goes_on_to_the_same_bits(tmp_path, monkeypatch
     with pytest.raises(Interrupted, match="thirdbody resume"):
         execute(simulation, tmp_path / "cut", stop=lambda: next(looks) > 20)
     times = simulation.integrator.totals[:, at.A_TIME]
-    assert len(set(times)) > 3  # bodies stopped on their way, each at a time of its own
+    assert len(set(times)) > 10  # bodies stopped on their way, each at a time of its own
     monkeypatch.setattr(implicit, "CALL", math.inf)
     simulation, kept = prepare_resume(tmp_path / "cut")
     execute(simulation, tmp_path / "cut", kept=kept, threads=1)
