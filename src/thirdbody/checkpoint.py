@@ -1,7 +1,7 @@
 """The file a run goes on from: `checkpoint.npz` beside its trajectory, replaced as a whole or not at all.
 
-Plain arrays, and one text of JSON with the scene and fingerprints of what the run was built from; never a pickle. Every array
-carries a checksum (zip), so a damaged file is told as such.
+Plain arrays, and one text of JSON with the scene, fingerprints of what the run was built from and the names of the arrays; never
+a pickle. Every array carries a checksum (zip), so a damaged file is told as such.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .scene.build import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 1
+VERSION = 2
 NOTES = "notes"
 THE_VERSION = "the version"
 
@@ -89,15 +89,16 @@ def _digest(arrays: list[np.ndarray]) -> str:
 
 def write_checkpoint(folder: Path, kept: Checkpoint) -> None:
     """Write the file and make sure that it is on the disk. Raises OutputError, with the one before in place."""
+    arrays: dict[str, Any] = {"impulses": kept.impulses} | kept.snapshot.arrays
     notes = {
         "version": VERSION, "scene": kept.scene, "folder": kept.folder, "prints": kept.prints, "frames": kept.frames,
         "stop": kept.stop, "wall_time": kept.wall_time, "force": kept.force, "looks": kept.looks, "snapshot": kept.snapshot.notes,
+        "arrays": sorted(arrays),
     }  # fmt: skip
-    text = np.frombuffer(json.dumps(notes).encode(), np.uint8)
+    arrays[NOTES] = np.frombuffer(json.dumps(notes).encode(), np.uint8)
     part = folder / f"{FILE}.part"
     try:
         with open(part, "wb") as file:
-            arrays: dict[str, Any] = {NOTES: text, "impulses": kept.impulses} | kept.snapshot.arrays
             np.savez(file, **arrays)
             file.flush()
             os.fsync(file.fileno())
@@ -133,6 +134,8 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         notes = json.loads(arrays.pop(NOTES).tobytes(), parse_constant=_constant)
         if notes["version"] != VERSION:
             raise InputError(f"{path}: format {notes['version']}, this version reads {VERSION}")
+        if set(notes["arrays"]) != set(arrays):  # zip's own list of contents has no checksum
+            raise ValueError("arrays are missing, or too many")
         impulses = arrays.pop("impulses")
         if impulses.shape != (7,) or impulses.dtype != np.float64:
             raise ValueError("the impulses are no seven numbers")
