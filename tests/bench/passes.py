@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from thirdbody.kernels import bodies, contacts, gather, memory, staging
+from thirdbody.kernels import bodies, contacts, gaps, gather, memory, staging
 from thirdbody.kernels import layout as at
 from thirdbody.kernels.bodies import BODIES, FLAT, PAIRED
 from thirdbody.kernels.contacts import GROUP
@@ -71,20 +71,20 @@ def ends(g, cuts, side):
 
 
 @kernel
-def measure(g, cuts, own, partner, S, P, l_x, l_y, c_x, c_y, gaps):
+def measure(g, cuts, own, partner, S, P, l_x, l_y, c_x, c_y, found):
     """The gaps of a group."""
     first, last = ends(g, cuts, FLAT)
-    contacts.measure_plates(first, last, own, partner, S, P, gaps)
+    gaps.measure_plates(first, last, own, partner, S, P, found)
     first, last = ends(g, cuts, PAIRED)
-    contacts.measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, gaps)
+    gaps.measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, found)
 
 
 @kernel
-def sort(g, cuts, gaps, closed, touching, opened):
+def sort(g, cuts, found, closed, touching, opened):
     """Who touches in a group, by the gaps of another: the work does not depend on them."""
     for side in range(FLAT, PAIRED + 1):
         first, last = ends(g, cuts, side)
-        contacts.sort_out(first, last, gaps, closed, touching, opened)
+        gaps.sort_out(first, last, found, closed, touching, opened)
 
 
 @kernel
@@ -181,7 +181,7 @@ def gaps_of(k: Tables) -> list[Pass]:
     return [
         Pass("measure", lambda n: over_parts(n, measure, k.groups, given), calls, slots.count, "candidates",
              flat * (8 + 8 * 4) + paired * (8 + 8 * 9), k.S.nbytes + 8 * slots.count,
-             [(contacts.plate_overlap, flat), (contacts.measure_pairs, paired)]),
+             [(gaps.plate_overlap, flat), (gaps.measure_pairs, paired)]),
         Pass("sort", lambda n: over_parts(n, sort, k.groups, sorts), calls, slots.count, "candidates",
              24 * slots.count, k.closed.nbytes, []),
     ]  # fmt: skip

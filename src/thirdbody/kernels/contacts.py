@@ -6,12 +6,12 @@ order. So the result has the same bits for any number of threads. Branches that 
 arithmetic, so gaps are computed for all candidates first and the touching ones are listed without a branch.
 """
 
-import math
 
 import numpy as np
 from numba import njit
 
 from .four import crossed, get, load, of, spread, store, transposed, with_last
+from .gaps import measure_pairs, measure_plates, sort_out
 from .layout import (
     B_F,
     B_LOW,
@@ -49,7 +49,6 @@ from .layout import (
     O_TY,
     O_WORK,
     P_V,
-    P_Z,
     Q_COLS,
     R_A,
     R_CRITICAL,
@@ -72,14 +71,11 @@ from .layout import (
     S_O,
     S_R,
     S_V,
-    S_X,
-    S_Y,
-    S_Z,
     TILE,
 )  # fmt: skip
 from .memory import keep, release
 from .options import BARE, BARE_CHUNK
-from .periodic import image, inverse, nearest_image
+from .periodic import inverse
 from .rolling import MOMENTS, add_moments, record_rolling, stage_rolling
 from .staging import SPARE, meet, push, slide, stage_pairs, stage_plate, turn_frames
 from .surface import partner_velocity, surface_velocity
@@ -100,72 +96,6 @@ def room_for(n_history, longest):
     """Scratch of a thread for chunks of at most `longest` slots: numbers of floats and of marks."""
     fields = I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS + G_COLS
     return fields * TILE + longest, 2 * (longest + SPARE)
-
-
-@njit(**BARE)
-def separation(k, own, partner, S, P, l_x, l_y):
-    """Overlap of candidate k (not positive: apart) and the unit normal, partner to owner, of one that touches."""
-    i, j = own[k], partner[k]
-    if j < 0:
-        overlap, up = plate_overlap(k, own, partner, S, P)
-        return overlap, 0.0, 0.0, 1.0 - 2.0 * up
-    d_x = nearest_image(S[i, S_X] - S[j, S_X], l_x)
-    d_y = nearest_image(S[i, S_Y] - S[j, S_Y], l_y)
-    d_z = S[i, S_Z] - S[j, S_Z]
-    square = d_x * d_x + d_y * d_y + d_z * d_z
-    reach = S[i, S_R] + S[j, S_R]
-    if square >= reach * reach:
-        return -1.0, 0.0, 0.0, 0.0
-    d = math.sqrt(square)
-    inverse = 1.0 / max(d, 1e-300)
-    return reach - d, d_x * inverse, d_y * inverse, d_z * inverse
-
-
-@njit(**BARE)
-def plate_overlap(k, own, partner, S, P):
-    """Overlap of candidate k with its plate (not positive: apart), and whether that is the upper one."""
-    i, j = own[k], partner[k]
-    z, r = S[i, S_Z], S[i, S_R]
-    up = 1.0 if j < -1 else 0.0
-    top = P[max(-j - 2, 0), P_Z]
-    return r - (top - z if j < -1 else z), up
-
-
-@njit(**BARE_CHUNK)
-def measure_plates(first, last, own, partner, S, P, g):
-    """Overlaps of the candidates first to last, which are with plates."""
-    for k in range(first, last):
-        g[k - first] = plate_overlap(k, own, partner, S, P)[0]
-
-
-@njit(**BARE_CHUNK)
-def measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
-    """How much the spheres of the candidates first to last touch: positive if they do (c = 1/l, 0 if not periodic)."""
-    for k in range(first, last):
-        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
-        d_x, d_y, d_z = S[i, S_X] - S[j, S_X], S[i, S_Y] - S[j, S_Y], S[i, S_Z] - S[j, S_Z]
-        d_x, d_y = image(d_x, l_x, c_x), image(d_y, l_y, c_y)
-        reach = S[i, S_R] + S[j, S_R]
-        g[k - first] = reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
-
-
-@njit(**BARE_CHUNK)
-def sort_out(first, last, g, closed, touching, opened):
-    """List the candidates that touch, and those that do no more but did one or two steps ago; returns how many of each.
-
-    `closed` remembers who touches (1), or did a step ago (2). Behind those that touch the list goes on with the last of them, as
-    far as it is looked ahead.
-    """
-    m, o = np.int64(0), np.int64(0)
-    for k in range(first, last):
-        on, was = np.int64(g[k - first] > 0.0), np.int64(closed[k])
-        touching[m], opened[o] = k, k
-        closed[k] = on + 2 * (was & 1) * (1 - on)
-        m += on
-        o += np.int64(was != 0) * (1 - on)
-    for e in range(m, m + SPARE - 1):
-        touching[e] = touching[max(m - 1, 0)]
-    return m, o
 
 
 @njit(**BARE)

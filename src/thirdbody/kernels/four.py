@@ -22,6 +22,8 @@ off a step; 8 and 32 are as good."""
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _SPLIT = ir.IntType(32)
 _BITS = ir.VectorType(ir.IntType(64), LANES)
+_SHORTS = ir.VectorType(_SPLIT, LANES)
+_PLACES = [_SHORTS([*(q for q in range(LANES) if bits >> q & 1), *[0] * (LANES - bits.bit_count())]) for bits in range(16)]
 
 
 _intrinsic: Any = intrinsic  # its annotations speak of the typing context as of an argument
@@ -251,6 +253,42 @@ def above(typing: Any, v: Any, least: Any) -> Any:
         return builder.select(low, ir.Constant(_VECTOR, [0.0] * LANES), args[0])
 
     return four(v, types.float64), make
+
+
+@_intrinsic
+def noted(typing: Any, v: Any, closed: Any, k: Any) -> Any:
+    """Which of four numbers are positive, as bits 0 to 3; bits 4 to 7: which are not though `closed[k:k + 4]` was not 0. That
+    becomes 1 where they are, and 2 where they are not but it was 1, else 0."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = _number(context, builder, sig.args[1], args[1], _index(context, builder, sig, args, range(2, 3)))
+        place = builder.bitcast(place, _SHORTS.as_pointer())
+        was, none, one = builder.load(place, align=4), _SHORTS([0] * LANES), _SHORTS([1] * LANES)
+        on = builder.fcmp_ordered(">", args[0], _VECTOR([0.0] * LANES))
+        before = builder.shl(builder.and_(was, one), one)
+        builder.store(builder.select(on, one, before), place, align=4)
+        gone = builder.and_(builder.icmp_unsigned("!=", was, none), builder.not_(on))
+        bits = [builder.zext(builder.bitcast(each, ir.IntType(LANES)), ir.IntType(64)) for each in (on, gone)]
+        return builder.or_(bits[0], builder.shl(bits[1], ir.IntType(64)(LANES)))
+
+    return types.int64(v, closed, k), make
+
+
+@_intrinsic
+def listed(typing: Any, A: Any, m: Any, k: Any, bits: Any) -> Any:
+    """Write those of the numbers k to k + 3 whose bit is set into the list A from place m on, and whatever behind them up to
+    place m + 3; returns how many they are."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = _number(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
+        rows = cgutils.global_constant(builder, "places", ir.ArrayType(_SHORTS, len(_PLACES))(_PLACES))
+        ahead = builder.load(builder.gep(rows, [_SPLIT(0), args[3]]))
+        first = builder.insert_element(_SHORTS(ir.Undefined), builder.trunc(args[2], _SPLIT), _SPLIT(0))
+        numbers = builder.add(_shuffle(builder, first, first, [0] * LANES), ahead)
+        builder.store(numbers, builder.bitcast(place, _SHORTS.as_pointer()), align=4)
+        return builder.ctpop(args[3])
+
+    return types.int64(A, m, k, bits), make
 
 
 @_intrinsic

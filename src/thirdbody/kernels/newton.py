@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .contacts import separation
+from .gaps import separation
 from .layout import (
     B_EF,
     B_MASS,

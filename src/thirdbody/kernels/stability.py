@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numba import njit, types
 
-from .contacts import separation
 from .four import crossed, lane, load, of, splat, spread, store, transposed, with_last
+from .gaps import separation
 from .layout import (
     B_F,
     B_I,

@@ -7,7 +7,8 @@ from numba import njit
 
 from .bodies import limits_of
 from .clock import pass_time
-from .contacts import SUM_COLS, SUM_WORK, separation
+from .contacts import SUM_COLS, SUM_WORK
+from .gaps import separation
 from .layout import (
     A_DAMPING,
     A_DX,

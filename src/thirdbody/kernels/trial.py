@@ -23,7 +23,8 @@ import numpy as np
 from numba import njit
 
 from .bodies import place_body
-from .contacts import SUM_WORK, record, separation
+from .contacts import SUM_WORK, record
+from .gaps import separation
 from .layout import (
     B_EF,
     B_ET,
