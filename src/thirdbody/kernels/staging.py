@@ -252,8 +252,9 @@ def turn_frames(n, dt, G):
 def drawn(q, at, normal, I, G):  # noqa: E741
     """Relative velocity of the two surfaces, from fields `at` behind those of the step and the normal in field `normal`."""
     half = 0.5 * I[q + I_OVERLAP * TILE]
-    x, y, z = G[q + normal * TILE], G[q + (normal + 1) * TILE], G[q + (normal + 2) * TILE]
-    v, w, rw = q + at + G_U * TILE, q + at + G_W * TILE, q + at + G_RW * TILE
+    n = np.uint64(q + normal * TILE)  # of these the compiler does not see that they do not count from the end
+    v, w, rw = np.uint64(q + at + G_U * TILE), np.uint64(q + at + G_W * TILE), np.uint64(q + at + G_RW * TILE)
+    x, y, z = G[n], G[n + TILE], G[n + 2 * TILE]
     o_x, o_y, o_z = G[rw] - half * G[w], G[rw + TILE] - half * G[w + TILE], G[rw + 2 * TILE] - half * G[w + 2 * TILE]
     return (
         G[v] - (o_y * z - o_z * y), G[v + TILE] - (o_z * x - o_x * z), G[v + 2 * TILE] - (o_x * y - o_y * x),
