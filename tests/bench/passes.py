@@ -96,8 +96,7 @@ def law(n, place, I, O, pairs):  # noqa: E741
 @kernel
 def tally(n, slots, first, O, I, G, sums):  # noqa: E741
     """The sums of a tile."""
-    found = contacts.tally(n, slots, first, O, I, G, (0.0, 0.0, 0.0, np.int64(0), np.int64(0)))
-    sums[0, 0], sums[0, 1], sums[0, 2] = found[0] + found[3], found[1] + found[4], found[2]
+    contacts.tell(0, 0.0, contacts.tally(n, slots, first, O, I, G, contacts.nothing()), slots, sums)
 
 
 @kernel
@@ -210,7 +209,7 @@ def fields_of(k: Tables) -> list[Pass]:
         tiled(k, "slide", staging.slide, k.tiles, (dt, k.I, k.G), 31 + 5),
         tiled(k, "law", law, k.tiles, laws, at.I_HISTORY + at.O_HISTORY + 2 * k.h, k.physics.law),
         tiled(k, "push", staging.push, k.tiles, (k.I, k.O, k.G), 15 + 9),
-        slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * at.TILE, contacts.tally, 1),
+        slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * at.TILE, contacts.tally, 4),
     ]
 
 

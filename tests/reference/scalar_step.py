@@ -142,15 +142,18 @@ class Reference:
                     lost = let_go(self.memory[self.pairs[k]])
                     row.work += lost
                     late += self.lose(k, lost)
-            for k in closed:
+            lanes = [Sums() for _ in range(4)]
+            for place, k in enumerate(closed):
                 done = self.meet(k, world)
-                row.work += done.answer.work
-                row.power += done.answer.power
+                lanes[place % 4].work += done.answer.work
+                lanes[place % 4].power += done.answer.power
                 row.stored_n += done.answer.stored_n
                 row.stored_t += done.answer.stored_t
                 if k < self.plates:
                     row.press(done.force, lower=self.pairs[k][1] == -1)
                 late += self.push(k, done)
+            row.work += (lanes[0].work + lanes[1].work) + (lanes[2].work + lanes[3].work)
+            row.power = (lanes[0].power + lanes[1].power) + (lanes[2].power + lanes[3].power)
             total.add(row)
         for _, b, force, torque, work, slip in sorted(late):
             self.give(b, force, torque, work, slip)

@@ -10,7 +10,7 @@ arithmetic, so gaps are computed for all candidates first and the touching ones 
 import numpy as np
 from numba import njit
 
-from .four import crossed, get, load, of, spread, store, transposed, with_last
+from .four import LANES, all_below, crossed, get, lane, load, of, only, spread, store, transposed, where_above, with_last
 from .gaps import measure_pairs, measure_plates, sort_out
 from .layout import (
     B_F,
@@ -85,6 +85,9 @@ GROUP = 4
 
 SHARE = 0.5
 """Of friction work between two bodies, for each."""
+
+LARGEST = 1e300
+"""N2: the square of no force."""
 
 # columns of `sums`, two rows per group: contacts with plates, and between spheres
 SUM_WORK, SUM_POWER, SUM_OVERLAP, SUM_SLOT, SUM_BAD, SUM_STORED_N, SUM_STORED_T = range(7)
@@ -198,20 +201,58 @@ def push_pairs(n, slots, first, own, partner, body, outer, S, O, G, B, F):  # no
 
 
 @njit(**BARE)
+def nothing():
+    """What is found of no contacts: `tally`."""
+    none = spread(0.0)
+    return none, none, none, none, np.int64(0)
+
+
+@njit(**BARE)
 def tally(m, slots, first, O, I, G, found):  # noqa: E741
-    """What was `found` in a chunk, and a tile of m contacts: work, power, the largest overlap over the smaller radius with its
-    slot, and the last slot whose force is not a number (+ 1; 0: none)."""
-    work, power, deepest, slot, bad = found
-    for q in range(m):
-        work += O[q + O_WORK * TILE]
-        power += O[q + O_POWER * TILE]
-        ratio = I[q + I_OVERLAP * TILE] / min(G[q + G_RI * TILE], G[q + G_RJ * TILE])
-        size = abs(G[q + G_F * TILE]) + abs(G[q + (G_F + 1) * TILE]) + abs(G[q + (G_F + 2) * TILE])
-        k = np.int64(slots[first + q])
-        slot = k if ratio > deepest else slot
-        deepest = max(deepest, ratio)
-        bad = bad if size < 1e300 else k + 1
-    return work, power, deepest, slot, bad
+    """What was `found` in a chunk, and a tile of m contacts, slots[first:first + m], by four lanes: work, power, the largest
+    overlap over the smaller radius with its place in `slots`; and the last slot whose force is not a number (+ 1; 0: none)."""
+    work, power, deepest, place, bad = found
+    for q in range(0, m, LANES):
+        here = np.int64(m - q)
+        work = work + only(get(O, q + O_WORK * TILE), here)
+        power = power + only(get(O, q + O_POWER * TILE), here)
+        r_i, r_j = get(G, q + G_RI * TILE), get(G, q + G_RJ * TILE)
+        ratio = only(get(I, q + I_OVERLAP * TILE) / where_above(r_i, r_j, r_j, r_i), here)
+        place = where_above(ratio, deepest, spread(float(first + q)), place)
+        deepest = where_above(ratio, deepest, ratio, deepest)
+        x, y, z = get(G, q + G_F * TILE), get(G, q + (G_F + 1) * TILE), get(G, q + (G_F + 2) * TILE)
+        if not all_below(only(x * x + y * y + z * z, here), LARGEST):
+            bad = last_bad(q, min(q + LANES, m), slots, first, G, bad)
+    return work, power, deepest, place, bad
+
+
+@njit(**BARE_CHUNK)
+def last_bad(q, end, slots, first, G, bad):
+    """The last of the slots in places q to `end` whose force is not a number (+ 1), or `bad`."""
+    for e in range(q, end):
+        x, y, z = G[e + G_F * TILE], G[e + (G_F + 1) * TILE], G[e + (G_F + 2) * TILE]
+        bad = bad if x * x + y * y + z * z < LARGEST else np.int64(slots[first + e]) + 1
+    return bad
+
+
+@njit(**BARE)
+def total(v):
+    """The sum of four lanes."""
+    return (lane(v, 0) + lane(v, 1)) + (lane(v, 2) + lane(v, 3))
+
+
+@njit(**BARE)
+def tell(c, lost, found, slots, sums):
+    """Put what a chunk lost and what was `found` in it into row c."""
+    work, power, deepest, place, bad = found
+    sums[c, SUM_WORK], sums[c, SUM_POWER], sums[c, SUM_BAD] = lost + total(work), total(power), bad
+    ratios = (lane(deepest, 0), lane(deepest, 1), lane(deepest, 2), lane(deepest, 3))
+    places = (lane(place, 0), lane(place, 1), lane(place, 2), lane(place, 3))
+    most, slot = 0.0, np.int64(0)
+    for k in range(LANES):
+        if ratios[k] > most:
+            most, slot = ratios[k], np.int64(slots[np.int64(places[k]) + k])
+    sums[c, SUM_OVERLAP], sums[c, SUM_SLOT] = most, slot
 
 
 @njit(**BARE_CHUNK)
@@ -274,7 +315,7 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
     sums[c, SUM_STORED_N] = sums[c, SUM_STORED_T] = 0.0
     store(sums, c, SUM_UP, spread(0.0))
     store(sums, c, SUM_LOW, spread(0.0))
-    found = (let_go(o, opened, own, partner, body, outer, H, B, F), 0.0, 0.0, np.int64(0), np.int64(0))
+    lost, found = let_go(o, opened, own, partner, body, outer, H, B, F), nothing()
     for t in range(0, m, TILE):
         count = min(TILE, m - t)
         if flat:
@@ -303,4 +344,4 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
                 record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)
                 if rolling == MOMENTS:
                     record_rolling(q, slots[t + q], O, G, R, n_history)
-    sums[c, SUM_WORK], sums[c, SUM_POWER], sums[c, SUM_OVERLAP], sums[c, SUM_SLOT], sums[c, SUM_BAD] = found
+    tell(c, lost, found, slots, sums)

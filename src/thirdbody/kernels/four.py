@@ -58,7 +58,7 @@ def _operator(symbol: Any, name: str) -> None:
         return getattr(builder, name)(*args)
 
 
-for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul")):
+for _symbol, _name in ((operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"), (operator.truediv, "fdiv")):
     _operator(_symbol, _name)
 
 
@@ -229,6 +229,39 @@ def any_below(typing: Any, v: Any, w: Any) -> Any:
         return builder.icmp_unsigned("!=", each, ir.Constant(ir.IntType(LANES), 0))
 
     return types.boolean(v, w), make
+
+
+@_intrinsic
+def all_below(typing: Any, v: Any, most: Any) -> Any:
+    """Whether all of v are smaller than `most`; what is not a number is not."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        each = builder.bitcast(builder.fcmp_ordered("<", args[0], _four_times(builder, args[1])), ir.IntType(LANES))
+        return builder.icmp_unsigned("==", each, ir.Constant(ir.IntType(LANES), (1 << LANES) - 1))
+
+    return types.boolean(v, types.float64), make
+
+
+@_intrinsic
+def where_above(typing: Any, v: Any, w: Any, yes: Any, no: Any) -> Any:
+    """Of `yes` where v is larger than w, of `no` elsewhere."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return builder.select(builder.fcmp_ordered(">", args[0], args[1]), args[2], args[3])
+
+    return four(v, w, yes, no), make
+
+
+@_intrinsic
+def only(typing: Any, v: Any, n: Any) -> Any:
+    """The first n numbers of v, 0 for the others."""
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        place = builder.sitofp(args[1], ir.DoubleType())
+        within = builder.fcmp_ordered("<", _VECTOR([float(k) for k in range(LANES)]), _four_times(builder, place))
+        return builder.select(within, args[0], _VECTOR([0.0] * LANES))
+
+    return four(v, types.int64), make
 
 
 @_intrinsic
