@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .four import AHEAD, fetch, lane, load, of, put, splat, transposed
+from .four import AHEAD, fetch, load, of, put, transposed, with_last
 from .layout import (
     B_F,
     G_ARM_I,
@@ -112,18 +112,17 @@ def rows_of(i, c, S):
 
 
 @njit(**BARE)
-def put_three(G, at, rows):
-    """The first three numbers of four rows, into as many places of three fields, the first of them at `at`."""
-    x, y, z, _ = transposed(rows[0], rows[1], rows[2], rows[3])
-    put(G, at, x)
-    put(G, at + TILE, y)
-    put(G, at + 2 * TILE, z)
+def put_three(G, at, v):
+    """Three of a tuple of fours into as many fields, the first of them at `at`."""
+    put(G, at, v[0])
+    put(G, at + TILE, v[1])
+    put(G, at + 2 * TILE, v[2])
 
 
 @njit(**BARE)
-def lasts(rows):
-    """The last number of each of four rows."""
-    return of(lane(rows[0], 3), lane(rows[1], 3), lane(rows[2], 3), lane(rows[3], 3))
+def columns(rows):
+    """Four rows as columns: first numbers, second ones, third ones, last ones."""
+    return transposed(rows[0], rows[1], rows[2], rows[3])
 
 
 @njit(**BARE)
@@ -133,28 +132,29 @@ def less(a, b):
 
 
 @njit(**BARE)
+def and_lasts(a, c):
+    """The first three columns of the rows a, and the last one of the rows c."""
+    return transposed(with_last(a[0], c[0]), with_last(a[1], c[1]), with_last(a[2], c[2]), with_last(a[3], c[3]))
+
+
+@njit(**BARE)
 def stage_spins(q, a, b, r_i, r_j, G):
-    """Sums of the spins of the owners, `a`, and of the partners, plainly and times the radii, into the fields from place q on."""
-    put_three(G, q + G_W * TILE, (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3]))
-    put_three(G, q + G_RW * TILE, (
-        splat(r_i[0], 3) * a[0] + splat(r_j[0], 3) * b[0], splat(r_i[1], 3) * a[1] + splat(r_j[1], 3) * b[1],
-        splat(r_i[2], 3) * a[2] + splat(r_j[2], 3) * b[2], splat(r_i[3], 3) * a[3] + splat(r_j[3], 3) * b[3],
-    ))  # fmt: skip
+    """Sums of the spins of the owners, a, and of the partners, columns, plainly and times the radii, into the fields from place q
+    on."""
+    put_three(G, q + G_W * TILE, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
+    put_three(G, q + G_RW * TILE, (r_i * a[0] + r_j * b[0], r_i * a[1] + r_j * b[1], r_i * a[2] + r_j * b[2]))
 
 
 @njit(**BARE)
 def stage_memory(q, k, kind, H, I, G, n_history):  # noqa: E741
     """Put what the four slots k remember into the places from q on."""
-    axes = rows_of(k, np.int64(H_E), H)  # and whether they touch
+    axes = columns(rows_of(k, np.int64(H_E), H))  # and whether they touch
     put_three(G, q + G_E * TILE, axes)
-    put(G, q + G_ON * TILE, lasts(axes))
+    put(G, q + G_ON * TILE, axes[3])
     put(I, q + I_TYPE * TILE, of(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
-    told, at = rows_of(k, np.int64(H_STORED), H), q + I_HISTORY * TILE
-    _, one, two, three = transposed(told[0], told[1], told[2], told[3])
     if n_history >= 3:
-        put(I, at, one)
-        put(I, at + TILE, two)
-        put(I, at + 2 * TILE, three)
+        _, one, two, three = columns(rows_of(k, np.int64(H_STORED), H))
+        put_three(I, q + I_HISTORY * TILE, (one, two, three))
     for h in range(3 if n_history >= 3 else 0, n_history):
         put(I, q + (I_HISTORY + h) * TILE, of(H[k[0], H_LAW + h], H[k[1], H_LAW + h], H[k[2], H_LAW + h], H[k[3], H_LAW + h]))
 
@@ -181,17 +181,20 @@ def stage_pairs(n, slots, first, own, partner, body, kind, S, B, H, I, G, n_hist
         k = np.uint64(slots[p]), np.uint64(slots[p + 1]), np.uint64(slots[p + 2]), np.uint64(slots[p + 3])
         i = np.uint64(own[k[0]]), np.uint64(own[k[1]]), np.uint64(own[k[2]]), np.uint64(own[k[3]])
         j = np.uint64(partner[k[0]]), np.uint64(partner[k[1]]), np.uint64(partner[k[2]]), np.uint64(partner[k[3]])
-        r_i, r_j = rows_of(i, np.int64(S_X), S), rows_of(j, np.int64(S_X), S)
-        put_three(G, q + G_N * TILE, less(r_i, r_j))
-        put(G, q + G_RI * TILE, lasts(r_i))
-        put(G, q + G_RJ * TILE, lasts(r_j))
-        a, b = rows_of(i, np.int64(S_U), S), rows_of(j, np.int64(S_U), S)
-        put_three(G, q + G_U * TILE, less(a, b))
-        put(I, q + I_MASS * TILE, lasts(a))
-        put(G, q + G_MJ * TILE, lasts(b))
-        put_three(G, q + G_V * TILE, less(rows_of(i, np.int64(S_V), S), rows_of(j, np.int64(S_V), S)))
-        stage_spins(q, rows_of(i, np.int64(S_W), S), rows_of(j, np.int64(S_W), S), r_i, r_j, G)
-        stage_spins(q + AT_END, rows_of(i, np.int64(S_O), S), rows_of(j, np.int64(S_O), S), r_i, r_j, G)
+        x_i, x_j = rows_of(i, np.int64(S_X), S), rows_of(j, np.int64(S_X), S)  # behind centres are radii,
+        u_i, u_j = rows_of(i, np.int64(S_U), S), rows_of(j, np.int64(S_U), S)  # behind velocities masses
+        centres, step = and_lasts(less(x_i, x_j), x_i), and_lasts(less(u_i, u_j), x_j)
+        end = and_lasts(less(rows_of(i, np.int64(S_V), S), rows_of(j, np.int64(S_V), S)), u_i)
+        r_i, r_j, w_j = centres[3], step[3], and_lasts(rows_of(j, np.int64(S_W), S), u_j)
+        put_three(G, q + G_N * TILE, centres)
+        put_three(G, q + G_U * TILE, step)
+        put_three(G, q + G_V * TILE, end)
+        put(G, q + G_RI * TILE, r_i)
+        put(G, q + G_RJ * TILE, r_j)
+        put(I, q + I_MASS * TILE, end[3])
+        put(G, q + G_MJ * TILE, w_j[3])
+        stage_spins(q, columns(rows_of(i, np.int64(S_W), S)), w_j, r_i, r_j, G)
+        stage_spins(q + AT_END, columns(rows_of(i, np.int64(S_O), S)), columns(rows_of(j, np.int64(S_O), S)), r_i, r_j, G)
         stage_memory(q, k, kind, H, I, G, n_history)
 
 
