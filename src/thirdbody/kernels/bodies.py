@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .four import crossed, lane, load, of, put, spread, store, transposed, with_last
+from .four import all_below, any_below, crossed, lane, load, of, put, splat, spread, store, transposed, with_last
 from .layout import (
     B_ARM,
     B_BALL,
@@ -174,32 +174,58 @@ def move(n, dt, Z):
 
 
 @njit(**BARE)
-def judge(b, way, radius, x, y, z, limits, seen):
+def judge(b, way, radius, x, limits, seen):
     """What was `seen` of a chunk, and body b: the longest way and the largest share of a radius, with its body, and the last body
     that is not finite or left the domain (+ 1; 0: none)."""
     longest, step, body, bad, out = seen
-    floor, low_x, high_x, low_y, high_y = limits
     share = way / radius
     body = b if share > step else body
-    bad = bad if abs(x) + abs(y) + abs(z) + share < 1e300 else b + 1
-    out = b + 1 if (z < floor) | (x < low_x) | (x > high_x) | (y < low_y) | (y > high_y) else out
+    bad, out = judge_place(b, x, share, limits, bad, out)
     return max(longest, way), max(step, share), body, bad, out
 
 
 @njit(**BARE)
-def limits_of(D):
-    """Floor and sides of the domain; a periodic or endless one has no sides."""
-    l_x, l_y = D[D_LX], D[D_LY]
-    low_x, high_x = (0.0, -l_x) if l_x < 0.0 else (-np.inf, np.inf)
-    low_y, high_y = (0.0, -l_y) if l_y < 0.0 else (-np.inf, np.inf)
-    return D[D_FLOOR], low_x, high_x, low_y, high_y
+def judge_place(b, x, share, limits, bad, out):
+    """Body b, if it or its `share` is not finite (+ 1), or `bad`; if it left the domain, or `out`."""
+    low, high = limits
+    bad = bad if all_below(x * x, 1e300) & (share < 1e300) else b + 1
+    out = b + 1 if any_below(x, low) | any_below(high, x) else out
+    return bad, out
 
 
 @njit(**BARE)
-def size(v):
-    """Length of the vector of the first three numbers of v."""
-    x, y, z = lane(v, 0), lane(v, 1), lane(v, 2)
-    return math.sqrt(x * x + y * y + z * z)
+def judge_ball(b, square, share, x, limits, seen):
+    """`judge` of a ball, in squares: no root. `share`: square of speed over radius."""
+    fastest, step, body, bad, out = seen
+    body = b if share > step else body
+    bad, out = judge_place(b, x, share, limits, bad, out)
+    return max(fastest, square), max(step, share), body, bad, out
+
+
+@njit(**BARE)
+def seen_of_both(balls, clumps, dt):
+    """What was seen of the balls, in squares, and of the clumps of a chunk."""
+    fastest, rate, ball, bad, out = balls
+    longest, step, body, bad_clump, out_clump = clumps
+    share = math.sqrt(rate) * dt
+    body = ball if share > step else body
+    return max(math.sqrt(fastest) * dt, longest), max(share, step), body, max(bad, bad_clump), max(out, out_clump)
+
+
+@njit(**BARE)
+def limits_of(D):
+    """Lower and upper ends of the domain; a periodic or endless one has no sides."""
+    l_x, l_y = D[D_LX], D[D_LY]
+    low_x, high_x = (0.0, -l_x) if l_x < 0.0 else (-np.inf, np.inf)
+    low_y, high_y = (0.0, -l_y) if l_y < 0.0 else (-np.inf, np.inf)
+    return of(low_x, low_y, D[D_FLOOR], -np.inf), of(high_x, high_y, np.inf, np.inf)
+
+
+@njit(**BARE)
+def squared(v):
+    """Square of the vector of the first three numbers of v."""
+    p = v * v
+    return lane(p, 0) + lane(p, 1) + lane(p, 2)
 
 
 @njit(**BARE)
@@ -220,28 +246,30 @@ def forget_plates(first, last, own, body, B):
 
 @njit(**BARE)
 def drift_ball(b, s, S, B, dt):
-    """Half kick and full drift of body b, which is sphere s; returns the way of the step. The columns behind position, velocity
-    and momentum stay what they are, and a ball has no arm."""
-    half, rate, none = spread(0.5 * dt), spread(1.0 / B[b, B_BALL]), spread(0.0)
-    x, momentum = load(B, b, B_X), load(B, b, B_L)
-    change = spread(0.5 * dt / B[b, B_MASS]) * with_last(load(B, b, B_F), none)
-    push = half * with_last(load(B, b, B_T), none)
+    """Half kick and full drift of body b, which is sphere s; returns the squares of its speed and of its speed over radius, and
+    its place. The columns behind position, velocity and momentum stay what they are, and a ball has no arm."""
+    x, momentum, force, torque = load(B, b, B_X), load(B, b, B_L), load(B, b, B_F), load(B, b, B_T)
+    size, none, half = load(S, s, S_X), spread(0.0), spread(0.5 * dt)
+    inverse = spread(1.0) / of(lane(x, 3), lane(momentum, 3), lane(size, 3), 1.0)  # of mass, inertia and radius: all at once
+    rate = splat(inverse, 1)
+    change, push = half * splat(inverse, 0) * with_last(force, none), half * with_last(torque, none)
     v, momentum = load(B, b, B_V) + change, momentum + push
     x = x + spread(dt) * v
     store(B, b, B_X, x)
     store(B, b, B_V, v)
     store(B, b, B_L, momentum)
-    forget(b, B)
-    keep_last(S, s, np.int64(S_X), x)
+    store(B, b, B_F, with_last(none, force))
+    store(B, b, B_T, with_last(none, torque))
+    store(S, s, S_X, with_last(x, size))
     store(S, s, S_U, with_last(v, x))
     w = with_last(momentum * rate, change)
     store(S, s, S_W, w)
     store(S, s, S_V, v + change)
     store(S, s, S_O, with_last((momentum + push) * rate, change))
-    angle = spread(dt) * w
+    angle, square = spread(dt) * w, squared(v)
     new = turned(quaternion(b, B), lane(angle, 0), lane(angle, 1), lane(angle, 2))
     B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3] = new
-    return size(v) * dt
+    return square, square * lane(inverse, 2) * lane(inverse, 2), x
 
 
 @njit(**BARE)
@@ -301,12 +329,12 @@ def place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt):
 @njit(**BARE_CHUNK)
 def drift_chunk(c, start, near, beginning, everything, offsets, S, B, D, dt, moves, Z, staged):
     """Drift the bodies of chunk c and place those of their spheres that can meet something (`near`), or `everything`."""
-    seen = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
+    balls = seen = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
     limits, n = limits_of(D), np.int64(0)  # not the literal 0, for which the callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
         if B[b, B_BALL] != 0.0:
-            way = drift_ball(b, start[b], S, B, dt)
-            seen = judge(b, way, S[start[b], S_R], B[b, B_X], B[b, B_X + 1], B[b, B_X + 2], limits, seen)
+            square, share, x = drift_ball(b, start[b], S, B, dt)
+            balls = judge_ball(b, square, share, x, limits, balls)
         else:
             staged[n] = b
             n += 1
@@ -318,7 +346,7 @@ def drift_chunk(c, start, near, beginning, everything, offsets, S, B, D, dt, mov
     for p in range(n):
         i = np.int64(staged[p])
         unstage_body(p, i, Z, B)
-        x, y, z = three(Z, p + B_X * BODIES)
-        seen = judge(i, Z[p + Z_WAY * BODIES], S[start[i], S_R], x, y, z, limits, seen)
+        seen = judge(i, Z[p + Z_WAY * BODIES], S[start[i], S_R], load(B, i, B_X), limits, seen)
         place_staged(p, i, start, near, beginning, everything, offsets, S, Z, dt)
+    seen = seen_of_both(balls, seen, dt)
     moves[c, MOVE_WAY], moves[c, MOVE_STEP], moves[c, MOVE_BODY], moves[c, MOVE_BAD], moves[c, MOVE_OUT] = seen
