@@ -54,23 +54,29 @@ class Cut(NamedTuple):
 CUTS = (
     # way over radius, numbers, domain; the longest way stays
     Cut("kernels/bodies.py", """\
-    floor, low_x, high_x, low_y, high_y = limits
     share = way / radius
     body = b if share > step else body
-    bad = bad if abs(x) + abs(y) + abs(z) + share < 1e300 else b + 1
-    out = b + 1 if (z < floor) | (x < low_x) | (x > high_x) | (y < low_y) | (y > high_y) else out
+    bad, out = judge_place(b, x, share, limits, bad, out)
     return max(longest, way), max(step, share), body, bad, out
 """, """\
     return max(longest, way), step, body, bad, out
 """),
+    Cut("kernels/bodies.py", """\
+    body = b if share > step else body
+    bad, out = judge_place(b, x, share, limits, bad, out)
+    return max(fastest, square), max(step, share), body, bad, out
+""", """\
+    return max(fastest, square), step, body, bad, out
+"""),
     # overlap over radius, forces; the sums stay
     Cut("kernels/contacts.py", """\
-        ratio = I[q + I_OVERLAP * TILE] / min(G[q + G_RI * TILE], G[q + G_RJ * TILE])
-        size = abs(G[q + G_F * TILE]) + abs(G[q + (G_F + 1) * TILE]) + abs(G[q + (G_F + 2) * TILE])
-        k = np.int64(slots[first + q])
-        slot = k if ratio > deepest else slot
-        deepest = max(deepest, ratio)
-        bad = bad if size < 1e300 else k + 1
+        r_i, r_j = get(G, q + G_RI * TILE), get(G, q + G_RJ * TILE)
+        ratio = only(get(I, q + I_OVERLAP * TILE) / where_above(r_i, r_j, r_j, r_i), here)
+        place = where_above(ratio, deepest, spread(float(first + q)), place)
+        deepest = where_above(ratio, deepest, ratio, deepest)
+        x, y, z = get(G, q + G_F * TILE), get(G, q + (G_F + 1) * TILE), get(G, q + (G_F + 2) * TILE)
+        if not all_below(only(x * x + y * y + z * z, here), LARGEST):
+            bad = last_bad(q, min(q + LANES, m), slots, first, G, bad)
 """),
     Cut("kernels/step.py", """\
         code, who = guard(D, sums, moves)

@@ -92,7 +92,10 @@ def turned(q: Quaternion, r: Vector) -> Quaternion:
     """q after a small turn by the rotation vector r, world axes."""
     w, x, y, z = q
     a, b, c = 0.5 * r[0], 0.5 * r[1], 0.5 * r[2]
-    return unit((w - a * x - b * y - c * z, x + a * w + b * z - c * y, y + b * w + c * x - a * z, z + c * w + a * y - b * x))
+    new = w - a * x - b * y - c * z, x + a * w + b * z - c * y, y + b * w + c * x - a * z, z + c * w + a * y - b * x
+    longer = new[0] * new[0] + new[1] * new[1] + new[2] * new[2] + new[3] * new[3] - 1.0
+    s = 1.0 - longer * (0.5 - 0.375 * longer) if abs(longer) < 5e-6 else 1.0 / math.sqrt(1.0 + longer)
+    return new[0] * s, new[1] * s, new[2] * s, new[3] * s
 
 
 def quaternion(B: list[float]) -> Quaternion:
@@ -142,7 +145,7 @@ def place_now(B: list[float], spheres: list[list[float]], offsets: Sequence[Vect
 
 def drift_ball(B: list[float], sphere: list[float], dt: float) -> None:
     """Half kick and full drift of a ball."""
-    half, kick, per_inertia = 0.5 * dt, 0.5 * dt / B[at.B_MASS], 1.0 / B[at.B_I]
+    half, kick, per_inertia = 0.5 * dt, 0.5 * dt * (1.0 / B[at.B_MASS]), 1.0 / B[at.B_I]
     change = [kick * f for f in three(B, at.B_F)]
     push = [half * t for t in three(B, at.B_T)]
     v = [B[at.B_V + k] + change[k] for k in range(3)]

@@ -1,5 +1,7 @@
 """Four numbers at once: every function has the bits of numpy's arithmetic number by number."""
 
+import itertools
+
 import numpy as np
 import pytest
 from numba import njit
@@ -7,19 +9,24 @@ from numba.core.errors import TypingError
 
 from thirdbody.kernels.four import (
     above,
-    any_below,
+    all_below,
     at_least,
+    below,
     crossed,
     get,
     lane,
+    listed,
     load,
+    noted,
     of,
+    only,
     put,
     rounded,
     splat,
     spread,
     store,
     transposed,
+    where_above,
     with_last,
 )
 
@@ -87,12 +94,25 @@ def cut_off(A, least, out):
 
 
 @njit(error_model="numpy")
-def compared(A, B, least, out, below):
+def compared(A, B, least, out, bits, whole):
     for i in range(A.shape[0]):
         a, b = load(A, i, 0), load(B, i, 0)
         store(out[0], i, 0, at_least(a, least))
         store(out[1], i, 0, rounded(a))
-        below[i] = any_below(a, b)
+        store(out[2], i, 0, where_above(a, b, a, b))
+        store(out[3], i, 0, only(a, i % 6))
+        store(out[4], i, 0, a / b)
+        bits[i], whole[i] = below(a, b), all_below(a, least)
+
+
+@njit(error_model="numpy")
+def sorted_out(A, closed, some, opened):
+    m, o = 0, 0
+    for k in range(0, A.shape[0], 4):
+        bits = noted(get(A, k), closed, k)
+        m += listed(some, m, k, bits & 15)
+        o += listed(opened, o, k, bits >> 4)
+    return m, o
 
 
 @njit(error_model="numpy")
@@ -162,10 +182,28 @@ def test_numbers_are_compared_and_rounded_as_numpy_does():
     a = np.vstack((np.reshape(ODD, (4, 4)), numbers(40, 10, 3.0), halves))
     b = a[::-1].copy()
     b[20:30] = a[20:30]  # none below
-    out, below = np.empty((2, *a.shape)), np.empty(len(a), np.bool_)
-    compared(a, b, 1e-300, out, below)
+    out, bits, whole = np.empty((5, *a.shape)), np.empty(len(a), np.int64), np.empty(len(a), np.bool_)
+    compared(a, b, 1e-300, out, bits, whole)
     assert alike(out[0], np.where(a < 1e-300, 1e-300, a)) and alike(out[1], np.rint(a))
-    assert np.array_equal(below, (a < b).any(axis=1)) and below.any() and not below.all()
+    assert np.array_equal(bits, (a < b) @ [1, 2, 4, 8]) and bits.any() and len(set(bits)) > 8
+    assert np.array_equal(whole, (a < 1e-300).all(axis=1)) and whole.any() and not whole.all()
+    assert alike(out[2], np.where(a > b, a, b))
+    assert alike(out[3], np.where(np.arange(4) < np.arange(len(a))[:, None] % 6, a, 0.0))
+    with np.errstate(all="ignore"):
+        assert alike(out[4], a / b)
+
+
+def test_positive_numbers_are_listed_with_those_that_were_before():
+    """All 16 patterns of what is positive now, by all of what was: open, closed, or closed a step before."""
+    now = np.array(list(itertools.product((1.0, -1.0), repeat=4)))
+    was = np.array(list(itertools.product((0, 1, 2), repeat=4)))
+    a, closed = np.repeat(now, len(was), axis=0).ravel(), np.tile(was, (len(now), 1)).ravel().astype(np.int32)
+    a[::7] = np.where(a[::7] > 0.0, a[::7], np.nan)
+    before, some, opened = closed.copy(), np.empty(a.size + 4, np.int32), np.empty(a.size + 4, np.int32)
+    m, o = sorted_out(a, closed, some, opened)
+    on = a > 0.0
+    assert np.array_equal(some[:m], np.flatnonzero(on)) and np.array_equal(opened[:o], np.flatnonzero(~on & (before != 0)))
+    assert np.array_equal(closed, np.where(on, 1, np.where(before == 1, 2, 0)))
 
 
 @pytest.mark.parametrize("first", [0, 1, 5])

@@ -112,8 +112,9 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
 
 def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Origin, cell size, cell counts and periodicity of the search grid; cells are never smaller than the longest reach."""
-    reach = 2.0 * float(state.S[:, at.S_R].max()) + skin
-    lowest, highest = state.S[:, :3].min(axis=0), state.S[:, :3].max(axis=0)
+    columns = np.ascontiguousarray(state.S[:, : at.S_R + 1].T)  # numpy is ten times slower along short rows
+    reach = 2.0 * float(columns[at.S_R].max()) + skin
+    lowest, highest = columns[:3].min(axis=1), columns[:3].max(axis=1)
     low, length = lowest - 0.5 * reach, highest - lowest + reach
     periodic = np.array([state.D[at.D_LX] > 0.0, state.D[at.D_LY] > 0.0])
     for axis in (0, 1):
@@ -126,6 +127,8 @@ def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray,
 
 def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
     """Row of the table of pairs for each candidate."""
+    if state.physics.kinds.size == 1:
+        return np.full(len(own), state.physics.kinds.item(), np.int32)
     material = state.material[state.body]
     world = state.world
     lower = -1 if world.lower is None else world.lower

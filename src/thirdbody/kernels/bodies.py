@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .four import all_below, any_below, crossed, lane, load, of, put, splat, spread, store, transposed, with_last
+from .four import all_below, below, crossed, lane, load, of, put, splat, spread, store, transposed, with_last
 from .layout import (
     B_ARM,
     B_BALL,
@@ -189,7 +189,7 @@ def judge_place(b, x, share, limits, bad, out):
     """Body b, if it or its `share` is not finite (+ 1), or `bad`; if it left the domain, or `out`."""
     low, high = limits
     bad = bad if all_below(x * x, 1e300) & (share < 1e300) else b + 1
-    out = b + 1 if any_below(x, low) | any_below(high, x) else out
+    out = b + 1 if (below(x, low) | below(high, x)) != 0 else out
     return bad, out
 
 

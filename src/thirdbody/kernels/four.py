@@ -221,14 +221,14 @@ def rounded(typing: Any, v: Any) -> Any:
 
 
 @_intrinsic
-def any_below(typing: Any, v: Any, w: Any) -> Any:
-    """Whether any number of v is smaller than that of w."""
+def below(typing: Any, v: Any, w: Any) -> Any:
+    """Which numbers of v are smaller than those of w, as bits 0 to 3."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         each = builder.bitcast(builder.fcmp_ordered("<", *args), ir.IntType(LANES))
-        return builder.icmp_unsigned("!=", each, ir.Constant(ir.IntType(LANES), 0))
+        return builder.zext(each, ir.IntType(64))
 
-    return types.boolean(v, w), make
+    return types.int64(v, w), make
 
 
 @_intrinsic

@@ -7,10 +7,10 @@ history is carried over by one merge and nothing depends on threads.
 import numpy as np
 from numba import njit
 
-from .four import LANES, any_below, load, rounded, spread
+from .four import LANES, below, load, rounded, spread
 from .layout import EVERYTHING, ONLY_LOWER, ONLY_UPPER, P_Z, S_R, S_SIDE, S_X, S_Y, S_Z
 from .options import BARE, DIRECT, NO_COUNTS
-from .periodic import image, inverse
+from .periodic import inverse
 
 
 @njit(**DIRECT, **NO_COUNTS)
@@ -41,24 +41,23 @@ def cell_of(x, low, size, count, periodic):
 
 
 @njit(**BARE)
-def fill_cells(S, body, low, size, count, periodic, edges, place, Q, who):
-    """The spheres that meet others in the order of their cells, z fastest, then of their numbers: centre and radius into Q (4, n
-    and some), number and body into `who`, and where each cell begins, one further on, into `edges`, which is zero at first."""
+def fill_cells(S, body, low, size, count, periodic, edges, cells, Q):
+    """The spheres that meet others in the order of their cells, z fastest, then of their numbers: centre, radius, number and body
+    into Q (6, n and some), and where each cell begins, one further on, into `edges`, which is zero at first."""
     for i in range(S.shape[0]):
         a = cell_of(S[i, S_X], low[0], size[0], count[0], periodic[0])
         b = cell_of(S[i, S_Y], low[1], size[1], count[1], periodic[1])
         c = cell_of(S[i, S_Z], low[2], size[2], count[2], np.bool_(False))
-        place[i, 0], place[i, 1], place[i, 2] = a, b, c
-        edges[(a * count[1] + b) * count[2] + c + 2] += S[i, S_SIDE] == EVERYTHING
+        cells[i] = (a * count[1] + b) * count[2] + c
+        edges[cells[i] + 2] += S[i, S_SIDE] == EVERYTHING
     for h in range(2, edges.shape[0]):
         edges[h] += edges[h - 1]
     for i in range(S.shape[0]):
         if S[i, S_SIDE] == EVERYTHING:
-            cell = (place[i, 0] * count[1] + place[i, 1]) * count[2] + place[i, 2]
-            at = edges[cell + 1]
-            edges[cell + 1] += 1
+            at = edges[cells[i] + 1]
+            edges[cells[i] + 1] += 1
             Q[0, at], Q[1, at], Q[2, at], Q[3, at] = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R]
-            who[at, 0], who[at, 1] = i, body[i]
+            Q[4, at], Q[5, at] = i, body[i]
 
 
 @njit(**BARE)
@@ -75,71 +74,107 @@ def neighbour(c, step, count, periodic):
 
 
 @njit(**BARE)
-def sort_in(j, m, found):
-    """Put j into the sorted list of m numbers."""
-    p = m
-    while p > 0 and found[p - 1] > j:
+def sort_in(j, begin, end, found):
+    """Put j into the sorted numbers found[begin:end]."""
+    p = end
+    while p > begin and found[p - 1] > j:
         found[p] = found[p - 1]
         p -= 1
     found[p] = j
 
 
 @njit(**BARE)
-def any_near(k, x, y, z, r, l_x, l_y, c_x, c_y, Q):
-    """Whether any of four spheres from place k on, or of what stands behind them, is nearer than r and its radius."""
-    d_x, d_y, d_z = spread(x) - load(Q, 0, k), spread(y) - load(Q, 1, k), spread(z) - load(Q, 2, k)
+def near(p, k, skin, l_x, l_y, c_x, c_y, Q):
+    """Which of the four spheres from place k on are within `skin` of that in place p, and of another body, as bits."""
+    d_x, d_y, d_z = spread(Q[0, p]) - load(Q, 0, k), spread(Q[1, p]) - load(Q, 1, k), spread(Q[2, p]) - load(Q, 2, k)
     d_x, d_y = d_x - spread(l_x) * rounded(d_x * spread(c_x)), d_y - spread(l_y) * rounded(d_y * spread(c_y))
-    reach = spread(r) + load(Q, 3, k)
-    return any_below(d_x * d_x + d_y * d_y + d_z * d_z, reach * reach)
+    reach, other = spread(Q[3, p] + skin) + load(Q, 3, k), spread(Q[5, p]) - load(Q, 5, k)
+    return below(d_x * d_x + d_y * d_y + d_z * d_z, reach * reach) & below(spread(0.0), other * other)
 
 
 @njit(**BARE)
-def collect(i, S, b, l_x, l_y, c_x, c_y, skin, place, edges, Q, who, count, periodic, found):
-    """Partners j > i of sphere i of body b within reach plus skin, into `found`, sorted; returns how many. c = 1/l, 0 if not
-    periodic. Few of those in the cells around are near: four are asked at once."""
-    m = np.int64(0)
-    x, y, z, r = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R] + skin
-    below, above = max(place[i, 2] - 1, 0), min(place[i, 2] + 1, count[2] - 1)
-    for step in range(9):
-        cell_x = neighbour(place[i, 0], step // 3 - 1, count[0], periodic[0])
-        cell_y = neighbour(place[i, 1], step % 3 - 1, count[1], periodic[1])
-        there = (cell_x >= 0) & (cell_y >= 0)
-        base = (cell_x * count[1] + cell_y) * count[2] if there else 0
-        end = edges[base + above + 1] if there else 0
-        for first in range(edges[base + below] if there else 0, end, LANES):
-            if any_near(np.int64(first), x, y, z, r, l_x, l_y, c_x, c_y, Q):
-                for p in range(first, min(first + LANES, end)):
-                    k = np.uint64(p)
-                    d_x, d_y, d_z = image(x - Q[0, k], l_x, c_x), image(y - Q[1, k], l_y, c_y), z - Q[2, k]
-                    reach = r + Q[3, k]
-                    found[m] = who[k, 0]
-                    m += np.int64((d_x * d_x + d_y * d_y + d_z * d_z < reach * reach) & (who[k, 0] > i) & (who[k, 1] != b))
-    for e in range(1, m):
-        sort_in(found[e], e, found)
+def scan(p, first, end, skin, l_x, l_y, c_x, c_y, Q, pairs, m):
+    """Append the pairs of the sphere in place p with those near it in places first to end to the m that there are, as far as
+    there is room; returns how many there are then. c = 1/l, 0 if not periodic. Few are near: four are asked at once."""
+    for k in range(first, end, LANES):
+        bits = near(p, np.int64(k), skin, l_x, l_y, c_x, c_y, Q)
+        if bits != 0:
+            for t in range(min(LANES, end - k)):
+                one, other, at = Q[4, p], Q[4, k + t], min(m, pairs.shape[1] - 1)
+                pairs[0, at], pairs[1, at] = min(one, other), max(one, other)
+                m += bits >> t & 1
     return m
 
 
-@njit(**DIRECT, **NO_COUNTS)
-def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, place, Q, who, found, n, own, partner):
-    """`pair_candidates` with room for the cells and for the partners of a sphere."""
-    fill_cells(S, body, low, size, count, periodic, edges, place, Q, who)
-    c_x, c_y = inverse(l_x), inverse(l_y)
-    for i in range(S.shape[0]):
-        if S[i, S_SIDE] == EVERYTHING:
-            m = collect(i, S, body[i], l_x, l_y, c_x, c_y, skin, place, edges, Q, who, count, periodic, found)
-            for p in range(min(m, own.shape[0] - n)):
-                own[n + p], partner[n + p] = i, found[p]
-            n += m
+@njit(**BARE)
+def list_columns(a, b, count, periodic, columns):
+    """The cells at the bottom of the columns around column (a, b) that come behind it, into `columns`; returns how many. So every
+    pair of columns is seen once."""
+    n = np.int64(0)
+    for step in range(9):
+        cell_x = neighbour(np.int64(a), step // 3 - 1, count[0], periodic[0])
+        cell_y = neighbour(np.int64(b), step % 3 - 1, count[1], periodic[1])
+        column = cell_x * count[1] + cell_y
+        columns[n] = column * count[2]
+        n += np.int64((cell_x >= 0) & (cell_y >= 0) & (column > a * count[1] + b))
     return n
+
+
+@njit(**BARE)
+def collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs):
+    """All pairs of spheres of different bodies within `skin`, the lower number first, into `pairs` as far as there is room;
+    returns how many there are."""
+    m, c_x, c_y = np.int64(0), inverse(l_x), inverse(l_y)
+    for a in range(count[0]):
+        for b in range(count[1]):
+            base, beside = (a * count[1] + b) * count[2], list_columns(a, b, count, periodic, columns)
+            for c in range(count[2]):
+                low, high = max(c - 1, 0), min(c + 1, count[2] - 1) + 1
+                for p in range(edges[base + c], edges[base + c + 1]):
+                    m = scan(p, np.int64(p + 1), np.int64(edges[base + high]), skin, l_x, l_y, c_x, c_y, Q, pairs, m)
+                    for e in range(beside):
+                        first, end = np.int64(edges[columns[e] + low]), np.int64(edges[columns[e] + high])
+                        m = scan(p, first, end, skin, l_x, l_y, c_x, c_y, Q, pairs, m)
+    return m
+
+
+@njit(**BARE)
+def put_in_order(m, pairs, at, n, own, partner):
+    """Put m pairs, by owner and then by partner, behind the n slots that there are; `at` (spheres + 1,): zero at first."""
+    for e in range(m):
+        at[pairs[0, e] + 1] += 1
+    for i in range(1, at.shape[0]):
+        at[i] += at[i - 1]
+    for e in range(m):
+        i = pairs[0, e]
+        own[n + at[i]], partner[n + at[i]] = i, pairs[1, e]
+        at[i] += 1  # in the end where the next one begins
+    begin = n
+    for i in range(at.shape[0] - 1):
+        end = n + at[i]
+        for e in range(begin + 1, end):
+            sort_in(partner[e], begin, e, partner)
+        begin = end
+
+
+@njit(**DIRECT, **NO_COUNTS)
+def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, columns, cells, Q, pairs, at, n, own, partner):
+    """`pair_candidates` with room for the cells and for pairs in any order."""
+    fill_cells(S, body, low, size, count, periodic, edges, cells, Q)
+    m = collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs)
+    if n + m <= own.shape[0]:
+        put_in_order(m, pairs, at, n, own, partner)
+    return n + m
 
 
 def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own, partner):
     """Append the sphere pairs within `skin` from slot n on; returns the number of slots (also beyond the capacity)."""
     # made here, since a kernel would compile each of these calls
     many = len(S)
-    edges, place = np.zeros(int(np.prod(count)) + 2, np.int32), np.empty((many, 3), np.int32)
-    Q, who, found = np.full((4, many + LANES), np.inf), np.empty((many, 2), np.int32), np.empty(many + 1, np.int32)
-    return search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, place, Q, who, found, n, own, partner)
+    edges, columns, cells = np.zeros(int(np.prod(count)) + 2, np.int32), np.empty(10, np.int64), np.empty(many, np.int32)
+    Q, pairs, at = np.full((6, many + LANES), np.inf), np.empty((2, len(own) + 1), np.int32), np.zeros(many + 1, np.int32)
+    room = edges, columns, cells, Q, pairs, at
+    return search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, *room, n, own, partner)
 
 
 @njit(**BARE)

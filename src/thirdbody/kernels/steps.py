@@ -5,9 +5,10 @@ import math
 import numpy as np
 from numba import njit
 
-from .bodies import limits_of
+from .bodies import judge_place, limits_of
 from .clock import pass_time
 from .contacts import SUM_COLS, SUM_WORK
+from .four import load
 from .gaps import separation
 from .layout import (
     A_DAMPING,
@@ -368,12 +369,11 @@ def next_try(T, W, V, dt, asked, error, iterations, cuts):
 @njit(**INNER)
 def stopped(b, told, B, D):
     """(code, slot) of the guard that body b trips after a step."""
-    x, y, z = B[b, B_X], B[b, B_X + 1], B[b, B_X + 2]
-    if not abs(x) + abs(y) + abs(z) < 1e300:
+    bad, out = judge_place(b, load(B, b, B_X), 0.0, limits_of(D), np.int64(0), np.int64(0))
+    if bad > 0:
         return NOT_A_NUMBER, -1.0
     if told[E_RATIO] > D[D_GUARD_OVERLAP]:
         return TOO_DEEP, told[E_SLOT]
-    floor, low_x, high_x, low_y, high_y = limits_of(D)
-    if z < floor or x < low_x or x > high_x or y < low_y or y > high_y:
+    if out > 0:
         return LEFT, -1.0
     return GOING, -1.0
