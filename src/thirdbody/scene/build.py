@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ..engine.explicit import Explicit
     from ..engine.implicit import Implicit
 
-SKIN = 0.15
+SKIN = 0.12
 """Search skin over the mean sphere radius: rare searches, few idle candidates (measured optimum .1 to .2)."""
 
 STEPS = 1e13
