@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from .four import all_below, below, crossed, lane, load, of, put, splat, spread, store, transposed, with_last
+from .four import AHEAD, LINE, all_below, below, crossed, fetch, lane, load, of, put, splat, spread, store, transposed, with_last
 from .layout import (
     B_ARM,
     B_BALL,
@@ -326,12 +326,23 @@ def place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt):
         place_sphere(e if everything else np.int64(near[e]), offsets, x, turn, v, w, v_end, w_end, 0.5 * dt, S)
 
 
+@njit(**BARE)
+def foretell(b, start, S, B):
+    """Ask for what the drift of body b will need, if it is a ball: a processor that sees where a table is read ahead of it does
+    so within a page only, and a page is a dozen bodies."""
+    s = np.uint64(start[b])
+    for line in range(0, B_I, LINE):
+        fetch(B, np.uint64(b), np.int64(line))
+        fetch(S, s, np.int64(line))
+
+
 @njit(**BARE_CHUNK)
 def drift_chunk(c, start, near, beginning, everything, offsets, S, B, D, dt, moves, Z, staged):
     """Drift the bodies of chunk c and place those of their spheres that can meet something (`near`), or `everything`."""
     balls = seen = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
     limits, n = limits_of(D), np.int64(0)  # not the literal 0, for which the callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
+        foretell(min(b + AHEAD, B.shape[0] - 1), start, S, B)
         if B[b, B_BALL] != 0.0:
             square, share, x = drift_ball(b, start[b], S, B, dt)
             balls = judge_ball(b, square, share, x, limits, balls)
