@@ -168,7 +168,7 @@ def drift_of(k: Tables) -> Pass:
     )  # fmt: skip
     kernels = [(bodies.drift_ball, many), (bodies.move, clumps), (bodies.place_sphere, placed), (bodies.judge, len(balls))]
     return Pass("drift", lambda n: over_parts(n, drift, len(k.moves), given), len(k.moves), len(balls), "bodies",
-                touched + slots.n_plates * (12 + 8 * 16), k.S.nbytes + k.B.nbytes + s.offsets.nbytes, kernels)  # fmt: skip
+                touched + slots.n_plates * (12 + 8), k.S.nbytes + k.B.nbytes + s.offsets.nbytes, kernels)  # fmt: skip
 
 
 def gaps_of(k: Tables) -> list[Pass]:
@@ -220,7 +220,7 @@ def pushes_of(k: Tables) -> list[Pass]:
     tables = k.B.nbytes + listed + k.S.nbytes * clumps
     return [
         slotted(k, "bodies, plates", push_flat, k.flat, (slots.own, slots.partner, s.body, k.S, k.O, k.G, k.B, k.sums),
-                20 + 8 * (8 + 4 + 12 + 12), tables, contacts.push_flat, 4),
+                20 + 8 * (8 + 4 + 9 + 9), tables, contacts.push_flat, 4),
         slotted(k, "bodies, pairs", contacts.push_pairs, k.paired,
                 (slots.own, slots.partner, s.body, slots.outer, k.S, k.O, k.G, k.B, k.F),
                 16 + arms + 8 * (11 + 16 + 16), tables + k.F.nbytes + slots.outer.nbytes, contacts.push_pairs, 4),

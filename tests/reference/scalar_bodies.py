@@ -181,8 +181,9 @@ def drift(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector],
         drift_ball(B, spheres[0], dt)
     else:
         drift_body(B, spheres, offsets, dt)
-    for column in (at.B_F, at.B_T, at.B_UP, at.B_LOW):  # the contacts add them up anew
+    for column in (at.B_F, at.B_T):  # the contacts add them up anew
         B[column : column + 3] = 0.0, 0.0, 0.0
+    B[at.B_PUSH] = 0.0
 
 
 def act(B: list[float], force: Vector, torque: Vector) -> None:

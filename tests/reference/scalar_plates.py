@@ -84,7 +84,7 @@ class Patches:
         for p in P:
             p[at.P_F] = 0.0
         for b, body in enumerate(B):
-            P[self.patch[b]][at.P_F] -= body[at.B_UP + 2]
+            P[self.patch[b]][at.P_F] -= body[at.B_PUSH]
         for p in P[:-1]:
             spring = p[at.P_SPRING] * (p[at.P_Z] - P[-1][at.P_Z])
             p[at.P_F] -= spring

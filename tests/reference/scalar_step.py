@@ -203,8 +203,7 @@ class Reference:
         here, force, slip = self.body[i], done.force, done.answer.slip
         if j < 0:
             self.give(here, force, self.about(i, done.torque, force), done.answer.work, slip)
-            side = at.B_LOW if j == -1 else at.B_UP
-            self.B[here][side : side + 3] = added(three(self.B[here], side), force)
+            self.B[here][at.B_PUSH] += 0.0 if j == -1 else force[2]
             return []
         there, against = self.body[j], added((0.0, 0.0, 0.0), force, -1.0)
         torque, back = done.torque, done.back

@@ -16,11 +16,10 @@ from .layout import (
     B_F,
     B_I,
     B_L,
-    B_LOW,
     B_MASS,
+    B_PUSH,
     B_Q,
     B_T,
-    B_UP,
     B_V,
     B_W,
     B_X,
@@ -237,11 +236,9 @@ def forget(b, B):
 
 @njit(**BARE_CHUNK)
 def forget_plates(first, last, own, body, B):
-    """The same for the forces of the plates on the bodies that can touch them, slots first to last."""
+    """The same for the push of the upper plate on the bodies that can touch it, slots first to last."""
     for k in range(first, last):
-        b = np.uint64(body[own[k]])
-        store(B, b, B_UP, spread(0.0))
-        store(B, b, B_LOW, spread(0.0))
+        B[np.uint64(body[own[k]]), B_PUSH] = 0.0
 
 
 @njit(**BARE)

@@ -14,9 +14,8 @@ from .four import LANES, all_below, crossed, get, lane, load, of, only, spread, 
 from .gaps import measure_pairs, measure_plates, sort_out
 from .layout import (
     B_F,
-    B_LOW,
+    B_PUSH,
     B_T,
-    B_UP,
     B_WORK,
     F_F,
     F_T,
@@ -140,8 +139,8 @@ def push_one(k, c, own, partner, body, S, B, sums, force, torque):
     b = np.uint64(body[i])
     push_body(b, B, force, torque + crossed(load(S, i, S_ARM), force))
     low, alone = partner[k] == -1, with_last(force, spread(0.0))
-    side, total = (np.int64(B_LOW), np.int64(SUM_LOW)) if low else (np.int64(B_UP), np.int64(SUM_UP))
-    store(B, b, side, load(B, b, side) + alone)
+    total = np.int64(SUM_LOW) if low else np.int64(SUM_UP)
+    B[b, B_PUSH] += 0.0 if low else lane(force, 2)
     store(sums, c, total, load(sums, c, total) + alone)
 
 

@@ -33,11 +33,10 @@ B_T = 20  # total torque, 3
 B_SLIP = 23  # slip distance, m, cumulative: the sum over the body's spots; behind the torque
 B_I = 24  # principal moments, 3
 B_W = 28  # angular velocity, synchronised where somebody looks, 3
-B_UP = 32  # force of the upper plate on the body, 3
-B_LOW = 36  # force of the lower plate on the body, 3
-B_EF = 40  # force of body effects, 3: columns that only a scene with body effects has
-B_ET = 44  # torque of body effects, 3
-B_COLS = 48
+B_PUSH = 31  # force of the upper plate on the body, upwards; a patch feels it
+B_EF = 32  # force of body effects, 3: columns that only a scene with body effects has
+B_ET = 36  # torque of body effects, 3
+B_COLS = 40
 
 # P: patches of the upper body (one for a rigid plate, else one per body); on a foundation the last row is the common plate.
 # P_SPRING is the stiffness of a patch's spring to that plate; P_F is the force of debris and springs, upwards.

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from .layout import B_UP, P_DAMPING, P_F, P_FREE, P_LOAD, P_LOAD0, P_MASS, P_SPRING, P_V, P_Z, P_Z0
+from .layout import B_PUSH, P_DAMPING, P_F, P_FREE, P_LOAD, P_LOAD0, P_MASS, P_SPRING, P_V, P_Z, P_Z0
 from .motion import GAP, LOAD, mean_rate, value
 from .options import BARE
 
@@ -55,7 +55,7 @@ def press_patches(P, B, patch, push):
     for p in range(P.shape[0]):
         P[p, P_F] = 0.0
     for b in range(B.shape[0]):
-        P[patch[b], P_F] -= B[b, B_UP + 2]
+        P[patch[b], P_F] -= B[b, B_PUSH]
     for p in range(plate):
         spring = P[p, P_SPRING] * (P[p, P_Z] - P[plate, P_Z])
         P[p, P_F] -= spring

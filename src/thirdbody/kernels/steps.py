@@ -7,7 +7,7 @@ from numba import njit
 
 from .bodies import judge_place, limits_of
 from .clock import pass_time
-from .contacts import SUM_COLS, SUM_WORK
+from .contacts import SUM_COLS, SUM_LOW, SUM_UP, SUM_WORK
 from .four import load
 from .gaps import separation
 from .layout import (
@@ -30,10 +30,8 @@ from .layout import (
     B_ET,
     B_F,
     B_L,
-    B_LOW,
     B_MASS,
     B_T,
-    B_UP,
     B_V,
     B_W,
     B_X,
@@ -250,10 +248,10 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
         pushed += Z[Z_PULL] * (y[k] * y[k] + y[3 + k] * y[3 + k])
         before += 0.5 * (mass * Z[Z_V + k] * Z[Z_V + k] + Z[Z_L + k] * Z[Z_W + k])
         after += 0.5 * (mass * B[b, B_V + k] * B[b, B_V + k] + B[b, B_L + k] * w)
-    drag = (B[b, B_UP] * v_x + B[b, B_UP + 1] * v_y) * dt
+    drag = (sums[0, SUM_UP] * v_x + sums[0, SUM_UP + 1] * v_y) * dt
     old = 0.5 if Z[Z_BEFORE] > 0.0 else 0.0
     plate = (1.0 - old) * drag - old * (W[A_UPPER] * v_x + W[A_UPPER + 1] * v_y) * dt
-    lift, rise, damped, lost = B[b, B_UP + 2] * y[6], P[p, P_V], told[E_POWER] * dt, plate - drag
+    lift, rise, damped, lost = sums[0, SUM_UP + 2] * y[6], P[p, P_V], told[E_POWER] * dt, plate - drag
     if P[p, P_FREE] != 0.0:
         spring = P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
         stretched = y[6] - Z[Z_PLATE_RISE]
@@ -280,7 +278,7 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
     W[A_PLATE_WORK] += plate
     W[A_PLATE_ABS] += abs(plate)
     for k in range(3):
-        upper, lower = -B[b, B_UP + k], -B[b, B_LOW + k]
+        upper, lower = -sums[0, SUM_UP + k], -sums[0, SUM_LOW + k]
         W[A_IMPULSE + k] += dt * (old * W[A_UPPER + k] + (1.0 - old) * upper)
         W[A_IMPULSE_LOW + k] += dt * (old * W[A_LOWER + k] + (1.0 - old) * lower)
         W[A_UPPER + k], W[A_LOWER + k] = upper, lower

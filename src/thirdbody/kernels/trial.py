@@ -23,7 +23,7 @@ import numpy as np
 from numba import njit
 
 from .bodies import place_body
-from .contacts import SUM_WORK, record
+from .contacts import SUM_LOW, SUM_UP, SUM_WORK, record
 from .gaps import separation
 from .layout import (
     B_EF,
@@ -31,12 +31,10 @@ from .layout import (
     B_F,
     B_I,
     B_L,
-    B_LOW,
     B_MASS,
     B_Q,
     B_SLIP,
     B_T,
-    B_UP,
     B_V,
     B_W,
     B_WORK,
@@ -296,13 +294,12 @@ def inertial_forces(b, p, y, dt, Z, T, B, P, inertial, r):
 
 @njit(**INNER)
 def accept(b, m, v_x, v_y, spots, state, known, work, sums):
-    """Take the staged spots as the end of a step: history, forces of plates, friction work and slip, records."""
+    """Take the staged spots as the end of a step: history, friction work and slip, records; into `sums` work and the forces of
+    the plates on the body."""
     own, partner, _, edges, incidence = spots
     S, B, P, H, R = state
     n_history, rolling = known[2], known[3]
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
-    for d in range(3):
-        B[b, B_UP + d] = B[b, B_LOW + d] = 0.0
     push(m, I, O, G)
     keep(m, slots, 0, O, G, H, n_history)
     q = np.int64(0)
@@ -315,9 +312,9 @@ def accept(b, m, v_x, v_y, spots, state, known, work, sums):
             sums[0, SUM_WORK] += O[O_WORK * TILE + q]
             B[b, B_WORK] += O[O_WORK * TILE + q]  # all of it: what a spot meets is a plate
             B[b, B_SLIP] += O[O_SLIP * TILE + q]
-            side = B_LOW if partner[k] == -1 else B_UP
+            side = SUM_LOW if partner[k] == -1 else SUM_UP
             for d in range(3):
-                B[b, side + d] += G[q + (G_F + d) * TILE]
+                sums[0, side + d] += G[q + (G_F + d) * TILE]
             q += 1
         elif H[k, H_ON] != 0.0:
             lost = release(k, H)
