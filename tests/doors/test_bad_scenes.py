@@ -149,7 +149,7 @@ FAULTS = {
     "narrow periodic domain": (
         [('["80 um", "60 um"]', '["19 um", "60 um"]'), ("count = 4", "count = 2")],
         "18:1: domain.size",
-        ["a periodic side must be at least 21.5 um"],
+        ["a periodic side must be at least 21.2 um"],
     ),
     "time step 100 times too large": (
         [('settle = "1 us"', 'settle = "1 us"\ntime_step = "500 ns"')],

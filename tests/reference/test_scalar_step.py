@@ -42,7 +42,7 @@ from thirdbody.scene.build import Simulation
 SCENES = {
     "layer": (150, 20),
     "crowd": (400, 40),
-    "swarm": (200, 6),
+    "swarm": (200, 8),
     "springs": (16, 40),
     "foundation": (60, 24),
     "rolled": (100, 50),

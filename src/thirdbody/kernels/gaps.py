@@ -8,10 +8,10 @@ import math
 import numpy as np
 from numba import njit
 
-from .four import LANES, get, listed, noted, put, rounded, spread, transposed
+from .four import LANES, get, listed, noted, put, transposed
 from .layout import P_Z, S_R, S_X, S_Y, S_Z
 from .options import BARE, BARE_CHUNK
-from .periodic import image, nearest_image
+from .periodic import image, images, nearest_image
 from .staging import SPARE, rows_of
 
 
@@ -60,7 +60,7 @@ def gap_of_four(k, own, partner, S, l_x, l_y, c_x, c_y):
     x_i, y_i, z_i, r_i = transposed(a[0], a[1], a[2], a[3])
     x_j, y_j, z_j, r_j = transposed(b[0], b[1], b[2], b[3])
     d_x, d_y, d_z, reach = x_i - x_j, y_i - y_j, z_i - z_j, r_i + r_j
-    d_x, d_y = d_x - spread(l_x) * rounded(d_x * spread(c_x)), d_y - spread(l_y) * rounded(d_y * spread(c_y))
+    d_x, d_y = images(d_x, l_x, c_x), images(d_y, l_y, c_y)
     return reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit
 
+from .four import rounded, spread
 from .options import BARE
 
 
@@ -22,3 +23,9 @@ def inverse(length):
 def image(d, length, inverse):
     """Separation d in a period of `length` with its `inverse`: no division and no branch, for loops over candidates."""
     return d - length * np.rint(d * inverse)
+
+
+@njit(**BARE)
+def images(d, length, inverse):
+    """`image` of four separations."""
+    return d - spread(length) * rounded(d * spread(inverse))

@@ -7,10 +7,10 @@ history is carried over by one merge and nothing depends on threads.
 import numpy as np
 from numba import njit
 
-from .four import LANES, below, load, rounded, spread
+from .four import LANES, below, load, spread
 from .layout import EVERYTHING, ONLY_LOWER, ONLY_UPPER, P_Z, S_R, S_SIDE, S_X, S_Y, S_Z
 from .options import BARE, DIRECT, NO_COUNTS
-from .periodic import inverse
+from .periodic import images, inverse
 
 
 @njit(**DIRECT, **NO_COUNTS)
@@ -87,7 +87,7 @@ def sort_in(j, begin, end, found):
 def near(p, k, skin, l_x, l_y, c_x, c_y, Q):
     """Which of the four spheres from place k on are within `skin` of that in place p, and of another body, as bits."""
     d_x, d_y, d_z = spread(Q[0, p]) - load(Q, 0, k), spread(Q[1, p]) - load(Q, 1, k), spread(Q[2, p]) - load(Q, 2, k)
-    d_x, d_y = d_x - spread(l_x) * rounded(d_x * spread(c_x)), d_y - spread(l_y) * rounded(d_y * spread(c_y))
+    d_x, d_y = images(d_x, l_x, c_x), images(d_y, l_y, c_y)
     reach, other = spread(Q[3, p] + skin) + load(Q, 3, k), spread(Q[5, p]) - load(Q, 5, k)
     return below(d_x * d_x + d_y * d_y + d_z * d_z, reach * reach) & below(spread(0.0), other * other)
 
