@@ -1,0 +1,82 @@
+"""The search against all pairs, one by one: every pair within reach and skin once, sorted, in grids of few and of many cells."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.search import pair_candidates
+
+SKIN = 0.1
+LARGEST = 0.5
+REACH = 2.0 * LARGEST + SKIN
+
+
+def spheres(n: int, box: tuple[float, float, float], seed: int) -> np.ndarray:
+    """A table of n spheres of many sizes; some meet only one plate."""
+    rng = np.random.default_rng(seed)
+    S = np.zeros((n, at.S_COLS))
+    S[:, : at.S_R] = rng.uniform(0.0, 1.0, (n, 3)) * box
+    S[:, at.S_R] = rng.uniform(0.2, 1.0, n) * LARGEST
+    S[0, at.S_R] = LARGEST
+    S[:, at.S_SIDE] = np.where(rng.uniform(size=n) < 0.1, at.ONLY_LOWER, at.EVERYTHING)
+    return S
+
+
+def found(S: np.ndarray, body: np.ndarray, box: tuple[float, float, float], periodic: tuple[bool, bool], room: int) -> np.ndarray:
+    """The pairs (k, 2) of the search in cells that are as small as they may be, behind three slots that are there already."""
+    low, count = np.zeros(3), np.maximum((np.array(box) / REACH).astype(np.int64), 1)
+    own, partner = np.full(room, -7, np.int32), np.full(room, -7, np.int32)
+    lengths = [box[k] if periodic[k] else 0.0 for k in (0, 1)]
+    n = pair_candidates(S, body, *lengths, SKIN, low, np.array(box) / count, count, np.array(periodic), 3, own, partner)
+    assert np.all(own[:3] == -7) and np.all(partner[:3] == -7)
+    return np.column_stack((own, partner))[3:n] if n <= room else np.full((n - 3, 2), -1)
+
+
+def expected(S: np.ndarray, body: np.ndarray, box: tuple[float, float, float], periodic: tuple[bool, bool]) -> np.ndarray:
+    """The same, plainly."""
+    i, j = np.triu_indices(len(S), 1)
+    d = S[i, : at.S_R] - S[j, : at.S_R]
+    for k in (0, 1):
+        d[:, k] -= box[k] * np.rint(d[:, k] / box[k]) if periodic[k] else 0.0
+    near = np.sum(d * d, axis=1) < (S[i, at.S_R] + S[j, at.S_R] + SKIN) ** 2
+    both = (S[i, at.S_SIDE] == at.EVERYTHING) & (S[j, at.S_SIDE] == at.EVERYTHING)
+    keep = near & both & (body[i] != body[j])
+    return np.column_stack((i[keep], j[keep]))
+
+
+@pytest.mark.parametrize("periodic", [(True, True), (True, False), (False, False)])
+@pytest.mark.parametrize("cells", [(2, 2, 1), (2, 3, 1), (3, 2, 2), (3, 3, 3), (4, 5, 1), (5, 2, 4)])
+def test_every_pair_is_found_once_and_in_order(cells, periodic):
+    for seed, spheres_per_body in enumerate((1, 1, 3)):
+        box = tuple(1.05 * REACH * n for n in cells)
+        S = spheres(60, box, seed)
+        body = np.arange(60) // spheres_per_body
+        pairs = found(S, body, box, periodic, 4000)
+        assert np.array_equal(pairs, expected(S, body, box, periodic)) and len(pairs) > 10
+
+
+def test_one_cell_is_enough_where_nothing_is_periodic():
+    S = spheres(9, (1.0, 1.0, 1.0), 1)
+    body = np.arange(9)
+    assert np.array_equal(found(S, body, (1.0, 1.0, 1.0), (False, False), 100), expected(S, body, (1.0,) * 3, (False, False)))
+
+
+def test_spheres_beyond_the_grid_are_found_in_its_outermost_cells():
+    box = (4.0, 4.0, 4.0)
+    S = spheres(80, box, 2)
+    S[:, : at.S_R] = 1.3 * S[:, : at.S_R] - 0.6
+    body = np.arange(80)
+    assert np.array_equal(found(S, body, box, (False, False), 4000), expected(S, body, box, (False, False)))
+
+
+@pytest.mark.parametrize("room", [3, 4, 20])
+def test_too_little_room_is_told(room):
+    box = (4.0, 4.0, 4.0)
+    S, body = spheres(80, box, 3), np.arange(80)
+    assert len(found(S, body, box, (True, True), room)) == len(expected(S, body, box, (True, True))) > 20
+
+
+def test_no_spheres_no_pairs():
+    assert found(np.zeros((0, at.S_COLS)), np.zeros(0, np.int64), (4.0, 4.0, 4.0), (True, True), 10).shape == (0, 2)
