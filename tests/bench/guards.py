@@ -54,19 +54,11 @@ class Cut(NamedTuple):
 CUTS = (
     # way over radius, numbers, domain; the longest way stays
     Cut("kernels/bodies.py", """\
-    share = way / radius
     body = b if share > step else body
     bad, out = judge_place(b, x, share, limits, bad, out)
     return max(longest, way), max(step, share), body, bad, out
 """, """\
     return max(longest, way), step, body, bad, out
-"""),
-    Cut("kernels/bodies.py", """\
-    body = b if share > step else body
-    bad, out = judge_place(b, x, share, limits, bad, out)
-    return max(fastest, square), max(step, share), body, bad, out
-""", """\
-    return max(fastest, square), step, body, bad, out
 """),
     # overlap over radius, forces; the sums stay
     Cut("kernels/contacts.py", """\

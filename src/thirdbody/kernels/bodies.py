@@ -173,11 +173,10 @@ def move(n, dt, Z):
 
 
 @njit(**BARE)
-def judge(b, way, radius, x, limits, seen):
+def judge(b, way, share, x, limits, seen):
     """What was `seen` of a chunk, and body b: the longest way and the largest share of a radius, with its body, and the last body
-    that is not finite or left the domain (+ 1; 0: none)."""
+    that is not finite or left the domain (+ 1; 0: none). Of balls squares of speeds are compared instead: no root."""
     longest, step, body, bad, out = seen
-    share = way / radius
     body = b if share > step else body
     bad, out = judge_place(b, x, share, limits, bad, out)
     return max(longest, way), max(step, share), body, bad, out
@@ -190,15 +189,6 @@ def judge_place(b, x, share, limits, bad, out):
     bad = bad if all_below(x * x, 1e300) & (share < 1e300) else b + 1
     out = b + 1 if (below(x, low) | below(high, x)) != 0 else out
     return bad, out
-
-
-@njit(**BARE)
-def judge_ball(b, square, share, x, limits, seen):
-    """`judge` of a ball, in squares: no root. `share`: square of speed over radius."""
-    fastest, step, body, bad, out = seen
-    body = b if share > step else body
-    bad, out = judge_place(b, x, share, limits, bad, out)
-    return max(fastest, square), max(step, share), body, bad, out
 
 
 @njit(**BARE)
@@ -342,7 +332,7 @@ def drift_chunk(c, start, near, beginning, everything, offsets, S, B, D, dt, mov
         foretell(min(b + AHEAD, B.shape[0] - 1), start, S, B)
         if B[b, B_BALL] != 0.0:
             square, share, x = drift_ball(b, start[b], S, B, dt)
-            balls = judge_ball(b, square, share, x, limits, balls)
+            balls = judge(b, square, share, x, limits, balls)
         else:
             staged[n] = b
             n += 1
@@ -354,7 +344,8 @@ def drift_chunk(c, start, near, beginning, everything, offsets, S, B, D, dt, mov
     for p in range(n):
         i = np.int64(staged[p])
         unstage_body(p, i, Z, B)
-        seen = judge(i, Z[p + Z_WAY * BODIES], S[start[i], S_R], load(B, i, B_X), limits, seen)
+        way = Z[p + Z_WAY * BODIES]
+        seen = judge(i, way, way / S[start[i], S_R], load(B, i, B_X), limits, seen)
         place_staged(p, i, start, near, beginning, everything, offsets, S, Z, dt)
     seen = seen_of_both(balls, seen, dt)
     moves[c, MOVE_WAY], moves[c, MOVE_STEP], moves[c, MOVE_BODY], moves[c, MOVE_BAD], moves[c, MOVE_OUT] = seen

@@ -24,12 +24,10 @@ def learn(k, q, axis, told, O, H, n_history):  # noqa: E741
     store(H, k, H_E, axis)
     if n_history >= 3:
         store(H, k, H_STORED, told)
-        for h in range(3, n_history):
-            H[k, H_LAW + h] = O[q + (O_HISTORY + h) * TILE]
     else:
         H[k, H_STORED] = lane(told, 0)
-        for h in range(n_history):
-            H[k, H_LAW + h] = O[q + (O_HISTORY + h) * TILE]
+    for h in range(3 if n_history >= 3 else 0, n_history):
+        H[k, H_LAW + h] = O[q + (O_HISTORY + h) * TILE]
 
 
 @njit(**BARE_CHUNK)
