@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .scene.build import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 2
+VERSION = 3
 NOTES = "notes"
 THE_VERSION = "the version"
 
@@ -60,7 +60,8 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
     state, physics = simulation.state, simulation.state.physics
     tables: dict[str, list[Any]] = {
         "the bodies at the start": [
-            state.offsets, state.S[:, at.S_R], state.body, state.material, state.B[:, : at.B_L], state.B[:, at.B_I : at.B_W],
+            state.offsets, state.S[:, at.S_R], state.body, state.material, state.B[:, at.B_X : at.B_X + 3],
+            state.B[:, at.B_V : at.B_MASS + 1], state.B[:, at.B_Q : at.B_Q + 4], state.B[:, at.B_ARM : at.B_I + 3],
         ],
         "the parameters of laws and effects": [physics.pairs, physics.effect_parameters],
         "the motion of the plates": [state.schedule, state.first],

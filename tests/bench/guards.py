@@ -53,27 +53,32 @@ class Cut(NamedTuple):
 
 CUTS = (
     # way over radius, numbers, domain; the longest way stays
-    Cut("kernels/bodies.py", """\
+    Cut("kernels/drift.py", """\
     body = b if share > step else body
     bad, out = judge_place(b, x, share, limits, bad, out)
     return max(longest, way), max(step, share), body, bad, out
 """, """\
     return max(longest, way), step, body, bad, out
 """),
+    Cut("kernels/balls.py", """\
+        max(fastest, square), max(farthest, square * lane(share, 2) * lane(share, 2)), strange + none * x,
+        where_above(low, x, x, low), where_above(x, high, x, high),
+""", """\
+        max(fastest, square), farthest, strange, low, high,
+"""),
     # overlap over radius, forces; the sums stay
     Cut("kernels/contacts.py", """\
         r_i, r_j = get(G, q + G_RI * TILE), get(G, q + G_RJ * TILE)
-        ratio = only(get(I, q + I_OVERLAP * TILE) / where_above(r_i, r_j, r_j, r_i), here)
-        place = where_above(ratio, deepest, spread(float(first + q)), place)
-        deepest = where_above(ratio, deepest, ratio, deepest)
+        if below(spread(deepest) * where_above(r_i, r_j, r_j, r_i), get(I, q + I_OVERLAP * TILE)) != 0:  # few are the deepest
+            deepest, slot = deeper(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
         x, y, z = get(G, q + G_F * TILE), get(G, q + (G_F + 1) * TILE), get(G, q + (G_F + 2) * TILE)
-        if not all_below(only(x * x + y * y + z * z, here), LARGEST):
+        if not all_below(x * x + y * y + z * z, LARGEST):
             bad = last_bad(q, min(q + LANES, m), slots, first, G, bad)
 """),
     Cut("kernels/step.py", """\
         code, who = guard(D, sums, moves)
         if code != DONE:
-            return code, who
+            return code, who, left
 """),
     # energy and quaternions; what the scene is at its start stays recorded
     Cut("kernels/step.py", "record = sampled or last or step == budget - 1\n", "record = sampled or last or dt == 0.0\n"),

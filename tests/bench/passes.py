@@ -17,7 +17,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from thirdbody.kernels import bodies, contacts, gaps, gather, memory, staging
+from thirdbody.engine.state import table
+from thirdbody.kernels import balls, bodies, contacts, gaps, gather, memory, staging
+from thirdbody.kernels import drift as motion
 from thirdbody.kernels import layout as at
 from thirdbody.kernels.bodies import BODIES, FLAT, PAIRED
 from thirdbody.kernels.contacts import GROUP
@@ -54,7 +56,7 @@ def over_slots(repeats, one, tiles, slots, arguments):
 @kernel
 def drift(c, start, near, beginning, offsets, S, B, D, moves, Z, staged, cuts, own, body):
     """The bodies of a chunk, by a step of no length."""
-    bodies.drift_chunk(c, start, near, beginning, False, offsets, S, B, D, 0.0, moves, Z, staged)
+    motion.drift_chunk(c, start, near, beginning, False, offsets, S, B, D, 0.0, 1.0, moves, Z, staged)
     bodies.forget_plates(cuts[FLAT, c], cuts[FLAT, c + 1], own, body, B)
 
 
@@ -96,7 +98,7 @@ def law(n, place, I, O, pairs):  # noqa: E741
 @kernel
 def tally(n, slots, first, O, I, G, sums):  # noqa: E741
     """The sums of a tile."""
-    contacts.tell(0, 0.0, contacts.tally(n, slots, first, O, I, G, contacts.nothing()), slots, sums)
+    contacts.tell(0, 0.0, contacts.tally(n, slots, first, O, I, G, contacts.nothing()), sums)
 
 
 @kernel
@@ -126,14 +128,16 @@ class Tables:
     def __init__(self, integrator: Any) -> None:
         s = self.state = integrator.state
         self.slots, self.physics, self.at = s.slots, s.physics, integrator
-        self.S, self.B, self.H, self.F = s.S.copy(), s.B.copy(), s.slots.H.copy(), s.slots.F.copy()
+        self.B, self.H, self.F = s.B.copy(), s.slots.H.copy(), s.slots.F.copy()
+        self.S = self.B if s.S is s.B else s.S.copy()
+        self.rows = self.B.nbytes + (0 if s.S is s.B else self.S.nbytes)
         self.sums, self.moves, self.closed = integrator.sums.copy(), integrator.moves.copy(), s.slots.closed.copy()
-        self.room = np.empty_like(integrator.room)
+        self.room = table(*integrator.room.shape)
         self.marks = np.empty((2, max(s.slots.count + staging.SPARE, BODIES)), np.int32)
         self.overlaps = np.full(s.slots.n_plates, 1e-9)  # m; what a plate's contact costs does not depend on it
         self.h, self.groups = len(s.physics.history), len(s.slots.lowest)
         fields = (at.I_HISTORY + self.h + at.J_COLS, at.O_HISTORY + self.h + at.Q_COLS, at.G_COLS)
-        self.I, self.O, self.G = (np.zeros(n * at.TILE) for n in fields)
+        self.I, self.O, self.G = (table(n, at.TILE).ravel() for n in fields)
         behind = [max(s.slots.count - 1, 0)] * staging.SPARE  # as far as it is looked ahead
         self.touching = np.append(np.flatnonzero(self.closed == 1), behind).astype(np.int32)
         self.flat, self.paired = self._tiles(FLAT), self._tiles(PAIRED)
@@ -157,18 +161,20 @@ def passes_of(k: Tables) -> list[Pass]:
 
 
 def drift_of(k: Tables) -> Pass:
-    """Motion of the bodies, places of their spheres. Of a ball: B up to its torque, both ways; of its sphere, what moves."""
-    s, slots, balls = k.state, k.slots, k.B[:, at.B_BALL] != 0.0
-    many, clumps = int(balls.sum()), int((~balls).sum())
-    placed = int(np.diff(slots.beginning)[~balls].sum())
-    touched = 8 * many * (1 + 24 + 24 + 4 + 20) + clumps * (8 * (2 + 28 + 21) + 8) + placed * (8 * (3 + 12 + 24) + 4)
+    """Motion of the bodies, places of their spheres. Of a ball: B up to its orientation, both ways, but for what comes newly; of
+    its sphere in a table of its own, the columns up to the last velocity."""
+    s, slots, round_ones = k.state, k.slots, k.B[:, at.B_BALL] != 0.0
+    many, clumps = int(round_ones.sum()), int((~round_ones).sum())
+    placed = int(np.diff(slots.beginning)[~round_ones].sum())
+    apart = 0 if k.S is k.B else 4 + 20
+    touched = 8 * many * (1 + 24 + 32 + apart) + clumps * (8 * (2 + 28 + 21) + 8) + placed * (8 * (3 + 12 + 24) + 4)
     given = (
         s.start, slots.near, slots.beginning, s.offsets, k.S, k.B, s.D, k.moves, k.room[0], k.marks[0], slots.cuts, slots.own,
         s.body,
     )  # fmt: skip
-    kernels = [(bodies.drift_ball, many), (bodies.move, clumps), (bodies.place_sphere, placed), (bodies.judge, len(balls))]
-    return Pass("drift", lambda n: over_parts(n, drift, len(k.moves), given), len(k.moves), len(balls), "bodies",
-                touched + slots.n_plates * (12 + 8), k.S.nbytes + k.B.nbytes + s.offsets.nbytes, kernels)  # fmt: skip
+    kernels = [(balls.drift_ball, many), (motion.move, clumps), (bodies.place_sphere, placed), (motion.judge, clumps)]
+    return Pass("drift", lambda n: over_parts(n, drift, len(k.moves), given), len(k.moves), len(k.B), "bodies",
+                touched + slots.n_plates * (12 + 8), k.rows + s.offsets.nbytes, kernels)  # fmt: skip
 
 
 def gaps_of(k: Tables) -> list[Pass]:
@@ -217,7 +223,7 @@ def pushes_of(k: Tables) -> list[Pass]:
     """Fields to rows: force and torque of both bodies, both ways, with the arm of a clump's sphere; the memory of the contact."""
     s, slots, h, clumps = k.state, k.slots, k.h, len(k.S) != len(k.B)
     arms, listed = 16 + 8 * 8 if clumps else 0, slots.own.nbytes + slots.partner.nbytes
-    tables = k.B.nbytes + listed + k.S.nbytes * clumps
+    tables = listed + (k.rows if clumps else k.B.nbytes)
     return [
         slotted(k, "bodies, plates", push_flat, k.flat, (slots.own, slots.partner, s.body, k.S, k.O, k.G, k.B, k.sums),
                 20 + 8 * (8 + 4 + 9 + 9), tables, contacts.push_flat, 4),
@@ -229,12 +235,11 @@ def pushes_of(k: Tables) -> list[Pass]:
 
 
 def gather_of(k: Tables) -> Pass:
-    """Closing half kick: mass, velocity, momentum, force and torque; before it what other groups left, a row each."""
+    """What other groups left, a row each; the closing half kick is the drift's where nobody looks."""
     slots, n, guests = k.slots, len(k.B), len(k.slots.guests)
     given = (slots.cuts, slots.guests, k.F, k.B, k.at.effects, k.physics.effect_parameters, k.moves)
     return Pass("gather", lambda many: over_parts(many, kick, len(k.moves), given), len(k.moves), n, "bodies",
-                8 * 25 * n + (4 + 8 * 24) * guests, k.B.nbytes + k.F.nbytes,
-                [(gather.kick_body, n), (gather.collect, guests)])  # fmt: skip
+                8 * len(k.moves) + (4 + 8 * 24) * guests, k.B.nbytes + k.F.nbytes, [(gather.collect, guests)])  # fmt: skip
 
 
 def tiled(k: Tables, name: str, one: Any, tiles: np.ndarray, given: tuple, fields: int, counted: Any = None) -> Pass:

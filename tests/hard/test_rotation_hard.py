@@ -82,7 +82,7 @@ def spinning_flake(make, step):
     """A thin body, I_3 close to I_1 + I_2, spinning about its axis with a wobble."""
     simulation = build(make.scene([make.ball(1.0, (0.0, 0.0, 0.0))], {"ball": make.STEEL}, time_step=step), force=True)
     B = simulation.state.B
-    B[:, at.B_I : at.B_I + 3] = FLAKE
+    B[:, at.B_I : at.B_I + 3], B[:, at.B_BALL] = FLAKE, 0.0
     B[:, at.B_W : at.B_W + 3] = WOBBLE
     B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
     return simulation

@@ -14,8 +14,8 @@ from thirdbody.kernels import layout as at
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-LEAST_SPEED, LEAST_MOMENTUM = 1e-60, 1e-90
-"""m/s and kg m2/s: what moves more slowly at the end of a step rests."""
+LEAST_SPEED, LEAST_SPIN, LEAST_MOMENTUM = 1e-60, 1e-60, 1e-90
+"""m/s, rad/s and kg m2/s: what moves more slowly at the end of a step rests."""
 
 
 def three(row: Sequence[float], column: int) -> Vector:
@@ -92,8 +92,8 @@ def turned(q: Quaternion, r: Vector) -> Quaternion:
     """q after a small turn by the rotation vector r, world axes."""
     w, x, y, z = q
     a, b, c = 0.5 * r[0], 0.5 * r[1], 0.5 * r[2]
-    new = w - a * x - b * y - c * z, x + a * w + b * z - c * y, y + b * w + c * x - a * z, z + c * w + a * y - b * x
-    longer = new[0] * new[0] + new[1] * new[1] + new[2] * new[2] + new[3] * new[3] - 1.0
+    new = w - a * x - b * y - c * z, x + a * w + b * z - c * y, y - a * z + b * w + c * x, z + a * y - b * x + c * w
+    longer = (new[0] * new[0] + new[1] * new[1]) + (new[2] * new[2] + new[3] * new[3]) - 1.0
     s = 1.0 - longer * (0.5 - 0.375 * longer) if abs(longer) < 5e-6 else 1.0 / math.sqrt(1.0 + longer)
     return new[0] * s, new[1] * s, new[2] * s, new[3] * s
 
@@ -103,9 +103,12 @@ def quaternion(B: list[float]) -> Quaternion:
     return B[at.B_Q], B[at.B_Q + 1], B[at.B_Q + 2], B[at.B_Q + 3]
 
 
-def spin_of(B: list[float]) -> Vector:
-    """Angular velocity of a body, rad/s."""
-    return spin(quaternion(B), three(B, at.B_L), three(B, at.B_I))
+def see_spin(B: list[float]) -> None:
+    """The angular velocity of a body from its momentum, rad/s; of a ball the momentum from the velocity."""
+    if B[at.B_BALL] != 0.0:
+        B[at.B_L : at.B_L + 3] = [B[at.B_BALL] * B[at.B_W + k] for k in range(3)]
+    else:
+        B[at.B_W : at.B_W + 3] = spin(quaternion(B), three(B, at.B_L), three(B, at.B_I))
 
 
 def is_ball(B: list[float], offsets: Sequence[Vector]) -> bool:
@@ -127,7 +130,13 @@ def place(
     sphere[at.S_W : at.S_W + 3] = w
     sphere[at.S_V : at.S_V + 3] = carried(end[0], end[1], arm)
     sphere[at.S_O : at.S_O + 3] = end[1]
-    sphere[at.S_ARM : at.S_ARM + 3] = arm
+    if len(sphere) == at.S_COLS:
+        sphere[at.S_ARM : at.S_ARM + 3] = arm
+
+
+def arm_of(sphere: list[float]) -> Vector:
+    """The centre of a sphere from its body's centre of mass; a row that tells of both has none."""
+    return three(sphere, at.S_ARM) if len(sphere) == at.S_COLS else (0.0, 0.0, 0.0)
 
 
 def carried(v: Vector, w: Vector, r: Vector) -> Vector:
@@ -137,25 +146,24 @@ def carried(v: Vector, w: Vector, r: Vector) -> Vector:
 
 def place_now(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector]) -> None:
     """The spin of a synchronised body and its spheres, all with the velocities of now."""
-    v, w = three(B, at.B_V), spin_of(B)
-    B[at.B_W : at.B_W + 3] = w
+    see_spin(B)
+    v, w = three(B, at.B_V), three(B, at.B_W)
     for sphere, offset in zip(spheres, offsets, strict=True):
         place(sphere, offset, B, v, w, (v, w), 0.0)
 
 
 def drift_ball(B: list[float], sphere: list[float], dt: float) -> None:
     """Half kick and full drift of a ball."""
-    half, kick, per_inertia = 0.5 * dt, 0.5 * dt * (1.0 / B[at.B_MASS]), 1.0 / B[at.B_I]
-    change = [kick * f for f in three(B, at.B_F)]
-    push = [half * t for t in three(B, at.B_T)]
+    half = 0.5 * dt
+    change = [half / B[at.B_MASS] * f for f in three(B, at.B_F)]
+    turn = [half / B[at.B_BALL] * t for t in three(B, at.B_T)]
     v = [B[at.B_V + k] + change[k] for k in range(3)]
-    momentum = [B[at.B_L + k] + push[k] for k in range(3)]
+    w = [B[at.B_W + k] + turn[k] for k in range(3)]
     B[at.B_X : at.B_X + 3] = x = [B[at.B_X + k] + dt * v[k] for k in range(3)]
-    B[at.B_V : at.B_V + 3], B[at.B_L : at.B_L + 3] = v, momentum
-    sphere[at.S_X : at.S_X + 3], sphere[at.S_U : at.S_U + 3] = x, v
-    sphere[at.S_W : at.S_W + 3] = w = [momentum[k] * per_inertia for k in range(3)]
+    B[at.B_V : at.B_V + 3], B[at.B_W : at.B_W + 3] = v, w
+    sphere[at.S_X : at.S_X + 3], sphere[at.S_U : at.S_U + 3], sphere[at.S_W : at.S_W + 3] = x, v, w
     sphere[at.S_V : at.S_V + 3] = [v[k] + change[k] for k in range(3)]
-    sphere[at.S_O : at.S_O + 3] = [(momentum[k] + push[k]) * per_inertia for k in range(3)]
+    sphere[at.S_O : at.S_O + 3] = [w[k] + turn[k] for k in range(3)]
     B[at.B_Q : at.B_Q + 4] = turned(quaternion(B), (dt * w[0], dt * w[1], dt * w[2]))
 
 
@@ -194,9 +202,9 @@ def act(B: list[float], force: Vector, torque: Vector) -> None:
 
 def kick(B: list[float], force: Vector, torque: Vector, dt: float) -> None:
     """Closing half kick of a body."""
-    share, half = 0.5 * dt / B[at.B_MASS], 0.5 * dt
-    for k in range(3):
-        v, momentum = B[at.B_V + k] + share * force[k], B[at.B_L + k] + half * torque[k]
-        # what is not a number is not hidden
-        B[at.B_V + k] = 0.0 if abs(v) <= LEAST_SPEED else v
-        B[at.B_L + k] = 0.0 if abs(momentum) <= LEAST_MOMENTUM else momentum
+    half = 0.5 * dt
+    inertia, turn, least = (B[at.B_BALL], at.B_W, LEAST_SPIN) if B[at.B_BALL] != 0.0 else (1.0, at.B_L, LEAST_MOMENTUM)
+    for column, push, share, limit in ((at.B_V, force, half / B[at.B_MASS], LEAST_SPEED), (turn, torque, half / inertia, least)):
+        for k in range(3):
+            moved = B[column + k] + share * push[k]
+            B[column + k] = 0.0 if abs(moved) <= limit else moved  # what is not a number is not hidden

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from scalar_bodies import Vector, added, cross, dot, three
+from scalar_bodies import Vector, added, arm_of, cross, dot, three
 from scalar_laws import Answer, Laws
 
 from thirdbody.kernels import layout as at
@@ -229,8 +229,8 @@ def record(S: list[list[float]], i: int, j: int, done: Done, world: Surroundings
     """A row of R: everything that output and labels need of a contact."""
     frame, answer, n = done.frame, done.answer, done.frame.n
     R = [0.0] * (at.R_ROLLING_COLS if moments else at.R_COLS)
-    R[at.R_POINT : at.R_POINT + 3] = added(three(S[i], at.S_ARM), n, -frame.arms[0])
-    R[at.R_POINT_J : at.R_POINT_J + 3] = added(three(S[j], at.S_ARM), n, frame.arms[1]) if j >= 0 else (0.0, 0.0, 0.0)
+    R[at.R_POINT : at.R_POINT + 3] = added(arm_of(S[i]), n, -frame.arms[0])
+    R[at.R_POINT_J : at.R_POINT_J + 3] = added(arm_of(S[j]), n, frame.arms[1]) if j >= 0 else (0.0, 0.0, 0.0)
     R[at.R_N : at.R_N + 3] = n
     R[at.R_T : at.R_T + 3] = [answer.x * frame.e[k] + answer.y * frame.d[k] for k in range(3)]
     R[at.R_CURVATURE], R[at.R_CURVATURE_J] = S[i][at.S_R], S[j][at.S_R] if j >= 0 else 0.0

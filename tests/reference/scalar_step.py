@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from scalar_bodies import Vector, act, added, cross, drift, kick, place_now, spin_of, three
+from scalar_bodies import Vector, act, added, arm_of, cross, drift, kick, place_now, see_spin, three
 from scalar_contact import Done, Surroundings, interact, let_go, record, touches
 from scalar_labels import look
 from scalar_laws import Effects, Laws
@@ -63,7 +63,8 @@ class Reference:
     def __init__(self, simulation: Any):
         state, choice = simulation.state, simulation.choice
         self.physics, self.choice = state.physics, choice
-        self.B, self.S, self.P, self.A, self.M = (t.tolist() for t in (state.B, state.S, state.P, state.A, state.M))
+        self.B, self.P, self.A, self.M = (t.tolist() for t in (state.B, state.P, state.A, state.M))
+        self.S = self.B if state.S is state.B else state.S.tolist()
         self.body, self.start = state.body.tolist(), state.start.tolist()
         self.offsets = [tuple(row) for row in state.offsets.tolist()]
         self.size = max(float(state.D[at.D_LX]), 0.0), max(float(state.D[at.D_LY]), 0.0)
@@ -218,19 +219,19 @@ class Reference:
 
     def about(self, s: int, torque: Vector, force: Vector) -> Vector:
         """Torque about the centre of mass, from that about the centre of sphere s and the force at it."""
-        return added(torque, cross(three(self.S[s], at.S_ARM), force))
+        return added(torque, cross(arm_of(self.S[s]), force))
 
     def close(self, b: int, time: float, dt: float) -> list[float]:
         """The closing half kick of a body and its effects; returns the powers of the effects along the axes, W."""
         B, powers = self.B[b], [0.0, 0.0, 0.0]
         kick(B, three(B, at.B_F), three(B, at.B_T), dt)
-        B[at.B_W : at.B_W + 3] = spin_of(B)
+        see_spin(B)
         if self.physics.has_effects:
             acting = self.effects.on(B, time, dt)
             force, torque = three(acting, 0), three(acting, 3)
             B[at.B_EF : at.B_EF + 3], B[at.B_ET : at.B_ET + 3] = force, torque
             kick(B, force, torque, dt)
-            B[at.B_W : at.B_W + 3] = spin_of(B)
+            see_spin(B)
             act(B, force, torque)
             powers = [force[k] * B[at.B_V + k] + torque[k] * B[at.B_W + k] for k in range(3)]
         return powers

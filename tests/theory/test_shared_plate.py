@@ -207,7 +207,7 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, way, level):
     assert np.all(quotient < -1e4)
     # the push is curved: a fourth of h^2 over the square of an overlap of some nm, and its rounding of 1e-9 N/m over h
     assert told[1][:, hub.H_SLOPE] == pytest.approx(quotient, rel=2e-5)
-    moved = np.abs(simulation.state.B - start)[:, at.B_X : at.B_L]
+    moved = np.abs(simulation.state.B - start)[:, [*range(at.B_X, at.B_W), *range(at.B_Q, at.B_Q + 4)]]
     assert moved[:, :3].max() < 1e-15 and moved.max() < 1e-12, "bodies were not put back"
 
 

@@ -3,14 +3,14 @@
 import numpy as np
 from numba import njit
 
+from thirdbody.kernels.four import load, of, store
 from thirdbody.kernels.rotation import NEARLY_UNIT, turned
 
 
 @njit(error_model="numpy")
 def turned_all(Q, R, out):
     for k in range(Q.shape[0]):
-        q = turned((Q[k, 0], Q[k, 1], Q[k, 2], Q[k, 3]), R[k, 0], R[k, 1], R[k, 2])
-        out[k, 0], out[k, 1], out[k, 2], out[k, 3] = q
+        store(out, k, 0, turned(load(Q, k, 0), of(R[k, 0], R[k, 1], R[k, 2], 0.0)))
 
 
 def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:

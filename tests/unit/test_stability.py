@@ -65,7 +65,7 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
     B[:, at.B_Q : at.B_Q + 4] = q / np.linalg.norm(q, axis=1)[:, None]
     arms = rng.normal(0.0, 0.2, (len(body), 3)) * clump[body][:, None]
     S[:, :3], S[:, at.S_R] = B[body, :3] + arms, radii
-    S[:, at.S_ARM : at.S_ARM + 3], S[:, at.S_SIDE], S[:, at.S_MASS] = arms, 7.0, B[body, at.B_MASS]
+    S[:, at.S_ARM : at.S_ARM + 3], S[:, at.S_ARM + 3], S[:, at.S_MASS] = arms, 7.0, B[body, at.B_MASS]
     patch = np.arange(bodies) if foundation else np.zeros(bodies, int)
     P = np.zeros((bodies + 1 if foundation else 1, at.P_COLS))
     P[:, at.P_Z], P[:, at.P_MASS], P[:, at.P_FREE] = size, rng.uniform(0.5, 2.0, len(P)), free

@@ -16,6 +16,7 @@ from ..kernels import contacts as contact_pass
 from ..kernels import layout as at
 from ..kernels import step
 from ..kernels.context import expected, told
+from ..kernels.drift import Z_COLS
 from ..kernels.pointers import address
 from ..kernels.signatures import EFFECTS, KINDS, LAW, OBSERVE, WORK, Context
 from ..kernels.work import work
@@ -24,7 +25,7 @@ from .guards import Guards
 from .labels import labels
 from .neighbours import search
 from .pace import Pace, clocks
-from .state import Array, State, refresh_spheres, table
+from .state import Array, State, refresh_spheres, table, unite
 from .timestep import Bound, bound
 
 BUDGET = 64
@@ -55,6 +56,7 @@ class Explicit:
         self.state, self.materials, self.fixed, self.force = state, materials, time_step, force
         (guards or Guards()).put(state)
         state.summed = True
+        unite(state)
         self.bound: Bound | None = None
         self.tightest: Bound | None = None
         self.waiting: list[float] = []  # bounds since the last change of the step, all above it
@@ -125,7 +127,7 @@ class Explicit:
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
         longest = int(np.diff(slots.cuts[: body_pass.GUESTS, ends], axis=1).max(initial=0))
         floats, marks = contact_pass.room_for(len(physics.history), longest)
-        self.room = np.empty((parts, max(floats, body_pass.Z_COLS * body_pass.BODIES)))
+        self.room = table(parts, max(floats, Z_COLS * body_pass.BODIES))
         self.marks = np.empty((parts, max(marks, body_pass.BODIES)), np.int32)
         most = slots.most if physics.labels else 0
         self.rows = np.empty((parts, most, at.C_MEMORY + physics.contact_memory))

@@ -15,21 +15,21 @@ import numpy as np
 from ..kernels import layout as at
 from .energy import Ledger
 from .neighbours import slots_of
-from .state import Slots, State
+from .state import Array, Slots, State
 
 if TYPE_CHECKING:
     from .explicit import Explicit
     from .implicit import Implicit
 
-FIXED = ("B", "S", "P", "A", "M", "X0")
-"""Tables of a state whose shape follows from the scene."""
+FIXED = ("S", "B", "P", "A", "M", "X0")
+"""Tables of a state whose shape follows from the scene; of S and B only one where they are the same."""
 
 GIVEN = {
-    "B": (at.B_MASS, at.B_ARM, at.B_BALL, at.B_I, at.B_I + 1, at.B_I + 2),
+    "B": (at.S_R, at.B_MASS, at.B_BALL, at.S_SIDE, at.B_ARM, at.B_I, at.B_I + 1, at.B_I + 2),
     "S": (at.S_R, at.S_MASS, at.S_SIDE),
     "P": (at.P_MASS, at.P_DAMPING, at.P_FREE, at.P_SPRING, at.P_LOAD0),
 }
-"""Columns that the scene decides on and a run leaves alone."""
+"""Columns that the scene decides on and a run leaves alone; those of spheres are zero in B where S is a table of its own."""
 
 LARGEST = 1e100
 """No number of a run is larger in SI; such ones, and what is no number, would lead compiled loops out of their tables."""
@@ -61,7 +61,7 @@ class Snapshot:
 def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> Snapshot:
     """All that changes in a run, between two compiled calls: the tables themselves, to be written before it goes on."""
     slots = state.slots
-    arrays = {name: getattr(state, name) for name in FIXED}
+    arrays = _fixed(state)
     arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
     kept, notes = integrator.keep()
     arrays |= {f"integrator_{name}": array for name, array in kept.items()}
@@ -74,16 +74,16 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
 def put(kept: Snapshot, state: State, integrator: Explicit | Implicit, ledger: Ledger) -> None:
     """Put a freshly built run where the snapshot was taken. Raises ValueError where it does not fit, with the run as it was."""
     own, remembered = integrator.keep()
-    wanted = {name: getattr(state, name) for name in FIXED} | {f"integrator_{name}": array for name, array in own.items()}
-    check(kept.arrays, wanted)
+    fixed = _fixed(state)
+    check(kept.arrays, fixed | {f"integrator_{name}": array for name, array in own.items()})
     _refuse_others(kept.arrays, state)
     _refuse_clocks(kept.arrays)
     slots = _slots(kept, state)
     notes = kept.notes
     _refuse_unlike("integrator", notes["integrator"], remembered)
     state.dt, state.searches = float(notes["dt"]), int(notes["searches"])
-    for name in FIXED:
-        getattr(state, name)[:] = kept.arrays[name]
+    for name, array in fixed.items():
+        array[:] = kept.arrays[name]
     state.slots = slots
     integrator.restore({name: kept.arrays[f"integrator_{name}"] for name in own}, notes["integrator"])
     ledger.start, ledger.peak = float(notes["energy_start"]), float(notes["energy_peak"])
@@ -99,11 +99,17 @@ def check(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, np.ndarray]) ->
             raise ValueError(f"{name} holds {found.dtype} {found.shape}, expected {array.dtype} {array.shape}")
 
 
+def _fixed(state: State) -> dict[str, Array]:
+    """The tables `FIXED`."""
+    return {name: getattr(state, name) for name in FIXED if name != "S" or state.S is not state.B}
+
+
 def _refuse_others(arrays: Mapping[str, np.ndarray], state: State) -> None:
     """Raise ValueError for other bodies or plates than those of the scene: a mass of zero would make forces infinite."""
+    fixed = _fixed(state)
     for name, columns in GIVEN.items():
-        for column in columns:
-            if not np.allclose(arrays[name][:, column], getattr(state, name)[:, column], rtol=SAME, atol=0.0):
+        for column in columns if name in fixed else ():
+            if not np.allclose(arrays[name][:, column], fixed[name][:, column], rtol=SAME, atol=0.0):
                 raise ValueError(f"{name} holds other bodies or plates than the scene")
 
 

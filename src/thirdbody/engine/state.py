@@ -292,6 +292,15 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     return state
 
 
+def unite(state: State) -> None:
+    """Let the rows of the bodies tell of the spheres, too, where every body is one sphere round its centre of mass: a step then
+    reads and writes a third less."""
+    if state.n_spheres == state.n_bodies and not state.offsets.any():
+        state.B[:, [at.S_R, at.S_SIDE]] = state.S[:, [at.S_R, at.S_SIDE]]
+        state.S = state.B
+        refresh_spheres(state)
+
+
 def _limits(world: World, skin: float) -> Array:
     D = np.zeros(at.D_COLS)
     sign = 1.0 if world.periodic else (-1.0 if world.bounded else 0.0)

@@ -10,7 +10,8 @@ arithmetic, so gaps are computed for all candidates first and the touching ones 
 import numpy as np
 from numba import njit
 
-from .four import LANES, all_below, crossed, get, lane, load, of, only, spread, store, transposed, where_above, with_last
+from .bodies import arm_of
+from .four import LANES, LINE, all_below, below, crossed, get, lane, load, of, spread, store, transposed, where_above, with_last
 from .gaps import measure_pairs, measure_plates, sort_out
 from .layout import (
     B_F,
@@ -66,7 +67,6 @@ from .layout import (
     R_T,
     R_VI,
     R_VJ,
-    S_ARM,
     S_O,
     S_R,
     S_V,
@@ -85,6 +85,10 @@ GROUP = 4
 SHARE = 0.5
 """Of friction work between two bodies, for each."""
 
+LIGHT = 8
+"""Numbers that a light law remembers at most. One contact of it takes as long as eight, which are one vector, so that tiles are
+filled up to whole vectors (a tile of 63 takes half as long again as one of 64); of others each contact takes its time."""
+
 LARGEST = 1e300
 """N2: the square of no force."""
 
@@ -95,9 +99,10 @@ SUM_COLS = 16
 
 
 def room_for(n_history, longest):
-    """Scratch of a thread for chunks of at most `longest` slots: numbers of floats and of marks."""
+    """Scratch of a thread for chunks of at most `longest` slots: numbers of floats and of marks; whole lines of the cache, since
+    a vector of eight that lies across two takes twice the time."""
     fields = I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS + G_COLS
-    return fields * TILE + longest, 2 * (longest + SPARE)
+    return fields * TILE + longest + -longest % LINE, 2 * (longest + SPARE)
 
 
 @njit(**BARE)
@@ -137,7 +142,7 @@ def push_one(k, c, own, partner, body, S, B, sums, force, torque):
     """A contact with a plate acts on its body; `torque`: about the centre of the sphere."""
     i = np.uint64(own[k])
     b = np.uint64(body[i])
-    push_body(b, B, force, torque + crossed(load(S, i, S_ARM), force))
+    push_body(b, B, force, torque + crossed(arm_of(i, S), force))
     low, alone = partner[k] == -1, with_last(force, spread(0.0))
     total = np.int64(SUM_LOW) if low else np.int64(SUM_UP)
     B[b, B_PUSH] += 0.0 if low else lane(force, 2)
@@ -152,8 +157,8 @@ def push_both(k, own, partner, body, outer, clumps, S, B, F, force, torque, back
     b, p = i, j
     if clumps:
         b, p = np.uint64(body[i]), np.uint64(body[j])
-        torque = torque + crossed(load(S, i, S_ARM), force)
-        back = back + crossed(load(S, j, S_ARM), against)
+        torque = torque + crossed(arm_of(i, S), force)
+        back = back + crossed(arm_of(j, S), against)
     push_body(b, B, force, torque)
     if outer[k] < 0:
         push_body(p, B, against, back)
@@ -202,27 +207,41 @@ def push_pairs(n, slots, first, own, partner, body, outer, S, O, G, B, F):  # no
 @njit(**BARE)
 def nothing():
     """What is found of no contacts: `tally`."""
-    none = spread(0.0)
-    return none, none, none, none, np.int64(0)
+    return spread(0.0), spread(0.0), 0.0, np.int64(0), np.int64(0)
 
 
 @njit(**BARE)
 def tally(m, slots, first, O, I, G, found):  # noqa: E741
-    """What was `found` in a chunk, and a tile of m contacts, slots[first:first + m], by four lanes: work, power, the largest
-    overlap over the smaller radius with its place in `slots`; and the last slot whose force is not a number (+ 1; 0: none)."""
-    work, power, deepest, place, bad = found
+    """What was `found` in a chunk, and a tile of m contacts, slots[first:first + m]: work and power, by four lanes; the largest
+    overlap over the smaller radius with its slot; and the last slot whose force is not a number (+ 1; 0: none)."""
+    work, power, deepest, slot, bad = found
+    clear(m, O, I, G)
     for q in range(0, m, LANES):
-        here = np.int64(m - q)
-        work = work + only(get(O, q + O_WORK * TILE), here)
-        power = power + only(get(O, q + O_POWER * TILE), here)
+        work, power = work + get(O, q + O_WORK * TILE), power + get(O, q + O_POWER * TILE)
         r_i, r_j = get(G, q + G_RI * TILE), get(G, q + G_RJ * TILE)
-        ratio = only(get(I, q + I_OVERLAP * TILE) / where_above(r_i, r_j, r_j, r_i), here)
-        place = where_above(ratio, deepest, spread(float(first + q)), place)
-        deepest = where_above(ratio, deepest, ratio, deepest)
+        if below(spread(deepest) * where_above(r_i, r_j, r_j, r_i), get(I, q + I_OVERLAP * TILE)) != 0:  # few are the deepest
+            deepest, slot = deeper(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
         x, y, z = get(G, q + G_F * TILE), get(G, q + (G_F + 1) * TILE), get(G, q + (G_F + 2) * TILE)
-        if not all_below(only(x * x + y * y + z * z, here), LARGEST):
+        if not all_below(x * x + y * y + z * z, LARGEST):
             bad = last_bad(q, min(q + LANES, m), slots, first, G, bad)
-    return work, power, deepest, place, bad
+    return work, power, deepest, slot, bad
+
+
+@njit(**BARE)
+def clear(m, O, I, G):  # noqa: E741
+    """Let the places behind m contacts, up to a multiple of four, add nothing to what is told of them."""
+    for q in range(m, m + -m % LANES):
+        O[q + O_WORK * TILE] = O[q + O_POWER * TILE] = I[q + I_OVERLAP * TILE] = 0.0
+        G[q + G_F * TILE] = G[q + (G_F + 1) * TILE] = G[q + (G_F + 2) * TILE] = 0.0
+
+
+@njit(**BARE_CHUNK)
+def deeper(q, end, slots, first, I, G, deepest, slot):  # noqa: E741
+    """The largest overlap over the smaller radius of the contacts in places q to `end` with its slot, or what there was."""
+    for e in range(q, end):
+        ratio = I[e + I_OVERLAP * TILE] / min(G[e + G_RI * TILE], G[e + G_RJ * TILE])
+        deepest, slot = (ratio, np.int64(slots[first + e])) if ratio > deepest else (deepest, slot)
+    return deepest, slot
 
 
 @njit(**BARE_CHUNK)
@@ -241,17 +260,10 @@ def total(v):
 
 
 @njit(**BARE)
-def tell(c, lost, found, slots, sums):
+def tell(c, lost, found, sums):
     """Put what a chunk lost and what was `found` in it into row c."""
-    work, power, deepest, place, bad = found
-    sums[c, SUM_WORK], sums[c, SUM_POWER], sums[c, SUM_BAD] = lost + total(work), total(power), bad
-    ratios = (lane(deepest, 0), lane(deepest, 1), lane(deepest, 2), lane(deepest, 3))
-    places = (lane(place, 0), lane(place, 1), lane(place, 2), lane(place, 3))
-    most, slot = 0.0, np.int64(0)
-    for k in range(LANES):
-        if ratios[k] > most:
-            most, slot = ratios[k], np.int64(slots[np.int64(places[k]) + k])
-    sums[c, SUM_OVERLAP], sums[c, SUM_SLOT] = most, slot
+    work, power, sums[c, SUM_OVERLAP], sums[c, SUM_SLOT], sums[c, SUM_BAD] = found
+    sums[c, SUM_WORK], sums[c, SUM_POWER] = lost + total(work), total(power)
 
 
 @njit(**BARE_CHUNK)
@@ -262,6 +274,12 @@ def add_stored(n, c, O, sums):  # noqa: E741
         sums[c, SUM_STORED_T] += O[q + O_STORED_T * TILE]
 
 
+@njit(**BARE)
+def three(v):
+    """The first three numbers of v."""
+    return lane(v, 0), lane(v, 1), lane(v, 2)
+
+
 @njit(**BARE_CHUNK)
 def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
     """Everything that output and labels need of one contact, as the step computed it."""
@@ -269,9 +287,10 @@ def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
     a_i, a_j = G[q + G_ARM_I * TILE], G[q + G_ARM_J * TILE]
     t_1, t_2 = O[q + O_TX * TILE], O[q + O_TY * TILE]
     n = (G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE])
+    arm, arm_j = three(arm_of(i, S)), three(arm_of(max(j, 0), S))
     for d in range(3):
-        R[k, R_POINT + d] = S[i, S_ARM + d] - a_i * n[d]
-        R[k, R_POINT_J + d] = S[j, S_ARM + d] + a_j * n[d] if j >= 0 else 0.0
+        R[k, R_POINT + d] = arm[d] - a_i * n[d]
+        R[k, R_POINT_J + d] = arm_j[d] + a_j * n[d] if j >= 0 else 0.0
         R[k, R_N + d] = n[d]
         R[k, R_T + d] = t_1 * G[q + (G_E + d) * TILE] + t_2 * G[q + (G_D + d) * TILE]
     R[k, R_CURVATURE], R[k, R_CURVATURE_J] = S[i, S_R], S[j, S_R] if j >= 0 else 0.0
@@ -317,20 +336,21 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
     lost, found = let_go(o, opened, own, partner, body, outer, H, B, F), nothing()
     for t in range(0, m, TILE):
         count = min(TILE, m - t)
+        filled = count + (-count % LINE if n_history <= LIGHT else 0)  # behind the last one it stands there again
         if flat:
-            stage_plates(count, slots, t, g, first, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history)
+            stage_plates(filled, slots, t, g, first, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history)
         else:
-            stage_pairs(count, slots, t, own, partner, body, kind, S, B, H, I, G, n_history)
-            meet(count, dt, l_x, l_y, c_x, c_y, I, G)
-        turn_frames(count, dt, G)
-        slide(count, dt, I, G)
+            stage_pairs(filled, slots, t, own, partner, body, kind, S, B, H, I, G, n_history)
+            meet(filled, dt, l_x, l_y, c_x, c_y, I, G)
+        turn_frames(filled, dt, G)
+        slide(filled, dt, I, G)
         if rolling > 0:
-            for q in range(count):
+            for q in range(filled):
                 stage_rolling(q, slots[t + q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
-        law(I, O, count, pairs)
-        push(count, I, O, G)
+        law(I, O, filled, pairs)
+        push(filled, I, O, G)
         if rolling == MOMENTS:
-            add_moments(count, O, G, n_history)
+            add_moments(filled, O, G, n_history)
         found = tally(count, slots, t, O, I, G, found)
         if flat:
             push_flat(count, c, slots, t, own, partner, body, S, O, G, B, sums)
@@ -343,4 +363,4 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
                 record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)
                 if rolling == MOMENTS:
                     record_rolling(q, slots[t + q], O, G, R, n_history)
-    tell(c, lost, found, slots, sums)
+    tell(c, lost, found, sums)

@@ -10,6 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
+from .four import load, of, store
 from .layout import S_R, S_X, S_Y, S_Z
 from .options import CHUNK, OPTIONS
 from .packing import enter, free
@@ -133,8 +134,7 @@ def _advance(X, Q, V, step, lever, longest):
         for axis in range(3):
             X[b, axis] += part * V[b, axis]
         turn = part / lever[b]
-        q = (Q[b, 0], Q[b, 1], Q[b, 2], Q[b, 3])
-        Q[b, 0], Q[b, 1], Q[b, 2], Q[b, 3] = turned(q, turn * V[b, 3], turn * V[b, 4], turn * V[b, 5])
+        store(Q, b, 0, turned(load(Q, b, 0), of(turn * V[b, 3], turn * V[b, 4], turn * V[b, 5], 0.0)))
 
 
 @njit(**CHUNK)

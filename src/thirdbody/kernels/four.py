@@ -212,6 +212,18 @@ def crossed(typing: Any, v: Any, w: Any) -> Any:
     return four(v, w), make
 
 
+@_intrinsic(prefer_literal=True)
+def round_axis(typing: Any, q: Any, axis: Any) -> Any:
+    """The product of the unit vector of an axis (0, 1 or 2, a literal) and the quaternion q = (w, x, y, z)."""
+    number = _lane(axis)
+    lanes = ([1 + LANES, 0, 3 + LANES, 2], [2 + LANES, 3, 0, 1 + LANES], [3 + LANES, 2 + LANES, 1, 0])[number]
+
+    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        return _shuffle(builder, args[0], builder.fneg(args[0]), lanes)
+
+    return four(q, axis), make
+
+
 @_intrinsic
 def rounded(typing: Any, v: Any) -> Any:
     """v to the nearest whole numbers, halves to the even ones, as `np.rint`."""
@@ -253,18 +265,6 @@ def where_above(typing: Any, v: Any, w: Any, yes: Any, no: Any) -> Any:
         return builder.select(builder.fcmp_ordered(">", args[0], args[1]), args[2], args[3])
 
     return four(v, w, yes, no), make
-
-
-@_intrinsic
-def only(typing: Any, v: Any, n: Any) -> Any:
-    """The first n numbers of v, 0 for the others."""
-
-    def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-        place = builder.sitofp(args[1], ir.DoubleType())
-        within = builder.fcmp_ordered("<", _VECTOR([float(k) for k in range(LANES)]), _four_times(builder, place))
-        return builder.select(within, args[0], _VECTOR([0.0] * LANES))
-
-    return four(v, types.int64), make
 
 
 @_intrinsic

@@ -3,15 +3,14 @@
 import numpy as np
 from numba import njit
 
-from .bodies import BODIES, GUESTS, MOVE_POWER, spin_body
+from .bodies import BODIES, GUESTS, MOVE_POWER, RESTING_MOMENTUM, RESTING_SPEED, RESTING_SPIN, spin_body
 from .contacts import push_body
-from .four import AHEAD, above, fetch, load, spread, store, with_last
+from .four import AHEAD, above, fetch, lane, load, of, splat, spread, store, with_last
 from .layout import (
     B_EF,
     B_ET,
     B_F,
     B_L,
-    B_MASS,
     B_T,
     B_V,
     B_W,
@@ -20,18 +19,19 @@ from .layout import (
 )  # fmt: skip
 from .options import BARE, BARE_CHUNK
 
-RESTING_SPEED, RESTING_MOMENTUM = 1e-60, 1e-90
-"""m/s and kg m2/s, some fifty orders below any motion: a ball that a dashpot brings to rest between two plates decays for ever,
-and arithmetic on denormal numbers is thirty times slower."""
-
 
 @njit(**BARE)
 def kick_body(b, B, force, torque, dt):
     """Half kick of body b by the three forces from column `force` and torques from column `torque`."""
-    kick, half, none = 0.5 * dt / B[b, B_MASS], 0.5 * dt, spread(0.0)
-    change, push = spread(kick) * with_last(load(B, b, force), none), spread(half) * with_last(load(B, b, torque), none)
-    store(B, b, B_V, above(load(B, b, B_V) + change, RESTING_SPEED))
-    store(B, b, B_L, above(load(B, b, B_L) + push, RESTING_MOMENTUM))
+    v, w, half, none = load(B, b, B_V), load(B, b, B_W), 0.5 * dt, spread(0.0)
+    turning = lane(w, 3)  # the moment of inertia of a ball
+    share = spread(half) / of(lane(v, 3), turning, 1.0, 1.0)
+    push, turn = with_last(load(B, b, force), none), with_last(load(B, b, torque), none)
+    store(B, b, B_V, above(v + splat(share, 0) * push, RESTING_SPEED))
+    if turning != 0.0:
+        store(B, b, B_W, above(w + splat(share, 1) * turn, RESTING_SPIN))
+    else:
+        store(B, b, B_L, above(load(B, b, B_L) + spread(half) * turn, RESTING_MOMENTUM))
 
 
 @njit(**BARE_CHUNK)
@@ -57,14 +57,20 @@ def collect(first, last, guests, F, B):
 
 @njit(**BARE_CHUNK)
 def gather_chunk(c, cuts, guests, F, B, dt, time, effects, effect_parameters, has_effects, record, moves):
-    """Forces and closing half kick of the bodies of chunk c; their spins where somebody looks (`record`) or acts on them."""
+    """Forces on the bodies of chunk c. Their closing half kick, and their spins, only where somebody looks (`record`) or acts on
+    them: elsewhere the drift of the next step makes it, which has the forces at hand."""
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
     collect(cuts[GUESTS, c], cuts[GUESTS, c + 1], guests, F, B)
-    for b in range(first, last):
-        kick_body(b, B, np.int64(B_F), np.int64(B_T), dt)
     moves[c, MOVE_POWER] = 0.0
     if has_effects or record:
-        for b in range(first, last):
-            spin_body(b, B)
+        close(first, last, B, dt)
     if has_effects:
         act(c, first, last, B, dt, time, effects, effect_parameters, moves)
+
+
+@njit(**BARE_CHUNK)
+def close(first, last, B, dt):
+    """Closing half kick of bodies, and their spins."""
+    for b in range(first, last):
+        kick_body(b, B, np.int64(B_F), np.int64(B_T), dt)
+        spin_body(b, B)

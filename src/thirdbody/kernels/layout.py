@@ -4,39 +4,40 @@ Tables are C-contiguous float64 with one row per thing, so that a kernel touches
 """
 
 # S: spheres, in groups of four columns. Mid-step velocities carry the displacement of the step; the synchronised ones feed the
-# dashpots.
+# dashpots. What B has too, it has in the same columns: where all bodies are spheres round their centres of mass, both
+# are one table.
 S_X, S_Y, S_Z, S_R = 0, 1, 2, 3
 S_U = 4  # mid-step velocity of the centre, 3
 S_MASS = 7  # of its body
 S_W = 8  # mid-step angular velocity, 3
 S_V = 12  # velocity predicted for the end of the step, 3
+S_SIDE = 15  # what the sphere can meet
 S_O = 16  # angular velocity predicted for the end of the step, 3
-S_ARM = 20  # centre of the sphere from its body's centre of mass, world axes, 3
-S_SIDE = 23  # what the sphere can meet
+S_ARM = 20  # centre of the sphere from its body's centre of mass, world axes, 3: columns that a table of its own has
 S_COLS = 24
 
 # X0: where a body was at the last search (position, 3; quaternion, 4).
 X_X, X_Q = 0, 3
 X_COLS = 7
 
-# B: bodies, in groups of four columns, first those that every step reads.
+# B: bodies, in groups of four columns; what a ball needs in a step comes first.
 B_X = 0  # position, 3
-B_MASS = 3
 B_V = 4  # velocity: full step when synchronised, mid-step inside a step, 3
-B_ARM = 7  # how far its farthest sphere is from its centre
-B_Q = 8  # quaternion w, x, y, z; body to world, 4
-B_L = 12  # angular momentum, world axes, 3
-B_BALL = 15  # moment of inertia of a ball; 0: not a ball
-B_F = 16  # total force, 3
-B_WORK = 19  # friction work, J, cumulative; behind the force, so that it is summed with it
-B_T = 20  # total torque, 3
-B_SLIP = 23  # slip distance, m, cumulative: the sum over the body's spots; behind the torque
-B_I = 24  # principal moments, 3
-B_W = 28  # angular velocity, synchronised where somebody looks, 3
-B_PUSH = 31  # force of the upper plate on the body, upwards; a patch feels it
-B_EF = 32  # force of body effects, 3: columns that only a scene with body effects has
-B_ET = 36  # torque of body effects, 3
-B_COLS = 40
+B_MASS = 7
+B_W = 8  # angular velocity, 3: of a ball as the velocity, of other bodies synchronised where somebody looks
+B_BALL = 11  # moment of inertia of a ball; 0: not a ball
+B_F = 20  # total force, 3
+B_WORK = 23  # friction work, J, cumulative; behind the force, so that it is summed with it
+B_T = 24  # total torque, 3
+B_SLIP = 27  # slip distance, m, cumulative: the sum over the body's spots; behind the torque
+B_Q = 28  # quaternion w, x, y, z; body to world, 4
+B_L = 32  # angular momentum, world axes, 3: as the velocity, but of a ball where somebody looks
+B_ARM = 35  # how far its farthest sphere is from its centre
+B_I = 36  # principal moments, 3
+B_PUSH = 39  # force of the upper plate on the body, upwards; a patch feels it
+B_EF = 40  # force of body effects, 3: columns that only a scene with body effects has
+B_ET = 44  # torque of body effects, 3
+B_COLS = 48
 
 # P: patches of the upper body (one for a rigid plate, else one per body); on a foundation the last row is the common plate.
 # P_SPRING is the stiffness of a patch's spring to that plate; P_F is the force of debris and springs, upwards.

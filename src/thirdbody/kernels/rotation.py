@@ -4,6 +4,7 @@ import math
 
 from numba import njit
 
+from .four import lane, round_axis, splat, spread
 from .options import BARE
 
 NEARLY_UNIT = 5e-6
@@ -69,15 +70,16 @@ def free_rotation(q, angular_momentum, inertia, dt):
 
 
 @njit(**BARE)
-def turned(q, r_x, r_y, r_z):
-    """q, of unit length, after a small turn by the rotation vector r, world axes; tan(r/2) replaced by r/2 (error r^3/12)."""
-    w, x, y, z = q
-    a, b, c = 0.5 * r_x, 0.5 * r_y, 0.5 * r_z
-    new = (w - a * x - b * y - c * z, x + a * w + b * z - c * y, y + b * w + c * x - a * z, z + c * w + a * y - b * x)
-    longer = new[0] * new[0] + new[1] * new[1] + new[2] * new[2] + new[3] * new[3] - 1.0
+def turned(q, r):
+    """q, of unit length, after a small turn by the rotation vector r, world axes, both fours; tan(r/2) replaced by r/2 (error
+    r^3/12)."""
+    half = spread(0.5) * r
+    new = ((q + splat(half, 0) * round_axis(q, 0)) + splat(half, 1) * round_axis(q, 1)) + splat(half, 2) * round_axis(q, 2)
+    squares = new * new
+    longer = (lane(squares, 0) + lane(squares, 1)) + (lane(squares, 2) + lane(squares, 3)) - 1.0
     # most turns are so small that three terms of 1/sqrt(1 + longer) are all of its digits: no root, no division
     s = 1.0 - longer * (0.5 - 0.375 * longer) if abs(longer) < NEARLY_UNIT else 1.0 / math.sqrt(1.0 + longer)
-    return new[0] * s, new[1] * s, new[2] * s, new[3] * s
+    return spread(s) * new
 
 
 @njit(**BARE)

@@ -42,7 +42,8 @@ KINDS: Kinds = {
 Context = namedtuple("Context", tuple(KINDS))  # type: ignore[misc]
 """All that a step works on and with; kernels make it of an array (`context`)."""
 
-STEP = (_I, types.boolean, types.float64, types.float64, types.float64, types.float64)  # number, record, time, v_x, v_y, dt
+_F = types.float64
+STEP = (_I, types.boolean, _F, _F, _F, _F, _F)  # number, record, time, v_x, v_y, dt, whether the last one left its closing kick
 WORK = types.void(_I, _I, _I, _I, *STEP, _I1)
 """work(pass, part, first group, the one behind the last, then what a step is, and the array that tells of its `Context`)"""
 

@@ -11,6 +11,7 @@ import math
 import numpy as np
 from numba import njit, types
 
+from .bodies import arm_of
 from .four import crossed, lane, load, of, splat, spread, store, transposed, with_last
 from .gaps import separation
 from .layout import (
@@ -30,7 +31,6 @@ from .layout import (
     P_MASS,
     P_SPRING,
     P_V,
-    S_ARM,
     S_MASS,
     S_R,
     S_V,
@@ -199,7 +199,7 @@ def gathered(b, own, partner, edges, incidence, place, near, rows, S):
     for e in range(m):
         k, back = np.uint64(near[e] >> 1), near[e] & 1
         i, r = np.uint64(partner[k] if back else own[k]), np.uint64(place[k])
-        g = levers(load(rows, r, np.int64(N_N)), load(S, i, np.int64(S_ARM)), S[i, S_R] * (2.0 * back - 1.0))
+        g = levers(load(rows, r, np.int64(N_N)), arm_of(i, S), S[i, S_R] * (2.0 * back - 1.0))
         K, C = added(K, load(rows, r, np.int64(N_K)), g), added(C, load(rows, r, np.int64(N_C)), g)
     return K, C
 

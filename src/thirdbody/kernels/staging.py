@@ -10,9 +10,9 @@ import math
 import numpy as np
 from numba import njit
 
-from .four import AHEAD, fetch, load, of, put, transposed, with_last
+from .four import AHEAD, LINE, fetch, load, of, put, transposed, with_last
 from .layout import (
-    B_F,
+    B_T,
     G_ARM_I,
     G_ARM_J,
     G_D,
@@ -65,7 +65,7 @@ AT_END = (G_V - G_U) * TILE
 TO_END = S_V - S_U
 """The same for the columns of spheres."""
 
-SPARE = AHEAD + 4
+SPARE = AHEAD + LINE
 """Places behind a list of contacts, which are read before somebody sees that they are not needed."""
 
 
@@ -168,7 +168,7 @@ def foretell(p, slots, partner, body, S, B, H):
         fetch(S, j, np.int64(S_W))
         fetch(S, j, np.int64(S_O))
         fetch(H, k, np.int64(H_E))
-        fetch(B, np.uint64(body[j]), np.int64(B_F))
+        fetch(B, np.uint64(body[j]), np.int64(B_T))
 
 
 @njit(**BARE_CHUNK)

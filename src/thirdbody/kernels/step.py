@@ -21,6 +21,7 @@ from .contacts import (
 )
 from .context import known
 from .four import lane, load, spread
+from .gather import close
 from .layout import (
     A_DAMPING,
     A_DISTANCE,
@@ -49,7 +50,7 @@ from .layout import (
     D_SKIN,
 )  # fmt: skip
 from .motion import X, Y, mean_rate
-from .options import BARE, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
+from .options import BARE, BARE_CHUNK, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
 from .patches import drift_patches, drive_patches, kick_patches, load_patches, patch_power
 from .pointers import pointed
 from .signatures import EARLY, KINDS, LATE, LOOK, WORK, Context
@@ -161,19 +162,15 @@ ADVANCE = types.Tuple((_I, _I))(
 
 
 @njit(**CHUNK_OF_THREADS)
-def share_out(parts, task, count, number, record, time, v_x, v_y, dt, context, work):
+def share_out(parts, task, count, number, record, time, v_x, v_y, dt, left, context, work):
     """The groups of one pass in as many parts, on all threads."""
     for p in prange(parts):
-        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, number, record, time, v_x, v_y, dt, context)
+        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, number, record, time, v_x, v_y, dt, left, context)
 
 
-@njit(ADVANCE, **DIRECT, **NO_COUNTS)
-def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
-    """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
-
-    `context` tells of the step's `Context`. Returns the code and the slot or body that a guard names, or whether a search is due;
-    before a step that reaches its target RECORD, if there is no table for its records. State is synchronised on return.
-    """
+@njit(**BARE_CHUNK)
+def run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
+    """The steps of `advance`; also returns whether the last one left its closing kick to the next (1, else 0)."""
     k = context_of(context)
     B, P, D, A, sums, moves = k.B, k.P, k.D, k.A, k.sums, k.moves
     work = work_at(k.work)
@@ -181,13 +178,14 @@ def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, 
     parts = min(groups, SHARES * threads) if threads > 1 and groups >= FEW else 1
     whole = parts == 1 or k.guests.shape[0] == 0
     k.moved[:] = 0
+    left = 0.0
     for step in range(budget):
         v_x = mean_rate(schedule, first, np.int64(X), A[A_TIME], dt)
         v_y = mean_rate(schedule, first, np.int64(Y), A[A_TIME], dt)
         speed = (v_x * v_x + v_y * v_y) ** 0.5
         last = A[A_TIME] + NEARLY * dt >= until or A[A_DISTANCE] + NEARLY * speed * dt >= distance
         if last and k.R.shape[0] < k.own.shape[0]:
-            return RECORD, -1
+            return RECORD, -1, left
         sampled = labels and (np.int64(A[A_STEPS]) + 1) % stride == 0
         record = sampled or last or step == budget - 1
         time = A[A_TIME] + dt
@@ -202,17 +200,34 @@ def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, 
                 continue
             number = np.int64(step + 1)
             if parts == 1:
-                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), number, record, time, v_x, v_y, dt, context)
+                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), number, record, time, v_x, v_y, dt, left,
+                     context)  # fmt: skip
             else:
-                share_out(np.int64(parts), np.int64(task), np.int64(groups), number, record, time, v_x, v_y, dt, context, work)
+                share_out(np.int64(parts), np.int64(task), np.int64(groups), number, record, time, v_x, v_y, dt, left, context,
+                          work)  # fmt: skip
+        left = 0.0 if record or k.has_effects != 0 else 1.0
         if sampled:
             A[A_ELAPSED], A[A_DX], A[A_DY] = 0.0, 0.0, 0.0
         code, who = guard(D, sums, moves)
         if code != DONE:
-            return code, who
+            return code, who, left
         due = search_due(A, X0, B, moves, far_patch, D[D_SKIN])
         if last:
-            return DONE, np.int64(due)
+            return DONE, np.int64(due), left
         if due:
-            return SEARCH, 1
-    return BUDGET, -1
+            return SEARCH, 1, left
+    return BUDGET, -1, left
+
+
+@njit(ADVANCE, **DIRECT, **NO_COUNTS)
+def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
+    """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
+
+    `context` tells of the step's `Context`. Returns the code and the slot or body that a guard names, or whether a search is due;
+    before a step that reaches its target RECORD, if there is no table for its records. State is synchronised on return.
+    """
+    B = context_of(context).B
+    code, who, left = run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels)
+    if left != 0.0:
+        close(np.int64(0), np.int64(B.shape[0]), B, dt)
+    return code, who

@@ -4,9 +4,10 @@ the two can be compiled at the same time."""
 import numpy as np
 from numba import njit
 
-from .bodies import FLAT, PAIRED, drift_chunk, forget_plates
+from .bodies import FLAT, PAIRED, forget_plates
 from .contacts import GROUP, contact_chunk
 from .context import known
+from .drift import drift_chunk
 from .gather import gather_chunk
 from .layout import D_LX, D_LY
 from .observe import observe_chunk
@@ -18,7 +19,7 @@ context_of, law_at, effects_at, observe_at = known(KINDS, Context), pointed(LAW)
 
 
 @njit(WORK, **POINTED, **NO_COUNTS)
-def work(task, part, begin, end, number, record, time, v_x, v_y, dt, context):
+def work(task, part, begin, end, number, record, time, v_x, v_y, dt, left, context):
     """Groups begin to end of one pass of step `number`. To call it through a pointer takes 1.4 us: hence not group by group.
 
     `lowest`: the first group whose contacts act on bodies of a group. `needs`: the groups whose bodies its contacts need besides.
@@ -34,8 +35,8 @@ def work(task, part, begin, end, number, record, time, v_x, v_y, dt, context):
             if k.moved[h] != number:
                 k.moved[h] = number
                 for c in range(h * GROUP, min((h + 1) * GROUP, chunks)):
-                    drift_chunk(c, k.start, k.near, k.beginning, record, k.offsets, k.S, k.B, k.D, dt, k.moves, k.room[part],
-                                k.marks[part])  # fmt: skip
+                    drift_chunk(c, k.start, k.near, k.beginning, record, k.offsets, k.S, k.B, k.D, dt, left, k.moves,
+                                k.room[part], k.marks[part])  # fmt: skip
                     forget_plates(k.cuts[FLAT, c], k.cuts[FLAT, c + 1], k.own, k.body, k.B)
         if task == SWEEP:
             for side in range(FLAT, PAIRED + 1):
