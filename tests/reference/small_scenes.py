@@ -110,9 +110,9 @@ def heap(seed: int, speed: float, level: str) -> Simulation:
 
 
 def layer() -> Simulation:
-    """A dense layer of balls, sheared by a plate at a fixed height: several chunks of bodies, of slots, and tiles."""
+    """A dense layer of balls, sheared by a plate at a fixed height, whose rows tell of both spheres and bodies: several groups, chunks and tiles."""
     peers_scenes.warm_up = lambda: None  # type: ignore[attr-defined]  # it would compile what these tests never call
-    return peers_scenes.simulation_of(peers_scenes.start_of("S", peers_scenes.generated(360)))
+    return peers_scenes.simulation_of(peers_scenes.start_of("S", peers_scenes.generated(1600)))
 
 
 def crowd() -> Simulation:
@@ -126,10 +126,10 @@ def crowd() -> Simulation:
 def swarm() -> Simulation:
     """More bodies than three groups: a dense bed of balls and clumps of two materials with moments of rolling under a plate."""
     effects = 'rolling_resistance = {coefficient = 0.05, damping = 0.3}\ngravity = ["0 m/s2", "0 m/s2", "-9.81 m/s2"]'
-    upper = 'support = "rigid"\nload = "200 mN"\nmotion = {x = {velocity = "3 m/s"}}'
+    upper = 'support = "rigid"\nload = "440 mN"\nmotion = {x = {velocity = "3 m/s"}}'
     dense = 'placement = "dense"\nvelocity = ["1 m/s", "0 m/s", "-3 m/s"]'
-    bed = clumps(30, 15, placement=dense) + balls(440, 300, placement=dense)
-    return scene(bed, '["140 um", "130 um"]', upper=upper, effects=effects)
+    bed = clumps(65, 35, placement=dense) + balls(970, 660, placement=dense)
+    return scene(bed, '["205 um", "195 um"]', upper=upper, effects=effects)
 
 
 def springs() -> Simulation:

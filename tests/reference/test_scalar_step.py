@@ -40,7 +40,7 @@ from thirdbody.kernels.work import work
 from thirdbody.scene.build import Simulation
 
 SCENES = {
-    "layer": (150, 20),
+    "layer": (150, 10),
     "crowd": (400, 40),
     "swarm": (200, 8),
     "springs": (16, 40),
@@ -228,8 +228,9 @@ def test_the_scenes_are_hard_enough():
     for found in (layer, swarm):  # contacts between bodies of two groups
         hosts, guests = pairs_of_groups(found)
         assert np.count_nonzero(hosts != guests) > 10
+    assert layer.simulation.state.S is layer.simulation.state.B and swarm.simulation.state.S is not swarm.simulation.state.B
     assert set(zip(hosts, guests, strict=True)) >= {(0, 1), (1, 2), (2, 3)}
-    assert swarm.simulation.state.n_bodies > (step.FEW - 1) * GROUP * BODIES  # fewer are not shared out to threads
+    assert swarm.simulation.state.n_bodies > 3 * GROUP * BODIES > step.FEW * GROUP * BODIES  # fewer are not shared out to threads
     assert swarm.reference.opened > 0 and swarm.reference.closed > 0
     assert any(slots is not None for found in (layer, crowd, springs, rolled) for _, slots in found.events)
     for found in (crowd, springs, rolled):  # unlike materials in one tile

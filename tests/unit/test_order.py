@@ -52,8 +52,8 @@ def test_neighbours_are_of_one_group(count):
     scattered = share_within_groups(bodies, np.random.default_rng(3).permutation(count))
     found = share_within_groups(bodies, in_columns(bodies, DIAMETER))
     assert scattered == pytest.approx(GROUP * BODIES / count, rel=0.15)  # chance, of some thousand pairs
-    # 256 of these bodies fill a square of 7.6 diameters; near pairs are 3/8 of a diameter apart along an axis, so its sides part
-    # one in ten of them; a stretch of the curve has a border of less than twice that of the square
+    # 512 of these bodies fill a square of 11 diameters; near pairs are 3/8 of a diameter apart along an axis, so its sides part
+    # one in fifteen of them; a stretch of the curve has a border of less than twice that of the square
     assert found > 0.8
 
 
@@ -69,7 +69,7 @@ def test_columns_go_along_the_curve_and_from_below():
 
 
 def test_a_body_very_far_away_is_the_last():
-    bodies = layer(400)
+    bodies = layer(2 * FEWEST)
     bodies[7] = 1e6, 1e6, 0.0
     order = in_columns(bodies, DIAMETER)
-    assert np.array_equal(np.sort(order), np.arange(400)) and order[-1] == 7
+    assert np.array_equal(np.sort(order), np.arange(2 * FEWEST)) and order[-1] == 7

@@ -79,8 +79,9 @@ from .rolling import MOMENTS, add_moments, record_rolling, stage_rolling
 from .staging import SPARE, meet, push, slide, stage_pairs, stage_plate, turn_frames
 from .surface import partner_velocity, surface_velocity
 
-GROUP = 4
-"""Chunks of bodies per group."""
+GROUP = 8
+"""Chunks of bodies per group. What a group works on lies in the near cache until it is done: 16 take as long, 4 take 5 to 8 %
+longer, since more contacts are between groups."""
 
 SHARE = 0.5
 """Of friction work between two bodies, for each."""

@@ -64,7 +64,7 @@ NEARLY = 1.000001
 SHARES = 2
 """Parts of a pass per thread: one that is held up leaves its last part to others."""
 
-FEW = 4
+FEW = 2
 """Groups below which one thread does it alone: some 100 us of work. To wake the others takes 5 us, and milliseconds where
 something else holds their cores."""
 
