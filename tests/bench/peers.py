@@ -32,7 +32,9 @@ import shutil
 import statistics
 import subprocess
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +48,7 @@ from rich.table import Table
 from screen import screen
 from small import measure_small, print_small
 from startup import measure_startup, print_startup
-from theirs import ENGINES, PINNED, installed, run_peer
+from theirs import ENGINES, PINNED, Engine, installed, run_peer
 
 OURS = "thirdbody"
 SCENES, PROFILED = "S16000,S64000,C2000,C10000,T2000", "S2000,S16000,C2000,T2000"
@@ -127,22 +129,28 @@ def part_peers(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
         console.print(f"{name}: {version or 'not installed' if asked.peers else 'not asked for: no --peers'}")
     left_out = [name.strip() for name in asked.without.split(",") if name.strip()]
     peers = [engine for engine in ENGINES if versions[engine.name] and not any(engine.name.startswith(n) for n in left_out)]
-    rows, medians = [], {}
-    for case in cases(asked):
-        runs: dict[str, list[Run]] = {OURS: []}
+    rows, threads = [], {}
+    for name, alike in groupby(cases(asked), key=lambda case: case.name):
+        found: list[tuple[Case, dict[str, list[Run]]]] = [(case, {}) for case in alike]
         for k in range(asked.rounds):
-            print(f"{case.name}, {case.cores} cores: round {k + 1} of {asked.rounds}", file=sys.stderr, flush=True)
-            runs[OURS].append(run_ours(case, asked.peers))
-            for engine in peers:
-                if case.kind in engine.kinds and case.tiles == "1x1":
-                    told = run_peer(engine, asked.peers, case.kind, case.number, case.cores, case.steps, case.warm, case.reps)
-                    runs.setdefault(engine.name, []).append(told)
-        summary = summed_up(runs)
-        print_case(case, runs, summary, console)
-        rows.append({"scene": case.name, **vars(case), "runs": runs, **summary})
-        medians[case.name, case.cores] = [median_of(run) for run in runs[OURS]]
-    threads = print_threads(medians, console)
+            for case, runs in found:
+                print(f"{name}, {case.cores} cores: round {k + 1} of {asked.rounds}", file=sys.stderr, flush=True)
+                run_round(case, peers, asked.peers, runs)
+        for case, runs in found:
+            summary = summed_up(runs)
+            print_case(case, runs, summary, console)
+            rows.append({"scene": name, **vars(case), "runs": runs, **summary})
+        threads[name] = print_threads({case.cores: runs for case, runs in found}, console)
     return {"peers": versions, "scenes": rows, "two_threads": threads}
+
+
+def run_round(case: Case, peers: Sequence[Engine], folder: Path | None, runs: dict[str, list[Run]]) -> None:
+    """One measurement of every engine, one after the other."""
+    runs.setdefault(OURS, []).append(run_ours(case, folder))
+    for engine in peers:
+        if case.kind in engine.kinds and case.tiles == "1x1":
+            told = run_peer(engine, folder, case.kind, case.number, case.cores, case.steps, case.warm, case.reps)
+            runs.setdefault(engine.name, []).append(told)
 
 
 def part_profile(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
@@ -264,14 +272,17 @@ def _ratio(told: dict[str, Any] | None) -> str:
     return "" if told is None else f"{told['median']:.2f}  ({told['min']:.2f} .. {told['max']:.2f})"
 
 
-def print_threads(medians: dict[tuple[str, int], list[float]], console: Console) -> dict[str, Any]:
-    """One thread's time over that of two, round by round, where both were run."""
-    found = {}
-    for (name, cores), two in medians.items():
-        if cores == 2 and (name, 1) in medians:
-            rounds = [one / both for one, both in zip(medians[name, 1], two, strict=True)]
-            found[name] = spread(rounds) | {"rounds": rounds}
-            console.print(f"{name}: two threads are {_ratio(found[name])} times as fast as one")
+def print_threads(runs: dict[int, dict[str, list[Run]]], console: Console) -> dict[str, Any]:
+    """One core's time over that of two for every engine, round by round, where both were run."""
+    found: dict[str, Any] = {}
+    if {1, 2} <= runs.keys():
+        for name in runs[1].keys() & runs[2].keys():
+            pairs = [(median_of(one), median_of(two)) for one, two in zip(runs[1][name], runs[2][name], strict=True)]
+            rounds = [one / two for one, two in pairs if one == one and two == two]
+            if rounds:
+                found[name] = spread(rounds) | {"rounds": rounds}
+        for name in [name for name in runs[1] if name in found]:
+            console.print(f"{name}: two cores are {_ratio(found[name])} times as fast as one")
     return found
 
 
