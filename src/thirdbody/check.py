@@ -168,8 +168,9 @@ def _seconds_of_ways(built: Simulation, original: Implicit) -> float:
 
 def _memory(built: Simulation) -> int:
     state, slots = built.state, built.state.slots
-    arrays = (state.B, state.S, state.P, state.M, state.offsets, state.X0, slots.H, slots.F, slots.R, slots.own, slots.incidence)
-    return int(sum(array.nbytes for array in arrays))
+    spheres = 0 if state.S is state.B else state.S.nbytes
+    arrays = (state.B, state.E, state.P, state.M, state.offsets, state.X0, slots.H, slots.F, slots.R, slots.own, slots.incidence)
+    return int(spheres + sum(array.nbytes for array in arrays))
 
 
 def _frame_bytes(built: Simulation) -> int:

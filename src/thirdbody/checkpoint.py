@@ -61,7 +61,7 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
     tables: dict[str, list[Any]] = {
         "the bodies at the start": [
             state.offsets, state.S[:, at.S_R], state.body, state.material, state.B[:, at.B_X : at.B_X + 3],
-            state.B[:, at.B_V : at.B_MASS + 1], state.B[:, at.B_Q : at.B_Q + 4], state.B[:, at.B_ARM : at.B_I + 3],
+            state.B[:, at.B_V : at.B_MASS + 1], state.B[:, at.B_Q : at.B_Q + 4], state.E[:, at.E_ARM : at.E_I + 3],
         ],
         "the parameters of laws and effects": [physics.pairs, physics.effect_parameters],
         "the motion of the plates": [state.schedule, state.first],

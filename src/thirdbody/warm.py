@@ -156,7 +156,7 @@ def _search() -> None:
     search.pair_candidates(S, body, 1.0, 1.0, 0.0, np.zeros(3), np.ones(3), count, periodic, 0, own, own)
     search.carry_history(0, 0, own, own, H, 0, 0, own, own, H)
     search.incidences(0, own, own, 1)
-    place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], np.zeros((0, at.B_COLS)))
+    place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], np.zeros((0, at.B_COLS)), np.zeros((0, at.E_COLS)))
 
 
 UNITS: tuple[Callable[[], None], ...] = (_work, _step, _stability, _search)

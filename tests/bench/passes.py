@@ -54,16 +54,16 @@ def over_slots(repeats, one, tiles, slots, arguments):
 
 
 @kernel
-def drift(c, start, near, beginning, offsets, S, B, D, moves, Z, staged, cuts, own, body):
+def drift(c, start, near, beginning, offsets, S, B, E, D, moves, Z, staged, cuts, own, body):
     """The bodies of a chunk, by a step of no length."""
-    motion.drift_chunk(c, start, near, beginning, False, offsets, S, B, D, 0.0, 1.0, moves, Z, staged)
-    bodies.forget_plates(cuts[FLAT, c], cuts[FLAT, c + 1], own, body, B)
+    motion.drift_chunk(c, start, near, beginning, False, offsets, S, B, E, D, 0.0, 1.0, moves, Z, staged)
+    bodies.forget_plates(cuts[FLAT, c], cuts[FLAT, c + 1], own, body, E)
 
 
 @kernel
-def kick(c, cuts, guests, F, B, effects, parameters, moves):
+def kick(c, cuts, guests, F, B, E, effects, parameters, moves):
     """The bodies of a chunk, by a step of no length."""
-    gather.gather_chunk(c, cuts, guests, F, B, 0.0, 0.0, effects_at(effects), parameters, False, False, moves)
+    gather.gather_chunk(c, cuts, guests, F, B, E, 0.0, 0.0, effects_at(effects), parameters, False, False, moves)
 
 
 @kernel
@@ -102,9 +102,9 @@ def tally(n, slots, first, O, I, G, sums):  # noqa: E741
 
 
 @kernel
-def push_flat(n, slots, first, own, partner, body, S, O, G, B, sums):  # noqa: E741
+def push_flat(n, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
     """A tile of contacts with plates."""
-    contacts.push_flat(n, np.int64(0), slots, first, own, partner, body, S, O, G, B, sums)
+    contacts.push_flat(n, np.int64(0), slots, first, own, partner, body, S, O, G, B, E, sums)
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ class Tables:
     def __init__(self, integrator: Any) -> None:
         s = self.state = integrator.state
         self.slots, self.physics, self.at = s.slots, s.physics, integrator
-        self.B, self.H, self.F = s.B.copy(), s.slots.H.copy(), s.slots.F.copy()
+        self.B, self.E, self.H, self.F = s.B.copy(), s.E.copy(), s.slots.H.copy(), s.slots.F.copy()
         self.S = self.B if s.S is s.B else s.S.copy()
         self.rows = self.B.nbytes + (0 if s.S is s.B else self.S.nbytes)
         self.sums, self.moves, self.closed = integrator.sums.copy(), integrator.moves.copy(), s.slots.closed.copy()
@@ -169,8 +169,8 @@ def drift_of(k: Tables) -> Pass:
     apart = 0 if k.S is k.B else 4 + 20
     touched = 8 * many * (1 + 24 + 32 + apart) + clumps * (8 * (2 + 28 + 21) + 8) + placed * (8 * (3 + 12 + 24) + 4)
     given = (
-        s.start, slots.near, slots.beginning, s.offsets, k.S, k.B, s.D, k.moves, k.room[0], k.marks[0], slots.cuts, slots.own,
-        s.body,
+        s.start, slots.near, slots.beginning, s.offsets, k.S, k.B, k.E, s.D, k.moves, k.room[0], k.marks[0], slots.cuts,
+        slots.own, s.body,
     )  # fmt: skip
     kernels = [(balls.drift_ball, many), (motion.move, clumps), (bodies.place_sphere, placed), (motion.judge, clumps)]
     return Pass("drift", lambda n: over_parts(n, drift, len(k.moves), given), len(k.moves), len(k.B), "bodies",
@@ -225,7 +225,7 @@ def pushes_of(k: Tables) -> list[Pass]:
     arms, listed = 16 + 8 * 8 if clumps else 0, slots.own.nbytes + slots.partner.nbytes
     tables = listed + (k.rows if clumps else k.B.nbytes)
     return [
-        slotted(k, "bodies, plates", push_flat, k.flat, (slots.own, slots.partner, s.body, k.S, k.O, k.G, k.B, k.sums),
+        slotted(k, "bodies, plates", push_flat, k.flat, (slots.own, slots.partner, s.body, k.S, k.O, k.G, k.B, k.E, k.sums),
                 20 + 8 * (8 + 4 + 9 + 9), tables, contacts.push_flat, 4),
         slotted(k, "bodies, pairs", contacts.push_pairs, k.paired,
                 (slots.own, slots.partner, s.body, slots.outer, k.S, k.O, k.G, k.B, k.F),
@@ -237,7 +237,7 @@ def pushes_of(k: Tables) -> list[Pass]:
 def gather_of(k: Tables) -> Pass:
     """What other groups left, a row each; the closing half kick is the drift's where nobody looks."""
     slots, n, guests = k.slots, len(k.B), len(k.slots.guests)
-    given = (slots.cuts, slots.guests, k.F, k.B, k.at.effects, k.physics.effect_parameters, k.moves)
+    given = (slots.cuts, slots.guests, k.F, k.B, k.E, k.at.effects, k.physics.effect_parameters, k.moves)
     return Pass("gather", lambda many: over_parts(many, kick, len(k.moves), given), len(k.moves), n, "bodies",
                 8 * len(k.moves) + (4 + 8 * 24) * guests, k.B.nbytes + k.F.nbytes, [(gather.collect, guests)])  # fmt: skip
 

@@ -33,13 +33,13 @@ def turned_pair(make, axis, count):
     """
     step = 1e-7
     simulation = build(make.scene(make_pair(make), {"ball": make.STEEL}, friction=0.5, time_step=step), force=True)
-    B = simulation.state.B
-    B[:, at.B_MASS] = B[:, at.B_I] = B[:, at.B_I + 1] = B[:, at.B_I + 2] = B[:, at.B_BALL] = 1e30
+    B, E = simulation.state.B, simulation.state.E
+    B[:, at.B_MASS] = E[:, at.E_I] = E[:, at.E_I + 1] = E[:, at.E_I + 2] = B[:, at.B_BALL] = 1e30
 
     def drive(target, spin=(0.0, 0.0, 0.0)):
         B[:, at.B_V : at.B_V + 3] = (target - B[:, at.B_X : at.B_X + 3]) / step
         B[:, at.B_W : at.B_W + 3] = spin
-        B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
+        E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
         make.advance(simulation)
         return make.contact(simulation)
 
@@ -81,22 +81,22 @@ FLAKE, WOBBLE = (1.0, 1.1, 2.09), (0.2, -0.1, 1.0)
 def spinning_flake(make, step):
     """A thin body, I_3 close to I_1 + I_2, spinning about its axis with a wobble."""
     simulation = build(make.scene([make.ball(1.0, (0.0, 0.0, 0.0))], {"ball": make.STEEL}, time_step=step), force=True)
-    B = simulation.state.B
-    B[:, at.B_I : at.B_I + 3], B[:, at.B_BALL] = FLAKE, 0.0
+    B, E = simulation.state.B, simulation.state.E
+    E[:, at.E_I : at.E_I + 3], B[:, at.B_BALL] = FLAKE, 0.0
     B[:, at.B_W : at.B_W + 3] = WOBBLE
-    B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
+    E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
     return simulation
 
 
 @pytest.mark.parametrize("steps", [100_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_quaternion_and_momentum_over_many_steps(make, steps):
     simulation = spinning_flake(make, 0.05)
-    B = simulation.state.B
-    momentum, energy = B[0, at.B_L : at.B_L + 3].copy(), make.kinetic(simulation)
+    B, E = simulation.state.B, simulation.state.E
+    momentum, energy = E[0, at.E_L : at.E_L + 3].copy(), make.kinetic(simulation)
     simulation.integrator.advance_to(time=(steps - 0.5) * 0.05)
     assert simulation.state.A[at.A_STEPS] == steps
     assert abs(np.linalg.norm(B[0, at.B_Q : at.B_Q + 4]) - 1.0) < 1e-12
-    assert np.array_equal(B[0, at.B_L : at.B_L + 3], momentum)
+    assert np.array_equal(E[0, at.E_L : at.E_L + 3], momentum)
     # no drift: the splitting's energy error stays (omega dt)^2/12, whatever the time
     assert make.kinetic(simulation) == pytest.approx(energy, rel=0.05**2 / 12.0)
 

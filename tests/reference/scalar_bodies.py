@@ -14,6 +14,9 @@ from thirdbody.kernels import layout as at
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
+E_L, E_ARM, E_I, E_PUSH, E_EF, E_ET = (at.B_COLS + c for c in (at.E_L, at.E_ARM, at.E_I, at.E_PUSH, at.E_EF, at.E_ET))
+"""Columns of E: a row of a body is that of B, and behind it that of E."""
+
 LEAST_SPEED, LEAST_SPIN, LEAST_MOMENTUM = 1e-60, 1e-60, 1e-90
 """m/s, rad/s and kg m2/s: what moves more slowly at the end of a step rests."""
 
@@ -106,14 +109,14 @@ def quaternion(B: list[float]) -> Quaternion:
 def see_spin(B: list[float]) -> None:
     """The angular velocity of a body from its momentum, rad/s; of a ball the momentum from the velocity."""
     if B[at.B_BALL] != 0.0:
-        B[at.B_L : at.B_L + 3] = [B[at.B_BALL] * B[at.B_W + k] for k in range(3)]
+        B[E_L : E_L + 3] = [B[at.B_BALL] * B[at.B_W + k] for k in range(3)]
     else:
-        B[at.B_W : at.B_W + 3] = spin(quaternion(B), three(B, at.B_L), three(B, at.B_I))
+        B[at.B_W : at.B_W + 3] = spin(quaternion(B), three(B, E_L), three(B, E_I))
 
 
 def is_ball(B: list[float], offsets: Sequence[Vector]) -> bool:
     """Whether a body is spheres round one point with one moment of inertia: it turns without a matrix."""
-    inertia = three(B, at.B_I)
+    inertia = three(B, E_I)
     return all(offset == (0.0, 0.0, 0.0) for offset in offsets) and inertia[0] == inertia[1] == inertia[2]
 
 
@@ -170,14 +173,14 @@ def drift_ball(B: list[float], sphere: list[float], dt: float) -> None:
 def drift_body(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector], dt: float) -> None:
     """Half kick and full drift of any body, and its spheres with the velocities of the step and those foretold for its end."""
     half, kick = 0.5 * dt, 0.5 * dt / B[at.B_MASS]
-    force, torque, inertia, before = three(B, at.B_F), three(B, at.B_T), three(B, at.B_I), quaternion(B)
+    force, torque, inertia, before = three(B, at.B_F), three(B, at.B_T), three(B, E_I), quaternion(B)
     v = added(three(B, at.B_V), force, kick)
-    momentum = added(three(B, at.B_L), torque, half)
+    momentum = added(three(B, E_L), torque, half)
     after = turned_freely(before, momentum, inertia, dt)
     w_0, w_1 = spin(before, momentum, inertia), spin(after, momentum, inertia)
     w = 0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2])
     B[at.B_X : at.B_X + 3] = added(three(B, at.B_X), v, dt)
-    B[at.B_V : at.B_V + 3], B[at.B_L : at.B_L + 3], B[at.B_Q : at.B_Q + 4] = v, momentum, after
+    B[at.B_V : at.B_V + 3], B[E_L : E_L + 3], B[at.B_Q : at.B_Q + 4] = v, momentum, after
     end = added(v, force, kick), spin(after, added(momentum, torque, half), inertia)
     for sphere, offset in zip(spheres, offsets, strict=True):
         place(sphere, offset, B, v, w, end, 0.5 * dt)
@@ -191,7 +194,7 @@ def drift(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector],
         drift_body(B, spheres, offsets, dt)
     for column in (at.B_F, at.B_T):  # the contacts add them up anew
         B[column : column + 3] = 0.0, 0.0, 0.0
-    B[at.B_PUSH] = 0.0
+    B[E_PUSH] = 0.0
 
 
 def act(B: list[float], force: Vector, torque: Vector) -> None:
@@ -203,7 +206,7 @@ def act(B: list[float], force: Vector, torque: Vector) -> None:
 def kick(B: list[float], force: Vector, torque: Vector, dt: float) -> None:
     """Closing half kick of a body."""
     half = 0.5 * dt
-    inertia, turn, least = (B[at.B_BALL], at.B_W, LEAST_SPIN) if B[at.B_BALL] != 0.0 else (1.0, at.B_L, LEAST_MOMENTUM)
+    inertia, turn, least = (B[at.B_BALL], at.B_W, LEAST_SPIN) if B[at.B_BALL] != 0.0 else (1.0, E_L, LEAST_MOMENTUM)
     for column, push, share, limit in ((at.B_V, force, half / B[at.B_MASS], LEAST_SPEED), (turn, torque, half / inertia, least)):
         for k in range(3):
             moved = B[column + k] + share * push[k]

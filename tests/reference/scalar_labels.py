@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scalar_bodies import E_EF, E_ET
 
 from thirdbody.kernels import layout as at
 
@@ -57,7 +58,7 @@ def body_row(B: list[float], A: list[float], drag: tuple[float, float], speed: f
     O = [0.0] * at.O_COLS  # noqa: E741
     O[at.O_MASS] = B[at.B_MASS]
     for to, column in ((at.O_X, at.B_X), (at.O_V, at.B_V), (at.O_W, at.B_W), (at.O_F, at.B_F), (at.O_T, at.B_T),
-                       (at.O_MA, at.B_F), (at.O_LDOT, at.B_T), (at.O_EF, at.B_EF), (at.O_ET, at.B_ET)):  # fmt: skip
+                       (at.O_MA, at.B_F), (at.O_LDOT, at.B_T), (at.O_EF, E_EF), (at.O_ET, E_ET)):  # fmt: skip
         O[to : to + 3] = B[column : column + 3] if column < len(B) else (0.0, 0.0, 0.0)
     O[at.O_Q : at.O_Q + 4] = B[at.B_Q : at.B_Q + 4]
     O[at.O_ELAPSED], O[at.O_SHIFT], O[at.O_SHIFT + 1] = A[at.A_ELAPSED], A[at.A_DX], A[at.A_DY]

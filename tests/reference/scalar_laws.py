@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scalar_bodies import E_I
 
 from thirdbody.kernels import layout as at
 from thirdbody.laws.contract import Body, BodyEffect, Contact, Law, Load, Turn, Wrench
@@ -152,7 +153,7 @@ class Effects:
 
     def on(self, B: list[float], time: float, dt: float) -> list[float]:
         """Force and torque (6) of all effects on a body."""
-        mean = (B[at.B_I] + B[at.B_I + 1] + B[at.B_I + 2]) / 3.0
+        mean = (B[E_I] + B[E_I + 1] + B[E_I + 2]) / 3.0
         moving = [*B[at.B_V : at.B_V + 3], *B[at.B_W : at.B_W + 3]]
         pushed = [*B[at.B_F : at.B_F + 3], *B[at.B_T : at.B_T + 3]]
         body = Body(B[at.B_MASS], *B[at.B_X : at.B_X + 3], *moving, mean, time)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from scalar_bodies import E_PUSH
+
 from thirdbody.kernels import layout as at
 from thirdbody.kernels import motion
 
@@ -84,7 +86,7 @@ class Patches:
         for p in P:
             p[at.P_F] = 0.0
         for b, body in enumerate(B):
-            P[self.patch[b]][at.P_F] -= body[at.B_PUSH]
+            P[self.patch[b]][at.P_F] -= body[E_PUSH]
         for p in P[:-1]:
             spring = p[at.P_SPRING] * (p[at.P_Z] - P[-1][at.P_Z])
             p[at.P_F] -= spring

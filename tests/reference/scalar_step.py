@@ -13,7 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from scalar_bodies import Vector, act, added, arm_of, cross, drift, kick, place_now, see_spin, three
+import numpy as np
+from scalar_bodies import E_EF, E_ET, E_PUSH, Vector, act, added, arm_of, cross, drift, kick, place_now, see_spin, three
 from scalar_contact import Done, Surroundings, interact, let_go, record, touches
 from scalar_labels import look
 from scalar_laws import Effects, Laws
@@ -63,7 +64,8 @@ class Reference:
     def __init__(self, simulation: Any):
         state, choice = simulation.state, simulation.choice
         self.physics, self.choice = state.physics, choice
-        self.B, self.P, self.A, self.M = (t.tolist() for t in (state.B, state.P, state.A, state.M))
+        bodies = np.hstack((state.B, state.E))
+        self.B, self.P, self.A, self.M = (t.tolist() for t in (bodies, state.P, state.A, state.M))
         self.S = self.B if state.S is state.B else state.S.tolist()
         self.body, self.start = state.body.tolist(), state.start.tolist()
         self.offsets = [tuple(row) for row in state.offsets.tolist()]
@@ -204,7 +206,7 @@ class Reference:
         here, force, slip = self.body[i], done.force, done.answer.slip
         if j < 0:
             self.give(here, force, self.about(i, done.torque, force), done.answer.work, slip)
-            self.B[here][at.B_PUSH] += 0.0 if j == -1 else force[2]
+            self.B[here][E_PUSH] += 0.0 if j == -1 else force[2]
             return []
         there, against = self.body[j], added((0.0, 0.0, 0.0), force, -1.0)
         torque, back = done.torque, done.back
@@ -229,7 +231,7 @@ class Reference:
         if self.physics.has_effects:
             acting = self.effects.on(B, time, dt)
             force, torque = three(acting, 0), three(acting, 3)
-            B[at.B_EF : at.B_EF + 3], B[at.B_ET : at.B_ET + 3] = force, torque
+            B[E_EF : E_EF + 3], B[E_ET : E_ET + 3] = force, torque
             kick(B, force, torque, dt)
             see_spin(B)
             act(B, force, torque)

@@ -87,6 +87,8 @@ def walk(reference: Reference, events: list[Event], dt: float) -> Tables:
         if slots is not None:
             reference.take(slots)
     found = {name: np.array(getattr(reference, name)) for name in "BSPAM"}
+    found["B"], found["E"] = np.hsplit(found["B"], [at.B_COLS])
+    found["S"] = found["S"][:, : at.B_COLS]  # where bodies and spheres are one table
     closed = [pair for pair in reference.pairs if reference.memory[pair][at.H_ON] > 0.0]
     return found | {
         "H": np.array([reference.memory[pair] for pair in reference.pairs]),
@@ -97,7 +99,7 @@ def walk(reference: Reference, events: list[Event], dt: float) -> Tables:
 def tables(simulation: Simulation) -> Tables:
     """Every table that the engine's step writes: R where it is read, of closed contacts."""
     state, slots = simulation.state, simulation.state.slots
-    found = {name: getattr(state, name).copy() for name in "BSPAM"}
+    found = {name: getattr(state, name).copy() for name in "BESPAM"}
     return found | {"H": slots.H.copy(), "R": slots.R[slots.H[:, at.H_ON] > 0.0]}
 
 

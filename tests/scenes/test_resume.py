@@ -251,7 +251,7 @@ def test_forged_numbers_that_no_run_has_are_refused(copy):
     """Bodies without mass, and a clock before the start, from which a run would go on for ever."""
     with np.load(copy / FILE) as archive:
         arrays = {name: archive[name] for name in archive.files}
-    for name, columns in (("B", (at.B_MASS, at.B_I + 2)), ("S", (at.S_R, at.S_MASS)), ("P", (at.P_MASS,))):
+    for name, columns in (("B", (at.B_MASS,)), ("E", (at.E_I + 2,)), ("S", (at.S_R, at.S_MASS)), ("P", (at.P_MASS,))):
         for column in columns:
             other = arrays[name].copy()
             other[-1, column] = 0.0

@@ -177,16 +177,16 @@ def leave(simulation: Simulation, period: float) -> None:
 
 def kinetic(simulation: Simulation) -> float:
     """Kinetic energy of all bodies, J."""
-    B = simulation.state.B
-    spins = np.sum(B[:, at.B_L : at.B_L + 3] * B[:, at.B_W : at.B_W + 3])
+    B, E = simulation.state.B, simulation.state.E
+    spins = np.sum(E[:, at.E_L : at.E_L + 3] * B[:, at.B_W : at.B_W + 3])
     return 0.5 * float(np.sum(B[:, at.B_MASS, None] * B[:, at.B_V : at.B_V + 3] ** 2) + spins)
 
 
 def momenta(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """Linear and angular momentum (about the origin) of all bodies."""
-    B = simulation.state.B
+    B, E = simulation.state.B, simulation.state.E
     linear = B[:, at.B_MASS, None] * B[:, at.B_V : at.B_V + 3]
-    angular = np.cross(B[:, at.B_X : at.B_X + 3], linear) + B[:, at.B_L : at.B_L + 3]
+    angular = np.cross(B[:, at.B_X : at.B_X + 3], linear) + E[:, at.E_L : at.E_L + 3]
     return linear.sum(axis=0), angular.sum(axis=0)
 
 

@@ -79,8 +79,8 @@ def test_a_rocking_ball_decays_by_the_logarithmic_decrement(make):
     rolling = {"rolling_resistance": {"coefficient": 0.5}}
     simulation = dropped(make, alpha, 1.0, drop=0.0, **rolling)
     simulation.integrator.advance_to(time=2e-3)
-    B = simulation.state.B
-    B[0, at.B_W + 1], B[0, at.B_L + 1] = 1.0, B[0, at.B_I]
+    B, E = simulation.state.B, simulation.state.E
+    B[0, at.B_W + 1], E[0, at.E_L + 1] = 1.0, E[0, at.E_I]
     spins = []
     while len(spins) < 20000 and np.count_nonzero(np.diff(np.sign(spins))) < 9:
         make.advance(simulation)

@@ -88,12 +88,12 @@ def rocked(make, mu_r, ratio=0.0):
     """A settled ball without friction, set spinning so that its spring stays elastic: simulation, frequency, 1/s, spin."""
     simulation = on_plane(make, named(mu_r, (0.0, 0.0, -GRAVITY), damping=ratio), friction=0.0)
     simulation.integrator.advance_to(time=2e-3)
-    B = simulation.state.B
+    B, E = simulation.state.B, simulation.state.E
     weight = GRAVITY * B[0, at.B_MASS]
     k_r = stiffness(make, mu_r, weight)
-    omega = math.sqrt(k_r / B[0, at.B_I])
+    omega = math.sqrt(k_r / E[0, at.E_I])
     spin = 0.5 * mu_r * RADIUS * weight / k_r * omega
-    B[0, at.B_W + 1], B[0, at.B_L + 1] = spin, spin * B[0, at.B_I]
+    B[0, at.B_W + 1], E[0, at.E_L + 1] = spin, spin * E[0, at.E_I]
     return simulation, omega, spin
 
 
@@ -115,7 +115,7 @@ def test_elastic_rocking_has_the_frequency_of_its_spring_and_loses_nothing(make)
     last = spins[time > 7.0 * 2.0 * math.pi / omega]
     assert abs(last).max() == pytest.approx(spin, rel=1e-3)
     # below the limit nothing is dissipated but what a load that still trembles by 1e-6 of itself takes
-    energy = 0.5 * simulation.state.B[0, at.B_I] * spin**2
+    energy = 0.5 * simulation.state.E[0, at.E_I] * spin**2
     assert simulation.state.A[at.A_FRICTION] - friction < 1e-5 * energy
 
 
@@ -158,9 +158,9 @@ def test_two_balls_keep_their_angular_momentum(make):
     simulation = make.two_balls(make.STEEL, RADIUS, (1.0, 0.3, 0.0), (300.0, 4000.0, -2000.0), **keys)
     state, before = simulation.state, make.momenta(simulation)
     state.B[1, at.B_W : at.B_W + 3] *= 0.2  # not mirror images: the total is not zero by symmetry
-    state.B[1, at.B_L : at.B_L + 3] *= 0.2
+    state.E[1, at.E_L : at.E_L + 3] *= 0.2
     before = make.momenta(simulation)
-    scale = float(np.abs(state.B[:, at.B_L : at.B_L + 3]).sum())
+    scale = float(np.abs(state.E[:, at.E_L : at.E_L + 3]).sum())
     spins = state.B[:, at.B_W : at.B_W + 3].copy()
     make.leave(simulation, 2e-6)
     after = make.momenta(simulation)
@@ -176,7 +176,7 @@ def test_the_rolling_spring_counts_in_the_bound_of_the_time_step(make, mu_r):
     simulation = on_plane(make, named(mu_r, (0.0, 0.0, -1e4)), restitution=1.0)
     make.advance(simulation, 50)
     state, a = simulation.state, make.contact(simulation)[at.R_A]
-    mass, inertia = state.B[0, at.B_MASS], state.B[0, at.B_I]
+    mass, inertia = state.B[0, at.B_MASS], state.E[0, at.E_I]
     g, nu = make.STEEL.shear(), make.STEEL.poisson_ratio
     k_t, k_r = 2.0 * theory.g_star(g, nu, g, nu) * a, 2.25 * 2.0 * theory.e_star(g, nu, g, nu) * a * (mu_r * RADIUS) ** 2
     coupled = k_t * RADIUS / math.sqrt(mass * inertia)

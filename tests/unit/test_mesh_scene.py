@@ -55,7 +55,7 @@ def test_bodies_weigh_what_the_mesh_weighs(tmp_path, rock):
     # STL holds single precision
     assert built.state.B[:, at.B_MASS] == pytest.approx(7850.0 * volume, rel=1e-6, abs=0.0)
     moments = np.sort(np.linalg.eigvalsh(rock.moment_inertia)) * 1e-30 * 7850.0
-    assert built.state.B[0, at.B_I : at.B_I + 3] == pytest.approx(moments, rel=1e-5, abs=0.0)
+    assert built.state.E[0, at.E_I : at.E_I + 3] == pytest.approx(moments, rel=1e-5, abs=0.0)
     assert built.state.n_spheres == 40
     assert any("8 spheres follow the mesh to" in warning for warning in built.warnings)
 

@@ -55,12 +55,12 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
     start = np.concatenate(([0], np.cumsum(counts)))
     body = np.repeat(np.arange(bodies), counts)
     radii = rng.uniform(0.2, 0.4, len(body))
-    B, S = np.zeros((bodies, at.B_COLS)), np.zeros((len(body), at.S_COLS))
+    B, E, S = (np.zeros(shape) for shape in ((bodies, at.B_COLS), (bodies, at.E_EF), (len(body), at.S_COLS)))
     B[:, at.B_X : at.B_X + 3] = rng.uniform(0.0, size, (bodies, 3))
     B[:, at.B_MASS] = np.exp(rng.normal(0.0, 0.5, bodies))
-    B[:, at.B_I : at.B_I + 3] = (B[:, at.B_MASS] * rng.uniform(0.02, 0.08, bodies))[:, None]
+    E[:, at.E_I : at.E_I + 3] = (B[:, at.B_MASS] * rng.uniform(0.02, 0.08, bodies))[:, None]
     clump = counts > 1
-    B[clump, at.B_I : at.B_I + 3] *= rng.uniform(0.7, 1.3, (clump.sum(), 3))
+    E[clump, at.E_I : at.E_I + 3] *= rng.uniform(0.7, 1.3, (clump.sum(), 3))
     q = rng.normal(size=(bodies, 4))
     B[:, at.B_Q : at.B_Q + 4] = q / np.linalg.norm(q, axis=1)[:, None]
     arms = rng.normal(0.0, 0.2, (len(body), 3)) * clump[body][:, None]
@@ -71,8 +71,8 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
     P[:, at.P_Z], P[:, at.P_MASS], P[:, at.P_FREE] = size, rng.uniform(0.5, 2.0, len(P)), free
     P[:-1, at.P_SPRING] = rng.uniform(0.0, 20.0, len(P) - 1)
     state = SimpleNamespace(
-        n_bodies=bodies, body=body, start=start, B=B, S=S, P=P, D=np.array([size, size, 0.0]), patch=patch, dt=0.0, time=0.0,
-        order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
+        n_bodies=bodies, body=body, start=start, B=B, E=E, S=S, P=P, D=np.array([size, size, 0.0]), patch=patch, dt=0.0,
+        time=0.0, order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
         physics=SimpleNamespace(stiffness=stiffness, stiffness_at=address(stiffness, LAW), pairs=PAIRS),
         world=SimpleNamespace(upper=None),
     )  # fmt: skip
@@ -150,7 +150,7 @@ def full(state) -> list[tuple[float, str, int, float]]:
     turns = rotation_matrices(state.B[:, at.B_Q : at.B_Q + 4])
     rows = []
     for b in range(state.n_bodies):
-        inertia = turns[b] @ np.diag(state.B[b, at.B_I : at.B_I + 3]) @ turns[b].T
+        inertia = turns[b] @ np.diag(state.E[b, at.E_I : at.E_I + 3]) @ turns[b].T
         mass = np.zeros((6, 6))
         mass[:3, :3], mass[3:, 3:] = state.B[b, at.B_MASS] * np.eye(3), inertia
         square, rate = (root(eigh(matrix, mass, eigvals_only=True)) for matrix in sums[b])
@@ -232,7 +232,7 @@ def test_most_bodies_need_no_matrix():
 def test_of_twins_the_first_limits():
     """Two bodies alike to the last bit: neither norms nor their rounding may exclude the first."""
     state = heap(1, 2, 1)
-    for table in (state.S, state.B):
+    for table in (state.S, state.B, state.E):
         table[1] = table[0]
     state.S[:, 2], state.order = state.S[:, 3] - 0.1, np.array([1, 0])
     state.slots = SimpleNamespace(

@@ -18,9 +18,9 @@ Stored = tuple[float, float, float, float]
 
 def stored(state: State) -> Stored:
     """Kinetic, elastic normal, elastic tangential and foundation energy, as of the last observed step."""
-    B, P = state.B, state.P
+    B, E, P = state.B, state.E, state.P
     kinetic = 0.5 * float(np.sum(B[:, at.B_MASS] * np.sum(B[:, at.B_V : at.B_V + 3] ** 2, axis=1)))
-    kinetic += 0.5 * float(np.sum(B[:, at.B_L : at.B_L + 3] * B[:, at.B_W : at.B_W + 3]))
+    kinetic += 0.5 * float(np.sum(E[:, at.E_L : at.E_L + 3] * B[:, at.B_W : at.B_W + 3]))
     kinetic += 0.5 * float(np.sum(P[:, at.P_FREE] * P[:, at.P_MASS] * P[:, at.P_V] ** 2))
     springs = 0.5 * float(np.sum(P[:, at.P_SPRING] * (P[:, at.P_Z] - P[-1, at.P_Z]) ** 2))
     if state.summed:

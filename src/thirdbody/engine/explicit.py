@@ -152,7 +152,7 @@ class Explicit:
         now = Context(  # type: ignore[call-arg]
             slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
             slots.beginning, slots.guests, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets,
-            s.S, s.B, s.P, slots.H, slots.F, slots.R, s.M,
+            s.S, s.B, s.E, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, self.ahead,
             self.room, self.marks, self.rows, self.moved,
             len(physics.history), physics.rolling, at.C_MEMORY + physics.contact_memory, int(physics.has_effects),

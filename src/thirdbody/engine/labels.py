@@ -19,7 +19,7 @@ def labels(state: State, drag: tuple[float, float]) -> Array:
     out = np.zeros((state.n_bodies, physics.outputs))
     width = at.C_MEMORY + physics.contact_memory
     label_bodies(
-        slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, state.B, state.A, state.M.copy(),
+        slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, state.B, state.E, state.A, state.M.copy(),
         drag, float(state.A[at.A_SPEED]),
         len(physics.history), width, physics.observe, physics.label, out, np.empty(at.O_COLS), np.empty((slots.most, width)),
     )  # fmt: skip

@@ -21,11 +21,12 @@ if TYPE_CHECKING:
     from .explicit import Explicit
     from .implicit import Implicit
 
-FIXED = ("S", "B", "P", "A", "M", "X0")
+FIXED = ("S", "B", "E", "P", "A", "M", "X0")
 """Tables of a state whose shape follows from the scene; of S and B only one where they are the same."""
 
 GIVEN = {
-    "B": (at.S_R, at.B_MASS, at.B_BALL, at.S_SIDE, at.B_ARM, at.B_I, at.B_I + 1, at.B_I + 2),
+    "B": (at.S_R, at.B_MASS, at.B_BALL, at.S_SIDE),
+    "E": (at.E_ARM, at.E_I, at.E_I + 1, at.E_I + 2),
     "S": (at.S_R, at.S_MASS, at.S_SIDE),
     "P": (at.P_MASS, at.P_DAMPING, at.P_FREE, at.P_SPRING, at.P_LOAD0),
 }

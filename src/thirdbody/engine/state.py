@@ -162,6 +162,7 @@ class State:
     world: World
     physics: Physics
     B: Array
+    E: Array
     S: Array
     P: Array
     A: Array
@@ -243,20 +244,20 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     counts = np.array([len(clump.radii) for clump in placed.clumps], np.int64)
     start = np.concatenate(([0], np.cumsum(counts)))
     n_bodies, n_spheres = len(counts), int(start[-1])
-    B = table(n_bodies, at.B_COLS if physics.has_effects else at.B_EF)
+    B, E = table(n_bodies, at.B_COLS), table(n_bodies, at.E_COLS if physics.has_effects else at.E_EF)
     volume = np.array([clump.volume for clump in placed.clumps])
     inertia = np.array([clump.inertia for clump in placed.clumps])
     B[:, at.B_X : at.B_X + 3] = placed.positions
     B[:, at.B_V : at.B_V + 3] = placed.velocities
     B[:, at.B_Q : at.B_Q + 4] = placed.quaternions
     B[:, at.B_MASS] = placed.densities * volume
-    B[:, at.B_I : at.B_I + 3] = placed.densities[:, None] * inertia
+    E[:, at.E_I : at.E_I + 3] = placed.densities[:, None] * inertia
     offsets = np.ascontiguousarray(np.concatenate([clump.centers for clump in placed.clumps]))
-    B[:, at.B_ARM] = np.maximum.reduceat(np.linalg.norm(offsets, axis=1), start[:-1])
-    ball = (B[:, at.B_ARM] == 0.0) & np.all(inertia == inertia[:, :1], axis=1)
-    B[:, at.B_BALL] = np.where(ball, B[:, at.B_I], 0.0)
+    E[:, at.E_ARM] = np.maximum.reduceat(np.linalg.norm(offsets, axis=1), start[:-1])
+    ball = (E[:, at.E_ARM] == 0.0) & np.all(inertia == inertia[:, :1], axis=1)
+    B[:, at.B_BALL] = np.where(ball, E[:, at.E_I], 0.0)
     B[:, at.B_W : at.B_W + 3] = placed.angular_velocities
-    B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
+    E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
     S = table(n_spheres, at.S_COLS)
     S[:, at.S_R] = np.concatenate([clump.radii for clump in placed.clumps])
     S[:, at.S_SIDE] = placed.sides()
@@ -269,6 +270,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
         world=world,
         physics=physics,
         B=B,
+        E=E,
         S=S,
         P=P,
         A=np.zeros(at.A_COLS),
@@ -322,14 +324,14 @@ def rotation_matrices(q: Array) -> Array:
     ).transpose(2, 0, 1)
 
 
-def angular_momentum(B: Array) -> Array:
-    """(n, 3) angular momenta, world axes, from the spins and orientations in the table."""
+def angular_momentum(B: Array, E: Array) -> Array:
+    """(n, 3) angular momenta, world axes, from the spins, orientations and moments in the tables."""
     turn = rotation_matrices(B[:, at.B_Q : at.B_Q + 4])
-    in_body = np.einsum("nji,nj->ni", turn, B[:, at.B_W : at.B_W + 3]) * B[:, at.B_I : at.B_I + 3]
+    in_body = np.einsum("nji,nj->ni", turn, B[:, at.B_W : at.B_W + 3]) * E[:, at.E_I : at.E_I + 3]
     return np.einsum("nij,nj->ni", turn, in_body)
 
 
 def refresh_spheres(state: State) -> None:
     """Sphere positions, arms and velocities of now, of all spheres, from the bodies."""
-    body_pass.place_all(state.start, state.offsets, state.S, state.B)
+    body_pass.place_all(state.start, state.offsets, state.S, state.B, state.E)
 

@@ -72,8 +72,8 @@ def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, A
     l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
     found = stability.shortest_steps(
         slots.n_plates, slots.count, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body,
-        state.S, state.B, _pressed(state, horizon), physics.pairs, l_x, l_y, horizon, deepest, physics.stiffness_at, patches,
-        *room,
+        state.S, state.B, state.E, _pressed(state, horizon), physics.pairs, l_x, l_y, horizon, deepest, physics.stiffness_at,
+        patches, *room,
     )  # fmt: skip
     return room[0][:found], room[1][:found], patches
 

@@ -10,11 +10,7 @@ from numba import njit
 
 from .four import all_below, below, crossed, load, of, spread, store, with_last
 from .layout import (
-    B_ARM,
     B_BALL,
-    B_I,
-    B_L,
-    B_PUSH,
     B_Q,
     B_V,
     B_W,
@@ -22,6 +18,10 @@ from .layout import (
     D_FLOOR,
     D_LX,
     D_LY,
+    E_ARM,
+    E_I,
+    E_L,
+    E_PUSH,
     S_ARM,
     S_COLS,
     S_O,
@@ -108,21 +108,21 @@ def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
 
 
 @njit(**BARE_CHUNK)
-def spin_body(b, B):
+def spin_body(b, B, E):
     """The angular velocity of body b, from its angular momentum and orientation; of a ball the momentum from the velocity."""
     if B[b, B_BALL] != 0.0:
-        keep_last(B, b, np.int64(B_L), spread(B[b, B_BALL]) * load(B, b, B_W))
+        keep_last(E, b, np.int64(E_L), spread(B[b, B_BALL]) * load(B, b, B_W))
     else:
-        w = spin(quaternion(b, B), (B[b, B_L], B[b, B_L + 1], B[b, B_L + 2]), (B[b, B_I], B[b, B_I + 1], B[b, B_I + 2]))
+        w = spin(quaternion(b, B), (E[b, E_L], E[b, E_L + 1], E[b, E_L + 2]), (E[b, E_I], E[b, E_I + 1], E[b, E_I + 2]))
         B[b, B_W], B[b, B_W + 1], B[b, B_W + 2] = w
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def place_all(start, offsets, S, B):
+def place_all(start, offsets, S, B, E):
     """All spheres where their bodies are now, with the velocities of now; and the spins of the bodies."""
     for b in range(B.shape[0]):
         x, v, q = (B[b, B_X], B[b, B_X + 1], B[b, B_X + 2]), (B[b, B_V], B[b, B_V + 1], B[b, B_V + 2]), quaternion(b, B)
-        spin_body(b, B)
+        spin_body(b, B, E)
         if in_one(S):
             keep_last(S, b, np.int64(S_V), load(B, b, B_V))
             keep_last(S, b, np.int64(S_O), load(B, b, B_W))
@@ -156,14 +156,14 @@ def limits_of(D):
 
 
 @njit(**BARE_CHUNK)
-def forget_plates(first, last, own, body, B):
+def forget_plates(first, last, own, body, E):
     """The same for the push of the upper plate on the bodies that can touch it, slots first to last."""
     for k in range(first, last):
-        B[np.uint64(body[own[k]]), B_PUSH] = 0.0
+        E[np.uint64(body[own[k]]), E_PUSH] = 0.0
 
 
 @njit(**BARE)
-def farthest(X0, B):
+def farthest(X0, B, E):
     """How far a point of a body is from where the last search saw it, at most."""
     far = 0.0
     for b in range(B.shape[0]):
@@ -172,6 +172,6 @@ def farthest(X0, B):
         for k in range(4):
             same += B[b, B_Q + k] * X0[b, X_Q + k]
         # a point at the end of the arm goes the chord: twice the arm times the sine of half the angle
-        chord = 2.0 * B[b, B_ARM] * math.sqrt(max(1.0 - same * same, 0.0))
+        chord = 2.0 * E[b, E_ARM] * math.sqrt(max(1.0 - same * same, 0.0))
         far = max(far, math.sqrt(x * x + y * y + z * z) + chord)
     return far

@@ -15,9 +15,9 @@ from .four import LANES, LINE, all_below, below, crossed, get, lane, load, of, s
 from .gaps import measure_pairs, measure_plates, sort_out
 from .layout import (
     B_F,
-    B_PUSH,
     B_T,
     B_WORK,
+    E_PUSH,
     F_F,
     F_T,
     G_ARM_I,
@@ -139,14 +139,14 @@ def hand_out(f, force, torque, F):
 
 
 @njit(**BARE)
-def push_one(k, c, own, partner, body, S, B, sums, force, torque):
+def push_one(k, c, own, partner, body, S, B, E, sums, force, torque):
     """A contact with a plate acts on its body; `torque`: about the centre of the sphere."""
     i = np.uint64(own[k])
     b = np.uint64(body[i])
     push_body(b, B, force, torque + crossed(arm_of(i, S), force))
     low, alone = partner[k] == -1, with_last(force, spread(0.0))
     total = np.int64(SUM_LOW) if low else np.int64(SUM_UP)
-    B[b, B_PUSH] += 0.0 if low else lane(force, 2)
+    E[b, E_PUSH] += 0.0 if low else lane(force, 2)
     store(sums, c, total, load(sums, c, total) + alone)
 
 
@@ -174,18 +174,18 @@ def four_rows(at, G, last):
 
 
 @njit(**BARE_CHUNK)
-def push_flat(n, c, slots, first, own, partner, body, S, O, G, B, sums):  # noqa: E741
+def push_flat(n, c, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
     """The contacts with plates slots[first:first + n], a tile, act on their bodies; the sums of their forces into row c."""
     for q in range(0, n, 4):
         work, slip = get(O, q + O_WORK * TILE), get(O, q + O_SLIP * TILE)
         p, f, t = first + q, four_rows(q + G_F * TILE, G, work), four_rows(q + G_TI * TILE, G, slip)
-        push_one(np.uint64(slots[p]), c, own, partner, body, S, B, sums, f[0], t[0])
+        push_one(np.uint64(slots[p]), c, own, partner, body, S, B, E, sums, f[0], t[0])
         if q + 1 < n:
-            push_one(np.uint64(slots[p + 1]), c, own, partner, body, S, B, sums, f[1], t[1])
+            push_one(np.uint64(slots[p + 1]), c, own, partner, body, S, B, E, sums, f[1], t[1])
         if q + 2 < n:
-            push_one(np.uint64(slots[p + 2]), c, own, partner, body, S, B, sums, f[2], t[2])
+            push_one(np.uint64(slots[p + 2]), c, own, partner, body, S, B, E, sums, f[2], t[2])
         if q + 3 < n:
-            push_one(np.uint64(slots[p + 3]), c, own, partner, body, S, B, sums, f[3], t[3])
+            push_one(np.uint64(slots[p + 3]), c, own, partner, body, S, B, E, sums, f[3], t[3])
 
 
 @njit(**BARE_CHUNK)
@@ -316,8 +316,8 @@ def stage_plates(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_
 
 
 @njit(**BARE_CHUNK)
-def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, P, H, F, R, sums, law, pairs, dt, v_x,
-                  v_y, l_x, l_y, n_history, rolling, observed, room, marks):  # fmt: skip
+def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, E, P, H, F, R, sums, law, pairs, dt,
+                  v_x, v_y, l_x, l_y, n_history, rolling, observed, room, marks):  # fmt: skip
     """The candidate slots first to last act on their bodies; sums into row c: filter by gap, then the law in tiles.
 
     `flat`: all of them are with plates; else all are between spheres. `room`, `marks`: scratch (`room_for`).
@@ -354,7 +354,7 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
             add_moments(filled, O, G, n_history)
         found = tally(count, slots, t, O, I, G, found)
         if flat:
-            push_flat(count, c, slots, t, own, partner, body, S, O, G, B, sums)
+            push_flat(count, c, slots, t, own, partner, body, S, O, G, B, E, sums)
         else:
             push_pairs(count, slots, t, own, partner, body, outer, S, O, G, B, F)
         keep(count, slots, t, O, G, H, n_history)

@@ -29,13 +29,33 @@ from .bodies import (
     vector,
 )
 from .four import AHEAD, LINE, fetch, load, put, spread, transposed
-from .layout import B_ARM, B_BALL, B_F, B_I, B_L, B_MASS, B_Q, B_T, B_V, B_W, B_X, S_COLS, S_O, S_R, S_V, S_W
+from .layout import (
+    B_BALL,
+    B_COLS,
+    B_F,
+    B_MASS,
+    B_Q,
+    B_T,
+    B_V,
+    B_W,
+    B_X,
+    E_ARM,
+    E_EF,
+    E_I,
+    E_L,
+    S_COLS,
+    S_O,
+    S_R,
+    S_V,
+    S_W,
+)  # fmt: skip
 from .options import BARE, BARE_CHUNK
 from .rotation import free_rotation, matrix, spin
 
-# Z: fields of a chunk of bodies, stride BODIES: the columns of B up to the moments, with what spheres are told in the places that
-# it has in S; behind them the matrix and the longest way
+# Z: fields of a chunk of bodies, stride BODIES: the columns of B, with what spheres are told in the places that it has in S; the
+# line of E that all scenes have; the matrix and the longest way
 Z_W, Z_END_V, Z_END_W = S_W, S_V, S_O
+Z_L, Z_ARM, Z_I = B_COLS + E_L, B_COLS + E_ARM, B_COLS + E_I
 Z_TURN, Z_WAY = 40, 49
 Z_COLS = 50
 
@@ -84,18 +104,18 @@ def move(n, dt, left, Z):
         x, y, z = x + dt * v_x, y + dt * v_y, z + dt * v_z
         t_x, t_y, t_z = three(Z, p + B_T * BODIES)
         turn = half * t_x, half * t_y, half * t_z
-        momentum = kicked(three(Z, p + B_L * BODIES), left, turn, RESTING_MOMENTUM)
-        inertia = three(Z, p + B_I * BODIES)
+        momentum = kicked(three(Z, p + Z_L * BODIES), left, turn, RESTING_MOMENTUM)
+        inertia = three(Z, p + Z_I * BODIES)
         at = p + B_Q * BODIES
         old = (Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES])
         new = free_rotation(old, momentum, inertia, dt)
         w_0, w_1 = spin(old, momentum, inertia), spin(new, momentum, inertia)
         w = (0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2]))
         end = momentum[0] + turn[0], momentum[1] + turn[1], momentum[2] + turn[2]
-        arm = Z[p + B_ARM * BODIES]
+        arm = Z[p + Z_ARM * BODIES]
         put_three(Z, p + B_X * BODIES, x, y, z)
         put_three(Z, p + B_V * BODIES, v_x, v_y, v_z)
-        put_three(Z, p + B_L * BODIES, momentum[0], momentum[1], momentum[2])
+        put_three(Z, p + Z_L * BODIES, momentum[0], momentum[1], momentum[2])
         Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES] = new
         put_three(Z, p + Z_W * BODIES, w[0], w[1], w[2])
         w_end = spin(new, end, inertia)
@@ -127,10 +147,9 @@ def forget(b, B):
 
 
 @njit(**BARE)
-def stage_columns(p, k, b, B, Z):
-    """Put columns k to k + 3 of four bodies into the places from p on."""
+def stage_columns(at, k, b, B, Z):
+    """Put columns k to k + 3 of four bodies into the places from `at` on."""
     fields = transposed(load(B, b[0], k), load(B, b[1], k), load(B, b[2], k), load(B, b[3], k))
-    at = p + k * BODIES
     put(Z, at, fields[0])
     put(Z, at + BODIES, fields[1])
     put(Z, at + 2 * BODIES, fields[2])
@@ -138,21 +157,23 @@ def stage_columns(p, k, b, B, Z):
 
 
 @njit(**BARE)
-def stage_four(p, staged, B, Z):
+def stage_four(p, staged, B, E, Z):
     """Put the four bodies staged[p:p + 4], which are no balls, into the places from p on."""
     b = np.uint64(staged[p]), np.uint64(staged[p + 1]), np.uint64(staged[p + 2]), np.uint64(staged[p + 3])
     for k in range(B_X, B_W, 4):
-        stage_columns(p, k, b, B, Z)
-    for k in range(B_F, B_I + 4, 4):
-        stage_columns(p, k, b, B, Z)
+        stage_columns(p + k * BODIES, k, b, B, Z)
+    for k in range(B_F, B_COLS, 4):
+        stage_columns(p + k * BODIES, k, b, B, Z)
+    for k in range(0, E_EF, 4):
+        stage_columns(p + (B_COLS + k) * BODIES, k, b, E, Z)
 
 
 @njit(**BARE)
-def unstage_body(p, b, Z, B):
+def unstage_body(p, b, Z, B, E):
     """Take the motion of body b from place p of the chunk."""
     for k in range(3):
         B[b, B_X + k], B[b, B_V + k] = Z[p + (B_X + k) * BODIES], Z[p + (B_V + k) * BODIES]
-        B[b, B_L + k] = Z[p + (B_L + k) * BODIES]
+        E[b, E_L + k] = Z[p + (Z_L + k) * BODIES]
     for k in range(4):
         B[b, B_Q + k] = Z[p + (B_Q + k) * BODIES]
     forget(b, B)
@@ -178,7 +199,7 @@ def foretell(b, start, S, B):
     """Ask for what the drift of body b will need, if it is a ball: a processor that sees where a table is read ahead of it does
     so within a page only, and a page is a dozen bodies."""
     s = np.uint64(start[b])
-    for line in range(0, B_L, LINE):
+    for line in range(0, B_COLS, LINE):
         fetch(B, np.uint64(b), np.int64(line))
     if not in_one(S):
         for line in range(0, S_COLS, LINE):
@@ -186,7 +207,7 @@ def foretell(b, start, S, B):
 
 
 @njit(**BARE_CHUNK)
-def drift_chunk(c, start, near, beginning, everything, offsets, S, B, D, dt, left, moves, Z, staged):
+def drift_chunk(c, start, near, beginning, everything, offsets, S, B, E, D, dt, left, moves, Z, staged):
     """Drift the bodies of chunk c, whose last closing kick is still `left` (1) or was made (0), and place those of their spheres
     that can meet something (`near`), or `everything`."""
     seen = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
@@ -201,11 +222,11 @@ def drift_chunk(c, start, near, beginning, everything, offsets, S, B, D, dt, lef
     for p in range(n, n + -n % 4):
         staged[p] = staged[n - 1]  # up to a multiple of four
     for p in range(0, n, 4):
-        stage_four(np.int64(p), staged, B, Z)
+        stage_four(np.int64(p), staged, B, E, Z)
     move(n, dt, left, Z)
     for p in range(n):
         i = np.int64(staged[p])
-        unstage_body(p, i, Z, B)
+        unstage_body(p, i, Z, B, E)
         way = Z[p + Z_WAY * BODIES]
         seen = judge(i, way, way / S[start[i], S_R], load(B, i, B_X), limits, seen)
         place_staged(p, i, start, near, beginning, everything, offsets, S, Z, dt)

@@ -10,20 +10,20 @@ from .signatures import LABEL, OBSERVE
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 _I1 = types.Array(types.int32, 1, "C")
 LABEL_BODIES = types.void(
-    _I1, _I1, _I1, _I1, _F2, _F2, _F2, _F1, _F2, types.UniTuple(types.float64, 2), types.float64,
+    _I1, _I1, _I1, _I1, _F2, _F2, _F2, _F2, _F1, _F2, types.UniTuple(types.float64, 2), types.float64,
     types.int64, types.int64, types.FunctionType(OBSERVE), types.FunctionType(LABEL), _F2, _F1, _F2,
 )  # fmt: skip
 
 
 @njit(LABEL_BODIES, **DIRECT, **NO_COUNTS)
-def label_bodies(edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, label, out, O, table):  # noqa: E741
+def label_bodies(edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, label, out, O, table):  # noqa: E741
     """State, reason, margins and extras of every body at this instant.
 
     M: a copy of the labeller's memory. Scratch: O (O_COLS,), table (most contacts of a body, width).
     """
     for b in range(B.shape[0]):
         n = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history, table)
-        body_row(b, B, A, drag, speed, O)
+        body_row(b, B, E, A, drag, speed, O)
         if A[A_ELAPSED] > 0.0:
             observe(table[:n], n, O, M[b])
         label(table[:n], n, O, M[b], out[b])

@@ -20,7 +20,7 @@ S_COLS = 24
 X_X, X_Q = 0, 3
 X_COLS = 7
 
-# B: bodies, in groups of four columns; what a ball needs in a step comes first.
+# B: bodies, in groups of four columns: four lines of the cache, all that a step reads and writes of a ball.
 B_X = 0  # position, 3
 B_V = 4  # velocity: full step when synchronised, mid-step inside a step, 3
 B_MASS = 7
@@ -31,13 +31,16 @@ B_WORK = 23  # friction work, J, cumulative; behind the force, so that it is sum
 B_T = 24  # total torque, 3
 B_SLIP = 27  # slip distance, m, cumulative: the sum over the body's spots; behind the torque
 B_Q = 28  # quaternion w, x, y, z; body to world, 4
-B_L = 32  # angular momentum, world axes, 3: as the velocity, but of a ball where somebody looks
-B_ARM = 35  # how far its farthest sphere is from its centre
-B_I = 36  # principal moments, 3
-B_PUSH = 39  # force of the upper plate on the body, upwards; a patch feels it
-B_EF = 40  # force of body effects, 3: columns that only a scene with body effects has
-B_ET = 44  # torque of body effects, 3
-B_COLS = 48
+B_COLS = 32
+
+# E: bodies, what a ball needs in few steps only: a line of the cache.
+E_L = 0  # angular momentum, world axes, 3: as the velocity, but of a ball where somebody looks
+E_ARM = 3  # how far its farthest sphere is from its centre
+E_I = 4  # principal moments, 3
+E_PUSH = 7  # force of the upper plate on the body, upwards; a patch feels it
+E_EF = 8  # force of body effects, 3: columns that only a scene with body effects has
+E_ET = 12  # torque of body effects, 3
+E_COLS = 16
 
 # P: patches of the upper body (one for a rigid plate, else one per body); on a foundation the last row is the common plate.
 # P_SPRING is the stiffness of a patch's spring to that plate; P_F is the force of debris and springs, upwards.

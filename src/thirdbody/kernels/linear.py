@@ -41,7 +41,7 @@ def linearise(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
     A patch whose height is prescribed has no equation of its own, unless `coupled` asks how the forces change with its height.
     """
     own, partner, _, edges, _ = spots
-    S, B, P, _, _ = state
+    S, B, P, _, _, E = state
     pairs, rolling = known[0], known[3]
     I, O, K, G, slots, before = work[0], work[1], work[2], work[3], work[4], work[5]  # noqa: E741
     tangents(I, K, m, pairs)
@@ -51,7 +51,7 @@ def linearise(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
     for q in range(m):
         add_spot(q, slots[q], before[slots[q] - edges[b]], own, partner, S, I, O, K, G, rolling, J)
     arm = 1.0 / Z[Z_ARM]
-    xx, yy, zz, xy, xz, yz = inertia_of(b, B)
+    xx, yy, zz, xy, xz, yz = inertia_of(b, B, E)
     rate = Z[Z_NOW] / dt
     square = Z[Z_MASS] * rate * rate
     for k in range(3):

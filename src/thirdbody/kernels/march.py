@@ -107,7 +107,7 @@ def loaded(p, P, t, dt, schedule, first):
 def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents, effects,
          observe):  # fmt: skip
     """One step of body b, cut until it is good; a body that cannot go on gets its code."""
-    (_, B, P, _, _), y, told = state, work[6], work[11]
+    (_, B, P, _, _, _), y, told = state, work[6], work[11]
     begin(b, p, shape, state, Z)
     gaps(b, spots, state, work[5])
     time = W[A_TIME]
@@ -166,7 +166,7 @@ _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C"
 _I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 SPOTS = types.UniTuple(_S1, 5)
 SHAPE = types.Tuple((_I1, _I1, _I1, _F2))
-STATE = types.UniTuple(_F2, 5)
+STATE = types.UniTuple(_F2, 6)
 KNOWN = types.Tuple((_F1, _F1, types.int64, types.int64, types.int64, types.boolean, types.boolean))
 MARCH = types.void(
     types.int64, types.int64, types.float64, types.float64,  # first and last body, time to reach, most tries of a body

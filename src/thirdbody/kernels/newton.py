@@ -7,8 +7,8 @@ from numba import njit
 
 from .gaps import separation
 from .layout import (
-    B_EF,
     B_MASS,
+    E_EF,
     G_ARM_I,
     G_D,
     G_E,
@@ -98,10 +98,10 @@ def size_of(r):
 
 
 @njit(**INNER)
-def scale_of(b, p, y, dt, Z, B, P, told):
+def scale_of(b, p, y, dt, Z, B, E, P, told):
     """Sum of all forces at work, N: what the unbalanced ones are compared with."""
     move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
-    weight = abs(B[b, B_EF]) + abs(B[b, B_EF + 1]) + abs(B[b, B_EF + 2]) if B.shape[1] > B_EF else 0.0
+    weight = abs(E[b, E_EF]) + abs(E[b, E_EF + 1]) + abs(E[b, E_EF + 2]) if E.shape[1] > E_EF else 0.0
     free = P[p, P_FREE]
     square = 1.0 / (dt * dt)
     # of a patch that touches nothing too: its spring pulls, its dashpot holds; without load, what it was loaded with counts
@@ -171,7 +171,7 @@ def turned_back(x, m, own, S, work, Z, share):
 def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects):
     """Find the end y of a step from the guess that it holds; (how it ended, number of staged spots, iterations)."""
     y, r, x, tried, J, told = work[6], work[7], work[8], work[9], work[10], work[11]
-    S, B, P, _, _ = state
+    S, B, P, _, _, E = state
     size, part, whole, halvings, leaps, iterations, m = 1e300, 0.0, 0.0, 0, 0, 0, np.int64(0)
     for k in range(FREEDOMS):
         x[k] = 0.0
@@ -183,7 +183,7 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
         if m < 0:
             return CROWDED, m, iterations
         balance(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told)
-        now, scale = size_of(r), scale_of(b, p, tried, dt, Z, B, P, told)
+        now, scale = size_of(r), scale_of(b, p, tried, dt, Z, B, E, P, told)
         if not now < 1e300:
             return LOST, m, iterations
         better = now < (1.0 - 1e-4 * part) * size

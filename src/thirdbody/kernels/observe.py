@@ -9,8 +9,6 @@ from .layout import (
     A_DY,
     A_ELAPSED,
     A_HEADING,
-    B_EF,
-    B_ET,
     B_F,
     B_MASS,
     B_Q,
@@ -34,6 +32,8 @@ from .layout import (
     C_T,
     C_V,
     DEBRIS,
+    E_EF,
+    E_ET,
     H_LAW,
     H_LEAST,
     H_ON,
@@ -95,7 +95,7 @@ def contact_row(C, n, k, second, own, partner, H, R, memory_at):
 
 
 @njit(**BARE)
-def body_row(b, B, A, drag, speed, O):  # noqa: E741
+def body_row(b, B, E, A, drag, speed, O):  # noqa: E741
     """Fill O with body b's state and its surroundings."""
     O[O_MASS] = B[b, B_MASS]
     for k in range(3):
@@ -103,7 +103,7 @@ def body_row(b, B, A, drag, speed, O):  # noqa: E741
         O[O_F + k], O[O_T + k] = B[b, B_F + k], B[b, B_T + k]
         # Newton's second law as the integrator applies it: the acceleration is the force of this instant
         O[O_MA + k], O[O_LDOT + k] = B[b, B_F + k], B[b, B_T + k]
-        O[O_EF + k], O[O_ET + k] = (B[b, B_EF + k], B[b, B_ET + k]) if B.shape[1] > B_EF else (0.0, 0.0)
+        O[O_EF + k], O[O_ET + k] = (E[b, E_EF + k], E[b, E_ET + k]) if E.shape[1] > E_EF else (0.0, 0.0)
     for k in range(4):
         O[O_Q + k] = B[b, B_Q + k]
     O[O_ELAPSED], O[O_SHIFT], O[O_SHIFT + 1] = A[A_ELAPSED], A[A_DX], A[A_DY]
@@ -129,10 +129,10 @@ def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at, C):
 
 
 @njit(**BARE)
-def observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
+def observe_body(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
     """Let the labeller observe body b: it updates its memory per body and per contact. O and C are scratch."""
     found = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history, C)
-    body_row(b, B, A, drag, speed, O)
+    body_row(b, B, E, A, drag, speed, O)
     observe(C[:found], found, O, M[b])
     n = 0
     for e in range(edges[b], edges[b + 1]):
@@ -145,7 +145,7 @@ def observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, 
 
 
 @njit(**BARE)
-def observe_chunk(c, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
+def observe_chunk(c, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
     """Let the labeller observe the bodies of chunk c. O and C are scratch."""
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
-        observe_body(b, edges, incidence, own, partner, H, R, B, A, M, drag, speed, n_history, width, observe, O, C)
+        observe_body(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C)

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from .layout import B_PUSH, P_DAMPING, P_F, P_FREE, P_LOAD, P_LOAD0, P_MASS, P_SPRING, P_V, P_Z, P_Z0
+from .layout import E_PUSH, P_DAMPING, P_F, P_FREE, P_LOAD, P_LOAD0, P_MASS, P_SPRING, P_V, P_Z, P_Z0
 from .motion import GAP, LOAD, mean_rate, value
 from .options import BARE
 
@@ -43,7 +43,7 @@ def drift_patches(P, dt):
 
 
 @njit(**BARE)
-def press_patches(P, B, patch, push):
+def press_patches(P, E, patch, push):
     """Upward forces: of the debris on its patches, of the springs on patches and plate, in the order of bodies and patches.
 
     `push`: that of all debris, which is all that a single patch needs.
@@ -54,8 +54,8 @@ def press_patches(P, B, patch, push):
         return
     for p in range(P.shape[0]):
         P[p, P_F] = 0.0
-    for b in range(B.shape[0]):
-        P[patch[b], P_F] -= B[b, B_PUSH]
+    for b in range(E.shape[0]):
+        P[patch[b], P_F] -= E[b, E_PUSH]
     for p in range(plate):
         spring = P[p, P_SPRING] * (P[p, P_Z] - P[plate, P_Z])
         P[p, P_F] -= spring
@@ -63,9 +63,9 @@ def press_patches(P, B, patch, push):
 
 
 @njit(**BARE)
-def kick_patches(P, B, patch, push, dt):
+def kick_patches(P, E, patch, push, dt):
     """Closing half kick of the patches (their dashpot implicit, so it cannot overshoot); returns powers of load and dashpot."""
-    press_patches(P, B, patch, push)
+    press_patches(P, E, patch, push)
     load, damping = 0.0, 0.0
     for p in range(P.shape[0]):
         if P[p, P_FREE] != 0.0:

@@ -13,8 +13,8 @@ _I, _I1, _S1 = types.int64, types.Array(types.int64, 1, "C"), types.Array(types.
 LAW = types.void(_ROW, _ROW, types.int64, _ROW)
 """law(inputs, outputs, number of contacts in the tile, parameters of all pairs)"""
 
-EFFECTS = types.void(_TABLE, types.int64, types.int64, types.float64, types.float64, _ROW)
-"""effects(bodies, first, last, time, time step, parameters)"""
+EFFECTS = types.void(_TABLE, _TABLE, types.int64, types.int64, types.float64, types.float64, _ROW)
+"""effects(bodies, the rest of what they are, first, last, time, time step, parameters)"""
 
 OBSERVE = types.void(_TABLE, types.int64, _ROW, _ROW)
 """observe(contacts of the body, how many, body, memory)"""
@@ -30,7 +30,7 @@ KINDS: Kinds = {
     # which sphere belongs to which body
     "body": _I1, "start": _I1, "offsets": _TABLE,
     # state (`layout`), parameters, what a step sums up
-    **dict.fromkeys(("S", "B", "P", "H", "F", "R", "M"), _TABLE),
+    **dict.fromkeys(("S", "B", "E", "P", "H", "F", "R", "M"), _TABLE),
     "pairs": _ROW, "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "sums": _TABLE, "moves": _TABLE,
     # direction of the drag that is planned; room of each part to work in
     "drag": _ROW, "room": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,

@@ -16,9 +16,9 @@ from .four import crossed, lane, load, of, splat, spread, store, transposed, wit
 from .gaps import separation
 from .layout import (
     B_F,
-    B_I,
     B_MASS,
     B_Q,
+    E_I,
     I_HISTORY,
     I_MASS,
     I_OVERLAP,
@@ -236,11 +236,11 @@ def times(v, X):
 
 
 @njit(**BARE)
-def frame(b, B):
+def frame(b, B, E):
     """Rows of the matrix that turns moments and turns of body b into its own axes and divides them by the roots of its moments of
     inertia."""
     q = matrix(B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
-    i = of(1.0 / math.sqrt(B[b, B_I]), 1.0 / math.sqrt(B[b, B_I + 1]), 1.0 / math.sqrt(B[b, B_I + 2]), 0.0)
+    i = of(1.0 / math.sqrt(E[b, E_I]), 1.0 / math.sqrt(E[b, E_I + 1]), 1.0 / math.sqrt(E[b, E_I + 2]), 0.0)
     return of(q[0], q[1], q[2], 0.0) * i, of(q[3], q[4], q[5], 0.0) * i, of(q[6], q[7], q[8], 0.0) * i
 
 
@@ -297,11 +297,11 @@ def eigenvalue(M, square):
 
 
 @njit(**BARE_CHUNK)
-def examine(b, sums, B, room, m, number, bodies, shortest):
+def examine(b, sums, B, E, room, m, number, bodies, shortest):
     """Row m of `bodies` for body b, if it can have the `shortest` steps, by frequency and by both; returns how many rows there
     are then, and the shortest steps."""
     by_frequency, by_both = shortest
-    X, mass, K, K_2, C, C_2 = frame(b, B), B[b, B_MASS], room[0], room[1], room[2], room[3]
+    X, mass, K, K_2, C, C_2 = frame(b, B, E), B[b, B_MASS], room[0], room[1], room[2], room[3]
     along, around = normalise(sums[0], mass, X, K)
     c_along, c_around = normalise(sums[1], mass, X, C)
     scale, c_scale = along + around, c_along + c_around
@@ -329,14 +329,14 @@ _F3, _F2, _F1 = (types.Array(types.float64, n, "C") for n in (3, 2, 1))
 _I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 stiffness_at = pointed(LAW)
 STIFFNESS = types.int64(
-    types.int64, types.int64, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F1, types.float64, types.float64, types.float64,
-    types.float64, types.int64, _F2, _I1, _F2, _F1, _F1, _F2, _S1, _S1, _F2, _F3
+    types.int64, types.int64, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F1, types.float64, types.float64,
+    types.float64, types.float64, types.int64, _F2, _I1, _F2, _F1, _F1, _F2, _S1, _S1, _F2, _F3
 )  # fmt: skip
 
 
 @njit(STIFFNESS, **DIRECT, **NO_COUNTS)
-def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body, S, B, P, pairs, l_x, l_y, horizon, limit, stiffness,
-                   patches, number, bodies, told, answer, rows, near, place, least, room):  # fmt: skip
+def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body, S, B, E, P, pairs, l_x, l_y, horizon, limit,
+                   stiffness, patches, number, bodies, told, answer, rows, near, place, least, room):  # fmt: skip
     """The longest stable steps, all bounds from below, of the patches and of those bodies that may have the shortest.
 
     `bodies` (m, 4): squared frequencies (traces) of translation and of rotation only, 1/s^2; longest step by the frequency alone
@@ -355,7 +355,7 @@ def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body, S, B
     many = np.int64(B.shape[0]) if n > 0 else np.int64(0)
     for b in range(many):
         K, C = gathered(b, own, partner, edges, incidence, place, near, rows, S)
-        u, v = 1.0 / B[b, B_MASS], 1.0 / min(B[b, B_I], B[b, B_I + 1], B[b, B_I + 2])
+        u, v = 1.0 / B[b, B_MASS], 1.0 / min(E[b, E_I], E[b, E_I + 1], E[b, E_I + 2])
         most = ceiling(K, u, v)
         least[b, 0], least[b, 1] = stable_step(most, 0.0), stable_step(most, ceiling(C, u, v))
         if least[b, 0] < by_frequency:
@@ -369,7 +369,7 @@ def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body, S, B
         # so put that what is not a number comes through
         if least[one, 1] != np.inf and not (least[one, 0] > by_frequency and least[one, 1] > by_both):
             sums = gathered(one, own, partner, edges, incidence, place, near, rows, S)
-            found, by_frequency, by_both = examine(one, sums, B, room, m, number, bodies, (by_frequency, by_both))
+            found, by_frequency, by_both = examine(one, sums, B, E, room, m, number, bodies, (by_frequency, by_both))
             if t > 1:  # the first two come again in their place
                 m = found
     return max(m, 1)

@@ -131,14 +131,14 @@ def reached(far, way, far_patch, skin):
 
 
 @njit(**BARE)
-def search_due(A, X0, B, moves, far_patch, skin):
+def search_due(A, X0, B, E, moves, far_patch, skin):
     """Whether a search must come before the next step. How far the bodies are is measured only where it could matter."""
     way = 0.0
     for c in range(moves.shape[0]):
         way = max(way, moves[c, MOVE_WAY])
     A[A_FAR] += way
     if reached(A[A_FAR], way, far_patch, skin):
-        A[A_FAR] = farthest(X0, B)
+        A[A_FAR] = farthest(X0, B, E)
         return reached(A[A_FAR], way, far_patch, skin)
     return False
 
@@ -172,7 +172,7 @@ def share_out(parts, task, count, number, record, time, v_x, v_y, dt, left, cont
 def run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
     """The steps of `advance`; also returns whether the last one left its closing kick to the next (1, else 0)."""
     k = context_of(context)
-    B, P, D, A, sums, moves = k.B, k.P, k.D, k.A, k.sums, k.moves
+    P, D, A, sums, moves = k.P, k.D, k.A, k.sums, k.moves
     work = work_at(k.work)
     groups = k.lowest.shape[0]
     parts = min(groups, SHARES * threads) if threads > 1 and groups >= FEW else 1
@@ -194,7 +194,7 @@ def run(budget, until, distance, dt, threads, context, X0, patch, schedule, firs
         for task in range(EARLY, LOOK + 1):
             if task == LOOK:
                 load_patches(P, schedule, first, time)
-                lifted, damping = kick_patches(P, B, patch, pushed(sums), dt)
+                lifted, damping = kick_patches(P, k.E, patch, pushed(sums), dt)
                 account(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping, record)
             if (task == LOOK and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
@@ -211,7 +211,7 @@ def run(budget, until, distance, dt, threads, context, X0, patch, schedule, firs
         code, who = guard(D, sums, moves)
         if code != DONE:
             return code, who, left
-        due = search_due(A, X0, B, moves, far_patch, D[D_SKIN])
+        due = search_due(A, X0, k.B, k.E, moves, far_patch, D[D_SKIN])
         if last:
             return DONE, np.int64(due), left
         if due:
@@ -226,8 +226,8 @@ def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, 
     `context` tells of the step's `Context`. Returns the code and the slot or body that a guard names, or whether a search is due;
     before a step that reaches its target RECORD, if there is no table for its records. State is synchronised on return.
     """
-    B = context_of(context).B
+    k = context_of(context)
     code, who, left = run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels)
     if left != 0.0:
-        close(np.int64(0), np.int64(B.shape[0]), B, dt)
+        close(np.int64(0), np.int64(k.B.shape[0]), k.B, k.E, dt)
     return code, who

@@ -26,16 +26,16 @@ from .layout import (
     A_SPEED,
     A_TIME,
     A_UPPER,
-    B_EF,
-    B_ET,
     B_F,
-    B_L,
     B_MASS,
     B_T,
     B_V,
     B_W,
     B_X,
     D_GUARD_OVERLAP,
+    E_EF,
+    E_ET,
+    E_L,
     H_ON,
     P_DAMPING,
     P_FREE,
@@ -226,7 +226,7 @@ def stored_in(b, spots, H, R):
 
 
 @njit(**INNER)
-def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, hub):
+def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, E, P, W, inertial, hub):
     """Add the accepted step to the totals of body b. Every line is computed by itself; their balance is the residual.
 
     The method works with the forces at the end of the step: what they do beyond the energy that laws store and lose, and beyond
@@ -240,14 +240,14 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, P, W, inertial, 
     mass, now, last = B[b, B_MASS], Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt
     for k in range(3):
         theta, w = y[3 + k] * arm, B[b, B_W + k]
-        force, torque = (B[b, B_EF + k], B[b, B_ET + k]) if B.shape[1] > B_EF else (0.0, 0.0)
+        force, torque = (E[b, E_EF + k], E[b, E_ET + k]) if E.shape[1] > E_EF else (0.0, 0.0)
         contacts += (B[b, B_F + k] - force) * y[k] + (B[b, B_T + k] - torque) * theta
         effects += force * y[k] + torque * theta
         pushed += Z[Z_MASS] * mass * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) * y[k]
-        pushed += Z[Z_MASS] * (now * (B[b, B_L + k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) * theta
+        pushed += Z[Z_MASS] * (now * (E[b, E_L + k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) * theta
         pushed += Z[Z_PULL] * (y[k] * y[k] + y[3 + k] * y[3 + k])
         before += 0.5 * (mass * Z[Z_V + k] * Z[Z_V + k] + Z[Z_L + k] * Z[Z_W + k])
-        after += 0.5 * (mass * B[b, B_V + k] * B[b, B_V + k] + B[b, B_L + k] * w)
+        after += 0.5 * (mass * B[b, B_V + k] * B[b, B_V + k] + E[b, E_L + k] * w)
     drag = (sums[0, SUM_UP] * v_x + sums[0, SUM_UP + 1] * v_y) * dt
     old = 0.5 if Z[Z_BEFORE] > 0.0 else 0.0
     plate = (1.0 - old) * drag - old * (W[A_UPPER] * v_x + W[A_UPPER + 1] * v_y) * dt
@@ -295,18 +295,18 @@ def advance_clock(W, dt, end, whole, v_x, v_y):
 @njit(**INNER)
 def look(b, spots, state, M, W, known, drag, observe, seen, table):
     """Let the labeller observe body b after its step."""
-    (own, partner, _, edges, incidence), (_, B, _, H, R) = spots, state
-    observe_body(b, edges, incidence, own, partner, H, R, B, W, M, drag, W[A_SPEED], known[2], known[4], observe, seen, table)
+    (own, partner, _, edges, incidence), (_, B, _, H, R, E) = spots, state
+    observe_body(b, edges, incidence, own, partner, H, R, B, E, W, M, drag, W[A_SPEED], known[2], known[4], observe, seen, table)
     W[A_ELAPSED], W[A_DX], W[A_DY] = 0.0, 0.0, 0.0
 
 
 @njit(**INNER)
-def remember(b, p, y, dt, Z, T, B, P):
+def remember(b, p, y, dt, Z, T, B, E, P):
     """Keep of an accepted step what the next one needs."""
     for k in range(FREEDOMS):
         T[T_Y + k] = y[k]
     for k in range(3):
-        T[T_DV + k], T[T_DL + k] = B[b, B_V + k] - Z[Z_V + k], B[b, B_L + k] - Z[Z_L + k]
+        T[T_DV + k], T[T_DL + k] = B[b, B_V + k] - Z[Z_V + k], E[b, E_L + k] - Z[Z_L + k]
         T[T_DW + k] = B[b, B_W + k] - Z[Z_W + k]
     T[T_DRISE], T[T_LAST] = P[p, P_V] - Z[Z_RISE], dt
     T[T_WAY] += math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
@@ -315,28 +315,28 @@ def remember(b, p, y, dt, Z, T, B, P):
 @njit(**INNER)
 def stay(b, p, Z, T, shape, state):
     """Put body b back to where its step began."""
-    B, P = state[1], state[2]
+    B, P, E = state[1], state[2], state[5]
     still = np.zeros(FREEDOMS)
     place(b, p, still, 1.0, Z, T, shape, state)
     for k in range(3):
-        B[b, B_V + k], B[b, B_W + k], B[b, B_L + k] = Z[Z_V + k], Z[Z_W + k], Z[Z_L + k]
+        B[b, B_V + k], B[b, B_W + k], E[b, E_L + k] = Z[Z_V + k], Z[Z_W + k], Z[Z_L + k]
     P[p, P_Z], P[p, P_V], P[p, P_LOAD] = Z[Z_PATCH], Z[Z_RISE], Z[Z_LOAD]
 
 
 @njit(**INNER)
 def take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
     """Make the step of body b, as it is staged, part of its past."""
-    (_, B, P, H, R), told, sums = state, work[11], work[12]
+    (_, B, P, H, R, E), told, sums = state, work[11], work[12]
     for k in range(SUM_COLS):
         sums[0, k] = 0.0
     accept(b, m, v_x, v_y, spots, state, known, work, sums)
-    B[b, B_L], B[b, B_L + 1], B[b, B_L + 2] = momentum_of(b, B)
-    for k in range(3 if B.shape[1] > B_EF else 0):
-        B[b, B_F + k] += B[b, B_EF + k]
-        B[b, B_T + k] += B[b, B_ET + k]
+    E[b, E_L], E[b, E_L + 1], E[b, E_L + 2] = momentum_of(b, B, E)
+    for k in range(3 if E.shape[1] > E_EF else 0):
+        B[b, B_F + k] += E[b, E_EF + k]
+        B[b, B_T + k] += E[b, E_ET + k]
     stored = stored_in(b, spots, H, R)
-    account(b, p, y, dt, v_x, v_y, told, sums, stored - T[T_STORED], Z, T, B, P, W, V[V_INERTIAL], hub)
-    remember(b, p, y, dt, Z, T, B, P)
+    account(b, p, y, dt, v_x, v_y, told, sums, stored - T[T_STORED], Z, T, B, E, P, W, V[V_INERTIAL], hub)
+    remember(b, p, y, dt, Z, T, B, E, P)
     T[T_STORED] = stored
     if told[E_RADIUS] > 0.0:
         T[T_RADIUS], T[T_FIRM] = told[E_RADIUS], told[E_NORMAL] / told[E_DEEPEST]

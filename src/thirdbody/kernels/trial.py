@@ -26,11 +26,7 @@ from .bodies import place_body
 from .contacts import SUM_LOW, SUM_UP, SUM_WORK, record
 from .gaps import separation
 from .layout import (
-    B_EF,
-    B_ET,
     B_F,
-    B_I,
-    B_L,
     B_MASS,
     B_Q,
     B_SLIP,
@@ -39,6 +35,10 @@ from .layout import (
     B_W,
     B_WORK,
     B_X,
+    E_EF,
+    E_ET,
+    E_I,
+    E_L,
     G_ARM_I,
     G_D,
     G_E,
@@ -110,10 +110,10 @@ TURN = 0.05
 @njit(**CHUNK)
 def begin(b, p, shape, state, Z):
     """Note where a step of body b begins."""
-    (S, B, P, _, _), (_, start, _, offsets) = state, shape
+    (S, B, P, _, _, E), (_, start, _, offsets) = state, shape
     for k in range(3):
         Z[Z_X + k], Z[Z_V + k] = B[b, B_X + k], B[b, B_V + k]
-        Z[Z_L + k], Z[Z_W + k] = B[b, B_L + k], B[b, B_W + k]
+        Z[Z_L + k], Z[Z_W + k] = E[b, E_L + k], B[b, B_W + k]
     for k in range(4):
         Z[Z_Q + k] = B[b, B_Q + k]
     Z[Z_PATCH], Z[Z_RISE], Z[Z_LOAD] = P[p, P_Z], P[p, P_V], P[p, P_LOAD]
@@ -127,7 +127,7 @@ def begin(b, p, shape, state, Z):
 @njit(**INNER)
 def place(b, p, y, dt, Z, T, shape, state):
     """Move body b, its spheres and its patch p to the end of the step: mean velocities of the step, then those at its end."""
-    (S, B, P, _, _), (_, start, _, offsets) = state, shape
+    (S, B, P, _, _, _), (_, start, _, offsets) = state, shape
     inverse, arm = 1.0 / dt, 1.0 / Z[Z_ARM]
     now, last = Z[Z_NOW] * inverse, Z[Z_BEFORE] * inverse
     for k in range(3):
@@ -149,10 +149,10 @@ def place(b, p, y, dt, Z, T, shape, state):
 
 
 @njit(**INNER)
-def inertia_of(b, B):
+def inertia_of(b, B, E):
     """Moments of inertia about world axes: xx, yy, zz, xy, xz, yz."""
     a, b_, c, d, e, f, g, h, i = matrix(B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
-    i_x, i_y, i_z = B[b, B_I], B[b, B_I + 1], B[b, B_I + 2]
+    i_x, i_y, i_z = E[b, E_I], E[b, E_I + 1], E[b, E_I + 2]
     return (
         a * a * i_x + b_ * b_ * i_y + c * c * i_z, d * d * i_x + e * e * i_y + f * f * i_z,
         g * g * i_x + h * h * i_y + i * i * i_z, a * d * i_x + b_ * e * i_y + c * f * i_z,
@@ -161,9 +161,9 @@ def inertia_of(b, B):
 
 
 @njit(**INNER)
-def momentum_of(b, B):
+def momentum_of(b, B, E):
     """Angular momentum, world axes, from spin and orientation."""
-    xx, yy, zz, xy, xz, yz = inertia_of(b, B)
+    xx, yy, zz, xy, xz, yz = inertia_of(b, B, E)
     x, y, z = B[b, B_W], B[b, B_W + 1], B[b, B_W + 2]
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
@@ -175,7 +175,7 @@ def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
     `rate`: change of a velocity per change of place over the step, 1/s; v_x, v_y: mean velocity of the upper plate.
     """
     own, partner, kind, edges, incidence = spots
-    (S, _, P, H, _), n_history, rolling = state, known[2], known[3]
+    (S, _, P, H, _, _), n_history, rolling = state, known[2], known[3]
     I, G, slots, before = work[0], work[3], work[4], work[5]  # noqa: E741
     m = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
@@ -212,7 +212,7 @@ def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
 def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told):
     """Unbalanced forces r (7) of body b and its patch, with m staged spots; `told` gets what else a step wants to know (E_*)."""
     own, partner, edges = spots[0], spots[1], spots[3]
-    S, B, P, _, _ = state
+    S, B, P, _, _, E = state
     pairs, parameters, n_history, rolling, _, has_effects, _ = known
     I, O, _, G, slots, before = work[0], work[1], work[2], work[3], work[4], work[5]  # noqa: E741
     law(I, O, m, pairs)
@@ -250,11 +250,11 @@ def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law
     for k in range(3):
         B[b, B_F + k], B[b, B_T + k] = r[k], r[3 + k]
     if has_effects:
-        effects(B, b, b + 1, time, dt, parameters)
+        effects(B, E, b, b + 1, time, dt, parameters)
         for k in range(3):
-            r[k] += B[b, B_EF + k]
-            r[3 + k] += B[b, B_ET + k]
-    inertial_forces(b, p, y, dt, Z, T, B, P, inertial, r)
+            r[k] += E[b, E_EF + k]
+            r[3 + k] += E[b, E_ET + k]
+    inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r)
     for k in range(3):
         r[3 + k] /= Z[Z_ARM]
 
@@ -272,14 +272,14 @@ def steadiness(q, dt, before, I):  # noqa: E741
 
 
 @njit(**INNER)
-def inertial_forces(b, p, y, dt, Z, T, B, P, inertial, r):
+def inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r):
     """Take off what accelerates the body; add load, dashpot, spring and inertia of its patch.
 
     Without inertia (`inertial` 0) every step begins at rest, and a weak pull towards where it began lets a body that slides on
     all its spots, and could be anywhere, be somewhere; a share of the mass holds back what jumps within a step.
     """
     now, last, pull, share = Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt, Z[Z_PULL], Z[Z_MASS]
-    l_1 = momentum_of(b, B)
+    l_1 = momentum_of(b, B, E)
     for k in range(3):
         r[k] -= share * B[b, B_MASS] * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) + pull * y[k]
         r[3 + k] -= share * (now * (l_1[k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) + pull * y[3 + k] * Z[Z_ARM]
@@ -297,7 +297,7 @@ def accept(b, m, v_x, v_y, spots, state, known, work, sums):
     """Take the staged spots as the end of a step: history, friction work and slip, records; into `sums` work and the forces of
     the plates on the body."""
     own, partner, _, edges, incidence = spots
-    S, B, P, H, R = state
+    S, B, P, H, R, _ = state
     n_history, rolling = known[2], known[3]
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
     push(m, I, O, G)

@@ -35,20 +35,20 @@ def work(task, part, begin, end, number, record, time, v_x, v_y, dt, left, conte
             if k.moved[h] != number:
                 k.moved[h] = number
                 for c in range(h * GROUP, min((h + 1) * GROUP, chunks)):
-                    drift_chunk(c, k.start, k.near, k.beginning, record, k.offsets, k.S, k.B, k.D, dt, left, k.moves,
+                    drift_chunk(c, k.start, k.near, k.beginning, record, k.offsets, k.S, k.B, k.E, k.D, dt, left, k.moves,
                                 k.room[part], k.marks[part])  # fmt: skip
-                    forget_plates(k.cuts[FLAT, c], k.cuts[FLAT, c + 1], k.own, k.body, k.B)
+                    forget_plates(k.cuts[FLAT, c], k.cuts[FLAT, c + 1], k.own, k.body, k.E)
         if task == SWEEP:
             for side in range(FLAT, PAIRED + 1):
                 contact_chunk(2 * g + side, k.cuts[side, first], k.cuts[side, last], side == FLAT, k.own, k.partner, k.kind,
-                              k.closed, k.outer, k.body, k.S, k.B, k.P, k.H, k.F, k.R, k.sums, law, k.pairs, dt, v_x, v_y, l_x,
-                              l_y, k.n_history, k.rolling, record, k.room[part], k.marks[part])  # fmt: skip
+                              k.closed, k.outer, k.body, k.S, k.B, k.E, k.P, k.H, k.F, k.R, k.sums, law, k.pairs, dt, v_x, v_y,
+                              l_x, l_y, k.n_history, k.rolling, record, k.room[part], k.marks[part])  # fmt: skip
         if (task == SWEEP and alone) or (task == LATE and not alone):
             for c in range(first, last):
-                gather_chunk(c, k.cuts, k.guests, k.F, k.B, dt, time, effects, k.effect_parameters, k.has_effects != 0, record,
-                             k.moves)  # fmt: skip
+                gather_chunk(c, k.cuts, k.guests, k.F, k.B, k.E, dt, time, effects, k.effect_parameters, k.has_effects != 0,
+                             record, k.moves)  # fmt: skip
         if task == LOOK:
             speed = (v_x * v_x + v_y * v_y) ** 0.5
             for c in range(first, last):
-                observe_chunk(c, k.edges, k.incidence, k.own, k.partner, k.H, k.R, k.B, k.A, k.M, drag, speed, k.n_history,
+                observe_chunk(c, k.edges, k.incidence, k.own, k.partner, k.H, k.R, k.B, k.E, k.A, k.M, drag, speed, k.n_history,
                               k.width, observe, k.room[part], k.rows[part])  # fmt: skip

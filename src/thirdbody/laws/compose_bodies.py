@@ -27,12 +27,12 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
         until = f" if time < P[{sum(counts)}] else Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)" if effect.settling else ""
         lines.append(f"        e{k} = {call}{until}")
     sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
-    columns = (*range(at.B_EF, at.B_EF + 3), *range(at.B_ET, at.B_ET + 3))
-    lines += [f"        B[i, {column}] = {total or 0.0}" for column, total in zip(columns, sums, strict=True)]
+    columns = (*range(at.E_EF, at.E_EF + 3), *range(at.E_ET, at.E_ET + 3))
+    lines += [f"        E[i, {column}] = {total or 0.0}" for column, total in zip(columns, sums, strict=True)]
     body = f"""@njit(EFFECTS, **OPTIONS)
-def effects(B, first, last, time, dt, P):
+def effects(B, E, first, last, time, dt, P):
     for i in range(first, last):
-        mean = (B[i, {at.B_I}] + B[i, {at.B_I + 1}] + B[i, {at.B_I + 2}]) / 3.0
+        mean = (E[i, {at.E_I}] + E[i, {at.E_I + 1}] + E[i, {at.E_I + 2}]) / 3.0
         b = Body(B[i, {at.B_MASS}], B[i, {at.B_X}], B[i, {at.B_X + 1}], B[i, {at.B_X + 2}],
                  B[i, {at.B_V}], B[i, {at.B_V + 1}], B[i, {at.B_V + 2}],
                  B[i, {at.B_W}], B[i, {at.B_W + 1}], B[i, {at.B_W + 2}], mean, time)

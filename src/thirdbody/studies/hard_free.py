@@ -106,11 +106,11 @@ def _flake(trial: Trial) -> Course:
     """
     alone = ball(RADIUS, (0.0, 0.0, 0.0))
     course = trial.start(scene(trial, [alone], {"ball": STEEL}, 0.0))
-    B = course.state.B
-    B[:, at.B_I : at.B_I + 3] *= FLAKE
+    B, E = course.state.B, course.state.E
+    E[:, at.E_I : at.E_I + 3] *= FLAKE
     B[:, at.B_BALL] = 0.0
     B[:, at.B_W : at.B_W + 3] = WOBBLE
-    B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
+    E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
     course.ledger.start = course.ledger.peak = course.kinetic()
     return course
 
@@ -121,9 +121,9 @@ def spinning_flake(trial: Trial) -> None:
     Taken out: the symmetric splitting, for one turn by the present spin -> the energy guard stops it.
     """
     course = _flake(trial)
-    B = course.state.B
-    before, energy = B[0, at.B_L : at.B_L + 3].copy(), course.kinetic()
-    moments = B[0, at.B_I : at.B_I + 3].copy()
+    B, E = course.state.B, course.state.E
+    before, energy = E[0, at.E_L : at.E_L + 3].copy(), course.kinetic()
+    moments = E[0, at.E_I : at.E_I + 3].copy()
     period = _period(moments, turn_of(course).T @ B[0, at.B_W : at.B_W + 3])
     rows = []
     axis = int(np.argmin(moments))
@@ -134,7 +134,7 @@ def spinning_flake(trial: Trial) -> None:
     time, first = np.array(rows).T
     k = np.flatnonzero((first[:-1] < 0.0) & (first[1:] >= 0.0))
     zeros = time[k] - first[k] * (time[k + 1] - time[k]) / (first[k + 1] - first[k])
-    trial.hold("change of the angular momentum", np.abs(B[0, at.B_L : at.B_L + 3] - before).max(), 0.0)
+    trial.hold("change of the angular momentum", np.abs(E[0, at.E_L : at.E_L + 3] - before).max(), 0.0)
     # second order: the square of the turn of a step, .05 radians, times a factor of order one
     trial.hold("period over that of Euler's top - 1", np.abs(np.diff(zeros) / period - 1.0).max(), 1e-3)
     trial.hold("kinetic energy", abs(course.kinetic() / energy - 1.0), 1e-3)
@@ -161,11 +161,11 @@ def many_steps(trial: Trial) -> None:
         return
     count = 1_000_000 if trial.setting.full else 100_000
     course = _flake(trial)
-    B = course.state.B
-    before, energy = B[0, at.B_L : at.B_L + 3].copy(), course.kinetic()
+    E = course.state.E
+    before, energy = E[0, at.E_L : at.E_L + 3].copy(), course.kinetic()
     course.to(time=(count - 0.5) * course.state.dt)
     trial.hold_true("so many steps", int(course.state.A[at.A_STEPS]) == count)
-    trial.hold("change of the angular momentum", np.abs(B[0, at.B_L : at.B_L + 3] - before).max(), 0.0)
+    trial.hold("change of the angular momentum", np.abs(E[0, at.E_L : at.E_L + 3] - before).max(), 0.0)
     # no drift: the energy error of the splitting stays (omega dt)^2/12, whatever the time
     trial.hold("kinetic energy", abs(course.kinetic() / energy - 1.0), 3e-4)
     course.end()
@@ -295,13 +295,13 @@ def _turned(trial: Trial, axis: np.ndarray, count: int) -> tuple[np.ndarray, np.
     pair = [ball(RADIUS, (sign * RADIUS * (1.0 + 1e-12), 0.0, 0.0)) for sign in (-1.0, 1.0)]
     solver = Solver(duration=LONG, time_step=step, integrator="explicit")
     simulation = build(scene(trial, pair, {"ball": STEEL}, 0.5, solver=solver), force=True)
-    B = simulation.state.B
-    B[:, at.B_MASS] = B[:, at.B_I] = B[:, at.B_I + 1] = B[:, at.B_I + 2] = B[:, at.B_BALL] = 1e30
+    B, E = simulation.state.B, simulation.state.E
+    B[:, at.B_MASS] = E[:, at.E_I] = E[:, at.E_I + 1] = E[:, at.E_I + 2] = B[:, at.B_BALL] = 1e30
 
     def drive(target: np.ndarray, spin: np.ndarray) -> np.ndarray:
         B[:, at.B_V : at.B_V + 3] = (target - B[:, at.B_X : at.B_X + 3]) / step
         B[:, at.B_W : at.B_W + 3] = spin
-        B[:, at.B_L : at.B_L + 3] = angular_momentum(B)
+        E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
         simulation.integrator.advance_to(time=simulation.state.time + 0.5 * step)
         slots = simulation.state.slots
         return slots.R[slots.H[:, at.H_ON] > 0.0][0].copy()

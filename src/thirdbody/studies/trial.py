@@ -123,7 +123,7 @@ class Course:
         residual = self.ledger.relative_residual(state, self.ledger.lines(state)["residual"])
         trial.residual = residual if math.isnan(trial.residual) else max(trial.residual, residual)
         trial.hold("energy residual", residual, RESIDUAL[kind], RESIDUAL_GUARD)
-        finite = all(bool(np.all(np.isfinite(table))) for table in (state.S, state.B, state.P, state.A, state.slots.H))
+        finite = all(bool(np.all(np.isfinite(table))) for table in (state.S, state.B, state.E, state.P, state.A, state.slots.H))
         trial.hold_true("finite numbers", finite)
         norms = np.linalg.norm(state.B[:, at.B_Q : at.B_Q + 4], axis=1)
         trial.hold("length of quaternions - 1", np.abs(norms - 1.0).max(), NORM)
@@ -185,9 +185,9 @@ class Course:
 
     def kinetic(self) -> float:
         """Kinetic energy of all bodies, J."""
-        B = self.state.B
+        B, E = self.state.B, self.state.E
         moving = np.sum(B[:, at.B_MASS, None] * B[:, at.B_V : at.B_V + 3] ** 2)
-        return 0.5 * float(moving + np.sum(B[:, at.B_L : at.B_L + 3] * B[:, at.B_W : at.B_W + 3]))
+        return 0.5 * float(moving + np.sum(E[:, at.E_L : at.E_L + 3] * B[:, at.B_W : at.B_W + 3]))
 
     def momentum(self) -> np.ndarray:
         """Linear momentum of all bodies (3,), kg m/s."""
