@@ -150,7 +150,8 @@ def two_threads(monkeypatch) -> Iterator[None]:
     before = numba.get_num_threads()
     numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
-    monkeypatch.setattr(pace, "STARVED", 0.0)  # on a busy machine, too
+    monkeypatch.setattr(pace, "STARVED", 0.0)  # on a busy machine, too,
+    monkeypatch.setattr(pace, "SHORT", 0.0)  # and one thread is not tried
     yield
     numba.set_num_threads(before)
 

@@ -1,15 +1,27 @@
-"""A run on busy cores goes on with one thread for a while, and tries all of them again."""
+"""A run on busy cores, or of short steps, goes on with one thread for a while, and tries all of them again."""
 
 from __future__ import annotations
 
-from thirdbody.engine.pace import LEAST, LONGEST, PAUSE, STARVED, Pace
+from thirdbody.engine.pace import LEAST, LONGEST, PAUSE, SHORT, STARVED, Pace
 
 CALL = 0.03
 assert CALL > LEAST
 
 
-def told(pace: Pace, now: float, share: float, threads: int = 2, wall: float = CALL) -> None:
-    pace.note(threads, wall, share * wall, now)
+def told(pace: Pace, now: float, share: float, threads: int = 2, wall: float = CALL, steps: int = 1) -> None:
+    pace.note(threads, steps, wall, share * wall, now)
+
+
+def played(alone: float, shared: float, seconds: float) -> dict[int, float]:
+    """Wall time on one and on two threads, s, of a run whose step takes so long on one and on two, s: calls of 64 steps."""
+    pace, now, spent = Pace(), 0.0, {1: 0.0, 2: 0.0}
+    while now < seconds:
+        threads = pace.threads(2, now)
+        wall = 64 * (alone if threads == 1 else shared)
+        now += wall
+        spent[threads] += wall
+        told(pace, now, 1.0 if threads == 1 else 1.8, threads, wall, 64)
+    return spent
 
 
 def test_threads_with_a_core_each_stay():
@@ -52,3 +64,25 @@ def test_short_calls_are_judged_together():
     assert pace.threads(2, 0.0) == 2
     told(pace, 0.0, 0.1, wall=0.7 * LEAST)
     assert pace.threads(2, 0.0) == 1
+
+
+def test_short_steps_go_on_the_threads_that_take_less():
+    """One thread is tried now and then, and two, for some hundredths of a second: a per cent of the time."""
+    slower, faster = played(1e-4, 1.4e-4, 60.0), played(3e-4, 2e-4, 60.0)
+    assert 0.0 < slower[2] < 0.01 * slower[1]
+    assert 0.0 < faster[1] < 0.01 * faster[2]
+
+
+def test_one_thread_is_not_tried_where_steps_are_long():
+    assert played(2.0 * SHORT, 1.1 * SHORT, 60.0)[1] == 0.0
+
+
+def test_a_step_that_becomes_slower_on_all_threads_is_noticed():
+    """As where others come to use the cores, or most bodies leave the contacts that they had."""
+    pace = Pace()
+    told(pace, 1.0, 1.8, steps=200)
+    told(pace, 1.0 + CALL, 1.0, threads=1, steps=100)
+    told(pace, 2.0, 1.8, steps=200)
+    assert pace.threads(2, 2.0) == 2
+    told(pace, 3.0, 1.8, steps=99)
+    assert pace.threads(2, 3.0) == 1

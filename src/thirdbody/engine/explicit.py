@@ -134,6 +134,7 @@ class Explicit:
 
     def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
         s, physics, (began, worked) = self.state, self.state.physics, clocks()
+        before = s.A[at.A_STEPS]
         threads = self.pace.threads(numba.get_num_threads(), began)
         if len(self.room) < step.SHARES * threads:
             self._scratch(threads)
@@ -142,7 +143,7 @@ class Explicit:
             physics.labels,
         )  # fmt: skip
         now, busy = clocks()
-        self.pace.note(threads, now - began, busy - worked, now)
+        self.pace.note(threads, int(s.A[at.A_STEPS] - before), now - began, busy - worked, now)
         refresh_spheres(s)  # the kernel places only spheres that can meet something
         return answer
 
