@@ -153,7 +153,7 @@ class Slots:
 
 @dataclass
 class State:
-    """Tables at one synchronised instant; columns are named in `kernels.layout`.
+    """Tables at one synchronised instant; columns are named in `kernels.layout`. S may be B itself (`unite`).
 
     `order` (n_bodies,): the number by which the scene and all outputs know each body. `summed`: the integrator itself sums up
     what contacts store; else their records tell.

@@ -68,7 +68,7 @@ def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
     middle = arm - spread(h) * crossed(w, arm)
     keep_last(S, s, np.int64(S_X), x + arm)
     keep_last(S, s, np.int64(S_U), v + crossed(w, middle))
-    keep_last(S, s, np.int64(S_ARM), arm)
+    keep_last(S, s, np.int64(S_ARM), arm)  # where bodies and spheres are one table, this is 0 and what forces begin with
     store(S, s, S_W, w)
     keep_last(S, s, np.int64(S_V), v_end + crossed(w_end, arm))
     store(S, s, S_O, w_end)

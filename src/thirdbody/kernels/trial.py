@@ -6,7 +6,7 @@ Tables come in groups, named alike in all these kernels:
 |---|---|
 | spots | own, partner, kind, edges, incidence: the candidates, which here are all pairs of a sphere and a plate |
 | shape | body, start, patch, offsets |
-| state | S, B, P, H, R |
+| state | S, B, P, H, R, E |
 | known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels |
 | work | I, O, K, G: the law's tile; slots: candidates in it; before: gaps at the start of the step; then see `march` |
 
