@@ -57,6 +57,7 @@ class Pace:
             if step < SHORT and now - self.tried > LONGEST:
                 self.until = now + LEAST
 
+
 def clocks() -> tuple[float, float]:
     """Time of the wall and of the processor, s."""
     return time.perf_counter(), time.process_time()

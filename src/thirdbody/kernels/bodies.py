@@ -157,7 +157,7 @@ def limits_of(D):
 
 @njit(**BARE_CHUNK)
 def forget_plates(first, last, own, body, E):
-    """The same for the push of the upper plate on the bodies that can touch it, slots first to last."""
+    """The contacts add up anew the push of the upper plate on the bodies that can touch it, slots first to last."""
     for k in range(first, last):
         E[np.uint64(body[own[k]]), E_PUSH] = 0.0
 
