@@ -32,7 +32,7 @@ def mindlin(c, load, p, h):
     a = load.contact_radius
     stiffness = 2.0 * p.g_star * a
     now, then = max(stiffness, 1e-150), max(2.0 * p.g_star * a_old, 1e-150)
-    inverse = 1.0 / (now * then)  # one division for three: in a vector of contacts they are most of the law's time
+    inverse = 1.0 / (now * then)  # one division for three
     compliance, old_compliance = inverse * then, inverse * now
     kept = min(stiffness * old_compliance, 1.0) if a < a_old else 1.0
     x_kept, y_kept = kept * x_old, kept * y_old
