@@ -100,7 +100,7 @@ TABLES = {
     "missing column": ("b.csv", b"clump,x [um],y [um],radius [um]\n0,1,1,1\n", ":1: header", ["column z is missing"]),
     "column twice": ("b.csv", csv(("y [um]", "center_x [um]")), ":1: center_x [um]", ["x is given twice"]),
     "column without a name": ("b.csv", csv(("y [um]", "")), ":1: header", ["no name"]),
-    "no unit": ("b.csv", csv(("radius [um]", "radius")), ":1: radius", ["no unit", "radius [um]"]),
+    "no unit": ("b.csv", csv(("radius [um]", "radius")), ":1: radius", ["radius has no unit", "unit of length in brackets"]),
     "wrong dimension": ("b.csv", csv(("radius [um]", "radius [s]")), ":1: radius [s]", ["a time, expected a length"]),
     "unknown unit": ("b.csv", csv(("radius [um]", "radius [mu]")), ":1: radius [mu]", ["unknown unit 'mu'", "'um'"]),
     "unit of an id": ("b.csv", csv(("clump", "clump [um]")), ":1: clump [um]", ["a length, expected a pure number"]),

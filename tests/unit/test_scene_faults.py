@@ -85,10 +85,10 @@ ONE_FAULT = [
     ),
     (
         [('"1 m/s"', "1.5")],
-        '28:16: plates.upper.motion.x.velocity: no unit: write "1.5 m/s" or another unit of velocity',
+        "28:16: plates.upper.motion.x.velocity: 1.5 has no unit, expected a unit of velocity (nm/s, um/s, mm/s, m/s)",
     ),
-    ([('"400 um"]', "400]")], '21:19: domain.size[1]: no unit: write "400 um" or another unit of length'),
-    ([(SIZE, "size = 3")], '16:1: debris[0].size: no unit: write "3 um" or another unit of length'),
+    ([('"400 um"]', "400]")], "21:19: domain.size[1]: 400 has no unit, expected a unit of length (pm, nm, um, mm, m, angstrom)"),
+    ([(SIZE, "size = 3")], "16:1: debris[0].size: 3 has no unit, expected a unit of length (pm, nm, um, mm, m, angstrom)"),
     ([(SIZE, 'size = "3 N"')], "16:1: debris[0].size: '3 N' is a force, expected a length"),
     (
         [('time_step = "auto"', 'time_step = "1 um"')],
@@ -96,7 +96,8 @@ ONE_FAULT = [
     ),
     (
         [('"0.5 um"', "0.5")],
-        '42:1: output.every: no unit: write "0.5 um" or another unit of length or time',
+        "42:1: output.every: 0.5 has no unit, expected a unit of length (pm, nm, um, mm, m, angstrom) or time "
+        "(ps, ns, us, ms, s, min, h)",
     ),
     ([('"0.5 um"', '"5 MPa"')], "42:1: output.every: '5 MPa' is a pressure, expected a length or a time"),
     (

@@ -114,7 +114,11 @@ def test_spellings_of_one_acceleration(text):
     ("text", "dimension", "message"),
     [
         ("60 MPa", "length", "'60 MPa' is a pressure, expected a length"),
-        ("0.1", "length", 'no unit: write "0.1 um" or another unit of length'),
+        ("0.1", "length", "0.1 has no unit, expected a unit of length (pm, nm, um, mm, m, angstrom)"),
+        ("5", "time", "5 has no unit, expected a unit of time (ps, ns, us, ms, s, min, h)"),
+        ("5e-6", "length", "5e-6 has no unit, expected a unit of length (pm, nm, um, mm, m, angstrom)"),
+        ("90", "angle", "90 has no unit, expected a unit of angle (rad, deg)"),
+        ("7850", "density", "7850 has no unit, expected a unit of density (kg/m3)"),
         ("20 mu", "length", "unknown unit 'mu', did you mean 'um'?"),
         ("20 umm", "length", "unknown unit 'umm', did you mean 'um'?"),
         ("20 mpa", "pressure", "unknown unit 'mpa', did you mean 'MPa'?"),

@@ -17,14 +17,14 @@ from thirdbody.errors import Fault, InputError, nearest
 Parse = Callable[[str, str], float]
 """Text with a unit, such as "5 um", and a dimension, such as "length", to SI. Raises ValueError that says what is wrong."""
 
-# name: group, dimension, unit to suggest
+# name: group, dimension
 _COLUMNS = {
-    "clump": ("clump", "dimensionless", ""),
-    **{f"{axis}": ("center", "length", "um") for axis in "xyz"},
-    "radius": ("radius", "length", "um"),
-    **{f"q{part}": ("quaternion", "dimensionless", "") for part in "wxyz"},
-    **{f"v{axis}": ("velocity", "velocity", "m/s") for axis in "xyz"},
-    **{f"w{axis}": ("angular_velocity", "angular_velocity", "rad/s") for axis in "xyz"},
+    "clump": ("clump", "dimensionless"),
+    **{f"{axis}": ("center", "length") for axis in "xyz"},
+    "radius": ("radius", "length"),
+    **{f"q{part}": ("quaternion", "dimensionless") for part in "wxyz"},
+    **{f"v{axis}": ("velocity", "velocity") for axis in "xyz"},
+    **{f"w{axis}": ("angular_velocity", "angular_velocity") for axis in "xyz"},
 }
 _LONG = {"center": "", "quaternion": "q", "velocity": "v", "angular_velocity": "w"}
 _ALIASES = {f"{word}_{part}": short + part for word, short in _LONG.items() for part in "wxyz" if short + part in _COLUMNS}
@@ -109,9 +109,9 @@ def _column(title: str, before: list[str], parse: Parse) -> _Column:
         raise ValueError(f"unknown column, {nearest(word, _COLUMNS)}" if word else "a column has no name")
     if name in before:
         raise ValueError(f"column {name} is given twice")
-    _, dimension, usual = _COLUMNS[name]
-    if not unit and usual:
-        raise ValueError(f"no unit: write '{name} [{usual}]', or another unit of {dimension.replace('_', ' ')}")
+    _, dimension = _COLUMNS[name]
+    if not unit and dimension != "dimensionless":
+        raise ValueError(f"{name} has no unit: write a unit of {dimension.replace('_', ' ')} in brackets after the name")
     parse(f"1 {unit}", dimension)
     return _Column(name, title, unit, dimension)
 

@@ -215,7 +215,7 @@ class Output(Part):
             return [(("every_kind",), "unknown key: the unit of every says whether it is a length or a time")]
         if type(every) in (int, float) and (from_file or "every_kind" not in raw):
             or_kind = "" if from_file else ", or give every_kind"
-            return [(("every",), f'no unit: write "{show(every)} um" or another unit of length or time{or_kind}')]
+            return [(("every",), units.without_unit(show(every), ("length", "time")) + or_kind)]
         return []
 
     @classmethod

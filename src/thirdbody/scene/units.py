@@ -132,10 +132,7 @@ def parse_any(text: str, dimensions: tuple[str, ...]) -> tuple[float, str]:
     wanted = [DIMENSIONS[name] for name in dimensions]
     number, unit = _split(text, wanted[0])
     if not unit and "dimensionless" not in dimensions:
-        expected = " or ".join(entry.phrase for entry in wanted)
-        shown = text.strip()
-        shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
-        raise ValueError(f'no unit: write "{shown} {wanted[0].usual}" or another unit of {_bare(expected)}')
+        raise ValueError(without_unit(text.strip(), dimensions))
     factor, powers = _product(unit, wanted[0])
     for name, entry in zip(dimensions, wanted, strict=True):
         if powers == entry.powers or powers in entry.also:
@@ -143,6 +140,20 @@ def parse_any(text: str, dimensions: tuple[str, ...]) -> tuple[float, str]:
     found = " or ".join(entry.phrase for entry in DIMENSIONS.values() if entry.powers == powers)
     expected = " or ".join(entry.phrase for entry in wanted)
     raise ValueError(f"'{text}' is {found or 'a quantity in ' + unit}, expected {expected}")
+
+
+def without_unit(shown: str, dimensions: tuple[str, ...]) -> str:
+    """Return the message about a number without a unit: the accepted units, and no guess of the value that was meant."""
+    shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
+    listed = " or ".join(f"{_bare(DIMENSIONS[name].phrase)} ({', '.join(accepted_units(name))})" for name in dimensions)
+    return f"{shown} has no unit, expected a unit of {listed}"
+
+
+def accepted_units(dimension: str) -> list[str]:
+    """Return the units that messages name: those of the ladder, and those without prefixes such as min, h and deg."""
+    entry = DIMENSIONS[dimension]
+    other = [name for name, (_, powers) in _PLAIN.items() if powers == entry.powers and name.isascii()]
+    return [*(unit for unit, _ in entry.ladder if unit), *other]
 
 
 def format_si(value: float, dimension: str) -> str:
