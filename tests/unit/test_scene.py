@@ -168,9 +168,11 @@ def test_settings_replace_values_and_their_alternatives():
     ("given", "told"),
     [
         ({"solvr.distance": "1 um"}, ["solvr: unknown key, did you mean 'solver'?"]),
+        ({"distance": "1 um"}, ["distance: unknown key, did you mean 'solver.distance'?"]),
+        ({"frction": "0.2"}, ["frction: unknown key, did you mean 'pairs.0.friction'?"]),
         ({"solver.distnce": "1 um"}, ["solver.distnce: unknown key, did you mean 'distance'?"]),
         ({"solver.distance": "1 MPa"}, ["solver.distance: '1 MPa' is a pressure, expected a length"]),
-        ({"solver.distance": "1"}, ['solver.distance: 1 has no unit, expected a unit of length (pm, nm, um, mm, m, angstrom)']),
+        ({"solver.distance": "1"}, ["solver.distance: 1 has no unit, expected a unit of length (pm, nm, um, mm, m, angstrom)"]),
         ({"debris.0.count": "0"}, ["debris[0].count: 0 must be at least 1"]),
         ({"debris.3.count": "2"}, ["debris.3.count: debris has no entry '3': its entries are 0 to 0"]),
         ({"title.x": "2"}, ["title.x: title = 'what it shows' is not a table"]),

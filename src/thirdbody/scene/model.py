@@ -6,6 +6,7 @@ The tables themselves stand in `tables` and `debris`; import them from here.
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Mapping
 from dataclasses import replace
@@ -47,6 +48,12 @@ __all__ = [
 ]  # fmt: skip
 
 VERSION = 1
+
+_TABLES: dict[str, type[Part]] = {
+    "solver": Solver, "output": Output, "contact": Contact, "effects": Effects, "domain": Domain, "pairs.0": Pair,
+    "plates.upper": UpperPlate,
+}  # fmt: skip
+"""Tables whose keys are suggested with their path where they are given without it."""
 
 
 class Scene(Part):
@@ -95,6 +102,15 @@ class Scene(Part):
             raise InputError(source.in_order(wrongs))
         scene._source = source
         return scene
+
+    @classmethod
+    def suggestion(cls, key: str) -> str:
+        """Return a phrase that offers the nearest table, or for a key of a table its whole path: `solver.distance`."""
+        inner = _inner_paths()
+        close = difflib.get_close_matches(key, cls.model_fields, 1, 0.7) or difflib.get_close_matches(key, inner, 1, 0.7)
+        if not close or close[0] in cls.model_fields:
+            return super().suggestion(key)
+        return f"did you mean {' or '.join(inner[close[0]])}?"
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
@@ -181,6 +197,15 @@ class Scene(Part):
     def fault(self, place: Place, message: str) -> Fault:
         """A fault at a place such as ("contact", "springs"), with file and line if there is a file."""
         return self._source.fault(place, message)
+
+
+def _inner_paths() -> dict[str, list[str]]:
+    """Return the quoted paths of the keys inside tables by the key, such as {"distance": ["'solver.distance'"]}."""
+    paths: dict[str, list[str]] = {}
+    for place, table in _TABLES.items():
+        for name in table.model_fields.keys() - {table.rest}:
+            paths.setdefault(name, []).append(f"'{place}.{name}'")
+    return paths
 
 
 def _sound(part: type[Any], raw: Any, context: Any) -> Any:

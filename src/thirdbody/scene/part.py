@@ -119,6 +119,11 @@ class Part(BaseModel):
         return []
 
     @classmethod
+    def suggestion(cls, key: str) -> str:
+        """Return a phrase that offers the known key nearest to an unknown one."""
+        return nearest(key, cls.model_fields)
+
+    @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
         """The table with short forms written out. Raises ValidationError."""
         return raw
@@ -176,7 +181,7 @@ class Part(BaseModel):
                 text = f"{key} = {show(raw[key])} is known but not available in this version"
                 wrongs.append(((key,), f"{text}; available: {cls.later[key]}"))
                 continue
-            wrongs.append(((key,), f"unknown key, {nearest(str(key), cls.model_fields)}"))
+            wrongs.append(((key,), f"unknown key, {cls.suggestion(str(key))}"))
             for meant in difflib.get_close_matches(str(key), cls.model_fields.keys() - kept.keys(), 1, 0.7):
                 kept[meant] = raw[key]
                 renamed[meant] = key
