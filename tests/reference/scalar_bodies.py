@@ -1,7 +1,7 @@
 """The motion of one rigid body by velocity Verlet, in Python floats: kick, drift, turn, and where its spheres are.
 
 Rows are lists of floats with the columns of `thirdbody.kernels.layout`. What the engine does for 64 bodies field by field is
-done here for one body, in the same order of operations: each is an IEEE operation, so the bits must be the same.
+done here for one body.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """One contact at a time in Python floats: does it touch, how do the two surfaces move, what do the laws answer.
 
-`Frame` holds what the engine keeps field by field in a tile. All in the order of operations of the engine.
+`Frame` holds what the engine keeps field by field in a tile.
 """
 
 from __future__ import annotations

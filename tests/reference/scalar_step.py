@@ -2,8 +2,8 @@
 
 No compiled code, tiles, lists of what touches, rows of forces that are shared, or threads. It starts from the tables of a state,
 takes the engine's candidates (the search is not judged here), and keeps the memory of a contact under the names of its spheres.
-Only two things are the engine's own: the columns of the tables, and how many bodies are summed together (`BODIES`, and `GROUP`
-times as many for contacts), for sums have the same bits only in the same order.
+Only the columns of the tables are the engine's own. Sums are taken in the order of the candidates and of the bodies, the
+engine's in another, so that numbers agree to rounding.
 """
 
 from __future__ import annotations
@@ -22,13 +22,9 @@ from scalar_plates import Patches, Plan
 
 from thirdbody.kernels import layout as at
 from thirdbody.kernels import motion
-from thirdbody.kernels.bodies import BODIES
-from thirdbody.kernels.contacts import GROUP
 from thirdbody.kernels.rolling import MOMENTS
 
 Pair = tuple[int, int]
-Push = tuple[int, int, Vector, Vector, float, float]
-"""A slot, a body, the force and torque about its centre of mass on it, and its shares of friction work and slip."""
 
 
 @dataclass
@@ -48,14 +44,6 @@ class Sums:
             self.lower = added(self.lower, force, -1.0)
         else:
             self.upper = added(self.upper, force, -1.0)
-
-    def add(self, row: Sums) -> None:
-        """Those of other contacts besides."""
-        self.work += row.work
-        self.power += row.power
-        self.stored_n += row.stored_n
-        self.stored_t += row.stored_t
-        self.upper, self.lower = added(self.upper, row.upper), added(self.lower, row.lower)
 
 
 class Reference:
@@ -81,6 +69,7 @@ class Reference:
             self.memory[pair], self.records[pair] = H, R
         self.columns = state.slots.H.shape[1]
         self.opened = self.closed = 0
+        self.lost = 0.0
         self.take(state.slots)
 
     def take(self, slots: Any) -> None:
@@ -122,45 +111,37 @@ class Reference:
             drift(B, [self.S[s] for s in self.spheres(b)], [self.offsets[s] for s in self.spheres(b)], dt)
         spent = self.contacts(Surroundings(self.P, v[0], v[1], dt, *self.size))
         powers = [self.close(b, t + dt, dt) for b in range(len(self.B))]
-        effects = chunk_by_chunk(powers)
         self.patches.load(t + dt)
         self.patches.press(self.B, spent.upper[2])
-        self.account(spent, effects, self.patches.kick(dt), v, dt)
+        self.account(spent, self.total(powers), self.patches.kick(dt), v, dt)
         if sampled:
             look(self, v)
             self.A[at.A_ELAPSED], self.A[at.A_DX], self.A[at.A_DY] = 0.0, 0.0, 0.0
 
     def contacts(self, world: Surroundings) -> Sums:
-        """All contacts act on their bodies, group by group.
-
-        What a contact does to a body of another group comes after all that the body's own group does to it.
-        """
-        total, late = Sums(), list[Push]()
-        for slots in self.rows():
-            row = Sums()
-            closed = [k for k in slots if touches(self.S, *self.pairs[k], world)]
-            for k in sorted(set(slots) - set(closed)):
-                if self.memory[self.pairs[k]][at.H_ON] != 0.0:
-                    self.opened += 1
-                    lost = let_go(self.memory[self.pairs[k]])
-                    row.work += lost
-                    late += self.lose(k, lost)
-            lanes = [Sums() for _ in range(4)]
-            for place, k in enumerate(closed):
+        """All contacts act on their bodies, in the order of the candidates."""
+        total = Sums()
+        for k in self.order():
+            if touches(self.S, *self.pairs[k], world):
                 done = self.meet(k, world)
-                lanes[place % 4].work += done.answer.work
-                lanes[place % 4].power += done.answer.power
-                row.stored_n += done.answer.stored_n
-                row.stored_t += done.answer.stored_t
+                total.work += done.answer.work
+                total.power += done.answer.power
+                total.stored_n += done.answer.stored_n
+                total.stored_t += done.answer.stored_t
                 if k < self.plates:
-                    row.press(done.force, lower=self.pairs[k][1] == -1)
-                late += self.push(k, done)
-            row.work += (lanes[0].work + lanes[1].work) + (lanes[2].work + lanes[3].work)
-            row.power = (lanes[0].power + lanes[1].power) + (lanes[2].power + lanes[3].power)
-            total.add(row)
-        for _, b, force, torque, work, slip in sorted(late):
-            self.give(b, force, torque, work, slip)
+                    total.press(done.force, lower=self.pairs[k][1] == -1)
+                self.push(k, done)
+            elif self.memory[self.pairs[k]][at.H_ON] != 0.0:
+                self.opened += 1
+                lost = let_go(self.memory[self.pairs[k]])
+                self.lost += lost
+                total.work += lost
+                self.lose(k, lost)
         return total
+
+    def order(self) -> Sequence[int]:
+        """The slots, in the order in which their contacts act."""
+        return range(len(self.pairs))
 
     def give(self, b: int, force: Vector, torque: Vector, work: float, slip: float) -> None:
         """A contact acts on a body, which has its shares of friction work and slip."""
@@ -168,29 +149,12 @@ class Reference:
         self.B[b][at.B_WORK] += work
         self.B[b][at.B_SLIP] += slip
 
-    def lose(self, k: int, lost: float) -> list[Push]:
-        """What an opened contact lost is friction work too; returns what is for a body of another group."""
-        (i, j), none = self.pairs[k], (0.0, 0.0, 0.0)
+    def lose(self, k: int, lost: float) -> None:
+        """What an opened contact lost is friction work of its bodies."""
+        i, j = self.pairs[k]
         self.B[self.body[i]][at.B_WORK] += lost if j < 0 else 0.5 * lost
-        if j < 0:
-            return []
-        if self.group(self.body[i]) != self.group(self.body[j]):
-            return [(k, self.body[j], none, none, 0.5 * lost, 0.0)]
-        self.B[self.body[j]][at.B_WORK] += 0.5 * lost
-        return []
-
-    def rows(self) -> list[list[int]]:
-        """Slots whose work is summed together, of every group of bodies: what its spheres have with plates, then what they own of
-        the contacts between spheres."""
-        groups = 1 + self.group(len(self.B) - 1)
-        found: list[list[int]] = [[] for _ in range(2 * groups)]
-        for k, (i, _) in enumerate(self.pairs):
-            found[2 * self.group(self.body[i]) + (k >= self.plates)].append(k)
-        return found
-
-    def group(self, b: int) -> int:
-        """The group of a body."""
-        return b // (GROUP * BODIES)
+        if j >= 0:
+            self.B[self.body[j]][at.B_WORK] += 0.5 * lost
 
     def meet(self, k: int, world: Surroundings) -> Done:
         """What the closed contact in slot k does; its memory and its record are brought up to date."""
@@ -200,24 +164,21 @@ class Reference:
         self.records[i, j] = record(self.S, i, j, done, world, self.physics.rolling == MOMENTS)
         return done
 
-    def push(self, k: int, done: Done) -> list[Push]:
-        """The contact in slot k acts on its bodies; what it does to a body of another group is not added yet but returned."""
+    def push(self, k: int, done: Done) -> None:
+        """The contact in slot k acts on its bodies."""
         i, j = self.pairs[k]
         here, force, slip = self.body[i], done.force, done.answer.slip
         if j < 0:
             self.give(here, force, self.about(i, done.torque, force), done.answer.work, slip)
             self.B[here][E_PUSH] += 0.0 if j == -1 else force[2]
-            return []
+            return
         there, against = self.body[j], added((0.0, 0.0, 0.0), force, -1.0)
         torque, back = done.torque, done.back
         if len(self.S) > len(self.B):
             torque, back = self.about(i, torque, force), self.about(j, back, against)
         share = 0.5 * done.answer.work
         self.give(here, force, torque, share, slip)
-        if self.group(here) != self.group(there):
-            return [(k, there, against, back, share, slip)]
         self.give(there, against, back, share, slip)
-        return []
 
     def about(self, s: int, torque: Vector, force: Vector) -> Vector:
         """Torque about the centre of mass, from that about the centre of sphere s and the force at it."""
@@ -237,6 +198,10 @@ class Reference:
             act(B, force, torque)
             powers = [force[k] * B[at.B_V + k] + torque[k] * B[at.B_W + k] for k in range(3)]
         return powers
+
+    def total(self, powers: Sequence[list[float]]) -> float:
+        """Sum of the powers (3 each) of the effects on all bodies, W."""
+        return sum(power for body in powers for power in body)
 
     def account(self, spent: Sums, effects: float, patches: tuple[float, ...], v: tuple[float, float], dt: float) -> None:
         """The step in the ledger, by the trapezoid, and on the clock."""
@@ -268,15 +233,3 @@ class Reference:
 def pairs_of(slots: Any) -> list[Pair]:
     """Who meets whom, candidate by candidate."""
     return list(zip(slots.own.tolist(), slots.partner.tolist(), strict=True))
-
-
-def chunk_by_chunk(powers: Sequence[list[float]]) -> float:
-    """The sum of the powers (3 each) of bodies: those of a chunk first."""
-    total = 0.0
-    for first in range(0, len(powers), BODIES):
-        part = 0.0
-        for body in powers[first : first + BODIES]:
-            for power in body:
-                part += power
-        total += part
-    return total

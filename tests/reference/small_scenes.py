@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import numpy as np
 import peers_scenes
 from thirdbody_three_spot import PLUGIN as THREE_SPOT
 
+from thirdbody.kernels import layout as at
 from thirdbody.laws.catalogue import PLUGIN as CATALOGUE
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.build import Simulation, build
@@ -121,6 +123,19 @@ def crowd() -> Simulation:
     upper = 'support = "rigid"\nload = "50 mN"\nmotion = {x = {velocity = "3 m/s"}}'
     bed = clumps(36, 36, placement='placement = "dense"\nvelocity = ["0 m/s", "0 m/s", "-2 m/s"]')
     return scene(bed, '["58 um", "64 um"]', upper=upper, contact='law = "three_spot"\nlevel = "coulomb"', effects=effects)
+
+
+torn = crowd
+
+
+def tear(simulation: Simulation) -> None:
+    """Lift the plate and the upper half of the bodies out of contact at once, so that contacts open with their springs loaded."""
+    state = simulation.state
+    lift = 2.0 * state.slots.R[state.slots.H[:, at.H_ON] > 0.0, at.R_OVERLAP].max()
+    upper = state.B[:, at.B_X + 2] > np.median(state.B[:, at.B_X + 2])
+    state.B[upper, at.B_X + 2] += lift
+    state.P[:, at.P_Z] += 2.0 * lift
+    state.A[at.A_FAR] += 2.0 * lift
 
 
 def swarm() -> Simulation:

@@ -1,7 +1,8 @@
-"""The explicit engine against a step written plainly in Python floats (`scalar_step`): every bit of every table is the same.
+"""The explicit engine against a step written plainly in Python floats (`scalar_step`): every number of every table agrees to
+rounding over a short run, and the engine's own bits are the same for any threads.
 
 The two share the columns of the tables, the candidates of the search and the text of the law kernels, no more. That the
-comparison can fail is shown by `test_a_fault_is_seen`: it changes one sign, one term or one order of summation of the plain step.
+comparison can fail is shown by `test_a_fault_is_seen`: it changes one sign or one term of the plain step.
 """
 
 from __future__ import annotations
@@ -22,8 +23,6 @@ import scalar_laws
 import scalar_plates
 import scalar_step
 import small_scenes
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
 from scalar_step import Reference
 
 from thirdbody.engine import explicit, pace
@@ -46,13 +45,41 @@ SCENES = {
     "springs": (16, 40),
     "foundation": (60, 24),
     "rolled": (100, 50),
+    "torn": (400, 8),
 }
 """About how many steps the engine goes alone, and how many with the plain step beside it: contacts then open and close."""
+
+TOLERANCE, OF_FORCES = 1e-13, 1e-11
+"""Of positions and velocities, and of all that overlaps decide, relative to the largest of their kind. A sum of some hundred
+terms is rounded by 1e-15, whatever its order. A position of 60 um is rounded by 7e-21 m, which is 5e-13 of a usual overlap, and
+so of forces, and happens a few times in a short run; see `test_sums_in_another_order_agree`."""
+
+SEEN = 1e3
+"""Tolerances by which a fault of the plain step changes some number at least: far above all rounding."""
+
+MOTION = {
+    "B": [*range(at.B_X, at.B_F), *range(at.B_Q, at.B_COLS)],
+    "E": range(at.E_PUSH),
+    "S": range(at.S_COLS),
+    "P": [at.P_Z, at.P_V],
+}
+"""Columns of positions and velocities."""
 
 OF_THE_SEARCH = {"P": (slice(None), at.P_Z0), "A": at.A_FAR}
 """What only the search looks at."""
 
+VECTORS = {
+    "B": [(at.B_X, 3), (at.B_V, 3), (at.B_W, 3), (at.B_F, 3), (at.B_T, 3), (at.B_Q, 4)],
+    "E": [(at.E_L, 3), (at.E_I, 3), (at.E_EF, 3), (at.E_ET, 3)],
+    "S": [(at.S_X, 3), (at.S_U, 3), (at.S_W, 3), (at.S_V, 3), (at.S_O, 3), (at.S_ARM, 3)],
+    "A": [(at.A_IMPULSE, 3), (at.A_IMPULSE_LOW, 3), (at.A_UPPER, 3), (at.A_LOWER, 3)],
+    "H": [(at.H_E, 3)],
+    "R": [(column, 3) for column in (at.R_POINT, at.R_POINT_J, at.R_N, at.R_T, at.R_VI, at.R_VJ, at.R_M)],
+}
+"""First columns and lengths of the vectors in the tables."""
+
 Tables = dict[str, np.ndarray]
+Spoil = Callable[[pytest.MonkeyPatch], None]
 Event = tuple[int, Slots | None]
 """Steps that the engine made at a stretch, and the candidates of the search that ended them."""
 
@@ -103,24 +130,52 @@ def tables(simulation: Simulation) -> Tables:
     return found | {"H": slots.H.copy(), "R": slots.R[slots.H[:, at.H_ON] > 0.0]}
 
 
-def differences(one: Tables, other: Tables) -> dict[str, str]:
-    """Where two sets of tables differ in any bit, by table: row, column and values of the first number, and how many more."""
-    found = {}
+def differing_bits(one: Tables, other: Tables) -> set[str]:
+    """Tables that differ in any bit."""
+    found = set()
     for name in one:
-        a, b = one[name], other[name]
+        a, b = (np.ascontiguousarray(tables[name]).view(np.uint64) for tables in (one, other))
+        assert a.shape == b.shape, name
+        if not np.array_equal(a, b):
+            found.add(name)
+    return found
+
+
+def scales(name: str, table: np.ndarray) -> np.ndarray:
+    """The largest size in every column of a table; components of one vector share theirs."""
+    finite = np.where(np.isfinite(table), np.abs(table), 0.0)
+    scale = finite.reshape(-1, table.shape[-1]).max(axis=0, initial=0.0)
+    for first, length in VECTORS.get(name, ()):
+        scale[first : first + length] = scale[first : first + length].max(initial=0.0)
+    return scale
+
+
+def tolerances(name: str, table: np.ndarray) -> np.ndarray:
+    """How far a number in every column of a table may be off."""
+    relative = np.full(table.shape[-1], OF_FORCES)
+    relative[[column for column in MOTION.get(name, ()) if column < len(relative)]] = TOLERANCE
+    return relative * scales(name, table)
+
+
+def departures(engine: Tables, plain: Tables) -> dict[str, float]:
+    """Largest difference in each table, in tolerances; columns of the search are left out."""
+    found = {}
+    for name, a in engine.items():
+        b = plain[name]
         assert a.shape == b.shape and a.dtype == b.dtype == np.float64, name
-        unlike = np.ascontiguousarray(a).view(np.uint64) != np.ascontiguousarray(b).view(np.uint64)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            apart = np.where(a == b, 0.0, np.abs(a - b) / tolerances(name, a))
+        apart[np.isnan(apart)] = math.inf
         if name in OF_THE_SEARCH:
-            unlike[OF_THE_SEARCH[name]] = False
-        if unlike.any():
-            first = tuple(int(k[0]) for k in np.nonzero(unlike))
-            found[name] = f"{first}: {a[first]!r} or {b[first]!r}, and {unlike.sum() - 1} more"
+            apart[OF_THE_SEARCH[name]] = 0.0
+        found[name] = float(apart.max(initial=0.0))
     return found
 
 
 @dataclass
 class Pass:
-    """One scene gone through by both: the tables before (`spare` plain steps that stand there) and after, and what happened."""
+    """One scene gone through by both: the engine's tables and the plain step's, what happened, and `spare` plain steps that
+    stand where both began."""
 
     simulation: Simulation
     engine: Tables
@@ -130,18 +185,40 @@ class Pass:
     spare: list[Reference]
 
 
+def begun(name: str) -> Simulation:
+    """A scene after the steps that the engine goes alone."""
+    simulation = getattr(small_scenes, name)()
+    lead(simulation, SCENES[name][0])
+    if name == "torn":
+        small_scenes.tear(simulation)
+    return simulation
+
+
 @cache
 def both(name: str) -> Pass:
     """A scene, its steps by the engine on one thread and by the plain step."""
     numba.set_num_threads(1)
-    simulation = getattr(small_scenes, name)()
-    before, steps = SCENES[name]
-    lead(simulation, before)
-    faults = sum(scene == name for scene, *_ in FAULTS.values())
-    reference, *spare = (Reference(simulation) for _ in range(1 + faults))
-    events = follow(simulation, steps)
+    simulation = begun(name)
+    reference, *spare = (Reference(simulation) for _ in range(1 + sum(scene == name for scene, *_ in CHANGES)))
+    events = follow(simulation, SCENES[name][1])
     engine = tables(simulation)
     return Pass(simulation, engine, reference, walk(reference, events, simulation.state.dt), events, spare)
+
+
+def engine_alone(name: str) -> Tables:
+    """The tables after the same steps, by the engine as it now is."""
+    simulation = begun(name)
+    follow(simulation, SCENES[name][1])
+    return tables(simulation)
+
+
+def changed(name: str, spoil: Spoil, patch: pytest.MonkeyPatch) -> dict[str, float]:
+    """How many tolerances a changed plain step is off the engine; tables with other rows, as others touch, are left out."""
+    found = both(name)
+    spoil(patch)
+    wrong = walk(found.spare.pop(), found.events, found.simulation.state.dt)
+    alike = {name: values for name, values in wrong.items() if values.shape == found.engine[name].shape}
+    return departures({name: found.engine[name] for name in alike}, alike)
 
 
 @pytest.fixture
@@ -157,29 +234,21 @@ def two_threads(monkeypatch) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_the_engine_has_the_bits_of_the_plain_step(name):
+def test_the_engine_agrees_with_the_plain_step(name):
     found = both(name)
-    assert differences(found.engine, found.expected) == {}
+    assert max(departures(found.engine, found.expected).values()) <= 1.0
 
 
 @pytest.mark.parametrize("name", SCENES)
-def test_two_threads_have_the_bits_of_the_plain_step(name, two_threads):
-    simulation = getattr(small_scenes, name)()
-    before, steps = SCENES[name]
-    lead(simulation, before)
-    follow(simulation, steps)
-    assert differences(tables(simulation), both(name).expected) == {}
+def test_two_threads_have_the_bits_of_one(name, two_threads):
+    assert differing_bits(engine_alone(name), both(name).engine) == set()
 
 
 def test_threads_may_change_on_the_way(two_threads, monkeypatch):
     """As they do where others use the cores."""
     turns = itertools.cycle((2, 1))
     monkeypatch.setattr(pace.Pace, "threads", lambda *_: next(turns))
-    simulation = small_scenes.swarm()
-    before, steps = SCENES["swarm"]
-    lead(simulation, before)
-    follow(simulation, steps)
-    assert differences(tables(simulation), both("swarm").expected) == {}
+    assert differing_bits(engine_alone("swarm"), both("swarm").engine) == set()
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -200,6 +269,13 @@ def pairs_of_groups(found: Pass) -> tuple[np.ndarray, np.ndarray]:
     return owner // (GROUP * BODIES), partner // (GROUP * BODIES)
 
 
+def rows(found: Pass, slots: np.ndarray) -> list[np.ndarray]:
+    """These slots, row by row: of every group those between spheres and plates, then those that its spheres own."""
+    state = found.simulation.state
+    row = 2 * (state.body[state.slots.own[slots]] // (GROUP * BODIES)) + (slots >= state.slots.n_plates)
+    return [slots[row == k] for k in range(int(row.max()) + 1)]
+
+
 def work_from_the_last() -> Any:
     """The engine's passes over groups, each with its parts in the opposite order."""
     context_of = known(KINDS, Context)
@@ -215,16 +291,12 @@ def work_from_the_last() -> Any:
 def test_the_order_of_parts_does_not_matter(two_threads, monkeypatch):
     """Threads that wait for each other by luck only would pass the tests of two threads."""
     monkeypatch.setattr(explicit, "work", work_from_the_last())
-    simulation = small_scenes.swarm()
-    before, steps = SCENES["swarm"]
-    lead(simulation, before)
-    follow(simulation, steps)
-    assert differences(tables(simulation), both("swarm").expected) == {}
+    assert differing_bits(engine_alone("swarm"), both("swarm").engine) == set()
 
 
 def test_the_scenes_are_hard_enough():
     """Contacts that open and close, searches on the way, several tiles and chunks, labels, moments, a plate of every kind."""
-    layer, crowd, swarm, springs, foundation, rolled = (both(name) for name in SCENES)
+    layer, crowd, swarm, springs, foundation, rolled, torn = (both(name) for name in SCENES)
     assert all(found.reference.opened > 0 for found in (layer, crowd, springs, rolled))
     assert all(found.reference.closed > 0 for found in (layer, crowd, springs))
     assert len(layer.engine["R"]) > 2 * at.TILE
@@ -238,8 +310,8 @@ def test_the_scenes_are_hard_enough():
     assert any(slots is not None for found in (layer, crowd, springs, rolled) for _, slots in found.events)
     for found in (crowd, springs, rolled):  # unlike materials in one tile
         slots = found.simulation.state.slots
-        closed = [[k for k in row if slots.H[k, at.H_ON] > 0.0] for row in found.reference.rows()]
-        tiles = [row[first : first + at.TILE] for row in closed for first in range(0, len(row), at.TILE)]
+        closed = np.flatnonzero(slots.H[:, at.H_ON] > 0.0)
+        tiles = [row[first : first + at.TILE] for row in rows(found, closed) for first in range(0, len(row), at.TILE)]
         assert any(len(set(slots.kind[tile])) > 1 for tile in tiles)
     assert [found.simulation.state.physics.labels for found in (layer, crowd, springs)] == [False, True, True]
     assert springs.simulation.state.slots.n_plates == springs.simulation.state.slots.count
@@ -248,6 +320,7 @@ def test_the_scenes_are_hard_enough():
     assert foundation.reference.plan.rows[motion.LOAD] and foundation.reference.plan.rows[motion.Y]
     clock, settled = rolled.engine["A"][at.A_TIME], rolled.simulation.settle  # what ends with settling ends on the way
     assert clock - SCENES["rolled"][1] * rolled.simulation.state.dt < settled < clock
+    assert torn.reference.opened > 50 and torn.reference.lost > SEEN * OF_FORCES * torn.engine["A"][at.A_FRICTION]
     assert np.any(rolled.engine["R"][:, at.R_M : at.R_M + 3] != 0.0) and rolled.simulation.state.physics.rolling == MOMENTS
 
 
@@ -268,28 +341,19 @@ def one_radius(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(scalar_contact, "torques", lambda *arguments: (right(*arguments)[0],) * 2)
 
 
-def at_once(patch: pytest.MonkeyPatch) -> None:
-    """Bodies of other groups get their share with the contact, not behind those of their own group."""
-    right = Reference.push
+def no_reaction(patch: pytest.MonkeyPatch) -> None:
+    """A contact does nothing to its partner where that is of another group of bodies."""
+    give, push = Reference.give, Reference.push
 
-    def wrong(reference: Reference, k: int, done: Any) -> list[Any]:
-        for push in right(reference, k, done):
-            reference.give(*push[1:])
-        return []
+    def wrong(reference: Reference, k: int, done: Any) -> None:
+        i, j = reference.pairs[k]
+        here, there = reference.body[i], reference.body[max(j, 0)]
+        far = j >= 0 and here // (GROUP * BODIES) != there // (GROUP * BODIES)
+        with pytest.MonkeyPatch.context() as only:
+            only.setattr(Reference, "give", lambda self, b, *rest: None if far and b == there else give(self, b, *rest))
+            push(reference, k, done)
 
     patch.setattr(Reference, "push", wrong)
-
-
-def backwards(patch: pytest.MonkeyPatch) -> None:
-    """The contacts of every group from the last to the first."""
-    right = Reference.rows
-    patch.setattr(Reference, "rows", lambda reference: [slots[::-1] for slots in right(reference)])
-
-
-def spheres_first(patch: pytest.MonkeyPatch) -> None:
-    """In every group the contacts between spheres before those with plates."""
-    right = Reference.rows
-    patch.setattr(Reference, "rows", lambda reference: [right(reference)[row ^ 1] for row in range(len(right(reference)))])
 
 
 def not_shared(patch: pytest.MonkeyPatch) -> None:
@@ -302,20 +366,26 @@ def not_shared(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Reference, "give", wrong)
 
 
+def first_chunk(_: Reference, powers: list[list[float]]) -> float:
+    """The powers of the effects on the bodies of the first chunk only."""
+    return sum(power for body in powers[:BODIES] for power in body)
+
+
 def forgotten(memory: list[float]) -> float:
     """A contact that opens without a loss."""
     memory[at.H_STORED] = 0.0
     return scalar_contact.let_go(memory)
 
 
-def term_by_term(v: Any, w: Any, r: Any) -> Any:
-    """The velocity of a point as (v + one product) - the other."""
-    return v[0] + w[1] * r[2] - w[2] * r[1], v[1] + w[2] * r[0] - w[0] * r[2], v[2] + w[0] * r[1] - w[1] * r[0]
+def turned_round(v: Any, w: Any, r: Any) -> Any:
+    """The velocity of a point as if the body turned the other way."""
+    return scalar_bodies.added(v, scalar_bodies.cross(w, r), -1.0)
 
 
-def from_the_right(a: Any, b: Any) -> float:
-    """The scalar product summed from its last term."""
-    return a[2] * b[2] + a[1] * b[1] + a[0] * b[0]
+def untwisted(frame: Any, memory: Any, dt: float) -> None:
+    """A carried axis that does not turn with the spin about the normal."""
+    frame.moved = frame.moved[0], (0.0, 0.0, 0.0), frame.moved[2]
+    RIGHT_CARRY(frame, memory, dt)
 
 
 def unfitted(x: float, y: float, *_: float) -> tuple[float, float, float]:
@@ -328,10 +398,7 @@ def end_normal(frame: Any, moved: Any, _: Any) -> Any:
     return RIGHT_SLIP(frame, moved, frame.n)
 
 
-RIGHT_SLIP = scalar_contact.slipping
-
-Spoil = Callable[[pytest.MonkeyPatch], None]
-
+RIGHT_SLIP, RIGHT_CARRY = scalar_contact.slipping, scalar_contact.carry
 
 def instead(where: Any, name: str, wrong: Any) -> Spoil:
     """Something wrong in place of what has this name."""
@@ -340,46 +407,78 @@ def instead(where: Any, name: str, wrong: Any) -> Spoil:
 
 FAULTS: dict[str, tuple[str, Spoil, str]] = {
     "sign of the torque of friction": ("crowd", other_sign, "BSAHR"),
-    "order within a scalar product": ("crowd", instead(scalar_bodies, "dot", from_the_right), "BSHR"),
-    "velocity of a point": ("crowd", instead(scalar_bodies, "carried", term_by_term), "BSHR"),
+    "velocity of a point": ("crowd", instead(scalar_bodies, "carried", turned_round), "BSAHR"),
     "nearest image": ("crowd", instead(scalar_contact, "image", lambda d, _: d), "BSHR"),
     "viscous part of friction": ("crowd", instead(scalar_laws, "fitted", unfitted), "BSAHR"),
     "normal of the middle of the step": ("crowd", instead(scalar_contact, "slipping", end_normal), "BSAHR"),
+    "twist of a contact": ("torn", instead(scalar_contact, "carry", untwisted), "H"),
     "arm of the force": ("crowd", instead(Reference, "about", lambda _, s, torque, force: torque), "BSAHR"),
-    "energy of springs that open": ("rolled", instead(scalar_step, "let_go", forgotten), "B"),
-    "order of contacts": ("crowd", backwards, "BSAHR"),
-    "plates before spheres": ("crowd", spheres_first, "BSAHR"),
+    "energy of springs that open": ("torn", instead(scalar_step, "let_go", forgotten), "BA"),
+    "shares of what opens": ("torn", instead(Reference, "lose", lambda *_: None), "B"),
     "shares of friction work": ("swarm", not_shared, "B"),
-    "shares of what opens": ("rolled", instead(Reference, "lose", lambda *_: []), "B"),
-    "bodies that are summed together": ("crowd", instead(scalar_step, "BODIES", BODIES // 2), "A"),
+    "bodies that effects act on": ("crowd", instead(Reference, "total", first_chunk), "A"),
     "load": ("crowd", instead(scalar_plates.Patches, "drift", lambda *_: None), "BSPAHR"),
     "radius of the partner": ("swarm", one_radius, "BSAHR"),
-    "bodies of one group": ("swarm", instead(scalar_step, "GROUP", GROUP // 2), "BSAHR"),
-    "partners in other groups": ("swarm", at_once, "BSHR"),
+    "partners in other groups": ("swarm", no_reaction, "BSHR"),
 }
 """Of the plain step: in which scene, what is changed, and in which tables that must be seen."""
+
+
+def backwards(patch: pytest.MonkeyPatch) -> None:
+    """The contacts act from the last to the first."""
+    patch.setattr(Reference, "order", lambda reference: range(len(reference.pairs))[::-1])
+
+
+def every_other_first(patch: pytest.MonkeyPatch) -> None:
+    """Every other contact, then those between."""
+    patch.setattr(Reference, "order", lambda reference: [*range(0, len(reference.pairs), 2), *range(1, len(reference.pairs), 2)])
+
+
+def bodies_backwards(patch: pytest.MonkeyPatch) -> None:
+    """The powers of effects from the last body to the first."""
+    patch.setattr(Reference, "total", lambda _, powers: sum(power for body in powers[::-1] for power in body[::-1]))
+
+
+ORDERS: dict[str, tuple[str, Spoil]] = {
+    "contacts backwards": ("crowd", backwards),
+    "contacts of many bodies": ("swarm", every_other_first),
+    "bodies backwards": ("crowd", bodies_backwards),
+}
+"""Of sums in the plain step: in which scene, and how they are ordered."""
+
+CHANGES = [*FAULTS.values(), *ORDERS.values()]
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_is_seen(fault, monkeypatch):
     name, spoil, where = FAULTS[fault]
-    found = both(name)
-    spoil(monkeypatch)
-    wrong = walk(found.spare.pop(), found.events, found.simulation.state.dt)
-    wrong = {name: values for name, values in wrong.items() if values.shape == found.engine[name].shape}  # others may touch
-    assert set(differences({name: found.engine[name] for name in wrong}, wrong)) >= set(where) & set(wrong)
+    apart = changed(name, spoil, monkeypatch)
+    assert min(apart[table] for table in where if table in apart) >= SEEN
 
 
-@settings(max_examples=8, deadline=None, derandomize=True, phases=[Phase.generate])  # a smaller scene would tell no more
-@given(
-    seed=st.integers(0, 10_000),
-    speed=st.floats(-5.0, 5.0).map(lambda v: round(v, 2)),
-    level=st.sampled_from(["coulomb", "mindlin"]),
-    steps=st.integers(0, 300),
+@pytest.mark.parametrize("order", ORDERS)
+def test_sums_in_another_order_agree(order, monkeypatch):
+    """Nothing is asked of the order of sums: any is right, and the tolerance is above what it changes."""
+    assert max(changed(*ORDERS[order], monkeypatch).values()) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("seed", "speed", "level", "steps"),
+    [
+        (0, 0.0, "coulomb", 0),
+        (1, 1.0, "mindlin", 40),
+        (2, -5.0, "mindlin", 300),
+        (3, 5.0, "coulomb", 300),
+        (5821, -0.31, "mindlin", 160),
+        (7, 2.5, "coulomb", 17),
+        (9999, -2.17, "coulomb", 230),
+        (48, 3.7, "mindlin", 90),
+    ],
 )
-def test_any_heap_has_the_bits_of_the_plain_step(seed, speed, level, steps):
+def test_any_heap_agrees_with_the_plain_step(seed, speed, level, steps):
     simulation = small_scenes.heap(seed, speed, level)
     lead(simulation, steps)
     reference = Reference(simulation)
     events = follow(simulation, 40)
-    assert differences(tables(simulation), walk(reference, events, simulation.state.dt)) == {}
+    expected = walk(reference, events, simulation.state.dt)
+    assert max(departures(tables(simulation), expected).values()) <= 1.0
