@@ -17,7 +17,7 @@ LABELS = {"free": "#8E939A", "sticking": "#4C78A8", "sliding": "#F58518", "rolli
 SPOTS = {"open": "#FFFFFF", "stick": "#4C78A8", "partial": "#9ECAE9", "slide": "#F58518"}
 # Okabe and Ito: apart for every kind of colour vision
 LINES = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
-PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
+PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "\N{MICRO SIGN}"), (1e-9, "n"), (1e-12, "p"))
 
 
 def plot(result: Result, path: Path, title: str = "") -> None:
@@ -69,7 +69,7 @@ def _forces(axes: Any, result: Result, drag: np.ndarray) -> None:
     forces, unit = scaled(np.array([p.N for p in result.points]))
     for place, k in enumerate(_loaded(result)):
         axes.plot(drag, forces[:, k], color=LINES[place % len(LINES)], label=f"spot {k + 1}", **_style(drag))
-    axes.set_ylabel(f"N ({unit}N)")
+    axes.set_ylabel(f"normal force $N$ ({unit}N)")
     axes.set_ylim(bottom=0.0)
     axes.legend(frameon=False, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
 
@@ -84,7 +84,7 @@ def _friction(axes: Any, result: Result, drag: np.ndarray) -> None:
         axes.plot(drag, eta[:, k], color=LINES[place % len(LINES)], **_style(drag))
     for limit in (1.0, -1.0) if np.nanmin(eta) < 0.0 else (1.0,):
         axes.axhline(limit, color="#555555", linewidth=0.8, linestyle="--")
-    axes.set_ylabel(r"T / $\mu$N")
+    axes.set_ylabel(r"utilisation  $T/(\mu\,N)$")
 
 
 def _tilt(axes: Any, result: Result, drag: np.ndarray) -> None:
@@ -93,7 +93,7 @@ def _tilt(axes: Any, result: Result, drag: np.ndarray) -> None:
     names = [r"$\varphi$"] if result.planar else [rf"$\varphi_{axis}$" for axis in "xyz"]
     for k, name in enumerate(names):
         axes.plot(drag, values[:, k], color=LINES[k], label=name, **_style(drag))
-    axes.set_ylabel(f"tilt ({unit}rad)")
+    axes.set_ylabel(rf"tilt $\varphi$ ({unit}rad)" if result.planar else f"tilt ({unit}rad)")
     if len(names) > 1:
         axes.legend(frameon=False, ncols=3, loc="best")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -147,6 +148,15 @@ def test_the_picture(write, tmp_path):
         plot(result, tmp_path / "picture.doc")
     with pytest.raises(OutputError, match="cannot be written"):
         plot(result, tmp_path / "none" / "picture.png")
+
+
+def test_no_quantity_of_the_picture_reads_as_a_unit(write, tmp_path):
+    """`T / \N{MICRO SIGN}N` reads as micronewton: the product stands in brackets and italics, and a prefix micro is no u."""
+    plot(balance(write(("steps = 24", "steps = 24")), "mindlin"), tmp_path / "a.svg", "particle")
+    # matplotlib keeps the words beside their outlines
+    words = re.findall(r"<!-- (.*?) -->", (tmp_path / "a.svg").read_text(encoding="utf-8"))
+    assert r"utilisation  $T/(\mu\,N)$" in words and "normal force $N$ (\N{MICRO SIGN}N)" in words
+    assert not [text for text in words if re.search(r"\(u[Nmr]|\$\\mu\$ ?N", text)]
 
 
 def test_runs_of_equal_values():

@@ -80,6 +80,33 @@ def test_disagreements_outside_the_band_are_ringed_and_named(axes):
     assert [text.get_text() for text in axes.texts if text.get_text().isdigit()] == ["1", "3", "6"]
 
 
+def test_of_many_disagreements_only_numbers_that_can_be_read_are_written():
+    """Every disagreement is marked and counted; the numbers are those of the farthest, and none lies on another."""
+    random = np.random.default_rng(4)
+    margins = random.uniform(0.03, 0.9, 150)
+    rows = [(k, 0.3, 0.3 * (1.0 + margins[k]), 0.9, False, "sliding") for k in range(100)]  # mu - t_min = -margin mu
+    rows += [(k, 0.3, 0.3 * (1.0 - margins[k]), 0.9, True, "rolling") for k in range(100, 150)]
+    figure = Figure(figsize=(foretold_plot.WIDTH, 6.0))
+    axes = figure.subplots()
+    draw_into(axes, cloud(rows))
+    figure.draw_without_rendering()
+    numbers = [text for text in axes.texts if text.get_text().isdigit()]
+    assert 4 <= len(numbers) <= foretold_plot.NAMED
+    boxes = [text.get_window_extent() for text in numbers]
+    assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[k + 1 :])
+    named = [int(text.get_text()) for text in numbers]
+    assert int(np.argmax(margins[:100])) in named and 100 + int(np.argmax(margins[100:])) in named
+    legend = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "other than told (150)" in legend and f"the {len(named)} of these farthest from the band" in legend
+    dark = [c for c in axes.collections if to_hex(c.get_edgecolor()[0]) == foretold_plot.INK and len(c.get_facecolor())]
+    assert sum(len(c.get_offsets()) for c in dark) == 150
+
+
+def test_a_crowded_row_is_higher():
+    few, many = (foretold_plot.rows_height(np.full(count, 0.3)) for count in (50, 2000))
+    assert few == foretold_plot.ROW * foretold_plot.LEAST and many == foretold_plot.TALLEST
+
+
 def test_without_disagreement_there_is_no_ring():
     axes = Figure().subplots()
     draw_into(axes, cloud([ROWS[0], ROWS[2]]))

@@ -27,7 +27,9 @@ MARKERS = {"rolling": "o", "sliding": "D", "sticking": "s"}
 FACTS = {"rolling": "was rolling", "sliding": "never rolled: slid", "sticking": "never rolled: stuck"}
 INK = "#222222"
 WIDTH, ROW, ROOM = 5.4, 0.4, 2.1
-"""Of the figure, inch: width, height of one row, height of all that is no row."""
+"""Of the figure, inch: width, height of one row at least, height of all that is no row."""
+TALLEST = 3.2
+"""Height of the rows together, inch, up to which crowded rows grow so that their points can be told apart."""
 LETTERS = 52
 """In a line of the title at most: what the width has room for."""
 LEAST = 3
@@ -39,6 +41,12 @@ SPREAD = 0.4
 EDGES = (1.8 * NEVER, 1.35 * FARTHEST)
 STEP = 0.0125
 """Width of a stack of points over that of the axes: a little less than a point, so that neighbours just overlap."""
+PITCH = 0.055
+"""From point to point of a stack, inch: they just touch."""
+NAMED = 12
+"""Disagreements that are ringed and named at most; of more the farthest from the band, half of them on each side."""
+NUMBER = (0.09, 0.16)
+"""Room of a number beside its ring as shares of the width of the axes, and inch of height."""
 
 
 class Forecasts(NamedTuple):
@@ -96,8 +104,7 @@ def draw_forecasts(forecasts: Forecasts, path: Path, title: str = "") -> None:
     check_format(path)
     if not len(forecasts.body):
         raise InputError("nothing to draw: no body has a forecast")
-    rows = len(np.unique(forecasts.friction))
-    figure = Figure(figsize=(WIDTH, ROOM + ROW * max(rows, LEAST)), layout="constrained")
+    figure = Figure(figsize=(WIDTH, ROOM + rows_height(forecasts.friction)), layout="constrained")
     draw_into(figure.subplots(), forecasts, title)
     try:
         # a date would make equal pictures differ
@@ -106,20 +113,26 @@ def draw_forecasts(forecasts: Forecasts, path: Path, title: str = "") -> None:
         raise OutputError(f"{path}: cannot be written ({problem.strerror})") from problem
 
 
+def rows_height(friction: np.ndarray) -> float:
+    """Height of all rows, inch: a row of n bodies asks for a quarter of the stack that they would make, up to TALLEST in all."""
+    counts = np.unique(friction, return_counts=True)[1]
+    return max(ROW * max(len(counts), LEAST), min(0.25 * PITCH * float(counts.max()) * len(counts), TALLEST))
+
+
 def draw_into(axes: Axes, forecasts: Forecasts, title: str = "") -> None:
     """Draw everything into the axes: the two answers and the band, points by what was seen, rings around disagreements."""
     frictions, row = np.unique(forecasts.friction, return_inverse=True)
     _draw_ground(axes, frictions)
     x = np.where(forecasts.t_min > forecasts.t_max, NEVER, np.clip(forecasts.margin, -FARTHEST, FARTHEST))
-    pitch = 0.055 / (ROW * max(LEAST / len(frictions), 1.0))  # inch: points of a stack just touch
-    y = row + swarm(_share(axes, x), row, pitch)
+    height = rows_height(forecasts.friction) / len(frictions)
+    y = row + swarm(_share(axes, x), row, PITCH / height)
     for name, marker in MARKERS.items():
         here = forecasts.fact == name
         if here.any():
             size = {"o": 17.0, "D": 13.0, "s": 14.0}[marker]
             axes.scatter(x[here], y[here], s=size, marker=marker, color=STATE_COLORS[name], edgecolors="white", linewidths=0.35,
                          label=FACTS[name], zorder=3)  # fmt: skip
-    _ring(axes, forecasts, x, y)
+    _mark_disagreements(axes, forecasts, x, y, height)
     axes.set_title("\n".join([*textwrap.wrap(title, LETTERS), agreement(forecasts)]), fontsize=10.0, pad=20.0)
     axes.figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9.0, handletextpad=0.3, columnspacing=1.2)
 
@@ -175,21 +188,55 @@ def _draw_ground(axes: Axes, frictions: np.ndarray) -> None:
     axes.spines[["top", "right", "left"]].set_visible(False)
 
 
-def _ring(axes: Axes, forecasts: Forecasts, x: np.ndarray, y: np.ndarray) -> None:
-    """Rings and names for the bodies outside the band that did other than told."""
-    from matplotlib.patheffects import withStroke
-
+def _mark_disagreements(axes: Axes, forecasts: Forecasts, x: np.ndarray, y: np.ndarray, height: float) -> None:
+    """Rings and numbers for the bodies outside the band that did other than told; of many, dark edges and the farthest named."""
     wrong = np.flatnonzero(forecasts.clear & ~forecasts.as_told)
     if not len(wrong):
         return
-    axes.scatter(x[wrong], y[wrong], s=75.0, facecolors="none", edgecolors=INK, linewidths=1.1, zorder=4, label="other than told")
-    across = _share(axes, x)
-    for k in wrong:
-        ahead = across[wrong] - across[k]
-        taken = ((ahead > 0.0) & (ahead < 0.07) & (np.abs(y[wrong] - y[k]) < SPREAD)).any()  # by another ring
+    places = np.column_stack([_share(axes, x), y * height])
+    ringed = farthest(forecasts, wrong, places)
+    label = "other than told"
+    if len(wrong) > NAMED:
+        dark: str | None = f"other than told ({len(wrong)})"
+        for name in sorted(set(forecasts.fact[wrong])):
+            here = wrong[forecasts.fact[wrong] == name]
+            axes.scatter(x[here], y[here], s=20.0, marker=MARKERS[name], color=STATE_COLORS[name], edgecolors=INK, linewidths=0.9,
+                         zorder=4, label=dark)  # fmt: skip
+            dark = None
+        label = f"the {len(ringed)} of these farthest from the band"
+    axes.scatter(x[ringed], y[ringed], s=75.0, facecolors="none", edgecolors=INK, linewidths=1.1, zorder=5, label=label)
+    _write_numbers(axes, forecasts.body, ringed, np.column_stack([x, y]), places)
+
+
+def farthest(forecasts: Forecasts, wrong: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Those of the bodies `wrong` that get a ring and a number: all of a few, else the farthest from the band on each side.
+
+    `places` (n, 2), of all bodies, in shares of the width and in inch: where a number would lie on another there is none.
+    """
+    if len(wrong) <= NAMED:
+        return wrong
+    distance = np.where(forecasts.t_min > forecasts.t_max, np.inf, np.abs(forecasts.margin))
+    chosen: list[int] = []
+    for slides in (False, True):
+        side = wrong[forecasts.slides[wrong] == slides]
+        room = len(chosen) + NAMED // 2
+        for k in side[np.argsort(-distance[side], kind="stable")]:
+            near = (np.abs(places[chosen] - places[k]) < NUMBER).all(axis=1)
+            if len(chosen) < room and not near.any():
+                chosen.append(int(k))
+    return np.array(chosen)
+
+
+def _write_numbers(axes: Axes, body: np.ndarray, ringed: np.ndarray, points: np.ndarray, places: np.ndarray) -> None:
+    """The number of each body to the right of its ring, or to the left where another ring is."""
+    from matplotlib.patheffects import withStroke
+
+    for k in ringed:
+        ahead, above = (places[ringed] - places[k]).T
+        taken = ((ahead > 0.0) & (ahead < NUMBER[0]) & (np.abs(above) < NUMBER[1])).any()
         side, align = (-5.5, "right") if taken else (5.5, "left")
-        axes.annotate(str(forecasts.body[k]), (x[k], y[k]), (side, 0.0), textcoords="offset points", fontsize=8.5, va="center",
-                      ha=align, zorder=5, path_effects=[withStroke(linewidth=2.0, foreground="white")])  # fmt: skip
+        axes.annotate(str(body[k]), points[k], (side, 0.0), textcoords="offset points", fontsize=8.5, va="center", ha=align,
+                      zorder=6, path_effects=[withStroke(linewidth=2.0, foreground="white")])  # fmt: skip
 
 
 def _pale(color: str) -> tuple[float, ...]:
