@@ -1,0 +1,233 @@
+"""Random valid scenes: every key within its allowed range, from one sphere to needles of 20, all supports, motions and levels.
+
+A scene is small (at most 12 bodies) and short (some hundred periods of its stiffest contact), so that hundreds of them run in
+minutes. Loads, speeds and times follow from the overlap that the load should give: 1e-6 to 0.03 of the sphere's radius.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from random import Random
+from typing import Any
+
+LEVELS = ("coulomb", "mindlin", "mdr", "exact")
+FRICTIONS = (0.0, 0.05, 0.3, 1.0, 10.0, 1000.0)
+RESTITUTIONS = (0.01, 0.1, 0.3, 0.6, 0.9, 0.999, 1.0)
+POISSON_RATIOS = (-0.9, -0.5, 0.0, 0.3, 0.45, 0.499, 0.5)
+SHAPES = ("ball", "pair", "tripod", "needle", "ring", "ratio", "irregular", "spots")
+MOTIONS = ("none", "velocity", "ramp", "sine", "triangle", "stages", "diagonal")
+
+STIFFNESS_PERIODS = 100.0
+"""Duration of the drag in units of sqrt(mass / normal stiffness): about a thousand explicit steps."""
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Scales that loads, speeds and times follow from: sphere radius (m), overlap on the softer plate (m), mass (kg), and E* (Pa)
+    of the softer and of the stiffer plate."""
+
+    radius: float
+    overlap: float
+    mass: float
+    e_soft: float
+    e_stiff: float
+
+    @property
+    def load(self) -> float:
+        """Hertz force of the overlap, N."""
+        return 4.0 / 3.0 * self.e_soft * math.sqrt(self.radius) * self.overlap**1.5
+
+    @property
+    def contact_radius(self) -> float:
+        """Hertz contact radius, m."""
+        return math.sqrt(self.radius * self.overlap)
+
+    @property
+    def stiffness(self) -> float:
+        """Normal stiffness 2 E* a of the stiffer contact under the same load, N/m."""
+        return 2.0 * self.contact_radius * (self.e_stiff**2 * self.e_soft) ** (1.0 / 3.0)
+
+    @property
+    def duration(self) -> float:
+        """Time of the drag, s."""
+        return STIFFNESS_PERIODS * math.sqrt(self.mass / self.stiffness)
+
+
+def random_scene(seed: int) -> dict[str, Any]:
+    """The scene of a seed as a TOML document. The same seed always gives the same scene."""
+    rng = Random(seed)
+    materials = {name: _material(rng) for name in ("a", "b")[: rng.choice((1, 2))]}
+    radius = 10.0 ** rng.uniform(-7.0, -2.0)
+    shape = rng.choice(SHAPES)
+    integrator = rng.choice(("explicit", "explicit", "implicit"))
+    count = 1 if shape == "spots" else rng.choice((1, 1, 4, 12))
+    names = sorted(materials)
+    debris, extent, mass = _debris(rng, shape, radius, count, seed, materials)
+    soft, stiff = sorted(_e_star(materials[debris["material"]], materials[name]) for name in (names[0], names[-1]))
+    scales = Scales(radius, radius * 10.0 ** rng.uniform(-6.0, -1.5), mass, soft, stiff)
+    upper = _upper_plate(rng, scales, names[-1], shape)
+    document = {
+        "scene": 1,
+        "title": f"random scene {seed}: {shape}",
+        "materials": materials,
+        "pairs": _pairs(rng, names),
+        "debris": [debris],
+        "domain": _domain(rng, extent, count),
+        "plates": {"lower": {"material": names[0]}, "upper": upper},
+        "contact": _contact(rng, integrator, count),
+        "effects": _effects(rng, integrator, scales),
+        "solver": {"integrator": integrator, "duration": f"{scales.duration!r} s"},
+        "output": {"every": f"{scales.duration / 8.0!r} s"},
+    }
+    if rng.random() < 0.8:  # else "auto"
+        document["solver"]["settle"] = f"{scales.duration / 3.0!r} s"
+    return document
+
+
+def _material(rng: Random) -> dict[str, Any]:
+    return {
+        "youngs_modulus": f"{10.0 ** rng.uniform(4.0, 12.0)!r} Pa",
+        "poisson_ratio": rng.choice(POISSON_RATIOS),
+        "density": f"{10.0 ** rng.uniform(2.3, 4.3)!r} kg/m3",
+    }
+
+
+def _value(text: str) -> float:
+    return float(text.split()[0])
+
+
+def _e_star(*pair: dict[str, Any]) -> float:
+    """E* of two materials, Pa: 1/E* is the sum of (1 - nu^2)/E."""
+    return 1.0 / sum((1.0 - material["poisson_ratio"] ** 2) / _value(material["youngs_modulus"]) for material in pair)
+
+
+def _pairs(rng: Random, names: list[str]) -> list[dict[str, Any]]:
+    """A pair table for every two materials."""
+    between = [[first, second] for i, first in enumerate(names) for second in names[i:]]
+    return [{"between": two, "friction": rng.choice(FRICTIONS), "restitution": rng.choice(RESTITUTIONS)} for two in between]
+
+
+def _sphere(x: float, y: float, radius: float) -> dict[str, Any]:
+    return {"center": [f"{x!r} m", f"{y!r} m", "0 m"], "radius": f"{radius!r} m"}
+
+
+def _given_spheres(rng: Random, shape: str, radius: float) -> list[dict[str, Any]]:
+    """Spheres of a body of a named shape, neighbours 1.5 radii apart."""
+    pitch = 1.5 * radius
+    if shape == "pair":
+        return [_sphere(i * pitch * rng.choice((1.0, 1e-4)), 0.0, radius) for i in range(2)]
+    if shape == "tripod":
+        return [_sphere(0.0, 0.0, radius), _sphere(pitch, 0.0, radius), _sphere(0.5 * pitch, 0.8 * pitch, radius)]
+    if shape == "needle":
+        return [_sphere(i * pitch, 0.0, radius) for i in range(rng.randint(2, 20))]
+    if shape == "ratio":
+        return [_sphere(0.0, 0.0, radius), _sphere(radius, 0.0, radius * 10.0 ** rng.uniform(-3.0, 0.0))]
+    number = rng.randint(6, 12)  # ring
+    turns = [2.0 * math.pi * i / number for i in range(number)]
+    across = pitch / (2.0 * math.sin(math.pi / number))
+    return [_sphere(across * math.cos(turn), across * math.sin(turn), radius) for turn in turns]
+
+
+def _debris(
+    rng: Random, shape: str, radius: float, count: int, seed: int, materials: dict[str, Any]
+) -> tuple[dict[str, Any], float, float]:
+    """A population, the largest extent of one body (m) and the mass of one sphere (kg), on which the time scale rests."""
+    material = rng.choice(sorted(materials))
+    mass = _value(materials[material]["density"]) * 4.0 / 3.0 * math.pi * radius**3
+    table: dict[str, Any] = {"material": material, "kind": "spheres", "count": count, "seed": seed}
+    if shape == "spots":
+        return _spots(rng, radius, mass, material), 12.0 * radius, mass
+    if shape == "irregular":
+        least = rng.randint(1, 8)
+        table |= {
+            "kind": "irregular",
+            "size": f"{2.0 * radius!r} m",
+            "spheres": [least, rng.randint(least, 12)],
+            "aspect": [1.0, rng.choice((1.0, 0.6, 0.3)), rng.choice((0.8, 0.3))],
+        }
+        table["aspect"].sort(reverse=True)
+        if rng.random() < 0.3:
+            table["asperities"] = {"count": rng.randint(1, 8), "radius": rng.choice((0.05, 0.2, 0.5))}
+        return table, 5.0 * radius, mass
+    if shape == "ball":
+        return table | {"radius": f"{radius!r} m"}, 2.0 * radius, mass
+    spheres = _given_spheres(rng, shape, radius)
+    return table | {"shape": spheres}, 2.0 * radius + 1.5 * radius * len(spheres), mass
+
+
+def _spots(rng: Random, radius: float, mass: float, material: str) -> dict[str, Any]:
+    """A planar particle on three spots: one above, two below on either side of it."""
+    places = (("upper", rng.uniform(-0.5, 0.5), 1.0), ("lower", rng.uniform(-3.0, -1.0), -1.0), ("lower", rng.uniform(1.0, 3.0), -1.0))
+    spots = [
+        {"side": side, "x": f"{x * radius!r} m", "z": f"{2.0 * z * radius!r} m", "radius": f"{radius * rng.uniform(0.5, 2.0)!r} m"}
+        for side, x, z in places
+    ]
+    inertia = [f"{8.0 * mass * radius**2!r} kg m2"] * 3
+    return {"material": material, "kind": "spots", "spots": spots, "mass": f"{mass!r} kg", "inertia": inertia, "planar": True}
+
+
+def _domain(rng: Random, extent: float, count: int) -> dict[str, Any]:
+    side = extent * 1.6 * math.ceil(math.sqrt(count)) + 2.0 * extent
+    return {"size": [f"{side!r} m", f"{side * rng.choice((1.0, 0.8))!r} m"], "periodic": rng.random() < 0.7}
+
+
+def _upper_plate(rng: Random, scales: Scales, material: str, shape: str) -> dict[str, Any]:
+    """Support, load and motion of the upper plate."""
+    support = rng.choice(("load_per_particle", "load_per_particle", "rigid", "foundation"))
+    plate: dict[str, Any] = {"material": material, "support": support, "load": f"{scales.load!r} N"}
+    if support == "foundation":
+        plate["stiffness"] = f"{scales.stiffness * 10.0 ** rng.uniform(-3.0, 0.0)!r} N/m"
+    if rng.random() < 0.15:
+        plate["loading"] = rng.choice(
+            (
+                {"load": "0 N"},
+                {"load": f"{2.0 * scales.load!r} N", "duration": f"{scales.duration / 2.0!r} s"},
+                [{"pause": f"{scales.duration / 4.0!r} s"}, {"load": f"{scales.load / 2.0!r} N"}],
+            )
+        )
+    motion = _motion(rng, scales, planar=shape == "spots")
+    if motion:
+        plate["motion"] = motion
+    return plate
+
+
+def _motion(rng: Random, scales: Scales, planar: bool) -> dict[str, Any]:
+    """One of the motions: 0.3 to 30 contact radii in all."""
+    kind = rng.choice(MOTIONS[:-1] if planar else MOTIONS)
+    distance = scales.contact_radius * 10.0 ** rng.uniform(-0.5, 1.5)
+    speed, time = f"{distance / scales.duration!r} m/s", f"{scales.duration / 4.0!r} s"
+    stroke = {"stroke": f"{distance / 4.0!r} m", "frequency": f"{2.0 / scales.duration!r} Hz"}
+    motions: dict[str, dict[str, Any]] = {
+        "none": {},
+        "velocity": {"x": {"velocity": speed}},
+        "ramp": {"x": {"ramp": speed, "duration": time}},
+        "sine": {"x": stroke},
+        "triangle": {"x": stroke | {"shape": "triangle"}},
+        "stages": {"x": [{"velocity": speed, "duration": time}, {"pause": time}, {"velocity": "-" + speed}]},
+        "diagonal": {"x": {"velocity": speed}, "y": stroke},
+    }
+    return motions[kind]
+
+
+def _contact(rng: Random, integrator: str, count: int) -> dict[str, Any]:
+    level = rng.choice(LEVELS)
+    table: dict[str, Any] = {"law": "three_spot", "level": level}
+    if level == "mdr":
+        table["springs"] = rng.choice((4, 16, 32))
+    if count > 1 and (integrator == "implicit" or rng.random() < 0.3):
+        table["debris_contact"] = "none"
+    return table
+
+
+def _effects(rng: Random, integrator: str, scales: Scales) -> dict[str, Any]:
+    effects: dict[str, Any] = {}
+    if rng.random() < 0.3:
+        effects["gravity"] = ["0 m/s2", "0 m/s2", rng.choice(("-9.81 m/s2", "-1000 m/s2"))]
+    if rng.random() < 0.15:
+        effects["damping"] = f"{0.1 / math.sqrt(scales.mass / scales.stiffness)!r} 1/s"
+    if integrator == "explicit" and rng.random() < 0.15:
+        effects["rolling_resistance"] = {"coefficient": 0.05, "damping": 0.3}
+    if integrator == "explicit" and rng.random() < 0.1:
+        effects["local_damping"] = {"coefficient": 0.3, "until": "settled"}
+    return effects
