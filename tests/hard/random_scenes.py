@@ -158,10 +158,15 @@ def _debris(
 
 def _spots(rng: Random, radius: float, mass: float, material: str) -> dict[str, Any]:
     """A planar particle on three spots: one above, two below on either side of it."""
-    places = (("upper", rng.uniform(-0.5, 0.5), 1.0), ("lower", rng.uniform(-3.0, -1.0), -1.0), ("lower", rng.uniform(1.0, 3.0), -1.0))
+    places = ((-0.5, 0.5, "upper", 2.0), (-3.0, -1.0, "lower", -2.0), (1.0, 3.0, "lower", -2.0))
     spots = [
-        {"side": side, "x": f"{x * radius!r} m", "z": f"{2.0 * z * radius!r} m", "radius": f"{radius * rng.uniform(0.5, 2.0)!r} m"}
-        for side, x, z in places
+        {
+            "side": side,
+            "x": f"{rng.uniform(left, right) * radius!r} m",
+            "z": f"{height * radius!r} m",
+            "radius": f"{radius * rng.uniform(0.5, 2.0)!r} m",
+        }
+        for left, right, side, height in places
     ]
     inertia = [f"{8.0 * mass * radius**2!r} kg m2"] * 3
     return {"material": material, "kind": "spots", "spots": spots, "mass": f"{mass!r} kg", "inertia": inertia, "planar": True}
