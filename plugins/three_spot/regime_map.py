@@ -28,7 +28,9 @@ Array = NDArray[np.float64]
 COLORS: Mapping[str, str] = {"sticking": "#4C78A8", "sliding": "#F58518", "rolling": "#54A24B"}
 """Of the states, as in every picture of the program; apart for the colour-blind."""
 REGIMES = ("rolling", "sticking", "sliding")
-WORDS = {"rolling": "rolls", "sticking": "sticks at rest,\ntips when dragged", "sliding": "sticks,\nthen slides"}
+WORDS = {"rolling": "rolls", "sticking": "sticks at rest, tips when dragged", "sliding": "sticks, then slides"}
+LINES = ((r"$t_\mathrm{max} = (x_1 - x_2)/h$", "-"), (r"$t_\mathrm{min} = (x_1 - x_3)/h$", "--"), (r"$-t_\mathrm{max}$", ":"))
+DOTS = 160  # per inch
 HATCHES = {"rolling": "", "sticking": "....", "sliding": "////"}  # the regimes stay apart in a black and white print
 MARKERS = {"rolling": "o", "sticking": "s", "sliding": "D"}
 PANELS = ("fig2", "regimes")
@@ -97,13 +99,15 @@ def draw_map(
     """Write both panels to `path`, in the format of its suffix. Raises OSError, and ValueError for an unknown format."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10.4, 4.7), layout="constrained")
+    figure = Figure(figsize=(10.4, 5.4), layout="constrained")
     left, right = figure.subplots(1, 2)
     _draw_fig2(left, big_h)
     _draw_regimes(right, half_width, colors)
     for panel, axes in zip(PANELS, (left, right), strict=True):
         _draw_points(axes, [point for point in points if point.panel == panel], colors)
-    figure.savefig(path, dpi=200)
+    figure.legend(handles=_legend_entries({point.state for point in points}, colors), loc="outside lower center", ncols=3,
+                  frameon=False, fontsize=9.5, handlelength=2.4, columnspacing=2.5)  # fmt: skip
+    figure.savefig(path, dpi=DOTS)
 
 
 def _places(half_width: float) -> tuple[float, float]:
@@ -162,43 +166,45 @@ def _draw_regimes(axes: Axes, half_width: float, colors: Mapping[str, str]) -> N
             places, bottom, top, where=top >= bottom, facecolor=_pale(colors[name]), edgecolor=colors[name],
             hatch=HATCHES[name], linewidth=0.0,
         )  # fmt: skip
-    axes.plot(places, high, color=INK, linewidth=1.8)
-    axes.plot(places, low, color=INK, linewidth=1.8, linestyle="--")
-    axes.plot(places, -high, color=INK, linewidth=1.8, linestyle=":")
-    _name_regimes(axes, half_width, highest)
+    for values, (_, style) in zip((high, low, -high), LINES, strict=True):
+        axes.plot(places, values, color=INK, linewidth=1.8, linestyle=style)
+    _mark_lower_spots(axes, half_width)
     axes.set_xlim(*ends)
     axes.set_ylim(0.0, highest)
     axes.set_xlabel("place of the upper spot,  $x_1/h$")
     axes.set_ylabel(r"coefficient of friction,  $\mu$")
-    axes.set_title(f"lower spots at $x/h = \\pm{half_width:g}$, drag to the left, no weight", fontsize=10)
+    axes.set_title(f"lower spots at $x/h = \\pm{half_width:g}$, drag to the left, no weight", fontsize=10, pad=18.0)
 
 
-def _name_regimes(axes: Axes, half_width: float, top: float) -> None:
-    """The regimes' words, the lines' names along the lines, and the places of the lower spots."""
-    plain: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 9.5, "color": INK}
-    paper: dict[str, Any] = {"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "boxstyle": "round,pad=0.2"}
-    words = (("rolling", half_width + 0.72 * top, 0.2), ("rolling", -half_width - 0.45 * top, 0.12),
-             ("sticking", -half_width, 0.8), ("sliding", 0.8 * top, 0.8))  # fmt: skip
-    for name, x, y in words:
-        axes.text(x, y * top, WORDS[name], bbox=paper, **plain)
-    ends = _places(half_width)
-    turn: dict[str, Any] = {"rotation_mode": "anchor", "transform_rotates_text": True, "bbox": paper, **plain}
-    for text, end, reach, angle in (
-        (r"$t_\mathrm{max} = (x_1 - x_2)/h$", -half_width, 0.32 * top, 45.0),
-        (r"$t_\mathrm{min} = (x_1 - x_3)/h$", half_width, 0.62 * top, 45.0),
-        (r"$-t_\mathrm{max}$", -half_width, -0.42 * top, -45.0),
-    ):
-        axes.text(end + reach, abs(reach), text, rotation=angle, **turn)
+def _mark_lower_spots(axes: Axes, half_width: float) -> None:
+    """The places of the lower spots, named above the panel: inside it a computed particle could cover the words."""
     for number, x in ((2, -half_width), (3, half_width)):
         axes.axvline(x, color=INK, linewidth=0.7, linestyle=(0, (1, 3)))
-        axes.text((x - ends[0]) / (ends[1] - ends[0]), 1.0 - 0.03, f"spot {number}", transform=axes.transAxes, ha="center",
-                  va="top", fontsize=8, color=INK, bbox=paper)  # fmt: skip
+        axes.annotate(f"spot {number}", (x, 1.0), (0.0, 3.0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
+                      ha="center", fontsize=8.5, color=INK)  # fmt: skip
+
+
+def _legend_entries(computed: set[str], colors: Mapping[str, str]) -> list[Any]:
+    """One column each of the regimes by theory, their limits, and the computed particles where there are some."""
+    from matplotlib.lines import Line2D
+    from matplotlib.patches import Patch
+
+    areas = [Patch(facecolor=_pale(colors[name]), edgecolor=colors[name], hatch=HATCHES[name], linewidth=0.0,
+                   label=f"theory: {WORDS[name]}") for name in REGIMES]  # fmt: skip
+    lines: list[Any] = []
+    for name, style in LINES:
+        lines.append(Line2D([], [], color=INK, linewidth=1.8, label=name))
+        lines[-1].set_linestyle(style)
+    marks = [Line2D([], [], linestyle="", marker=MARKERS[name], color=colors[name], markeredgecolor=INK, markersize=8,
+                    label=f"computed: {WORDS[name]}") for name in REGIMES if name in computed]  # fmt: skip
+    return [*areas, *lines, *marks]
 
 
 def _draw_points(axes: Axes, points: Sequence[MapPoint], colors: Mapping[str, str]) -> None:
     for point in points:
         axes.plot(point.x, point.y, MARKERS[point.state], color=colors[point.state], markeredgecolor=INK, markersize=8, zorder=5)
-        axes.annotate(point.label, (point.x, point.y), (7, 5), textcoords="offset points", fontsize=8.5, color=INK, zorder=6)
+        if point.label:
+            axes.annotate(point.label, (point.x, point.y), (7, 5), textcoords="offset points", fontsize=8.5, color=INK, zorder=6)
 
 
 def _pale(color: str) -> tuple[float, float, float]:

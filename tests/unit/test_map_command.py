@@ -116,6 +116,28 @@ def test_points_are_drawn_where_they_are():
         MapPoint("fig2", 0.0, 0.0, "gliding")
 
 
+def test_no_mark_covers_words_and_the_legend_explains_every_mark(tmp_path, monkeypatch):
+    """Wherever computed particles lie: a regular grid all over the panel of regimes."""
+    from matplotlib.figure import Figure
+
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda figure, *_, **__: drawn.append(figure))
+    states = ("rolling", "sticking", "sliding")
+    places = [(x, mu) for x in np.linspace(-1.0, 1.5, 12) for mu in np.linspace(0.05, 0.95, 12)]
+    draw_map(tmp_path / "map.png", points=[MapPoint("regimes", *place, states[k % 3]) for k, place in enumerate(places)])
+    (figure,) = drawn
+    figure.draw_without_rendering()
+    right = figure.axes[1]
+    words = [text.get_window_extent() for text in right.texts]
+    marks = [right.transData.transform(line.get_xydata()[0]) for line in right.lines if line.get_marker() != "None"]
+    assert len(marks) == 144 and len(words) == 2  # the two lower spots
+    radius = 4.0 * figure.dpi / 72.0  # of a mark of 8 points
+    assert not [1 for box in words for x, y in marks if box.padded(radius).contains(x, y)]
+    told = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert [text for text in told if text.startswith("computed: ")] == [f"computed: {regime_map.WORDS[name]}" for name in states]
+    assert len([text for text in told if text.startswith("theory: ")]) == 3
+
+
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("big_h, half_width", [(1.0, 0.5), (2.0, 3.0), (-1.0, 0.02), (50.0, 0.2)])
 def test_no_setting_makes_matplotlib_complain(tmp_path, big_h, half_width):
