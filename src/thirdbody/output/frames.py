@@ -158,7 +158,8 @@ class FrameMaker:
         upper, lower = self._mean_forces()
         lines = self.ledger.lines(s)
         normal = abs(upper[2])
-        loaded = np.count_nonzero(self._count(contacts))
+        carry = contacts["normal_force"] != 0.0
+        loaded = np.count_nonzero(self._count({name: contacts[name][carry] for name in ("body", "partner")}))
         dragged = bool(np.any(self.drag))
         series: dict[str, Any] = {
             "time": s.time,

@@ -1,0 +1,58 @@
+"""States agree with the forces of the contacts in the same frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import thirdbody
+
+SCENE = """
+scene = 1
+title = "a ball that bounces off a plate"
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.3
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.3
+restitution = 0.1
+[[debris]]
+material = "steel"
+kind = "spheres"
+shape = [{center = ["0 m", "0 m", "0 m"], radius = "5 um"}]
+positions = [["20 um", "20 um", "5.001 um"]]
+velocity = ["0.1 m/s", "0 m/s", "-1 m/s"]
+[domain]
+size = ["40 um", "40 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "rigid"
+gap = "12 um"
+[contact]
+law = "three_spot"
+level = "mindlin"
+debris_contact = "none"
+[solver]
+duration = "40 ns"
+[output]
+every = "0.2 ns"
+"""
+
+
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+def test_a_contact_without_force_is_no_loaded_spot(integrator, tmp_path):
+    """While the ball leaves, its dashpot cancels the elastic force although the surfaces still overlap: rule 1, `free`."""
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    scene = thirdbody.Scene.load(path).with_settings({"solver.integrator": integrator})
+    with thirdbody.run(scene, out=tmp_path / "run", threads=1, progress=False) as run:
+        force = [run.contacts(frame)["normal_force"] for frame in range(len(run.times))]
+        touching = np.array([len(forces) > 0 for forces in force])
+        loaded = np.array([np.any(forces != 0.0) for forces in force])
+        assert (touching & ~loaded).any() and loaded.any(), "the scene must show both kinds of contact"
+        assert ((run.states[:, 0] != 0) == loaded).all()
+        assert (run.series["loaded"] == loaded).all()
