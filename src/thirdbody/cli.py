@@ -2,62 +2,24 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
 
+from .cli_group import Command, Group
+from .cli_signals import stop_on_signal
 from .cli_studies import cost, hard
 from .errors import GuardStop, Interrupted, OutputError, ThirdbodyError, UsageError
 
-COMMAND_GROUP = "thirdbody.commands"
-
-
-class _Plugged(TyperCommand):
-    """A plug-in's command that `--help` can list without importing it: it becomes the real one when it is called."""
-
-    def __init__(self, point: EntryPoint) -> None:
-        super().__init__(point.name, help=f"Command of the plug-in {point.module.split('.')[0]}.")
-        self.point = point
-
-    def make_context(self, *args: Any, **kwargs: Any) -> Any:
-        try:
-            function = self.point.load()
-            plugged = typer.Typer(rich_markup_mode=None)
-            plugged.command(name=self.point.name)(function)
-            real = typer.main.get_command(plugged)
-        except Exception as problem:  # whatever a plug-in raises when it is imported is no fault of ours
-            message = f"{self.point.name}: this command of {self.point.module} does not load: {type(problem).__name__}: {problem}"
-            raise UsageError(message) from problem
-        return real.make_context(*args, **kwargs)
-
-
-class _Group(TyperGroup):
-    """Our commands and those of installed plug-ins, which are imported only when they are called."""
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        return [*super().list_commands(ctx), *sorted(point.name for point in entry_points(group=COMMAND_GROUP))]
-
-    def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        own = super().get_command(ctx, cmd_name)
-        if own is not None:
-            return own
-        return next((_Plugged(point) for point in entry_points(group=COMMAND_GROUP) if point.name == cmd_name), None)
-
-
 app = typer.Typer(
-    cls=_Group,
+    cls=Group,
     name="thirdbody",
     help="Wear debris between two surfaces: sticking, sliding or rolling, and why.",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     no_args_is_help=True,
 )
 
@@ -75,7 +37,7 @@ WallLimit = Annotated[str | None, typer.Option("--wall-limit", help="wall time a
 
 
 @app.callback(invoke_without_command=True)
-def top(version: Annotated[bool, typer.Option("--version", help="print the version")] = False) -> None:
+def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the version and exit")] = False) -> None:
     """Options that need no command."""
     if version:
         from . import __version__
@@ -84,7 +46,7 @@ def top(version: Annotated[bool, typer.Option("--version", help="print the versi
         raise typer.Exit
 
 
-@app.command()
+@app.command(cls=Command)
 def new(
     path: Annotated[Path, typer.Argument(metavar="FILE", help="scene file to write")] = Path("scene.toml"),
 ) -> None:
@@ -100,7 +62,7 @@ def new(
     typer.echo(f"{path} written; next: thirdbody check {path}")
 
 
-@app.command()
+@app.command(cls=Command)
 def check(
     scene: SceneFile,
     settings: Settings = None,
@@ -124,7 +86,7 @@ def check(
         print_check(told)
 
 
-@app.command()
+@app.command(cls=Command)
 def run(
     scene: SceneFile,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="run folder [runs/<scene name>]")] = None,
@@ -149,13 +111,13 @@ def run(
     loaded = _load(scene, settings)
     folder = out or default_folder(loaded)
     refuse_existing(folder, overwrite)
-    check_threads(threads)
+    notes = check_threads(threads)
     built = prepare(loaded, plugin or (), force)
-    print_warnings(built.warnings)
+    print_warnings([*notes, *built.warnings])
     _execute(built, folder, quiet, json, threads=threads, overwrite=overwrite, **limits)
 
 
-@app.command()
+@app.command(cls=Command)
 def resume(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder")],
     settings: Settings = None,
@@ -172,13 +134,13 @@ def resume(
     from .take_up import prepare_resume
 
     limits = _limits(every, wall_limit)
-    check_threads(threads)
+    notes = check_threads(threads)
     built, kept = prepare_resume(run, _pairs(settings), plugin or ())
-    print_warnings(built.warnings)
+    print_warnings([*notes, *built.warnings])
     _execute(built, run, quiet, json, threads=threads, kept=kept, **limits)
 
 
-@app.command()
+@app.command(cls=Command)
 def states(
     run: RunPath,
     frame: Annotated[int | None, typer.Option("--frame", help="one frame [all: a table over frames]")] = None,
@@ -199,7 +161,7 @@ def states(
         typer.echo(f"{out}", err=json)
 
 
-@app.command()
+@app.command(cls=Command)
 def render(
     run: RunPath,
     out: Annotated[Path, typer.Option("--out", "-o", help=".png, .html, or a film: .gif, .mp4")] = Path("picture.png"),
@@ -222,7 +184,7 @@ def render(
     typer.echo(f"{draw(run, out, frame, color, size, zoom, view, forces, body, frames, fps, camera)}")
 
 
-@app.command()
+@app.command(cls=Command)
 def plot(
     run: RunPath,
     out: Annotated[Path, typer.Option("--out", "-o", help="picture file: .png, .pdf or .svg")] = Path("plot.png"),
@@ -235,7 +197,7 @@ def plot(
     typer.echo(f"{draw(run, out, panel, frame)}")
 
 
-@app.command()
+@app.command(cls=Command)
 def export(
     run: RunPath,
     csv: Annotated[Path | None, typer.Option("--csv", metavar="DIR", help="tables with units")] = None,
@@ -251,7 +213,7 @@ def export(
         typer.echo(f"{path}")
 
 
-@app.command()
+@app.command(cls=Command)
 def shapes(
     path: Annotated[Path, typer.Argument(metavar="SCENE|MESH", help="scene (TOML), or surface mesh (.stl, .obj, .ply)")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file: a picture of the bodies")] = None,
@@ -271,11 +233,11 @@ def shapes(
         typer.echo(f"{out}", err=json)
 
 
-app.command()(cost)
-app.command()(hard)
+app.command(cls=Command)(cost)
+app.command(cls=Command)(hard)
 
 
-@app.command()
+@app.command(cls=Command)
 def laws(
     check: Annotated[list[Path] | None, typer.Option("--check", help="plug-in file to put through the conformance suite")] = None,
     plugin: Plugins = None,
@@ -316,7 +278,7 @@ def _execute(built: Any, folder: Path, quiet: bool, json: bool, **options: Any) 
     from .simulate import execute
 
     problem: GuardStop | Interrupted | None = None
-    with _signals() as stop:
+    with stop_on_signal() as stop:
         try:
             with nullcontext() if quiet else reporter_for_terminal(built.scene.title) as report:
                 execute(built, folder, report=report, stop=stop, **options)
@@ -345,35 +307,10 @@ def _pairs(settings: list[str] | None) -> dict[str, str]:
     return pairs
 
 
-@contextmanager
-def _signals() -> Iterator[Any]:
-    """Ctrl-C and SIGTERM end a run between two compiled calls; yields the question whether one came."""
-    caught: list[int] = []
-
-    def note(number: int, _frame: object) -> None:
-        if number in caught:  # asked twice: do not wait for the next chance to end in order
-            raise KeyboardInterrupt
-        caught.append(number)
-
-    def stop() -> bool:
-        return bool(caught)
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    except Interrupted as error:
-        if caught:
-            error.exit_code = 128 + caught[0]
-        raise
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def main() -> None:
     """Entry point: every error becomes one message and its exit code."""
     try:
-        app()
+        app(prog_name="thirdbody")
     except ThirdbodyError as error:
         print(f"thirdbody: {error}" if "\n" not in str(error) else str(error), file=sys.stderr)
         sys.exit(error.exit_code)

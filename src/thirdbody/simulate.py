@@ -6,6 +6,7 @@ import math
 import os
 import platform
 import shutil
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -44,13 +45,15 @@ def run(
 ) -> Run:
     """Simulate a scene into the folder `out` and return the opened result.
 
-    `threads` is the number of cores (all that numba sees if None); results have the same bits for any number.
+    `threads` is the number of cores to use: all if None, and all, with a warning, if there are fewer. Results have the same bits
+    for any number.
     `progress` may be a callable that takes a `Progress`. `plugins` are Python files with a `PLUGIN`.
     Raises UsageError, InputError, OutputError, GuardStop (what was computed is kept and can be opened), Interrupted.
     """
     folder = Path(out) if out is not None else default_folder(scene)
     refuse_existing(folder, overwrite)
-    check_threads(threads)
+    for warning in check_threads(threads):
+        warnings.warn(warning, stacklevel=2)
     simulation = prepare(scene, plugins, force)
     reporter: Reporter | None
     if progress is True:
@@ -154,22 +157,29 @@ def _writer(path: Path, header: dict[str, Any], maker: FrameMaker, kept: Checkpo
     return TrajectoryWriter.resume(path, kept.frames, header | {"warnings": [*told, *header["warnings"]]})
 
 
-def check_threads(threads: int | None) -> int:
-    """The largest number of cores. Raises UsageError for a number of cores outside 1 .. what numba was started with."""
-    import numba
-
-    most = int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
-    if threads is not None and not 1 <= threads <= most:
-        raise UsageError(f"--threads {threads}: must be at least 1 and at most {most}, the cores of this machine")
-    return most
+def check_threads(threads: int | None) -> list[str]:
+    """Return a warning if more threads are asked for than there are cores. Raises UsageError for a number below 1."""
+    most = _most_threads()
+    if threads is not None and threads < 1:
+        raise UsageError(f"threads = {threads}: must be at least 1")
+    if threads is not None and threads > most:
+        return [f"{threads} threads were asked for; {most} are used, as many as there are cores"]
+    return []
 
 
 def set_threads(threads: int | None) -> None:
-    """Number of cores that the compiled loops use, all of them if None. Raises UsageError as `check_threads` does."""
+    """Set the number of threads of the compiled loops: all cores if None, and never more than there are."""
     import numba
 
-    most = check_threads(threads)
-    numba.set_num_threads(most if threads is None else threads)
+    most = _most_threads()
+    numba.set_num_threads(most if threads is None else min(threads, most))
+
+
+def _most_threads() -> int:
+    """Return the number of threads that numba was started with: one per core that this process may use."""
+    import numba
+
+    return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
 
 
 def refuse_existing(folder: Path, overwrite: bool) -> None:

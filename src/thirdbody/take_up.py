@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,7 +40,8 @@ def resume(
     those of that scene.) Raises InputError without a sound checkpoint, and where the scene, a law or a file that it was built
     from has changed; and what `run` raises.
     """
-    check_threads(threads)
+    for warning in check_threads(threads):
+        warnings.warn(warning, stacklevel=2)
     simulation, kept = prepare_resume(Path(out), settings or {}, plugins)
     if progress is True:
         with reporter_for_terminal(simulation.scene.title) as reporter:

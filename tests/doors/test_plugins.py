@@ -111,7 +111,7 @@ def installed(monkeypatch):
             return [*real(group=group), *(points if group == wanted else [])]
 
         monkeypatch.setattr(registry, "entry_points", found)
-        monkeypatch.setattr("thirdbody.cli.entry_points", found)
+        monkeypatch.setattr("thirdbody.cli_group.entry_points", found)
 
     return put
 

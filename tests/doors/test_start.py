@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import signal
 import subprocess
 import sys
+import termios
 import time
 
 import pytest
 
 import thirdbody
+from thirdbody.checkpoint import FILE as CHECKPOINT
 
 HEAVY = ("numba", "vtk", "vtkmodules", "pyvista", "matplotlib", "h5py", "pint", "scipy", "pandas")
 
@@ -144,7 +147,7 @@ def test_a_bar_on_a_terminal(balls, command, monkeypatch):
 # being stopped ------------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_an_interrupted_run_keeps_its_frames(number, code, balls, tmp_path):
     """An hour's run, asked to end after its first progress lines."""
     balls(('"0.1 um"', '"1 mm"'), ('"0.05 um"', '"0.1 um"'))
@@ -157,9 +160,11 @@ def test_an_interrupted_run_keeps_its_frames(number, code, balls, tmp_path):
         if "t = 0 s" in line:
             break
     wait_for_frames(tmp_path / "run", 4)
+    before = (tmp_path / "run" / CHECKPOINT).read_bytes()
     process.send_signal(number)
     out, err = process.communicate(timeout=60)
     assert process.returncode == code
+    assert (tmp_path / "run" / CHECKPOINT).read_bytes() != before
     assert "Traceback" not in err and err.splitlines()[-1].startswith("thirdbody: interrupted at t = ")
     assert "no: interrupted after" in out
     with thirdbody.open(tmp_path / "run") as run:
@@ -167,6 +172,45 @@ def test_an_interrupted_run_keeps_its_frames(number, code, balls, tmp_path):
         run.bodies(-1)
         told = run.summary()
         assert not told["finished"] and told["stopped"].startswith("interrupted") and told["frames"] == run.frames
+
+
+def test_a_closed_terminal_ends_a_run_in_order(balls, tmp_path):
+    """The bar is drawn on the terminal that goes away: writing there fails from then on, and the hangup may come twice."""
+    balls(('"0.1 um"', '"1 mm"'), ('"0.05 um"', '"0.1 um"'))
+    ours, theirs = os.openpty()
+
+    def in_its_own_session() -> None:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # also where the tests run under nohup
+        os.setsid()
+        fcntl.ioctl(theirs, termios.TIOCSCTTY, 0)
+
+    process = subprocess.Popen(
+        [sys.executable, "-m", "thirdbody", "run", "scene.toml", "-o", "run"],
+        cwd=tmp_path, stdin=theirs, stdout=theirs, stderr=theirs, preexec_fn=in_its_own_session,
+    )  # fmt: skip
+    os.close(theirs)
+    wait_for_frames(tmp_path / "run", 4)
+    before = (tmp_path / "run" / CHECKPOINT).read_bytes()
+    os.close(ours)
+    assert process.wait(timeout=60) == 129
+    assert (tmp_path / "run" / CHECKPOINT).read_bytes() != before
+    with thirdbody.open(tmp_path / "run") as run:
+        assert run.summary()["stopped"].startswith("interrupted")
+
+
+def test_a_run_under_nohup_outlives_a_hangup(balls, tmp_path):
+    balls(('"0.1 um"', '"1 mm"'), ('"0.05 um"', '"0.1 um"'))
+    process = subprocess.Popen(
+        ["nohup", sys.executable, "-m", "thirdbody", "run", "scene.toml", "-o", "run", "-q"],
+        cwd=tmp_path, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    wait_for_frames(tmp_path / "run", 2)
+    process.send_signal(signal.SIGHUP)
+    with thirdbody.open(tmp_path / "run") as run:
+        frames = run.frames
+    wait_for_frames(tmp_path / "run", frames + 2)
+    process.terminate()
+    assert process.wait(timeout=60) == 143
 
 
 def test_a_killed_run_keeps_its_frames(balls, tmp_path):

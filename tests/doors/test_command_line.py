@@ -1,0 +1,136 @@
+"""The command line itself: its help, short options, unknown commands, completion in shells, limits of options."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+import thirdbody
+
+COMMANDS = (
+    "balance", "check", "cost", "export", "hard", "laws", "map", "new", "plot", "render", "resume", "run", "shapes", "states",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_speaks_of_files_and_numbers_not_of_types_of_python(name, command):
+    told = command(name, "--help")
+    assert told.code == 0
+    assert not re.findall(r"<(?!scene)[^>]*>|\b(?:TEXT|INTEGER|FLOAT|RANGE|list\[)", told.out)  # runs/<scene name> may stay
+    assert "--install-completion" not in told.out  # an option of `thirdbody` alone
+
+
+@pytest.mark.parametrize("name", [(), *((name,) for name in COMMANDS)], ids=lambda words: " ".join(words) or "thirdbody")
+def test_h_is_help(name, command):
+    assert command(*name, "-h") == command(*name, "--help")
+
+
+def test_v_is_version(command):
+    assert command("-V") == command("--version")
+    assert command("-V").out == f"thirdbody {thirdbody.__version__}\n"
+
+
+def test_python_m_is_the_same_program():
+    done = subprocess.run([sys.executable, "-m", "thirdbody", "run", "--help"], capture_output=True, text=True)
+    assert done.returncode == 0 and done.stdout.startswith("Usage: thirdbody run")
+
+
+def test_an_unknown_command_is_answered_with_those_that_exist(command):
+    told = command("sweep")
+    assert told.code == 2 and "no command 'sweep'" in told.err and all(name in told.err for name in COMMANDS)
+    told = command("blance")
+    assert told.code == 2 and told.err == "thirdbody: no command 'blance', did you mean 'balance'?\n"
+
+
+@pytest.mark.parametrize("option", ["--wall-limit", "--checkpoint-every"])
+def test_a_time_without_a_unit_is_not_guessed(option, balls, command):
+    balls()
+    told = command("run", "scene.toml", option, "5")
+    wanted = "expected a unit of time (ps, ns, us, ms, s, min, h)"
+    assert told.code == 2 and told.err == f"thirdbody: {option}: 5 has no unit, {wanted}\n"
+
+
+def test_more_threads_than_cores_are_capped_with_a_word(balls, command, tmp_path):
+    scene = thirdbody.Scene.load(balls())
+    told = command("run", "scene.toml", "-o", "run", "--threads", "100000")
+    assert told.code == 0 and "warning: 100000 threads were asked for" in told.err
+    with pytest.warns(UserWarning, match="100000 threads were asked for"):
+        thirdbody.run(scene, tmp_path / "again", threads=100_000, progress=False)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        thirdbody.run(scene, tmp_path / "one", threads=1, progress=False)
+
+
+# completion ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> dict[str, str]:
+    """The environment of a user whose home is empty, with the command `thirdbody` on the path."""
+    program = tmp_path / "bin" / "thirdbody"
+    program.parent.mkdir()
+    program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m thirdbody "$@"\n')
+    program.chmod(0o755)
+    return {**os.environ, "HOME": str(tmp_path), "PATH": f"{program.parent}{os.pathsep}{os.environ['PATH']}"}
+
+
+def shell(name: str, script: str, home: dict[str, str]) -> str:
+    """What a script prints in a shell."""
+    if not shutil.which(name):
+        pytest.skip(f"no {name} here")
+    words = [name, "-f"] if name == "zsh" else [name]
+    done = subprocess.run([*words, "-c", script], env=home, cwd=home["HOME"], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+BASH = """
+asked() { COMP_WORDS=(thirdbody "$@"); COMP_CWORD=$#; COMPREPLY=(); _thirdbody_completion thirdbody; echo "${COMPREPLY[@]}"; }
+asked re
+asked balance --le
+asked run scene.toml --over
+asked run --install
+"""
+
+
+@pytest.mark.parametrize("how", ['eval "$(thirdbody --show-completion)"', "thirdbody --install-completion; source ~/.bashrc"])
+def test_bash_completes_commands_and_options(how, home):
+    lines = shell("bash", f"{how}\n{BASH}", home).splitlines()[-4:]
+    assert lines == ["resume render", "--level", "--overwrite", ""]
+
+
+def test_fish_completes_commands_and_options(home):
+    script = "thirdbody --show-completion | source; complete -C 'thirdbody balance --le'"
+    assert shell("fish", script, home).split()[0] == "--level"
+    shell("fish", "thirdbody --install-completion", home)
+    assert "thirdbody" in (Path(home["HOME"]) / ".config" / "fish" / "completions" / "thirdbody.fish").read_text()
+
+
+def test_zsh_completes_when_it_loads_the_function_too(home):
+    """An autoloaded function defines itself at the first tab, and has to answer that tab as well."""
+    shell("zsh", "thirdbody --install-completion; true", home)
+    text = (Path(home["HOME"]) / ".zfunc" / "_thirdbody").read_text()
+    assert text.splitlines()[0] == "#compdef thirdbody" and text.count("loadautofunc") == 1
+    stand_ins = "compdef() { }; _arguments() { print -r -- $1 }; words=(thirdbody re); CURRENT=2"
+    assert "resume" in shell("zsh", f"fpath+=~/.zfunc; {stand_ins}; autoload -Uz _thirdbody; _thirdbody", home)
+
+
+def test_completion_that_cannot_be_installed_is_told_in_one_line(home, tmp_path):
+    (tmp_path / ".bash_completions").write_text("a file where a folder has to be")
+    done = subprocess.run(["bash", "-c", "thirdbody --install-completion; exit $?"], env=home, capture_output=True, text=True)
+    assert done.returncode == 5 and done.stderr.count("\n") == 1 and ".bash_completions" in done.stderr
+
+
+def test_completion_in_an_unknown_shell_is_refused_with_those_that_work(home, tmp_path):
+    """A Python that starts the program is no shell; above it there may be one, or none."""
+    other = tmp_path / "bin" / "dash"
+    other.symlink_to(shutil.which("sh"))
+    done = subprocess.run([str(other), "-c", "thirdbody --show-completion; exit $?"], env=home, capture_output=True, text=True)
+    assert done.returncode == 2 and "bash, zsh and fish" in done.stderr and done.stdout == ""
