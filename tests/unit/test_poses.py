@@ -1,6 +1,7 @@
 """Resting poses: contacts on the plane, nothing below, and every tilt raises the body."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -147,3 +148,56 @@ def test_settled_together_or_one_after_the_other():
         assert q == pytest.approx(alone, abs=1e-13)  # the order of sums in products of matrices
         assert h == pytest.approx(level, rel=1e-13)
     assert settle_all([], rng)[0].shape == (0, 4)
+
+
+@pytest.mark.parametrize("apart", [0.0, 1e-16, 1e-12, 9e-10, 1e-9, 2e-9, 5e-9, 1e-7, 1e-4])
+def test_two_spheres_that_nearly_coincide_rest(apart):
+    body = clump([[0.0, 0.0, 0.0], [apart * 5e-6, 0.0, 0.0]], [5e-6, 5e-6])
+    _, heights = resting_poses(body)
+    assert heights[0] == pytest.approx(5e-6, rel=1e-9)  # spheres nearer than 1e-9 radii are one
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_every_small_cluster_rests(seed):
+    """Two to five spheres within a tiny part of their radius, in any place, on a line or in a plane."""
+    rng = np.random.default_rng(seed)
+    centers = rng.normal(size=(2 + seed % 4, 3)) * [1.0, seed % 3 > 0, seed % 3 > 1] * 10.0 ** rng.uniform(-16.0, -4.0)
+    body = Clump(centers + rng.normal(size=3) * (seed % 2) * 1e-3, np.ones(len(centers)), 1.0, np.ones(3), 0.0)
+    quaternions, heights = resting_poses(body)
+    tilts = rng.normal(size=(500, 3))
+    tilts /= np.linalg.norm(tilts, axis=1)[:, None]
+    assert heights[0] <= min(height(body, t) for t in tilts) + 3e-9  # what is nearer than 1e-9 radii is not told apart
+    for quaternion, h in zip(quaternions, heights, strict=True):
+        assert h == pytest.approx(height(body, matrix_from_quaternion(quaternion)[2]), rel=1e-14)
+
+
+def ring(n):
+    a = 2.0 * math.pi * np.arange(n) / n
+    return 0.5 / math.sin(math.pi / n) * np.column_stack((np.cos(a), np.sin(a), 0.0 * a))
+
+
+def grid(*shape):
+    return np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+HUNDRED = {
+    "row": (grid(100, 1, 1), [1.0]),
+    "sheet": (grid(10, 10, 1), [1.0, 1.0]),
+    "ring": (ring(100), [1.0, 1.0]),
+    "block": (grid(4, 5, 5), [2.5, 2.5, 3.0, 3.0, 3.0, 3.0]),
+}
+"""Bodies of a hundred spheres of radius 1, and the heights of their poses: on every face."""
+
+
+@pytest.mark.parametrize("name", HUNDRED)
+def test_a_hundred_spheres_rest_in_little_memory(name):
+    """As the clump is made: a table of all pairs of directions would have 45 000 rows and columns."""
+    centers, expected = HUNDRED[name]
+    tracemalloc.start()
+    try:
+        _, heights = resting_poses(clump(1e-6 * centers, np.full(100, 1e-6)))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert heights == pytest.approx(1e-6 * np.array(expected), rel=1e-9)
+    assert peak < 500e6

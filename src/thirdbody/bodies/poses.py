@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.stacks import alike
-from thirdbody.errors import ThirdbodyError
 from thirdbody.kernels.union import triples
 from thirdbody.kernels.vectors import cross, dot
 
@@ -20,9 +19,11 @@ _TOLERANCE = 1e-9
 _EDGE = 1e-7
 # Poses whose up-vectors differ by less are one: a pad of four contacts is found by each of its triples.
 _SAME = 1e-6
+# Directions that differ by less stand on the same spheres: all triples of a flat sheet of a hundred spheres are one direction.
+_EQUAL = 1e-11
 # Room for a stack of bodies (`stacks.alike`): with 6e4, tables of triples of spheres stay in the cache; and the most
-# candidates that are measured at once: a hundred spheres have 300 000.
-_ROOM, _MEASURED = 60_000, 8192
+# candidates that are measured at once, and numbers in a table of pairs of them: a hundred spheres have 300 000 candidates.
+_ROOM, _MEASURED, _PAIRED = 60_000, 8192, 2_000_000
 # Directions tried where the height does not depend on the direction (a ball, a rod rolling on its axis).
 _TURNED = [(math.cos(k * math.pi / 4.0), math.sin(k * math.pi / 4.0)) for k in range(8)]
 
@@ -72,24 +73,80 @@ def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.nd
     """As `resting_poses` for a stack (b, n, 3), (b, n): quaternions (b, p, 4), heights (b, p), infinite after the last."""
     scale = radii.max(axis=1)
     c, r = centers / scale[:, None, None], radii / scale[:, None]
-    ups, touches, family = _candidates(c, r)
-    body, place = np.nonzero(_on_own_sphere(ups, touches, c, r))
-    ups, family = ups[body, place], family[body, place]
-    resting = _rests(ups, c[body], r[body])
-    body, ups, family = body[resting], ups[resting], family[resting]
-    count = np.bincount(body, minlength=len(radii))
-    if not count.all():
-        k = int(count.argmin())
-        told = f"centers {c[k].tolist()}, radii {r[k].tolist()}"
-        raise ThirdbodyError(f"no resting pose found for the clump with {told}")
+    exposed = _exposed(c, r)
+    count = exposed.sum(axis=1)
+    stacks = []
+    for n in np.unique(count):
+        members = np.flatnonzero(count == n)
+        inner = exposed[members]
+        stacks.append((members, _minima(c[members][inner].reshape(-1, n, 3), r[members][inner].reshape(-1, n))))
     # One row per body: its poses, then NaN.
-    place = np.arange(len(body)) - (np.cumsum(count) - count)[body]
-    rows, families = np.full((len(radii), count.max(), 3), np.nan), np.full((len(radii), count.max()), -1)
-    rows[body, place], families[body, place] = ups, family
+    rows = np.full((len(radii), max(ups.shape[1] for _, ups in stacks), 3), np.nan)
+    for members, ups in stacks:
+        rows[members, : ups.shape[1]] = ups
     heights = (radii[:, None] - rows @ centers.transpose(0, 2, 1)).max(axis=2)
-    heights[~_distinct(rows, families) | np.isnan(heights)] = np.inf
+    heights[np.isnan(heights)] = np.inf
     order = np.argsort(heights, axis=1, kind="stable")[:, : int(np.isfinite(heights).sum(axis=1).max())]
     return _turned_up(np.take_along_axis(rows, order[:, :, None], axis=1)), np.take_along_axis(heights, order, axis=1)
+
+
+def _exposed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Which spheres (b, n) stick out of every other sphere; of those that nearly coincide the largest, or the first."""
+    bodies, exposed = np.arange(len(r)), np.zeros(r.shape, np.bool_)
+    for sphere in np.argsort(-r, axis=1, kind="stable").T:
+        arm = c - c[bodies, sphere][:, None]
+        within = np.sqrt(dot(arm, arm)) + r[bodies, sphere][:, None] <= r + _TOLERANCE
+        exposed[bodies, sphere] = np.logical_not((within & exposed).any(axis=1))
+    return exposed
+
+
+def _minima(c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Up-vectors (b, p, 3) of the resting poses of a stack (b, n, 3), (b, n) in units of the largest radius, or NaN."""
+    directions, touches, families = _candidates(c, r)
+    body, place = np.nonzero(_on_own_sphere(directions, touches, c, r))
+    ups, family = directions[body, place], families[body, place]
+    first = _first_of_equal(body, family, ups)
+    body, ups, family = body[first], ups[first], family[first]
+    resting = np.zeros(len(body), np.bool_)
+    size = max(1, _PAIRED // r.shape[1])
+    for begin in range(0, len(body), size):
+        block = slice(begin, begin + size)
+        resting[block] = _rests(ups[block], c[body[block]], r[body[block]])
+    # The lowest direction of all is a minimum, also where contacts are so near to each other that rounding hides it.
+    alone = np.flatnonzero(np.bincount(body[resting], minlength=len(r)) == 0)
+    lowest = _lowest(directions[alone], c[alone], r[alone])
+    body, ups, family = body[resting], ups[resting], family[resting]
+    count = np.bincount(body, minlength=len(r))
+    place = np.arange(len(body)) - (np.cumsum(count) - count)[body]
+    rows, families = np.full((len(r), max(count.max(), 1), 3), np.nan), np.full((len(r), max(count.max(), 1)), -1)
+    rows[body, place], families[body, place] = ups, family
+    rows[~_distinct(rows, families)] = np.nan
+    rows[alone, 0] = lowest
+    return rows
+
+
+def _lowest(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Of the candidates (b, m, 3) of every body the one (b, 3) with the lowest centroid."""
+    heights = np.empty(ups.shape[:2])
+    turned = c.transpose(0, 2, 1)
+    for block in _blocks(ups.shape[1]):
+        heights[:, block] = (r[:, None] - ups[:, block] @ turned).max(axis=2)
+    heights[np.isnan(heights)] = np.inf
+    return ups[np.arange(len(r)), heights.argmin(axis=1)]
+
+
+def _first_of_equal(body: np.ndarray, family: np.ndarray, ups: np.ndarray) -> np.ndarray:
+    """Places, rising, of the first of the candidates (m,) of one body and family whose directions (m, 3) are equal."""
+    keys = np.column_stack((body, family, np.rint(ups / _EQUAL).astype(np.int64)))
+    order = np.lexsort(keys.T)
+    fresh = np.ones(len(body), np.bool_)
+    fresh[1:] = (keys[order[1:]] != keys[order[:-1]]).any(axis=1)
+    return np.sort(order[fresh])
+
+
+def _blocks(count: int) -> Iterator[slice]:
+    """Slices of so many candidates that are measured at once."""
+    return (slice(first, first + _MEASURED) for first in range(0, count, _MEASURED))
 
 
 def _turned_up(ups: np.ndarray) -> np.ndarray:
@@ -104,8 +161,7 @@ def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.nd
     """Which candidates (b, m) no other sphere keeps off the plane: most fail here already, and so does NaN."""
     kept = np.empty(ups.shape[:2], np.bool_)
     turned = c.transpose(0, 2, 1)
-    for first in range(0, ups.shape[1], _MEASURED):
-        block = slice(first, first + _MEASURED)
+    for block in _blocks(ups.shape[1]):
         bottom = ups[:, block] @ turned - r[:, None]
         own = np.take_along_axis(bottom, touches[None, block, None], axis=2)[:, :, 0]
         kept[:, block] = own <= bottom.min(axis=2) + _TOLERANCE
@@ -114,10 +170,15 @@ def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.nd
 
 def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:
     """The first (b, m) of those that are the same direction or belong to the same family."""
-    apart = ups[:, :, None] - ups[:, None]
-    same = dot(apart, apart) < _SAME**2
-    same |= (family[:, :, None] == family[:, None]) & (family >= 0)[:, :, None]
-    return np.logical_not(np.tril(same, -1).any(axis=2))
+    bodies, m = family.shape
+    distinct, size = np.empty((bodies, m), np.bool_), max(1, _PAIRED // (bodies * m))
+    for begin in range(0, m, size):
+        block, before = slice(begin, begin + size), slice(0, begin + size)
+        apart = ups[:, block, None] - ups[:, None, before]
+        same = dot(apart, apart) < _SAME**2
+        same |= (family[:, block, None] == family[:, None, before]) & (family >= 0)[:, block, None]
+        distinct[:, block] = np.logical_not(np.tril(same, begin - 1).any(axis=2))
+    return distinct
 
 
 def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
@@ -218,11 +279,13 @@ def _families(shift: np.ndarray, d: np.ndarray, free: np.ndarray) -> np.ndarray:
     """For each pair (b, p) -1, or for a free one the first of the body's free with the same line d and the same u.d d."""
     label = np.full(free.shape, -1)
     for body in np.flatnonzero(free.any(axis=1)):
-        own = free[body]
-        line = d[body, own]
-        kind = np.column_stack((shift[body, own], (line[:, :, None] * line[:, None]).reshape(-1, 9)))
-        alike = ((kind[:, None] - kind) ** 2).sum(axis=2) < _SAME**2
-        label[body, own] = alike.argmax(axis=1)
+        left = np.flatnonzero(free[body])
+        line = d[body, left]
+        kind = np.column_stack((shift[body, left], (line[:, :, None] * line[:, None]).reshape(-1, 9)))
+        while len(left):
+            alike = ((kind - kind[0]) ** 2).sum(axis=1) < _SAME**2
+            label[body, left[alike]] = left[0]
+            left, kind = left[~alike], kind[~alike]
     return label
 
 

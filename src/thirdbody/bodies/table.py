@@ -18,7 +18,7 @@ SUFFIXES = (".csv", ".npz")
 
 # Quaternions written with seven digits are taken as unit; what is further off was meant as something else.
 _UNIT = 1e-6
-# Mass properties of closely packed spheres: 2 s and 0.4 GB for 100, 30 s for 200, 31 GB for 300.
+# Mass properties and poses of closely packed spheres: 3 s and 60 MB for 100, 13 s and 0.4 GB for 200.
 MOST_SPHERES = 100
 # Copies of one shape differ by the rounding of their places; in units of the largest radius.
 _ALIKE = 11

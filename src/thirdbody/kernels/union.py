@@ -25,6 +25,9 @@ TWO_PI = 2.0 * math.pi
 # Order of the ten moments: 1, x, y, z, xx, yy, zz, xy, xz, yz.
 MOMENTS = 10
 
+MEASURED = 1_000_000
+"""Most distances from marks to centers that are kept at once: a hundred spheres have 33 million."""
+
 FEW = 64
 """Bodies per thread below which another thread is not worth its start."""
 
@@ -195,11 +198,13 @@ def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
         level = np.where(flat < 1e-6, center[:, :, 2], np.nan)
         foot, side = _triple_points(c, r, axis, along, ring2, center)
         marks = np.concatenate([c - pole, c + pole, center - out, center + out, foot - side, foot + side], axis=1)
-        away = 0.0
-        for k in range(3):
-            apart = marks[:, :, None, k] - c[:, None, :, k]
-            away = away + apart * apart
-        hidden = (away < (r * r * (1.0 - 1e-9))[:, None]).any(axis=2)
+        hidden, size = np.empty(marks.shape[:2], np.bool_), max(1, MEASURED // r.size)
+        for first in range(0, marks.shape[1], size):
+            block, away = slice(first, first + size), 0.0
+            for k in range(3):
+                apart = marks[:, block, None, k] - c[:, None, :, k]
+                away = away + apart * apart
+            hidden[:, block] = (away < (r * r * (1.0 - 1e-9))[:, None]).any(axis=2)
     shown = np.where(np.isfinite(marks).all(axis=2) & ~hidden, marks[:, :, 2], np.nan)
     heights = np.sort(np.concatenate([shown, np.where(np.isfinite(level), level, np.nan)], axis=1), axis=1)
     # One memory layout for the kernel, or numba compiles it again.
