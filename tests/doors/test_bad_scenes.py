@@ -210,10 +210,10 @@ CALLS = {
     "--set beyond a list": (["scene.toml", "--set", "debris.1.count=3"], 3, ["--set: debris.1.count", "0 to 0"]),
     "--set of a wrong unit": (["scene.toml", "--set", "solver.distance=1 N"], 3, ["--set: solver.distance", "a force"]),
     "--set without a value": (["scene.toml", "--set", "solver.distance"], 2, ["write KEY=VALUE"]),
-    "missing plug-in": (["scene.toml", "--plugin", "no.py"], 2, ["--plugin no.py: no such file"]),
+    "missing plug-in": (["scene.toml", "--plugin", "no.py"], 2, ["plug-in no.py: no such file"]),
     "broken plug-in": (["scene.toml", "--plugin", "broken.py"], 2, ["broken.py", "ZeroDivisionError"]),
     "plug-in without PLUGIN": (["scene.toml", "--plugin", "empty.py"], 2, ["empty.py", "PLUGIN = Plugin(...)"]),
-    "plug-in that is a folder": (["scene.toml", "--plugin", "."], 2, ["--plugin"]),
+    "plug-in that is a folder": (["scene.toml", "--plugin", "."], 2, ["plug-in .: no such file"]),
     "plug-in that does not compile": (
         ["scene.toml", "--plugin", "kernel.py", "--set", "effects.wrong=true"],
         2,

@@ -217,3 +217,44 @@ def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
         expected = (1.0 + 2.0 * np.pi * work * radius / load) ** (2.0 / 3.0)
         assert sunk[1] / sunk[0] == pytest.approx(expected, rel=1e-3)
         assert expected > 1.05
+
+
+# faults of a plug-in file ---------------------------------------------------------------------------------------------------
+
+TYPOS = {
+    "a field that is not there": ("p.work_of_adhesion *", "p.work_of_adhesoin *", ["'work_of_adhesoin'", 'law.py", line 40']),
+    "a name that is not there": ("Adhesion(-pull,", "Adhesion(-pul,", ["NameError", "'pul'"]),
+    "a function that is not there": ("math.pi *", "math.pie *", ["'math'", "'pie'"]),
+    "an answer that lacks a part": ("Adhesion(-pull, -pull * c.overlap)", "Adhesion(-pull)", ["Adhesion", "'stored'"]),
+}
+
+
+@pytest.mark.parametrize(("right", "wrong", "words"), TYPOS.values(), ids=TYPOS)
+def test_a_typo_in_a_kernel_is_told_alike_by_the_suite_and_by_a_scene(right, wrong, words, balls, command, tmp_path):
+    text = DMT.read_text(encoding="utf-8")
+    assert text.count(right) == 1
+    (tmp_path / "law.py").write_text(text.replace(right, wrong), encoding="utf-8")
+    balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
+    told = command("laws", "--check", "law.py")
+    (line,) = [line for line in told.out.splitlines() if line.startswith("FAIL")]
+    assert told.code == 2 and "dmt_adhesion" in line and "cannot be compiled" in line and "pipeline" not in line
+    assert all(word in line for word in words), line
+    told = command("check", "scene.toml", "--plugin", "law.py")
+    assert told.code == 2 and told.err.startswith("thirdbody: dmt_adhesion: cannot be compiled: ") and told.err.count("\n") == 1
+    assert all(word in told.err for word in words), told.err
+
+
+@pytest.mark.parametrize("arguments", [("laws", "--check", "law.py"), ("check", "scene.toml", "--plugin", "law.py")])
+def test_an_option_of_an_unknown_dimension_is_refused_when_the_file_is_read(arguments, balls, command, tmp_path):
+    text = DMT.read_text(encoding="utf-8")
+    (tmp_path / "law.py").write_text(text.replace('"energy_per_area"', '"energy_per_aera"'), encoding="utf-8")
+    balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
+    told = command(*arguments)
+    assert told.code == 2 and "option 'work_of_adhesion': unknown dimension 'energy_per_aera'" in told.err
+    assert "did you mean 'energy_per_area'?" in told.err and "law.py" in told.err and told.err.count("\n") == 1
+
+
+def test_an_effect_that_is_missing_is_told_with_the_option_that_brings_it(balls, command):
+    balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
+    told = command("check", "scene.toml")
+    assert told.code == 3 and "no effect 'dmt_adhesion' is installed" in told.err and "--plugin FILE" in told.err

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
+from .compile_errors import compile_error
 from .conformance_paths import Bench
 from .conformance_symmetry import compiled, finite, friction_limit, history, no_touch, passive, rotation, swap
 from .conformance_work import energy, ledger, tangent
@@ -125,5 +126,8 @@ def _tested(name: str, test: Callable[[Bench], tuple[bool, str]], bench: Bench) 
 
 
 def _told(problem: Exception) -> str:
+    reason = compile_error(problem)
+    if reason is not None:
+        return reason
     text = str(problem).strip().splitlines()
     return f"{type(problem).__name__}: {text[0] if text else ''}"

@@ -38,6 +38,8 @@ from typing import Any, NamedTuple
 
 from numba import njit
 
+from ..dimensions import DIMENSIONS
+from ..errors import nearest
 from ..kernels.options import HELPER
 
 STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling")
@@ -178,8 +180,9 @@ class Pair:
 class Option:
     """One value that a scene may give to a law or an effect.
 
-    `dimension` is a name of `thirdbody.scene.units`, or "dimensionless"; `size` > 1 makes it a vector; `default=None`
-    makes it required; values outside [low, high] are a fault. An option with `words` is one of them and no number.
+    `dimension` is a name of `thirdbody.dimensions.DIMENSIONS`, such as "length" or "dimensionless"; `size` > 1 makes it a vector;
+    `default=None` makes it required; values outside [low, high] are a fault. An option with `words` is one of them and no number.
+    Raises ValueError for an unknown dimension.
     """
 
     name: str
@@ -190,6 +193,11 @@ class Option:
     size: int = 1
     doc: str = ""
     words: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.dimension not in DIMENSIONS:
+            hint = nearest(str(self.dimension), DIMENSIONS)
+            raise ValueError(f"option '{self.name}': unknown dimension '{self.dimension}', {hint}")
 
 
 Options = Mapping[str, Any]

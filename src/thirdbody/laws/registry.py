@@ -70,23 +70,23 @@ def _plugin(found: object) -> Plugin:
 def load_file(path: Path) -> Plugin:
     """The `PLUGIN` of a Python file. Raises UsageError if it cannot be read, fails, or has none."""
     if not path.is_file():
-        raise UsageError(f"--plugin {path}: no such file")
+        raise UsageError(f"plug-in {path}: no such file")
     digest = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]
     name = f"thirdbody_file_{path.stem}_{digest}"
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, path)
         if spec is None or spec.loader is None:
-            raise UsageError(f"--plugin {path}: not a Python file")
+            raise UsageError(f"plug-in {path}: not a Python file")
         module = importlib.util.module_from_spec(spec)
         sys.modules[name] = module
         try:
             spec.loader.exec_module(module)
         except Exception as problem:
             del sys.modules[name]
-            raise UsageError(f"--plugin {path}: {type(problem).__name__}: {problem}") from problem
+            raise UsageError(f"plug-in {path}: {type(problem).__name__}: {problem}") from problem
     plugin = getattr(sys.modules[name], "PLUGIN", None)
     if not isinstance(plugin, Plugin):
-        raise UsageError(f"--plugin {path}: the file has no PLUGIN = Plugin(...)")
+        raise UsageError(f"plug-in {path}: the file has no PLUGIN = Plugin(...)")
     return plugin
 
 

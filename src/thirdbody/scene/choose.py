@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +12,7 @@ import numpy as np
 from ..engine.state import Physics
 from ..errors import Fault, InputError, UsageError, nearest
 from ..laws.absent import NO_LABELS
+from ..laws.compile_errors import compile_error, foreign
 from ..laws.compose import Chain, compose
 from ..laws.compose_bodies import compose_effects, compose_labeller
 from ..laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair
@@ -54,7 +54,7 @@ def choose(scene: Scene, registry: Registry) -> Choice:
     except ValueError as problem:
         raise InputError(scene.fault(("contact", "law"), str(problem))) from None
     except Exception as problem:
-        raise _not_compiled([law.name for law in chosen], problem) from problem
+        raise _not_compiled(chosen, problem) from problem
     options = {law.name: values.get(law.name, law_values.get(law.name, {})) for law in chain.laws}
     rows = tuple(tuple(_mixed(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
     effect_row = [x for effect in effects for x in _mixed(effect, values[effect.name])]
@@ -64,9 +64,11 @@ def choose(scene: Scene, registry: Registry) -> Choice:
     try:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
     except Exception as problem:
-        names = [effect.name for effect in effects] + ([labeller.name] if labeller else [])
-        raise _not_compiled(names, problem) from problem
+        raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
     return Choice(physics, chain, family, level, labeller, effects, materials, pairs, rows, off)
+
+
+PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
 
 
 def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
@@ -81,15 +83,10 @@ def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
     return row
 
 
-def _not_compiled(names: Sequence[str], problem: Exception) -> Exception:
-    """One of these laws is no valid kernel: numba's reason without its colours and advice. Other problems stay as they are."""
-    if not isinstance(problem, ImportError) and not type(problem).__module__.startswith("numba."):
-        return problem
-    text = re.sub(r"\x1b\[[0-9;]*m", "", str(problem))
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    place = next((line for line in lines if line.startswith("File ")), "")
-    reason = next((line for line in reversed(lines) if "Error" in line or "Unknown" in line or "Invalid" in line), lines[0])
-    return UsageError(f"{', '.join(names)}: cannot be compiled: {reason} {place}".rstrip())
+def _not_compiled(parts: Sequence[Law | BodyEffect | Labeller], problem: Exception) -> Exception:
+    """Return the UsageError for laws of which one is no valid kernel. Other problems are returned as they are."""
+    reason, names = compile_error(problem), foreign(parts)
+    return UsageError(f"{', '.join(names)}: {reason}") if reason and names else problem
 
 
 def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawFamily, str, tuple[Law, ...]]:
@@ -98,7 +95,7 @@ def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawF
     if name not in families:
         hint = nearest(name, families)
         broken = "".join(f"; plug-in {plugin} did not load: {why}" for plugin, why in registry.failures.items())
-        raise InputError(scene.fault(("contact", "law"), f"no law '{name}' is installed, {hint}{broken}"))
+        raise InputError(scene.fault(("contact", "law"), f"no law '{name}' is installed, {hint}; {PLUGIN_FILE}{broken}"))
     family = families[name]
     level = scene.contact.level or family.default_level
     if level not in family.levels:
@@ -155,7 +152,7 @@ def _effects(
     for name in sorted(named):
         place = ("effects", name)
         if name not in known:
-            faults.append(scene.fault(place, f"no effect '{name}' is installed, {nearest(name, known)}"))
+            faults.append(scene.fault(place, f"no effect '{name}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
             continue
         effect, given = known[name], named[name]
         values[name] = _effect_values(scene, effect, given, place, faults)
