@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 from .kernels import layout as at
 from .parts import part_warnings, parts
 from .report import table
+from .run_warnings import run_warnings
+from .scene.spans import duration, size
 from .scene.units import pretty
 
 if TYPE_CHECKING:
@@ -30,7 +32,9 @@ def check_report(built: Simulation) -> dict[str, Any]:
     from .course import planned_frames
     from .simulate import debris_contact
 
-    frames = planned_frames(built)
+    frames, integration = planned_frames(built), _integration(built)
+    disk = frames * _frame_bytes(built)
+    costs = run_warnings(built, integration["estimated_wall_time"], disk, integration["trial_stopped"])
     return {
         "title": built.scene.title,
         "scene": built.scene.document(),
@@ -65,14 +69,14 @@ def check_report(built: Simulation) -> dict[str, Any]:
         "upper_plate": _plate_report(built),
         "integrator": built.plan.kind,
         "integrator_reason": built.plan.reason,
-        **_integration(built),
+        **integration,
         "settle": built.settle,
         "simulated_time": built.planned_time,
-        "expected_overlap_over_radius": built.upper.overlap,
+        "expected_overlap_over_radius": built.upper.expected,
         "memory": _memory(built),
         "frames": frames,
-        "disk": frames * _frame_bytes(built),
-        "warnings": [*built.warnings, *part_warnings(built)],
+        "disk": disk,
+        "warnings": [*costs, *built.warnings, *part_warnings(built)],
     }
 
 
@@ -101,15 +105,18 @@ def _integration(built: Simulation) -> dict[str, Any]:
 
     integrator = built.integrator
     if not isinstance(integrator, Explicit):
+        wall, stopped = _seconds_of_ways(built, integrator)
         return {
             "accuracy": vars(integrator.accuracy),
             "rayleigh": integrator.rayleigh,
             "steps": None,
-            "estimated_wall_time": _seconds_of_ways(built, integrator),
+            "estimated_wall_time": wall,
+            "trial_stopped": stopped,
         }
     bound, dt = integrator.bound, built.state.dt
     assert bound is not None
     steps = built.planned_time / dt
+    each, stopped = _seconds_per_step(integrator)
     return {
         "time_step": {
             "step": dt,
@@ -119,12 +126,16 @@ def _integration(built: Simulation) -> dict[str, Any]:
             "stability_limit": bound.stability,
         },
         "steps": steps,
-        "estimated_wall_time": steps * _seconds_per_step(integrator),
+        "estimated_wall_time": steps * each,
+        "trial_stopped": stopped,
     }
 
 
-def _seconds_per_step(original: Explicit) -> float:
-    """Measured on a copy of the simulation, which is thrown away; the first call is not counted."""
+def _seconds_per_step(original: Explicit) -> tuple[float, str]:
+    """Seconds of a step, and why a guard stopped the trial, if one did (then NaN).
+
+    Measured on a copy of the simulation, which is thrown away; the first call is not counted.
+    """
     from .errors import GuardStop
     from .kernels.layout import A_STEPS
 
@@ -138,15 +149,16 @@ def _seconds_per_step(original: Explicit) -> float:
         while time.perf_counter() - started < TRIAL_SECONDS:
             integrator.advance_to(trial.time + 100.0 * trial.dt)
         steps = int(trial.A[A_STEPS] - before[A_STEPS])
-        return (time.perf_counter() - started) / max(steps, 1)
-    except GuardStop:
-        return math.nan
+        return (time.perf_counter() - started) / max(steps, 1), ""
+    except GuardStop as stop:
+        return math.nan, str(stop)
 
 
-def _seconds_of_ways(built: Simulation, original: Implicit) -> float:
-    """Wall time of the whole run, from a few bodies of a throw-away copy that are pressed and dragged a little.
+def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str]:
+    """Wall time of the whole run, s, and why a guard stopped the trial, if one did (then NaN).
 
-    Measured on one core: a machine with more is faster by their number.
+    A few bodies of a throw-away copy are pressed and dragged a little. Measured on one core: a machine with more is faster by
+    their number.
     """
     from .errors import GuardStop
 
@@ -161,9 +173,9 @@ def _seconds_of_ways(built: Simulation, original: Implicit) -> float:
         pressed = time.perf_counter() - started
         integrator.trial(bodies, moved)
         dragged = time.perf_counter() - started - pressed
-    except GuardStop:
-        return math.nan
-    return (pressed + dragged * (built.planned_distance / way if way > 0.0 else 0.0)) * n / bodies
+    except GuardStop as stop:
+        return math.nan, str(stop)
+    return (pressed + dragged * (built.planned_distance / way if way > 0.0 else 0.0)) * n / bodies, ""
 
 
 def _memory(built: Simulation) -> int:
@@ -180,12 +192,30 @@ def _frame_bytes(built: Simulation) -> int:
 
 
 def print_check(told: dict[str, Any]) -> None:
-    """Print what `check_report` found."""
-    law = told["law"]
+    """Print what `check_report` found: warnings first, then what a run is and costs, then the physics and the resolved scene."""
     from .scene.write import toml_text
 
-    print(toml_text(told["scene"]))
+    for warning in told["warnings"]:
+        print(f"warning: {warning}")
     print(f"# {told['title'] or 'scene'}: {told['bodies']} bodies, {told['spheres']} spheres")
+    _print_costs(told)
+    _print_integration(told)
+    _print_plate(told)
+    _print_laws(told)
+    print()
+    print(toml_text(told["scene"]))
+    if told["warnings"]:
+        print(f"# {len(told['warnings'])} warning(s): see the top")
+
+
+def _print_costs(told: dict[str, Any]) -> None:
+    wall = told["estimated_wall_time"]
+    taken = "wall time unknown (a guard stopped the trial)" if math.isnan(wall) else duration(wall)
+    print(f"estimated: {taken}, {size(told['memory'])} of memory, {told['frames']} frames, {size(told['disk'])} on disk")
+
+
+def _print_laws(told: dict[str, Any]) -> None:
+    law = told["law"]
     table(f"law {law['family']}, level {law['level']}", ("stage", "law", "source"),
           [(entry["stage"], entry["law"], entry["source"]) for entry in law["chain"]])  # fmt: skip
     if law["not_needed"]:
@@ -202,26 +232,21 @@ def print_check(told: dict[str, Any]) -> None:
     table("effects and parts, with their share of the time (estimated)", ("part", "", "share", "reason"),
           [(row["part"], "on" if row["on"] else "off", share, row["reason"])
            for row, share in zip(told["parts"], shares, strict=True)])  # fmt: skip
+
+
+def _print_plate(told: dict[str, Any]) -> None:
     plate = told["upper_plate"]
-    if plate is not None:
-        load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"
-        load += f", at most {pretty(plate['largest_load'], 'force')}" if plate["largest_load"] > plate["load"] else ""
-        carried = f", carried by {plate['loaded_at_once']} of {told['bodies']} bodies at once" if plate["loaded_at_once"] else ""
-        each = " on each" if plate["support"] == "load_per_particle" else ""
-        print(
-            f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
-            f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
-        )
-    _print_integration(told)
-    print(f"expected overlap {told['expected_overlap_over_radius']:.2g} of the radius")
-    wall = told["estimated_wall_time"]
-    duration = "the trial steps were stopped by a guard" if math.isnan(wall) else f"{wall:.3g} s"
+    if plate is None:
+        return
+    load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"
+    load += f", at most {pretty(plate['largest_load'], 'force')}" if plate["largest_load"] > plate["load"] else ""
+    carried = f", carried by {plate['loaded_at_once']} of {told['bodies']} bodies at once" if plate["loaded_at_once"] else ""
+    each = " on each" if plate["support"] == "load_per_particle" else ""
     print(
-        f"estimated: {duration}, {told['memory'] / 1e6:.3g} MB of memory, "
-        f"{told['frames']} frames, {told['disk'] / 1e6:.3g} MB on disk"
+        f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
+        f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
     )
-    for warning in told["warnings"]:
-        print(f"warning: {warning}")
+    print(f"expected overlap {told['expected_overlap_over_radius']:.2g} of the radius")
 
 
 def _print_integration(told: dict[str, Any]) -> None:

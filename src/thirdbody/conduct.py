@@ -21,6 +21,7 @@ from .errors import InputError, Interrupted, OutputError
 from .output.frames import FrameMaker
 from .output.vtkhdf import TrajectoryWriter
 from .progress import Progress, Reporter
+from .yielding import PeakPressure
 
 if TYPE_CHECKING:
     from .scene.build import Simulation
@@ -47,6 +48,7 @@ class Conduct:
         self.ledger = Ledger(simulation.state)
         self.looks = Looks(self.ledger, 2 if simulation.integrator.divisible else 1)
         self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag)
+        self.pressure = PeakPressure(simulation)
         self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
 
     def take_up(self, kept: Checkpoint) -> None:
@@ -122,6 +124,7 @@ class Conduct:
             self.writer.append(frame)
         except ValueError as error:  # a run that is gone on with, whose file holds other arrays than it wrote
             raise OutputError(f"{self.folder}: the trajectory is damaged, so the run cannot go on: {error}") from error
+        self.pressure.look(frame.contacts)
         self._tell(dict(frame.series))
         # after the frame, which shows what went wrong
         self.looks.look(simulation.state, self.ledger.watch(simulation.state))

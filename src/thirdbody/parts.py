@@ -129,7 +129,6 @@ def _machinery(built: Simulation) -> list[dict[str, Any]]:
         "contact.debris_contact = 'none'" if built.scene.contact.debris_contact == "none" else "no two bodies can meet"
     )  # fmt: skip
     stride = max(1, state.physics.stride)
-    yields = [m.name for m in built.choice.materials if m.yield_strength]
     return [
         _row("motion of bodies and their spheres", True, "always", NS["sphere"] * state.n_spheres),
         _row("contact geometry", True, "always", NS["contact"] * 2 * state.n_bodies + NS["pair"] * state.n_spheres),
@@ -138,7 +137,7 @@ def _machinery(built: Simulation) -> list[dict[str, Any]]:
              NS["labels"] * state.n_bodies / stride),
         _row("foundation", founded, "plates.upper.support", NS["body"] * state.n_bodies),
         _row("rolling resistance's moments", state.physics.moments, "a law of the stage rolling", NS["law"] * state.n_bodies),
-        _row("first yield", bool(yields), _yield_reason(built, yields), 0.0),
+        _row("first yield", True, _yield_reason(built), 0.0),
         _row("elastic interaction of spots", False, _spots_reason(built), 0.0),
     ]  # fmt: skip
 
@@ -147,12 +146,13 @@ def _row(part: str, on: bool, reason: str, share: float) -> dict[str, Any]:
     return {"part": part, "on": bool(on), "reason": reason, "share": share}
 
 
-def _yield_reason(built: Simulation, yields: list[str]) -> str:
-    if yields:
-        return f"judged for {', '.join(yields)}: a warning, no plastic flow"
+def _yield_reason(built: Simulation) -> str:
+    given = [m.name for m in built.choice.materials if m.yield_strength]
+    source = f"yield strength of {', '.join(given)} from the scene" if given else "yield strengths assumed, E/100"
+    source += ", others assumed" if 0 < len(given) < len(built.choice.materials) else ""
     pressure = _peak_pressure(built)
-    told = f", and p0 is about {pretty(pressure, 'pressure')}" if pressure > 0.0 else ""
-    return f"no material has a yield_strength{told}; elastic in any case"
+    expected = f"expected peak pressure {pretty(pressure, 'pressure')}; " if pressure > 0.0 else ""
+    return f"{expected}{source}: a warning, no plastic flow"
 
 
 def _spots_reason(built: Simulation) -> str:
@@ -165,7 +165,7 @@ def _spots_reason(built: Simulation) -> str:
 def _peak_pressure(built: Simulation) -> float:
     """p0 = (2 E*/pi) sqrt(overlap/R) under the expected load, Pa, for the stiffest pair."""
     stiffest = max(e_star(pair.a, pair.b) for pair in built.choice.pairs)
-    return 2.0 * stiffest / math.pi * math.sqrt(built.upper.overlap)
+    return 2.0 * stiffest / math.pi * math.sqrt(built.upper.expected)
 
 
 def _load(built: Simulation) -> float:

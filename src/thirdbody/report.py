@@ -62,6 +62,7 @@ def print_warnings(warnings: Iterable[str]) -> None:
 def run_report(folder: Path, json: bool) -> None:
     """Print the short table that ends a run."""
     from .output.run import open_run
+    from .yielding import yield_warning, yield_words
 
     with open_run(folder) as result:
         told = result.summary()
@@ -81,6 +82,7 @@ def run_report(folder: Path, json: bool) -> None:
             ("sliding distance", pretty(told["distance"], "length")),
             ("friction coefficient", f"{mu[-1]:z.4f} (last interval)" if len(mu) and not math.isnan(mu[-1]) else "unloaded"),
             ("states", ", ".join(fractions)),
+            ("peak pressure", yield_words(told) or "not known"),
             ("energy residual", "not known" if told["energy_residual"] is None else f"{told['energy_residual']:.2e}"),
             ("files", f"{folder} ({', '.join(Path(file).name for file in files)})"),
         ]
@@ -88,6 +90,7 @@ def run_report(folder: Path, json: bool) -> None:
             # the full reason ends the command, on standard error
             rows.insert(0, ("finished", f"no: {told['stopped'].split(' ')[0]} after {told['frames']} frame(s), kept"))
         table("", ("", ""), rows)
+        print_warnings(filter(None, [yield_warning(told)]))
 
 
 def states_report(path: Path, frame: int | None, json: bool) -> None:

@@ -118,6 +118,9 @@ def _execute(
     problem: GuardStop | Interrupted | None = None
     if kept is not None:
         conduct.take_up(kept)
+        if kept.frames:
+            with open_run(folder) as before:
+                conduct.pressure.take_up(before, kept.frames)
     with _opened(folder, _header(simulation), conduct.maker, kept) as writer:
         try:
             conduct.integrate(writer)
@@ -266,6 +269,7 @@ def _summary(simulation: Simulation, conduct: Conduct, frames: int, problem: Exc
         "sphere_steps_per_second": integration["sphere_steps"] / wall if wall > 0.0 else 0.0,
         "simulated_time": state.time,
         "distance": state.distance,
+        **conduct.pressure.summary(),
         "energy": lines,
         # a guard trips in a step that was not recorded: what is stored in its contacts is not known
         "energy_residual": None if isinstance(problem, GuardStop) else ledger.relative_residual(state, lines["residual"]),

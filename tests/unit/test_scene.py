@@ -207,7 +207,7 @@ free_key = name.filter(
 sizes = st.one_of(
     st.builds(Constant, value=positive),
     st.builds(Lognormal, median=positive, sigma=positive),
-    st.builds(Lognormal, median=positive, sigma=positive, min=st.just(1e-9), max=st.floats(1e-8, 1)),
+    st.builds(Lognormal, median=st.floats(1e-9, 1e-8), sigma=positive, min=st.just(1e-9), max=st.floats(1e-8, 1)),
 )
 irregular = st.builds(
     lambda low, more, **rest: Irregular(spheres=(low, low + more), **rest),
@@ -238,7 +238,7 @@ scenes = st.builds(
         plates={"lower": {"material": "m"}, "upper": upper},
         contact=Contact(options=contact),
         effects=Effects(named=effects),
-        solver={"distance": young, "settle": 0},
+        solver={"distance": max(young, every), "settle": 0},
         output={"every": every, "every_kind": "distance"},
     ),
     key=st.sampled_from(["youngs_modulus", "shear_modulus"]), title=name.filter(lambda text: text != "m"),

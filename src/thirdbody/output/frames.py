@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -99,7 +100,7 @@ class FrameMaker:
             "torque": B[:, at.B_T : at.B_T + 3].copy(),
             "friction_work": B[:, at.B_WORK].copy(),
             "slip_distance": B[:, at.B_SLIP].copy(),
-            "peak_pressure": self._largest(contacts, _peak_pressure(contacts)),
+            "peak_pressure": self._largest(contacts, peak_pressure(contacts)),
             "utilisation": self._largest(contacts, contacts["utilisation"]),
             "contacts": self._count(contacts),
         }
@@ -182,7 +183,7 @@ def impulses_of(state: State) -> np.ndarray:
     return np.concatenate([[A[at.A_TIME]], A[at.A_IMPULSE : at.A_IMPULSE + 3], A[at.A_IMPULSE_LOW : at.A_IMPULSE_LOW + 3]])
 
 
-def _peak_pressure(contacts: dict[str, np.ndarray]) -> np.ndarray:
+def peak_pressure(contacts: Mapping[str, np.ndarray]) -> np.ndarray:
     """Hertz' peak pressure p0 = 3 N/(2 pi a^2), Pa."""
     a = contacts["contact_radius"]
     area = np.pi * a * a

@@ -231,8 +231,9 @@ class Run:
         `finished` (False when it was killed, interrupted or stopped by a guard; then `stopped` may tell why),
         `frames`, `bodies`, `duration` (s), `distance` (m), `friction_coefficient` (mean over the loaded frames
         of the second half, when the start is forgotten), `fractions` (state name to share, last frame); of a run
-        that came to its end also what it stored, among it `energy_residual`, relative. Figures that the run has no
-        series for are absent.
+        that came to its end also what it stored, among it `energy_residual`, relative, `peak_pressure` (Pa, largest over contacts
+        and frames) and `first_yield` (its `ratio` to the pressure at first yield, `assumed` yield strength or not).
+        Figures that the run has no series for are absent.
         """
         stored = self._text(SUMMARY_TEXT) if SUMMARY_TEXT in self._scene else {}
         return self._figures() | {"finished": SUMMARY_TEXT in self._scene} | dict(stored)

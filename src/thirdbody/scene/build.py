@@ -20,8 +20,10 @@ from ..laws.elasticity import dundurs_beta
 from ..laws.registry import Registry, discover
 from . import units
 from .choose import Choice, choose
+from .crosscheck import too_long, too_long_message
 from .integrate import Plan, implicit, plan
 from .model import Scene
+from .plausible import unusual_values
 from .populate import populate
 from .upper import Upper, upper_plate
 
@@ -103,7 +105,7 @@ def build(
     registry = registry or discover()
     choice = choose(scene, registry)
     labeller = choice.labeller
-    warnings = _similarity_warnings(choice)
+    warnings = [*unusual_values(scene), *_similarity_warnings(choice)]
     if choice.physics.stiffness is None:
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
@@ -123,11 +125,12 @@ def build(
     _refuse_narrow_domain(scene, state)
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
     chosen = plan(scene, choice, state)
+    warnings += _bed_warnings(scene, state, chosen)
     if chosen.kind == "implicit":
         slow = implicit(scene, choice, state, upper)
         simulation = Simulation(scene, choice, labeller, state, slow, chosen, upper, warnings, force)
         _refuse_unreached(simulation)
-        _refuse_many_frames(simulation)
+        _refuse_interval(simulation)
         return simulation
     from ..engine.explicit import Explicit
 
@@ -137,7 +140,7 @@ def build(
         _refuse_large_step(scene, integrator, fixed)
     simulation = Simulation(scene, choice, labeller, state, integrator, chosen, upper, warnings, force)
     _refuse_unreached(simulation)
-    _refuse_many_frames(simulation)
+    _refuse_interval(simulation)
     _refuse_endless(simulation, integrator, force)
     return simulation
 
@@ -175,6 +178,21 @@ def _similarity_warnings(choice: Choice) -> list[str]:
     return warnings
 
 
+def _bed_warnings(scene: Scene, state: State, chosen: Plan) -> list[str]:
+    """Warnings of a packed bed whose bodies have no contact with each other."""
+    packed = [debris for debris in scene.debris if getattr(debris, "placement", None) == "dense"]
+    if not packed or state.n_bodies < 2:
+        return []
+    bed = f'{state.n_bodies} bodies, packed by placement = "dense",'
+    if scene.contact.debris_contact == "none":
+        return [f'{bed} have no contact with each other (contact.debris_contact = "none"), so they pass through one another and '
+                'carry no load from plate to plate; contact.debris_contact = "auto" lets them meet']  # fmt: skip
+    if chosen.kind == "implicit":
+        return [f'{bed} have no contact with each other in the implicit integrator, which stops where two come near: here '
+                'at once; solver.integrator = "explicit" has that contact']  # fmt: skip
+    return []
+
+
 def _refuse_narrow_domain(scene: Scene, state: State) -> None:
     """Nearest images are unique only if a period is wider than twice the longest reach."""
     if not scene.domain.periodic or not state.world.debris_meets:
@@ -205,13 +223,15 @@ def _refuse_unreached(simulation: Simulation) -> None:
         raise InputError(simulation.scene.fault(("solver", "distance"), message))
 
 
-def _refuse_many_frames(simulation: Simulation) -> None:
-    """Raise InputError for an interval that makes more frames than are ever written."""
+def _refuse_interval(simulation: Simulation) -> None:
+    """Raise InputError for an interval that is longer than the run, or makes more frames than are ever written."""
     scene = simulation.scene
     every, by_time = scene.output.every, scene.output.every_kind == "time"
     whole = simulation.planned_time if by_time else simulation.planned_distance
+    kind = "time" if by_time else "length"
+    if whole > 0.0 and too_long(every, whole):
+        raise InputError(scene.fault(("output", "every"), too_long_message(every, whole, kind)))
     if whole > MOST_FRAMES * every:
-        kind = "time" if by_time else "length"
         message = (
             f"{units.pretty(every, kind)} makes {whole / every:.3g} frames of {units.pretty(whole, kind)}, "
             f"at most {MOST_FRAMES:g} are written"

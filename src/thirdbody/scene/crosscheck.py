@@ -10,6 +10,7 @@ from itertools import combinations
 from typing import Any
 
 from thirdbody.errors import nearest
+from thirdbody.scene import units
 from thirdbody.scene.fields import show
 from thirdbody.scene.part import Place, Wrong
 
@@ -130,3 +131,21 @@ def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[W
         hint = "add plates.upper.motion, or give a time"
         wrongs.append((("output", "every"), f"a length of sliding needs an upper plate that moves: {hint}"))
     return wrongs
+
+
+def interval_faults(solver: Any, output: Any) -> list[Wrong]:
+    """An interval of output that is longer than the distance it divides; other runs are as long as `build` finds out."""
+    if output.every_kind != "distance" or solver.distance is None or not too_long(output.every, solver.distance):
+        return []
+    return [(("output", "every"), too_long_message(output.every, solver.distance, "length"))]
+
+
+def too_long(every: float, whole: float) -> bool:
+    """Whether an interval exceeds the run; one interval may be the whole, but for rounding."""
+    return every > whole * (1.0 + 1e-9)
+
+
+def too_long_message(every: float, whole: float, kind: str) -> str:
+    """What is wrong with such an interval."""
+    longest = units.pretty(whole, kind)
+    return f"{units.pretty(every, kind)} is longer than the whole run, {longest}; allowed: at most {longest}"

@@ -129,7 +129,7 @@ class Scene(Part):
 
     def checks(self) -> list[Wrong]:
         """Faults between tables that are right by themselves."""
-        return self._too_many() + self._out_of_plane()
+        return self._too_many() + self._out_of_plane() + crosscheck.interval_faults(self.solver, self.output)
 
     def _too_many(self) -> list[Wrong]:
         """More spheres than are ever computed, told before one of them is made."""

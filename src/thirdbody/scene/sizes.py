@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ValidationInfo
 
+from thirdbody.scene import units
 from thirdbody.scene.fields import Quantity
 from thirdbody.scene.part import Part, Wrong, tagged
 from thirdbody.scene.types import PositiveLength, PositiveNumber
@@ -22,7 +24,16 @@ class _Cut(Part):
     def checks(self) -> list[Wrong]:
         """Faults between the limits."""
         low, high = getattr(self, "min"), getattr(self, "max")  # noqa: B009  (declared by the kinds below)
-        return [(("min",), "min must be less than max")] if low and high and not low < high else []
+        if low and high and not low < high:
+            return [(("min",), "min must be less than max")]
+        return [self._outside(key, low, high) for key in ("median", "mean")
+                if not (low or 0.0) <= getattr(self, key, low or 0.0) <= (high or math.inf)]  # fmt: skip
+
+    def _outside(self, key: str, low: float | None, high: float | None) -> Wrong:
+        """The fault of a middle of the distribution that its limits cut away."""
+        limits = [f"{word} {units.pretty(x, 'length')}" for word, x in (("min", low), ("max", high)) if x]
+        shown = units.pretty(getattr(self, key), "length")
+        return (key,), f"the {key} {shown} is outside the limits, {' and '.join(limits)}: only the tail would be left"
 
 
 class Lognormal(_Cut):

@@ -17,6 +17,7 @@ from .choose import Choice
 from .model import Scene
 from .place import CLEARANCE
 from .populate import sphere_centres
+from .pressing import Pressing, pressing_warnings, refuse_crushing
 from .schedule import first_load, schedule
 
 HANDFUL = 3
@@ -30,12 +31,17 @@ the others leave less than 1e-3."""
 
 @dataclass(frozen=True)
 class Upper:
-    """The plate, the settling time (s), the expected overlap over the radius, and how many bodies carry load at once."""
+    """The plate, the settling time (s), and how many bodies carry load at once.
+
+    Overlaps over the radius: `overlap` with the whole load on the tallest body, as it comes down on it; `expected` with the
+    load on those that carry it at once.
+    """
 
     plate: UpperPlate | None
     settle: float = 0.0
     overlap: float = 0.0
     loaded: int = 0
+    expected: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -89,12 +95,17 @@ def _each_loaded(scene: Scene, choice: Choice, placed: Placed, crown: Crown, mat
     n, load = len(crown.top), first_load(scene)
     loads = np.full(n, load)
     mass = np.full(n, scene.plates.upper.mass or crown.mass.mean())  # type: ignore[union-attr]
-    overlap, dashpot = _pressed(scene, choice, crown, np.arange(n), loads, mass, warnings)
+    overlap, dashpot = _pressed(scene, choice, crown, np.arange(n), loads, mass)
+    most = load * _largest(scene)
+    pressing = Pressing(np.full(n, most), crown.radius, crown.kind)
+    refuse_crushing(scene, choice, pressing, most)
+    warnings += pressing_warnings(choice, pressing)
     settle = _settle(scene, placed, crown, mass, dashpot, load)
     _warn_dashpot(scene, settle, dashpot, load, warnings)
     heights = crown.top + CLEARANCE * crown.radius
     made = UpperPlate(material, heights, mass, dashpot, loads, True, np.arange(n), schedule(scene, settle))
-    return Upper(made, settle, float(np.max(overlap / crown.radius)), n)
+    deepest = float(np.max(overlap / crown.radius))
+    return Upper(made, settle, deepest, n, deepest)
 
 
 def _rigid(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
@@ -102,7 +113,11 @@ def _rigid(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material:
     load, tallest = first_load(scene), np.array([int(np.argmax(crown.top))])
     mass = np.full(1, scene.plates.upper.mass or crown.mass.sum())  # type: ignore[union-attr]
     loads = np.full(1, load)
-    overlap, dashpot = _pressed(scene, choice, crown, tallest, loads, mass, warnings)
+    overlap, dashpot = _pressed(scene, choice, crown, tallest, loads, mass)
+    most = load * _largest(scene)
+    refuse_crushing(scene, choice, Pressing(np.full(len(crown.top), most), crown.radius, crown.kind), most, len(crown.top))
+    pressing = _shared(choice, crown, most)
+    warnings += pressing_warnings(choice, pressing)
     settle = _settle(scene, placed, crown, mass, dashpot, load)
     loaded = _carrying(lambda z: _layer_force(choice, crown, z), crown, load)
     if loaded <= HANDFUL < len(crown.top):
@@ -114,7 +129,16 @@ def _rigid(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material:
     height = crown.top[tallest] + CLEARANCE * crown.radius[tallest]
     patch = np.zeros(len(crown.top), np.int64)
     made = UpperPlate(material, height, mass, dashpot, loads, True, patch, schedule(scene, settle))
-    return Upper(made, settle, float(overlap[0] / crown.radius[tallest[0]]), loaded)
+    expected = float(np.max(pressing.overlap(choice) / pressing.radius))
+    return Upper(made, settle, float(overlap[0] / crown.radius[tallest[0]]), loaded, expected)
+
+
+def _shared(choice: Choice, crown: Crown, load: float) -> Pressing:
+    """The bodies that carry a rigid plate's load (N) together, if they did not move."""
+    force = _layer_force(choice, crown, _level(lambda z: _layer_force(choice, crown, z), crown, load))
+    on = np.flatnonzero(force > 0.0) if np.any(force > 0.0) else np.array([int(np.argmax(crown.top))])
+    share = force[on] * (load / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, load)
+    return Pressing(share, crown.radius[on], crown.kind[on])
 
 
 def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
@@ -133,7 +157,10 @@ def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, m
     largest = np.array([int(np.argmax(carried))])
     mass = np.full(n, plate.mass or crown.mass.mean())
     expected = np.maximum(carried[largest], 1e-300)
-    overlap, dashpot = _pressed(scene, choice, crown, largest, expected, mass[:1], warnings)
+    overlap, dashpot = _pressed(scene, choice, crown, largest, expected, mass[:1])
+    pressing = Pressing(expected * _largest(scene), crown.radius[largest], crown.kind[largest])
+    refuse_crushing(scene, choice, pressing, float(pressing.load[0]))
+    warnings += pressing_warnings(choice, pressing)
     total = float(mass.sum())
     common = Foundation(
         stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None
@@ -149,20 +176,25 @@ def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, m
     made = UpperPlate(
         material, heights, mass, np.full(n, dashpot[0]), np.full(n, preload), True, np.arange(n), schedule(scene, settle), common
     )
-    return Upper(made, settle, float(overlap[0] / crown.radius[largest[0]]), loaded)
+    deepest = float(overlap[0] / crown.radius[largest[0]])
+    return Upper(made, settle, deepest, loaded, deepest)
+
+
+def _largest(scene: Scene) -> float:
+    """Largest load to come over the first one, at least 1."""
+    return max(schedule(scene, 0.0).largest_load(), 1.0)
 
 
 def _pressed(
-    scene: Scene, choice: Choice, crown: Crown, who: np.ndarray, loads: np.ndarray, mass: np.ndarray, warnings: list[str]
+    scene: Scene, choice: Choice, crown: Crown, who: np.ndarray, loads: np.ndarray, mass: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Overlap (m) of these bodies' highest spots under the largest loads to come, and the dashpots (kg/s), by default critical
     with the spots under these first loads."""
     plate, radius, kind = scene.plates.upper, crown.radius[who], crown.kind[who]
     assert plate is not None
     overlap = overlap_at(choice.physics, loads, radius, kind)
-    largest = schedule(scene, 0.0).largest_load()
+    largest = _largest(scene)
     deepest = overlap if largest <= 1.0 else overlap_at(choice.physics, largest * loads, radius, kind)
-    _warn_pressure(choice, max(largest, 1.0) * loads, deepest, radius, kind, warnings)
     if plate.damping is not None:
         return deepest, np.full(len(who), plate.damping)
     stiffness = response(choice.physics, overlap, radius, kind)[1]
@@ -216,19 +248,6 @@ def _settle(scene: Scene, placed: Placed, crown: Crown, mass: np.ndarray, dashpo
         return 0.0
     way = max(0.25 * max(clump.diameter for clump in placed.clumps), 0.1 * float(crown.top.max()))
     return math.sqrt(2.0 * way * (crown.mass.max() + mass.max()) / load) + float(dashpot.max()) * way / load
-
-
-def _warn_pressure(choice: Choice, load, overlap, radius, kind, warnings: list[str]) -> None:
-    """First yield under a sphere at p0 = 1.6 Y (Johnson 1985, Eq. 4.35); told when the scene gives Y."""
-    p0 = 1.5 * load / (math.pi * radius * overlap)
-    for k, pair in enumerate(choice.pairs):
-        soft = min((m.yield_strength for m in (pair.a, pair.b) if m.yield_strength), default=None)
-        here = p0[kind == k]
-        if soft is not None and len(here) and here.max() > 1.6 * soft:
-            warnings.append(
-                f"{pair.a.name}/{pair.b.name}: Hertz pressure {units.pretty(float(here.max()), 'pressure')} exceeds first yield "
-                f"({units.pretty(1.6 * soft, 'pressure')}): contacts are computed as elastic all the same"
-            )
 
 
 def _warn_dashpot(scene: Scene, settle: float, dashpot: np.ndarray, load: float, warnings: list[str]) -> None:

@@ -1,0 +1,39 @@
+"""Warnings of a run that would take long, fill the disk, or be stopped: from a trial of it, before it starts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from .scene.spans import duration, size
+from .scene.units import pretty
+
+if TYPE_CHECKING:
+    from .scene.build import Simulation
+
+LONG = 86400.0
+"""Wall time of a run that is warned of, s: a day."""
+
+LARGE = 10e9
+"""Trajectory that is warned of, bytes; also the size that the suggested interval leaves."""
+
+
+def run_warnings(built: Simulation, wall: float, disk: float, stopped: str) -> Iterator[str]:
+    """Warnings from the estimated wall time (s) and trajectory (bytes), and the message of a guard that stopped the trial."""
+    if stopped:
+        yield f"a trial of the first steps was stopped by a guard, and so will the run be: {stopped}"
+    if wall > LONG:
+        yield (
+            f"a run would take about {duration(wall)} ({wall:.2g} s) on one core: lower {_lengths(built)} or the number of "
+            "bodies; thirdbody cost compares cheaper laws, steps and integrators"
+        )
+    if disk > LARGE:
+        output = built.scene.output
+        every = pretty(output.every * math.ceil(disk / LARGE), "time" if output.every_kind == "time" else "length")
+        yield f'the trajectory would take about {size(disk)} on disk: output.every = "{every}" leaves {size(LARGE)} or less'
+
+
+def _lengths(built: Simulation) -> str:
+    """The key of the scene that says how long the run is."""
+    return "solver.distance" if built.scene.solver.distance is not None else "solver.duration"

@@ -1,0 +1,90 @@
+"""The largest peak pressure that a run recorded, against first yield: contacts are computed as elastic beyond it too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .laws.yielding import yield_limit
+from .output.frames import peak_pressure
+from .scene.pressing import limit_words
+from .scene.units import pretty
+
+if TYPE_CHECKING:
+    from .output.run import Run
+    from .scene.build import Simulation
+
+
+class PeakPressure:
+    """The contact nearest to first yield, or farthest above it, over the frames of a run."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        state, world = simulation.state, simulation.state.world
+        self.materials = simulation.choice.materials
+        self.of_body = state.material[state.given]
+        self.of_plate = {-1: world.lower, -2: None if world.upper is None else world.upper.material}
+        self.limits = np.array([[yield_limit(a, b).pressure for b in self.materials] for a in self.materials])
+        self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
+
+    def take_up(self, run: Run, frames: int) -> None:
+        """Look at the first frames of a run that is gone on with."""
+        for frame in range(min(frames, run.frames)):
+            self.look(run.contacts(frame))
+
+    def look(self, contacts: Mapping[str, np.ndarray]) -> None:
+        """Look at the contacts of one frame."""
+        pressure, body, partner = peak_pressure(contacts), contacts["body"], contacts["partner"]
+        if not len(pressure):
+            return
+        own, other = self.of_body[body], self.of_body[np.maximum(partner, 0)]
+        for side, material in self.of_plate.items():
+            if material is not None:
+                other = np.where(partner == side, material, other)
+        ratio = pressure / self.limits[own, other]
+        worst = int(np.argmax(ratio))
+        self.over = max(self.over, int(np.count_nonzero(ratio > 1.0)))
+        self.pressure = max(self.pressure, float(pressure.max()))
+        if ratio[worst] > self.ratio:
+            self.ratio, self.pair = float(ratio[worst]), (int(own[worst]), int(other[worst]))
+
+    def summary(self) -> dict[str, Any]:
+        """Largest peak pressure (Pa), its largest ratio to first yield, that limit (Pa, None without one) and the materials."""
+        a, b = (self.materials[k] for k in self.pair)
+        limit = yield_limit(a, b)
+        finite = math.isfinite(limit.pressure)
+        return {
+            "peak_pressure": self.pressure,
+            "first_yield": {
+                "ratio": self.ratio,
+                "pressure": limit.pressure if finite else None,
+                "between": [a.name, b.name],
+                "material": limit.material,
+                "yield_strength": limit.strength if finite else None,
+                "assumed": limit.assumed,
+                "contacts": self.over,
+            },
+        }
+
+
+def yield_words(summary: Mapping[str, Any]) -> str:
+    """The largest peak pressure of a run in words, from its summary; empty for a run that has none."""
+    found, pressure = summary.get("first_yield"), summary.get("peak_pressure")
+    if not found or not pressure:
+        return ""
+    words = pretty(pressure, "pressure")
+    if found["pressure"] is None:
+        return f"{words}; no yield strength is known or assumed"
+    where = limit_words(found["material"], found["pressure"], found["yield_strength"], found["assumed"])
+    return f"{words}; {found['between'][0]}/{found['between'][1]}: {found['ratio']:.2g} times {where}"
+
+
+def yield_warning(summary: Mapping[str, Any]) -> str:
+    """A warning of contacts above first yield, from the summary of a run; empty where there are none."""
+    found = summary.get("first_yield")
+    if not found or not found["ratio"] > 1.0:
+        return ""
+    words = f"peak pressure {yield_words(summary)}, in {found['contacts']} contact(s) of one frame"
+    return f"{words}: they would flow plastically, and are computed as elastic; a lower load stays below"

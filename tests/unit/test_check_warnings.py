@@ -1,0 +1,203 @@
+"""What alarms in a scene is said first, with the number that decides and the remedy; nonsense is a fault with its place."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+from steel import STEEL
+
+from thirdbody import check
+from thirdbody.errors import InputError
+from thirdbody.laws.contract import Material
+from thirdbody.laws.yielding import yield_limit
+from thirdbody.output.run import open_run
+from thirdbody.run_warnings import run_warnings
+from thirdbody.scene.build import build
+from thirdbody.scene.model import Scene
+from thirdbody.scene.spans import duration, size
+from thirdbody.simulate import run
+
+# one ball of 10 um between steel plates: 0.01 mN gives a peak pressure of 1.45 GPa, below first yield
+BALL = STEEL + """\
+[[debris]]
+material = "steel"
+kind = "irregular"
+spheres = 1
+aspect = [1.0, 1.0, 1.0]
+count = 1
+size = {distribution = "lognormal", median = "10 um", sigma = 0.2, min = "9 um", max = "11 um"}
+[domain]
+size = ["60 um", "60 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.01 mN"
+motion = {x = {velocity = "1 mm/s"}}
+[solver]
+distance = "10 nm"
+settle = "0.1 us"
+integrator = "explicit"
+[output]
+every = "10 nm"
+"""
+BED = (
+    ("count = 1", 'count = 40\nplacement = "dense"'), ('["60 um", "60 um"]', '["30 um", "30 um"]'),
+    ('support = "load_per_particle"', 'support = "rigid"'),
+)
+
+WARNINGS = {
+    "210 MPa for GPa": ([("210 GPa", "210 MPa"), ("0.01 mN", "1 nN")], ["youngs_modulus", "210 MPa", "was GPa meant?"]),
+    "g/cm3 for kg/m3": ([("7850 kg/m3", "7.85 kg/m3")], ["materials.steel.density: 7.85 kg/m3", "g/cm3", "7850 kg/m3"]),
+    "too heavy": ([("7850 kg/m3", "7.85e6 kg/m3")], ["materials.steel.density: 7.85e+06 kg/m3", "22590"]),
+    "friction in per cent": ([("friction = 0.30", "friction = 30")], ["pairs[0].friction: 30 ", "not per cent"]),
+    "deep overlap": ([("210 GPa", "0.6 GPa"), ("0.01 mN", "0.5 mN")], ["expected overlap 0.1", "a run stops at 0.3"]),
+    "yield, assumed": ([("0.01 mN", "2 mN")], ["1.7 times first yield of steel at 3.36 GPa", "2.1 GPa, assumed as E/100", "at most"]),
+    "yield, given": (
+        [("density =", 'yield_strength = "500 MPa"\ndensity =')], ["first yield of steel at 800 MPa", "500 MPa, given"],
+    ),
+    "bed without contacts": (
+        [*BED, ("[solver]", '[contact]\ndebris_contact = "none"\n[solver]')], ["40 bodies, packed", 'debris_contact = "auto"'],
+    ),
+    "bed, implicit": ([*BED, ('integrator = "explicit"', 'integrator = "implicit"')], ["40 bodies, packed", '"explicit"']),
+}  # fmt: skip
+
+
+def scene(*changes: tuple[str, str]) -> Scene:
+    text = BALL
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return Scene.parse(text, "x.toml")
+
+
+@pytest.mark.parametrize("changes, words", WARNINGS.values(), ids=WARNINGS)
+def test_what_is_unusual_is_warned_of_with_its_number_and_remedy(changes, words):
+    found = [warning for warning in build(scene(*changes)).warnings if all(word in warning for word in words)]
+    assert len(found) == 1
+
+
+def test_a_usual_scene_has_no_warning():
+    assert build(scene()).warnings == []
+
+
+FAULTS = {
+    "overlap of the radius": (
+        [("0.01 mN", "5 N")], 'x.toml:24:1: plates.upper.load: 5 N on each body would press contacts in by more than 0.3 of the radius',
+    ),
+    "median below min": (
+        [('median = "10 um"', 'median = "3 um"')],
+        "x.toml:16:37: debris[0].size.median: the median 3 um is outside the limits, min 9 um and max 11 um",
+    ),
+    "every above distance": (
+        [('every = "10 nm"', 'every = "20 nm"')],
+        "x.toml:31:1: output.every: 20 nm is longer than the whole run, 10 nm; allowed: at most 10 nm",
+    ),
+    "every above duration": (
+        [('distance = "10 nm"', 'duration = "1 us"'), ('every = "10 nm"', 'every = "2 us"')],
+        "x.toml:31:1: output.every: 2 us is longer than the whole run, 1.1 us; allowed: at most 1.1 us",
+    ),
+    "every above the path": (
+        [('distance = "10 nm"', 'duration = "1 us"'), ('every = "10 nm"', 'every = "1 um"')],
+        "x.toml:31:1: output.every: 1 um is longer than the whole run, 1 nm; allowed: at most 1 nm",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("changes, text", FAULTS.values(), ids=FAULTS)
+def test_nonsense_is_a_fault_with_its_place_and_range(changes, text):
+    with pytest.raises(InputError) as caught:
+        build(scene(*changes))
+    assert str(caught.value).startswith(text)
+
+
+def test_one_interval_may_be_the_whole_run():
+    assert scene(('distance = "10 nm"', 'distance = "30 nm"'), ('every = "10 nm"', 'every = "30 nm"')).output.every == 30e-9
+
+
+def test_a_load_that_all_bodies_share_is_not_laid_on_one():
+    """A rigid plate comes down on the tallest of a bed; what a load does to it is judged by those that carry it."""
+    one = build(scene(("0.01 mN", "0.1 mN"), ('support = "load_per_particle"', 'support = "rigid"')))
+    more = [("0.01 mN", "0.1 mN"), ('support = "load_per_particle"', 'support = "rigid"'),
+            ("count = 1", "count = 4"), ('"lognormal", median = "10 um", sigma = 0.2, min = "9 um", max = "11 um"',
+                                         '"constant", value = "10 um"')]  # fmt: skip
+    four = build(scene(*more))
+    assert four.upper.loaded == 4
+    # Hertz: the overlap goes as the load to the power 2/3; the lone ball has another size
+    assert four.upper.expected < one.upper.expected
+    assert four.upper.expected == pytest.approx(four.upper.overlap * 4.0 ** (-2.0 / 3.0), rel=1e-6)
+
+
+def test_a_long_run_and_a_large_file_are_told_in_days_and_gigabytes():
+    told = list(run_warnings(build(scene()), 2.2e6, 50e9, "stopped at t = 0 s"))
+    assert "stopped by a guard" in told[0] and "stopped at t = 0 s" in told[0]
+    assert "about 25 days (2.2e+06 s)" in told[1] and "solver.distance" in told[1]
+    assert "about 50 GB on disk" in told[2] and 'output.every = "50 nm"' in told[2]
+    assert list(run_warnings(build(scene()), 80000.0, 9e9, "")) == []
+
+
+def test_a_trial_that_a_guard_stops_is_a_warning():
+    """A time step of ten times its bound, accepted by force."""
+    built = build(scene(("[output]", 'time_step = "30 ns"\n[output]')), force=True)
+    told = check.check_report(built)
+    assert math.isnan(told["estimated_wall_time"])
+    assert told["warnings"][0].startswith("a trial of the first steps was stopped by a guard, and so will the run be: stopped at")
+
+
+def test_warnings_come_first_and_in_json(capsys):
+    told = check.check_report(build(scene(("friction = 0.30", "friction = 30"))))
+    check.print_check(told)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"warning: {told['warnings'][0]}" and "friction: 30" in lines[0]
+    assert lines[-1] == "# 1 warning(s): see the top"
+    assert json.loads(json.dumps(told["warnings"])) == told["warnings"]
+
+
+@pytest.mark.parametrize("seconds, words", [
+    (0.5, "0.5 s"), (59.94, "59.9 s"), (61.0, "1 min"), (5400.0, "1.5 h"), (2.2e6, "25 days"), (1e9, "32 years"),
+    (math.nan, "unknown"),
+])  # fmt: skip
+def test_durations_read_well(seconds, words):
+    assert duration(seconds) == words
+
+
+@pytest.mark.parametrize("count, words", [(0, "0 bytes"), (999, "1,000 bytes"), (5e10, "50 GB"), (1.24e6, "1.2 MB")])
+def test_sizes_read_well(count, words):
+    assert size(count) == words
+
+
+def test_the_softer_material_yields_first():
+    hard = Material("hard", 80e9, 0.3, 7850.0, 2e9)
+    soft = Material("soft", 30e9, 0.3, 2700.0, None)
+    rubber = Material("rubber", 1e6, 0.49, 1000.0, None)
+    assert yield_limit(hard, soft).pressure == pytest.approx(1.6 * 0.01 * 78e9, rel=1e-12) and yield_limit(hard, soft).assumed
+    assert yield_limit(hard, hard) == (3.2e9, "hard", 2e9, False)
+    assert yield_limit(rubber, rubber).pressure == math.inf and yield_limit(rubber, hard).material == "hard"
+
+
+def test_a_run_tells_its_peak_pressure_against_first_yield(tmp_path, capsys):
+    from thirdbody.report import run_report
+
+    with run(scene(("0.01 mN", "2 mN")), tmp_path / "hard", threads=1, progress=False) as result:
+        told = result.summary()
+        largest = max(result.bodies(k)["peak_pressure"].max() for k in range(result.frames))
+    assert told["peak_pressure"] == largest
+    found = told["first_yield"]
+    assert found["pressure"] == pytest.approx(3.36e9, rel=1e-12) and found["assumed"]
+    assert found["ratio"] == pytest.approx(largest / 3.36e9, rel=1e-12) and found["ratio"] > 1.0
+    run_report(tmp_path / "hard", json=False)
+    out, err = capsys.readouterr()
+    assert "peak pressure" in out and "warning: peak pressure" in err and "assumed as E/100" in err
+
+
+def test_a_gentle_run_is_not_warned(tmp_path, capsys):
+    from thirdbody.report import run_report
+
+    run(scene(), tmp_path / "soft", threads=1, progress=False).close()
+    run_report(tmp_path / "soft", json=False)
+    assert "warning" not in capsys.readouterr().err
+    with open_run(tmp_path / "soft") as result:
+        assert 0.0 < result.summary()["first_yield"]["ratio"] < 1.0
