@@ -130,7 +130,7 @@ def build(
         slow = implicit(scene, choice, state, upper)
         simulation = Simulation(scene, choice, labeller, state, slow, chosen, upper, warnings, force)
         _refuse_unreached(simulation)
-        _refuse_interval(simulation)
+        _examine_interval(simulation)
         return simulation
     from ..engine.explicit import Explicit
 
@@ -140,7 +140,7 @@ def build(
         _refuse_large_step(scene, integrator, fixed)
     simulation = Simulation(scene, choice, labeller, state, integrator, chosen, upper, warnings, force)
     _refuse_unreached(simulation)
-    _refuse_interval(simulation)
+    _examine_interval(simulation)
     _refuse_endless(simulation, integrator, force)
     return simulation
 
@@ -223,14 +223,18 @@ def _refuse_unreached(simulation: Simulation) -> None:
         raise InputError(simulation.scene.fault(("solver", "distance"), message))
 
 
-def _refuse_interval(simulation: Simulation) -> None:
-    """Raise InputError for an interval that is longer than the run, or makes more frames than are ever written."""
+def _examine_interval(simulation: Simulation) -> None:
+    """Raise InputError for an interval that makes more frames than are ever written; warn of one that is longer than the run.
+
+    (A longer one than a given distance is refused when the scene is read.)
+    """
     scene = simulation.scene
     every, by_time = scene.output.every, scene.output.every_kind == "time"
     whole = simulation.planned_time if by_time else simulation.planned_distance
     kind = "time" if by_time else "length"
     if whole > 0.0 and too_long(every, whole):
-        raise InputError(scene.fault(("output", "every"), too_long_message(every, whole, kind)))
+        told = too_long_message(every, whole, kind)
+        simulation.warnings.append(f"output.every: {told}; only the start and the end are written")
     if whole > MOST_FRAMES * every:
         message = (
             f"{units.pretty(every, kind)} makes {whole / every:.3g} frames of {units.pretty(whole, kind)}, "

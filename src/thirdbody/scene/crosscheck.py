@@ -148,4 +148,4 @@ def too_long(every: float, whole: float) -> bool:
 def too_long_message(every: float, whole: float, kind: str) -> str:
     """What is wrong with such an interval."""
     longest = units.pretty(whole, kind)
-    return f"{units.pretty(every, kind)} is longer than the whole run, {longest}; allowed: at most {longest}"
+    return f"{units.pretty(every, kind)} is longer than the whole run; allowed: at most {longest}"
