@@ -35,15 +35,15 @@ def clump_layer(count: int, per_clump: int = 6):
     return centers, radii.ravel(), owner, bodies, states, np.array([nx, ny]) * pitch
 
 
-def write_layer(path, count: int, frames: int = 2, way: float = 1.0):
+def write_layer(path, count: int, frames: int = 2, way: float = 1.0, deep: float = 1.0):
     """A run of `count` clumps between plates; from frame to frame all slide along x (`way` 1 or -1) and leave the domain.
 
     Each carries 0.1 mN from the upper plate (a fifth of it as friction, a quarter of what friction can do) to the lower one
-    (three quarters).
+    (three quarters). The gap is `deep` times the height of the layer.
     """
     centers, radii, owner, bodies, states, size = clump_layer(count)
     rng = np.random.default_rng(5)
-    gap = float((centers[:, 2] + radii).max())
+    gap = deep * float((centers[:, 2] + radii).max())
     header = {
         "scene_text": "scene = 1\n",
         "title": "Wear debris under a load of 0.1 mN per particle",

@@ -13,6 +13,7 @@ import pytest
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.output import render as render_module
+from thirdbody.output.canvas import SOFT_INK
 from thirdbody.output.coloring import Scale
 from thirdbody.output.forces import TUBE
 from thirdbody.output.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
@@ -85,6 +86,20 @@ def test_the_word_at_the_arrow_stays_inside_of_wide_pictures(tmp_path, view):
     columns = np.flatnonzero(red.any(axis=0))
     # Words keep 8 pixels of a picture 900 high to the edge, at a height of 200 pixels 1.8.
     assert columns[0] >= 1
+
+
+@pytest.mark.parametrize(("deep", "view", "close_up"), [(1.0, "side", True), (4.0, "side", False)])
+def test_the_scale_label_stays_clear_of_the_close_up(tmp_path, deep, view, close_up):
+    """A deep bed fills its strip: its scale label lay on the frame of the close-up, which showed the whole again."""
+    skip_unless_drawable()
+    path = write_layer(tmp_path / "run.vtkhdf", 200, deep=deep)
+    pixels = read_pixels(render(path, tmp_path / "a.png", size=(1600, 900), view=view)).astype(int)
+    frame = np.all(np.abs(pixels - rgb(SOFT_INK)) < 25, axis=2)
+    edges = np.flatnonzero(frame[:, 40:-40].mean(axis=1) > 0.9)  # the frame's colour from end to end, but where words cover it
+    assert (len(edges) > 0) == close_up
+    if close_up:
+        above = pixels[edges[0] - 5 : edges[0] - 1, 40:-40]
+        assert above.min() > 200  # paper only: no letter comes near
 
 
 @pytest.mark.parametrize("view", ["side", "front", "top"])

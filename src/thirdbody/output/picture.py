@@ -23,6 +23,9 @@ PANEL = "#F5F7F9"
 # Height of title and facts in a picture 900 pixels high.
 HEADING = 118.0
 
+# Height that the words of a scale bar take up below it, in such a picture.
+SCALE_LABEL = 36.0
+
 # How the camera looks at the whole, at the whole beside a close-up, and at a close-up; all from the front left.
 ALONE, BESIDE, CLOSE = (-0.42, -0.85, 0.5), (-0.42, -0.80, 0.80), (-0.40, -0.85, 0.60)
 
@@ -86,7 +89,7 @@ def compose(shot: Shot, plan: Plan, used: Any = None) -> Any:
     overlay = Overlay(window, size)
     foot = legend_height(overlay, shot.legend, size, plan.strongest) / size[1]
     head = 1.0 - overlay.px(HEADING) / size[1]
-    places = _places(plan, foot, head)
+    places = _places(plan, foot, head, overlay.px(SCALE_LABEL) / size[1])
     view = View(window, shot, places[0], plan.low, plan.high, PAPER, plan.view)
     if plan.part:
         view.add_frame(*plan.part)
@@ -102,16 +105,19 @@ def compose(shot: Shot, plan: Plan, used: Any = None) -> Any:
     return window
 
 
-def _places(plan: Plan, foot: float, head: float) -> list[Rectangle]:
-    """Where the whole and its close-up go: side by side in wide pictures, else one below the other."""
+def _places(plan: Plan, foot: float, head: float, label: float) -> list[Rectangle]:
+    """Where the whole and its close-up go: side by side in wide pictures, else one below the other.
+
+    `label` is the room that the words below a scale bar need: a close-up below the whole begins under them.
+    """
     if plan.part is None:
         return [(0.01, foot, 0.99, head)]
     if plan.view in ("side", "front"):
-        cut = foot + 0.70 * (head - foot)
-        return [(0.01, cut, 0.99, head - 0.035), (0.015, foot + 0.005, 0.985, cut - 0.01)]
+        cut = foot + 0.66 * (head - foot)
+        return [(0.01, cut + label, 0.99, head - 0.035), (0.015, foot + 0.005, 0.985, cut - 0.01)]
     if plan.size[0] < 1.25 * plan.size[1]:
         cut = foot + 0.5 * (head - foot)
-        return [(0.01, cut, 0.99, head), (0.015, foot + 0.005, 0.985, cut - 0.01)]
+        return [(0.01, cut + label, 0.99, head), (0.015, foot + 0.005, 0.985, cut - 0.01)]
     return [(0.01, foot, 0.56, head), (0.565, foot + 0.005, 0.985, head)]
 
 
@@ -141,7 +147,7 @@ def add_panel(window: Any, overlay: Overlay, size: tuple[int, int], place: Recta
     x0, y0, x1, y1 = (value * size[i % 2] for i, value in enumerate(place))
     overlay.polygon(np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), SOFT_INK, outline=True)
     overlay.text(heading, x0 + overlay.px(16), y1 - overlay.px(24), 24, SOFT_INK)
-    side, head, foot = overlay.px(6) / size[0], overlay.px(42) / size[1], overlay.px(18) / size[1]
+    side, head, foot = overlay.px(6) / size[0], overlay.px(42) / size[1], overlay.px(SCALE_LABEL) / size[1]
     return place[0] + side, place[1] + foot, place[2] - side, place[3] - head
 
 

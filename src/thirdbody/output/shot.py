@@ -25,6 +25,8 @@ CLOSE_UP_BODIES = 60
 FREE_SCALE = Scale()
 # Up to so many bodies the view of the whole is close enough.
 ENOUGH_WITHOUT_CLOSE_UP = 150
+# A slice wider than this share of the domain, as one of a deep bed, would show the whole again.
+WIDEST_SLICE = 0.8
 
 @dataclass(frozen=True)
 class Shot:
@@ -222,13 +224,18 @@ def _mixture(shot: Shot, low: np.ndarray, high: np.ndarray) -> float:
 
 
 def slice_window(shot: Shot, along: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Corners (x, y) of a part to enlarge from the side: a dozen bodies along an axis (0 or 1), few deep; None for few."""
+    """Corners (x, y) of a part to enlarge from the side: a dozen bodies along an axis (0 or 1), few deep.
+
+    None for few bodies, and for a bed so deep that the part would be nearly the whole.
+    """
     if len(shot.bodies) <= ENOUGH_WITHOUT_CLOSE_UP:
         return None
     extent = shot.high[:2] - shot.low[:2]
     tall = shot.high[2] - shot.low[2]
     half = np.empty(2)
     half[along] = min(5.0 * tall, 0.5 * extent[along])
+    if 2.0 * half[along] > WIDEST_SLICE * extent[along]:
+        return None
     half[1 - along] = min(1.2 * tall, 0.5 * extent[1 - along])
     middle = max(_lattice(shot, half, 12), key=lambda place: _mixture(shot, place - half, place + half))
     return middle - half, middle + half
