@@ -168,6 +168,25 @@ def test_a_limit_of_wall_time_leaves_a_checkpoint(tmp_path):
     thirdbody.resume(tmp_path / "run", progress=False).close()
 
 
+def test_resume_reads_what_it_wrote_though_the_interrupted_run_is_still_open(tmp_path):
+    """As in a notebook: Ctrl-C, a look at what is there, resume. Only the checkpoint at the start was written by then."""
+
+    def report(progress):
+        if progress.frame == 2:
+            raise KeyboardInterrupt
+
+    scene, folder = scene_of("sliding_flakes"), tmp_path / "run"
+    with pytest.raises(KeyboardInterrupt):
+        execute(prepare(scene), folder, 1, report)
+    with thirdbody.open(folder) as old:
+        assert (old.frames, old.summary()["finished"]) == (2, False)
+        with thirdbody.resume(folder, threads=1, progress=False) as new:
+            assert new.frames > 2 and new.summary()["finished"]
+            assert new.series["time"][:2].tolist() == old.series["time"].tolist()
+        assert (old.frames, old.summary()["finished"]) == (2, False)
+        assert old.bodies(1)["position"].shape == (4, 3)  # read from the file only now
+
+
 def test_no_run_and_no_checkpoint_are_told(tmp_path):
     with pytest.raises(InputError, match="no such folder"):
         prepare_resume(tmp_path / "none")

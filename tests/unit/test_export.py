@@ -252,7 +252,7 @@ def test_a_run_whose_groups_hold_themselves_is_not_packed_for_ever(path, tmp_pat
     """By a hard link, which looks like any other group."""
     with h5py.File(path, "r+") as file:
         file["VTKHDF/contacts/Vertices/again"] = file[held]
-    with pytest.raises(InputError, match="damaged at /VTKHDF/contacts/Vertices/again .a group that holds itself."):
+    with pytest.raises(InputError, match="is damaged .*: /VTKHDF/contacts/Vertices/again: a group that holds itself"):
         export(path, pack=tmp_path / "packed.vtkhdf")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["run.vtkhdf"]
 

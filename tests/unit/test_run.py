@@ -163,6 +163,28 @@ def test_a_run_can_be_looked_at_while_it_goes_on(tmp_path):
             np.testing.assert_array_equal(run.contacts(1)["position"], make_frame(1).contacts["points"])
 
 
+def test_each_reader_of_a_growing_file_has_the_frames_of_the_moment_it_opened(tmp_path):
+    path = tmp_path / "run.vtkhdf"
+    with TrajectoryWriter(path, HEADER, STATIC) as writer:
+        writer.append(make_frame(0))
+        with open_run(path) as early:
+            writer.append(make_frame(1))
+            writer.append(make_frame(3))
+            writer.finish({"seconds": 1.0})
+            with open_run(path) as late:
+                assert (early.frames, late.frames) == (1, 3)
+                assert (early.summary()["finished"], late.summary()["finished"]) == (False, True)
+                np.testing.assert_array_equal(late.contacts(2)["position"], make_frame(3).contacts["points"])
+                np.testing.assert_array_equal(early.bodies(0)["force"], make_frame(0).clumps["force"])
+
+
+def test_a_file_written_anew_leaves_its_readers_what_they_opened(tmp_path):
+    with open_run(write(tmp_path)) as old:
+        with open_run(write(tmp_path, frames=2)) as new:
+            assert (old.frames, new.frames) == (5, 2)
+        np.testing.assert_array_equal(old.contacts(3)["position"], make_frame(3).contacts["points"])
+
+
 def test_pandas_has_one_column_per_component(run):
     pytest.importorskip("pandas")
     table = run.to_pandas()

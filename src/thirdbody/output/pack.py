@@ -7,7 +7,6 @@ same weight together), which helps gzip with floats.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -55,7 +54,7 @@ def _run_faults(run: Run) -> Iterator[None]:
     try:
         yield
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
-        raise InputError(f"{run.path}: damaged, so that it cannot be copied ({error})") from error
+        raise InputError(f"{run.path}: is damaged and cannot be copied: {error}") from error
 
 
 def _committed_rows(run: Run) -> dict[str, int]:
@@ -90,7 +89,7 @@ def _copy_group(
         elif isinstance(source[name], h5py.Group):
             item = source[name]
             if item == source or item in above:
-                raise InputError(f"{source.file.filename}: damaged at {source.name}/{name} (a group that holds itself)")
+                raise ValueError(f"{source.name}/{name}: a group that holds itself")
             below = target.create_group(name, track_order=_ordered(item))
             _copy_group(item, below, rows, sink, (*above, source))
         else:
@@ -115,8 +114,8 @@ def _copy_dataset(source: h5py.Dataset, target: h5py.Group, name: str, rows: int
         count = source.shape[0] if rows is None else rows
         shape = (count, *source.shape[1:])
         size = math.prod(shape) * source.dtype.itemsize
-        if size > (SHORTEST if source.compression else 1) * os.path.getsize(source.file.filename):
-            raise InputError(f"{source.file.filename}: damaged at {source.name} (it promises {size:.3g} bytes)")
+        if size > (SHORTEST if source.compression else 1) * source.file.id.get_filesize():
+            raise ValueError(f"{source.name}: it promises {size:.3g} bytes")
         filters = {"compression": "gzip", "compression_opts": LEVEL, "shuffle": True} if size > SMALL else {}
         if filters:
             filters["chunks"] = (min(count, source.chunks[0] if source.chunks else 65536), *source.shape[1:])
@@ -133,4 +132,4 @@ def _read(source: h5py.Dataset, start: int, stop: int) -> np.ndarray:
     try:
         return source[start:stop]
     except (OSError, RuntimeError) as error:
-        raise InputError(f"{source.file.filename}: damaged at {source.name} ({error})") from error
+        raise ValueError(f"{source.name}: {error}") from error

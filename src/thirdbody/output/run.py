@@ -6,6 +6,7 @@ last one.
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -29,11 +30,11 @@ FILE_NAME = "run.vtkhdf"
 class _BlockReader:
     """The arrays of one block, cut out of their growing data sets by the offsets of a frame."""
 
-    def __init__(self, group: h5py.Group):
+    def __init__(self, group: h5py.Group, path: Path):
         self._group, self._data = group, group["PointData"]
         self._steps = group["Steps"]
         self.frames = int(self._steps.attrs["NSteps"])
-        self._path = group.file.filename
+        self._path = path
         self.names_of: dict[str, int] = {}  # of arrays of codes: how many there are
 
     @property
@@ -81,9 +82,9 @@ class Run:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self.file: h5py.File = _open_file(self.path)
+        self.file, self._stream = _open_file(self.path)
         with self._closed_if_damaged():
-            self._blocks = {name: _BlockReader(self.file["VTKHDF"][name]) for name in BLOCKS}
+            self._blocks = {name: _BlockReader(self.file["VTKHDF"][name], self.path) for name in BLOCKS}
             self._series_group, self._scene = self.file["series"], self.file["scene"]
             counts = [block.frames for block in self._blocks.values()]
             # A run killed between two counts has some one higher: the lowest is what is whole.
@@ -101,7 +102,7 @@ class Run:
             with damage_told(self.path):
                 yield
         except InputError:
-            self.file.close()
+            self.close()
             raise
 
     def _text(self, name: str) -> Any:
@@ -297,6 +298,7 @@ class Run:
     def close(self) -> None:
         """Close the file; may be called twice."""
         self.file.close()
+        self._stream.close()
 
     def __enter__(self) -> Run:
         return self
@@ -314,19 +316,20 @@ def open_run(path: str | Path) -> Run:
     return Run(path / FILE_NAME if path.is_dir() else path)
 
 
-def _open_file(path: Path) -> h5py.File:
+def _open_file(path: Path) -> tuple[h5py.File, io.FileIO]:
     if not path.is_file():
         raise InputError(f"{path}: no such run; give the folder of a run or its {FILE_NAME}")
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: not a run of thirdbody (not an HDF5 file)")
     try:
+        # By a file object of its own: of one path HDF5 gives all readers in a process the data that the first of them has cached,
+        # however much was written since. It locks no file either, so a run can be read while it is written.
+        stream = io.FileIO(path)
         try:
-            # Without locking a run can be looked at while another process writes it.
-            return h5py.File(path, "r", locking=False)
-        except OSError as error:
-            if "locking flag" not in str(error):
-                raise
-            return h5py.File(path, "r")  # this very process writes it
+            return h5py.File(stream, "r"), stream
+        except BaseException:
+            stream.close()
+            raise
     except OSError as error:
         what = "is cut short" if "truncated" in str(error) else "cannot be opened"
         raise InputError(f"{path}: the file {what} ({error})") from error
