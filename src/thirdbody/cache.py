@@ -45,8 +45,9 @@ def folder() -> Path:
         with resting("numba"):
             import numba
 
-        _folder = place()
-        numba.config.CACHE_DIR = str(_folder)  # type: ignore[attr-defined]
+        found = place()
+        numba.config.CACHE_DIR = str(found)  # type: ignore[attr-defined]
+        _folder = found  # last: another thread that sees it takes numba's to be set
     return _folder
 
 

@@ -6,6 +6,7 @@ import math
 import os
 import platform
 import shutil
+import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
     from .scene.build import Simulation
 
 SCENE_FILE = "scene.toml"
+
+_preparing = threading.Lock()
+"""One thread at a time compiles: what is compiled next, and how thoroughly, is known to the whole process (`warm`)."""
 
 
 def run(
@@ -69,9 +73,9 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
     from .laws.registry import discover
     from .warm import begin, tell, warm_up
 
-    begin()
-    tell()
-    with resting("simulation"):
+    with _preparing, resting("simulation"):
+        begin()
+        tell()
         registry = discover(tuple(plugins))
         from .scene.build import build
 

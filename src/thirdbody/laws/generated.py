@@ -6,7 +6,6 @@ numba's own cache watches only the file of the compiled function, so the name mu
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import os
 import sys
 from collections.abc import Callable, Iterable, Sequence
@@ -16,6 +15,7 @@ from types import ModuleType
 import numba
 
 from .. import cache
+from ..modules import import_file, import_lock
 from ..kernels.options import HELPER
 
 ENGINE = "thirdbody"
@@ -86,21 +86,17 @@ def _installed(module: ModuleType, own: set[str]) -> bool:
 
 
 def load(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
-    """Write the generated text under a name that hashes all it depends on, and import it."""
+    """Write the generated text under a name that hashes all it depends on, and import it. Threads may call it at the same time."""
     digest = hashlib.sha256(text.encode() + numba.__version__.encode())
     for file in source_files(functions):
         digest.update(file.read_bytes())
     name = f"thirdbody_{kind}_{digest.hexdigest()[:20]}"
     path = cache.folder() / f"{name}.py"
-    if name in sys.modules:
+    with import_lock:
+        if name not in sys.modules:
+            if not path.exists():
+                draft = path.with_suffix(f".{os.getpid()}")
+                draft.write_text(text)
+                os.replace(draft, path)  # atomic: several processes may race for the same name
+            import_file(name, path)
         return sys.modules[name], path
-    if not path.exists():
-        draft = path.with_suffix(f".{os.getpid()}")
-        draft.write_text(text)
-        os.replace(draft, path)  # atomic: several processes may race for the same name
-    spec = importlib.util.spec_from_file_location(name, path)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module
-    spec.loader.exec_module(module)
-    return module, path

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from ..errors import UsageError
+from ..modules import import_file, import_lock
 from .contract import BodyEffect, Law, LawFamily, Plugin
 
 GROUP = "thirdbody.plugins"
@@ -73,18 +73,12 @@ def load_file(path: Path) -> Plugin:
         raise UsageError(f"plug-in {path}: no such file")
     digest = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]
     name = f"thirdbody_file_{path.stem}_{digest}"
-    if name not in sys.modules:
-        spec = importlib.util.spec_from_file_location(name, path)
-        if spec is None or spec.loader is None:
-            raise UsageError(f"plug-in {path}: not a Python file")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module
+    with import_lock:
         try:
-            spec.loader.exec_module(module)
+            module = sys.modules.get(name) or import_file(name, path)
         except Exception as problem:
-            del sys.modules[name]
             raise UsageError(f"plug-in {path}: {type(problem).__name__}: {problem}") from problem
-    plugin = getattr(sys.modules[name], "PLUGIN", None)
+    plugin = getattr(module, "PLUGIN", None)
     if not isinstance(plugin, Plugin):
         raise UsageError(f"plug-in {path}: the file has no PLUGIN = Plugin(...)")
     return plugin

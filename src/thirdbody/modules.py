@@ -1,0 +1,27 @@
+"""Python modules imported from files that are in no package: generated code and one-file plug-ins."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import threading
+from pathlib import Path
+from types import ModuleType
+
+import_lock = threading.RLock()
+"""Held from the question whether a module is there until it is: `sys.modules` names a module before it has been executed."""
+
+
+def import_file(name: str, path: Path) -> ModuleType:
+    """Import the file as the module `name`; one that fails is not left behind. Raises ImportError, and what the file raises."""
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{path}: not a Python file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
