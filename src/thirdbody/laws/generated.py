@@ -15,8 +15,8 @@ from types import ModuleType
 import numba
 
 from .. import cache
-from ..modules import import_file, import_lock
 from ..kernels.options import HELPER
+from ..modules import import_file, import_lock
 
 ENGINE = "thirdbody"
 
@@ -86,7 +86,7 @@ def _installed(module: ModuleType, own: set[str]) -> bool:
 
 
 def load(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
-    """Write the generated text under a name that hashes all it depends on, and import it. Threads may call it at the same time."""
+    """Write the generated text under a name that hashes all it depends on, and import it; several threads may."""
     digest = hashlib.sha256(text.encode() + numba.__version__.encode())
     for file in source_files(functions):
         digest.update(file.read_bytes())
