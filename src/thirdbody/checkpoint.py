@@ -108,7 +108,8 @@ def write_checkpoint(folder: Path, kept: Checkpoint) -> None:
     except OSError as error:
         with suppress(OSError):  # a read-only folder refuses that too
             part.unlink(missing_ok=True)
-        raise OutputError(f"{folder / FILE}: cannot be written ({error.strerror or error}); the one before is kept") from error
+        before = "the one before is kept" if (folder / FILE).exists() else "there is none before it"
+        raise OutputError(f"{folder / FILE}: cannot be written ({error.strerror or error}); {before}") from error
 
 
 def _sync(folder: Path) -> None:

@@ -9,7 +9,7 @@ import shutil
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -107,9 +107,7 @@ def execute(
     checkpoint to go on from, with its trajectory in the folder.
     """
     set_threads(threads)
-    if kept is None:
-        _prepare(folder, overwrite)
-    with held(folder):
+    with nullcontext() if kept else _new_folder(folder, overwrite), held(folder):
         return _execute(simulation, folder, report, stop, every, wall_limit, kept)
 
 
@@ -206,16 +204,28 @@ def _why_not(above: Path | None) -> str:
     return "not a folder" if above is not None and not above.is_dir() else "read-only for you"
 
 
-def _prepare(folder: Path, overwrite: bool) -> None:
-    """Make the run's folder. Raises OutputError if it exists (unless told to overwrite a run) or cannot be made."""
+@contextmanager
+def _new_folder(folder: Path, overwrite: bool) -> Iterator[None]:
+    """Make the run's folder; if nothing is left in it afterwards, the folders above it that were made too are removed again.
+
+    Raises OutputError if it exists (unless it is that of a run and may be overwritten) or cannot be made.
+    """
     refuse_existing(folder, overwrite)
+    above = [path for path in folder.absolute().parents if not path.exists()]
     try:
-        if folder.exists():
-            with held(folder):
-                shutil.rmtree(folder)
-        folder.mkdir(parents=True)
-    except OSError as error:
-        raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+        try:
+            if folder.exists():
+                with held(folder):
+                    shutil.rmtree(folder)
+            folder.mkdir(parents=True)
+        except OSError as error:
+            raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+        yield
+    finally:
+        if not folder.exists():
+            for path in above:  # from the innermost outwards
+                with suppress(OSError):
+                    path.rmdir()
 
 
 def _header(simulation: Simulation) -> dict[str, Any]:

@@ -217,6 +217,27 @@ def test_a_file_system_without_room(runs, tmp_path, room):
 
 
 @needs_mount
+@pytest.mark.parametrize("room", [8192, 80_000, 200_000, 400_000])
+def test_a_disk_that_is_full_before_the_first_frame_leaves_nothing(tmp_path, room):
+    """Room for a folder, for a part of the file, for all but the checkpoint, and for all but the frame."""
+    with mounted(tmp_path / "small", room) as small:
+        with pytest.raises(OutputError) as told:
+            execute(prepare(scene_of("explicit")), small / "runs" / "one")
+        text = str(told.value)
+        assert told.value.exit_code == 5 and text.count("\n") == 0 and str(small / "runs" / "one") in text
+        assert "are kept" not in text and "is kept" not in text
+        assert text.endswith(("no frame was written", "there is none before it"))
+        assert list(small.iterdir()) == []
+
+
+def test_folders_above_a_run_that_could_not_begin_are_removed_only_if_it_made_them(tmp_path):
+    (tmp_path / "mine").mkdir()
+    with limited(50_000), pytest.raises(OutputError, match="no frame was written"):
+        execute(prepare(scene_of("explicit")), tmp_path / "mine" / "runs" / "one")
+    assert names(tmp_path) == {"mine"} and names(tmp_path / "mine") == set()
+
+
+@needs_mount
 def test_a_read_only_file_system(runs, tmp_path):
     size = sum(path.stat().st_size for path in runs[1].iterdir())
     with mounted(tmp_path / "small", 4 * size + 20_000_000) as small:

@@ -204,7 +204,10 @@ class TrajectoryWriter:
             raise OutputError(f"{self._named}: the disk is full ({free // 1024} KiB left); {self._kept()}")
 
     def _kept(self) -> str:
-        return f"the {max(self._before, getattr(self, 'frames', 0))} frames written before are kept"
+        frames = max(self._before, getattr(self, "frames", 0))
+        if not frames:
+            return "no frame was written"
+        return f"the {frames} frames written before are kept" if frames > 1 else "the frame written before is kept"
 
     @contextmanager
     def _told(self) -> Iterator[None]:
