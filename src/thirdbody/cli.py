@@ -215,7 +215,9 @@ def export(
 
 @app.command(cls=Command)
 def shapes(
-    path: Annotated[Path, typer.Argument(metavar="SCENE|MESH", help="scene (TOML), or surface mesh (.stl, .obj, .ply)")],
+    path: Annotated[
+        Path, typer.Argument(metavar="SCENE|MESH", help="scene (TOML), surface mesh (.stl, .obj, .ply), or folder of meshes")
+    ],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file: a picture of the bodies")] = None,
     settings: Settings = None,
     unit: Annotated[str | None, typer.Option("--unit", help="mesh: length of one unit of the file, such as '1 um'")] = None,

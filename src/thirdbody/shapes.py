@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .bodies.clump import Clump
     from .bodies.fit import Fit
     from .bodies.mesh import Mesh
+    from .scene.meshes import MeshShape
     from .scene.model import Scene
 
 SPHERES, SEED = 12, 1
@@ -23,15 +24,14 @@ SPHERES, SEED = 12, 1
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Bodies that are made alike: their name, kind, material, density (kg/m3), and the mesh that they follow, if any."""
+    """Bodies that are made alike: their name, kind, material, density (kg/m3), and the meshes that they follow in turn."""
 
     name: str
     kind: str
     material: str
     density: float
     clumps: list[Clump]
-    mesh: Mesh | None = None
-    fit: Fit | None = None
+    meshes: Sequence[MeshShape] = ()
 
 
 def populations(scene: Scene) -> list[Population]:
@@ -41,9 +41,9 @@ def populations(scene: Scene) -> list[Population]:
     found = []
     for index, debris in enumerate(scene.debris):
         clumps = shapes_of(scene, index, [])
-        mesh, fit = _followed(scene, debris)
+        meshes = _followed(scene, index)
         density = scene.materials[debris.material].density
-        found.append(Population(f"debris[{index}]", debris.kind, debris.material, density, clumps, mesh, fit))
+        found.append(Population(f"debris[{index}]", debris.kind, debris.material, density, clumps, meshes))
     return found
 
 
@@ -51,6 +51,7 @@ def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int
     """One body that follows a mesh file, of unit density. Raises UsageError for the unit, InputError for the mesh."""
     from .bodies.fit import clump_from_mesh
     from .bodies.mesh import load_mesh
+    from .scene.meshes import MeshShape
     from .scene.units import parse
 
     if unit is None:
@@ -61,7 +62,7 @@ def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int
         raise UsageError(f"--unit: {error}") from None
     mesh = load_mesh(path, length)
     body, fit = clump_from_mesh(mesh, SPHERES if spheres is None else spheres, SEED if seed is None else seed)
-    return Population(path.name, "mesh", "", 1.0, [body], mesh, fit)
+    return Population(path.name, "mesh", "", 1.0, [body], [MeshShape(path.name, mesh, body, fit)])
 
 
 def read_shapes(
@@ -71,15 +72,18 @@ def read_shapes(
     seed: int | None = None,
     settings: Mapping[str, str] | None = None,
 ) -> list[Population]:
-    """The populations of a scene file, or the one of a mesh file.
+    """The populations of a scene file, or the bodies of a mesh file or of a folder of them.
 
     Raises UsageError for options that do not belong to the file, InputError for the file.
     """
     from .bodies.mesh import SUFFIXES
 
-    if path.suffix.lower() in SUFFIXES:
-        if settings:
-            raise UsageError("--set replaces values of a scene; a mesh file has --unit, --spheres and --seed")
+    meshes = path.is_dir() or path.suffix.lower() in SUFFIXES
+    if meshes and settings:
+        raise UsageError("--set replaces values of a scene; a mesh file has --unit, --spheres and --seed")
+    if path.is_dir():
+        return _of_folder(path, unit, spheres, seed)
+    if meshes:
         return [mesh_population(path, unit, spheres, seed)]
     given = [name for name, value in (("--unit", unit), ("--spheres", spheres), ("--seed", seed)) if value is not None]
     if given:
@@ -93,15 +97,24 @@ def read_shapes(
     return populations(scene.with_settings(settings) if settings else scene)
 
 
-def _followed(scene: Scene, debris: Any) -> tuple[Mesh | None, Fit | None]:
-    """The mesh of a population and how well its spheres fit."""
-    from .bodies.fit import clump_from_mesh
-    from .bodies.mesh import load_mesh
+def _of_folder(folder: Path, unit: str | None, spheres: int | None, seed: int | None) -> list[Population]:
+    """A body for every mesh file of a folder. Raises as `mesh_population`, and InputError where there is none."""
+    from .bodies.mesh import SUFFIXES
+    from .scene.meshes import meshes_in
 
-    if debris.kind != "mesh":
-        return None, None
-    mesh = load_mesh(scene.beside(debris.file), debris.unit)
-    return mesh, clump_from_mesh(mesh, debris.spheres, debris.seed)[1]
+    files = meshes_in(folder)
+    if not files:
+        raise InputError(f"{folder}: the folder holds no mesh file ({', '.join(SUFFIXES)})")
+    return [mesh_population(path, unit, spheres, seed) for path in files]
+
+
+def _followed(scene: Scene, index: int) -> list[MeshShape]:
+    """The meshes of a population and how well its spheres fit; those of `shapes_of`, fitted once."""
+    if scene.debris[index].kind != "mesh":
+        return []
+    from .scene.meshes import mesh_shapes
+
+    return mesh_shapes(scene, index, [])
 
 
 def told(population: Population) -> dict[str, Any]:
@@ -132,8 +145,10 @@ def told(population: Population) -> dict[str, Any]:
         "sharpness": _statistics(2.0 * summit / diameter),
         "relative_error": max(body.error for body in clumps),
     }
-    if population.mesh is not None and population.fit is not None:
-        entry["fit"] = _fit(population.mesh, population.fit)
+    if population.meshes:
+        entry["fits"] = [_fit(shape.surface, shape.fit) for shape in population.meshes]
+        if len(population.meshes) == 1:
+            entry["fit"] = entry["fits"][0]
     return entry
 
 
@@ -200,9 +215,14 @@ def _print(entry: dict[str, Any]) -> None:
         rows.append([f"moment of inertia I{number}, kg m2", *(f"{values[column]:.3g}" for column in columns)])
     made_of = f" of {entry['material']}" if entry["material"] else ", density 1 kg/m3"
     table(f"{entry['name']}: {_bodies(entry['count'])}, {entry['kind']}{made_of}", ("", *columns), rows)
-    fit = entry.get("fit")
-    if fit is None:
-        return
+    for fit in entry.get("fits", ()):
+        _print_fit(fit)
+
+
+def _print_fit(fit: dict[str, Any]) -> None:
+    from .report import table
+    from .scene.units import pretty
+
     ratio = fit["contact_radius_ratio"]
     volume, inertia = pretty(fit["mesh_volume"], "volume"), ", ".join(f"{value:.4g}" for value in fit["mesh_inertia"])
     span = f"{ratio['min']:.3g} to {ratio['max']:.3g}"
@@ -220,11 +240,22 @@ def draw_shapes(found: list[Population], title: str, png: Path) -> Path:
     """Draw a gallery of the populations' bodies; returns the path. Raises like `output.gallery.draw_gallery`."""
     from .output.gallery import draw_gallery
 
-    return draw_gallery([_group(population) for population in found], title, png)
+    return draw_gallery([_group(part) for population in found for part in _by_mesh(population)], title, png)
+
+
+def _by_mesh(population: Population) -> list[Population]:
+    """The population in parts of one mesh each; the population where it has no more than one."""
+    meshes = population.meshes
+    if len(meshes) < 2:
+        return [population]
+    return [
+        replace(population, name=f"{population.name}: {shape.name}", clumps=population.clumps[k :: len(meshes)], meshes=[shape])
+        for k, shape in enumerate(meshes)
+    ]
 
 
 def _group(population: Population) -> Any:
-    """What the picture says and shows of a population."""
+    """What the picture says and shows of a population of one mesh or none."""
     from .bodies.clump import matrix_from_quaternion
     from .output.gallery import Group
     from .output.shot import with_unit
@@ -240,13 +271,14 @@ def _group(population: Population) -> Any:
     number = f"{spheres['min']:g}" if spheres["min"] == spheres["max"] else f"{spheres['min']:g} to {spheres['max']:g}"
     touching = f"radius where a plane touches {entry['sharpness']['mean']:.2f} of the equivalent radius"
     facts = f"diameter {size}   ·   {number} sphere{'s' * (spheres['max'] > 1)}   ·   {touching}"
-    if population.mesh is None or population.fit is None:
+    if not population.meshes:
         return Group(heading, facts, population.clumps)
-    fit, body = population.fit, population.clumps[0]
+    (shape,) = population.meshes
+    fit, body = shape.fit, population.clumps[0]
     error = f"surfaces {100 * fit.rms:.2g} % of R apart (at most {100 * fit.maximum:.2g} %)"
     touching = f"touching radius {np.median(fit.contacts.ratio):.2f} of the mesh's"
     facts = f"diameter {size}   ·   {error}   ·   {touching}"
     # bodies of another size than the file's carry the mesh scaled with them
     scale = body.diameter / (2.0 * fit.size)
-    vertices = (population.mesh.vertices - fit.centroid) @ matrix_from_quaternion(fit.quaternion) * scale
-    return Group(heading, facts, population.clumps, vertices, population.mesh.faces)
+    vertices = (shape.surface.vertices - fit.centroid) @ matrix_from_quaternion(fit.quaternion) * scale
+    return Group(heading, facts, population.clumps, vertices, shape.surface.faces)

@@ -13,7 +13,9 @@ from thirdbody.errors import InputError
 from thirdbody.kernels import layout as at
 from thirdbody.laws.registry import discover
 from thirdbody.scene.build import build
+from thirdbody.scene.make import shapes_of
 from thirdbody.scene.model import Scene
+from thirdbody.studies.stage import save
 
 TEXT = STEEL + """\
 [[debris]]
@@ -91,3 +93,86 @@ def test_populations_that_share_a_mesh_share_its_fit(tmp_path, rock):
     for asked, factor in (((mesh, 8, 4), 1.0), ((mesh, 9, 3), 1.0), ((moved, 8, 3), 1.5)):
         found = clump_from_mesh(*asked)
         assert found[0] is not one[0] and found[0].volume == pytest.approx(factor**3 * one[0].volume, rel=1e-9)
+
+
+def rocks(folder, *names):
+    """Mesh files of different shapes, each flatter than the one before; their volumes in units of the files."""
+    folder.mkdir(exist_ok=True)
+    volumes = []
+    for k, name in enumerate(names):
+        mesh = trimesh.creation.icosphere(subdivisions=2, radius=5.0)
+        mesh.apply_scale([1.0, 0.9 - 0.1 * k, 0.8 - 0.2 * k])
+        mesh.export(folder / name)
+        volumes.append(float(mesh.volume))
+    return np.array(volumes)
+
+
+def several(tmp_path, file: str, more: str = ""):
+    path = tmp_path / "scene.toml"
+    path.write_text(TEXT.format(more=more).replace('"rock.stl"', file).replace("count = 5", "count = 7"))
+    return Scene.load(path)
+
+
+@pytest.mark.parametrize("file", ['["scans/b.stl", "scans/a.ply", "scans/c.STL"]', '"scans"'])
+def test_bodies_take_several_meshes_in_turn(tmp_path, file):
+    b, a, c = rocks(tmp_path / "scans", "b.stl", "a.ply", "c.STL")
+    (tmp_path / "scans" / "notes.txt").write_text("no mesh")
+    (tmp_path / "scans" / "._a.ply").write_bytes(b"what a file manager leaves behind")
+    warnings: list[str] = []
+    bodies = shapes_of(several(tmp_path, file), 0, warnings)
+    order = [b, a, c] if file.startswith("[") else [a, b, c]  # of a folder in the order of names
+    # STL holds single precision
+    assert [body.volume for body in bodies] == pytest.approx(1e-18 * np.resize(order, 7), rel=1e-6, abs=0.0)
+    assert len(warnings) == 1 and "3 meshes in turn" in warnings[0]
+
+
+def test_several_meshes_share_sizes_with_one(tmp_path, rock):
+    """Which mesh a body has changes nothing of the size that is drawn for it."""
+    rocks(tmp_path / "scans", "a.stl", "b.stl")
+    size = 'size = {distribution = "uniform", min = "6 um", max = "12 um"}'
+    one, two = (shapes_of(several(tmp_path, file, size), 0, []) for file in ('"rock.stl"', '"scans"'))
+    assert [body.diameter for body in two] == pytest.approx([body.diameter for body in one], rel=1e-12)
+
+
+def test_meshes_beyond_the_last_body_are_told(tmp_path):
+    names = [f"{k}.stl" for k in range(8)]
+    rocks(tmp_path / "scans", *names[:3])
+    for name in names[3:]:
+        (tmp_path / "scans" / name).write_bytes((tmp_path / "scans" / "0.stl").read_bytes())
+    warnings: list[str] = []
+    shapes_of(several(tmp_path, '"scans"'), 0, warnings)
+    assert "debris[0]: 7 bodies of 8 meshes: the last ones are not used" in warnings
+
+
+def test_a_scene_of_several_meshes_is_saved_as_it_was(tmp_path):
+    scene = several(tmp_path, '["a.stl", "b.stl"]')
+    scene.save(tmp_path / "again.toml")
+    again = Scene.load(tmp_path / "again.toml")
+    assert again.debris[0].file == ["a.stl", "b.stl"] and again.document() == scene.document()
+
+
+@pytest.mark.parametrize("file", ['["scans/b.stl", "scans/a.stl"]', '"scans"'])
+def test_a_study_finds_the_meshes_from_its_own_folder(tmp_path, file):
+    rocks(tmp_path / "scans", "a.stl", "b.stl")
+    scene = several(tmp_path, file)
+    save(scene, tmp_path / "study")
+    elsewhere = Scene.load(tmp_path / "study" / "scene.toml")
+    volumes = [[body.volume for body in shapes_of(one, 0, [])] for one in (scene, elsewhere)]
+    assert volumes[0] == volumes[1]
+
+
+@pytest.mark.parametrize(
+    "file, key, words",
+    [
+        ('["a.stl", "absent.stl", "b.obj"]', ["file[1]", "file[2]"], "no such file"),
+        ('"empty"', ["file"], "holds no mesh file"),
+        ("[]", ["file"], "a file, a folder or a list of files"),
+        ('["a.stl", 3]', ["file"], "a file, a folder or a list of files"),
+    ],
+)
+def test_every_bad_mesh_is_told_at_its_place(tmp_path, file, key, words):
+    rocks(tmp_path, "a.stl")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match=words) as caught:
+        shapes_of(several(tmp_path, file), 0, [])
+    assert [fault.key for fault in caught.value.faults] == [f"debris[0].{k}" for k in key]

@@ -122,6 +122,24 @@ def test_tables_name_populations_and_the_fit(call, scene):
         assert words in out
 
 
+def test_a_folder_of_meshes_is_told_mesh_by_mesh(call, scene, tmp_path, rock):
+    (tmp_path / "scans").mkdir()
+    for name, height in (("a.stl", 1.0), ("b.stl", 0.5)):
+        mesh = rock.copy()
+        mesh.apply_scale([1.0, 1.0, height])
+        mesh.export(tmp_path / "scans" / name)
+    code, out, _ = call("scans", "--unit", "1 um", "--spheres", 6, "--json")
+    alone = json.loads(out)["populations"]
+    assert code == 0 and [entry["name"] for entry in alone] == ["a.stl", "b.stl"]
+    code, out, _ = call(scene, "--set", "debris.2.file=scans", "--json")
+    both = json.loads(out)["populations"][2]
+    assert code == 0 and both["count"] == 2 and "fit" not in both
+    assert [fit["rms"] for fit in both["fits"]] == pytest.approx([entry["fit"]["rms"] for entry in alone], rel=1e-6)
+    (tmp_path / "empty").mkdir()
+    code, _, err = call("empty", "--unit", "1 um")
+    assert code == 3 and "no mesh file" in err
+
+
 def test_a_picture_of_the_bodies_is_made(call, scene, tmp_path):
     code, out, _ = call(scene, "-o", "shapes.png")
     assert code == 0 and out.rstrip().endswith("shapes.png")

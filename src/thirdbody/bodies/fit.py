@@ -19,8 +19,8 @@ from thirdbody.kernels.union import longest_links
 
 SPHERES = (4, 40)
 
-KEPT = 16
-"""Fits that are remembered: populations of one scene often share a mesh."""
+KEPT = 1000
+"""Fits that are remembered: populations of one scene often share meshes."""
 
 # Lengths in R, the radius of the ball of the same volume.
 _SAMPLES = 8000

@@ -230,7 +230,7 @@ def draw(file: Path, png: Path) -> None:
         top -= block.height
     overlay.text(title, _MARGIN, height - 44, 34, bold=True)
     if more:
-        overlay.text(f"{more} more population{'s' * (more > 1)} not drawn", _WIDTH - _MARGIN, height - 44, 24, align="right")
+        overlay.text(f"{more} more not drawn", _WIDTH - _MARGIN, height - 44, 24, align="right")
     draw_legend(overlay, Legend("radius of a sphere over the equivalent radius of its body", limits=limits), size)
     save(window, png, size)
 

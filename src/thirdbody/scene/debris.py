@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, ValidationInfo
 from pydantic_core import core_schema
 
 from thirdbody.scene import units
-from thirdbody.scene.fields import Choice, Quantity, Whole, listing
+from thirdbody.scene.fields import Choice, Quantity, Whole, listing, show
 from thirdbody.scene.part import MISSING, Part, Wrong, one_of, tagged
 from thirdbody.scene.sizes import Size
 from thirdbody.scene.spots import Spots
@@ -201,15 +201,32 @@ class Spheres(_Volume):
         return [(("count",), f"{self.count} is not the number of positions, {len(self.positions)}")]
 
 
-class Mesh(_Volume):
-    """Bodies from a closed surface mesh (STL, OBJ or PLY): clumps of `spheres` spheres with the mesh's volume and inertia.
+@dataclass(frozen=True)
+class _Files:
+    """The name of a file or folder, or a list of names of files."""
 
-    `unit` is the length of one unit of the file, m; `size` (volume-equivalent diameter, m), if given, rescales each body.
+    def read(self, value: Any, info: ValidationInfo) -> str | list[str]:
+        """The name or the names. Raises ValueError."""
+        names = list(value) if isinstance(value, list | tuple) else [value]
+        if not names or not all(isinstance(name, str) for name in names):
+            raise ValueError(f"expected a file, a folder or a list of files, got {show(value)}")
+        return value if isinstance(value, str) else names
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.with_info_plain_validator_function(self.read)
+
+
+class Mesh(_Volume):
+    """Bodies from closed surface meshes (STL, OBJ or PLY): clumps of `spheres` spheres with the mesh's volume and inertia.
+
+    `file` is a mesh file, a list of them, or a folder of them (in the order of their names): the bodies take the meshes in
+    turn, from the first again after the last. `unit` is the length of one unit of the files, m; `size` (volume-equivalent
+    diameter, m), if given, rescales each body.
     """
 
     kind: Literal["mesh"] = "mesh"
     material: Text
-    file: Text
+    file: Annotated[str | list[str], _Files()]
     unit: PositiveLength
     spheres: Annotated[int, Whole(ge=4, le=40)] = 12
     count: Count

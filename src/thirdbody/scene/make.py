@@ -13,7 +13,6 @@ from ..bodies.shapes import Streams, diameters, population
 from ..bodies.spots import spot_body
 from ..bodies.table import Bodies
 from ..errors import InputError
-from . import units
 from .debris import Debris, File, Irregular, Mesh
 from .filed import drawn, read_tables
 from .model import Scene
@@ -101,27 +100,11 @@ def _distribution(size: Constant | Lognormal | Normal | Uniform) -> dict[str, An
 
 
 def _from_mesh(scene: Scene, index: int, debris: Mesh, warnings: list[str]) -> list[Clump]:
-    """Clumps that stand for a mesh, each of its own size; tells how well the spheres fit."""
-    from ..bodies.fit import clump_from_mesh
-    from ..bodies.mesh import load_mesh
+    """Clumps that stand for the meshes of a population in turn, each of its own size; tells how well the spheres fit."""
+    from .meshes import mesh_shapes
 
-    try:
-        body, fit = clump_from_mesh(load_mesh(scene.beside(debris.file), debris.unit), debris.spheres, debris.seed)
-    except InputError as error:
-        raise InputError(scene.fault(("debris", index, "file"), str(error))) from None
-    if debris.size is None and body.diameter > min(scene.domain.size):
-        width, depth = (units.pretty(v, "length") for v in scene.domain.size)
-        message = (
-            f"{units.pretty(debris.unit, 'length')} per unit of {debris.file} makes bodies of "
-            f"{units.pretty(body.diameter, 'length')}, which do not fit into the domain ({width} by {depth})"
-        )
-        raise InputError(scene.fault(("debris", index, "unit"), message))
-    warnings.append(
-        f"{debris.file}: {debris.spheres} spheres follow the mesh to {100.0 * fit.rms:.1f} % of its radius (rms; worst "
-        f"{100.0 * fit.maximum:.0f} %); where a plane can touch, their radius is {float(np.median(fit.contacts.ratio)):.2f} "
-        "times that of the mesh"
-    )
-    return _sized(scene, index, debris, [body] * debris.count)
+    shapes = mesh_shapes(scene, index, warnings)
+    return _sized(scene, index, debris, [shapes[k % len(shapes)].clump for k in range(debris.count)])
 
 
 def _sized(scene: Scene, index: int, debris: Mesh | File, shapes: list[Clump]) -> list[Clump]:

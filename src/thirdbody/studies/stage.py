@@ -90,10 +90,15 @@ def _smallest_step(folder: Path, plugins: Sequence[str | Path], first: float) ->
         return min(first, float(run.summary()["time_step_limit"]["smallest"]))
 
 
+def _absolute(scene: Scene, file: str | list[str]) -> str | list[str]:
+    """The absolute path of a file that the scene names, or those of several."""
+    return [str(scene.beside(name).absolute()) for name in file] if isinstance(file, list) else str(scene.beside(file).absolute())
+
+
 def save(scene: Scene, folder: Path) -> None:
     """The scene as it is climbed, beside the rungs; files that it names are told by their absolute paths."""
     changes = {
-        f"debris.{k}.file": str(scene.beside(debris.file).absolute())
+        f"debris.{k}.file": _absolute(scene, debris.file)
         for k, debris in enumerate(scene.debris)
         if isinstance(debris, File | Mesh)
     }
