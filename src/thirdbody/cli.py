@@ -9,9 +9,10 @@ from typing import Annotated, Any
 import typer
 
 from .cli_group import Command, Group
+from .cli_new import new
 from .cli_signals import stop_on_signal
 from .cli_studies import cost, hard
-from .errors import GuardStop, Interrupted, OutputError, ThirdbodyError, UsageError
+from .errors import GuardStop, Interrupted, ThirdbodyError, UsageError
 
 app = typer.Typer(
     cls=Group,
@@ -46,20 +47,7 @@ def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the
         raise typer.Exit
 
 
-@app.command(cls=Command)
-def new(
-    path: Annotated[Path, typer.Argument(metavar="FILE", help="scene file to write")] = Path("scene.toml"),
-) -> None:
-    """Write a small scene to start from."""
-    from .scene.template import TEMPLATE
-
-    if path.exists():
-        raise OutputError(f"{path}: exists already")
-    try:
-        path.write_text(TEMPLATE, encoding="utf-8")
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written ({error.strerror})") from error
-    typer.echo(f"{path} written; next: thirdbody check {path}")
+app.command(cls=Command)(new)
 
 
 @app.command(cls=Command)

@@ -64,7 +64,7 @@ def test_more_threads_than_cores_are_capped_with_a_word(balls, command, tmp_path
     with pytest.warns(UserWarning, match="100000 threads were asked for"):
         thirdbody.run(scene, tmp_path / "again", threads=100_000, progress=False)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("error", UserWarning)
         thirdbody.run(scene, tmp_path / "one", threads=1, progress=False)
 
 
@@ -96,14 +96,15 @@ asked() { COMP_WORDS=(thirdbody "$@"); COMP_CWORD=$#; COMPREPLY=(); _thirdbody_c
 asked re
 asked balance --le
 asked run scene.toml --over
+asked new --from fre
 asked run --install
 """
 
 
 @pytest.mark.parametrize("how", ['eval "$(thirdbody --show-completion)"', "thirdbody --install-completion; source ~/.bashrc"])
 def test_bash_completes_commands_and_options(how, home):
-    lines = shell("bash", f"{how}\n{BASH}", home).splitlines()[-4:]
-    assert lines == ["resume render", "--level", "--overwrite", ""]
+    lines = shell("bash", f"{how}\n{BASH}", home).splitlines()[-5:]
+    assert lines == ["resume render", "--level", "--overwrite", "fretting fretting_rig", ""]
 
 
 def test_fish_completes_commands_and_options(home):

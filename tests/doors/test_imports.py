@@ -29,7 +29,9 @@ OPEN = {"errors", "cache", "collector", "cores", "dimensions", "modules"}
 FACADE = {"bodies", "engine", "errors", "kernels", "laws", "scene"}
 
 HEAVY = {"numba", "vtk", "vtkmodules", "pyvista", "matplotlib", "h5py", "scipy", "pint", "pandas"}
-LIGHT = ["__init__.py", "cli.py", "cli_completion.py", "cli_group.py", "cli_signals.py", "errors.py", "progress.py", *(
+LIGHT = ["__init__.py", "errors.py", "progress.py", "starters.py", *(
+    f"cli{name}.py" for name in ("", "_completion", "_group", "_new", "_signals", "_studies")
+), *(
     f"scene/{name}.py" for name in (
         "__init__", "crosscheck", "debris", "fields", "locate", "model", "part", "read", "settings", "tables", "template",
         "types", "units", "write",
