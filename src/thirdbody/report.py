@@ -75,12 +75,11 @@ def run_report(folder: Path, json: bool) -> None:
             for name in result.state_names
             if f"fraction_{name}" in result.series
         ]
-        mu = result.series["friction_coefficient"]
         rows = [
             ("wall time", f"{told['wall_time']:.1f} s"),
             ("steps", f"{told['steps']} ({told['sphere_steps_per_second']:.3g} sphere-steps/s)"),
             ("sliding distance", pretty(told["distance"], "length")),
-            ("friction coefficient", f"{mu[-1]:z.4f} (last interval)" if len(mu) and not math.isnan(mu[-1]) else "unloaded"),
+            ("friction coefficient", str(result.friction)),
             ("states", ", ".join(fractions)),
             ("peak pressure", yield_words(told) or "not known"),
             ("energy residual", "not known" if told["energy_residual"] is None else f"{told['energy_residual']:.2e}"),

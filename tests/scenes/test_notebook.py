@@ -50,8 +50,8 @@ def test_states_and_series_are_those_of_the_scene(cells):
     counts = eval(shown(cells, "{name: np.count_nonzero")["text/plain"])
     assert set(counts) == {"free", "sticking", "sliding", "rolling"}
     assert all(sum(row) == 100 for row in zip(*counts.values(), strict=True))
-    mean, _ = eval(shown(cells, "mean_and_error")["text/plain"], {"nan": float("nan")})
-    assert 0.0 < mean < 0.3  # between all rolling and all sliding
+    friction = eval(shown(cells, "run.friction.to_dict")["text/plain"], {"nan": float("nan")})
+    assert 0.0 < friction["value"] < 0.3  # between all rolling and all sliding
 
 
 def test_pages_tables_and_picture_are_shown(cells):

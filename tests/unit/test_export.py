@@ -26,7 +26,7 @@ HEADER = {
     "scene_text": "scene = 1\n",
     "state_names": ["free", "sticking", "sliding", "rolling"],
     "reason_names": ["none", "friction_limit"],
-    "units": {"time": "s", "distance": "m", "upper_force": "N"},
+    "units": {"time": "s", "distance": "m", "displacement": "m", "upper_force": "N"},
 }
 STATIC = {"spheres": {"radius": np.linspace(1.0, 2.0, 600)}, "clumps": {"id": np.arange(3)}}
 
@@ -42,7 +42,7 @@ def make_frame(number: int, states: bool = True) -> Frame:
         clumps={"points": rng.normal(size=(3, 3)), "torque": rng.normal(size=(3, 3)), **(told if states else {})},
         contacts={"points": rng.normal(size=(count, 3)), "side": side, "normal_force": rng.random(count) / 3.0},
         plates={"points": rng.normal(size=(8, 3))},
-        series={"time": number / 3.0, "distance": number * 0.7, "upper_force": rng.normal(size=3)},
+        series={"time": number / 3.0, "distance": number * 0.7, "displacement": number * 0.7, "upper_force": rng.normal(size=3)},
     )
 
 

@@ -17,7 +17,7 @@ HEADER = {
     "scene_text": "scene = 1\n# µm\n",
     "state_names": ["free", "sticking", "sliding", "rolling"],
     "reason_names": ["none", "friction_limit"],
-    "units": {"time": "s", "distance": "m", "upper_force": "N", "friction_coefficient": "1"},
+    "units": {"time": "s", "distance": "m", "displacement": "m", "upper_force": "N", "friction_coefficient": "1"},
     "domain": {"size": [4e-5, 2e-5], "periodic": True},
 }
 STATIC = {
@@ -48,6 +48,7 @@ def make_frame(number: int, forecast: bool = False) -> Frame:
         series={
             "time": number * 0.5,
             "distance": number * 2.0,
+            "displacement": number * 2.0,
             "upper_force": rng.normal(size=3),
             "friction_coefficient": friction,
         },
@@ -146,8 +147,8 @@ def test_summary_of_figures_and_of_the_run(tmp_path):
     assert summary["finished"] and summary["wall_seconds"] == 2.5 and summary["steps"] == 7
     figures = [summary[name] for name in ("frames", "bodies", "duration", "distance")]
     assert figures == [5, 3, 2.0, 8.0]
-    # Second half: frames 2, 3 and 4 with 0.2, 0.3 and NaN (unloaded). rel: one addition of two floats.
-    assert summary["friction_coefficient"] == pytest.approx(0.25, rel=1e-14)
+    # the second half of the 8 m: the intervals of frames 3 and 4 with 0.3 and NaN (unloaded); rel: one product
+    assert summary["friction_coefficient"] == pytest.approx(0.3, rel=1e-14)
     assert summary["fractions"] == {"free": 1 / 3, "sticking": 1 / 3, "sliding": 0.0, "rolling": 1 / 3}
 
 
@@ -188,7 +189,7 @@ def test_a_file_written_anew_leaves_its_readers_what_they_opened(tmp_path):
 def test_pandas_has_one_column_per_component(run):
     pytest.importorskip("pandas")
     table = run.to_pandas()
-    expected = ["time", "distance", "upper_force_x", "upper_force_y", "upper_force_z", "friction_coefficient"]
+    expected = ["time", "distance", "displacement", "upper_force_x", "upper_force_y", "upper_force_z", "friction_coefficient"]
     assert sorted(table.columns) == sorted(expected)
     np.testing.assert_array_equal(table["upper_force_z"], run.series["upper_force"][:, 2])
 

@@ -1,4 +1,4 @@
-"""Mean of a correlated series with its error, and its running mean."""
+"""Mean of a correlated series with its error, its change over time, and its running mean."""
 
 from __future__ import annotations
 
@@ -46,6 +46,27 @@ def _autocorrelation_time(rest: np.ndarray, variance: float) -> tuple[float, int
     beyond = np.flatnonzero(np.arange(n) >= WINDOW * times)
     window = int(beyond[0]) if len(beyond) else n - 1
     return max(float(times[window]), 0.5), window
+
+
+def change_and_error(values: np.ndarray) -> tuple[float, float]:
+    """Change of a series (n,), n >= 4, from its first to its last value by a straight line, and the half width of that at 99 %.
+
+    Least squares with Student's t; residuals are correlated, so their number is divided by 2 tau, tau as in `mean_and_error`.
+    """
+    from scipy.special import stdtrit
+
+    n = len(values)
+    x = np.linspace(-0.5, 0.5, n)
+    slope = float(x @ values) / float(x @ x)
+    rest = values - values.mean() - slope * x
+    squares = float(rest @ rest)
+    if squares <= n * (1e-13 * float(np.abs(values).max())) ** 2:  # a straight line but for rounding
+        return slope, 0.0
+    tau, window = _autocorrelation_time(rest, squares / n)
+    tau *= 1.0 + (2.0 * window + 1.0) / n
+    freedom = max(n / (2.0 * tau) - 2.0, 1.0)
+    error = float(np.sqrt(2.0 * tau * squares / ((n - 2) * float(x @ x))))
+    return slope, float(stdtrit(freedom, 0.995)) * error
 
 
 def running_mean(values: np.ndarray, width: int) -> np.ndarray:

@@ -7,25 +7,26 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from thirdbody.output.run import Run
-from thirdbody.output.tables import SERIES, TABLES, TRANSITIONS, Column, table, tables_by_frame
+from thirdbody.output.tables import BODIES, CONTACTS, CYCLES, TABLES, TRANSITIONS, Column, table, tables_by_frame
 from thirdbody.output.target import new_folder
 
 CSV_FILES = tuple(f"{name}.csv" for name in TABLES)
 
 
 def export_csv(run: Run, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
-    """Write series, bodies, contacts and transitions into a new folder; returns the files.
+    """Write series, bodies, contacts, cycles and transitions into a new folder; returns the files.
 
-    Bodies and contacts of one frame, or of all. Without states in the run there is no file of transitions. Raises
+    Bodies and contacts of one frame, or of all. Without states in the run there is no file of transitions, without a stroke
+    none of cycles. Raises
     IndexError for a frame that the run has not, OutputError; then nothing is written.
     """
     run.frame_number(-1 if frame is None else frame)
     written = []
     with new_folder(folder, overwrite, CSV_FILES) as part:
         for name, file in zip(TABLES, CSV_FILES, strict=True):
-            if name == TRANSITIONS and not run.has_states:
+            if (name == TRANSITIONS and not run.has_states) or (name == CYCLES and not run.drag.stroke):
                 continue
-            _write(part / file, [table(run, name)] if name in (SERIES, TRANSITIONS) else tables_by_frame(run, name, frame))
+            _write(part / file, tables_by_frame(run, name, frame) if name in (BODIES, CONTACTS) else [table(run, name)])
             written.append(folder / file)
     return written
 

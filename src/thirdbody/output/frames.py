@@ -14,7 +14,8 @@ from ..laws.contract import Labeller
 from .schema import Frame
 
 UNITS = {
-    "time": "s", "distance": "m", "gap": "m", "upper_force": "N", "lower_force": "N", "friction_coefficient": "1", "loaded": "1",
+    "time": "s", "distance": "m", "displacement": "m", "gap": "m", "upper_force": "N", "lower_force": "N",
+    "friction_coefficient": "1", "loaded": "1",
     **{f"energy_{name}": "J" for name in (
         "foundation", "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects",
         "numerical", "residual",
@@ -146,6 +147,14 @@ class FrameMaker:
             return np.nan
         return float(P[-1, at.P_Z]) if upper.foundation is not None else float(np.mean(P[:, at.P_Z]))
 
+    def _displacement(self) -> float:
+        """Displacement of the upper plate relative to the lower one along its first direction of motion, m; NaN without it.
+
+        The plate follows its schedule exactly, in every step of both integrators.
+        """
+        upper = self.state.world.upper
+        return np.nan if upper is None else float(np.array(upper.schedule.place(self.state.time)) @ self.drag[:2])
+
     def _mean_forces(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean force of the debris on both plates since the frame before; at the first frame the present one."""
         now, A = impulses_of(self.state), self.state.A
@@ -165,6 +174,7 @@ class FrameMaker:
         series: dict[str, Any] = {
             "time": s.time,
             "distance": s.distance,
+            "displacement": self._displacement(),
             "gap": self._gap(),
             "upper_force": upper,
             "lower_force": lower,

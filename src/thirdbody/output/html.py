@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import math
 import tempfile
 from html import escape
 from pathlib import Path
@@ -38,9 +37,8 @@ def _rows(run: Run) -> list[tuple[str, str]]:
         return rows
     rows += [("bodies", str(figures["bodies"])), ("time", told(figures["duration"], "s"))]
     if figures.get("distance", 0.0) > 0.0:
-        mean = figures.get("friction_coefficient", math.nan)
         rows += [("sliding distance", told(figures["distance"], "m"))]
-        rows += [("friction coefficient", f"{mean:z.4f} (mean over the second half)" if math.isfinite(mean) else "unloaded")]
+        rows += [("friction coefficient", escape(str(run.friction)))]
     if "fractions" in figures:
         rows += [("states at the end", _states(figures["fractions"]))]
     if figures.get("energy_residual") is not None:

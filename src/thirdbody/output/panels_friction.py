@@ -8,7 +8,7 @@ import numpy as np
 
 from .average import running_mean
 from .palette import LINE_COLORS as LINES
-from .quantities import MINUS, scaled, told, with_error
+from .quantities import scaled, told
 from .sheet import Sheet
 
 if TYPE_CHECKING:
@@ -48,21 +48,10 @@ def _why_none(sheet: Sheet) -> str:
 
 def friction_title(sheet: Sheet) -> str:
     """The result in words."""
-    return f"Friction coefficient: {mean_friction(sheet)}" if np.isfinite(sheet.friction[0]) else "Friction coefficient"
-
-
-def mean_friction(sheet: Sheet) -> str:
-    """Mean and error, as every headline tells them."""
-    mean, error = sheet.friction
-    return with_error(mean, error)
-
-
-def spread(sheet: Sheet) -> str:
-    """Instead of an error where none can be told: between what the judged intervals lie; else empty."""
-    if np.isfinite(sheet.friction[1]):
-        return ""
-    mu = sheet.name("friction_coefficient", False)[sheet.judged]
-    return f" ({mu.min():.3f} to {mu.max():.3f}; too few independent values for an error)".replace("-", MINUS)
+    found = sheet.friction
+    if not np.isfinite(found.value):
+        return "Friction coefficient"
+    return f"Friction coefficient: {found.short_text}"
 
 
 def draw_friction(axes: Axes, sheet: Sheet) -> None:
@@ -92,8 +81,8 @@ def told_way(sheet: Sheet, width: int) -> str:
 
 
 def _draw_mean(axes: Axes, sheet: Sheet, x: np.ndarray) -> None:
-    mean, error = sheet.friction
-    members = np.flatnonzero(sheet.judged[sheet.start :])
+    mean, error = sheet.friction.value, sheet.friction.error
+    members = np.flatnonzero(sheet.averaged[sheet.start :])
     if not len(members):
         return
     ends = x[max(members[0] - 1, 0)], x[members[-1]]
@@ -123,27 +112,20 @@ def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
     return [(int(first), int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def loop_area(sheet: Sheet) -> tuple[float, float, float]:
-    """Of the last whole cycle: area of the loop (m, friction coefficient times way), mean size of the coefficient, work (J).
+def loop_area(sheet: Sheet) -> float:
+    """Area of the loop of the last whole cycle, m: the sum of mean coefficient times displacement over the intervals.
 
-    The sums of mean coefficient (mean force) times displacement over the intervals; an unloaded interval adds nothing. NaN before
-    there is a whole cycle.
+    An unloaded interval adds nothing. NaN before there is a whole cycle.
     """
     if sheet.cycle is None:
-        return (float("nan"),) * 3
+        return float("nan")
     inside = slice(sheet.cycle.start + 1, sheet.cycle.stop)
-    way = (sheet.steps @ sheet.direction)[inside]
-    area = float(np.nansum(sheet.name("friction_coefficient", False)[inside] * way))
-    path = float(np.abs(way).sum())
-    force = np.full(sheet.frames, np.nan)
-    if "upper_force" in sheet.series:
-        force = -sheet.series["upper_force"][:, :2] @ sheet.direction
-    return area, area / path if path > 0.0 else float("nan"), float(np.sum(force[inside] * way))
+    return float(np.nansum(sheet.name("friction_coefficient", False)[inside] * sheet.drag.steps[inside]))
 
 
 def loop_title(sheet: Sheet) -> str:
     """The area in words."""
-    area, _, work = loop_area(sheet)
+    area, work = loop_area(sheet), sheet.friction.energy_per_cycle
     if not np.isfinite(area):
         return "Friction loop (no whole cycle yet)"
     energy = f", {told(work, 'J')} a cycle" if np.isfinite(work) else ""

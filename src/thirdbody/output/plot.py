@@ -33,6 +33,8 @@ TITLE_LINE, LINE, NOTE_LINE = 0.27, 0.17, 0.125
 """Heights of lines of text: title, headline, notes; inch."""
 LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145
 """In such a line, at most: what the width has room for."""
+PLACES = 8
+"""Decimals of the places of axes, as shares of the page: far below a pixel."""
 EDGE, MARGIN = 0.2, 0.3
 """Free above and below, and to the left, inch."""
 
@@ -154,12 +156,8 @@ def headline(sheet: Sheet) -> list[str]:
 
 def _figures(sheet: Sheet) -> list[str]:
     found = []
-    if sheet.stroke:
-        area, size, _ = friction.loop_area(sheet)
-        if np.isfinite(area):
-            found.append(f"friction coefficient {size:.3f} (mean size over the last cycle)")
-    elif np.isfinite(sheet.friction[0]):
-        found.append(f"friction coefficient {friction.mean_friction(sheet)}{friction.spread(sheet)}")
+    if np.isfinite(sheet.friction.value):
+        found.append(f"friction coefficient {sheet.friction}")
     if sheet.fractions:
         found.append(f"at the end {series.end_shares(sheet)}")
     residual = sheet.summary.get("energy_residual")
@@ -232,7 +230,21 @@ def _new_figure(size: tuple[float, float], free: tuple[float, float, float, floa
             self.savefig(content, format="png", dpi=100)
             return content.getvalue()
 
-    layout = ConstrainedLayoutEngine(w_pad=0.15, h_pad=0.05, hspace=0.0, wspace=0.02, rect=free)
+    class Rounded(ConstrainedLayoutEngine):
+        """The same places to the last bit every time: the order in which the solver adds depends on addresses in memory."""
+
+        def execute(self, fig: Any) -> Any:
+            grids = super().execute(fig)
+            for part in fig.subfigs:
+                part.bbox_relative.p0, part.bbox_relative.p1 = np.round(part.bbox_relative.get_points(), PLACES)
+            for axes in fig.axes:
+                bounds = np.round(axes.get_position(original=True).bounds, PLACES)
+                inside = axes.get_in_layout()
+                axes.set_position(bounds, which="original")  # which takes it out of the layout
+                axes.set_in_layout(inside)
+            return grids
+
+    layout = Rounded(w_pad=0.15, h_pad=0.05, hspace=0.0, wspace=0.02, rect=free)
     return Page(figsize=size, layout=layout)
 
 

@@ -24,6 +24,9 @@ from thirdbody.output.soundness import damage_told, refuse_unsound
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from thirdbody.output.drag import Drag
+    from thirdbody.output.friction import Friction
+
 FILE_NAME = "run.vtkhdf"
 
 
@@ -159,6 +162,30 @@ class Run:
         """Unit of each series, `1` for a pure number."""
         return {name: str(self._series_group[name].attrs["units"]) for name in self._series_group}
 
+    @cached_property
+    def drag(self) -> Drag:
+        """How the upper plate moved: displacement, turns, whole cycles of a stroke."""
+        from thirdbody.output.drag import Drag
+
+        return Drag(self)
+
+    @cached_property
+    def friction(self) -> Friction:
+        """The friction coefficient of the run: `value`, `error`, `verdict` on whether it is stationary, and more."""
+        from thirdbody.output.friction import friction_of
+
+        return friction_of(self)
+
+    @cached_property
+    def cycles(self) -> dict[str, np.ndarray]:
+        """Energy and extremes of the whole cycles of a stroke by name, one value per cycle (n,); n is 0 without a stroke.
+
+        Names and units: `output.friction.friction_cycles`.
+        """
+        from thirdbody.output.friction import friction_cycles
+
+        return friction_cycles(self)
+
     def bodies(self, frame: int = -1) -> dict[str, np.ndarray]:
         """Arrays of the bodies (clumps) by name, one row per body: `position`, `quaternion`, `state`, ..."""
         return self.block("clumps", frame)
@@ -230,11 +257,11 @@ class Run:
         """The summary that a run stored at its end, and figures computed from its frames.
 
         `finished` (False when it was killed, interrupted or stopped by a guard; then `stopped` may tell why),
-        `frames`, `bodies`, `duration` (s), `distance` (m), `friction_coefficient` (mean over the loaded frames
-        of the second half, when the start is forgotten), `fractions` (state name to share, last frame); of a run
-        that came to its end also what it stored, among it `energy_residual`, relative, `peak_pressure` (Pa, largest over contacts
-        and frames) and `first_yield` (its `ratio` to the pressure at first yield, `assumed` yield strength or not).
-        Figures that the run has no series for are absent.
+        `frames`, `bodies`, `duration` (s), `distance` (m), `friction_coefficient` with `friction_coefficient_error` and
+        `friction_verdict` (value, error and verdict of `friction`), of strokes `cycles` and `energy_per_cycle` (J),
+        `fractions` (state name to share, last frame); of a run that came to its end also what it stored, among it
+        `energy_residual`, relative, `peak_pressure` (Pa, largest over contacts and frames) and `first_yield` (its `ratio` to the
+        pressure at first yield, `assumed` yield strength or not). Figures that the run has no series for are absent.
         """
         stored = self._text(SUMMARY_TEXT) if SUMMARY_TEXT in self._scene else {}
         return self._figures() | {"finished": SUMMARY_TEXT in self._scene} | dict(stored)
@@ -248,9 +275,12 @@ class Run:
         if "distance" in series:
             figures["distance"] = float(series["distance"][-1])
         if "friction_coefficient" in series:
-            late = series["friction_coefficient"][self.frames // 2 :]
-            loaded = late[np.isfinite(late)]
-            figures["friction_coefficient"] = float(loaded.mean()) if len(loaded) else float("nan")
+            friction = self.friction
+            figures["friction_coefficient"] = friction.value
+            figures["friction_coefficient_error"] = friction.error
+            figures["friction_verdict"] = friction.verdict
+            if self.drag.stroke:
+                figures |= {"cycles": friction.cycles, "energy_per_cycle": friction.energy_per_cycle}
         if self.has_states and figures["bodies"]:
             counts = np.bincount(self.bodies(-1)["state"], minlength=len(self.state_names))
             shares = (counts / counts.sum()).tolist()
@@ -258,7 +288,7 @@ class Run:
         return figures
 
     def to_pandas(self, table: str = "series", frame: int | None = None) -> Any:
-        """One table of the run as a pandas DataFrame: `series`, `bodies`, `contacts` or `transitions`.
+        """One table of the run as a pandas DataFrame: `series`, `bodies`, `contacts`, `cycles` or `transitions`.
 
         Series have one row per frame, bodies and contacts one row each of one frame, or of all frames one below the other
         (column `frame`). Vectors are columns `_x`, `_y`, `_z`; states and reasons come by code and by name. Units by column

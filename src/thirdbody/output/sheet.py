@@ -8,14 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .average import mean_and_error
+from .friction import Friction, averaged
 from .palette import state_colors
 
 if TYPE_CHECKING:
     from .run import Run
-
-BACK = 0.05
-"""A way back by this share of the range of displacement is a stroke."""
 
 
 class Sheet:
@@ -23,7 +20,7 @@ class Sheet:
 
     def __init__(self, run: Run, frame: int = -1):
         self.run, self.frame = run, run.frame_number(frame)
-        self.series, self.frames = run.series, run.frames
+        self.series, self.frames, self.drag = run.series, run.frames, run.drag
         self.summary = run.summary()
         self.colors = dict(zip(run.state_names, state_colors(run.state_names), strict=True))
         self.contacts = run.contacts(self.frame)
@@ -34,67 +31,34 @@ class Sheet:
         values = self.series.get(name, np.full(self.frames, np.nan))
         return values[self.start :] if shown else values
 
-    @cached_property
+    @property
     def distance(self) -> np.ndarray:
         """Sliding distance (F,), m; zero without a drag."""
-        return np.nan_to_num(self.series.get("distance", np.zeros(self.frames)))
+        return self.drag.distance
 
     @property
     def dragged(self) -> bool:
-        return bool(self.distance[-1] > 0.0)
+        return self.drag.dragged
 
-    @cached_property
+    @property
     def start(self) -> int:
         """The frame at which the drag starts, 0 without one: pressing stands before it."""
-        if not self.dragged:
-            return 0
-        # settling ends within a step of the drag: the first frame well beyond that is the one after the start
-        return max(int(np.argmax(self.distance > 1e-4 * self.distance[-1])) - 1, 0)
+        return self.drag.start
 
-    @cached_property
-    def steps(self) -> np.ndarray:
-        """Change of displacement (F, 2) of the upper against the lower plate since the frame before, m; zero without plates."""
-        corners = [self.run.plates(k)["position"] for k in range(self.frames)]
-        if not len(corners[0]):
-            return np.zeros((self.frames, 2))
-        offset = np.array([points[4, :2] - points[0, :2] for points in corners])
-        return np.diff(offset, axis=0, prepend=offset[:1])
-
-    @cached_property
-    def direction(self) -> np.ndarray:
-        """Unit vector (2,) of the first motion, zero without one."""
-        size = np.linalg.norm(self.steps, axis=1)
-        moved = np.flatnonzero(size > 1e-9 * size.max(initial=0.0))
-        return self.steps[moved[0]] / size[moved[0]] if len(moved) else np.zeros(2)
-
-    @cached_property
+    @property
     def displacement(self) -> np.ndarray:
         """Displacement of the upper plate along its first direction (F,), m."""
-        return np.cumsum(self.steps @ self.direction)
-
-    @cached_property
-    def turns(self) -> list[int]:
-        """Frames at which the plate turns back, by more than a share BACK of the range of its displacement."""
-        u, turns = self.displacement, []
-        back = BACK * float(np.ptp(u))
-        best, sign = 0, 1.0
-        for k in range(len(u)):
-            if sign * (u[k] - u[best]) >= 0.0:
-                best = k
-            elif sign * (u[best] - u[k]) > back:
-                turns.append(best)
-                best, sign = k, -sign
-        return turns
+        return self.drag.displacement
 
     @property
     def stroke(self) -> bool:
         """The plate goes back and forth."""
-        return bool(self.turns)
+        return self.drag.stroke
 
-    @cached_property
+    @property
     def cycle(self) -> slice | None:
-        """Frames of the last whole cycle, from one turn to the next of the same kind, both with; None before there is one."""
-        return slice(self.turns[-3], self.turns[-1] + 1) if len(self.turns) >= 3 else None
+        """Frames of the last whole cycle, both ends included; None before there is one."""
+        return self.drag.cycles[-1] if self.drag.cycles else None
 
     @cached_property
     def axis(self) -> tuple[np.ndarray, str, str]:
@@ -105,15 +69,14 @@ class Sheet:
         return times - times[0], "s", "time of the drag" if self.dragged else "time"
 
     @cached_property
-    def judged(self) -> np.ndarray:
-        """Frames (F,), bool, that the mean friction coefficient counts: loaded and dragged ones of the second half of the run."""
-        moving = np.diff(self.distance, prepend=self.distance[:1]) > 0.0
-        return moving & np.isfinite(self.name("friction_coefficient", False)) & (np.arange(self.frames) >= self.frames // 2)
+    def averaged(self) -> np.ndarray:
+        """Frames (F,), bool, that the mean friction coefficient of one-way sliding counts."""
+        return averaged(self.run)
 
-    @cached_property
-    def friction(self) -> tuple[float, float]:
-        """Mean friction coefficient over the judged frames and the error of the mean; NaN without any."""
-        return mean_and_error(self.name("friction_coefficient", False)[self.judged])
+    @property
+    def friction(self) -> Friction:
+        """The friction coefficient of the run."""
+        return self.run.friction
 
     @cached_property
     def fractions(self) -> dict[str, np.ndarray]:

@@ -188,9 +188,8 @@ def _facts(run: Run, frame: int, count: int) -> str:
     facts = [f"time {with_unit(run.times[number], 's')}"]
     if "distance" in run.series:
         facts.append(f"sliding distance {with_unit(run.series['distance'][number], 'm')}")
-    friction = run.series.get("friction_coefficient")
-    if friction is not None and np.isfinite(friction[number]):
-        facts.append(f"friction coefficient {friction[number]:.2f}")
+    if math.isfinite(run.friction.value):  # of the run, not of this frame
+        facts.append(f"friction coefficient {run.friction.short_text}")
     facts.append(f"{count} particle{'s' if count != 1 else ''}")
     return "   ·   ".join(facts)
 

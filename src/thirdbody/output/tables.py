@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from thirdbody.kernels.layout import DEBRIS, LOWER, UPPER
+from thirdbody.output.friction import CYCLE_UNITS
 from thirdbody.output.quantity import ARRAY_UNITS
 from thirdbody.output.schema import POSITION
 
 if TYPE_CHECKING:
     from thirdbody.output.run import Run
 
-SERIES, BODIES, CONTACTS, TRANSITIONS = TABLES = ("series", "bodies", "contacts", "transitions")
+SERIES, BODIES, CONTACTS, CYCLES, TRANSITIONS = TABLES = ("series", "bodies", "contacts", "cycles", "transitions")
 
 _COMPONENTS = {2: "xy", 3: "xyz", 4: "wxyz"}
 _UNITS = {"time": "s", "distance": "m", POSITION: "m"} | ARRAY_UNITS
@@ -45,6 +46,8 @@ def table(run: Run, name: str, frame: int | None = None) -> list[Column]:
         raise ValueError(f"no table '{name}'; there are {', '.join(TABLES)}")
     if frame is not None:
         raise ValueError(f"the table of {name} is over all frames; leave `frame` out")
+    if name == CYCLES:
+        return [Column(key, CYCLE_UNITS[key].replace("1", ""), values) for key, values in run.cycles.items()]
     return _series(run) if name == SERIES else _transitions(run)
 
 

@@ -1,0 +1,163 @@
+"""The friction coefficient of a run: one number with its error and a verdict, the same wherever it is shown; strokes by cycle."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.output.average import change_and_error
+from thirdbody.output.csv_export import export_csv
+from thirdbody.output.html import run_html
+from thirdbody.output.plot import page
+from thirdbody.output.shot import take_shot
+from thirdbody.report import run_report
+
+from .layer import write_layer
+from .test_plot import LOAD, stroke, write
+
+SCENES = Path(__file__).parents[2] / "scenes"
+FRAMES = 41
+
+
+@pytest.fixture
+def drifting(tmp_path) -> Path:
+    """A finished run whose coefficient rises from .2 to .4, evenly: .3 to .4 over the second half."""
+    path = write_layer(tmp_path / "run.vtkhdf", 3, FRAMES)
+    with h5py.File(path, "r+") as file:
+        file["series/friction_coefficient"][...] = np.linspace(0.2, 0.4, FRAMES)
+        summary = {"finished": True, "wall_time": 1.0, "steps": 10, "sphere_steps_per_second": 1.0, "energy_residual": 1e-6}
+        file["scene"].create_dataset("summary", data=json.dumps(summary)).attrs["json"] = np.uint8(1)
+    return path
+
+
+def words(text: str) -> str:
+    return text.replace("\N{NO-BREAK SPACE}", " ")
+
+
+def test_every_output_tells_the_same_number(drifting, capsys):
+    mean = np.linspace(0.2, 0.4, FRAMES)[FRAMES // 2 + 1 :].mean()
+    with thirdbody.open(drifting) as run:
+        assert run.friction.value == pytest.approx(mean, rel=1e-14) == run.summary()["friction_coefficient"]
+        assert run.summary()["friction_verdict"] == run.friction.verdict
+        seen = [words(text) for text in (
+            take_shot(run, 0, "state").facts, take_shot(run, -1, "state").facts,
+            " ".join(text.get_text() for text in page(run).texts), page(run).axes[0].get_title(loc="left"), run_html(run),
+        )]  # fmt: skip
+    run_report(drifting.parent, json=True)
+    assert json.loads(capsys.readouterr().out)["friction_coefficient"] == pytest.approx(mean, rel=1e-14)
+    run_report(drifting.parent, json=False)
+    seen.append(capsys.readouterr().out)
+    told = f"{mean:.3f}"
+    assert [text for text in seen if told not in text] == []
+
+
+def test_a_drift_is_told_and_noise_is_not_taken_for_one(tmp_path):
+    rng = np.random.default_rng(4)
+    noise = rng.normal(size=400)
+    for k in range(1, 400):  # AR(1): correlated over some ten intervals
+        noise[k] += 0.8 * noise[k - 1]
+    u = 1e-7 * np.arange(400)
+    cases = {
+        "steady": (0.3 + 0.0005 * noise, True, "stationary"),  # its trend by chance is .2 % of the mean, told as none below 1 %
+        "rising": (0.3 + 0.005 * noise + np.linspace(0.0, 0.1, 400), False, "still rising by"),
+        "falling": (0.3 + 0.2 * np.exp(-np.arange(400) / 150.0), False, "still falling by"),
+        "wild": (0.3 + 0.3 * noise, None, "too scattered to tell"),
+        "nothing": (1e-5 * noise, True, "stationary"),
+    }
+    for name, (mu, stationary, verdict) in cases.items():
+        with thirdbody.open(write(tmp_path / name, u=u, mu=mu)) as run:
+            assert (run.friction.stationary, run.friction.verdict[: len(verdict)]) == (stationary, verdict), name
+            assert stationary is not True or run.friction.error > 0.0, name
+    # by hand: a straight line of .1 over 400 intervals rises by .05 over their second half, 13 % of its mean there, .375
+    with thirdbody.open(write(tmp_path / "line", u=u, mu=np.linspace(0.3, 0.4, 400))) as run:
+        assert run.friction.verdict == "still rising by 13 % over the second half"
+
+
+def test_few_frames_are_no_verdict(tmp_path):
+    with thirdbody.open(write(tmp_path / "few", u=1e-7 * np.arange(5), mu=np.full(5, 0.3))) as run:
+        assert run.friction.value == pytest.approx(0.3) and run.friction.stationary is None
+        assert run.friction.verdict.startswith("too few") and math.isnan(run.friction.error)
+    with thirdbody.open(write(tmp_path / "still", u=np.zeros(5), mu=np.full(5, np.nan))) as run:
+        assert math.isnan(run.friction.value) and str(run.friction) == "no sliding"
+    with thirdbody.open(write(tmp_path / "free", u=1e-7 * np.arange(5), mu=np.full(5, np.nan))) as run:
+        assert str(run.friction) == "unloaded"
+
+
+def test_the_error_of_a_change_covers_white_and_correlated_noise():
+    """The half width at 99 % contains the true change, zero, in about that share of 400 series of noise."""
+    rng = np.random.default_rng(8)
+    for correlation, least in ((0.0, 0.97), (0.8, 0.9)):  # an estimated correlation time is short of the true one in short series
+        inside = 0
+        for _ in range(400):
+            noise = rng.normal(size=100)
+            for k in range(1, 100):
+                noise[k] += correlation * noise[k - 1]
+            change, margin = change_and_error(noise)
+            inside += abs(change) <= margin
+        assert least <= inside / 400
+
+
+def square_loop(cycles: float) -> tuple[np.ndarray, np.ndarray]:
+    """A stroke of 80 nm that grows: friction .1 in the first cycle, .2 in all later ones, against the motion."""
+    u = stroke(cycles)
+    size = np.where(np.arange(len(u)) <= 40, 0.1, 0.2)
+    mu = size * np.sign(np.diff(u, prepend=-u[1]))
+    mu[0] = np.nan
+    return u, mu
+
+
+@pytest.mark.parametrize("cycles", [3.0, 3.25])
+def test_strokes_have_a_mean_size_and_an_energy_per_cycle(tmp_path, cycles):
+    u, mu = square_loop(cycles)
+    with thirdbody.open(write(tmp_path / "run", u=u, mu=mu)) as run:
+        assert run.friction.value == pytest.approx(0.2, rel=1e-12)  # a mean of the signed loop is zero
+        work = 0.2 * LOAD * 160e-9  # back and forth over 80 nm
+        assert run.summary()["energy_per_cycle"] == pytest.approx(work, rel=1e-9) and run.summary()["cycles"] == 3
+        assert run.friction.stationary and "over the last 2 cycles" in run.friction.verdict
+        assert run.cycles["cycle"].tolist() == [1, 2, 3]
+        assert run.cycles["energy"] == pytest.approx([0.5 * work, work, work], rel=1e-9)
+        assert run.cycles["friction_coefficient_max"] == pytest.approx([0.1, 0.2, 0.2])
+        assert run.cycles["tangential_force_min"] == pytest.approx(-LOAD * run.cycles["friction_coefficient_max"])
+        assert run.cycles["displacement_max"] == pytest.approx(80e-9) and run.cycles["end_time"][0] == pytest.approx(40e-6)
+        assert "32 pJ per cycle" not in str(run.friction) and "6.4 pJ per cycle" in str(run.friction)
+        export_csv(run, tmp_path / "csv")
+        rows = list(csv.DictReader((tmp_path / "csv" / "cycles.csv").open()))
+        assert [float(row["energy [J]"]) for row in rows] == run.cycles["energy"].tolist()
+        pytest.importorskip("pandas")
+        assert run.to_pandas("cycles").attrs["units"]["displacement_min"] == "m"
+
+
+def test_strokes_that_still_change_are_told(tmp_path):
+    u, mu = square_loop(2.0)
+    with thirdbody.open(write(tmp_path / "two", u=u, mu=mu)) as run:
+        assert run.friction.stationary is False and run.friction.verdict == "still rising by 67 % over the last 2 cycles"
+    u, mu = square_loop(1.0)
+    with thirdbody.open(write(tmp_path / "one", u=u, mu=mu)) as run:
+        assert run.friction.value == pytest.approx(0.1) and run.friction.stationary is None
+    u, mu = square_loop(0.75)
+    with thirdbody.open(write(tmp_path / "none", u=u, mu=mu)) as run:
+        assert math.isnan(run.friction.value) and run.friction.verdict == "no whole cycle yet"
+
+
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+def test_the_displacement_is_that_of_the_plate(tmp_path, integrator):
+    scene = thirdbody.Scene.load(SCENES / "fretting.toml").with_settings({
+        "debris.0.count": "1", "contact.debris_contact": "none", "solver.integrator": integrator,
+        "plates.upper.motion": {"x": {"stroke": "80 nm", "frequency": "1 MHz"}}, "solver.duration": "1.25 us",
+        "solver.settle": "1 us", "output.every": "0.05 us",
+    })  # fmt: skip
+    with thirdbody.run(scene, tmp_path / "run", threads=1, progress=False) as run:
+        corners = np.array([run.plates(k)["position"] for k in range(run.frames)])
+        # to rounding of the corners' places, up to 60 um
+        assert run.series["displacement"] == pytest.approx(corners[:, 4, 0] - corners[:, 0, 0], abs=1e-19)
+        assert run.units["displacement"] == "m" and run.series["displacement"].max() == pytest.approx(80e-9, rel=1e-3)
+        assert abs(run.series["displacement"][-1] - 40e-9) < 2e-9  # a quarter of the second cycle; the end is a step's length off
+        assert np.abs(np.diff(run.series["displacement"])).sum() == pytest.approx(run.series["distance"][-1], rel=0.02)  # turns
+        assert len(run.cycles["cycle"]) == 1
