@@ -68,7 +68,7 @@ def test_a_drift_is_told_and_noise_is_not_taken_for_one(tmp_path):
         "steady": (0.3 + 0.0005 * noise, True, "stationary"),  # its trend by chance is .2 % of the mean, told as none below 1 %
         "rising": (0.3 + 0.005 * noise + np.linspace(0.0, 0.1, 400), False, "still rising by"),
         "falling": (0.3 + 0.2 * np.exp(-np.arange(400) / 150.0), False, "still falling by"),
-        "wild": (0.3 + 0.3 * noise, None, "too scattered to tell"),
+        "wild": (0.3 + 0.3 * noise, None, "not clear whether"),
         "nothing": (1e-5 * noise, True, "stationary"),
     }
     for name, (mu, stationary, verdict) in cases.items():

@@ -318,7 +318,7 @@ def test_panels_without_data_are_left_out(tmp_path):
 
 def test_headline_tells_the_key_figures(run):
     texts = " ".join(text.get_text() for text in page(run).texts).replace("\N{NO-BREAK SPACE}", " ")
-    assert texts.startswith("eight bodies Friction coefficient 0.2") and "at the end all rolling" in texts
+    assert texts.startswith("eight bodies Friction coefficient 0.2") and "At the end all rolling" in texts
     assert "energy residual 2e\N{MINUS SIGN}5 of the work" in texts and "law three_spot (mindlin)" in texts
     assert "pressed for 1 \N{MICRO SIGN}s, then dragged 3.9 \N{MICRO SIGN}m" in texts
 

@@ -142,8 +142,7 @@ def _verdict(mean: float, change: float, margin: float, over: str) -> tuple[bool
     if abs(change) > max(margin, small):
         return False, f"still {'rising' if change > 0.0 else 'falling'} by {_size(abs(change), mean)} {over}"
     if margin > max(UNCLEAR * abs(mean), SMALL):
-        hidden = f"a change of up to {_size(margin, mean)} {over} would not show"
-        return None, f"too scattered to tell whether it is stationary: {hidden}"
+        return None, f"not clear whether stationary: its scatter hides changes up to {_size(margin, mean)} {over}"
     if abs(change) > small:
         return True, f"stationary within its scatter ({_size(abs(change), mean)} {over})"
     return True, f"stationary: changes by {_size(abs(change), mean)} {over}"

@@ -146,6 +146,8 @@ def headline(sheet: Sheet) -> list[str]:
     """Key figures and circumstances, one line each."""
     # broken between figures, not inside them
     lines = [", ".join(text.replace(" ", GLUE) for text in texts) for texts in (_figures(sheet), _circumstances(sheet)) if texts]
+    if np.isfinite(sheet.friction.value):
+        lines.insert(0, f"friction coefficient {sheet.friction}")
     if not sheet.summary["finished"]:
         why = sheet.summary.get("stopped") or "no end was written: killed, or still running"
         lines.append(f"Not finished, {sheet.frames} frame{'s' if sheet.frames > 1 else ''} kept: {why}")
@@ -156,8 +158,6 @@ def headline(sheet: Sheet) -> list[str]:
 
 def _figures(sheet: Sheet) -> list[str]:
     found = []
-    if np.isfinite(sheet.friction.value):
-        found.append(f"friction coefficient {sheet.friction}")
     if sheet.fractions:
         found.append(f"at the end {series.end_shares(sheet)}")
     residual = sheet.summary.get("energy_residual")
