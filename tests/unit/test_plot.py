@@ -222,6 +222,13 @@ def test_energy_lines_are_the_ledger(run):
     assert "240" in line(axes, "work of the plates").get_label()  # 6 nJ a frame, 40 frames
 
 
+def test_the_title_of_the_energy_counts_the_sliding_alone(tmp_path):
+    """Frames 0 to 10 press: 6 nJ of work a frame, 5 of it lost in friction, there as in the drag."""
+    with open_run(write(tmp_path / "run", u=straight(41, 10))) as run:
+        title = panels(page(run))["energy"].get_title(loc="left").replace("\N{NO-BREAK SPACE}", " ")
+    assert title == "Energy: 180 nJ of work while sliding, 83 % of it lost in friction; 60 nJ of work while pressing"
+
+
 def test_histograms_count_every_contact_of_the_frame_by_state(run):
     for frame in (20, -1):
         axes = panels(page(run, frame=frame))

@@ -175,11 +175,14 @@ def ledger(sheet: Sheet) -> dict[str, np.ndarray]:
 
 
 def energy_title(sheet: Sheet) -> str:
-    """Share of friction in words."""
-    work, lost = (sheet.name(f"energy_{part}")[-1] for part in ("plate_work", "friction"))
+    """Work and the share of friction in words, of the sliding alone; what the pressing before it took is told apart."""
+    work, lost = (sheet.name(f"energy_{part}") for part in ("plate_work", "friction"))
+    done, rubbed = float(work[-1] - work[0]), float(lost[-1] - lost[0])
     # the loss of a spot that never slips is a rounding error below zero
-    share = f", {percent(max(lost / work, 0.0))} of it lost in friction" if work > 0.0 and -1e-3 * work < lost <= work else ""
-    return f"Energy: {told(work, 'J')} of work{share}"
+    share = f", {percent(max(rubbed / done, 0.0))} of it lost in friction" if done > 0.0 and -1e-3 * done < rubbed <= done else ""
+    if not sheet.start:
+        return f"Energy: {told(done, 'J')} of work{share}"
+    return f"Energy: {told(done, 'J')} of work while sliding{share}; {told(float(work[0]), 'J', 2)} of work while pressing"
 
 
 def draw_energy(axes: Axes, sheet: Sheet) -> None:
