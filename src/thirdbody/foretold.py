@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import InputError
+from .forecast_conditions import conditions, touches_others
 from .output.foretold_plot import Forecasts, draw_forecasts
 
 if TYPE_CHECKING:
@@ -26,13 +27,14 @@ def forecast_against_fact(run: Run) -> dict[str, Any]:
     """Forecast when the drag starts (can the body go on without rolling?) against whether it is labelled rolling within 40 a.
 
     Keys: `frame` of the forecast, `agree`, `told` (how many were told and watched), `unwatched` (bodies without any frame within
-    40 a), `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of bodies). Empty when the run has no
-    forecast or no drag.
+    40 a), `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of bodies), and those of `_judged_closer`.
+    Empty when the run has no forecast or no drag.
     """
     start = start_of_drag(run)
     if start is None:
         return {}
-    told, rolled, seen = run.forecast[start], _was(run, ROLLING, start), _watched(run, start).any(axis=0)
+    watched = _watched(run, start)
+    told, rolled, seen = run.forecast[start], _rolled(run, start, watched), watched.any(axis=0)
     known, slides = (told != UNTOLD) & seen, (told & CAN_SLIDE) > 0
     groups = {
         "rolls_as_told": known & ~slides & rolled,
@@ -42,7 +44,24 @@ def forecast_against_fact(run: Run) -> dict[str, Any]:
     }
     lists = {name: np.flatnonzero(members).tolist() for name, members in groups.items()}
     agree, unwatched = len(lists["rolls_as_told"]) + len(lists["slides_as_told"]), int(((told != UNTOLD) & ~seen).sum())
-    return {"frame": start, "agree": agree, "told": int(known.sum()), "unwatched": unwatched} | lists
+    found = {"frame": start, "agree": agree, "told": int(known.sum()), "unwatched": unwatched} | lists
+    return found | (_judged_closer(run, start, watched, known) if known.any() else {})
+
+
+def _judged_closer(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -> dict[str, Any]:
+    """What explains an agreement: the count outside the band, with and without neighbours, and the conditions of the run.
+
+    Keys: `clear` and `alone`, (agree, told) of the bodies outside the 2 % band and of those that meanwhile touch no other;
+    `conditions`, a list of dictionaries.
+    """
+    drawn, bodies = forecasts(run), run.bodies(start)
+    alone = ~touches_others(run, watched)[drawn.body]
+    friction = _friction(run)[bodies["material"]]
+    return {
+        "clear": [int((drawn.as_told & drawn.clear).sum()), int(drawn.clear.sum())],
+        "alone": [int((drawn.as_told & drawn.clear & alone).sum()), int((drawn.clear & alone).sum())],
+        "conditions": [condition._asdict() for condition in conditions(run, start, watched, known, friction)],
+    }
 
 
 def forecasts(run: Run) -> Forecasts:
@@ -56,7 +75,7 @@ def forecasts(run: Run) -> Forecasts:
         return Forecasts(known, none, none, none, none.astype(bool), none.astype(str))
     bodies = run.bodies(start)
     slid = _was(run, SLIDING, start) if SLIDING in run.state_names else np.zeros(run.states.shape[1], bool)
-    fact = np.where(_was(run, ROLLING, start), ROLLING, np.where(slid, SLIDING, "sticking"))
+    fact = np.where(_rolled(run, start, _watched(run, start)), ROLLING, np.where(slid, SLIDING, "sticking"))
     slides = (run.forecast[start][known] & CAN_SLIDE) > 0
     friction = _friction(run)[bodies["material"][known]]
     return Forecasts(known, friction, bodies["t_min"][known], bodies["t_max"][known], slides, fact[known])
@@ -87,6 +106,22 @@ def start_of_drag(run: Run) -> int | None:
 def _was(run: Run, state: str, start: int) -> np.ndarray:
     """Whether each body (B,) was in the state at some time of its first 40 a of drag."""
     return ((run.states == run.state_names.index(state)) & _watched(run, start)).any(axis=0)
+
+
+def _rolled(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
+    """Whether each body (B,) rolled at some time of its first 40 a of drag, in a frame or between two.
+
+    A length that it rolled tells of rolling between frames: a body that tips onto a better seat does so within a micrometre.
+    """
+    rolled = _was(run, ROLLING, start)
+    before = run.bodies(start).get("rolled_distance")
+    if before is None:
+        return rolled
+    last = np.where(watched.any(axis=0), len(watched) - 1 - np.argmax(watched[::-1], axis=0), start)
+    for frame in np.unique(last):
+        members = last == frame
+        rolled[members] |= (run.bodies(int(frame))["rolled_distance"] > before)[members]
+    return rolled
 
 
 def _watched(run: Run, start: int) -> np.ndarray:

@@ -145,11 +145,31 @@ def _tell_forecast(found: dict[str, Any]) -> None:
             ["can slide", str(len(found["rolls_instead"])), str(len(found["slides_as_told"]))],
         ],
     )
-    print(f"agreement {found['agree']} of {found['told']} ({100.0 * found['agree'] / found['told']:.1f} %)")
+    print(f"agreement {_of(found['agree'], found['told'])}")
+    print(f"  with friction more than 2 % from t_min and t_max: {_of(*found['clear'])}; of these, touching no other body: "
+          f"{_of(*found['alone'])}")  # fmt: skip
     for name, text in (("rolls_instead", "rolled although they can slide"), ("slides_instead", "never rolled although told to")):
         if found[name]:
             shown = ", ".join(map(str, found[name][:20]))
             print(f"{text}: bodies {shown}" + (f" and {len(found[name]) - 20} more" if len(found[name]) > 20 else ""))
+    _print_conditions(found["conditions"])
+
+
+def _of(agree: int, told: int) -> str:
+    """`97 of 100 (97.0 %)`."""
+    return f"{agree} of {told}" + (f" ({100.0 * agree / told:.1f} %)" if told else "")
+
+
+def _print_conditions(conditions: Sequence[dict[str, Any]]) -> None:
+    """The table of what the forecast assumes, evaluated for the run."""
+    missed = sum(not condition["met"] for condition in conditions)
+    verdict = f"{missed} of {len(conditions)} not met here" if missed else "all met here"
+    table(
+        f"conditions under which the forecast holds in about 99 % of cases: {verdict}",
+        ["condition", "this run", "limit", ""],
+        [[condition["what"], condition["shown"], condition["limit"], "" if condition["met"] else "not met"]
+         for condition in conditions],
+    )  # fmt: skip
 
 
 def _states_of_bodies(run: Run, frame: int, json: bool) -> None:

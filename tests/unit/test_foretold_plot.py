@@ -184,8 +184,12 @@ LABELS = [[1, 1, 1, 1, 0], [3, 1, 1, 1, 0], [2, 3, 1, 2, 3], [3, 2, 1, 2, 3]]
 TOLD = (2, 1, 3, 0, 4)
 
 
-def write_run(folder, told=TOLD, distances=DISTANCES):
-    """A run of five bodies, the last without a forecast, the second of brass."""
+def write_run(folder, told=TOLD, distances=DISTANCES, rolled=None, partner=-1, way=1.0):
+    """A run of five bodies, the last without a forecast, the second of brass; each on one spot.
+
+    `rolled` (F, B): length that each body has rolled, m. `partner` of body 0 from the drag on. `way`: share of the distance that
+    the upper plate is away at the end.
+    """
     folder.mkdir()
     header = {"scene_text": SCENE, "title": "five bodies", "state_names": STATES, "reason_names": ["none"],
               "units": {"distance": "m"}, "materials": ["steel", "brass"]}  # fmt: skip
@@ -197,8 +201,13 @@ def write_run(folder, told=TOLD, distances=DISTANCES):
             if told is not None:
                 ends = {"t_min": np.array([0.1, 0.2, 0.0, 0.5, 0.0]), "t_max": np.array([0.4, 0.5, 0.9, 0.6, 0.0])}
                 clumps |= {"forecast": np.array(told, np.uint8), **ends}
-            contacts = {"points": places, "body": np.arange(5), "contact_radius": np.full(5, 1e-8)}
-            writer.append(Frame(float(number), {"points": places}, clumps, contacts, None, {"distance": distance}))
+            clumps |= {"mass": np.full(5, 4e-15)} | ({} if rolled is None else {"rolled_distance": np.array(rolled[number])})
+            partners = np.array([partner if number else -1, -1, -1, -1, -1])
+            contacts = {"points": places, "body": np.arange(5), "contact_radius": np.full(5, 1e-8), "partner": partners,
+                        "overlap": np.full(5, 1e-10), "normal_force": np.full(5, 1e-4)}  # fmt: skip
+            corners = np.zeros((8, 3))
+            corners[4:, 0] = way * distance
+            writer.append(Frame(float(number), {"points": places}, clumps, contacts, {"points": corners}, {"distance": distance}))
     return folder
 
 
@@ -212,6 +221,36 @@ def test_what_is_drawn_of_a_run(tmp_path):
     assert found.fact.tolist() == ["sliding", "rolling", "sticking", "sliding"]
     assert (found.t_min[3], found.t_max[1]) == (0.5, 0.5)
     assert counted["agree"] == int(found.as_told.sum()) == 3 and counted["slides_instead"] == [3]
+
+
+def test_a_body_that_rolls_between_two_frames_has_rolled(tmp_path):
+    """Coarse output showed bodies that tip onto a better seat as never rolling; the length that they rolled tells it."""
+    rolled = np.zeros((4, 5))
+    rolled[1:, 2] = 1e-8  # in the pressing: does not count
+    rolled[2:, 3] = 2e-8  # between the frames 1 and 2
+    with open_run(write_run(tmp_path / "run", rolled=rolled)) as run:
+        assert forecasts(run).fact.tolist() == ["sliding", "rolling", "sticking", "rolling"]
+        counted = forecast_against_fact(run)
+    assert counted["agree"] == 4 and counted["rolls_as_told"] == [1, 3] and counted["slides_instead"] == []
+
+
+@pytest.mark.parametrize(
+    "words, scene, broken",
+    [({}, "", {"support", "frames"}), ({"partner": 3}, "", {"support", "frames", "neighbours"}),
+     ({"way": 0.5}, "", {"support", "frames", "reversal"}), ({}, 'support = "load_per_particle"', {"frames"}),
+     ({}, 'support = "load_per_particle"\ngap = "8 um"', {"support", "frames"})],
+)  # fmt: skip
+def test_the_conditions_of_the_forecast_are_evaluated_for_the_run(tmp_path, monkeypatch, words, scene, broken):
+    monkeypatch.setattr(f"{__name__}.SCENE", SCENE + scene + "\n")
+    with open_run(write_run(tmp_path / "run", **words)) as run:
+        counted = forecast_against_fact(run)
+    found = {condition["name"]: condition for condition in counted["conditions"]}
+    assert {name for name, condition in found.items() if not condition["met"]} == broken
+    assert found["frames"]["value"] == 1.0 and found["neighbours"]["value"] == (0.5 if "partner" in words else 0.0)
+    # overlap over radius is (overlap/a)^2; m v^2/(mu N a) with 0.3 um in 1 s, half of N on each side, mu 0.2 or, for brass, 0.1
+    assert found["overlap"]["value"] == pytest.approx((1e-10 / 1e-8) ** 2, rel=1e-12)
+    assert found["inertia"]["value"] == pytest.approx(4e-15 * (0.3e-6) ** 2 / (0.2 * 0.5e-4 * 1e-8), rel=1e-9)
+    assert counted["clear"] == [3, 4] and counted["alone"] == ([2, 2] if "partner" in words else [3, 4])
 
 
 def test_bodies_without_a_frame_in_the_watched_way_are_not_judged(tmp_path):
@@ -243,6 +282,7 @@ def test_the_command_draws_beside_its_tables(states, tmp_path):
     write_run(tmp_path / "run")
     code, out, err = states("run", "-o", "x.png")
     assert (code, err) == (0, "") and "agreement 3 of 4" in out and out.endswith("\nx.png\n")
+    assert "support of the upper plate" in out and "not met" in out  # the conditions stand beside the table
     assert (tmp_path / "x.png").read_bytes().startswith(b"\x89PNG")
     code, out, err = states("run", "-o", "y.svg", "--json")
     assert code == 0 and json.loads(out)["forecast"]["agree"] == 3 and err == "y.svg\n"
