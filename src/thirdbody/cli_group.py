@@ -12,7 +12,6 @@ from .errors import UsageError, nearest
 
 COMMAND_GROUP = "thirdbody.commands"
 
-
 METAVARS = {
     "TIME": ("budget", "every", "wall_limit"),
     "LENGTH": ("unit",),
@@ -91,7 +90,7 @@ class Group(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the options that stand before the command. Raises UsageError and OutputError for completion."""
-        if not {"--install-completion", "--show-completion"} & set(args[:1]):
+        if ctx.resilient_parsing or not {"--install-completion", "--show-completion"} & set(args[:1]):
             return super().parse_args(ctx, args)
         from .cli_completion import checked_completion
 
