@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,13 +17,16 @@ from thirdbody.kernels import layout as at
 from thirdbody.scene.model import Scene
 from thirdbody.simulate import prepare
 from thirdbody.studies import cost, cost_plot, cost_table, worker
-from thirdbody.studies.budget import Costs, fitting, repeats_of, whole
+from thirdbody.studies.budget import Budget, Costs, Overheads, fitting, repeats_of, whole
+from thirdbody.studies.climb import LEFT_OUT, ROUNDS, Climb
 from thirdbody.studies.clock import Late, bare
 from thirdbody.studies.command import cost_command
-from thirdbody.studies.compare import Outcome, errors, front, label_difference, order, read_outcome, rms_error, turns
+from thirdbody.studies.compare import Outcome, errors, label_difference, order, read_outcome, rms_error, turns
 from thirdbody.studies.convergence import convergence, falling, reference_error
 from thirdbody.studies.ladder import Base, Rung, ladder
+from thirdbody.studies.process import Overdue, Worker, request
 from thirdbody.studies.reduce import FEWEST, WIDER, reduced, thinned
+from thirdbody.studies.spread import slower, timing
 
 SCENE = STEEL + """\
 [[debris]]
@@ -168,11 +173,6 @@ def test_turns_are_exact_for_small_angles_too(angle):
 
 def test_dissipation_is_relative():
     assert errors(outcome(dissipated=2.5), outcome())["dissipation_error"] == pytest.approx(0.25, rel=1e-12)
-
-
-def test_the_front_holds_what_nothing_beats():
-    points = [(3.0, 0.1), (1.0, 0.5), (2.0, 0.6), (4.0, 0.1), (5.0, 0.01), (0.5, math.nan), (6.0, 0.02)]
-    assert front(points) == [1, 0, 4]
 
 
 def test_the_order_is_a_slope():
@@ -360,14 +360,23 @@ def test_nothing_that_runs_is_told(made):
 def test_the_worker_tells_what_failed_and_times_the_rest(tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(SCENE)
-    job = {
-        "scene": str(file), "plugins": [], "folder": str(tmp_path / "runs"), "repeats": 2, "limit": 30.0,
-        "variants": [{}, {"solver.time_step": "1 s", "solver.integrator": "explicit"}],
-    }  # fmt: skip
-    good, bad = worker.work(job)
-    assert good["stable"] and len(good["cpu"]) >= 2 and all(x > 0.0 for x in good["cpu"])
-    assert good["integrator"] == "implicit" and good["step_kind"] == "tolerance"
-    assert not bad["stable"] and "above the bound" in bad["message"] and bad["wall"] == []
+    good = request(file, tmp_path / "runs" / "0", {}, [], 30.0)
+    ran, timed = worker.answer({"do": "run", **good}), worker.answer({"do": "time", **good})
+    assert ran["stable"] and timed["stable"] and ran["cpu_s"] > 0.0 and timed["cpu_s"] > 0.0
+    assert ran["integrator"] == "implicit" and ran["step_kind"] == "tolerance" and ran["used_cpu"] > ran["cpu_s"]
+    changes = {"solver.time_step": "1 s", "solver.integrator": "explicit"}
+    bad = worker.answer({"do": "run", **request(file, tmp_path / "runs" / "1", changes, [], 30.0)})
+    assert not bad["stable"] and "above the bound" in bad["message"] and "cpu_s" not in bad
+    late = worker.answer({"do": "time", **request(file, tmp_path / "runs" / "0", {}, [], -1.0)})
+    assert not late["stable"] and "given up" in late["message"]
+
+
+def test_a_worker_that_dies_is_told_and_one_that_is_late_is_ended(tmp_path):
+    with Worker() as process:
+        told = process.ask({"do": "nothing that it knows"})
+        assert not told["stable"] and "the process ended with code 1: KeyError" in told["message"]
+        with pytest.raises(Overdue):
+            process.ask({"do": "nothing"}, until=0.0)
 
 
 def test_a_run_that_takes_too_long_is_stopped_and_told(tmp_path):
@@ -392,26 +401,116 @@ def test_what_is_timed_is_the_run(integrator, tmp_path):
     assert 0.0 < wall and 0.0 < cpu
 
 
-def test_short_rungs_take_turns_with_a_yardstick(tmp_path):
-    """Here the rung is the yardstick itself: it takes what that takes."""
-    file = tmp_path / "scene.toml"
-    file.write_text(SCENE)
-    job = {"scene": str(file), "plugins": [], "folder": str(tmp_path / "runs"), "repeats": 3, "limit": 30.0, "variants": [{}],
-           "beside": {}}  # fmt: skip
-    told = worker.work(job)[0]
-    assert len(told["cpu"]) == len(told["beside"]) == 7  # short ones are repeated more often than asked
+def test_seconds_are_put_to_one_pace():
+    """Timed beside the scene's own rung, a rung takes what it takes of that one's time."""
     rung = Rung("a", "law", "a", None, "implicit")
     slow = [cost.Row(rung, cpu=[pace, 2.0 * pace], beside=[pace, pace]) for pace in (1.0, 3.0, 9.0)]
     cost._one_pace(slow)
     assert [row.cpu for row in slow] == [[3.0, 6.0]] * 3  # three times, the median pace
 
 
-def test_late_rungs_are_timed_once(tmp_path):
+class MadeUpWorker:
+    """Answers at once and lets a made-up clock run: a rung takes a second to compile and `seconds` of one core to run or time,
+    and the machine is `slow` after some requests."""
+
+    started = 1.0
+
+    def __init__(self, monkeypatch, seconds, slow=lambda asked: 1.0, noise=lambda asked: 1.0):
+        self.now, self.asked, self.seconds, self.slow, self.noise, self.log = 0.0, 0, seconds, slow, noise, []
+        monkeypatch.setattr(time, "perf_counter", lambda: self.now)
+        monkeypatch.setattr("thirdbody.studies.climb.read_outcome", lambda folder: outcome())
+
+    @property
+    def pace(self):
+        return self.slow(self.asked)
+
+    def ask(self, request, until=math.inf):
+        self.asked += 1
+        self.log.append((request["do"], request["changes"].get("contact.springs")))
+        cpu = self.seconds * self.noise(self.asked)
+        used = cpu + (1.0 if request["do"] == "run" else 0.05)
+        if self.now + used * self.pace > until:
+            self.now = until
+            raise Overdue
+        self.now += used * self.pace
+        return {"stable": True, "message": "", "cpu_s": cpu, "wall_s": cpu * self.pace, "used_cpu": used}
+
+
+def climbed(made_up, seconds, repeats=3):
+    rungs = ladder(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
+    costs = Costs(made_up.seconds, 128, made_up.seconds, ("exact", None), made_up.seconds, made_up.seconds)
+    budget = Budget(seconds)
+    told = Climb(made_up, Path("nowhere"), [], EXPLICIT, costs, Overheads(1.0, 1.0), budget, lambda text: None)
+    return told.rows(rungs, repeats)
+
+
+@pytest.mark.parametrize("budget", [20.0, 60.0, 400.0])
+@pytest.mark.parametrize("pace", [1.0, 4.0])
+def test_a_budget_is_kept_on_a_machine_that_slows_down(monkeypatch, budget, pace):
+    """Rungs for which no time is left are left out and say so; the scene's own and the reference come first."""
+    made_up = MadeUpWorker(monkeypatch, 0.2, lambda asked: pace if asked > 2 else 1.0)
+    rows = climbed(made_up, budget)
+    assert made_up.now <= budget
+    ran = [row for row in rows if row.cpu]
+    assert {"mindlin", "exact, step /4"} <= {row.rung.name for row in ran}
+    assert all(row.message in (LEFT_OUT, "stopped: the budget was over") for row in rows if not row.cpu)
+    assert (len(ran) < len(rows)) == (budget < 50.0 or (budget < 100.0 and pace > 1.0))
+
+
+def test_a_budget_without_room_for_the_smallest_ladder_is_refused(monkeypatch):
+    made_up = MadeUpWorker(monkeypatch, 30.0)
+    with pytest.raises(UsageError, match=r"--budget 40 s: too short for the smallest ladder .* about 2\.\d min are needed"):
+        climbed(made_up, 40.0)
+    assert made_up.now <= 40.0
+
+
+def test_a_budget_of_nothing_is_refused_before_anything_is_climbed(tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(SCENE)
-    job = {"scene": str(file), "plugins": [], "folder": str(tmp_path / "runs"), "repeats": 3, "limit": 30.0, "variants": [{}],
-           "until": 0.0}  # fmt: skip
-    assert len(worker.work(job)[0]["cpu"]) == 1
+    with pytest.raises(UsageError, match="--budget 0.01 s: too short"):
+        cost.study(file, tmp_path / "out", budget=0.01)
+
+
+def test_short_rungs_are_timed_until_their_spread_is_small(monkeypatch):
+    """Rungs of 20 ms are timed at least seven times; where times vary by a third, up to the most."""
+    quiet = climbed(MadeUpWorker(monkeypatch, 0.02), 1000.0)
+    counts = {len(row.cpu) for row in quiet if row.rung.axis != "reference" and not row.rung.default}
+    assert counts == {7}
+    loud = climbed(MadeUpWorker(monkeypatch, 0.02, noise=lambda asked: (1.0, 1.6, 0.7, 2.1, 0.5)[asked % 5]), 1000.0)
+    assert max(len(row.cpu) for row in loud) == ROUNDS
+    assert all(len(row.beside) == len(row.cpu) for row in loud if row.rung.axis == "law")
+
+
+def test_medians_and_how_far_they_may_be_off():
+    assert timing([2.0]) == (2.0, 1.0)  # one alone tells a factor of two
+    assert timing([1.0, 2.0, 4.0]) == (2.0, 1.5)  # half the range of a few
+    many = timing([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
+    assert many.seconds == 5.0 and many.half == pytest.approx(1.57 * 4.0 / 3.0, rel=1e-12)
+    assert timing([1.0] * 9).half == 0.03  # what repeats in one process cannot tell
+    assert slower(timing([2.0] * 9), timing([1.0] * 9)) and not slower(timing([1.05] * 9), timing([1.0] * 9))
+
+
+def test_noise_recommends_nothing(made):
+    """A rung at half the median cost, timed once, or with a spread that covers the difference, is no cheaper rung."""
+    own, fine = made.rows[1], made.rows[3]
+    own.errors = dict.fromkeys(own.errors, 0.004)
+    fine.errors = dict.fromkeys(fine.errors, 0.001)
+    made.rows[5].errors = dict.fromkeys(made.rows[5].errors, 0.5)
+    fine.cpu = [0.52 * own.seconds]  # as "tolerance / 16 at 0.52 times the cost" was
+    own.cpu = [own.seconds]
+    best, words = cost.recommended(made)
+    assert best is own and "`mindlin`, what the scene asks for," in words
+    assert words.endswith("`mdr 16` takes the same time within the spread")
+    fine.cpu = [0.52 * own.seconds] * 9
+    own.cpu = own.cpu * 9
+    best, words = cost.recommended(made)
+    assert best is fine and "at 0.52 times the cost of `mindlin`" in words
+
+
+def test_a_less_accurate_rung_that_takes_the_same_time_is_not_on_the_front(made):
+    made.rows[3].cpu = [1.01 * x for x in made.rows[2].cpu]  # mdr 16 beside mdr 8
+    assert "mdr 8" not in [row.rung.name for row in cost.efficient(made)]
+    assert "mdr 16" in [row.rung.name for row in cost.efficient(made)]
 
 
 def test_timing_has_an_end(tmp_path):

@@ -40,8 +40,7 @@ def cost_command(
 
         tell("an oblique impact")
         told["impact"] = impact_table(made, plugins)
-    draw_study(made, folder / PICTURE)
-    draw_study(made, (folder / PICTURE).with_suffix(".pdf"))
+    draw_study(made, folder / PICTURE, (folder / PICTURE).with_suffix(".pdf"))
     made.took = time.perf_counter() - began
     told = as_json(made) | told
     _write(folder / JSON_FILE, told)

@@ -128,17 +128,6 @@ def _relative(found: float, reference: float) -> float:
     return abs(found - reference) / abs(reference) if reference else float("nan")
 
 
-def front(points: list[tuple[float, float]]) -> list[int]:
-    """Indices of the points (seconds, error) that no other one beats in both, by seconds. NaN is never on the front."""
-    order = sorted((k for k, (x, y) in enumerate(points) if x > 0.0 and np.isfinite(y)), key=lambda k: points[k])
-    best, kept = float("inf"), []
-    for k in order:
-        if points[k][1] < best:
-            best = points[k][1]
-            kept.append(k)
-    return kept
-
-
 def order(sizes: Any, values: Any) -> float:
     """Order of convergence: slope of log(error) over log(size of a step) by least squares; NaN with fewer than two errors."""
     h, e = np.asarray(sizes, float), np.asarray(values, float)

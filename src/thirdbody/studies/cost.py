@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 import statistics
-import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import UsageError
 from thirdbody.scene.model import Scene
 
-from .budget import BUDGET, END, SHORT
-from .compare import Outcome, errors, front, read_outcome
-from .ladder import Rung
-from .process import RUNGS, SCENE_FILE, in_process
+from .budget import BUDGET, Budget
+from .climb import Climb
+from .compare import errors
+from .process import Worker
+from .row import Row
+from .spread import slower
 from .stage import staged
 
 REPEATS = 3
@@ -26,34 +27,6 @@ GOOD, SAME = 0.01, 0.01
 """Friction error and share of changed labels that a recommended rung may have."""
 
 Tell = Callable[[str], None]
-
-
-@dataclass
-class Row:
-    """One rung as it came out. `wall`, `cpu`: seconds of its repeats; `outcome`: None for a rung that gave nothing; `place`: the
-    folder of its run, beside those of the other rungs; `beside`: seconds of the scene's own rung, in turns with it."""
-
-    rung: Rung
-    wall: list[float] = field(default_factory=list)
-    cpu: list[float] = field(default_factory=list)
-    stable: bool = False
-    message: str = ""
-    integrator: str = ""
-    step: float | None = None
-    outcome: Outcome | None = None
-    errors: dict[str, float] = field(default_factory=dict)
-    place: str = ""
-    beside: list[float] = field(default_factory=list)
-
-    @property
-    def seconds(self) -> float:
-        """What the rung costs: median of the processor's seconds over the repeats, NaN without any."""
-        return statistics.median(self.cpu) if self.cpu else math.nan
-
-    @property
-    def wall_seconds(self) -> float:
-        """Median of the wall's seconds over the repeats, NaN without any."""
-        return statistics.median(self.wall) if self.wall else math.nan
 
 
 @dataclass
@@ -89,26 +62,21 @@ def study(
 ) -> Study:  # fmt: skip
     """Climb the ladder of a scene file; runs are left in `folder`/rungs. Raises ThirdbodyError for a scene that cannot be built.
 
-    The scene is reduced until its ladder should end within `budget` seconds; where it gets late all the same, rungs that have
-    been timed once are not repeated. Errors are against the last rung, or, where that one failed, against the slowest other one
-    that came to its end.
+    The scene is reduced until its ladder should end within `budget` seconds; rungs for which no time is left are left out, and
+    say so. Errors are against the last rung, or, where that one failed, against the slowest other one that came to its end.
+    Raises UsageError for a budget that cannot hold the scene's own rung and the reference.
     """
     from .machine import machine
 
     if repeats < 2:
         raise UsageError(f"--repeats {repeats}: at least 2, or nothing tells how much times spread")
+    clock = Budget(budget)
     scene = Scene.load(path)
     scene = scene.with_settings(settings) if settings else scene
-    began, began_at = time.perf_counter(), time.time()
-    stage = staged(scene, folder, plugins, repeats, verify, began + budget, tell)
-    own = next((rung.changes for rung in stage.rungs if rung.default), None) if stage.seconds < SHORT else None
-    rows = []
-    for number, rung in enumerate(stage.rungs, 1):
-        tell(f"rung {number} of {len(stage.rungs)}: {rung.name}")
-        times = 1 if rung.axis == "verify" else repeats  # of those nothing is timed
-        name = f"{number:02d}_{_slug(rung.name)}"
-        rows.append(climb(folder, rung, name, plugins, times, own, began_at + budget - END))
-        tell(f"  {rows[-1].seconds:.3g} s" if rows[-1].stable else f"  {rows[-1].message}")
+    with Worker() as worker:
+        stage = staged(scene, folder, plugins, repeats, verify, clock, worker, tell)
+        climb = Climb(worker, folder, plugins, stage.base, stage.costs, stage.overheads, clock, tell)
+        rows = climb.rows(stage.rungs, repeats)
     _one_pace(rows)
     made = Study(str(path), scene.title, stage.reduction, machine(), rows, stage.alone, budget)
     judge(made)
@@ -121,20 +89,6 @@ def _one_pace(rows: Sequence[Row]) -> None:
     for row in rows:
         if row.beside:
             row.cpu = [cpu * statistics.median(paces) / own for cpu, own in zip(row.cpu, row.beside, strict=True)]
-
-
-def climb(
-    folder: Path, rung: Rung, name: str, plugins: Sequence[str | Path], repeats: int, own: Mapping[str, Any] | None = None,
-    until: float = math.inf,
-) -> Row:  # fmt: skip
-    """One rung, in a process of its own; a short one in turns with the scene's `own`, by these changes. `until`: as there."""
-    place = folder / RUNGS / name
-    found = in_process(folder / SCENE_FILE, place, [rung.changes], plugins, repeats, beside=own, until=until)[0]
-    row = Row(rung, found["wall"], found["cpu"], found["stable"], found["message"], found.get("integrator") or rung.integrator,
-              found.get("step"), place=name, beside=found.get("beside", []))  # fmt: skip
-    if found["wall"]:
-        row.outcome = read_outcome(place / "0")
-    return row
 
 
 def judge(made: Study) -> None:
@@ -160,11 +114,20 @@ def figure_of_merit(made: Study) -> str:
 
 
 def efficient(made: Study) -> list[Row]:
-    """The rungs that no other one beats in both time and error, by time; the reference, whose error is zero by definition, ends
-    them."""
-    rows = [row for row in made.rows if row.stable and row.rung.axis != "verify"]
+    """The rungs of which no other one is both as accurate and told to be faster, by time; a rung that is less accurate than one
+    that takes the same time but for the spread is none. The reference, whose error is zero by definition, ends them."""
     merit = figure_of_merit(made)
-    return [rows[k] for k in front([(row.seconds, row.errors[merit]) for row in rows])]
+    rows = [row for row in made.rows if row.stable and row.rung.axis != "verify" and math.isfinite(row.errors[merit])]
+    kept = [row for row in rows if row is made.reference or not any(_beaten(row, other, merit) for other in rows)]
+    return sorted(kept, key=lambda row: (row is made.reference, row.seconds))
+
+
+def _beaten(row: Row, other: Row, merit: str) -> bool:
+    """Whether another rung is more accurate and not told to be slower, or as accurate and faster."""
+    error, better = row.errors[merit], other.errors[merit]
+    if better == error:
+        return (other.seconds, id(other)) < (row.seconds, id(row))
+    return better < error and not slower(other.timing, row.timing)
 
 
 def possible(made: Study, row: Row) -> bool:
@@ -173,29 +136,58 @@ def possible(made: Study, row: Row) -> bool:
 
 
 def recommended(made: Study) -> tuple[Row, str]:
-    """One rung, and why in words: the fastest whose friction is right to 1 % and that changes at most 1 % of the labels, else the
-    most accurate one of the front. Rungs that the scene itself cannot be computed with are told beside it."""
+    """One rung, and why in words: of those whose friction is right to 1 % and that change at most 1 % of the labels the fastest,
+    else the most accurate one of the front. Times that the spread does not tell apart are equal: of such rungs the scene's own
+    stays, else the most accurate one is taken. Rungs that the scene itself cannot be computed with are told beside it."""
     merit = figure_of_merit(made)
     fit = Study(made.scene, made.title, [], {}, [row for row in made.rows if possible(made, row)])
     rows = [row for row in efficient(fit) if not row.rung.reference] or [made.reference]
-    good = [row for row in rows if _good(row, merit)]
-    row = good[0] if good else rows[-1]
+    good = [row for row in fit.rows if row.stable and row.rung.axis != "verify" and not row.rung.reference and _good(row, merit)]
+    ties = _ties(good)
     default = made.default
+    row = _least(ties, merit, default) if good else rows[-1]
     own = ", what the scene asks for," if row is default else ""
     what = "friction" if merit == "friction_error" else "load"
     words = [f"`{row.rung.name}`{own} gives {percent(row.errors[merit])} {what} error"]
     if default is not None and default.stable and default is not row:
-        words.append(f" at {row.seconds / default.seconds:.2g} times the cost of `{default.rung.name}`"
-                     f" ({percent(default.errors[merit])})")  # fmt: skip
+        words.append(f" at {_ratio(row, default)} `{default.rung.name}` ({percent(default.errors[merit])})")
     words.append(_of_labels(row))
+    others = [other.rung.name for other in ties if other is not row]
+    if good and others:
+        words.append(f"; {_listed(others)} take{'s' if len(others) == 1 else ''} the same time within the spread")
     if not good:
         words.append("; no rung is within 1 % in both: bodies that tip make the rest")
-    faster = next((other for other in efficient(made) if not possible(made, other) and _good(other, merit)), None)
-    if faster is not None and faster.seconds < row.seconds:
+    faster = _least(_ties([other for other in made.rows if other.stable and not possible(made, other) and _good(other, merit)]),
+                    merit, None)  # fmt: skip
+    if faster is not None and slower(row.timing, faster.timing):
         words.append(f"; if bodies need not see each other (contact.debris_contact = \"none\"), `{faster.rung.name}` gives "
                      f"{percent(faster.errors[merit])} in {faster.seconds / row.seconds:.2g} times that time"
                      f"{_of_labels(faster)}")  # fmt: skip
     return row, "".join(words)
+
+
+def _ties(rows: Sequence[Row]) -> list[Row]:
+    """The fastest of these rungs, and those that are not told to be slower."""
+    if not rows:
+        return []
+    first = min(rows, key=lambda row: row.seconds + row.timing.half)
+    return [row for row in rows if not slower(row.timing, first.timing)]
+
+
+def _least(rows: Sequence[Row], merit: str, default: Row | None) -> Any:
+    """Of rungs that take the same time the scene's own, else the most accurate one; None of none."""
+    return next((row for row in rows if row is default), min(rows, key=lambda row: row.errors[merit], default=None))
+
+
+def _ratio(row: Row, default: Row) -> str:
+    """The cost of a rung over that of the scene's own in words; none where the spread is larger than the difference."""
+    if not slower(row.timing, default.timing) and not slower(default.timing, row.timing):
+        return "the same cost, within the spread, as"
+    return f"{row.seconds / default.seconds:.2g} times the cost of"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def _good(row: Row, merit: str) -> bool:
@@ -242,6 +234,7 @@ def as_json(made: Study) -> dict[str, Any]:
                 "cpu_s": entry.seconds,
                 "cpu_spread_s": [min(entry.cpu), max(entry.cpu)] if entry.cpu else None,
                 "yardstick_s": statistics.median(entry.beside) if entry.beside else None,
+                "cpu_uncertainty_s": entry.timing.half if entry.cpu else None,
                 "repeats": len(entry.wall),
                 "time_ratio": entry.seconds / base,
                 **{name: entry.errors.get(name, math.nan) for name in ERRORS},
@@ -259,7 +252,3 @@ def as_json(made: Study) -> dict[str, Any]:
 
 
 ERRORS = ("friction_error", "load_error", "position_error", "rotation_error", "label_difference", "dissipation_error")
-
-
-def _slug(name: str) -> str:
-    return "".join(c if c.isalnum() else "_" for c in name).replace("__", "_")

@@ -27,11 +27,13 @@ NOTHING = 1e-12
 """Errors below it are drawn there: a rung that gives the same bits has none."""
 
 
-def draw_study(made: Study, path: Path) -> None:
-    """Write the picture (.png, .pdf or .svg). Raises OutputError when it cannot be written."""
+def draw_study(made: Study, *paths: Path) -> None:
+    """Write the picture (.png, .pdf or .svg), drawn once. Raises OutputError when it cannot be written."""
     from thirdbody.output.plot import save
 
-    save(picture(made), path)
+    figure = picture(made)
+    for path in paths:
+        save(figure, path)
 
 
 def picture(made: Study) -> Figure:
@@ -55,7 +57,8 @@ def picture(made: Study) -> Figure:
     axes.margins(x=0.15, y=0.08)  # room for names
     _names(axes, rows, place, front, ringed)
     what = "friction curve" if merit == "friction_error" else "load or gap"
-    axes.set_xlabel("seconds of one core for the integration, median of the repeats (bar: their range)", fontsize=9)
+    axes.set_xlabel("seconds of one core for the integration (bar: how far the median may be off; bars that overlap are ties)",
+                    fontsize=9)  # fmt: skip
     axes.set_ylabel(f"error of the {what} (rms over the mean)", fontsize=9)
     axes.tick_params(labelsize=8)
     _texts(figure, axes, made)
@@ -82,7 +85,8 @@ def _points(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]]) -
 
 
 def _spread(rows: list[Row]) -> list[list[float]]:
-    return [[row.seconds - min(row.cpu) for row in rows], [max(row.cpu) - row.seconds for row in rows]]
+    halves = [min(row.timing.half, 0.9 * row.seconds) for row in rows]  # zero has no place on this axis
+    return [halves, halves]
 
 
 def _front(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]]) -> None:

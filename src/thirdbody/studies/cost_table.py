@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 
 from thirdbody.report import table
+from thirdbody.scene.spans import duration
 
+from .climb import LEFT_OUT
 from .cost import Row, Study, efficient, possible, recommended
 
 HEADINGS = ("", "rung", "step", "seconds", "runs", "ratio", "friction", "load|gap", "position", "turn, rad", "labels",
@@ -20,18 +22,18 @@ def print_study(made: Study) -> None:
     if made.alone:
         print("no two bodies of this copy meet: contact between bodies costs and changes nothing here; rungs marked i compute "
               'the whole scene only with contact.debris_contact = "none"')  # fmt: skip
-    print(f"budget {made.budget / 60.0:.3g} min, took {made.took / 60.0:.3g} min")
+    print(f"budget {duration(made.budget)}, took {duration(made.took)}")
     print(f"on {told['cpu']}, {told['cores']} cores, one used; load before: {told['load']}")
     default = made.default
     base = default.seconds if default is not None and default.stable else math.nan
     front = efficient(made)
     rows = [(row, _mark(made, row, front)) for row in made.rows if row.rung.axis != "verify"]
     table("", HEADINGS, [_cells(row, mark, base) for row, mark in rows])
-    print("* on the front: no rung is both faster and closer in friction; d: as the scene asks; r: reference, the end of the "
-          "front; ~: half the range of the repeats; runs: how many are timed")  # fmt: skip
+    print("* on the front: no rung is closer in friction in the same or less time; d: as the scene asks; r: reference, the end "
+          "of the front; ~: how far the median may be off, below which times are ties; runs: how many are timed")  # fmt: skip
     print("seconds: of one core, for the integration from output to output; without start, compiling, building and outputs")
     if any(row.beside for row in made.rows):
-        print("short rungs took turns with the scene's own, by which their seconds are put to one pace of the machine")
+        print("rungs took turns with the scene's own, by which their seconds are put to one pace of the machine")
     for message, names in stopped(made).items():
         print(f"{'; '.join(names)}: {message}")
     print(f"recommended: {recommended(made)[1]}")
@@ -55,7 +57,8 @@ def _mark(made: Study, row: Row, front: list[Row]) -> str:
 def _cells(row: Row, mark: str, base: float) -> tuple[str, ...]:
     step = "" if row.step is None else f"{row.step:.2g}{' s' if row.integrator == 'explicit' else ''}"
     if not row.stable:  # what it computed until then is compared with nothing
-        return (mark, row.rung.name, step, "stopped" if row.cpu else "failed", *[""] * 9)
+        what = "left out" if row.message == LEFT_OUT else "stopped" if row.cpu else "failed"
+        return (mark, row.rung.name, step, what, *[""] * 9)
     found = row.errors
     residual = row.outcome.residual if row.outcome is not None else None
     return (
@@ -67,8 +70,7 @@ def _cells(row: Row, mark: str, base: float) -> tuple[str, ...]:
 
 
 def _time(row: Row) -> str:
-    spread = 50.0 * (max(row.cpu) - min(row.cpu)) / row.seconds
-    return f"{row.seconds:.3g}" + (f" ~{spread:.0f} %" if len(row.cpu) > 1 else "")
+    return f"{row.seconds:.3g} ~{100.0 * row.timing.relative:.0f} %"
 
 
 def _share(value: float | None) -> str:

@@ -90,7 +90,7 @@ def interaction(folder: Path) -> dict[str, Any] | None:
 def above(made: Study, folder: Path) -> dict[str, Any] | None:
     """`interaction` of the study's reference."""
     place = made.reference.place
-    return interaction(folder / RUNGS / place / "0") if place else None
+    return interaction(folder / RUNGS / place) if place else None
 
 
 def closest(folder: Path) -> Spots | None:

@@ -117,6 +117,16 @@ def shortened(built: Simulation, share: float) -> tuple[dict[str, Any], list[str
     return changes, [told]
 
 
+def coarsened(scene: Scene, built: Simulation) -> tuple[dict[str, Any], list[str]]:
+    """An interval of output that leaves `FRAMES` of them, where there are more: writing them takes as long for every rung."""
+    by_length = scene.output.every_kind == "distance"
+    span, unit = (built.planned_distance, "length") if by_length else (built.planned_time, "time")
+    every = _round(span / FRAMES)
+    if every <= 1.2 * scene.output.every or every > span:
+        return {}, []
+    return {"output.every": units.format_si(every, unit)}, [f"a frame each {units.pretty(every, unit)}"]
+
+
 def _round(value: float) -> float:
     """To two digits."""
     return float(f"{value:.1e}")

@@ -1,19 +1,18 @@
-"""One rung in a process of its own: `python -m thirdbody.studies.worker JOB`, JSON in, JSON on the last line of the output.
+"""Computes rungs in a process of its own, `python -m thirdbody.studies.worker`: requests and answers are lines of JSON.
 
-A job holds `scene` (file), `variants` (one or more tables of changes to it), `plugins`, `folder` (for the runs), `repeats`,
-`limit` (s of one core for one run) and `until` (see `process.in_process`). Each variant is compiled first, by a run that ends at
-once; then it is run into its folder, and then timed; several variants take turns, so that what disturbs the machine for a while
-disturbs all of them. Timed is the integration alone, from stop to stop (`clock.bare`): neither compiling, nor building the scene,
-nor what is done at an output, which is the same for all. One thread computes, so its seconds of processor time are told beside
-those of the wall: on a machine that does nothing else they are the same, on a busy one they still tell what a rung costs. With
-`beside`, changes that make the scene a yardstick, short runs take turns with that one too, and its seconds are told with theirs:
-a busy machine is slower by some minutes than by others.
+A request holds what to `do`, the `scene` (file), the `changes` to it, `plugins`, the `folder` for the run and the `limit` (s of
+one core for one run). `run` compiles the rung by a run that ends at once and then runs it into its folder; `time` integrates it
+again. Timed is the integration alone, from stop to stop (`clock.bare`): neither compiling, nor building the scene, nor what is
+done at an output, which is the same for all. One thread computes, so its seconds of processor time are told beside those of the
+wall: on a machine that does nothing else they are the same, on a busy one they still tell what a rung costs. All rungs of a study
+are asked of one process and in turns, so that what disturbs the machine for a while disturbs all of them.
 """
 
 from __future__ import annotations
 
 import json
 import math
+import os
 import statistics
 import sys
 import time
@@ -24,12 +23,11 @@ from typing import Any
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError
 from thirdbody.scene.model import Scene
 
-from .budget import LONG, SHORT, repeats_of
 from .clock import Late, attach, bare
 
-BATCH = 9
-"""A repeat of a short run is up to so many, one after the other, and their median: the first ones find the processor's caches
-cold, which is nothing of theirs."""
+BATCH, ENOUGH = 9, 0.1
+"""A timing of a short run is up to so many, until they take so many seconds together, and their median: the first ones find the
+processor's caches cold, which is nothing of theirs."""
 
 
 def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -> dict[str, Any]:
@@ -57,71 +55,49 @@ def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -
     return told | {"step": built.state.dt, "step_kind": "time_step"}
 
 
-def work(job: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """What each variant of a job took and told; `wall` and `cpu` hold the seconds of its repeats."""
-    base = Scene.load(job["scene"])
-    scenes: list[Scene] = []
-    found: list[dict[str, Any]] = []
-    for k, changes in enumerate(job["variants"]):
-        told: dict[str, Any] = {"wall": [], "cpu": [], "stable": False}
-        try:
-            scenes.append(base.with_settings(changes) if changes else base)
-            folder = Path(job["folder"]) / str(k)
-            measured(scenes[-1], folder, job["plugins"], 0.0)
-            told |= measured(scenes[-1], folder, job["plugins"], job["limit"])
-            if not told["stable"] or told["cpu_s"] > LONG:
-                told["wall"].append(told["wall_s"])
-                told["cpu"].append(told["cpu_s"])
-        except ThirdbodyError as error:
-            scenes[k:] = [base]
-            told["message"] = str(error)
-        found.append(told)
-    _repeat(job, scenes, found)
-    return found
+def timed(scene: Scene, plugins: Sequence[str], limit: float) -> dict[str, Any]:
+    """Seconds of integrating a rung: medians of a batch. Raises GuardStop, Late and ThirdbodyError."""
+    from thirdbody.simulate import prepare, set_threads
+
+    set_threads(1)
+    times: list[tuple[float, float]] = []
+    while len(times) < BATCH and (not times or sum(cpu for _, cpu in times) < ENOUGH):
+        times.append(bare(prepare(scene, plugins), limit))
+    wall, cpu = (statistics.median(column) for column in zip(*times, strict=True))
+    return {"wall_s": wall, "cpu_s": cpu, "stable": True, "message": ""}
 
 
-def _repeat(job: Mapping[str, Any], scenes: Sequence[Scene], found: Sequence[dict[str, Any]]) -> None:
-    """Time what came to its end, in turns, until each has enough repeats, or one and no time is left for more."""
-    going = [(told, scene) for told, scene in zip(found, scenes, strict=True) if told["stable"]]
-    whole = sum(told["cpu_s"] for told, _ in going)
-    each = whole / max(len(going), 1)
-    repeats = repeats_of(each, int(job["repeats"]))
-    until = math.inf if job.get("until") is None else float(job["until"])
-    batch = max(1, min(BATCH, round(SHORT / each))) if going and each > 0.0 else 1
-    if len({len(told["cpu"]) for told, _ in going}) > 1:  # only some are long: none of the pairs is to be torn
-        for told, _ in going:
-            told["wall"], told["cpu"] = [], []
-    yardstick = _yardstick(job) if each < SHORT and going else None
-    while going and len(going[0][0]["cpu"]) < repeats:
-        if going[0][0]["cpu"] and time.time() + whole > until:
-            return
-        for told, scene in going:
-            try:
-                wall, cpu = _timed(scene, job, batch)
-                if yardstick is not None:
-                    told.setdefault("beside", []).append(_timed(yardstick, job, batch)[1])
-            except Late:
-                return
-            told["wall"].append(wall)
-            told["cpu"].append(cpu)
+def answer(request: Mapping[str, Any]) -> dict[str, Any]:
+    """What came of a request; one that failed has a `message` and is not `stable`. `compile_s`: of its first, empty run."""
+    began, folder, limit = time.process_time(), Path(request["folder"]), float(request["limit"])
+    found: dict[str, Any] = {"stable": False, "message": ""}
+    try:
+        scene = Scene.load(request["scene"])
+        scene = scene.with_settings(request["changes"]) if request["changes"] else scene
+        if request["do"] == "time":
+            found |= timed(scene, request["plugins"], limit)
+        else:
+            folder.parent.mkdir(parents=True, exist_ok=True)
+            measured(scene, folder, request["plugins"], 0.0)
+            found["compile_s"] = time.process_time() - began
+            found |= measured(scene, folder, request["plugins"], limit)
+    except Late:
+        found |= {"stable": False, "message": f"given up after {limit:.3g} s of one core"}
+    except ThirdbodyError as error:
+        found |= {"stable": False, "message": str(error)}
+    return found | {"used_cpu": time.process_time() - began}
 
 
-def _yardstick(job: Mapping[str, Any]) -> Scene | None:
-    """The scene that is the yardstick of a job, if it has one."""
-    changes = job.get("beside")
-    return None if changes is None else Scene.load(job["scene"]).with_settings(changes)
+def serve() -> None:
+    """Answer requests on standard input until it ends; whatever else is printed goes to standard error."""
+    replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    import thirdbody.simulate  # noqa: F401  (before it is ready: the start is what takes long)
 
-
-def _timed(scene: Scene, job: Mapping[str, Any], batch: int) -> tuple[float, float]:
-    """Seconds (wall, processor) of one integration: medians of a batch."""
-    from thirdbody.simulate import prepare
-
-    built = [prepare(scene, job["plugins"]) for _ in range(batch)]
-    times = [bare(simulation, job["limit"]) for simulation in built]
-    return statistics.median(wall for wall, _ in times), statistics.median(cpu for _, cpu in times)
+    print(json.dumps({"ready": True}), file=replies, flush=True)
+    for line in sys.stdin:
+        print(json.dumps(answer(json.loads(line))), file=replies, flush=True)
 
 
 if __name__ == "__main__":
-    with open(sys.argv[1], encoding="utf-8") as file:
-        answer = work(json.load(file))
-    print(json.dumps(answer))
+    serve()
