@@ -20,7 +20,7 @@ BUDGET = 420.0
 PROBE = 2.0
 """Seconds of one core that a rung is tried for."""
 
-FINISH = 6.0
+FINISH = 3.0
 """Seconds of one core for what comes after the last rung: reading the runs, the table, the picture and the JSON."""
 
 SHORT, LONG, TWICE = 0.3, 2.0, 5.0

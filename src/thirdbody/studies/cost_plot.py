@@ -60,7 +60,7 @@ def picture(made: Study) -> Figure:
     axes.set_xlabel("seconds of one core for the integration (bar: how far the median may be off; bars that overlap are ties)",
                     fontsize=9)  # fmt: skip
     axes.set_ylabel(f"error of the {what} (rms over the mean)", fontsize=9)
-    axes.tick_params(labelsize=8)
+    axes.tick_params(which="both", labelsize=8)
     _texts(figure, axes, made)
     return figure
 
@@ -181,14 +181,14 @@ _AROUND = [(dx, side * dy) for far in (3, 45, 90) for dy in (9, 18, 27, 36, 48) 
 
 def _texts(figure: Any, axes: Any, made: Study) -> None:
     told = made.machine
-    failed = [f"{', '.join(names)} ({_short(message)})" for message, names in stopped(made).items()]
+    failed = [f"{'; '.join(names)} ({_short(message)})" for message, names in stopped(made).items()]
     alone = ["No two bodies of this copy meet; with the implicit integrator the whole scene needs contact.debris_contact = "
              "\"none\"."] if made.alone else []  # fmt: skip
     lines = [
         f"Recommended: {recommended(made)[1].replace('`', '')}.",
         f"Computed: {'; '.join(made.reduction) or 'the whole scene'}; {told['cpu']}, one of {told['cores']} cores.",
         *alone,
-        *([f"Stopped and not shown: {'; '.join(failed)}."] if failed else []),
+        *([f"Not shown: {'. '.join(failed)}."] if failed else []),
     ]
     text = "\n".join(line for text in lines for line in textwrap.wrap(text, 118))
     figure.suptitle(f"What accuracy costs: {made.title or made.scene}", fontsize=12, fontweight="bold", x=0.01, ha="left",

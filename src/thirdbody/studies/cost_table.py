@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 from thirdbody.report import table
-from thirdbody.scene.spans import duration
 
 from .climb import LEFT_OUT
 from .cost import Row, Study, efficient, possible, recommended
@@ -22,7 +21,7 @@ def print_study(made: Study) -> None:
     if made.alone:
         print("no two bodies of this copy meet: contact between bodies costs and changes nothing here; rungs marked i compute "
               'the whole scene only with contact.debris_contact = "none"')  # fmt: skip
-    print(f"budget {duration(made.budget)}, took {duration(made.took)}")
+    print(f"budget {made.budget:.3g} s, took {made.took:.3g} s")
     print(f"on {told['cpu']}, {told['cores']} cores, one used; load before: {told['load']}")
     default = made.default
     base = default.seconds if default is not None and default.stable else math.nan
