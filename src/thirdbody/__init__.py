@@ -13,19 +13,23 @@ from __future__ import annotations
 from importlib.metadata import EntryPoints, PackageNotFoundError, entry_points, version
 from typing import TYPE_CHECKING, Any
 
+from . import errors
+
 if TYPE_CHECKING:
     from .output.run import Run
     from .output.run import open_run as open
     from .scene.model import Scene
+    from .scene_check import check
     from .simulate import run
     from .take_up import resume
 
-__all__ = ["Run", "Scene", "open", "resume", "run"]
+__all__ = ["Run", "Scene", "check", "errors", "open", "resume", "run"]
 
 _PLACES = {
     "Scene": ("scene.model", "Scene"),
     "Run": ("output.run", "Run"),
     "open": ("output.run", "open_run"),
+    "check": ("scene_check", "check"),
     "resume": ("take_up", "resume"),
     "run": ("simulate", "run"),
 }
@@ -56,4 +60,4 @@ def _plugged() -> EntryPoints:
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_PLACES, *(point.name for point in _plugged())])
+    return sorted([*__all__, "__version__", *(point.name for point in _plugged())])

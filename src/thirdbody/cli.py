@@ -10,9 +10,9 @@ import typer
 
 from .cli_group import Command, Group
 from .cli_new import new
-from .cli_signals import stop_on_signal
 from .cli_studies import cost, hard
 from .errors import GuardStop, Interrupted, ThirdbodyError, UsageError
+from .signals import stop_on_signal
 
 app = typer.Typer(
     cls=Group,
@@ -62,8 +62,8 @@ def check(
     from .warm import begin
 
     begin()
-    from .check import check_report, print_check
     from .report import print_json
+    from .scene_check import check_report, print_check
     from .simulate import prepare
 
     built = prepare(_load(scene, settings), plugin or (), force)
@@ -302,7 +302,8 @@ def main() -> None:
     try:
         app(prog_name="thirdbody")
     except ThirdbodyError as error:
-        print(f"thirdbody: {error}" if "\n" not in str(error) else str(error), file=sys.stderr)
+        text = error.for_command_line()
+        print(text if "\n" in text else f"thirdbody: {text}", file=sys.stderr)
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(130)

@@ -114,7 +114,12 @@ class Conduct:
     def _leave(self, why: str) -> None:
         self.keep()
         when, frames = f"{why} at t = {self.simulation.state.time:.6g} s", self.writer.frames
-        raise Interrupted(f"{when}; {frames} frames are kept; to go on: thirdbody resume {quote(str(self.folder))}")
+        folder = str(self.folder)
+        raise Interrupted(
+            f"{when}; {frames} frames are kept",
+            python=f"; to go on: thirdbody.resume({folder!r})",
+            command=f"; to go on: thirdbody resume {quote(folder)}",
+        )
 
     def _write(self) -> None:
         """A frame of this instant."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 
@@ -12,11 +12,24 @@ class ThirdbodyError(Exception):
 
     exit_code = 1
 
+    def __init__(self, message: str, *, python: str = "", command: str = "") -> None:
+        """Make an error whose message ends with `python`, or on the command line with `command`: what to do about it."""
+        super().__init__(message + python)
+        self.message, self.command = message, command
+
+    def for_command_line(self) -> str:
+        """Return the message in the words of the command line."""
+        return self.message + self.command
+
 
 class UsageError(ThirdbodyError):
     """The command was called in a way that cannot work."""
 
     exit_code = 2
+
+
+SETTINGS = "with_settings"
+"""Stands for the file of a fault in a value that was replaced, which the command line does by --set."""
 
 
 @dataclass(frozen=True)
@@ -28,10 +41,19 @@ class Fault:
     file: str | None = None
     line: int | None = None
     column: int | None = None
+    python: str = ""  # what to do about it, at the end of the message
+    command: str = ""  # the same in the words of the command line
 
     def __str__(self) -> str:
-        place = ":".join(str(part) for part in (_short(self.file), self.line, self.column) if part is not None)
-        return printable(": ".join(part for part in (place, _short(self.key), self.message) if part))
+        return self._text(self.file, self.python)
+
+    def for_command_line(self) -> str:
+        """Return the fault in the words of the command line."""
+        return self._text("--set" if self.file == SETTINGS else self.file, self.command)
+
+    def _text(self, file: str | None, remedy: str) -> str:
+        place = ":".join(str(part) for part in (_short(file), self.line, self.column) if part is not None)
+        return printable(": ".join(part for part in (place, _short(self.key), self.message + remedy) if part))
 
 
 def printable(text: str) -> str:
@@ -59,10 +81,17 @@ class InputError(ThirdbodyError):
         if isinstance(faults, str):
             faults = Fault("", faults)
         self.faults: list[Fault] = [faults] if isinstance(faults, Fault) else list(faults)
-        told = [str(fault) for fault in self.faults[:MOST_TOLD]]
+        super().__init__(self._lines(str))
+
+    def for_command_line(self) -> str:
+        """Return the faults in the words of the command line."""
+        return self._lines(Fault.for_command_line)
+
+    def _lines(self, text: Callable[[Fault], str]) -> str:
+        lines = [text(fault) for fault in self.faults[:MOST_TOLD]]
         if len(self.faults) > MOST_TOLD:
-            told.append(f"and {len(self.faults) - MOST_TOLD} more faults")
-        super().__init__("\n".join(told))
+            lines.append(f"and {len(self.faults) - MOST_TOLD} more faults")
+        return "\n".join(lines)
 
 
 class GuardStop(ThirdbodyError):

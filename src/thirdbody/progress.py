@@ -15,16 +15,26 @@ LINES = 10
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is, for a progress bar: the fraction of simulated time and the latest series."""
+    """How far a run is, as a `progress` function gets it."""
 
-    fraction: float
-    simulated: float
-    elapsed: float
-    frame: int
-    series: dict[str, Any]
+    fraction: float  # of the simulated time, 0 to 1
+    simulated: float  # time, s
+    elapsed: float  # wall time, s, with that of the run before it was resumed
+    frame: int  # frames written so far
+    series: dict[str, Any]  # the values of the last frame by name, such as friction_coefficient
 
 
 Reporter = Callable[[Progress], None]
+
+
+@contextmanager
+def reporting(progress: bool | Reporter, title: str) -> Iterator[Reporter | None]:
+    """Yield the reporter that `progress` asks for: one on standard error (True), none (False), or itself."""
+    if progress is True:
+        with reporter_for_terminal(title) as report:
+            yield report
+    else:
+        yield progress or None
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import platform
 import shutil
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,8 +25,9 @@ from .output.paraview import write_paraview_files
 from .output.run import FILE_NAME, Run, open_run
 from .output.target import write_whole
 from .output.vtkhdf import TrajectoryWriter
-from .progress import Reporter, reporter_for_terminal
+from .progress import Reporter, reporting
 from .scene.model import Scene
+from .signals import stop_on_ctrl_c
 
 if TYPE_CHECKING:
     from .scene.build import Simulation
@@ -38,7 +39,7 @@ _preparing = threading.Lock()
 
 
 def run(
-    scene: Scene,
+    scene: Scene | str | os.PathLike[str] | Mapping[str, Any],
     out: str | Path | None = None,
     threads: int | None = None,
     progress: bool | Reporter = True,
@@ -47,24 +48,26 @@ def run(
     plugins: tuple[str | Path, ...] = (),
     force: bool = False,
 ) -> Run:
-    """Simulate a scene into the folder `out` and return the opened result.
+    """Simulate a scene into the folder `out` (default: runs/<scene name>) and return the opened result.
 
+    `scene` is a Scene, the path of a scene file, or a dictionary of tables with numbers in SI or text with units.
     `threads` is the number of cores to use: all if None, and all, with a warning, if there are fewer. Results have the same bits
     for any number.
-    `progress` may be a callable that takes a `Progress`. `plugins` are Python files with a `PLUGIN`.
-    Raises UsageError, InputError, OutputError, GuardStop (what was computed is kept and can be opened), Interrupted.
+    `progress` may be a callable that takes a `Progress`: `fraction`, `simulated` and `elapsed` (s), `frame`, `series`.
+    `plugins` are Python files with a `PLUGIN`. `force` accepts a time step above its bound.
+
+    Raises UsageError, InputError, OutputError; GuardStop and Interrupted, after which what was computed can be opened. Ctrl-C in
+    the main thread writes a checkpoint and raises Interrupted (`resume` goes on); a second one raises KeyboardInterrupt at once,
+    as does one before the first step.
     """
+    scene = Scene.of(scene)
     folder = Path(out) if out is not None else default_folder(scene)
     refuse_existing(folder, overwrite)
     for warning in check_threads(threads):
         warnings.warn(warning, stacklevel=2)
     simulation = prepare(scene, plugins, force)
-    reporter: Reporter | None
-    if progress is True:
-        with reporter_for_terminal(simulation.scene.title) as reporter:
-            execute(simulation, folder, threads, reporter, overwrite)
-    else:
-        execute(simulation, folder, threads, progress or None, overwrite)
+    with reporting(progress, simulation.scene.title) as report, stop_on_ctrl_c() as stop:
+        execute(simulation, folder, threads, report, overwrite, stop)
     return open_run(folder)
 
 
@@ -195,7 +198,11 @@ def refuse_existing(folder: Path, overwrite: bool) -> None:
             raise OutputError(f"{folder}: cannot be made: {above} is {_why_not(above)}")
         return
     if not overwrite:
-        raise OutputError(f"{folder}: exists already; --overwrite replaces it, -o names another folder")
+        raise OutputError(
+            f"{folder}: exists already",
+            python="; overwrite=True replaces it, out=... names another folder",
+            command="; --overwrite replaces it, -o names another folder",
+        )
     if not folder.is_dir() or (any(folder.iterdir()) and not (folder / FILE_NAME).exists()):
         raise OutputError(f"{folder}: is not the folder of a run and will not be overwritten")
 
@@ -269,12 +276,12 @@ def debris_contact(simulation: Simulation) -> str:
     return "none: bodies do not see each other"
 
 
-def _summary(simulation: Simulation, conduct: Conduct, frames: int, problem: Exception | None) -> dict[str, Any]:
+def _summary(simulation: Simulation, conduct: Conduct, frames: int, problem: GuardStop | Interrupted | None) -> dict[str, Any]:
     state, ledger, wall = simulation.state, conduct.ledger, conduct.wall_time()
     lines, integration = ledger.lines(state), simulation.integrator.summary()
     return {
         "finished": problem is None,
-        "stopped": None if problem is None else str(problem),
+        "stopped": None if problem is None else problem.message,
         "wall_time": wall,
         "frames": frames,
         "bodies": state.n_bodies,

@@ -12,10 +12,11 @@ from .checkpoint import FILE as CHECKPOINT
 from .checkpoint import THE_VERSION, Checkpoint, prints_of, read_checkpoint
 from .errors import Fault, InputError
 from .output.run import FILE_NAME, Run, open_run
-from .progress import Reporter, reporter_for_terminal
+from .progress import Reporter, reporting
 from .scene.model import Scene
 from .scene.read import read_text
 from .scene.tables import Solver
+from .signals import stop_on_ctrl_c
 from .simulate import SCENE_FILE, check_threads, execute, prepare
 
 if TYPE_CHECKING:
@@ -26,29 +27,34 @@ LONGER = ("solver.distance", "solver.duration")
 
 
 def resume(
-    out: str | Path,
+    out: str | Path | Run,
     threads: int | None = None,
     progress: bool | Reporter = True,
     *,
     settings: Mapping[str, Any] | None = None,
     plugins: Iterable[str | Path] = (),
 ) -> Run:
-    """Go on with the run in the folder `out` to its end, and return the opened result: bit for bit that of an undisturbed run.
+    """Go on with a run to its end and return the opened result: bit for bit that of an undisturbed run.
+
+    `out` is the run's folder, its file run.vtkhdf, or a `Run`, which goes on reading what it had opened.
 
     A run that came to its end goes on if `settings` (or its scene.toml) give it a longer solver.distance or solver.duration. (Its
     old end stays a stop, which ends steps of the implicit integrator: where it is an output of the longer scene, the bits are
     those of that scene.) Raises InputError without a sound checkpoint, and where the scene, a law or a file that it was built
     from has changed; and what `run` raises.
     """
+    folder = _folder_of(out)
     for warning in check_threads(threads):
         warnings.warn(warning, stacklevel=2)
-    simulation, kept = prepare_resume(Path(out), settings or {}, plugins)
-    if progress is True:
-        with reporter_for_terminal(simulation.scene.title) as reporter:
-            execute(simulation, Path(out), threads, reporter, kept=kept)
-    else:
-        execute(simulation, Path(out), threads, progress or None, kept=kept)
-    return open_run(out)
+    simulation, kept = prepare_resume(folder, settings or {}, plugins)
+    with reporting(progress, simulation.scene.title) as report, stop_on_ctrl_c() as stop:
+        execute(simulation, folder, threads, report, stop=stop, kept=kept)
+    return open_run(folder)
+
+
+def _folder_of(run: str | Path | Run) -> Path:
+    path = run.path if isinstance(run, Run) else Path(run)
+    return path.parent if path.name == FILE_NAME else path
 
 
 def prepare_resume(

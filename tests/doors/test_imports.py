@@ -22,15 +22,15 @@ BELOW = {
     "scene": {"kernels", "laws", "bodies", "engine"},
     "output": {"kernels", "laws", "bodies", "engine"},
     # studies run whole scenes, so they stand on what runs, checks and prints one
-    "studies": {"kernels", "laws", "bodies", "engine", "scene", "output", "course", "simulate", "check", "report"},
+    "studies": {"kernels", "laws", "bodies", "engine", "scene", "output", "course", "simulate", "scene_check", "report"},
 }
 OPEN = {"errors", "cache", "collector", "cores", "dimensions", "modules"}
 # `plugin` is the facade of the contract: it may show what plug-ins need and nothing above it
 FACADE = {"bodies", "engine", "errors", "kernels", "laws", "scene"}
 
 HEAVY = {"numba", "vtk", "vtkmodules", "pyvista", "matplotlib", "h5py", "scipy", "pint", "pandas"}
-LIGHT = ["__init__.py", "errors.py", "progress.py", "starters.py", *(
-    f"cli{name}.py" for name in ("", "_completion", "_group", "_new", "_signals", "_studies")
+LIGHT = ["__init__.py", "errors.py", "progress.py", "signals.py", "starters.py", *(
+    f"cli{name}.py" for name in ("", "_completion", "_group", "_new", "_studies")
 ), *(
     f"scene/{name}.py" for name in (
         "__init__", "crosscheck", "debris", "fields", "locate", "model", "part", "read", "settings", "tables", "template",

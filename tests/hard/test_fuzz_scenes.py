@@ -194,7 +194,7 @@ def try_setting(seed: int) -> str:
             told = "accepted"
         except InputError as error:
             for fault in error.faults:
-                assert fault.key and fault.file in ("--set", "scene.toml"), fault
+                assert fault.key and fault.file in ("with_settings", "scene.toml"), fault
                 assert str(fault).isprintable() and len(str(fault)) < 2000, fault
             told = "refused"
     assert set(os.listdir()) == before

@@ -163,7 +163,7 @@ def test_another_law_of_the_same_name_is_refused(tmp_path):
 
 
 def test_a_limit_of_wall_time_leaves_a_checkpoint(tmp_path):
-    with pytest.raises(Interrupted, match="limit of wall time.*thirdbody resume"):
+    with pytest.raises(Interrupted, match=r"limit of wall time.*thirdbody\.resume\("):
         execute(prepare(scene_of("sheared_debris")), tmp_path / "run", wall_limit=0.0)
     thirdbody.resume(tmp_path / "run", progress=False).close()
 

@@ -8,7 +8,7 @@ import math
 import pytest
 from steel import STEEL
 
-from thirdbody import check
+from thirdbody import scene_check as check
 from thirdbody.errors import InputError
 from thirdbody.laws.contract import Material
 from thirdbody.laws.yielding import yield_limit

@@ -232,8 +232,9 @@ def test_what_exists_is_refused_and_replaced_when_told(path, tmp_path, kind):
     target = tmp_path / "there"
     export(path, **{kind: target})
     before = sorted(file.name for file in tmp_path.iterdir())
-    with pytest.raises(OutputError, match="exists already; --overwrite"):
+    with pytest.raises(OutputError, match="exists already; overwrite=True replaces it") as refused:
         export(path, **{kind: target})
+    assert refused.value.for_command_line().endswith("exists already; --overwrite replaces it")
     export(path, overwrite=True, **{kind: target})
     assert sorted(file.name for file in tmp_path.iterdir()) == before, "nothing may be left beside the target"
 
@@ -274,7 +275,7 @@ def test_nothing_is_written_when_one_target_is_refused(path, tmp_path):
 def test_calls_that_cannot_work(path, tmp_path):
     with pytest.raises(UsageError, match="say what to write"):
         export(path)
-    with pytest.raises(UsageError, match="--frame goes with"):
+    with pytest.raises(UsageError, match="one frame goes with"):
         export(path, pack=tmp_path / "packed.vtkhdf", frame=1)
     with pytest.raises(InputError, match="no frame 4; frames are from -4 to 3"):
         export(path, csv=tmp_path / "csv", frame=4)

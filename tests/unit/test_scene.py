@@ -160,7 +160,7 @@ def test_settings_replace_values_and_their_alternatives():
     assert (scene.plates.upper.gap, scene.plates.upper.load) == (3e-6, None)
     assert scene.domain.size == (600e-6, 1e-3)
     assert scene.contact.options == {"springs": 64}
-    assert str(scene.fault(("contact", "springs"), "too many")) == "--set: contact.springs: too many"
+    assert str(scene.fault(("contact", "springs"), "too many")) == "with_settings: contact.springs: too many"
     assert str(scene.fault(("contact", "law"), "odd")) == "x.toml:30:1: contact.law: odd"
 
 
@@ -186,7 +186,8 @@ def test_settings_replace_values_and_their_alternatives():
 def test_faults_of_settings(given, told):
     with pytest.raises(InputError) as caught:
         Scene.parse(GOOD).with_settings(given)
-    assert [str(fault) for fault in caught.value.faults] == ["--set: " + text for text in told]
+    assert [str(fault) for fault in caught.value.faults] == ["with_settings: " + text for text in told]
+    assert caught.value.for_command_line().splitlines() == ["--set: " + text for text in told]
 
 
 # save and load, for many scenes

@@ -21,9 +21,10 @@ def export_run(
     Raises UsageError when nothing is asked for, InputError (run, frame), OutputError.
     """
     if csv is pvd is pack is None:
-        raise UsageError("export: say what to write: --csv DIR, --pvd DIR, --pack FILE")
+        command = ": --csv DIR, --pvd DIR, --pack FILE"
+        raise UsageError("export: say what to write", python=": csv=..., pvd=... or pack=...", command=command)
     if frame is not None and csv is pvd is None:
-        raise UsageError("export: --frame goes with --csv or --pvd; a packed run has all frames")
+        raise UsageError("export: one frame goes with CSV or PVD; a packed run has all frames")
     with open_run(path) as run:
         _check(run, csv, pvd, pack, frame, overwrite)
         if csv is not None:

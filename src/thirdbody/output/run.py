@@ -18,63 +18,19 @@ import h5py
 import numpy as np
 
 from thirdbody.errors import InputError
+from thirdbody.output.block_reader import BlockReader
+from thirdbody.output.named import Named
 from thirdbody.output.schema import BLOCKS, POSITION, STATIC_TEXT, SUMMARY_TEXT, Frame
 from thirdbody.output.soundness import damage_told, refuse_unsound
 
 if TYPE_CHECKING:
+    import pyvista
     from matplotlib.figure import Figure
 
     from thirdbody.output.drag import Drag
     from thirdbody.output.friction import Friction
 
 FILE_NAME = "run.vtkhdf"
-
-
-class _BlockReader:
-    """The arrays of one block, cut out of their growing data sets by the offsets of a frame."""
-
-    def __init__(self, group: h5py.Group, path: Path):
-        self._group, self._data = group, group["PointData"]
-        self._steps = group["Steps"]
-        self.frames = int(self._steps.attrs["NSteps"])
-        self._path = path
-        self.names_of: dict[str, int] = {}  # of arrays of codes: how many there are
-
-    @property
-    def names(self) -> list[str]:
-        return list(self._data)
-
-    def read(self, frame: int) -> dict[str, np.ndarray]:
-        """All arrays of one frame, the coordinates as `position`."""
-        return {name: self.array(name, frame) for name in (POSITION, *self._data)}
-
-    def array(self, name: str, frame: int) -> np.ndarray:
-        """One array of one frame."""
-        if name == POSITION:
-            data, offsets = self._group["Points"], self._steps["PointOffsets"]
-        else:
-            data, offsets = self._data[name], self._steps["PointDataOffsets"][name]
-        with damage_told(self._path, data.name):
-            start = int(offsets[frame])
-            return self._known(name, data[start : start + self.rows(frame)])
-
-    def rows(self, frame: int) -> int:
-        with damage_told(self._path, f"{self._group.name}/NumberOfPoints"):
-            return int(self._group["NumberOfPoints"][int(self._steps["PartOffsets"][frame])])
-
-    def history(self, name: str, frames: int) -> np.ndarray:
-        """One varying array at all frames (frames, rows, ...), for a block whose row count never changes."""
-        rows = self.rows(0) if frames else 0
-        data = self._data[name]
-        with damage_told(self._path, data.name):
-            return self._known(name, data[: frames * rows].reshape(frames, rows, *data.shape[1:]))
-
-    def _known(self, name: str, codes: np.ndarray) -> np.ndarray:
-        """The array, if its codes, when it holds some, all have a name."""
-        most = self.names_of.get(name)
-        if most is not None and codes.size and not 0 <= codes.min() <= codes.max() < most:
-            raise ValueError(f"codes {codes.min()} to {codes.max()}, of which {most} have names")
-        return codes
 
 
 class Run:
@@ -87,7 +43,7 @@ class Run:
         self.path = Path(path)
         self.file, self._stream = _open_file(self.path)
         with self._closed_if_damaged():
-            self._blocks = {name: _BlockReader(self.file["VTKHDF"][name], self.path) for name in BLOCKS}
+            self._blocks = Named((name, BlockReader(self.file["VTKHDF"][name], self.path)) for name in BLOCKS)
             self._series_group, self._scene = self.file["series"], self.file["scene"]
             counts = [block.frames for block in self._blocks.values()]
             # A run killed between two counts has some one higher: the lowest is what is whole.
@@ -155,12 +111,12 @@ class Run:
     def series(self) -> dict[str, np.ndarray]:
         """Series by name, each (F,) or (F, 3); units in `units`."""
         with damage_told(self.path, "the series"):
-            return {name: self._series_group[name][: self.frames] for name in self._series_group}
+            return Named((name, self._series_group[name][: self.frames]) for name in self._series_group)
 
     @cached_property
     def units(self) -> dict[str, str]:
         """Unit of each series, `1` for a pure number."""
-        return {name: str(self._series_group[name].attrs["units"]) for name in self._series_group}
+        return Named((name, str(self._series_group[name].attrs["units"])) for name in self._series_group)
 
     @cached_property
     def drag(self) -> Drag:
@@ -318,6 +274,38 @@ class Run:
         if path is not None:
             save(figure, path)
         return figure
+
+    def render(self, out: str | Path, **options: Any) -> Path:
+        """Draw a picture (.png), a film (.gif, .mp4) or a page (.html), and return its path.
+
+        Options: frame, color, size, zoom, view, forces, body, frames, fps, camera; see `thirdbody.output.render.render`.
+        """
+        from thirdbody.output.render import render
+
+        return render(self.path, out, **options)
+
+    def export(
+        self, *, csv: str | Path | None = None, pvd: str | Path | None = None, pack: str | Path | None = None,
+        frame: int | None = None, overwrite: bool = False,
+    ) -> list[Path]:  # fmt: skip
+        """Write tables into the folder `csv`, PVD files into the folder `pvd`, a compressed copy to the file `pack`.
+
+        Of one `frame`, or of all if None; a compressed copy has all. Returns the paths of the files. Raises UsageError when
+        nothing is asked for, InputError for a frame that the run has not, OutputError.
+        """
+        from thirdbody.output.export import export_run
+
+        tables, files, copy = (None if path is None else Path(path) for path in (csv, pvd, pack))
+        return list(export_run(self.path, tables, files, copy, frame, overwrite))
+
+    def to_pyvista(self, frame: int = -1) -> pyvista.MultiBlock:
+        """One frame as a pyvista.MultiBlock of spheres, clumps, contacts and plates, each with its arrays.
+
+        The unit of the array `force` of a block is in its `field_data["force_units"]`; lengths are in m.
+        """
+        from thirdbody.output.multiblock import multiblock
+
+        return multiblock(self, frame)
 
     def _repr_html_(self) -> str:
         """A table and a picture, for notebooks."""

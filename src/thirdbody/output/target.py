@@ -17,7 +17,7 @@ def refuse_existing_file(path: Path, overwrite: bool) -> None:
     if path.is_dir():
         raise OutputError(f"{path}: is a folder; name a file")
     if os.path.lexists(path) and not overwrite:
-        raise OutputError(f"{path}: exists already; --overwrite replaces it")
+        raise OutputError(f"{path}: exists already", python="; overwrite=True replaces it", command="; --overwrite replaces it")
 
 
 def refuse_existing_folder(path: Path, overwrite: bool, ours: Collection[str]) -> None:
@@ -25,7 +25,7 @@ def refuse_existing_folder(path: Path, overwrite: bool, ours: Collection[str]) -
     if not os.path.lexists(path):
         return
     if not overwrite:
-        raise OutputError(f"{path}: exists already; --overwrite replaces it")
+        raise OutputError(f"{path}: exists already", python="; overwrite=True replaces it", command="; --overwrite replaces it")
     if path.is_symlink() or not path.is_dir():
         raise OutputError(f"{path}: is not a folder and will not be overwritten")
     foreign = sorted({entry.name for entry in path.iterdir()} - set(ours))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -211,9 +211,11 @@ def _refuse_large_step(scene: Scene, integrator: Explicit, step: float) -> None:
         what = "Rayleigh time" if limit == bound.rayleigh else "stability limit"
         message = (
             f"{units.pretty(step, 'time')} is above the bound {units.pretty(limit, 'time')} ({what} of body {bound.body}); "
-            f'"auto" would take {units.pretty(bound.step, "time")}; --force runs it all the same'
+            f'"auto" would take {units.pretty(bound.step, "time")}'
         )
-        raise InputError(scene.fault(("solver", "time_step"), message))
+        fault = scene.fault(("solver", "time_step"), message)
+        remedy = " runs it all the same"
+        raise InputError(replace(fault, python=f"; force=True{remedy}", command=f"; --force{remedy}"))
 
 
 def _refuse_unreached(simulation: Simulation) -> None:

@@ -43,6 +43,26 @@ def in_file(info: ValidationInfo) -> bool:
     return bool(isinstance(info.context, dict) and info.context.get("file"))
 
 
+class FloatInSI(float):
+    """A number that Python code gives for a value of a scene: in SI, where one in a file would have no unit."""
+
+
+class IntInSI(int):
+    """The same for a whole number."""
+
+
+def in_si(value: Any) -> Any:
+    """Mark the numbers of a value that Python code gives, also those in arrays, lists and tables, as numbers in SI."""
+    value = plain(value)
+    if isinstance(value, dict):
+        return {key: in_si(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [in_si(entry) for entry in value]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    return IntInSI(value) if isinstance(value, int) else FloatInSI(value)
+
+
 def as_float(value: numbers.Real | float) -> float:
     """The number as a float. Raises ValueError for a whole number that no float can hold."""
     try:
@@ -92,7 +112,8 @@ class Quantity(Range):
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
             raise ValueError(f"expected {units.DIMENSIONS[self.dimension].phrase}, got {show(value)}")
         number = as_float(value)
-        if in_file(info) and self.dimension != "dimensionless" and math.isfinite(number):
+        bare = in_file(info) and not isinstance(value, FloatInSI | IntInSI)
+        if bare and self.dimension != "dimensionless" and math.isfinite(number):
             units.parse(str(value), self.dimension)  # raises: a bare number has no unit
         if not math.isfinite(number):
             raise ValueError(f"{value} is not a finite number")

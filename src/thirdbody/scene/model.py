@@ -79,6 +79,20 @@ class Scene(Part):
         return cls.parse(read_text(path), os.fspath(path))
 
     @classmethod
+    def of(cls, given: Scene | str | os.PathLike[str] | Mapping[str, Any]) -> Scene:
+        """Return the scene itself, the one in a TOML file, or the one that a dictionary of tables describes.
+
+        Numbers of a dictionary are in SI, or text with a unit. Raises InputError with every fault, TypeError for anything else.
+        """
+        if isinstance(given, Scene):
+            return given
+        if isinstance(given, Mapping):
+            return cls(**given)
+        if isinstance(given, str | os.PathLike):
+            return cls.load(given)
+        raise TypeError(f"expected a Scene, the path of a scene file or a dictionary, not {type(given).__name__}")
+
+    @classmethod
     def parse(cls, text: str, name: str = "scene", folder: str | os.PathLike[str] | None = None) -> Scene:
         """The scene in a TOML text; `name` stands for the file in messages. Raises InputError like `load`.
 
@@ -173,8 +187,9 @@ class Scene(Part):
     def with_settings(self, settings: Mapping[str, Any]) -> Scene:
         """The scene with values replaced, such as {"solver.distance": "1 um", "debris.0.count": "20"}.
 
-        Text is taken as a TOML value if it is one, else as it stands; None takes the key out. Giving one of two keys that exclude
-        each other (distance and duration; load, pressure and gap) drops the other. Raises InputError.
+        Text is taken as a TOML value if it is one, else as it stands; numbers and arrays are in SI; None takes the key out.
+        Giving one of two keys that exclude each other (distance and duration; load, pressure and gap) drops the other. Raises
+        InputError.
         """
         document, places = apply_settings(self.document(), settings)
         # A setting can put a key of the file in the wrong, so every fault here is one of the settings.

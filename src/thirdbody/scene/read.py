@@ -10,10 +10,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from thirdbody.errors import Fault, InputError
+from thirdbody.errors import SETTINGS, Fault, InputError
 from thirdbody.scene.locate import locate
 from thirdbody.scene.part import Place, Wrong, key_path
-from thirdbody.scene.settings import WHERE
 
 MOST_BYTES = 4_000_000
 """Bytes of the largest scene file: larger tables of bodies belong into files of their own."""
@@ -32,7 +31,7 @@ class Source:
     folder: str | None = field(default=None, compare=False)  # of the files it names, if not that of `file`
 
     def overridden(self, places: Iterable[Place]) -> Source:
-        """The source with these places taken from the command line."""
+        """The source with these places taken from settings."""
         return replace(self, settings=(*self.settings, *places))
 
     def position(self, place: Place) -> tuple[int, int] | None:
@@ -46,7 +45,7 @@ class Source:
         """The fault with file, line and column as far as they are known."""
         key = key_path(place)
         if any(place[: len(setting)] == setting for setting in self.settings):
-            return Fault(key, message, file=WHERE)
+            return Fault(key, message, file=SETTINGS)
         line, column = self.position(place) or (None, None)
         return Fault(key, message, self.file, line, column)
 

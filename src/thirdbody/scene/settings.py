@@ -7,11 +7,9 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from thirdbody.errors import Fault, InputError
-from thirdbody.scene.fields import show
+from thirdbody.errors import SETTINGS, Fault, InputError
+from thirdbody.scene.fields import in_si, show
 from thirdbody.scene.part import Place, key_path
-
-WHERE = "--set"
 
 # A key on the left, when set, takes the place of those on the right in the same table.
 _REPLACES = {
@@ -38,18 +36,16 @@ def apply_settings(
     places = []
     for path, value in settings.items():
         try:
-            places.append(_set(document, path, toml_value(value), settings))
+            places.append(_set(document, path, toml_value(value) if isinstance(value, str) else in_si(value), settings))
         except ValueError as error:
-            faults.append(Fault(path, str(error), file=WHERE))
+            faults.append(Fault(path, str(error), file=SETTINGS))
     if faults:
         raise InputError(faults)
     return document, places
 
 
-def toml_value(value: Any) -> Any:
+def toml_value(value: str) -> Any:
     """The value that a text means in TOML; the text itself when it is none, as 1 um without quotes."""
-    if not isinstance(value, str):
-        return value
     try:
         table = tomllib.loads(f"value = {value}")
     except (ValueError, RecursionError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ValidationInfo
@@ -72,7 +73,7 @@ _SIZES: dict[str, type[Part]] = {
 
 def _constant_size(value: Any, info: ValidationInfo) -> Any:
     """A single length as the distribution that it stands for."""
-    if not isinstance(value, str | int | float):
+    if not isinstance(value, str | numbers.Real):
         return value
     return Constant(value=float(_LENGTH.read(value, info)))
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numbers
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ValidationInfo
 
-from thirdbody.scene.fields import Choice, Quantity, listing
+from thirdbody.scene.fields import Choice, Quantity, listing, plain
 from thirdbody.scene.part import Part, Wrong
 from thirdbody.scene.types import (
     REST,
@@ -36,7 +37,7 @@ class Spot(Part):
 
 def _three_moments(value: Any, info: ValidationInfo) -> Any:
     """A single moment of inertia as the three that it stands for."""
-    if not isinstance(value, str | int | float):
+    if not isinstance(value, str | numbers.Real):
         return value
     _INERTIA.read(value, info)  # so that a fault is told once
     return [value, value, value]
@@ -73,8 +74,8 @@ class Spots(Part):
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
         """The table with the count of the positions."""
-        positions = raw.get("positions")
-        return {"count": len(positions)} | raw if isinstance(positions, list | tuple) and positions else raw
+        positions = plain(raw.get("positions"))
+        return {"count": len(positions)} | raw if isinstance(positions, list) and positions else raw
 
     def checks(self) -> list[Wrong]:
         """Faults between the keys."""

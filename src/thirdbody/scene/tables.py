@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numbers
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import SerializerFunctionWrapHandler, model_serializer
@@ -213,7 +214,7 @@ class Output(Part):
         every, from_file = raw.get("every"), bool(context and context.get("file"))
         if from_file and "every_kind" in raw:
             return [(("every_kind",), "unknown key: the unit of every says whether it is a length or a time")]
-        if type(every) in (int, float) and (from_file or "every_kind" not in raw):
+        if isinstance(every, numbers.Real) and not isinstance(every, bool) and (from_file or "every_kind" not in raw):
             or_kind = "" if from_file else ", or give every_kind"
             return [(("every",), units.without_unit(show(every), ("length", "time")) + or_kind)]
         return []

@@ -64,7 +64,7 @@ def reduced(
 
 def seconds_of(built: Simulation) -> float:
     """Seconds of one core that a run would take, from a trial; infinite where a guard stops it."""
-    from thirdbody.check import check_report
+    from thirdbody.scene_check import check_report
 
     wall, cpu = time.perf_counter(), time.process_time()
     told = check_report(built)["estimated_wall_time"]

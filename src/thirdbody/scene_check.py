@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import copy
+import io
 import math
+import os
 import time
+from collections.abc import Iterable, Mapping
+from contextlib import redirect_stdout
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .kernels import layout as at
@@ -18,12 +23,41 @@ if TYPE_CHECKING:
     from .engine.explicit import Explicit
     from .engine.implicit import Implicit
     from .scene.build import Simulation
+    from .scene.model import Scene
 
 TRIAL_SECONDS = 0.5
 """How long a throw-away copy is integrated to estimate the wall time."""
 
 TRIAL_BODIES, TRIAL_WAY = 16, 2e-6
 """Bodies and way (m) of such a trial of the implicit integrator."""
+
+
+class Check(dict[str, Any]):
+    """What `check` found, by name, in SI; `print` shows it as `thirdbody check` does."""
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        with redirect_stdout(text):
+            print_check(self)
+        return text.getvalue()
+
+    def __repr__(self) -> str:
+        return f"<Check of '{self['title']}': {self['bodies']} bodies, {len(self['warnings'])} warning(s)>"
+
+
+def check(
+    scene: Scene | str | os.PathLike[str] | Mapping[str, Any], *, plugins: Iterable[str | Path] = (), force: bool = False
+) -> Check:
+    """Build a scene (as `run` takes it) and report its warnings, defaults, laws, time step, and what a run of it would cost.
+
+    The report is a dictionary: `warnings` first, then `title`, `scene`, `bodies`, `law`, `pairs`, `integrator`,
+    `estimated_wall_time` (s), `memory` and `disk` (bytes) and more. Raises UsageError and InputError as `run` does.
+    """
+    from .scene.model import Scene
+    from .simulate import prepare
+
+    found = check_report(prepare(Scene.of(scene), plugins, force))
+    return Check({"warnings": found.pop("warnings")} | found)
 
 
 def check_report(built: Simulation) -> dict[str, Any]:

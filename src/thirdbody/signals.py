@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import FrameType
 
 from .errors import Interrupted
 
@@ -45,6 +47,32 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextmanager
+def stop_on_ctrl_c() -> Iterator[Callable[[], bool]]:
+    """Let Ctrl-C end a run between two compiled calls, and at once when it comes a second time.
+
+    Only in the main thread and where Python handles it as usual: a program that has a handler of its own keeps it.
+    """
+    caught: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if caught:
+            raise KeyboardInterrupt
+        caught.append(number)
+
+    usual = signal.default_int_handler
+    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is usual
+    if ours:
+        signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(caught)
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, usual)
+    if caught:  # too late to stop anything here, but what goes on after the run is to end as well
+        raise KeyboardInterrupt
 
 
 def _leave_lost_terminal(terminals: list[int]) -> None:

@@ -1,0 +1,45 @@
+"""One frame of a run as data sets of pyvista, with units."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from thirdbody.output.quantity import ARRAY_UNITS
+from thirdbody.output.schema import BLOCKS, POSITION
+
+if TYPE_CHECKING:
+    import pyvista
+
+    from thirdbody.output.run import Run
+
+PLATES = np.array([4, 0, 1, 2, 3, 4, 4, 5, 6, 7])
+"""Faces of the lower and the upper plate, each with its number of corners first."""
+
+
+def multiblock(run: Run, frame: int) -> pyvista.MultiBlock:
+    """Return the blocks of one frame. Raises IndexError for a frame that the run has not."""
+    import pyvista
+
+    number = run.frame_number(frame)
+    blocks = pyvista.MultiBlock({name: _block(name, run.block(name, number)) for name in BLOCKS})
+    blocks.field_data["time"] = np.array([run.times[number]])
+    blocks.field_data["frame"] = np.array([number])
+    blocks.field_data["state_names"] = run.state_names
+    blocks.field_data["reason_names"] = run.reason_names
+    return blocks
+
+
+def _block(name: str, arrays: dict[str, np.ndarray]) -> pyvista.PolyData:
+    """Return the points of one block with their arrays."""
+    import pyvista
+
+    points = arrays.pop(POSITION)
+    if not len(points):  # pyvista refuses arrays of no rows
+        return pyvista.PolyData()
+    block = pyvista.PolyData(points, faces=PLATES) if name == "plates" else pyvista.PolyData(points)
+    for key, values in arrays.items():
+        block.point_data[key] = values
+        block.field_data[f"{key}_units"] = [ARRAY_UNITS.get(key, "1").replace("·", " ")]  # VTK takes ASCII only
+    return block

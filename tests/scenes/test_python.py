@@ -1,0 +1,162 @@
+"""The whole job in Python: what `run`, `check` and `resume` take, what they raise, and what a Run gives on."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.errors import Fault, InputError, Interrupted, OutputError
+from thirdbody.progress import Progress
+
+BALLS = {
+    "title": "two balls",
+    "materials": {"steel": {"youngs_modulus": 210e9, "poisson_ratio": 0.3, "density": np.int64(7850)}},
+    "pairs": [{"between": ["steel", "steel"], "friction": 0.3, "restitution": 0.6}],
+    "debris": [{
+        "material": "steel", "kind": "spheres", "radius": np.float32(5e-6),
+        "positions": np.array([[10e-6, 10e-6, 5e-6], [40e-6, 10e-6, 5e-6]]),
+    }],
+    "domain": {"size": np.array([60e-6, 60e-6])},
+    "plates": {
+        "lower": {"material": "steel"},
+        "upper": {"material": "steel", "support": "load_per_particle", "load": 1e-5, "motion": {"x": {"velocity": 1.0}}},
+    },
+    "effects": {"gravity": np.array([0.0, 0.0, -9.81])},
+    "solver": {"distance": 20e-9},
+    "output": {"every": 10e-9, "every_kind": "distance"},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    with thirdbody.run(BALLS, tmp_path_factory.mktemp("balls") / "run", 1, progress=False) as run:
+        yield run
+
+
+def test_numbers_in_python_are_in_si():
+    scene = thirdbody.Scene(**BALLS)
+    assert scene.solver.distance == 20e-9
+    assert scene.debris[0].positions[1] == (40e-6, 10e-6, 5e-6)
+    further = scene.with_settings({"solver.distance": 40e-9, "domain.size": np.array([80e-6, 60e-6]), "debris.0.radius": 4e-6})
+    assert (further.solver.distance, further.domain.size, further.debris[0].radius) == (40e-9, (80e-6, 60e-6), 4e-6)
+    with pytest.raises(InputError, match="4e-08 has no unit"):
+        scene.with_settings({"solver.distance": "4e-8"})  # text is read as in a file
+
+
+def test_a_path_and_a_dictionary_are_scenes(tmp_path, run, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    thirdbody.Scene(**BALLS).save("balls.toml")
+    assert thirdbody.Scene.of("balls.toml") == thirdbody.Scene.of(BALLS)
+    with thirdbody.run("balls.toml", threads=1, progress=False) as again:
+        assert again.path == Path("runs/balls/run.vtkhdf")
+        np.testing.assert_array_equal(again.bodies()["position"], run.bodies()["position"])
+    with pytest.raises(TypeError, match="path of a scene file or a dictionary, not list"):
+        thirdbody.run([BALLS])
+
+
+def test_check_is_what_the_command_prints_warnings_first(monkeypatch, capsys, tmp_path):
+    found = thirdbody.check(BALLS)
+    assert next(iter(found)) == "warnings" and found["bodies"] == 2 and found["estimated_wall_time"] > 0.0
+    text = str(found)
+    assert text.startswith(f"warning: {found['warnings'][0]}\n" if found["warnings"] else "# two balls: 2 bodies")
+    assert capsys.readouterr().out == "" and "law three_spot, level mindlin" in text
+    assert repr(found) == f"<Check of 'two balls': 2 bodies, {len(found['warnings'])} warning(s)>"
+    assert callable(thirdbody.check), "the module of the function may not take its name"
+
+
+def test_what_exists_is_told_in_the_words_of_python(run):
+    folder = run.path.parent
+    with pytest.raises(OutputError, match=r"overwrite=True replaces it, out=\.\.\. names another folder") as refused:
+        thirdbody.run(BALLS, folder)
+    assert "--" not in str(refused.value)
+    assert refused.value.for_command_line().endswith("--overwrite replaces it, -o names another folder")
+
+
+def test_remedies_of_faults_are_in_the_words_of_their_reader():
+    fault = Fault("solver.time_step", "is too long", python="; force=True", command="; --force")
+    error = InputError([fault, fault])
+    assert str(error).count("force=True") == 2 and "--force" not in str(error)
+    assert error.for_command_line() == "solver.time_step: is too long; --force\nsolver.time_step: is too long; --force"
+
+
+def test_ctrl_c_writes_a_checkpoint_and_resume_takes_the_run(tmp_path):
+    pressed = []
+
+    def press(progress: Progress) -> None:
+        if progress.frame == 2 and not pressed:
+            pressed.append(True)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    scene = thirdbody.Scene(**BALLS).with_settings({"solver.distance": "1 um", "output.every": "0.1 um"})
+    with pytest.raises(Interrupted, match=r"frames are kept; to go on: thirdbody\.resume\('"):
+        thirdbody.run(scene, tmp_path / "run", 1, progress=press)
+    assert signal.getsignal(signal.SIGINT) is before
+    with thirdbody.open(tmp_path / "run") as part:
+        assert 2 <= part.frames < 12 and "resume" not in part.summary()["stopped"]
+        with thirdbody.resume(part, threads=1, progress=False) as whole:
+            assert whole.summary()["finished"] and whole.frames == 12
+
+
+def test_a_run_in_another_thread_leaves_signals_alone(tmp_path):
+    found = []
+    thread = threading.Thread(target=lambda: found.append(thirdbody.run(BALLS, tmp_path / "run", 1, progress=False)))
+    thread.start()
+    thread.join()
+    assert found[0].summary()["finished"]
+
+
+@pytest.mark.parametrize(
+    ("read", "near"),
+    [
+        (lambda run: run.series["fricton_coefficient"], "friction_coefficient"),
+        (lambda run: run.units["tme"], "time"),
+        (lambda run: run.bodies(-1)["positon"], "position"),
+        (lambda run: run.array("contacts", "normal_forces"), "normal_force"),
+        (lambda run: run.block("sphere"), "spheres"),
+    ],
+)
+def test_unknown_names_are_answered_with_the_nearest(run, read, near):
+    with pytest.raises(KeyError, match=f"did you mean .*'{near}'"):
+        read(run)
+
+
+def test_render_and_export(run, tmp_path):
+    page = run.render(tmp_path / "page.html", color="speed")
+    assert page.read_text().startswith("<!DOCTYPE html>")
+    files = run.export(csv=tmp_path / "csv", pack=str(tmp_path / "packed.vtkhdf"))
+    assert tmp_path / "csv" / "series.csv" in files and tmp_path / "packed.vtkhdf" in files
+    with thirdbody.open(tmp_path / "packed.vtkhdf") as packed:
+        np.testing.assert_array_equal(packed.states, run.states)
+
+
+def test_pyvista_gets_every_array_with_its_unit(run):
+    blocks = run.to_pyvista(-1)
+    assert blocks.keys() == ["spheres", "clumps", "contacts", "plates"]
+    for name in ("spheres", "clumps", "contacts"):
+        arrays = run.block(name)
+        np.testing.assert_allclose(blocks[name].points, arrays.pop("position"), rtol=1e-6)  # pyvista may keep float32
+        assert set(blocks[name].point_data) == set(arrays)
+        for key, values in arrays.items():
+            np.testing.assert_array_equal(blocks[name].point_data[key], values)
+    assert len(blocks["contacts"].points) == 4 and blocks["plates"].n_cells == 2
+    units = {f"{name}.{key}": blocks[name].field_data[f"{key}_units"][0] for name, key in (
+        ("contacts", "normal_force"), ("clumps", "torque"), ("clumps", "velocity"), ("spheres", "radius"),
+    )}  # fmt: skip
+    assert list(units.values()) == ["N", "N m", "m/s", "m"]
+    assert blocks.field_data["time"][0] == run.times[-1] and list(blocks.field_data["state_names"]) == run.state_names
+
+
+def test_only_public_names_are_listed():
+    names = {"Run", "Scene", "check", "errors", "open", "resume", "run"}
+    listed = subprocess.run([sys.executable, "-c", "import thirdbody; print(*dir(thirdbody))"], capture_output=True, text=True)
+    assert set(listed.stdout.split()) == names | {"__version__", "balance"}
+    assert set(thirdbody.__all__) == names and (Path(thirdbody.__file__).parent / "py.typed").is_file()
