@@ -169,7 +169,7 @@ def render(
     from .output.render import render as draw
 
     size = (width, height)
-    typer.echo(f"{draw(run, out, frame, color, size, zoom, view, forces, body, frames, fps, camera)}")
+    typer.echo(f"{draw(run, out, frame, color, size, zoom, view, forces, body, frames, fps, camera, progress=True)}")
 
 
 @app.command(cls=Command)

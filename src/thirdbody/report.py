@@ -165,7 +165,7 @@ def _print_conditions(conditions: Sequence[dict[str, Any]]) -> None:
     missed = sum(not condition["met"] for condition in conditions)
     verdict = f"{missed} of {len(conditions)} not met here" if missed else "all met here"
     table(
-        f"conditions under which the forecast holds in about 99 % of cases: {verdict}",
+        f"conditions under which the forecast holds in 97 to 99 % of cases: {verdict}",
         ["condition", "this run", "limit", ""],
         [[condition["what"], condition["shown"], condition["limit"], "" if condition["met"] else "not met"]
          for condition in conditions],

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from thirdbody.scene.model import Scene
 
@@ -42,6 +45,42 @@ def test_commands_name_what_exists():
     for word in words:
         if re.fullmatch(r"(scenes|plugins|tests)/\S+", word):
             assert (ROOT / word).is_file(), word
+
+
+def test_the_cover_is_what_the_first_commands_draw():
+    """Frame, options and scene stand in the text chunks of the picture that `render` writes."""
+    words = shlex.split(blocks("sh")[0])
+    scene_file, at = words[words.index("run") + 1], words.index("render")
+    given = words[at + 2 :]
+    name = given[given.index("-o") + 1]
+    (cover,) = re.findall(rf"!\[[^]]*\]\((scenes/{re.escape(name)})\)", README)
+    with Image.open(ROOT / cover) as picture:
+        size, texts = picture.size, picture.text
+    assert {word for word in given if word.startswith("-")} == {"-o", "--width", "--height"}  # all others are the defaults
+    frame, last = texts["frame"].split(" of 0 to ")
+    assert frame == last  # without --frame the last
+    options = json.loads(texts["options"])
+    left = {name: value for name, value in options.items() if name != "size"}
+    assert left == {"color": "state", "zoom": None, "view": "iso", "forces": False, "body": None}
+    assert list(size) == options["size"] == [int(given[given.index(side) + 1]) for side in ("--width", "--height")]
+    drawn, now = tomllib.loads(texts["scene"]), tomllib.loads(Scene.load(ROOT / scene_file).to_toml())
+    for place in leaves(tomllib.loads((ROOT / scene_file).read_text(encoding="utf-8"))):
+        assert at_place(drawn, place) == at_place(now, place), place
+
+
+def leaves(value, place: tuple = ()):
+    """Places of everything in a TOML file that is no table."""
+    if isinstance(value, dict | list) and value and not (isinstance(value, list) and not isinstance(value[0], dict)):
+        for key, entry in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from leaves(entry, (*place, key))
+    else:
+        yield place
+
+
+def at_place(value, place: tuple):
+    for key in place:
+        value = value[key]
+    return value
 
 
 def test_every_shipped_scene_is_listed_and_opens_with_its_question():

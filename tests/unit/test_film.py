@@ -13,6 +13,7 @@ import pytest
 from thirdbody.errors import InputError, MissingLibrary
 from thirdbody.output.coloring import Scale
 from thirdbody.output.film import frame_numbers, gif, mp4
+from thirdbody.output.film_progress import film_bar
 from thirdbody.output.palette import STATE_COLORS
 from thirdbody.output.picture import make_plan
 from thirdbody.output.render import render
@@ -123,6 +124,31 @@ def test_a_film_moves_its_bodies_and_nothing_else(layer, tmp_path, suffix):
     assert np.mean(middle > 40) > 0.01
     assert change[-25:].max() < 80
     assert sorted(path.name for path in tmp_path.iterdir()) == [film.name]
+
+
+def test_a_film_tells_how_far_it_is(layer, tmp_path):
+    """Each picture is told when it is drawn; without a terminal no bar is drawn."""
+    told: list[tuple[int, int]] = []
+    LAYER.skip_unless_drawable()
+    render(layer, tmp_path / "a.gif", size=(320, 200), progress=lambda done, total: told.append((done, total)))
+    with open_run(layer) as run:
+        assert told == [(k + 1, run.frames) for k in range(run.frames)]
+
+
+def test_a_bar_is_drawn_at_a_terminal_only(monkeypatch, capsys):
+    class Terminal(io.StringIO):
+        def isatty(self):
+            return True
+
+    with film_bar("a.mp4") as report:
+        assert report is None
+    screen = Terminal()
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", screen)
+    with film_bar("a.mp4") as report:
+        for done in range(1, 4):
+            report(done, 3)
+    assert "a.mp4" in screen.getvalue() and "3/3" in screen.getvalue()
 
 
 def test_a_body_is_followed_or_passes_by(layer, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import re
 import subprocess
 import sys
@@ -10,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.output import render as render_module
@@ -61,6 +63,15 @@ def test_a_picture_shows_every_state_in_its_colour(layer, tmp_path):
         assert hue_share(pixels, STATE_COLORS[state]) > 0.005, state
     # Title and facts stand in the upper, the legend in the lower tenth.
     assert pixels[:45].min() < 100 and pixels[-45:].min() < 100
+
+
+def test_a_picture_tells_what_it_was_drawn_from(layer, tmp_path):
+    skip_unless_drawable()
+    with Image.open(render(layer, tmp_path / "a.png", frame=0, size=(640, 360), view="top")) as picture:
+        texts = picture.text
+    assert (texts["frame"], texts["time"]) == ("0 of 0 to 1", "0.0 s") and texts["scene"] == "scene = 1\n"
+    options = json.loads(texts["options"])
+    assert (options["size"], options["view"], options["zoom"]) == ([640, 360], "top", None)
 
 
 def test_a_zoomed_picture_and_a_field(layer, tmp_path):
@@ -159,7 +170,7 @@ def test_missing_libraries_are_named(layer, tmp_path, monkeypatch):
 def test_a_crash_of_vtk_is_one_sentence_after_all_windows_were_tried(layer, tmp_path, monkeypatch):
     tried = []
 
-    def crash(job, kind):
+    def crash(job, kind, report):
         tried.append(kind)
         return subprocess.CompletedProcess([], -11, "", "")
 
@@ -173,7 +184,7 @@ def test_a_crash_of_vtk_is_one_sentence_after_all_windows_were_tried(layer, tmp_
 def test_a_fault_in_the_drawing_is_not_blamed_on_libraries(layer, tmp_path, monkeypatch):
     fault = subprocess.CompletedProcess([], 1, "", "Traceback ...\nValueError: x")
     monkeypatch.setattr(render_module, "usable_windows", lambda: [None])
-    monkeypatch.setattr(render_module, "_start", lambda job, kind: fault)
+    monkeypatch.setattr(render_module, "_start", lambda job, kind, report: fault)
     with pytest.raises(RuntimeError, match="ValueError: x"):
         render(layer, tmp_path / "a.png")
 

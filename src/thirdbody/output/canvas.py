@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -114,8 +116,11 @@ def pixels_of(window: Any, size: tuple[int, int]) -> np.ndarray:
     return ((total + count // 2) // count).astype(np.uint8)[::-1]
 
 
-def save(window: Any, path: Path, size: tuple[int, int]) -> None:
-    """Write what a window shows as PNG of `size` pixels. Raises OSError when the file cannot be written."""
+def save(window: Any, path: Path, size: tuple[int, int], texts: Mapping[str, str] = MappingProxyType({})) -> None:
+    """Write what a window shows as PNG of `size` pixels, with `texts` by keyword in its text chunks.
+
+    Raises OSError when the file cannot be written.
+    """
     import vtk
     from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
 
@@ -126,6 +131,8 @@ def save(window: Any, path: Path, size: tuple[int, int]) -> None:
     writer = vtk.vtkPNGWriter()
     writer.WriteToMemoryOn()
     writer.SetInputData(image)
+    for keyword, text in texts.items():
+        writer.AddText(keyword, text)
     writer.Write()
     # Written by Python: VTK tells a full disk or a missing folder on the screen only.
     write_whole(path, vtk_to_numpy(writer.GetResult()).tobytes())

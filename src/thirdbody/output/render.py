@@ -12,10 +12,13 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
+import threading
 from pathlib import Path
 from typing import Any
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError, ThirdbodyError, nearest
+from thirdbody.output.film_progress import DRAWN, FilmReporter, film_reporter
 
 EGL, OSMESA = "vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"
 LIBRARIES = {EGL: ("libEGL.so.1",), OSMESA: ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}
@@ -42,6 +45,7 @@ def render(
     frames: str | None = None,
     fps: int = 12,
     camera: str | None = None,
+    progress: bool | FilmReporter = False,
 ) -> Path:
     """Draw one frame of a run (the last) into a .png or .html file, or many into a .gif or .mp4; returns its path.
 
@@ -49,6 +53,7 @@ def render(
     body); vectors count by length. `zoom` (0 to 1) is the share of the domain's width and depth that is shown. `view` is
     iso, side, front or top; `forces` draws contact forces as tubes; `body` follows one body close up, by its id, with a
     `camera` that is `fixed` or goes along (`follow`). `frames` is a:b:c of a film, `fps` how many of them a second shows.
+    `progress` of a film: True draws a bar on a terminal; a callable takes the number of pictures drawn and that of all.
     Raises InputError for a run, frame, array or option that is not there, MissingLibrary when the system cannot draw,
     OutputError when the file cannot be written.
     """
@@ -56,6 +61,7 @@ def render(
     from thirdbody.output.shot import refuse_lost
 
     output = checked_output(output)
+    film = output.suffix.lower() in FILMS
     _check_options(output, frame, size, zoom, view, forces, body, frames, fps, camera)
     with open_run(run_path) as run:
         numbers = _chosen(run, output, frame, frames)
@@ -72,19 +78,11 @@ def render(
             raise OutputError(f"{output}: cannot be written ({error.strerror})") from error
         return output
     job = {
-        "run": str(run_file),
-        "file": str(output),
-        "frames": numbers,
-        "color": color,
-        "size": size,
-        "zoom": zoom,
-        "view": view,
-        "forces": forces,
-        "body": body,
-        "fixed": camera == "fixed",
-        "fps": fps,
-    }
-    draw_elsewhere(job, usable_windows())
+        "run": str(run_file), "file": str(output), "frames": numbers, "color": color, "size": size, "zoom": zoom, "view": view,
+        "forces": forces, "body": body, "fixed": camera == "fixed", "fps": fps,
+    }  # fmt: skip
+    with film_reporter(progress if film else False, output.name) as report:
+        draw_elsewhere(job, usable_windows(), report)
     return output
 
 
@@ -182,14 +180,14 @@ def _loads(library: str) -> bool:
     return True
 
 
-def draw_elsewhere(job: dict, windows: list[str | None]) -> None:
-    """Let a second process draw, with the first kind of window that does not crash.
+def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | None = None) -> None:
+    """Let a second process draw, with the first kind of window that does not crash; `report` hears of each picture of a film.
 
     Raises OutputError when the file cannot be written, MissingLibrary when every window crashes.
     """
     crash = ""
     for kind in windows:
-        done = _start(job, kind)
+        done = _start(job, kind, report)
         if done.returncode == 0:
             return
         last = (done.stderr.strip().splitlines() or [""])[-1]
@@ -201,16 +199,38 @@ def draw_elsewhere(job: dict, windows: list[str | None]) -> None:
     raise MissingLibrary(f"VTK cannot draw without a screen here ({crash}): {ADVICE}")
 
 
-def _start(job: dict, kind: str | None) -> subprocess.CompletedProcess[str]:
+def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> subprocess.CompletedProcess[str]:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     if kind is not None:
         environment["VTK_DEFAULT_OPENGL_WINDOW"] = kind
-    patience = PATIENCE + PATIENCE_PER_FRAME * len(job.get("frames", ()))
+    total = len(job.get("frames", ()))
+    patience = PATIENCE + PATIENCE_PER_FRAME * total
     command = [sys.executable, "-m", "thirdbody.output.render", json.dumps(job)]
-    try:
-        return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=patience)
-    except subprocess.TimeoutExpired as error:
-        raise MissingLibrary(f"VTK drew nothing within {patience:.0f} s: {ADVICE}") from error
+    # errors go into a file: two pipes would have to be read at once
+    with tempfile.TemporaryFile("w+") as errors:
+        with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True) as process:
+            late = threading.Event()
+
+            def give_up() -> None:
+                late.set()
+                process.kill()
+
+            timer = threading.Timer(patience, give_up)
+            timer.start()
+            try:
+                assert process.stdout is not None
+                for line in process.stdout:
+                    if report is not None and line.startswith(DRAWN):
+                        report(int(line.removeprefix(DRAWN)), total)
+            except BaseException:
+                process.kill()
+                raise
+            finally:
+                timer.cancel()
+        if late.is_set():
+            raise MissingLibrary(f"VTK drew nothing within {patience:.0f} s: {ADVICE}")
+        errors.seek(0)
+        return subprocess.CompletedProcess(command, process.returncode, "", errors.read())
 
 
 def main(argument: str) -> int:

@@ -1,0 +1,39 @@
+"""How far a film is: a bar on a terminal, or whatever a caller does with two numbers."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+
+FilmReporter = Callable[[int, int], None]
+"""Takes the number of pictures that are drawn and that of all."""
+
+DRAWN = "thirdbody drew picture "
+"""How the process that draws tells of each picture on its standard output, before the number."""
+
+
+def film_reporter(progress: bool | FilmReporter, title: str) -> AbstractContextManager[FilmReporter | None]:
+    """What `progress` of a film asks for: True a bar on a terminal, a callable itself, False nothing."""
+    if progress is True:
+        return film_bar(title)
+    return nullcontext(None if progress is False else progress)
+
+
+@contextmanager
+def film_bar(title: str) -> Iterator[FilmReporter | None]:
+    """A reporter that draws a bar on standard error; None, to draw nothing, where that is no terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    name = TextColumn("{task.description}", markup=False)  # a file's name is text, not markup
+    with Progress(name, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=Console(stderr=True)) as bar:
+        task = bar.add_task(title, total=None)
+
+        def report(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+
+        yield report
