@@ -108,7 +108,7 @@ def test_planned_frames_are_those_of_the_targets(balls, command, tmp_path):
     for changes in (
         [],
         [('settle = "1 us"', 'settle = "0 s"')],
-        [('"0.05 um"', '"0.3 um"')],
+        [('"0.05 um"', '"0.1 um"')],  # one interval, the longest that is allowed
         [('"0.05 um"', '"0.03 um"')],
         [('distance = "0.1 um"', 'duration = "1 us"')],
         [('distance = "0.1 um"', 'duration = "1 us"'), ('"0.05 um"', '"0.3 us"')],
