@@ -11,6 +11,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+from portable import PATIENCE
 
 import thirdbody
 
@@ -86,7 +87,7 @@ def shell(name: str, script: str, home: dict[str, str]) -> str:
     if not shutil.which(name):
         pytest.skip(f"no {name} here")
     words = [name, "-f"] if name == "zsh" else [name]
-    done = subprocess.run([*words, "-c", script], env=home, cwd=home["HOME"], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([*words, "-c", script], env=home, cwd=home["HOME"], capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     return done.stdout
 

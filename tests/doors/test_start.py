@@ -12,6 +12,7 @@ import termios
 import time
 
 import pytest
+from portable import PATIENCE
 
 import thirdbody
 from thirdbody.checkpoint import FILE as CHECKPOINT
@@ -163,7 +164,7 @@ def test_an_interrupted_run_keeps_its_frames(number, code, balls, tmp_path):
     wait_for_frames(tmp_path / "run", 4)
     before = (tmp_path / "run" / CHECKPOINT).read_bytes()
     process.send_signal(number)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=PATIENCE)
     assert process.returncode == code
     assert (tmp_path / "run" / CHECKPOINT).read_bytes() != before
     assert "Traceback" not in err and err.splitlines()[-1].startswith("thirdbody: interrupted at t = ")
@@ -193,7 +194,7 @@ def test_a_closed_terminal_ends_a_run_in_order(balls, tmp_path):
     wait_for_frames(tmp_path / "run", 4)
     before = (tmp_path / "run" / CHECKPOINT).read_bytes()
     os.close(ours)
-    assert process.wait(timeout=60) == 129
+    assert process.wait(timeout=PATIENCE) == 129
     assert (tmp_path / "run" / CHECKPOINT).read_bytes() != before
     with thirdbody.open(tmp_path / "run") as run:
         assert run.summary()["stopped"].startswith("interrupted")
@@ -211,7 +212,7 @@ def test_a_run_under_nohup_outlives_a_hangup(balls, tmp_path):
         frames = run.frames
     wait_for_frames(tmp_path / "run", frames + 2)
     process.terminate()
-    assert process.wait(timeout=60) == 143
+    assert process.wait(timeout=PATIENCE) == 143
 
 
 def test_a_killed_run_keeps_its_frames(balls, tmp_path):
@@ -231,8 +232,8 @@ def test_a_killed_run_keeps_its_frames(balls, tmp_path):
 
 
 def wait_for_frames(folder, count: int) -> None:
-    """Until a run that is still going on has written some frames; a minute is enough even with cold compilation."""
-    end = time.monotonic() + 120.0
+    """Until a run that is still going on has written some frames."""
+    end = time.monotonic() + PATIENCE
     while time.monotonic() < end:
         try:
             with thirdbody.open(folder) as run:

@@ -1,6 +1,6 @@
 """Scenes spoilt at random: in their text, or value by value; and what every rejection of one must say.
 
-Everything is drawn from a `random.Random`, or from hypothesis' stand-in for one.
+Everything is drawn from a `random.Random`.
 """
 
 from __future__ import annotations

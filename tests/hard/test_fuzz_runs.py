@@ -17,6 +17,7 @@ from random import Random
 from types import ModuleType
 
 import pytest
+from portable import PATIENCE
 from steel import STEEL
 
 import thirdbody
@@ -24,8 +25,7 @@ from thirdbody.errors import Interrupted
 from thirdbody.simulate import execute, prepare
 
 HERE = Path(__file__).parent
-SECONDS = 10.0  # of the processor
-PATIENCE = 120.0  # s on the clock; the first answers wait for imports and compiling too
+SECONDS = 30.0  # of the processor
 BATCH, MANY = 24, int(os.environ.get("FUZZ_RUNS", "1000"))
 CODES = {0, 2, 3, 4, 5}
 """Done, usage, input, guard, output; anything else is no answer to a spoilt file."""

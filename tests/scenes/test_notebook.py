@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from portable import PATIENCE
 
 nbclient = pytest.importorskip("nbclient")
 nbformat = pytest.importorskip("nbformat")
@@ -21,7 +22,7 @@ def cells(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scenes")
     shutil.copy(SCENES / "sheared_debris.toml", folder)
     notebook = nbformat.read(NOTEBOOK, as_version=4)
-    nbclient.NotebookClient(notebook, timeout=240, resources={"metadata": {"path": str(folder)}}).execute()
+    nbclient.NotebookClient(notebook, timeout=int(PATIENCE), resources={"metadata": {"path": str(folder)}}).execute()
     assert (folder / "runs" / "explore_a_run" / "run.vtkhdf").is_file()
     return [(cell.source, cell.outputs) for cell in notebook.cells if cell.cell_type == "code"]
 

@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from portable import PATIENCE
 
 import thirdbody
 from thirdbody.output.pack import pack_run
@@ -190,7 +191,7 @@ def test_an_old_paraview_draws_the_pvd_files(real, folder):
     command = ["pvpython", str(folder / "pvd" / "open_in_paraview.py"), str(picture)]
     with display() as name:
         environment = os.environ | {"DISPLAY": name}
-        done = subprocess.run(command, capture_output=True, text=True, timeout=300, env=environment)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=environment)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     pixels = imread(picture)[:, : 1600 * 2 // 3, :3]  # without the legend, which has all colours
     for code, color in enumerate(state_colors(names)):

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from portable import PATIENCE
 
 from thirdbody.output.page import write_page
 from thirdbody.output.palette import STATE_COLORS
@@ -74,7 +75,7 @@ def browse(page: Path, *options: str) -> str:
     assert BROWSER
     start = [BROWSER, "--headless", "--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     limits = ["--window-size=800,500", "--virtual-time-budget=8000", "--disable-dev-shm-usage"]
-    return subprocess.run([*start, *limits, *options, page.as_uri()], capture_output=True, text=True, timeout=120).stdout
+    return subprocess.run([*start, *limits, *options, page.as_uri()], capture_output=True, text=True, timeout=PATIENCE).stdout
 
 
 @pytest.mark.browser

@@ -7,8 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
 from numba import njit
 from scipy.linalg import eigh
 
@@ -175,15 +173,14 @@ SOFT = SimpleNamespace(poisson_ratio=0.3, density=1e12, shear_modulus=1.0)
 """A material whose Rayleigh time never limits the step."""
 
 
-@settings(max_examples=60, deadline=None)
-@given(
-    st.integers(0, 2**31), st.integers(1, 25), st.sampled_from([1, 1, 4]), st.sampled_from([1.2, 2.0, 4.0]), st.booleans(),
-    st.sampled_from([0.0, 1.0]),
-)  # fmt: skip
-def test_few_bodies_tell_the_bound_of_all(seed, bodies, most, size, foundation, free):
-    state = heap(seed, bodies, most, size, foundation, free)
+@pytest.mark.parametrize("seed", range(60))
+def test_few_bodies_tell_the_bound_of_all(seed):
+    rng = np.random.default_rng(seed)
+    most, size, free = rng.choice([1, 1, 4]), rng.choice([1.2, 2.0, 4.0]), rng.choice([0.0, 1.0])
+    state = heap(seed, int(rng.integers(1, 26)), int(most), float(size), bool(rng.integers(2)), float(free))
     rows = full(state)
-    assume(math.isinf(rows[0][0]) or len(rows) < 2 or rows[1][0] > rows[0][0] * (1.0 + 1e-9))  # rounding cannot decide ties
+    if math.isfinite(rows[0][0]) and len(rows) > 1 and rows[1][0] <= rows[0][0] * (1.0 + 1e-9):
+        return  # two that limit alike: rounding decides which
     found = bound(state, [SOFT], 0, 0.3)
     # rounding of a generalised eigenvalue with moments of inertia some fifty times smaller than the masses
     assert found.stability == pytest.approx(min(row[3] for row in rows), rel=1e-10)
@@ -201,11 +198,12 @@ def ceiling_of(s, u, v):
     return ceiling(parts, u, v)
 
 
-@settings(max_examples=100, deadline=None)
-@given(st.integers(0, 2**31), st.lists(st.sampled_from([0.0, 0.1, 0.2, 0.5, 1.0, 1.0]), min_size=6, max_size=6))
-def test_the_ceiling_of_a_body_is_over_its_eigenvalue(seed, values):
+@pytest.mark.parametrize("seed", range(100))
+def test_the_ceiling_of_a_body_is_over_its_eigenvalue(seed):
     """Any positive semidefinite matrix, also where all eigenvalues are alike or all but one (there it is tight)."""
     rng = np.random.default_rng(seed)
+    special = [[0.0] * 6, [1.0] * 6, [0.0] * 5 + [1.0]]
+    values = special[seed] if seed < len(special) else rng.choice([0.0, 0.1, 0.2, 0.5, 1.0, 1.0], 6).tolist()
     turn = np.linalg.qr(rng.normal(size=(6, 6)))[0]
     K, (mass, inertia) = turn @ np.diag(values) @ turn.T, rng.uniform(0.1, 10.0, 2)
     scale = np.sqrt([mass] * 3 + [inertia] * 3)

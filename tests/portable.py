@@ -1,0 +1,25 @@
+"""What tests share so that they depend neither on the clock and the load, nor on versions of libraries."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+PATIENCE = 600.0
+"""Seconds on the clock after which another process hangs: cold starts compile for half a minute, on shared cores for minutes."""
+
+
+def drawn(picture: Path) -> float:
+    """Share of the pixels of a picture that differ from that in the corner: the size of a file tells of the compression too."""
+    with Image.open(picture) as image:
+        pixels = np.asarray(image.convert("RGB"))
+    return float(np.mean((pixels != pixels[0, 0]).any(axis=2)))
+
+
+def processor_seconds(process: int) -> float:
+    """Time that a running process and its threads have had of the processor, s; from Linux' /proc."""
+    fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
