@@ -11,6 +11,7 @@ from pydantic_core import core_schema
 
 from thirdbody.scene import units
 from thirdbody.scene.fields import Choice, Quantity, Whole, listing, show
+from thirdbody.scene.json_schema import ShortForm, quantity_schema
 from thirdbody.scene.part import MISSING, Part, Wrong, one_of, tagged
 from thirdbody.scene.sizes import Size
 from thirdbody.scene.spots import Spots
@@ -83,6 +84,9 @@ class _LengthOrFraction:
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         return core_schema.with_info_plain_validator_function(self.read)
 
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"anyOf": [quantity_schema("dimensionless", _RELATIVE.limits()), quantity_schema("length", {})]}
+
 
 class Asperities(Part):
     """Small spheres on each body: `count` of one `radius`, a length ("0.5 um") or a fraction of the body's equivalent radius."""
@@ -111,6 +115,7 @@ class Irregular(_Volume):
         tuple[SpheresPerBody, SpheresPerBody],
         listing("[least, most] or one whole number", 2),
         BeforeValidator(_sphere_range),
+        ShortForm({"type": "integer"}),
     ]
     aspect: Annotated[tuple[Fraction, Fraction, Fraction], THREE]
     angularity: Annotated[float, Quantity(ge=0, le=1)] | None = None
@@ -214,6 +219,9 @@ class _Files:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         return core_schema.with_info_plain_validator_function(self.read)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}
 
 
 class Mesh(_Volume):

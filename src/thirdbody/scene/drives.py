@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 from pydantic import PlainSerializer
 
 from thirdbody.scene.fields import Choice
+from thirdbody.scene.json_schema import ShortForm
 from thirdbody.scene.part import Part
 from thirdbody.scene.stages import plain_stages, stages
 from thirdbody.scene.types import PositiveFrequency, PositiveLength, PositiveNumber, PositiveTime, Speed, Text
@@ -62,7 +63,9 @@ def _endless(stage: Any) -> str | None:
     return "cycles" if isinstance(stage, Stroke) and stage.cycles is None else None
 
 
-Stages = Annotated[tuple[Drive, ...], stages(_DRIVES, '{velocity = "1 m/s"}', _endless), PlainSerializer(plain_stages)]
+Stages = Annotated[
+    tuple[Drive, ...], stages(_DRIVES, '{velocity = "1 m/s"}', _endless), PlainSerializer(plain_stages), ShortForm()
+]
 
 
 class Motion(Part):

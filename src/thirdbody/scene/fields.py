@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, ValidationInfo
 from pydantic_core import core_schema
 
 from thirdbody.scene import units
+from thirdbody.scene.json_schema import quantity_schema
 
 LONG_NUMBER = 10**40
 """Whole numbers from here on are told by their number of digits."""
@@ -95,6 +96,12 @@ class Range:
             raise ValueError(f"{shown} must be {told}")
 
 
+    def limits(self) -> dict[str, float]:
+        """Return the limits in the words of JSON schema."""
+        words = {"exclusiveMinimum": self.gt, "minimum": self.ge, "exclusiveMaximum": self.lt, "maximum": self.le}
+        return {word: limit for word, limit in words.items() if limit is not None}
+
+
 @dataclass(frozen=True)
 class Quantity(Range):
     """A float in SI of one dimension; text with a unit is converted, and written back with a unit.
@@ -140,6 +147,9 @@ class Quantity(Range):
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         return _function_schema(self.read, self.write)
 
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return quantity_schema(self.dimension, self.limits(), self.words)
+
 
 @dataclass(frozen=True)
 class Whole(Range):
@@ -158,6 +168,9 @@ class Whole(Range):
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         return _function_schema(self.read)
 
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"type": "integer"} | self.limits()
+
 
 @dataclass(frozen=True)
 class Choice:
@@ -171,7 +184,7 @@ class Choice:
         def read(value: Any, info: ValidationInfo) -> str:
             return choose(value, names, self.later, info.field_name or "value")
 
-        return _function_schema(read)
+        return core_schema.with_info_before_validator_function(read, core_schema.literal_schema(list(names)))
 
 
 def choose(value: Any, names: Iterable[str], later: Iterable[str], key: str) -> str:
@@ -190,6 +203,7 @@ class _Typed:
 
     kind: type
     name: str
+    json: str
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
         def read(value: Any, info: ValidationInfo) -> Any:
@@ -199,9 +213,12 @@ class _Typed:
 
         return _function_schema(read)
 
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"type": self.json}
 
-TEXT = _Typed(str, "a text")
-FLAG = _Typed(bool, "true or false")
+
+TEXT = _Typed(str, "a text", "string")
+FLAG = _Typed(bool, "true or false", "boolean")
 
 
 def _function_schema(read: Any, write: Any = None) -> core_schema.CoreSchema:

@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import PlainSerializer
 
 from thirdbody.scene.drives import Pause, Table
+from thirdbody.scene.json_schema import ShortForm
 from thirdbody.scene.part import Part
 from thirdbody.scene.stages import plain_stages, stages
 from thirdbody.scene.types import Force, PositiveTime
@@ -24,7 +25,10 @@ LoadStage = Load | Pause | Table
 _LOADS: dict[str, type[Part]] = {"load": Load, "pause": Pause, "table": Table}
 
 Loading = Annotated[
-    tuple[LoadStage, ...], stages(_LOADS, '{load = "1 mN", duration = "1 us"}', lambda stage: None), PlainSerializer(plain_stages)
+    tuple[LoadStage, ...],
+    stages(_LOADS, '{load = "1 mN", duration = "1 us"}', lambda stage: None),
+    PlainSerializer(plain_stages),
+    ShortForm(),
 ]
 """Loads after the end of settling; the last one stays. What is given is the load of what `load` is given for: the plate, or each
 patch of its own."""

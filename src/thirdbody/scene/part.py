@@ -132,6 +132,14 @@ class Part(BaseModel):
         """Faults between values that are each right."""
         return []
 
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
+        schema = handler.resolve_ref_schema(handler(core_schema))
+        if cls.rest:  # what a plug-in judges
+            schema["properties"].pop(cls.rest, None)
+            schema["additionalProperties"] = True
+        return schema
+
     @model_validator(mode="wrap")
     @classmethod
     def _collect(cls, data: Any, handler: ModelWrapValidatorHandler[Any], info: ValidationInfo) -> Any:

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, ValidationInfo
 
 from thirdbody.scene import units
 from thirdbody.scene.fields import Quantity
+from thirdbody.scene.json_schema import ShortForm, quantity_schema
 from thirdbody.scene.part import Part, Wrong, tagged
 from thirdbody.scene.types import PositiveLength, PositiveNumber
 
@@ -79,5 +80,6 @@ def _constant_size(value: Any, info: ValidationInfo) -> Any:
 
 
 Size = Annotated[
-    Constant | Lognormal | Normal | Uniform, tagged("distribution", _SIZES), BeforeValidator(_constant_size)
+    Constant | Lognormal | Normal | Uniform, tagged("distribution", _SIZES), BeforeValidator(_constant_size),
+    ShortForm(quantity_schema("length", {})),
 ]

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, ValidationInfo
 
 from thirdbody.scene.fields import Choice, Quantity, listing, plain
+from thirdbody.scene.json_schema import ShortForm, quantity_schema
 from thirdbody.scene.part import Part, Wrong
 from thirdbody.scene.types import (
     REST,
@@ -47,6 +48,7 @@ Moments = Annotated[
     tuple[Annotated[float, _INERTIA], Annotated[float, _INERTIA], Annotated[float, _INERTIA]],
     THREE,
     BeforeValidator(_three_moments),
+    ShortForm(quantity_schema("inertia", {})),
 ]
 
 

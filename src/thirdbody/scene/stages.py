@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-from pydantic import PlainValidator, ValidationError, ValidationInfo
+from pydantic import ValidationError, ValidationInfo, ValidatorFunctionWrapHandler, WrapValidator
 
 from thirdbody.scene.fields import show
 from thirdbody.scene.part import MISSING, Part, Wrong, bundle, wrongs_of
@@ -14,11 +14,11 @@ from thirdbody.scene.part import MISSING, Part, Wrong, bundle, wrongs_of
 Kinds = Mapping[str, type[Part]]
 
 
-def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> PlainValidator:
+def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> WrapValidator:
     """Reads a stage, or a list of them. `kinds`: leading key to table; `endless` names the key that a stage which is not the
     last would need to have an end, None if it has one."""
 
-    def read(value: Any, info: ValidationInfo) -> Any:
+    def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         entries = list(value) if isinstance(value, list | tuple) else [value]
         if not entries:
             raise ValueError("the list of stages is empty")
@@ -40,7 +40,7 @@ def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> 
             raise bundle(wrongs)
         return tuple(found)
 
-    return PlainValidator(read)
+    return WrapValidator(read)
 
 
 def _stage_of(value: Any, info: ValidationInfo, kinds: Kinds, example: str) -> Any:

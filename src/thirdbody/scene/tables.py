@@ -10,6 +10,7 @@ from pydantic import SerializerFunctionWrapHandler, model_serializer
 from thirdbody.scene import units
 from thirdbody.scene.drives import Motion
 from thirdbody.scene.fields import Choice, Quantity, listing, show
+from thirdbody.scene.json_schema import quantity_schema
 from thirdbody.scene.loads import Loading
 from thirdbody.scene.part import MISSING, Part, Wrong, bundle, one_of
 from thirdbody.scene.types import (
@@ -207,6 +208,12 @@ class Output(Part):
     every_kind: Annotated[Literal["distance", "time"], Choice()] = (
         "time"  # `rules`: never left to the default
     )
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
+        schema = super().__get_pydantic_json_schema__(core_schema, handler)
+        every = {"anyOf": [quantity_schema(dimension, {}) for dimension in _EVERY.values()]}
+        return schema | {"properties": {"every": every}}
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:

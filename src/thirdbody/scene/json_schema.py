@@ -1,0 +1,32 @@
+"""The JSON schema of a scene file, as `Scene.model_json_schema()` gives it: for editors that complete and check TOML."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from thirdbody.scene import units
+
+Schema = dict[str, Any]
+
+
+def quantity_schema(dimension: str, limits: Schema, words: tuple[str, ...] = ()) -> Schema:
+    """Return the schema of a pure number, or of a text with a unit of the dimension."""
+    if dimension == "dimensionless":
+        schema: Schema = {"type": "number"} | limits
+    else:
+        accepted = units.accepted_units(dimension)
+        told = f"{units.DIMENSIONS[dimension].phrase} with its unit: {', '.join(accepted)}"
+        schema = {"type": "string", "description": told, "examples": [f"1 {accepted[len(accepted) // 2]}"]}
+    return {"anyOf": [{"enum": list(words)}, schema]} if words else schema
+
+
+@dataclass(frozen=True, eq=False)  # told apart by identity: annotations must have a hash
+class ShortForm:
+    """Annotation of a field that may also be given in a shorter form: its schema, or one entry of the list if None."""
+
+    schema: Schema | None = None
+
+    def __get_pydantic_json_schema__(self, core_schema: Any, handler: Any) -> Schema:
+        full = handler(core_schema)
+        return {"anyOf": [full["items"] if self.schema is None else self.schema, full]}

@@ -1,0 +1,59 @@
+"""The JSON schema of a scene file agrees with the reader: what is shipped is valid, common faults are not."""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from thirdbody.scene.model import Scene
+
+SCENES = sorted((Path(__file__).parents[2] / "scenes").glob("*.toml"))
+GOOD = tomllib.loads((Path(__file__).parent / "good_scene.toml").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def validator():
+    schema = Scene.model_json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    return jsonschema.Draft202012Validator(schema)
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda path: path.stem)
+def test_shipped_scenes_are_valid(validator, path):
+    assert list(validator.iter_errors(tomllib.loads(path.read_text(encoding="utf-8")))) == []
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "value"),
+    [
+        ("solver", "distance", 2e-5),  # a bare number has no unit
+        ("solver", "distnce", "20 um"),
+        ("contact", "debris_contact", "some"),
+        ("domain", "size", ["600 um"]),
+        ("output", "every_kind", "time"),
+    ],
+)
+def test_faults_are_not_valid(validator, table, key, value):
+    document = copy.deepcopy(GOOD)
+    assert list(validator.iter_errors(document)) == []
+    document[table][key] = value
+    assert list(validator.iter_errors(document))
+
+
+def test_options_of_laws_and_effects_are_left_to_them(validator):
+    document = copy.deepcopy(GOOD)
+    document["contact"]["some_option"] = 1
+    document.setdefault("effects", {})["some_effect"] = {"strength": "1 Pa"}
+    assert list(validator.iter_errors(document)) == []
+
+
+def test_quantities_tell_their_units():
+    solver = Scene.model_json_schema()["$defs"]["Solver"]["properties"]
+    length = solver["distance"]["anyOf"][0]
+    assert length["type"] == "string"
+    assert length["description"].startswith("a length with its unit: ") and " um," in length["description"]
+    assert solver["tolerance"]["anyOf"][0] == {"type": "number", "exclusiveMinimum": 0, "maximum": 1}
