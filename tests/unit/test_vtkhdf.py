@@ -235,9 +235,10 @@ def test_a_write_that_the_system_refuses_keeps_what_it_says(tmp_path, limit):
     code = LIMITED.format(tests=os.path.dirname(__file__))
     done = subprocess.run([sys.executable, "-c", code, str(path), str(limit)], capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
-    told = int(done.stdout.split("the ")[-1].split()[0])
+    number = done.stdout.split("the ")[-1].split()[0]
+    told = 1 if number == "frame" else int(number)
     with open_run(path) as run:
-        assert told > 0 and run.frames in (told, told + 1)
+        assert run.frames in (told, told + 1)
         wanted = make_frame(run.frames - 1).clumps["quaternion"]
         np.testing.assert_array_equal(run.bodies(-1)["quaternion"], wanted)
 
@@ -291,7 +292,7 @@ def test_a_failing_write_becomes_an_output_error(tmp_path, monkeypatch):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(block.Column, "extend", fail)
-    with pytest.raises(OutputError, match="No space left.*1 frames"):
+    with pytest.raises(OutputError, match="No space left.*the frame written before is kept"):
         writer.append(make_frame(1))
     with open_run(path) as run:
         assert run.frames == 1
