@@ -198,6 +198,22 @@ def test_friction_and_gap_are_the_series_from_the_start_of_the_drag(run):
     assert axes["gap"].get_ylabel() == "change of gap (nm)"
 
 
+def test_no_mean_is_drawn_over_a_drifting_curve(tmp_path):
+    """A coefficient that still rises by a fifth: the line through the second half stands there, marked in legend and title."""
+    u = straight(81)
+    mu = 0.2 + 0.1 * np.arange(81) / 80.0
+    mu[0] = np.nan
+    with open_run(write(tmp_path / "run", u=u, mu=mu)) as run:
+        axes = panels(page(run))["friction"]
+        counted = Sheet(run).averaged
+    labels = [entry.get_label() for entry in axes.get_lines()]
+    assert not [label for label in labels if label.startswith("mean")]
+    trend = line(axes, "trend (second half):\nnot stationary")
+    assert trend.get_ydata()[1] > trend.get_ydata()[0] + 0.04  # of 0.1 over the whole drag
+    assert trend.get_xdata()[0] >= 1e6 * u[np.flatnonzero(counted)[0] - 1] - 1e-9
+    assert "still rising by" in axes.get_title(loc="left")
+
+
 def test_states_are_stacked_in_their_colours(run):
     axes = panels(page(run))["states"]
     below = np.zeros(40)

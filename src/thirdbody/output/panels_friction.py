@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,7 +51,8 @@ def friction_title(sheet: Sheet) -> str:
     found = sheet.friction
     if not np.isfinite(found.value):
         return "Friction coefficient"
-    return f"Friction coefficient: {found.short_text}"
+    drifts = f", {found.short_verdict}" if found.stationary is False else ""
+    return f"Friction coefficient: {found.short_text}{drifts}"
 
 
 def draw_friction(axes: Axes, sheet: Sheet) -> None:
@@ -81,14 +82,22 @@ def told_way(sheet: Sheet, width: int) -> str:
 
 
 def _draw_mean(axes: Axes, sheet: Sheet, x: np.ndarray) -> None:
-    mean, error = sheet.friction.value, sheet.friction.error
+    """The mean with its error over the intervals that it counts; where they drift the straight line through them instead."""
+    found = sheet.friction
     members = np.flatnonzero(sheet.averaged[sheet.start :])
     if not len(members):
         return
     ends = x[max(members[0] - 1, 0)], x[members[-1]]
-    axes.plot(ends, [mean, mean], color=LINES["vermilion"], linewidth=1.2, linestyle=(0, (5, 2)), label="mean (second half)")
-    if np.isfinite(error) and error > 0.0:
-        band = axes.fill_between(ends, mean - error, mean + error, color=LINES["vermilion"], alpha=0.25, label="its error")
+    mean = found.value
+    style: dict[str, Any] = {"color": LINES["vermilion"], "linewidth": 1.2}
+    if found.stationary is False:
+        heights = [mean - 0.5 * found.change, mean + 0.5 * found.change]
+        axes.plot(ends, heights, linestyle="-.", label="trend (second half):\nnot stationary", **style)
+        return
+    axes.plot(ends, [mean, mean], linestyle=(0, (5, 2)), label="mean (second half)", **style)
+    if np.isfinite(found.error) and found.error > 0.0:
+        low, high = mean - found.error, mean + found.error
+        band = axes.fill_between(ends, low, high, color=LINES["vermilion"], alpha=0.25, label="its error")
         band.set_linewidth(0.0)
 
 
