@@ -154,7 +154,7 @@ def render(
     run: RunPath,
     out: Annotated[Path, typer.Option("--out", "-o", help=".png, .html, or a film: .gif, .mp4")] = Path("picture.png"),
     frame: Annotated[int | None, typer.Option("--frame", help="frame number, negative from the end [the last]")] = None,
-    color: Annotated[str, typer.Option("--color", help="state, reason, speed, or the name of an array")] = "state",
+    color: Annotated[str, typer.Option("--color", help="state, reason, population, material, speed, or any array")] = "state",
     view: Annotated[str, typer.Option("--view", help="iso, side, front or top")] = "iso",
     forces: Annotated[bool, typer.Option("--forces", help="contact forces as tubes")] = False,
     body: Annotated[int | None, typer.Option("--body", min=0, help="one body close up: spots, forces, friction cones")] = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json as json_module
 import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -81,6 +81,7 @@ def run_report(folder: Path, json: bool) -> None:
             ("sliding distance", pretty(told["distance"], "length")),
             ("friction coefficient", str(result.friction)),
             ("states", ", ".join(fractions)),
+            *_group_rows(told),
             ("peak pressure", yield_words(told) or "not known"),
             ("energy residual", "not known" if told["energy_residual"] is None else f"{told['energy_residual']:.2e}"),
             ("files", f"{folder} ({', '.join(Path(file).name for file in files)})"),
@@ -90,6 +91,38 @@ def run_report(folder: Path, json: bool) -> None:
             rows.insert(0, ("finished", f"no: {told['stopped'].split(' ')[0]} after {told['frames']} frame(s), kept"))
         table("", ("", ""), rows)
         print_warnings(filter(None, [yield_warning(told)]))
+
+
+def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """States at the end of every population, and of every material where populations share one: name and shares."""
+    from .output.groups import shares_text, telling
+
+    kinds = {kind: summary.get(f"{kind}s", []) for kind in ("population", "material")}
+    return [
+        (f"  {row['name']}", f"{shares_text(row['fractions'])} (of {row['bodies']}{_load(row)})")
+        for _, rows in telling(kinds)
+        for row in rows
+    ]
+
+
+def _load(row: Mapping[str, Any]) -> str:
+    return f", {100.0 * row['load_share']:.0f} % of the load" if "load_share" in row else ""
+
+
+def _print_groups(run: Run, frame: int) -> None:
+    """Print the states of one frame by population, material and size."""
+    from .output.groups import states_by_group, telling
+
+    headings = {"population": "by population", "material": "by material", "size": "by size (equivalent diameter)"}
+    for kind, rows in telling(states_by_group(run, frame)):
+        load = ["load"] if "load_share" in rows[0] else []
+        table(
+            f"states at frame {frame} {headings[kind]}",
+            ["", "bodies", *load, *run.state_names],
+            [[row["name"], str(row["bodies"]), *([f"{100.0 * row['load_share']:.1f} %"] if load else []),
+              *(f"{100.0 * share:.0f} %" for share in row["fractions"].values())] for row in rows],
+        )  # fmt: skip
+        print()
 
 
 def states_report(path: Path, frame: int | None, json: bool) -> None:
@@ -107,6 +140,7 @@ def states_report(path: Path, frame: int | None, json: bool) -> None:
 
 def _states_over_frames(run: Run, json: bool) -> None:
     from .foretold import forecast_against_fact
+    from .output.groups import states_by_group
 
     names = run.state_names
     rows = []
@@ -115,11 +149,13 @@ def _states_over_frames(run: Run, json: bool) -> None:
         rows.append({"frame": k, "time": float(run.times[k]), "distance": float(run.series["distance"][k]), **counts})
     last = _reasons(run.states[-1], run.reasons[-1], names, run.reason_names) if rows else {}
     if json:
-        print_json({"frames": rows, "reasons": last, "forecast": forecast_against_fact(run)})
+        groups = {f"{kind}s": found for kind, found in states_by_group(run).items()}
+        print_json({"frames": rows, "reasons": last, "forecast": forecast_against_fact(run)} | groups)
         return
     if not rows:
         print(f"{run.path}: no frames yet")
         return
+    _print_groups(run, run.frames - 1)
     headings = ["frame", "time", "distance", *names]
     table("", headings, [[str(row["frame"]), pretty(row["time"], "time"), pretty(row["distance"], "length"),
                           *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
@@ -177,10 +213,14 @@ def _states_of_bodies(run: Run, frame: int, json: bool) -> None:
         bodies = run.bodies(frame)
     except IndexError as error:
         raise InputError(f"--frame {frame}: {error}") from None
+    from .output.groups import code_name
+
     margins = [name for name in bodies if name.startswith("margin_")]
+    several = "population" in bodies and len(np.unique(bodies["population"])) > 1
     per_body = [
         {
             "body": b,
+            **({"population": code_name(run.population_names, int(bodies["population"][b]))} if several else {}),
             "state": run.state_names[bodies["state"][b]],
             "reason": run.reason_names[bodies["state_reason"][b]],
             **{name: float(bodies[name][b]) for name in margins},
@@ -190,8 +230,9 @@ def _states_of_bodies(run: Run, frame: int, json: bool) -> None:
     if json:
         print_json(per_body)
         return
-    headings = ["body", "state", "reason", *(name.removeprefix("margin_") for name in margins)]
-    rows = [[str(row["body"]), row["state"], row["reason"], *(f"{row[name]:.3g}" for name in margins)] for row in per_body]
+    first = ["body", "population", "state", "reason"] if several else ["body", "state", "reason"]
+    headings = [*first, *(name.removeprefix("margin_") for name in margins)]
+    rows = [[*(str(row[name]) for name in first), *(f"{row[name]:.3g}" for name in margins)] for row in per_body]
     table("margins: positive means satisfied", headings, rows)
 
 

@@ -43,7 +43,7 @@ def populations(scene: Scene) -> list[Population]:
         clumps = shapes_of(scene, index, [])
         meshes = _followed(scene, index)
         density = scene.materials[debris.material].density
-        found.append(Population(f"debris[{index}]", debris.kind, debris.material, density, clumps, meshes))
+        found.append(Population(debris.name or f"debris[{index}]", debris.kind, debris.material, density, clumps, meshes))
     return found
 
 

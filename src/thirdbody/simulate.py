@@ -253,6 +253,7 @@ def _header(simulation: Simulation) -> dict[str, Any]:
         "units": units,
         "domain": {"size": list(scene.domain.size), "periodic": scene.domain.periodic},
         "materials": list(scene.materials),
+        "populations": scene.population_names,
         "laws": [{"name": law.name, "stage": law.stage, "source": law.source} for law in simulation.choice.chain.laws],
         "law": {"family": simulation.choice.family.name, "level": simulation.choice.level},
         "effects": [effect.name for effect in simulation.choice.effects],

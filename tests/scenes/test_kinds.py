@@ -60,6 +60,7 @@ def mixed(tmp_path_factory):
 def test_hard_grains_carry_more_than_their_share(mixed):
     """At the end of pressing; the foundation then carries the load within 1 %."""
     contacts, population = mixed.contacts(1), mixed.bodies(1)["population"]
+    assert mixed.population_names == ["soft debris", "hard grains"] and mixed.material_names == ["steel", "bronze", "alumina"]
     upper = contacts["side"] == 1
     load = np.bincount(contacts["body"][upper], contacts["normal_force"][upper], minlength=len(population))
     # 12 relaxation times of the patches: the load is reached within the 1 % that load control promises

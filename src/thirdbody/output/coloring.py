@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody.errors import InputError, nearest
+from thirdbody.output.groups import code_name
 from thirdbody.output.palette import category_colors, field_colors, rgb, state_colors
 from thirdbody.output.quantity import ARRAY_UNITS
 from thirdbody.output.run import Run
@@ -19,7 +20,7 @@ Arrays = dict[str, np.ndarray]
 # Short names that people use for arrays.
 ALIASES = {"reason": "state_reason", "speed": "velocity"}
 
-# Codes without names of their own: their numbers are shown.
+# Codes that are no bytes.
 NUMBERED = ("population", "material")
 
 
@@ -99,7 +100,8 @@ def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, kept: f
     if name in ("state", "state_reason"):
         names = run.state_names if name == "state" else run.reason_names
     else:
-        names = [str(code) for code in range(int(codes.max(initial=max(kept, default=0))) + 1)]
+        known = {"population": run.population_names, "material": run.material_names}.get(name, [])
+        names = [code_name(known, code) for code in range(int(codes.max(initial=max(kept, default=0))) + 1)]
     tones = state_colors(names) if name == "state" else category_colors(len(names))
     counts = np.bincount(codes, minlength=len(names))
     total = max(1, int(counts.sum()))

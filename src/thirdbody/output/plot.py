@@ -14,6 +14,7 @@ from thirdbody.errors import InputError, OutputError, UsageError
 
 from . import panels_contacts as contacts
 from . import panels_friction as friction
+from . import panels_groups as groups
 from . import panels_series as series
 from .foretold_plot import DOTS, check_format
 from .quantities import GLUE, MINUS, told, unit_for
@@ -60,6 +61,7 @@ PANELS = (
           friction.FRICTION_NOTE),
     Panel("loop", friction.why_no_loop, friction.loop_title, friction.draw_loop, 2.3, False, friction.LOOP_NOTE),
     Panel("states", series.why_no_states, series.states_title, series.draw_states, 1.7, False, series.STATES_NOTE),
+    Panel("groups", groups.why_no_groups, groups.groups_title, groups.draw_groups, 1.9, False, groups.GROUPS_NOTE),
     Panel("gap", series.why_no_gap, series.gap_title, series.draw_gap, 1.4),
     Panel("load", series.why_no_load, series.load_title, series.draw_load, 1.4),
     Panel("energy", series.why_no_energy, series.energy_title, series.draw_energy, 2.1, False, series.ENERGY_NOTE),
@@ -268,10 +270,10 @@ def _draw(axes: Axes, sheet: Sheet, panel: Panel) -> None:
     axes.spines[["top", "right"]].set_visible(False)
     if not panel.half:
         axes.margins(x=0.02 if panel.name == "loop" else 0.0)
-        if panel.name not in ("loop", "states"):
+        if panel.name not in ("loop", "states", "groups"):
             x = sheet.axis[0]
             axes.set_xlim(0.0, x[-1] / unit_for(x, "")[0])
-    if panel.name != "states":
+    if panel.name not in ("states", "groups"):
         axes.grid(axis="y", alpha=0.25, linewidth=0.6)
         axes.set_axisbelow(True)
     pad = 5.0 + _draw_legend(axes, panel)

@@ -119,6 +119,19 @@ class Run:
         return Named((name, str(self._series_group[name].attrs["units"])) for name in self._series_group)
 
     @cached_property
+    def material_names(self) -> list[str]:
+        """Names of the materials, by the codes of the bodies' array `material`."""
+        return list(self.header.get("materials", []))
+
+    @cached_property
+    def population_names(self) -> list[str]:
+        """Names of the populations, by the codes of the bodies' array `population`."""
+        from thirdbody.output.groups import names_from_scene
+
+        names = self.header.get("populations")
+        return names_from_scene(self.scene_text) if names is None else list(names)
+
+    @cached_property
     def drag(self) -> Drag:
         """How the upper plate moved: displacement, turns, whole cycles of a stroke."""
         from thirdbody.output.drag import Drag
@@ -215,7 +228,8 @@ class Run:
         `finished` (False when it was killed, interrupted or stopped by a guard; then `stopped` may tell why),
         `frames`, `bodies`, `duration` (s), `distance` (m), `friction_coefficient` with `friction_coefficient_error` and
         `friction_verdict` (value, error and verdict of `friction`), of strokes `cycles` and `energy_per_cycle` (J),
-        `fractions` (state name to share, last frame); of a run that came to its end also what it stored, among it
+        `fractions` (state name to share, last frame), the same by `populations`, `materials` and `sizes` (lists as
+        `output.groups.states_by_group` gives them); of a run that came to its end also what it stored, among it
         `energy_residual`, relative, `peak_pressure` (Pa, largest over contacts and frames) and `first_yield` (its `ratio` to the
         pressure at first yield, `assumed` yield strength or not). Figures that the run has no series for are absent.
         """
@@ -223,6 +237,8 @@ class Run:
         return self._figures() | {"finished": SUMMARY_TEXT in self._scene} | dict(stored)
 
     def _figures(self) -> dict[str, Any]:
+        from thirdbody.output.groups import states_by_group
+
         if not self.frames:
             return {"frames": 0}
         series = self.series
@@ -241,6 +257,7 @@ class Run:
             counts = np.bincount(self.bodies(-1)["state"], minlength=len(self.state_names))
             shares = (counts / counts.sum()).tolist()
             figures["fractions"] = dict(zip(self.state_names, shares, strict=False))
+            figures |= {f"{kind}s": rows for kind, rows in states_by_group(self).items()}
         return figures
 
     def to_pandas(self, table: str = "series", frame: int | None = None) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 from thirdbody.errors import InputError
 from thirdbody.output.coloring import Arrays, Legend, Scale, paint, rows_of
 from thirdbody.output.forces import Tubes, force_tubes
+from thirdbody.output.groups import code_name
 from thirdbody.output.quantity import with_unit
 from thirdbody.output.run import Run
 
@@ -117,14 +118,17 @@ def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
 
 
 def _labels(run: Run, bodies: Arrays) -> tuple[str, ...]:
-    """State and reason of each body in words; none without a labeller."""
+    """State, reason and, of several, population of each body in words; none without a labeller."""
     if "state" not in bodies:
         return ()
-    states = [run.state_names[code] for code in bodies["state"]]
-    if "state_reason" not in bodies:
-        return tuple(states)
-    reasons = [run.reason_names[code].replace("_", " ") for code in bodies["state_reason"]]
-    return tuple(state if reason == "none" else f"{state} ({reason})" for state, reason in zip(states, reasons, strict=True))
+    words = [run.state_names[code] for code in bodies["state"]]
+    if "state_reason" in bodies:
+        reasons = [run.reason_names[code].replace("_", " ") for code in bodies["state_reason"]]
+        words = [state if reason == "none" else f"{state} ({reason})" for state, reason in zip(words, reasons, strict=True)]
+    if "population" in bodies and len(run.population_names) > 1:
+        names = [code_name(run.population_names, int(code)) for code in bodies["population"]]
+        words = [f"{word}, {name}" for word, name in zip(words, names, strict=True)]
+    return tuple(words)
 
 
 def domain_of(run: Run) -> tuple[np.ndarray | None, bool]:

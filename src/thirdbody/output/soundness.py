@@ -25,10 +25,11 @@ WIDEST = 64
 
 _HEADER: dict[str, type] = {
     "scene_text": str, "title": str, "state_names": list, "reason_names": list, "units": dict, "domain": dict, "materials": list,
+    "populations": list,
     "laws": list, "law": dict, "effects": list, "integrator": dict, "debris_contact": str, "warnings": list, "versions": dict,
     STATIC_TEXT: dict,
 }  # fmt: skip
-_WORDS = ("state_names", "reason_names", "materials", "effects", "warnings")
+_WORDS = ("state_names", "reason_names", "materials", "populations", "effects", "warnings")
 
 DAMAGE = (KeyError, IndexError, AttributeError, OSError, RuntimeError, ValueError, TypeError, OverflowError, MemoryError)
 """What h5py, json and numpy raise for a damaged file."""

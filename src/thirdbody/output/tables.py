@@ -13,6 +13,7 @@ import numpy as np
 
 from thirdbody.kernels.layout import DEBRIS, LOWER, UPPER
 from thirdbody.output.friction import CYCLE_UNITS
+from thirdbody.output.groups import code_name
 from thirdbody.output.quantity import ARRAY_UNITS
 from thirdbody.output.schema import POSITION
 
@@ -82,6 +83,7 @@ def _bodies(run: Run, number: int) -> list[Column]:
         if name in arrays:
             first[name] = arrays.pop(name)
     names = {"state": run.state_names, "state_reason": run.reason_names}
+    names |= {"population": run.population_names, "material": run.material_names}
     return _stamped(run, number, _columns(first | arrays, names))
 
 
@@ -116,5 +118,5 @@ def _spread(name: str, values: np.ndarray, unit: str | None = None) -> list[Colu
 
 
 def _named(name: str, codes: np.ndarray, names: Mapping[int, str] | list[str]) -> list[Column]:
-    texts = [names[int(code)] for code in codes]
+    texts = [names[int(code)] if isinstance(names, Mapping) else code_name(names, int(code)) for code in codes]
     return [Column(f"{name}_name", "", np.array(texts, dtype=object))]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
@@ -38,9 +40,10 @@ Placement = Annotated[Literal["layer", "dilute", "dense"], Choice()]
 
 
 class _Volume(Part):
-    """What the debris of one scene may say of the volume that all "dilute", or all "dense" bodies share: its `height`
-    over the lower plate (m) or the `solid_fraction` in it; the default is a solid fraction of 0.05, or 0.5."""
+    """The `name` of a population, and what the debris of one scene may say of the volume that all "dilute", or all "dense"
+    bodies share: its `height` over the lower plate (m) or the `solid_fraction` in it, by default 0.05, or 0.5."""
 
+    name: Text | None = None
     height: PositiveLength | None = None
     solid_fraction: Fraction | None = None
 
@@ -276,6 +279,21 @@ class File(_Volume):
 
 KINDS: dict[str, type[Part]] = {"irregular": Irregular, "spheres": Spheres, "mesh": Mesh, "spots": Spots, "file": File}
 Debris = Annotated[Irregular | Spheres | Mesh | Spots | File, tagged("kind", KINDS)]
+
+
+def population_names(populations: Sequence[Debris]) -> list[str]:
+    """Names of all populations: what the scene gives, else material and kind: `bronze (irregular)`, `bronze (irregular) 2`."""
+    taken = {debris.name for debris in populations if debris.name}
+    names = []
+    for debris in populations:
+        name = debris.name
+        if not name:
+            plain = f"{debris.material} ({debris.kind})"
+            numbered = (f"{plain} {k}" for k in itertools.count(2))
+            name = next(text for text in itertools.chain([plain], numbered) if text not in taken)
+            taken.add(name)
+        names.append(name)
+    return names
 
 
 def most_spheres(debris: Debris) -> int:

@@ -17,7 +17,7 @@ from pydantic import PrivateAttr, ValidationError
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene import crosscheck
-from thirdbody.scene.debris import Ball, Debris, File, Irregular, Mesh, Spheres, most_spheres
+from thirdbody.scene.debris import Ball, Debris, File, Irregular, Mesh, Spheres, most_spheres, population_names
 from thirdbody.scene.drives import Constant as ConstantVelocity
 from thirdbody.scene.drives import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.fields import Whole, listing, plain
@@ -143,7 +143,21 @@ class Scene(Part):
 
     def checks(self) -> list[Wrong]:
         """Faults between tables that are right by themselves."""
-        return self._too_many() + self._out_of_plane() + crosscheck.interval_faults(self.solver, self.output)
+        return self._too_many() + self._out_of_plane() + self._same_names() + crosscheck.interval_faults(self.solver, self.output)
+
+    def _same_names(self) -> list[Wrong]:
+        """Two populations of one name could not be told apart in any table."""
+        names = [debris.name for debris in self.debris]
+        return [
+            (("debris", k, "name"), f"'{name}' is the name of debris[{names.index(name)}] too")
+            for k, name in enumerate(names)
+            if name and name in names[:k]
+        ]
+
+    @property
+    def population_names(self) -> list[str]:
+        """Names of the populations, in the order of `debris`: `name`, else material and kind."""
+        return population_names(self.debris)
 
     def _too_many(self) -> list[Wrong]:
         """More spheres than are ever computed, told before one of them is made."""

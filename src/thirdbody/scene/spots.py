@@ -60,6 +60,7 @@ class Spots(Part):
     over the domain or at `positions` (x, y; m).
     """
 
+    name: Text | None = None
     kind: Literal["spots"] = "spots"
     material: Text
     spots: Annotated[tuple[Spot, ...], listing("a list of tables {side, x, y, z, radius}")]
