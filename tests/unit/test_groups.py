@@ -52,10 +52,10 @@ def write(folder: Path, frames: int = 3, **header) -> Path:
     places = 1e-5 * np.column_stack([np.arange(bodies), np.ones(bodies), np.ones(bodies)])
     with TrajectoryWriter(folder / "run.vtkhdf", head, static) as writer:
         for number in range(frames):
-            contacts = {"points": places[touching], "body": touching, "partner": np.full(len(touching), -2),
-                        "side": np.ones(len(touching), np.uint8), "normal_force": force, "utilisation": np.ones(len(touching))}  # fmt: skip
+            contacts = {"points": places[touching], "body": touching, "partner": np.full(len(touching), -2)}
+            contacts |= {"side": np.ones(len(touching), np.uint8), "normal_force": force, "utilisation": np.ones(len(touching))}
             labels = {"state": STATE, "state_reason": np.zeros(bodies, np.uint8)}
-            series = {"distance": 1e-6 * number, "friction_coefficient": 0.2, "gap": 1e-6, "upper_force": np.array([0.0, 0.0, 1.0])}
+            series = {"distance": 1e-6 * number, "friction_coefficient": 0.2, "upper_force": np.array([0.0, 0.0, 1.0])}
             series |= {f"fraction_{name}": np.mean(STATE == k) for k, name in enumerate(head["state_names"])}
             writer.append(Frame(1e-6 * number, {"points": places}, {"points": places} | labels, contacts, None, series))
         writer.finish({"wall_time": 1.0, "steps": 1, "sphere_steps_per_second": 1.0, "energy_residual": 0.0})
