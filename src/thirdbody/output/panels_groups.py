@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 GROUPS_NOTE = (
-    "Groups: states of the bodies at the last frame by population, by material where populations share one, and in size classes of"
-    " equal number (volume-equivalent diameter); on the right the number of bodies and their share of the normal force."
+    "Groups: states of the bodies at the last frame by population, by material where populations share one, and in size classes"
+    " of equal number (volume-equivalent diameter); on the right the number of bodies and their share of the normal force."
 )
 MOST, LETTERS, ROOM = 12, 26, 0.14
 """Rows, at most; letters of a name; share of a row that a text in it needs."""
