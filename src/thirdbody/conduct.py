@@ -15,6 +15,7 @@ import numpy as np
 from .checkpoint import Checkpoint, prints_of, write_checkpoint
 from .course import targets
 from .engine.energy import Ledger
+from .engine.explicit import Explicit
 from .engine.guards import Looks
 from .engine.snapshot import put, snapshot
 from .errors import InputError, Interrupted, OutputError
@@ -103,6 +104,8 @@ class Conduct:
         elif getattr(integrator, "together", False):  # totals are summed up at stops only
             self.ledger.watch(state)
         # bodies that go each at a time of its own have no energy in common but at stops
+        if not integrator.divisible:
+            self._tell({})
         now = time.perf_counter()
         if now - self.started > self.wall_limit:
             self._leave("stopped by the limit of wall time")
@@ -138,6 +141,8 @@ class Conduct:
         """Tell the progress so far."""
         self.series = series or self.series
         if self.report is not None:
-            simulated = self.simulation.state.time
+            integrator = self.simulation.integrator
+            simulated = self.simulation.state.time if isinstance(integrator, Explicit) else integrator.mean_time()
             fraction = min(simulated / self.simulation.planned_time, 1.0)
-            self.report(Progress(fraction, simulated, self.wall_time(), self.writer.frames, self.series))
+            limit = "" if isinstance(integrator, Explicit) else integrator.tell_limit()
+            self.report(Progress(fraction, simulated, self.wall_time(), self.writer.frames, self.series, limit))

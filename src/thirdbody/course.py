@@ -14,6 +14,10 @@ if TYPE_CHECKING:
 SUBTICKS = 8
 """Reports of progress per output interval: a run with few frames still shows that it moves."""
 
+SETTLING = 100
+"""Most frames while the debris settles for a time that the program chooses (`solver.settle = "auto"`). It may be a million times
+as long as an output interval that fits the drag, and a frame costs more than the steps before it."""
+
 
 def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     """(time, distance, whether to write) of every stop: the end of settling, then output by output to the end.
@@ -22,8 +26,10 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     """
     output, settle, infinite = simulation.scene.output, simulation.settle, math.inf
     if output.every_kind == "time":
-        end = simulation.planned_time
-        for x, write in _ladder(0.0, end, output.every):
+        settling, spacing = settling_frames(simulation)
+        for x, write in _ladder(0.0, settling * output.every, spacing * output.every) if settling else ():
+            yield x, infinite, write
+        for x, write in _ladder(settling * output.every, simulation.planned_time, output.every):
             yield x, infinite if x < settle else simulation.end_distance, write
         return
     if settle > 0.0:
@@ -33,6 +39,15 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     for x, write in _ladder(0.0, simulation.planned_distance, output.every):
         # a run by duration may end with a rest: its last stop is its end
         yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
+
+
+def settling_frames(simulation: Simulation) -> tuple[int, int]:
+    """Output intervals of a thinned-out settling phase, and how many of them lie between two frames there; (0, 1) without one."""
+    output, settle = simulation.scene.output, simulation.settle
+    if output.every_kind != "time" or simulation.scene.solver.settle != "auto":
+        return 0, 1
+    whole = int(settle / output.every + 1e-9)
+    return (whole, -(-whole // SETTLING)) if whole > SETTLING else (0, 1)
 
 
 def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
@@ -54,6 +69,8 @@ def planned_frames(simulation: Simulation) -> int:
     """Frames that a whole run writes: what `targets` yields to write, and the first."""
     output, settle = simulation.scene.output, simulation.settle
     if output.every_kind == "time":
-        return 1 + _rungs(0.0, simulation.planned_time, output.every)
+        (settling, spacing), every = settling_frames(simulation), output.every
+        thinned = _rungs(0.0, settling * every, spacing * every) if settling else 0
+        return 1 + thinned + _rungs(settling * every, simulation.planned_time, every)
     settled = 1 if settle > 0.0 else 0
     return 1 + settled + _rungs(0.0, simulation.planned_distance, output.every)

@@ -22,6 +22,7 @@ class Progress:
     elapsed: float  # wall time, s, with that of the run before it was resumed
     frame: int  # frames written so far
     series: dict[str, Any]  # the values of the last frame by name, such as friction_coefficient
+    limit: str = ""  # what has limited the steps of an implicit run, such as "62 % of steps limited by ..."
 
 
 Reporter = Callable[[Progress], None]
@@ -48,14 +49,14 @@ def reporter_for_terminal(title: str) -> Iterator[Reporter]:
 
 
 def headline(progress: Progress) -> str:
-    """Friction coefficient and state fractions in one line."""
+    """Friction coefficient, state fractions and what limits the steps in one line."""
     series = progress.series
     mu = series.get("friction_coefficient", math.nan)
     parts = [] if math.isnan(mu) else [f"mu {mu:z.3f}"]
     for name, value in series.items():
         if name.startswith("fraction_") and value > 0.0:
             parts.append(f"{name.removeprefix('fraction_')} {100.0 * value:.0f} %")
-    return ", ".join(parts)
+    return ", ".join([*parts, progress.limit] if progress.limit else parts)
 
 
 @contextmanager

@@ -114,6 +114,7 @@ def test_planned_frames_are_those_of_the_targets(balls, command, tmp_path):
         [('distance = "0.1 um"', 'duration = "1 us"')],
         [('distance = "0.1 um"', 'duration = "1 us"'), ('"0.05 um"', '"0.3 us"')],
         [('"0.05 um"', '"7 ns"')],
+        [('"0.05 um"', '"1 ns"'), ('"1 us"', '"auto"')],
     ):
         built = build(thirdbody.Scene.load(balls(*changes)))
         assert planned_frames(built) == 1 + sum(write for _, _, write in targets(built))

@@ -18,11 +18,12 @@ import numpy as np
 
 from ..errors import GuardStop
 from ..kernels import layout as at
+from ..kernels import limits, steps
 from ..kernels import march as kernel
-from ..kernels import steps
 from ..laws.contract import Material
 from .guards import Guards
 from .labels import labels
+from .limited import in_words, limited_by, limiting_body
 from .nearness import Nearness
 from .neighbours import search
 from .plates import Schedule, at_time
@@ -87,10 +88,12 @@ class Implicit:
         self.memory = np.zeros((state.n_bodies, at.T_COLS))
         smallest = np.minimum.reduceat(state.S[:, at.S_R], state.start[:-1])
         self.memory[:, at.T_DT], self.memory[:, at.T_RADIUS] = FIRST * self.rayleigh, UNLOADED * smallest
+        self.memory[:, at.T_LIMIT] = limits.GROWTH
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
         self.memory[:, at.T_FIRM] = float(state.P[:, at.P_LOAD].max()) / overlap
         self.settings = self._settings(overlap)
         self.pace = PACE  # tries per second of the last call
+        self._told, self._limit = self.memory.copy(), ""  # what `tell_limit` saw and said before
 
     def _settings(self, overlap: float) -> Array:
         V, chosen = np.zeros(steps.V_COLS), self.accuracy
@@ -232,8 +235,20 @@ class Implicit:
             "iterations_per_step": float(T[:, at.T_ITERATIONS].sum()) / total,
             "cuts_per_step": float(T[:, at.T_CUTS].sum()) / total,
             "hard_steps": float(T[:, at.T_HARD].sum()) / total,
+            "steps_limited_by": limited_by(T),
+            "limiting_body": limiting_body(T, state.order),
             "unsolved": {int(body): self._explain(int(body)) for body in lost},
         }
+
+    def tell_limit(self) -> str:
+        """What has limited most steps since this was asked before, in words; empty until a step is taken."""
+        before, self._told = self._told, self.memory.copy()
+        self._limit = in_words(self.memory - before, self.state.order) or self._limit
+        return self._limit
+
+    def mean_time(self) -> float:
+        """Simulated time that bodies have reached in the mean, s: between two stops each is at a time of its own."""
+        return float(self.totals[:, at.A_TIME].mean())
 
     def label(self) -> Array:
         """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""

@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import GuardStop
 from ..kernels import hub as kernel
 from ..kernels import layout as at
-from ..kernels import steps
+from ..kernels import limits, steps
 from ..kernels.trial import TURN, Z_COLS
 from .implicit import BATCH, Implicit
 from .plates import held_until
@@ -87,8 +87,8 @@ class Shared(Implicit):
             # a stop that misses a corner by rounding: no step is that short
             self.totals[:, at.A_TIME], self.memory[:, at.T_LAST], self.last = end, 0.0, 0.0
             return
-        dt, cuts, load = self._length(time, end), 0, float(self.state.P[-1, at.P_LOAD])
-        asked = self.length
+        (dt, cause), cuts, load = self._length(time, end), 0, float(self.state.P[-1, at.P_LOAD])
+        asked, body = self.length, 0
         while True:
             whole = dt >= steps.NEARLY * (end - time)
             dt = end - time if whole else dt
@@ -99,20 +99,42 @@ class Shared(Implicit):
             if found and error <= 1.0 and turn <= TURN:
                 break
             cuts += 1
+            body, cause = self._why(found, error, turn)
             self._stay()
             dt *= 0.5 if not found else max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), 0.9 * TURN / max(turn, 1e-30)))
             if dt < self.settings[steps.V_SHORTEST] or self.told[:, kernel.H_CROWDED].any():
                 self._give_up()
         self._take(dt, end, whole, velocity, rise, load)
+        body = body if cuts else int(np.argmax(self.told[:, kernel.H_ERROR]))
+        self.memory[body, at.T_LIMITED + cause] += 1.0
         self.memory[:, at.T_CUTS] += cuts
         self.memory[:, at.T_HARD] += float(cuts > steps.HARD)
         self.memory[:, at.T_LONGEST] = np.maximum(self.memory[:, at.T_LONGEST], math.hypot(*velocity) * dt)
         grown = min(self.accuracy.growth, 0.9 / math.sqrt(max(error, 1e-30)))
         if cuts or self.told[:, kernel.H_ITERATIONS].max() > 2 * steps.EASY:
             grown = min(grown, 1.0)
+        if cuts:
+            self.memory[:, at.T_LIMIT] = cause
+        elif grown < 1.0 or dt * grown >= asked:
+            self.memory[:, at.T_LIMIT] = self._why_not_longer(grown)
         self.length = max(dt * grown, asked) if not cuts and grown >= 1.0 else dt * grown
         if whole and kernel.corner_at(self.state.schedule, self.state.first, time, end):
             self.memory[:, at.T_LAST], self.last = 0.0, 0.0
+
+    def _why(self, found: bool, error: float, turn: float) -> tuple[int, int]:
+        """The body that asks for a shorter step, and why (`kernels.limits`, as `kernels.steps.why_cut`)."""
+        lost = self.told[:, kernel.H_FOUND] == 0.0
+        turning = found and not (error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30))
+        body = int(np.argmax(lost if lost.any() else self.told[:, kernel.H_TURN if turning else kernel.H_ERROR]))
+        if self.told[body, kernel.H_LANDS] > 0.0:
+            return body, limits.LANDING
+        return body, limits.TURNING if turning else (limits.ERROR if found else limits.NEWTON)
+
+    def _why_not_longer(self, grown: float) -> int:
+        """What limits the step after one that was not cut (`kernels.limits`)."""
+        if grown == self.accuracy.growth:
+            return limits.GROWTH
+        return limits.NEWTON if self.told[:, kernel.H_ITERATIONS].max() > 2 * steps.EASY and grown == 1.0 else limits.ERROR
 
     def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[Rise, bool]:
         """The rise at which the plate is in balance, and whether it was found."""
@@ -180,10 +202,10 @@ class Shared(Implicit):
         own = (0.5 if first else 2.0 / 9.0) * dt * change / (allowed * radius)
         return max(own, float(self.told[:, kernel.H_ERROR].max()))
 
-    def _length(self, time: float, end: float) -> float:
-        """Length of the next step, s."""
+    def _length(self, time: float, end: float) -> tuple[float, int]:
+        """Length of the next step, s, and what limits it (`kernels.limits`)."""
         left = end - time
-        dt = min(self.length, left)
+        dt, cause = min(self.length, left), int(self.memory[0, at.T_LIMIT])
         loaded = self.memory[:, at.T_STORED] > 0.0
         radii = self.memory[loaded, at.T_RADIUS] if loaded.any() else self.memory[:, at.T_RADIUS]
         longest = min(self.accuracy.largest_step, self.accuracy.radii * float(radii.min()))
@@ -191,9 +213,11 @@ class Shared(Implicit):
             way = math.hypot(*self._velocity(time, dt)) * dt
             if way > longest:
                 dt *= longest / way
-        if dt >= steps.NEARLY * left:
-            return left
-        return 0.5 * left if dt > 0.5 * left else dt
+                cause = limits.LARGEST
+        if dt <= 0.5 * left:
+            return dt, cause
+        ends = limits.REVERSAL if kernel.corner_at(self.state.schedule, self.state.first, time, end) else limits.OUTPUT
+        return (left if dt >= steps.NEARLY * left else 0.5 * left), ends
 
     def _load(self, time: float, dt: float) -> None:
         """The load of the plate at the end of a step that passes no corner, if a schedule changes it."""

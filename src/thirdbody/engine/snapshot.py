@@ -41,7 +41,7 @@ SAME = 1e-9
 CLOCKS = {
     "A": (at.A_TIME, at.A_DISTANCE, at.A_STEPS),
     "integrator_totals": (at.A_TIME, at.A_DISTANCE, at.A_STEPS),
-    "integrator_memory": (at.T_CUTS, at.T_HARD, at.T_TRIES, at.T_ITERATIONS),
+    "integrator_memory": (at.T_CUTS, at.T_HARD, at.T_TRIES, at.T_ITERATIONS, *range(at.T_LIMITED, at.T_COLS)),
 }
 """Columns that only grow, from zero; beyond LAST they would not, and a loop that waits for them would wait for ever."""
 

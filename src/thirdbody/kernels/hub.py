@@ -36,6 +36,7 @@ from .steps import (
     formula,
     gaps,
     guess,
+    lands,
     look,
     plate_velocity,
     rotation_of,
@@ -50,8 +51,8 @@ BODIES = 8
 """Bodies per chunk."""
 
 # what `solve` tells of every body
-(H_FOUND, H_PUSH, H_SLOPE, H_ERROR, H_TURN, H_ITERATIONS, H_CROWDED) = range(7)
-H_COLS = 7
+(H_FOUND, H_PUSH, H_SLOPE, H_ERROR, H_TURN, H_ITERATIONS, H_CROWDED, H_LANDS) = range(8)
+H_COLS = 8
 
 
 @njit(**INNER)
@@ -118,6 +119,7 @@ def solve_chunk(low, high, fresh, dt, rise, plate, v_x, v_y, spots, shape, state
         T[T_TRIES] += 1.0
         T[T_ITERATIONS] += iterations
         told[b, H_FOUND], told[b, H_CROWDED] = (1.0 if how == FOUND else 0.0), (1.0 if how == CROWDED else 0.0)
+        told[b, H_LANDS] = 1.0 if lands(b, m, spots, work) else 0.0
         for k in range(7):
             ends[b, k] = y[k]
         if how != FOUND:

@@ -56,6 +56,7 @@ from .steps import (
     formula,
     gaps,
     guess,
+    lands,
     look,
     next_length,
     next_try,
@@ -66,6 +67,7 @@ from .steps import (
     stopped,
     stretch,
     take,
+    why_cut,
 )  # fmt: skip
 from .trial import E_COLS, FREEDOMS, TURN, Z_COLS, Z_PLATE, Z_PLATE_RISE, begin
 
@@ -116,7 +118,7 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
         # a stop that misses a corner by rounding: no step is that short
         W[A_TIME], T[T_LAST] = end, 0.0
         return
-    dt, asked, cuts = next_length(T, W, V, schedule, first, end), T[T_DT], 0
+    (dt, limit), asked, cuts = next_length(T, W, V, schedule, first, end), T[T_DT], 0
     while True:
         whole = dt >= NEARLY * (end - time)
         dt = end - time if whole else dt
@@ -134,6 +136,7 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
         if how == FOUND and error <= 1.0 and turn <= TURN:
             break
         cuts += 1
+        limit = why_cut(lands(b, m, spots, work), how == FOUND, error, turn)
         dt *= shorter(how == FOUND, error, turn)
         if how == CROWDED or dt < V[V_SHORTEST]:
             T[T_CODE] = TOO_MANY if how == CROWDED else UNSOLVED
@@ -143,7 +146,7 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
     advance_clock(W, dt, end, whole, v_x, v_y)
     if whole and at_corner(time, end, schedule, first):
         T[T_LAST] = 0.0  # what was learnt before a corner says nothing
-    next_try(T, W, V, dt, asked, error, iterations, cuts)
+    next_try(T, W, V, dt, asked, error, iterations, cuts, limit)
     if known[6]:
         look(b, spots, state, M, W, known, drag, observe, work[13], work[14])
     T[T_CODE], T[T_SLOT] = stopped(b, told, B, D)

@@ -8,6 +8,7 @@ from numba import njit
 from .gaps import separation
 from .layout import (
     B_MASS,
+    B_X,
     E_EF,
     G_ARM_I,
     G_D,
@@ -38,6 +39,9 @@ CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners.
 In a direction in which all slips only inertia resists, so what is left unbalanced there moves the body: 1e-9 keeps that below the
 error of a step."""
+
+ROUNDING = 1e-15
+"""Rounding of a height, in parts of it: what it changes in the forces of the spots does not count as unbalanced."""
 
 ITERATIONS, HALVINGS, LEAPS = 16, 2, 4
 """Most corrections of a try (a step that needs more is cheaper in two halves), halvings of one correction, and corrections that
@@ -108,6 +112,15 @@ def scale_of(b, p, y, dt, Z, B, E, P, told):
     patch = max(P[p, P_LOAD], P[p, P_LOAD0]) + P[p, P_MASS] * abs(y[6]) * square + P[p, P_DAMPING] * abs(P[p, P_V])
     patch += P[p, P_SPRING] * abs(P[p, P_Z] - Z[Z_PLATE])
     return told[E_NORMAL] + weight + B[b, B_MASS] * move * square + free * patch
+
+
+@njit(**INNER)
+def resolved(b, p, B, P, Z, told):
+    """Force, N, below which the unbalanced one is rounding: overlaps are small differences of heights."""
+    if told[E_DEEPEST] <= 0.0:
+        return 0.0
+    height = max(abs(B[b, B_X + 2]) + Z[Z_ARM], abs(P[p, P_Z]))
+    return ROUNDING * height * 1.5 * told[E_NORMAL] / told[E_DEEPEST]  # Hertz: dN/dd = 1.5 N/d
 
 
 @njit(**INNER)
@@ -184,20 +197,21 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
             return CROWDED, m, iterations
         balance(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told)
         now, scale = size_of(r), scale_of(b, p, tried, dt, Z, B, E, P, told)
+        enough = max(CONVERGED * scale, resolved(b, p, B, P, Z, told))
         if not now < 1e300:
             return LOST, m, iterations
         better = now < (1.0 - 1e-4 * part) * size
         if not better and halvings < HALVINGS:
             halvings, part = halvings + 1, 0.5 * part
             continue
-        if not better and halvings == HALVINGS and leaps < LEAPS and now > CONVERGED * scale:
+        if not better and halvings == HALVINGS and leaps < LEAPS and now > enough:
             # at the border between stick and slip no part of the step helps, and the whole one changes sides
             halvings, leaps, part = halvings + 1, leaps + 1, whole
             continue
         better = better or halvings > HALVINGS
         for k in range(FREEDOMS):
             y[k] = tried[k]
-        if now <= CONVERGED * scale:
+        if now <= enough:
             return FOUND, m, iterations
         if not better or iterations == ITERATIONS:
             # the last digits of a law with corners do not settle

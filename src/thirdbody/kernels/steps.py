@@ -55,15 +55,18 @@ from .layout import (
     T_FIRM,
     T_HARD,
     T_LAST,
+    T_LIMIT,
+    T_LIMITED,
     T_LONGEST,
     T_RADIUS,
     T_STORED,
     T_WAY,
     T_Y,
 )  # fmt: skip
+from .limits import ERROR, GROWTH, LANDING, LARGEST, NEWTON, OUTPUT, REVERSAL, TURNING
 from .motion import GAP, LOAD, X, Y, mean_rate, next_corner
 from .observe import observe_body
-from .options import INNER
+from .options import CHUNK, INNER
 from .trial import (
     E_DEEPEST,
     E_NORMAL,
@@ -134,20 +137,22 @@ def plate_velocity(schedule, first, t, dt):
 
 @njit(**INNER)
 def next_length(T, W, V, schedule, first, end):
-    """Length of the next step, s, on a stretch that ends at `end`."""
+    """Length of the next step, s, on a stretch that ends at `end`, and what limits it (`limits`)."""
     t = W[A_TIME]
     left = end - t
-    dt = min(T[T_DT], left)
+    dt, limit = min(T[T_DT], left), np.int64(T[T_LIMIT])
+    ends = np.int64(REVERSAL if at_corner(t, end, schedule, first) else OUTPUT)
     longest = min(V[V_LONGEST], V[V_RADII] * T[T_RADIUS])
     for _ in range(3):
         v_x, v_y = plate_velocity(schedule, first, t, dt)
         way = math.sqrt(v_x * v_x + v_y * v_y) * dt
         if way > longest:
             dt *= longest / way
+            limit = np.int64(LARGEST)
     if dt >= NEARLY * left:
-        return left
+        return left, ends
     # no sliver is left for the last step
-    return 0.5 * left if dt > 0.5 * left else dt
+    return (0.5 * left, ends) if dt > 0.5 * left else (dt, limit)
 
 
 @njit(**INNER)
@@ -352,14 +357,40 @@ def shorter(found, error, turn):
 
 
 @njit(**INNER)
-def next_try(T, W, V, dt, asked, error, iterations, cuts):
-    """Choose the length to try next, and count."""
+def lands(b, m, spots, work):
+    """Whether one of the m staged spots of body b was open when the step began."""
+    for q in range(m):
+        if work[5][work[4][q] - spots[3][b]] < 0.0:
+            return True
+    return False
+
+
+@njit(**CHUNK)
+def why_cut(landing, found, error, turn):
+    """What asks for a shorter step (`limits`)."""
+    if landing:
+        return np.int64(LANDING)
+    if not found:
+        return np.int64(NEWTON)
+    return np.int64(ERROR if error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30) else TURNING)
+
+
+@njit(**INNER)
+def next_try(T, W, V, dt, asked, error, iterations, cuts, limit):
+    """Choose the length to try next, and count; `limit`: what limited this step."""
+    T[T_LIMITED + limit] += 1.0
     T[T_CUTS] += cuts
     T[T_HARD] += 1.0 if cuts > HARD else 0.0
     T[T_LONGEST] = max(T[T_LONGEST], W[A_SPEED] * dt)
     grown = min(V[V_GROWTH], 0.9 / math.sqrt(max(error, 1e-30)))
     if iterations > EASY or cuts > 0:
         grown = min(grown, 1.0)
+    if cuts > 0:
+        T[T_LIMIT] = limit
+    elif grown < 1.0:
+        T[T_LIMIT] = ERROR
+    elif dt * grown >= asked:
+        T[T_LIMIT] = NEWTON if iterations > EASY else (GROWTH if grown == V[V_GROWTH] else ERROR)
     # a step that was short only because a stretch ended tells nothing
     T[T_DT] = max(dt * grown, asked) if cuts == 0 and grown >= 1.0 else dt * grown
 
