@@ -22,6 +22,7 @@ from .layout import (
     T_TRIES,
     TILE,
 )  # fmt: skip
+from .limits import lands
 from .linear import linearise
 from .march import KNOWN, SHAPE, SPOTS, STATE, workspace
 from .newton import CROWDED, FOUND, newton, solved
@@ -36,7 +37,6 @@ from .steps import (
     formula,
     gaps,
     guess,
-    lands,
     look,
     plate_velocity,
     rotation_of,

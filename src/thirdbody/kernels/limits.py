@@ -1,5 +1,13 @@
 """What limits the length of a step of the implicit integrator, counted per body."""
 
+import math
+
+import numpy as np
+from numba import njit
+
+from .options import CHUNK, INNER
+from .trial import TURN
+
 (ERROR, LANDING, NEWTON, TURNING, LARGEST, REVERSAL, OUTPUT, GROWTH) = range(8)
 """Codes of the causes, in the order of their counters (`T_LIMITED`):
 
@@ -29,3 +37,22 @@ WORDS = (
     "the output interval (output.every)", "growth from a short step",
 )  # fmt: skip
 """The same for a line of text, after `steps limited by`."""
+
+
+@njit(**INNER)
+def lands(b, m, spots, work):
+    """Whether one of the m staged spots of body b was open when the step began."""
+    for q in range(m):
+        if work[5][work[4][q] - spots[3][b]] < 0.0:
+            return True
+    return False
+
+
+@njit(**CHUNK)
+def why_cut(landing, found, error, turn):
+    """What asks for a shorter step (`limits`)."""
+    if landing:
+        return np.int64(LANDING)
+    if not found:
+        return np.int64(NEWTON)
+    return np.int64(ERROR if error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30) else TURNING)

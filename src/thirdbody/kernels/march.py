@@ -38,6 +38,7 @@ from .layout import (
     T_TRIES,
     TILE,
 )  # fmt: skip
+from .limits import lands, why_cut
 from .motion import GAP, LOAD, mean_rate, segment, value, value_of
 from .newton import CROWDED, FOUND, newton
 from .options import CHUNK, INNER, OPTIONS
@@ -56,7 +57,6 @@ from .steps import (
     formula,
     gaps,
     guess,
-    lands,
     look,
     next_length,
     next_try,
@@ -67,7 +67,6 @@ from .steps import (
     stopped,
     stretch,
     take,
-    why_cut,
 )  # fmt: skip
 from .trial import E_COLS, FREEDOMS, TURN, Z_COLS, Z_PLATE, Z_PLATE_RISE, begin
 

@@ -63,10 +63,10 @@ from .layout import (
     T_WAY,
     T_Y,
 )  # fmt: skip
-from .limits import ERROR, GROWTH, LANDING, LARGEST, NEWTON, OUTPUT, REVERSAL, TURNING
+from .limits import ERROR, GROWTH, LARGEST, NEWTON, OUTPUT, REVERSAL
 from .motion import GAP, LOAD, X, Y, mean_rate, next_corner
 from .observe import observe_body
-from .options import CHUNK, INNER
+from .options import INNER
 from .trial import (
     E_DEEPEST,
     E_NORMAL,
@@ -354,25 +354,6 @@ def shorter(found, error, turn):
         return 0.5
     from_turn = 0.9 * TURN / max(turn, 1e-30)
     return max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), from_turn))
-
-
-@njit(**INNER)
-def lands(b, m, spots, work):
-    """Whether one of the m staged spots of body b was open when the step began."""
-    for q in range(m):
-        if work[5][work[4][q] - spots[3][b]] < 0.0:
-            return True
-    return False
-
-
-@njit(**CHUNK)
-def why_cut(landing, found, error, turn):
-    """What asks for a shorter step (`limits`)."""
-    if landing:
-        return np.int64(LANDING)
-    if not found:
-        return np.int64(NEWTON)
-    return np.int64(ERROR if error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30) else TURNING)
 
 
 @njit(**INNER)
