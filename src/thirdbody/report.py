@@ -61,6 +61,7 @@ def print_warnings(warnings: Iterable[str]) -> None:
 
 def run_report(folder: Path, json: bool) -> None:
     """Print the short table that ends a run."""
+    from .endings import ending_warnings, step_words
     from .output.run import open_run
     from .yielding import yield_warning, yield_words
 
@@ -78,6 +79,7 @@ def run_report(folder: Path, json: bool) -> None:
         rows = [
             ("wall time", f"{told['wall_time']:.1f} s"),
             ("steps", f"{told['steps']} ({told['sphere_steps_per_second']:.3g} sphere-steps/s)"),
+            *([("steps limited by", step_words(told))] if step_words(told) else []),
             ("sliding distance", pretty(told["distance"], "length")),
             ("friction coefficient", str(result.friction)),
             ("states", ", ".join(fractions)),
@@ -90,7 +92,7 @@ def run_report(folder: Path, json: bool) -> None:
             # the full reason ends the command, on standard error
             rows.insert(0, ("finished", f"no: {told['stopped'].split(' ')[0]} after {told['frames']} frame(s), kept"))
         table("", ("", ""), rows)
-        print_warnings(filter(None, [yield_warning(told)]))
+        print_warnings([*filter(None, [yield_warning(told)]), *ending_warnings(told)])
 
 
 def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from .course import settling_frames
 from .scene.spans import duration, size
 from .scene.units import pretty
 
@@ -23,6 +24,12 @@ def run_warnings(built: Simulation, wall: float, disk: float, stopped: str) -> I
     """Warnings from the estimated wall time (s) and trajectory (bytes), and the message of a guard that stopped the trial."""
     if stopped:
         yield f"a trial of the first steps was stopped by a guard, and so will the run be: {stopped}"
+    settling, spacing = settling_frames(built)
+    if settling:
+        yield (
+            f"settling takes {settling} output intervals: one in {spacing} of them ends with a frame, in the drag all do "
+            "(all do from the start where solver.settle is a time)"
+        )
     if wall > LONG:
         yield (
             f"a run would take about {duration(wall)} ({wall:.2g} s) on one core: lower {_lengths(built)} or the number of "

@@ -18,6 +18,7 @@ import numpy as np
 from .checkpoint import Checkpoint
 from .collector import resting
 from .conduct import CHECKPOINT_EVERY, Conduct
+from .endings import endings
 from .errors import GuardStop, Interrupted, OutputError, UsageError
 from .lock import held
 from .output.frames import UNITS, FrameMaker
@@ -293,6 +294,7 @@ def _summary(simulation: Simulation, conduct: Conduct, frames: int, problem: Gua
         "distance": state.distance,
         **conduct.pressure.summary(),
         "energy": lines,
+        **endings(simulation, conduct, lines),
         # a guard trips in a step that was not recorded: what is stored in its contacts is not known
         "energy_residual": None if isinstance(problem, GuardStop) else ledger.relative_residual(state, lines["residual"]),
     }

@@ -298,8 +298,8 @@ def inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r):
 def emptied(q, k, O, H):  # noqa: E741
     """Energy, J, that the contact of slot k, at place q, held and did not book although it carries nothing any more.
 
-    Where the dashpot of a sphere that leaves cancels its normal force, friction ends in one step at a limit of zero: no force does
-    work then, and all that was stored is dissipated, as it is where a contact opens (`memory.release`).
+    Where the dashpot of a sphere that leaves cancels its normal force, friction ends in one step at a limit of zero. No force
+    does work then: all that was stored is dissipated, as it is where a contact opens (`memory.release`).
     """
     if O[O_TX * TILE + q] != 0.0 or O[O_TY * TILE + q] != 0.0 or O[O_STORED_T * TILE + q] != 0.0:
         return 0.0
@@ -315,8 +315,8 @@ def accept(b, m, v_x, v_y, spots, state, known, work, sums):
     n_history, rolling = known[2], known[3]
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
     push(m, I, O, G)
-    for q in range(m):
-        O[O_WORK * TILE + q] += emptied(q, slots[q], O, H)
+    for i in range(m):
+        O[O_WORK * TILE + i] += emptied(i, slots[i], O, H)
     keep(m, slots, 0, O, G, H, n_history)
     q = np.int64(0)
     for e in range(edges[b], edges[b + 1]):

@@ -1,0 +1,31 @@
+"""What a run says at its end about its own accuracy."""
+
+from __future__ import annotations
+
+import pytest
+
+from thirdbody.endings import ending_warnings, step_words
+
+
+@pytest.mark.parametrize(
+    ("told", "words"),
+    [
+        ({"energy_numerical_share": 0.068}, ["lost 6.8 % of the energy", "solver.tolerance"]),
+        ({"energy_numerical_share": 0.004}, []),
+        ({"load_ratio": 2.61, "finished": True}, ["2.61 times the load", "bounces"]),
+        ({"load_ratio": 0.2, "finished": True}, ["0.20 times the load"]),
+        ({"load_ratio": 1.02, "finished": True}, []),
+        ({"load_ratio": None, "energy_numerical_share": 0.0}, []),
+        ({}, []),
+    ],
+)
+def test_losses_and_loads_that_are_off_are_told(told, words):
+    said = " ".join(ending_warnings(told))
+    assert all(word in said for word in words) and bool(said) == bool(words)
+
+
+def test_words_for_what_limited_the_steps():
+    assert step_words({"steps_limited_by": {"output": 60, "largest_step": 30, "error": 10}}) == (
+        "output 60 %, largest step 30 %, error 10 %"
+    )
+    assert step_words({"time_step": 1e-9}) == ""
