@@ -8,6 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from thirdbody.scene.spans import duration
+
 from .budget import LONG, Budget, Costs, Overheads, repeats_of
 from .compare import read_outcome
 from .ladder import Base, Rung
@@ -20,6 +22,9 @@ ROUNDS, PRECISE = 25, 0.05
 
 KEPT = 2
 """Rounds of timings that are kept time for while rungs are run: without them more rungs would tell nothing about cost."""
+
+HOPELESS = 1.5
+"""A rung that is needed is not begun if it is expected to take this many times what is left."""
 
 LEFT_OUT = "left out: no time in the budget"
 
@@ -52,6 +57,8 @@ class Climb:
     def _run(self, row: Row, name: str, needed: bool) -> None:
         """Run one rung once."""
         rung, fresh = row.rung, _code(row.rung) not in self.compiled
+        if needed and self._predicted(rung) > HOPELESS * self._left():
+            raise self.budget.refuse(f"`{rung.name}` takes about {duration(self._predicted(rung))}", self._predicted(rung))
         try:
             told = self.worker.ask({"do": "run", **self._job(rung, name)}, self.budget.end(self.worker.pace))
         except Overdue:

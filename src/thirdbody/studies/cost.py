@@ -74,7 +74,7 @@ def study(
     scene = Scene.load(path)
     scene = scene.with_settings(settings) if settings else scene
     with Worker() as worker:
-        stage = staged(scene, folder, plugins, repeats, verify, clock, worker, tell)
+        stage = staged(path, settings or {}, folder, plugins, repeats, verify, clock, worker, tell)
         climb = Climb(worker, folder, plugins, stage.base, stage.costs, stage.overheads, clock, tell)
         rows = climb.rows(stage.rungs, repeats)
     _one_pace(rows)

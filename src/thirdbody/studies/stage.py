@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from thirdbody.errors import OutputError
+from thirdbody.errors import InputError, OutputError, ThirdbodyError, UsageError
 from thirdbody.scene import units
 from thirdbody.scene.model import File, Mesh, Scene
 
@@ -47,48 +47,93 @@ class Stage:
 
 
 def staged(
-    scene: Scene, folder: Path, plugins: Sequence[str | Path], repeats: int, verify: bool, budget: Budget, worker: Worker,
-    tell: Callable[[str], None],
+    scene: Path, settings: Mapping[str, Any], folder: Path, plugins: Sequence[str | Path], repeats: int, verify: bool,
+    budget: Budget, worker: Worker, tell: Callable[[str], None],
 ) -> Stage:  # fmt: skip
     """The copy, saved in a study's folder, whose ladder fits the budget. Raises UsageError if not even the smallest one does."""
-    tell("building the scene and estimating its time")
     part = min(1.0, budget.seconds / BUDGET)
-    base, rungs, reduction, alone = _made(scene, folder, plugins, verify, part * SECONDS, worker, part < 1.0)
-    tell("timing the costliest rungs")
+    maker = _Maker(worker, scene, settings, folder, plugins, part < 1.0, budget)
     try:
+        tell("starting the worker")
         worker.start(budget.end(1.0))
+        tell("building the scene and estimating its time")
+        base, rungs, reduction, alone = maker.made(part * SECONDS, verify)
+        tell("timing the costliest rungs")
         costs, overheads = probed(worker, rungs, base, folder, plugins, part * PROBE, budget.end(worker.pace))
+        pace, codes = worker.pace, len({(rung.level, rung.springs, rung.integrator) for rung in rungs})
+        left = (budget.end(pace) - time.perf_counter()) / pace
+        beside = max(0, codes - TRIED) * overheads.fresh + len(rungs) * overheads.known
+        share = fitting(rungs, base, costs, repeats, SAFE * max(left - beside, RUNNING * left))
+        if abs(share - 1.0) >= SAME and reduction:
+            tell(f"a copy {share:.2g} times as costly")
+            base, rungs, reduction, alone = maker.made(share * part * SECONDS, verify)
+            costs = replace(costs, scale=share)
     except Overdue:
-        raise budget.refuse("it was over before any rung was timed", worker.started + budget.spent()) from None
-    pace, codes = worker.pace, len({(rung.level, rung.springs, rung.integrator) for rung in rungs})
-    left = (budget.end(pace) - time.perf_counter()) / pace
-    beside = max(0, codes - TRIED) * overheads.fresh + len(rungs) * overheads.known
-    room = max(left - beside, RUNNING * left)
-    share = fitting(rungs, base, costs, repeats, SAFE * room)
-    if abs(share - 1.0) >= SAME and not (share > 1.0 and not reduction):
-        tell(f"a copy {share:.2g} times as costly")
-        base, rungs, reduction, alone = _made(scene, folder, plugins, verify, share * part * SECONDS, worker, part < 1.0)
-        costs = replace(costs, scale=share)
+        why = "it was over before the scene was built and its costliest rungs were timed; what was compiled till then is kept"
+        raise budget.refuse(why, budget.spent()) from None
     return Stage(base, rungs, reduction, alone, costs, overheads)
 
 
-def _made(
-    scene: Scene, folder: Path, plugins: Sequence[str | Path], verify: bool, most: float, worker: Worker, few: bool
-) -> tuple[Base, list[Rung], list[str], bool]:
-    """A copy that integrates in `most` seconds as the scene asks, saved: its base, its ladder, what it leaves out, `alone`.
+@dataclass(frozen=True)
+class _Maker:
+    """Asks the worker for copies of a scene: building and compiling them ends with the budget there."""
+
+    worker: Worker
+    scene: Path
+    settings: Mapping[str, Any]
+    folder: Path
+    plugins: Sequence[str | Path]
+    few: bool
+    budget: Budget
+
+    def made(self, most: float, verify: bool) -> tuple[Base, list[Rung], list[str], bool]:
+        """A copy that integrates in `most` seconds as the scene asks, saved: its base, its ladder, what it leaves out, `alone`.
+
+        Raises Overdue, and ThirdbodyError for what cannot be built.
+        """
+        from thirdbody.laws.registry import discover
+
+        until = self.budget.end(self.worker.pace)
+        job = request(self.scene, self.folder, self.settings, self.plugins)
+        told = self.worker.ask({"do": "make", "most": most, "few": self.few, **job}, until)
+        if not told["stable"]:
+            raise told_error(told)
+        base, reduction, copy = Base(**told["base"]), told["reduction"], Scene.load(self.folder / SCENE_FILE)
+        if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
+            base = replace(base, step=self._smallest_step(base.step, until))
+            reduction.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
+        family = discover(tuple(self.plugins)).families[copy.contact.law]
+        return base, ladder(copy, family, base, verify), reduction, told["alone"]
+
+    def _smallest_step(self, first: float, until: float) -> float:
+        """The smallest time step, s, that a run of the saved scene with an automatic one takes; `first` if it does not end."""
+        from thirdbody.output.run import open_run
+
+        place = self.folder / RUNGS / "automatic_step"
+        job = request(self.folder / SCENE_FILE, place, {}, self.plugins)
+        if not self.worker.ask({"do": "run", **job}, until)["stable"]:
+            return first
+        with open_run(place) as run:
+            return min(first, float(run.summary()["time_step_limit"]["smallest"]))
+
+
+def told_error(told: Mapping[str, Any]) -> ThirdbodyError:
+    """The error of a request that failed, of the kind that has its exit code."""
+    kinds = {kind.exit_code: kind for kind in (UsageError, InputError, OutputError)}
+    return kinds.get(told.get("exit_code", 1), ThirdbodyError)(told["message"])
+
+
+def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], most: float, few: bool) -> dict[str, Any]:
+    """Reduce a scene until it integrates in `most` seconds, and save the copy in a study's folder: what a worker does.
 
     `few`: with few frames, which take longer to write than a short run to integrate.
     """
     copy, built, reduction = reduced(scene, plugins, most)
     changes, words = coarsened(copy, built) if few else ({}, [])
-    copy, reduction = copy.with_settings(changes) if changes else copy, [*reduction, *words]
-    alone = copy.domain.size != scene.domain.size and built.state.world.debris_meets
     base = base_of(copy, built, plugins)
-    save(copy, folder)
-    if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
-        base = replace(base, step=_smallest_step(worker, folder, plugins, base.step))
-        reduction.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
-    return base, ladder(copy, built.choice.family, base, verify), reduction, alone
+    alone = copy.domain.size != scene.domain.size and bool(built.state.world.debris_meets)
+    save(copy.with_settings(changes) if changes else copy, folder)
+    return {"base": vars(base), "reduction": [*reduction, *words], "alone": alone}
 
 
 def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> Base:
@@ -105,17 +150,6 @@ def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> B
         explicit = prepare(scene.with_settings(other), plugins, force=True)
     tolerance = scene.solver.tolerance or Accuracy().tolerance
     return Base(built.plan.kind, built.choice.level, springs, explicit.state.dt, tolerance)
-
-
-def _smallest_step(worker: Worker, folder: Path, plugins: Sequence[str | Path], first: float) -> float:
-    """The smallest time step, s, that a run of the saved scene with an automatic one takes; `first` if it does not end."""
-    from thirdbody.output.run import open_run
-
-    place = folder / RUNGS / "automatic_step"
-    if not worker.ask({"do": "run", **request(folder / SCENE_FILE, place, {}, plugins)})["stable"]:
-        return first
-    with open_run(place) as run:
-        return min(first, float(run.summary()["time_step_limit"]["smallest"]))
 
 
 def _absolute(scene: Scene, file: str | list[str]) -> str | list[str]:

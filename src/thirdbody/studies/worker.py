@@ -1,11 +1,12 @@
 """Computes rungs in a process of its own, `python -m thirdbody.studies.worker`: requests and answers are lines of JSON.
 
 A request holds what to `do`, the `scene` (file), the `changes` to it, `plugins`, the `folder` for the run and the `limit` (s of
-one core for one run). `run` compiles the rung by a run that ends at once and then runs it into its folder; `time` integrates it
-again. Timed is the integration alone, from stop to stop (`clock.bare`): neither compiling, nor building the scene, nor what is
-done at an output, which is the same for all. One thread computes, so its seconds of processor time are told beside those of the
-wall: on a machine that does nothing else they are the same, on a busy one they still tell what a rung costs. All rungs of a study
-are asked of one process and in turns, so that what disturbs the machine for a while disturbs all of them.
+one core for one run). `make` saves a smaller copy of the scene in the folder; `run` compiles the rung by a run that ends at once
+and then runs it into its folder; `time` integrates it again. Timed is the integration alone, from stop to stop (`clock.bare`):
+neither compiling, nor building the scene, nor what is done at an output, which is the same for all. One thread computes, so its
+seconds of processor time are told beside those of the wall: on a machine that does nothing else they are the same, on a busy one
+they still tell what a rung costs. All rungs of a study are asked of one process and in turns, so that what disturbs the machine
+for a while disturbs all of them.
 """
 
 from __future__ import annotations
@@ -69,12 +70,17 @@ def timed(scene: Scene, plugins: Sequence[str], limit: float) -> dict[str, Any]:
 
 def answer(request: Mapping[str, Any]) -> dict[str, Any]:
     """What came of a request; one that failed has a `message` and is not `stable`. `compile_s`: of its first, empty run."""
+    from .stage import make_copy
+
     began, folder, limit = time.process_time(), Path(request["folder"]), float(request["limit"])
     found: dict[str, Any] = {"stable": False, "message": ""}
     try:
         scene = Scene.load(request["scene"])
         scene = scene.with_settings(request["changes"]) if request["changes"] else scene
-        if request["do"] == "time":
+        if request["do"] == "make":
+            copied = make_copy(scene, folder, request["plugins"], request["most"], request["few"])
+            found |= copied | {"stable": True}
+        elif request["do"] == "time":
             found |= timed(scene, request["plugins"], limit)
         else:
             folder.parent.mkdir(parents=True, exist_ok=True)
@@ -84,7 +90,7 @@ def answer(request: Mapping[str, Any]) -> dict[str, Any]:
     except Late:
         found |= {"stable": False, "message": f"given up after {limit:.3g} s of one core"}
     except ThirdbodyError as error:
-        found |= {"stable": False, "message": str(error)}
+        found |= {"stable": False, "message": str(error), "exit_code": error.exit_code}
     return found | {"used_cpu": time.process_time() - began}
 
 
