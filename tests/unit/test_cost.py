@@ -485,6 +485,7 @@ def test_short_rungs_are_timed_until_their_spread_is_small(monkeypatch):
 def test_medians_and_how_far_they_may_be_off():
     assert timing([2.0]) == (2.0, 1.0)  # one alone tells a factor of two
     assert timing([1.0, 2.0, 4.0]) == (2.0, 1.5)  # half the range of a few
+    assert timing([2.0, 2.0]) == (2.0, 0.5)  # that two agree may be chance
     many = timing([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0])
     assert many.seconds == 5.0 and many.half == pytest.approx(1.57 * 4.0 / 3.0, rel=1e-12)
     assert timing([1.0] * 9).half == 0.03  # what repeats in one process cannot tell

@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 LONE = 0.5
-"""Relative uncertainty of a single timing: the same run on a busy machine varies by that much."""
+"""Relative uncertainty of a single timing: the same run on a busy machine varies by that much. Of n of them, fewer than FEW, it
+is at least LONE/n: that they agree may be chance."""
 
 FLOOR = 0.03
 """Relative uncertainty that repeats do not lower: the layout of memory alone changes times by some per cent."""
@@ -39,7 +40,7 @@ def timing(values: Sequence[float]) -> Timing:
     if n == 1:
         return Timing(middle, LONE * middle)
     if n < FEW:
-        half = 0.5 * (max(values) - min(values))
+        half = max(0.5 * (max(values) - min(values)), LONE * middle / n)
     else:
         low, _, high = statistics.quantiles(values, n=4, method="inclusive")
         half = 1.57 * (high - low) / math.sqrt(n)
