@@ -6,6 +6,7 @@ import csv
 import json
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -121,6 +122,13 @@ def test_runs_of_earlier_versions_are_named_from_their_scene(tmp_path):
         assert run.population_names == ["bronze (irregular)", "alumina (spheres)", "alumina (spheres) 2"]
     with thirdbody.open(write(tmp_path / "none", scene_text="[nonsense")) as run:  # no names at all: numbers, and no failure
         assert [row["name"] for row in states_by_group(run)["population"]] == ["0", "1", "2"]
+
+
+def test_contacts_of_bodies_that_are_not_there_are_told_as_damage(folder):
+    with h5py.File(folder / "run.vtkhdf", "r+") as file:
+        file["VTKHDF/contacts/PointData/body"][...] = 10**6
+    with thirdbody.open(folder) as run, pytest.raises(InputError, match="damaged at bodies and contacts"):
+        run.summary()
 
 
 def test_a_scene_names_its_populations():

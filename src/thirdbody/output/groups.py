@@ -11,6 +11,7 @@ import numpy as np
 from thirdbody.kernels.layout import LOWER, UPPER
 
 from .quantities import GLUE, percent, told
+from .soundness import damage_told
 
 if TYPE_CHECKING:
     from .run import Run
@@ -77,7 +78,13 @@ def states_by_group(run: Run, frame: int = -1) -> dict[str, list[dict[str, Any]]
     """
     if not run.frames or not run.has_states:
         return {}
-    bodies = run.bodies(frame)
+    bodies = run.bodies(frame)  # IndexError for a frame that the run has not
+    with damage_told(run.path, "bodies and contacts"):
+        return _rows_of_groups(run, bodies, frame)
+
+
+def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict[str, list[dict[str, Any]]]:
+    """The rows of `states_by_group`."""
     load = _load_shares(run, frame, len(bodies["state"]))
     found: dict[str, list[dict[str, Any]]] = {}
     for group in groups_of(run, bodies):

@@ -143,7 +143,8 @@ class Run:
         """The friction coefficient of the run: `value`, `error`, `verdict` on whether it is stationary, and more."""
         from thirdbody.output.friction import friction_of
 
-        return friction_of(self)
+        with damage_told(self.path, "the series of friction"):
+            return friction_of(self)
 
     @cached_property
     def cycles(self) -> dict[str, np.ndarray]:
@@ -153,7 +154,8 @@ class Run:
         """
         from thirdbody.output.friction import friction_cycles
 
-        return friction_cycles(self)
+        with damage_told(self.path, "the series of friction"):
+            return friction_cycles(self)
 
     def bodies(self, frame: int = -1) -> dict[str, np.ndarray]:
         """Arrays of the bodies (clumps) by name, one row per body: `position`, `quaternion`, `state`, ..."""
