@@ -145,7 +145,7 @@ COMMANDS: dict[str, list[str]] = {
 }
 
 
-def _drawn_here(job: dict, windows: list[str | None]) -> None:
+def _drawn_here(job: dict, windows: list[str | None], report: object = None) -> None:
     """What `render` has drawn by a second process, which would cost seconds; windows are chosen when the worker starts."""
     from thirdbody.output.reel import draw_run
 
