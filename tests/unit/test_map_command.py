@@ -12,7 +12,7 @@ import pytest
 from thirdbody_three_spot import regime_map
 from thirdbody_three_spot.regime_map import COLORS, MapPoint, draw_map, map_numbers, regime
 
-from thirdbody import cli
+from thirdbody import cli, cli_group
 from thirdbody.output.palette import STATE_COLORS
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
@@ -24,7 +24,7 @@ def command(monkeypatch, capsys, tmp_path):
     """Run `thirdbody map` as pyproject.toml declares it, installed or not; gives exit code, out and err."""
     declared = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["entry-points"][GROUP]
     points = [EntryPoint(name, value, GROUP) for name, value in declared.items()]
-    monkeypatch.setattr(cli, "entry_points", lambda group: points if group == GROUP else [])
+    monkeypatch.setattr(cli_group, "entry_points", lambda group: points if group == GROUP else [])
     monkeypatch.chdir(tmp_path)
 
     def run(*words):
