@@ -92,7 +92,7 @@ def run_report(folder: Path, json: bool) -> None:
             # the full reason ends the command, on standard error
             rows.insert(0, ("finished", f"no: {told['stopped'].split(' ')[0]} after {told['frames']} frame(s), kept"))
         table("", ("", ""), rows)
-        print_warnings([*filter(None, [yield_warning(told)]), *ending_warnings(told)])
+        print_warnings([*filter(None, [yield_warning(told), told.get("energy_verdict")]), *ending_warnings(told)])
 
 
 def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

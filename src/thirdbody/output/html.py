@@ -42,7 +42,8 @@ def _rows(run: Run) -> list[tuple[str, str]]:
     if "fractions" in figures:
         rows += [("states at the end", _states(figures["fractions"]))]
     if figures.get("energy_residual") is not None:
-        rows += [("energy residual", f"{figures['energy_residual']:.1e} of the work")]
+        why = f"; {escape(figures['energy_verdict'])}" if "energy_verdict" in figures else ""
+        rows += [("energy residual", f"{figures['energy_residual']:.1e} of the work{why}")]
     return rows
 
 

@@ -155,6 +155,8 @@ def headline(sheet: Sheet) -> list[str]:
         lines.append(f"Not finished, {sheet.frames} frame{'s' if sheet.frames > 1 else ''} kept: {why}")
     elif sheet.summary.get("stopped"):
         lines.append(f"Stopped after {sheet.frames} frame{'s' if sheet.frames > 1 else ''}: {sheet.summary['stopped']}")
+    if "energy_verdict" in sheet.summary:
+        lines.append(sheet.summary["energy_verdict"])
     return [line for text in lines for line in textwrap.wrap(text[:1].upper() + text[1:], LETTERS)]
 
 

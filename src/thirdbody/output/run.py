@@ -19,6 +19,7 @@ import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.output.block_reader import BlockReader
+from thirdbody.output.energy_verdict import energy_verdict
 from thirdbody.output.named import Named
 from thirdbody.output.schema import BLOCKS, POSITION, STATIC_TEXT, SUMMARY_TEXT, Frame
 from thirdbody.output.soundness import damage_told, refuse_unsound
@@ -232,11 +233,14 @@ class Run:
         `friction_verdict` (value, error and verdict of `friction`), of strokes `cycles` and `energy_per_cycle` (J),
         `fractions` (state name to share, last frame), the same by `populations`, `materials` and `sizes` (lists as
         `output.groups.states_by_group` gives them); of a run that came to its end also what it stored, among it
-        `energy_residual`, relative, `peak_pressure` (Pa, largest over contacts and frames) and `first_yield` (its `ratio` to the
-        pressure at first yield, `assumed` yield strength or not). Figures that the run has no series for are absent.
+        `energy_residual`, relative, with `energy_verdict` where it is too large (the likely reason, else absent),
+        `peak_pressure` (Pa, largest over contacts and frames) and `first_yield` (its `ratio` to the pressure at first yield,
+        `assumed` yield strength or not). Figures that the run has no series for are absent.
         """
         stored = self._text(SUMMARY_TEXT) if SUMMARY_TEXT in self._scene else {}
-        return self._figures() | {"finished": SUMMARY_TEXT in self._scene} | dict(stored)
+        told = self._figures() | {"finished": SUMMARY_TEXT in self._scene} | dict(stored)
+        verdict = energy_verdict(told, str(self.header.get("scene_text", "")))
+        return told if verdict is None else told | {"energy_verdict": verdict}
 
     def _figures(self) -> dict[str, Any]:
         from thirdbody.output.groups import states_by_group

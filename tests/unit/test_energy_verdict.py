@@ -1,0 +1,33 @@
+"""What is said of a run whose energy balance does not close."""
+
+from __future__ import annotations
+
+import pytest
+
+from thirdbody.output.energy_verdict import energy_verdict
+
+SOUND = {
+    "integrator": "explicit", "time_step": 2e-9, "time_step_limit": {"smallest": 1e-9}, "energy_residual": 4e-3,
+    "energy": {"damping": 0.0, "friction": 1.0},
+}  # fmt: skip
+FIXED = '[solver]\ntime_step = "2 ns"\n'
+
+
+@pytest.mark.parametrize("residual", [None, 0.0, 9.9e-4])
+def test_a_balance_that_closes_or_is_not_known_is_not_spoken_of(residual):
+    assert energy_verdict(SOUND | {"energy_residual": residual}) is None
+
+
+@pytest.mark.parametrize(
+    "facts, scene, words",
+    [
+        ({}, FIXED, ("the time step is 2 times the automatic one", 'solver.time_step = "5e-10 s"')),
+        ({}, "", ("4.0e-03 of the largest energy", "too long for some impact or contact", 'solver.time_step = "5e-10 s"')),
+        ({"energy": {"damping": 3.0, "friction": 1.0}}, "", ("dashpots take 75 % of what is lost", "5e-10 s")),
+        ({"integrator": "implicit"}, "", ("solver.tolerance",)),
+        ({"time_step": None, "time_step_limit": None, "energy": None}, "not TOML", ("smaller solver.time_step",)),
+    ],
+)
+def test_the_reason_follows_from_the_facts(facts, scene, words):
+    told = energy_verdict(SOUND | facts, scene)
+    assert told is not None and all(word in told for word in words), told
