@@ -71,7 +71,7 @@ def exact(c, load, p, h, w, w_new):
     if not (d > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
         for i in range(len(w_new)):
             w_new[i] = 0.0
-        return Tangential(0.0, 0.0, limit, p.kappa * max(d, 0.0), 0.0, 0.0, 0.0), (max(d, 0.0), 0.0)
+        return Tangential(0.0, 0.0, limit, p.kappa * max(d, 0.0), 0.0, 0.0, 0.0), (max(d, 0.0), 0.0, 0.0, 0.0)
     step, _, kept = step_of(c, load, p, h)
     n = int(h[1])
     modulus = p.g_star * load.contact_radius / math.sqrt(d)
@@ -90,8 +90,9 @@ def exact(c, load, p, h, w, w_new):
     # a patch that slides one way has two nodes left: then the force is the limit to the last digit
     share = limit / max(size, 1e-300) if (slip > 0.0 and count == 2) or size > limit else 1.0
     stored = modulus * field_energy(w_new, count, 0.0)
-    answer = Tangential(share * x, share * y, limit, p.kappa * d, slip, stored, dissipated + 2.0 * modulus * loss)
-    return answer, (d, float(count))
+    x, y = share * x, share * y
+    answer = Tangential(x, y, limit, p.kappa * d, slip, stored, dissipated + 2.0 * modulus * loss)
+    return answer, (d, float(count), x, y)
 
 
 @helper
@@ -196,7 +197,7 @@ EXACT = Law(
     parameters=ExactParameters,
     mix=mix_exact,
     options=(RENEWAL,),
-    history=("overlap", "nodes"),
+    history=("overlap", "nodes", "force_x", "force_y"),
     field=WIDTH,
     rolls=True,
     source="Aleshin et al. 2015; Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact",

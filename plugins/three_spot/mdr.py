@@ -105,7 +105,7 @@ def segment(w, n, spacing, radius, before, after, slip_x, slip_y, bound, back):
 @kernel
 def springs(c, load, p, h, w, w_new):
     """Force, energies and the new row of springs after a straight step from the overlap and the spacing in h."""
-    before, spacing = h
+    before, spacing = h[0], h[1]
     n = len(w) // 2
     for i in range(2 * n):
         w_new[i] = w[i]
@@ -142,8 +142,9 @@ def springs(c, load, p, h, w, w_new):
     stiffness = 2.0 * p.g_star * spacing
     stored = 0.5 * stiffness * squares(w_new)
     limit = p.mu * load.force
-    answer = Tangential(stiffness * x, stiffness * y, limit, p.kappa * c.overlap, slip + middle, stored, energy)
-    return answer, (c.overlap, spacing)
+    x, y = stiffness * x, stiffness * y
+    answer = Tangential(x, y, limit, p.kappa * c.overlap, slip + middle, stored, energy)
+    return answer, (c.overlap, spacing, x, y)
 
 
 @kernel
@@ -175,7 +176,7 @@ MDR = Law(
     parameters=SpringParameters,
     mix=mix_springs,
     options=(Option("springs", "dimensionless", 32.0, low=4.0, high=512.0, doc="springs per contact, an even number"), RENEWAL),
-    history=("overlap", "spacing"),
+    history=("overlap", "spacing", "force_x", "force_y"),
     field=width,
     rolls=True,
     source="Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact, Eqs. 11-13",

@@ -185,10 +185,10 @@ class Done:
     answer: Answer
 
 
-def interact(
-    S: list[list[float]], i: int, j: int, kind: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings
-) -> Done:
-    """Forces of a closed contact; `memory` (a row of H) is brought up to date."""
+def asked(
+    S: list[list[float]], i: int, j: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings
+) -> tuple[Frame, Contact, Turn]:
+    """What a contact tells its laws."""
     frame = frame_of(S, i, j, world)
     carry(frame, memory, world.dt)
     n, e, d = frame.n, frame.e, frame.d
@@ -196,8 +196,21 @@ def interact(
     turn, roll = rolling(S, i, j, frame, world) if turns else (Turn(0.0, 0.0, 0.0, 0.0), 0.0)
     told = Contact(frame.overlap, frame.radius, frame.mass, dot(end, n), dot(slip, e) * world.dt, dot(slip, d) * world.dt,
                    dot(end, e), dot(end, d), roll if laws.rolls else 0.0)  # fmt: skip
+    return frame, told, turn
+
+
+def interact(
+    S: list[list[float]], i: int, j: int, kind: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings
+) -> Done:
+    """Forces of a closed contact; `memory` (a row of H) is brought up to date."""
+    frame, told, turn = asked(S, i, j, memory, laws, turns, world)
+    n, e, d = frame.n, frame.e, frame.d
     many = sum(len(law.memory()) for law in laws.laws)
     answer = laws.ask(told, turn, kind, memory[at.H_LAW : at.H_LAW + many])
+    old = memory[at.H_LAW : at.H_LAW + many]
+    if laws.force is not None:
+        taken = laws.friction_takes(memory[at.H_STORED], answer.stored_t, old, answer.memory, told, turn)
+        answer.work += taken - answer.lost
     f, x, y = answer.normal, answer.x, answer.y
     force = tuple(f * n[k] + x * e[k] + y * d[k] for k in range(3))
     moment = added(scaled(e, answer.moment[0]), d, answer.moment[1])
@@ -218,9 +231,13 @@ def torques(S: list[list[float]], i: int, j: int, frame: Frame, friction: tuple[
     return scaled(turning, half - S[i][at.S_R]), scaled(turning, half - S[j][at.S_R]) if j >= 0 else none
 
 
-def let_go(memory: list[float]) -> float:
+def let_go(S: list[list[float]], i: int, j: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings) -> float:
     """Wipe the memory of a contact that has opened; the energy that it lost, J."""
     lost = memory[at.H_STORED]
+    if laws.force is not None:
+        _, told, turn = asked(S, i, j, memory, laws, turns, world)
+        old = memory[at.H_LAW :]
+        lost = laws.friction_takes(lost, 0.0, old, [0.0] * len(old), told, turn)
     memory[:] = [0.0] * len(memory)
     return lost
 

@@ -42,6 +42,7 @@ class Answer:
     memory: list[float]
     moment: tuple[float, float]
     moment_limit: float
+    lost: float  # part of the work that is of friction
 
 
 class Laws:
@@ -53,6 +54,17 @@ class Laws:
         self.width = max(sum(len(law.parameters._fields) for law in laws), 1)  # type: ignore[attr-defined]
         self.rolls = any(law.rolls for law in laws)
         self.turns = any(law.stage == "rolling" for law in laws)
+        names = [name for law in laws for name in law.memory()]
+        self.force = names.index("force_x") if "force_x" in names else None
+        self.moment = names.index("moment_x") if "moment_x" in names else None
+
+    def friction_takes(self, stored: float, after: float, old: list[float], new: list[float], told: Contact, turn: Turn) -> float:
+        """What the mean of the forces at both ends of a step does beyond what the springs store more than before, J."""
+        moved = [(self.force, told.slip_x, told.slip_y), (self.moment, turn.x, turn.y)]
+        for at_force, x, y in moved:
+            if at_force is not None:
+                stored -= 0.5 * ((old[at_force] + new[at_force]) * x + (old[at_force + 1] + new[at_force + 1]) * y)
+        return max(stored - after, 0.0)
 
     def ask(self, contact: Contact, turn: Turn, kind: int, memory: list[float]) -> Answer:
         """Forces and the new memory of a contact of this kind; `memory` is not changed."""
@@ -105,7 +117,7 @@ def ask(law: Law, seen: tuple[Any, ...], p: Any, before: list[float]) -> tuple[A
 def together(contact: Contact, turn: Turn, load: Load, called: dict[str, Any], pulls: list[Any], memory: list[float]) -> Answer:
     """The stages added up: dashpots fitted into their limits, works and powers."""
     normal = called["normal"]
-    force, stored, work = load.force, normal.stored, normal.dissipated
+    force, stored, work, lost = load.force, normal.stored, normal.dissipated, 0.0
     power = -(load.force - load.elastic) * contact.v_n if "damping" in called else 0.0
     for pull in pulls:
         force += pull.force
@@ -115,7 +127,7 @@ def together(contact: Contact, turn: Turn, load: Load, called: dict[str, Any], p
     if "tangential" in called:
         t = called["tangential"]
         x, y, limit, critical, slip, stored_t = t.x, t.y, t.limit, t.critical, t.slip, t.stored
-        work += t.dissipated
+        work, lost = work + t.dissipated, t.dissipated
         if "tangential_damping" in called:
             x, y, spent = fitted(x, y, called["tangential_damping"], contact.v_x, contact.v_y, limit)
             power -= spent
@@ -125,10 +137,10 @@ def together(contact: Contact, turn: Turn, load: Load, called: dict[str, Any], p
         m_x, m_y, spent = fitted(r.x, r.y, r.viscosity, turn.w_x, turn.w_y, r.limit)
         power -= spent
         stored_t += r.stored
-        work += r.dissipated
+        work, lost = work + r.dissipated, lost + r.dissipated
         moment, moment_limit = (m_x, m_y), r.limit
     return Answer(force, x, y, load.force, limit, critical, slip, normal.contact_radius, stored, stored_t, work, power, memory,
-                  moment, moment_limit)  # fmt: skip
+                  moment, moment_limit, lost)  # fmt: skip
 
 
 def fitted(x: float, y: float, viscosity: float, v_x: float, v_y: float, limit: float) -> tuple[float, float, float]:

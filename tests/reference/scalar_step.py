@@ -133,7 +133,8 @@ class Reference:
                 self.push(k, done)
             elif self.memory[self.pairs[k]][at.H_ON] != 0.0:
                 self.opened += 1
-                lost = let_go(self.memory[self.pairs[k]])
+                i, j = self.pairs[k]
+                lost = let_go(self.S, i, j, self.memory[i, j], self.laws, self.physics.rolling > 0, world)
                 self.lost += lost
                 total.work += lost
                 self.lose(k, lost)

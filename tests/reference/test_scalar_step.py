@@ -371,10 +371,10 @@ def first_chunk(_: Reference, powers: list[list[float]]) -> float:
     return sum(power for body in powers[:BODIES] for power in body)
 
 
-def forgotten(memory: list[float]) -> float:
+def forgotten(S: Any, i: int, j: int, memory: list[float], *_: Any) -> float:
     """A contact that opens without a loss."""
-    memory[at.H_STORED] = 0.0
-    return scalar_contact.let_go(memory)
+    memory[:] = [0.0] * len(memory)
+    return 0.0
 
 
 def turned_round(v: Any, w: Any, r: Any) -> Any:

@@ -119,12 +119,11 @@ def test_undamped_impacts_make_no_energy(make, nu, friction, count):
 
 @pytest.mark.parametrize("friction, degrees", [(1.0, 36), (1e3, 76), (0.1, 36)])
 def test_ledger_of_an_impact_converges(make, friction, degrees):
-    counts = np.array([50, 100, 200, 400])
-    residuals = [abs(undamped(make, 0.1, friction, degrees, count)[1]["residual"]) for count in counts]
-    slope = -np.polyfit(np.log(counts), np.log(residuals), 1)[0]
-    # the law's work is that of the force at the end of each step: first order
-    assert slope > 0.9
-    assert residuals[-1] < CLOSED
+    """Friction takes the work of the mean force of a step, which is what bodies exchange: only truncation is left."""
+    residuals = [abs(undamped(make, 0.1, friction, degrees, count)[1]["residual"]) for count in (50, 100, 200)]
+    # measured up to 1.7e-4 at 50 steps and 2e-5 at 100; the work of the force at the end of a step would be off to first order
+    assert residuals[0] < CLOSED
+    assert residuals[1] < 1e-4 and residuals[2] < 1e-4
 
 
 def test_damped_impact_loses_what_its_restitution_says(make):

@@ -33,7 +33,9 @@ class Ledger:
     """Closes the energy balance: plate work + effects = change of stored energy + dissipation + residual.
 
     The residual is divided by max(sum of |plate work increments|, largest stored plus kinetic energy). Velocity Verlet has
-    no loss of its own that could be told apart from truncation: its `numerical` is zero, and truncation is the residual.
+    no loss of its own that could be told apart from truncation: its `numerical` is zero, and truncation is the residual. What
+    friction takes there is the work of the mean force of each step (`kernels.booking`), so that the residual tells of springs and
+    dashpots in the normal direction, of rotations, and of laws that make energy.
     Backward Euler damps; what it loses is computed in every step and stands on the line `numerical`.
     """
 

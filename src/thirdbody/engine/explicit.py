@@ -156,7 +156,8 @@ class Explicit:
             s.S, s.B, s.E, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, self.ahead,
             self.room, self.marks, self.rows, self.moved,
-            len(physics.history), physics.rolling, at.C_MEMORY + physics.contact_memory, int(physics.has_effects),
+            len(physics.history), physics.rolling, *physics.remembered_forces,
+            at.C_MEMORY + physics.contact_memory, int(physics.has_effects),
             self.law, self.effects, self.observe, self.work,
         )  # fmt: skip
         if self.known is None or any(map(operator.is_not, now, self.known)):

@@ -80,12 +80,13 @@ class World:
 @dataclass(frozen=True)
 class Physics:
     """Compiled laws and effects with their parameters; `kinds[a, b]` is the row of `pairs` for two materials, -1 if none.
-    `rolling`: what contacts need of the relative rotation (`kernels.rolling`)."""
+    `rolling`: what contacts need of the relative rotation (`kernels.rolling`). `remembered_forces`: `Chain`."""
 
     law: Callable
     stiffness: Callable | None
     history: tuple[str, ...]
     rolling: int
+    remembered_forces: tuple[int, int]
     pairs: Array
     kinds: Ints
     effects: Callable

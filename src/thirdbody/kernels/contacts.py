@@ -11,15 +11,13 @@ import numpy as np
 from numba import njit
 
 from .bodies import arm_of
-from .four import LANES, LINE, all_below, below, crossed, get, lane, load, of, spread, store, transposed, where_above, with_last
+from .booking import book, book_opened
+from .four import LANES, LINE, all_below, below, crossed, get, lane, load, spread, store, transposed, where_above, with_last
 from .gaps import measure_pairs, measure_plates, sort_out
 from .layout import (
     B_F,
     B_T,
-    B_WORK,
     E_PUSH,
-    F_F,
-    F_T,
     G_ARM_I,
     G_ARM_J,
     G_COLS,
@@ -48,7 +46,6 @@ from .layout import (
     O_TX,
     O_TY,
     O_WORK,
-    P_V,
     Q_COLS,
     R_A,
     R_CRITICAL,
@@ -72,19 +69,17 @@ from .layout import (
     S_V,
     TILE,
 )  # fmt: skip
-from .memory import keep, release
+from .memory import keep
+from .opening import SHARE, hand_out, let_go, stage
 from .options import BARE, BARE_CHUNK
 from .periodic import inverse
-from .rolling import MOMENTS, add_moments, record_rolling, stage_rolling
-from .staging import SPARE, meet, push, slide, stage_pairs, stage_plate, turn_frames
+from .rolling import MOMENTS, add_moments, record_rolling
+from .staging import SPARE, push
 from .surface import partner_velocity, surface_velocity
 
 GROUP = 8
 """Chunks of bodies per group. What a group works on lies in the near cache until it is done: 16 take as long, 4 take 5 to 8 %
 longer, since more contacts are between groups."""
-
-SHARE = 0.5
-"""Of friction work between two bodies, for each."""
 
 LIGHT = 8
 """Numbers that a light law remembers at most. One contact of it takes as long as eight, which are one vector, so that tiles are
@@ -107,35 +102,10 @@ def room_for(n_history, longest):
 
 
 @njit(**BARE)
-def let_go(o, opened, own, partner, body, outer, H, B, F):
-    """Release o contacts that were closed; returns what was lost. One that opened a step ago has nothing left: what it handed to
-    another group then must go."""
-    total = 0.0
-    for e in range(o):
-        k = np.int64(opened[e])
-        lost = release(k, H)
-        total += lost
-        share = lost if partner[k] < 0 else SHARE * lost
-        B[body[own[k]], B_WORK] += share
-        if outer[k] >= 0:
-            hand_out(outer[k], of(0.0, 0.0, 0.0, share), spread(0.0), F)
-        elif partner[k] >= 0:
-            B[body[partner[k]], B_WORK] += share
-    return total
-
-
-@njit(**BARE)
 def push_body(b, B, force, torque):
     """Add a force and a torque, with friction work and slip behind them, to those on body b."""
     store(B, b, B_F, load(B, b, B_F) + force)
     store(B, b, B_T, load(B, b, B_T) + torque)
-
-
-@njit(**BARE)
-def hand_out(f, force, torque, F):
-    """Leave a force and a torque in row f for whoever sums the forces on the body."""
-    store(F, f, F_F, force)
-    store(F, f, F_T, torque)
 
 
 @njit(**BARE)
@@ -306,18 +276,9 @@ def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
     R[k, R_VJ], R[k, R_VJ + 1], R[k, R_VJ + 2] = b
 
 
-@njit(**BARE)
-def stage_plates(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history):  # noqa: E741
-    """Put the contacts with plates, slots[first:first + n], into the first places; their overlaps stand in `g`."""
-    for q in range(n):
-        k = slots[first + q]
-        rise = P[max(-partner[k] - 2, 0), P_V]
-        stage_plate(q, k, g[k - start], own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history)
-
-
 @njit(**BARE_CHUNK)
 def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, E, P, H, F, R, sums, law, pairs, dt,
-                  v_x, v_y, l_x, l_y, n_history, rolling, observed, room, marks):  # fmt: skip
+                  v_x, v_y, l_x, l_y, n_history, rolling, force, moment, observed, room, marks):  # fmt: skip
     """The candidate slots first to last act on their bodies; sums into row c: filter by gap, then the law in tiles.
 
     `flat`: all of them are with plates; else all are between spheres. `room`, `marks`: scratch (`room_for`).
@@ -334,21 +295,24 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
     sums[c, SUM_STORED_N] = sums[c, SUM_STORED_T] = 0.0
     store(sums, c, SUM_UP, spread(0.0))
     store(sums, c, SUM_LOW, spread(0.0))
-    lost, found = let_go(o, opened, own, partner, body, outer, H, B, F), nothing()
+    lost, found = 0.0, nothing()
+    for e in range(o, o + SPARE - 1 if o > 0 else o):
+        opened[e] = opened[o - 1]  # so far it is looked ahead
+    for t in range(0, o, TILE):
+        count = min(TILE, o - t)
+        if force >= 0:
+            stage(count + -count % 4, opened, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y,
+                  n_history, rolling, I, G)  # fmt: skip
+            book_opened(count, force, moment, n_history, I, O, G)
+        lost += let_go(count, opened, t, force >= 0, own, partner, body, outer, H, B, F, O)
     for t in range(0, m, TILE):
         count = min(TILE, m - t)
         filled = count + (-count % LINE if n_history <= LIGHT else 0)  # behind the last one it stands there again
-        if flat:
-            stage_plates(filled, slots, t, g, first, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history)
-        else:
-            stage_pairs(filled, slots, t, own, partner, body, kind, S, B, H, I, G, n_history)
-            meet(filled, dt, l_x, l_y, c_x, c_y, I, G)
-        turn_frames(filled, dt, G)
-        slide(filled, dt, I, G)
-        if rolling > 0:
-            for q in range(filled):
-                stage_rolling(q, slots[t + q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
+        stage(filled, slots, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y, n_history, rolling,
+              I, G)  # fmt: skip
         law(I, O, filled, pairs)
+        if force >= 0:
+            book(filled, force, moment, n_history, I, O, G)
         push(filled, I, O, G)
         if rolling == MOMENTS:
             add_moments(filled, O, G, n_history)

@@ -79,9 +79,9 @@ R_ROLLING_COLS = 34
 # Law tile: input fields (then history), output fields (then history); stride TILE.
 TILE = 64
 I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = range(10)
-(O_FN, O_TX, O_TY, O_LOAD, O_LIMIT, O_CRITICAL, O_SLIP, O_A, O_STORED_N, O_STORED_T, O_WORK, O_POWER, O_HISTORY) = (
-    range(13)
-)
+(O_FN, O_TX, O_TY, O_LOAD, O_LIMIT, O_CRITICAL, O_SLIP, O_A, O_STORED_N, O_STORED_T, O_WORK, O_LOST, O_POWER,
+ O_HISTORY) = range(14)  # fmt: skip
+# O_WORK: all that laws dissipate in the step; O_LOST: the part of it that is friction's, of tangential and rolling laws
 # Behind the history, only if a law asks for it: relative rotation of the step and its rate, travel of the patch; the moment.
 # J_INVERSE, for tangents: one over the length of the step, 0 where nothing moves in time.
 J_X, J_Y, J_RATE_X, J_RATE_Y, J_TRAVEL, J_INVERSE, J_COLS = range(7)
@@ -94,8 +94,9 @@ G_ARM_I, G_ARM_J = 12, 13  # from the centres to the contact point
 G_U, G_W, G_RW = 14, 17, 20  # of the step: relative velocity of the centres; sum of the spins; the same, each times its radius
 G_V, G_O, G_RO = 23, 26, 29  # the same at the end of the step
 G_ON, G_RI, G_RJ, G_MJ = 32, 33, 34, 35  # whether it touched before; radii; mass of the partner's body
+G_STORED = 36  # energy of its tangential and rolling springs before the step
 G_F, G_TI, G_TJ = 14, 17, 20  # then, in place of what is needed no more: force on the owner, torques about the two centres
-G_COLS = 36
+G_COLS = 37
 
 # A: totals since the start of the run (J, N s, m), and the powers of the last step for the trapezoid.
 (A_FRICTION, A_DAMPING, A_PLATE_WORK, A_PLATE_ABS, A_EFFECTS, A_IMPULSE, A_IMPULSE_LOW, A_TIME, A_DISTANCE) = (

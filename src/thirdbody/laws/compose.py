@@ -61,6 +61,23 @@ class Chain:
         return tuple(law.name for law in self.laws if law.tangent is None and law.stage in STIFF)
 
     @property
+    def remembered_forces(self) -> tuple[int, int]:
+        """Places in the history of the tangential force and of the rolling moment; moment -1: no law of that stage. Force -1:
+        there is a law of these stages that does not name what it remembers `force_x, force_y` (`moment_x, moment_y`)."""
+        stages = {law.stage: k for k, law in enumerate(self.laws)}
+        places = []
+        for stage, names in (("tangential", ("force_x", "force_y")), ("rolling", ("moment_x", "moment_y"))):
+            if stage not in stages:
+                places.append(-1)
+                continue
+            law = self.laws[stages[stage]]
+            found = [i for i in range(len(law.history)) if law.history[i : i + 2] == names]
+            if not found:
+                return -1, -1
+            places.append(history_of(self.laws, stages[stage])[0] + found[0])
+        return places[0], places[1]
+
+    @property
     def rolling(self) -> int:
         """What the laws need of the relative rotation: `kernels.rolling.MOMENTS`, 1 for the travel of the patch only, or 0."""
         if any(law.stage == "rolling" for law in self.laws):
@@ -123,7 +140,7 @@ def _call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str
 def _law_function(chain: Sequence[Law]) -> str:
     stages = {law.stage: k for k, law in enumerate(chain)}
     lines = _call(chain, stages["normal"], "c", "n")
-    lines.append("        elastic, stored, work = n.force, n.stored, n.dissipated")
+    lines.append("        elastic, stored, work, lost = n.force, n.stored, n.dissipated, 0.0")
     if "damping" in stages:
         lines += _call(chain, stages["damping"], "c, n", "viscous")
         # clipped: a dashpot may unload the contact but never pull
@@ -150,6 +167,7 @@ def _law_function(chain: Sequence[Law]) -> str:
         "STORED_N": "stored",
         "STORED_T": "stored_t",
         "WORK": "work",
+        "LOST": "lost",
         "POWER": "power",
     }
     lines += [f"        O[{field_of(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
@@ -164,7 +182,7 @@ def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]
         ]
     lines = _call(chain, stages["tangential"], "c, load", "t")
     lines.append("        t_x, t_y, limit, critical, slip, stored_t = t.x, t.y, t.limit, t.critical, t.slip, t.stored")
-    lines.append("        work += t.dissipated")
+    lines.append("        work, lost = work + t.dissipated, t.dissipated")
     if "tangential_damping" in stages:
         k = stages["tangential_damping"]
         lines += _call(chain, k, "c, load", "viscosity")
@@ -178,7 +196,7 @@ def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
     turn = ", ".join(f"I[{field_of(at.I_HISTORY + history + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
     lines = [f"        turn = Turn({turn})", *_call(chain, k, "c, turn, load", "r")]
     lines += _fitted("r.x", "r.y", "r.viscosity", "turn.w", "r.limit", "m")
-    lines += ["        stored_t += r.stored", "        work += r.dissipated"]
+    lines += ["        stored_t += r.stored", "        work, lost = work + r.dissipated, lost + r.dissipated"]
     outputs = {at.Q_X: "m_x", at.Q_Y: "m_y", at.Q_LIMIT: "r.limit"}
     return lines + [f"        O[{field_of(at.O_HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
 

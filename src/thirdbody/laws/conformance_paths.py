@@ -159,7 +159,7 @@ class Bench:
         return I
 
     def call(self, asked: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
-        """Answers (T, 12, TILE) by `kernels.layout` names O_*, and the new history (T, h, TILE)."""
+        """Answers (T, 13, TILE) by `kernels.layout` names O_*, and the new history (T, h, TILE)."""
         I = self.inputs(asked, history)  # noqa: E741
         end = at.O_HISTORY + self.width
         O = np.full((len(I), end + (at.Q_COLS if self.rolling else 0), at.TILE), np.nan)  # noqa: E741

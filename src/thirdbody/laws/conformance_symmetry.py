@@ -30,10 +30,10 @@ ROTATED = 1e-9
 limit."""
 
 FORCES = [at.O_FN, at.O_TX, at.O_TY, at.O_LOAD, at.O_LIMIT, at.O_STORED_N, at.O_STORED_T]
-ENERGIES = (at.O_STORED_N, at.O_STORED_T, at.O_WORK)
+ENERGIES = (at.O_STORED_N, at.O_STORED_T, at.O_WORK, at.O_LOST)
 NAMES = {
     getattr(at, f"O_{name.upper()}"): name
-    for name in ("fn tx ty load limit critical slip a stored_n stored_t work power".split())
+    for name in ("fn tx ty load limit critical slip a stored_n stored_t work lost power".split())
 }
 
 

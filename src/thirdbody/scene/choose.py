@@ -251,6 +251,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Ph
         stiffness=chain.stiffness,
         history=chain.history,
         rolling=chain.rolling,
+        remembered_forces=chain.remembered_forces,
         pairs=np.ascontiguousarray(parameters.ravel()),
         kinds=kinds,
         effects=compose_effects(effects),
