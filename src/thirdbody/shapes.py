@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -78,10 +79,11 @@ def read_shapes(
     """
     from .bodies.mesh import SUFFIXES
 
-    meshes = path.is_dir() or path.suffix.lower() in SUFFIXES
+    folder = os.path.isdir(path)  # that of a path raises for names that are too long
+    meshes = folder or path.suffix.lower() in SUFFIXES
     if meshes and settings:
         raise UsageError("--set replaces values of a scene; a mesh file has --unit, --spheres and --seed")
-    if path.is_dir():
+    if folder:
         return _of_folder(path, unit, spheres, seed)
     if meshes:
         return [mesh_population(path, unit, spheres, seed)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,7 +12,7 @@ from ..bodies.clump import Clump
 from ..bodies.fit import Fit, clump_from_mesh
 from ..bodies.mesh import SUFFIXES, load_mesh
 from ..bodies.mesh import Mesh as Surface
-from ..errors import InputError
+from ..errors import Fault, InputError
 from . import units
 from .debris import Mesh
 from .model import Scene
@@ -58,15 +59,15 @@ def _files(scene: Scene, index: int, debris: Mesh) -> list[tuple[tuple[str | int
     if not isinstance(debris.file, str):
         return [(("file", k), name, scene.beside(name)) for k, name in enumerate(debris.file)]
     path = scene.beside(debris.file)
-    if not path.is_dir():
+    if not os.path.isdir(path):  # that of a path raises for names that are too long
         return [(("file",), debris.file, path)]
     try:
         found = meshes_in(path)
     except OSError as error:
         raise InputError(scene.fault(("debris", index, "file"), f"{path}: cannot be read ({error.strerror})")) from None
     if not found:
-        message = f"the folder {path} holds no mesh file ({', '.join(SUFFIXES)})"
-        raise InputError(scene.fault(("debris", index, "file"), message))
+        empty = Fault("mesh", f"is a folder that holds no mesh file ({', '.join(SUFFIXES)})", str(path))
+        raise InputError(scene.fault(("debris", index, "file"), str(empty)))
     return [(("file",), file.name, file) for file in found]
 
 
