@@ -92,6 +92,7 @@ from .trial import (
     accept,
     momentum_of,
     place,
+    recoil,
 )
 
 GOING, UNSOLVED, TOO_DEEP, TOO_MANY, LEFT, NOT_A_NUMBER = range(6)
@@ -334,6 +335,7 @@ def take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
     (_, B, P, H, R, E), told, sums = state, work[11], work[12]
     for k in range(SUM_COLS):
         sums[0, k] = 0.0
+    told[E_POWER] += recoil(b, m, dt, spots, state, work) / dt
     accept(b, m, v_x, v_y, spots, state, known, work, sums)
     E[b, E_L], E[b, E_L + 1], E[b, E_L + 2] = momentum_of(b, B, E)
     for k in range(3 if E.shape[1] > E_EF else 0):

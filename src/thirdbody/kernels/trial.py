@@ -62,6 +62,7 @@ from .layout import (
     O_HISTORY,
     O_POWER,
     O_SLIP,
+    O_STORED_N,
     O_STORED_T,
     O_TX,
     O_TY,
@@ -75,6 +76,8 @@ from .layout import (
     P_Z,
     Q_X,
     Q_Y,
+    R_FN,
+    R_STORED_N,
     S_ARM,
     S_R,
     T_DL,
@@ -304,6 +307,30 @@ def emptied(q, k, O, H):  # noqa: E741
     if O[O_TX * TILE + q] != 0.0 or O[O_TY * TILE + q] != 0.0 or O[O_STORED_T * TILE + q] != 0.0:
         return 0.0
     return max(H[k, H_STORED] - O[O_WORK * TILE + q], 0.0)
+
+
+@njit(**INNER)
+def recoil(b, m, dt, spots, state, work):
+    """What the dashpots of spots that carried nothing as the step began dissipate beyond what `balance` told, J.
+
+    Such a spot is on its way out, its elastic force cancelled by its dashpot, which takes all that is still stored. As nothing
+    accelerates the body, one step can lead from there to the open contact, and the force at its end knows nothing of it.
+    """
+    edges, incidence = spots[3], spots[4]
+    H, R, O, I, slots, before = state[3], state[4], work[1], work[0], work[4], work[5]  # noqa: E741
+    total, q = 0.0, np.int64(0)
+    for e in range(edges[b], edges[b + 1]):
+        k = incidence[e] >> 1
+        staged = q < m and slots[q] == k
+        if H[k, H_ON] != 0.0 and R[k, R_FN] == 0.0:
+            if not staged:
+                total += R[k, R_STORED_N]
+            elif O[O_FN * TILE + q] == 0.0:
+                taken = O[O_POWER * TILE + q] * steadiness(q, dt, before[e - edges[b]], I) * dt
+                total += R[k, R_STORED_N] - O[O_STORED_N * TILE + q] - taken
+        if staged:
+            q += 1
+    return total
 
 
 @njit(**INNER)
