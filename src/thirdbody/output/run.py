@@ -235,7 +235,9 @@ class Run:
         `output.groups.states_by_group` gives them); of a run that came to its end also what it stored, among it
         `energy_residual`, relative, with `energy_verdict` where it is too large (the likely reason, else absent),
         `peak_pressure` (Pa, largest over contacts and frames) and `first_yield` (its `ratio` to the pressure at first yield,
-        `assumed` yield strength or not). Figures that the run has no series for are absent.
+        `assumed` yield strength or not), `energy_numerical_share` (what the implicit integrator itself lost, divided as the
+        residual), `load_ratio` (mean force on the upper plate over its load, last interval) and, of implicit runs,
+        `steps_limited_by` (cause to steps). Figures that the run has no series for are absent.
         """
         stored = self._text(SUMMARY_TEXT) if SUMMARY_TEXT in self._scene else {}
         told = self._figures() | {"finished": SUMMARY_TEXT in self._scene} | dict(stored)
