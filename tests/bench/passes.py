@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.engine.state import table
-from thirdbody.kernels import balls, bodies, contacts, gaps, gather, memory, staging
+from thirdbody.kernels import balls, bodies, booking, contacts, gaps, gather, memory, opening, staging
 from thirdbody.kernels import drift as motion
 from thirdbody.kernels import layout as at
 from thirdbody.kernels.bodies import BODIES, FLAT, PAIRED
@@ -199,7 +199,7 @@ def staging_of(k: Tables) -> list[Pass]:
     pairs = (slots.own, slots.partner, k.state.body, slots.kind)
     flat = (k.overlaps, 0, *listed, k.S, k.state.P, k.H, 0.0, 0.0, k.I, k.G, h)
     return [
-        slotted(k, "stage, plates", contacts.stage_plates, k.flat, flat,
+        slotted(k, "stage, plates", opening.stage_plates, k.flat, flat,
                 16 + 8 * (14 + 4 + 36 + 2 * h), kept, staging.stage_plate, 1),
         slotted(k, "stage, pairs", staging.stage_pairs, k.paired, (*pairs, k.S, k.B, k.H, k.I, k.G, h),
                 16 + 8 * (40 + 4 + 30 + 2 * h), kept, staging.stage_pairs, 4),
@@ -214,9 +214,18 @@ def fields_of(k: Tables) -> list[Pass]:
         tiled(k, "turn frames", staging.turn_frames, k.tiles, (dt, k.G), 13 + 6),
         tiled(k, "slide", staging.slide, k.tiles, (dt, k.I, k.G), 31 + 5),
         tiled(k, "law", law, k.tiles, laws, at.I_HISTORY + at.O_HISTORY + 2 * k.h, k.physics.law),
+        *booking_of(k),
         tiled(k, "push", staging.push, k.tiles, (k.I, k.O, k.G), 15 + 9),
         slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * at.TILE, contacts.tally, 4),
     ]
+
+
+def booking_of(k: Tables) -> list[Pass]:
+    """What friction takes, where the laws remember their force: forces before and after, slip, energies (no rolling moments)."""
+    force, moment = k.physics.remembered_forces
+    if force < 0 or moment >= 0:
+        return []
+    return [tiled(k, "book friction", booking.book, k.tiles, (force, moment, k.h, k.I, k.O, k.G), 11 + 2)]
 
 
 def pushes_of(k: Tables) -> list[Pass]:

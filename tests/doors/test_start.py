@@ -150,13 +150,18 @@ def test_a_bar_on_a_terminal(balls, command, monkeypatch):
 # being stopped ------------------------------------------------------------------------------------------------------------
 
 
+def hear_hangups() -> None:
+    """In a child: SIGHUP as a terminal gives it, also where the tests run under nohup."""
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_an_interrupted_run_keeps_its_frames(number, code, balls, tmp_path):
     """An hour's run, asked to end after its first progress lines."""
     balls(('"0.1 um"', '"1 mm"'), ('"0.05 um"', '"0.1 um"'))
     process = subprocess.Popen(
         [sys.executable, "-m", "thirdbody.cli", "run", "scene.toml", "-o", "run"],
-        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hear_hangups,
     )  # fmt: skip
     assert process.stderr is not None
     for line in process.stderr:
@@ -183,7 +188,7 @@ def test_a_closed_terminal_ends_a_run_in_order(balls, tmp_path):
     ours, theirs = os.openpty()
 
     def in_its_own_session() -> None:
-        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # also where the tests run under nohup
+        hear_hangups()
         os.setsid()
         fcntl.ioctl(theirs, termios.TIOCSCTTY, 0)
 

@@ -30,8 +30,8 @@ def test_every_pass_of_a_small_layer_is_measured(bench, monkeypatch):
     told = breakdown.profile(simulation, LIMITS, warm=130, steps=130, segments=1)
     rows = {row["pass"]: row for row in told["passes"]}
     assert list(rows) == [
-        "drift", "measure", "sort", "stage, plates", "stage, pairs", "meet", "turn frames", "slide", "law", "push", "tally",
-        "bodies, plates", "bodies, pairs", "keep", "gather",
+        "drift", "measure", "sort", "stage, plates", "stage, pairs", "meet", "turn frames", "slide", "law", "book friction",
+        "push", "tally", "bodies, plates", "bodies, pairs", "keep", "gather",
     ]  # fmt: skip
     slots = simulation.state.slots
     assert told["contacts"] == np.sum(slots.closed == 1) > 0 and rows["sort"]["items"] == slots.count / 200
