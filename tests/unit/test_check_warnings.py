@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 
 import pytest
 from steel import STEEL
@@ -90,6 +91,13 @@ def test_what_is_unusual_is_warned_of_with_its_number_and_remedy(changes, words)
     assert len(found) == 1
 
 
+def test_a_foundation_is_warned_of_every_pair_that_it_presses():
+    """The soft debris, which yields first, does not hide behind the hard grains, which carry more."""
+    path = Path(__file__).resolve().parents[2] / "scenes" / "mixed_population.toml"
+    warnings = "\n".join(build(Scene.load(path)).warnings)
+    assert "steel/bronze: expected peak pressure" in warnings and "steel/alumina: expected peak pressure" in warnings
+
+
 def test_a_usual_scene_has_no_warning():
     assert build(scene()).warnings == []
 
@@ -98,6 +106,10 @@ FAULTS = {
     "overlap of the radius": (
         [("0.01 mN", "5 N")],
         "x.toml:24:1: plates.upper.load: 5 N on each body would press contacts in by more than 0.3 of the radius",
+    ),
+    "overlap on soft springs": (
+        [('"load_per_particle"', '"foundation"\nstiffness = "200 N/m"'), ("0.01 mN", "5 N")],
+        "x.toml:25:1: plates.upper.load: 5 N on each body would press contacts in by more than 0.3 of the radius",
     ),
     "median below min": (
         [('median = "10 um"', 'median = "3 um"')],

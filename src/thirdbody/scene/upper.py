@@ -160,7 +160,9 @@ def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, m
     overlap, dashpot = _pressed(scene, choice, crown, largest, expected, mass[:1])
     pressing = Pressing(expected * _largest(scene), crown.radius[largest], crown.kind[largest])
     refuse_crushing(scene, choice, pressing, float(pressing.load[0]))
-    warnings += pressing_warnings(choice, pressing)
+    if loaded:
+        on = np.flatnonzero(carried)
+        warnings += pressing_warnings(choice, Pressing(carried[on] * _largest(scene), crown.radius[on], crown.kind[on]))
     total = float(mass.sum())
     common = Foundation(
         stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None
@@ -212,8 +214,10 @@ def _layer_force(choice: Choice, crown: Crown, z: float) -> np.ndarray:
 
 
 def _level(force, crown: Crown, load: float) -> float:
-    """Height of the plate at which the bodies together carry the load, by bisection."""
+    """Height of the plate at which the bodies together carry the load, by bisection; below zero where even soft springs must."""
     low, high = 0.0, float(crown.top.max())
+    while float(np.sum(force(low))) < load and low > -1e6 * high:
+        low = 2.0 * low - high
     for _ in range(80):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if float(np.sum(force(middle))) > load else (low, middle)
