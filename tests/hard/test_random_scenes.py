@@ -1,0 +1,135 @@
+"""Random valid scenes end well, or with a word that says why: no raw exception, no NaN, no residual or label left unexplained."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import os
+import sys
+from collections import Counter
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.errors import GuardStop, InputError, Interrupted
+from thirdbody.scene.model import Scene
+from thirdbody.scene.write import toml_text
+from thirdbody.simulate import execute, prepare
+
+SCENES = int(os.environ.get("RANDOM_SCENES", "200"))
+WALL_LIMIT = 20.0  # s; a scene takes about one on an idle core; what is cut off must say what limits its steps
+LARGEST_RESIDUAL = 1e-3  # of the work: the project's promise for every run without a word
+FORCES = ("normal_force", "tangential_force", "overlap", "contact_radius")
+
+
+def _module(name: str) -> ModuleType:
+    """A module of this folder, which is not a package."""
+    spec = importlib.util.spec_from_file_location(f"thirdbody_test_{name}", Path(__file__).parent / f"{name}.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+random_scene = _module("random_scenes").random_scene
+
+
+def run_scene(seed: int, folder: Path, threads: int = 1, wall_limit: float = math.inf) -> str:
+    """Run the scene of a seed and check what it wrote; returns how it ended: finished, refused, guard or cut off (s)."""
+    try:
+        scene = Scene.parse(toml_text(random_scene(seed)))
+        simulation = prepare(scene)
+    except InputError as error:
+        assert all(fault.key for fault in error.faults), error
+        return "refused"
+    end = "finished"
+    try:
+        execute(simulation, folder, threads, wall_limit=wall_limit)
+    except GuardStop as stop:
+        assert " t = " in str(stop), stop  # says when
+        end = "guard"
+    except Interrupted:
+        end = "cut off"
+    with thirdbody.open(folder) as run:
+        check_numbers(run)
+        check_labels(run)
+        if end == "finished":
+            check_residual(run)
+        if end == "cut off" and scene.solver.integrator == "implicit":
+            assert run.summary()["steps_limited_by"], "a crawl without a word"
+    return end
+
+
+def check_numbers(run: thirdbody.Run) -> None:
+    """Finite series (friction is NaN without load), bodies and contacts; no friction above its limit."""
+    for name, values in run.series.items():
+        assert np.isfinite(values).all() or name == "friction_coefficient", name
+    for frame in range(run.frames):
+        bodies, contacts = run.bodies(frame), run.contacts(frame)
+        for name in ("position", "velocity", "force", "torque", "friction_work"):
+            assert np.isfinite(bodies[name]).all(), (frame, name)
+        for name in FORCES:
+            assert np.isfinite(contacts[name]).all(), (frame, name)
+        assert (contacts["utilisation"] <= 1.0 + 1e-9).all(), frame  # round-off of the return to the limit
+
+
+def check_labels(run: thirdbody.Run) -> None:
+    """A body without a contact is free, and a body with a loaded contact is not."""
+    free = run.state_names.index("free")
+    for frame in range(run.frames):
+        contacts, state = run.contacts(frame), run.bodies(frame)["state"]
+        touched, loaded = np.zeros((2, len(state)), dtype=bool)
+        for name in ("body", "partner"):
+            bodies = contacts[name] >= 0
+            touched[contacts[name][bodies]] = True
+            loaded[contacts[name][bodies & (contacts["normal_force"] > 0.0)]] = True
+        assert (state[~touched] == free).all(), f"frame {frame}: a label without a contact"
+        assert (state[loaded] != free).all(), f"frame {frame}: free under load"
+
+
+def check_residual(run: thirdbody.Run) -> None:
+    """The ledger closes to 1e-3 of the work, or the summary says that it does not and why."""
+    summary = run.summary()
+    if abs(summary["energy_residual"]) > LARGEST_RESIDUAL:
+        assert summary["energy_verdict"], f"a residual of {summary['energy_residual']:.2g} without a word"
+
+
+def same_arrays(first: Path, second: Path) -> None:
+    """Both runs hold the same bits."""
+    with thirdbody.open(first) as one, thirdbody.open(second) as two:
+        assert one.frames == two.frames
+        for name, values in one.series.items():
+            np.testing.assert_array_equal(values, two.series[name], err_msg=name)
+        for frame in range(one.frames):
+            for block in ("clumps", "contacts"):
+                for name, values in one.block(block, frame).items():
+                    np.testing.assert_array_equal(values, two.block(block, frame)[name], err_msg=f"{block} {name}")
+
+
+@pytest.mark.parametrize("seed", [1, 7, 13, 24])
+def test_a_few_random_scenes_end_well(seed: int, tmp_path: Path) -> None:
+    """Spots, a needle, an implicit needle and an implicit tripod: one per path of the code that is already compiled."""
+    assert run_scene(seed, tmp_path / "run") == "finished"
+
+
+@pytest.mark.fuzz
+def test_random_scenes_end_well_or_say_why(tmp_path: Path) -> None:
+    ends: Counter[str] = Counter()
+    faults = []
+    for seed in range(SCENES):
+        try:
+            end = run_scene(seed, tmp_path / f"{seed}", wall_limit=WALL_LIMIT)
+            if end == "finished" and seed % 4 == 0:
+                run_scene(seed, tmp_path / f"{seed}_two", threads=2)
+                same_arrays(tmp_path / f"{seed}", tmp_path / f"{seed}_two")
+        except Exception as error:  # every one is a fault; all of them are listed
+            faults.append(f"{seed}: {type(error).__name__}: {error}")
+            end = "fault"
+        ends[end] += 1
+    print(dict(ends))
+    assert not faults, "\n".join(faults)
+    assert ends["refused"] + ends["guard"] < 0.2 * SCENES  # else the scenes say little
