@@ -48,8 +48,10 @@ class Conduct:
         self.series: dict[str, Any] = {}  # those of the last frame
         self.ledger = Ledger(simulation.state)
         self.looks = Looks(self.ledger, 2 if simulation.integrator.divisible else 1)
-        self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag)
         self.pressure = PeakPressure(simulation)
+        self.maker = FrameMaker(
+            simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag, self.pressure.hertz
+        )
         self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
 
     def take_up(self, kept: Checkpoint) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .laws.yielding import yield_limit
-from .output.frames import peak_pressure
+from .output.pressure import HertzPressure
 from .scene.pressing import limit_words
 from .scene.units import pretty
 
@@ -22,10 +22,8 @@ class PeakPressure:
     """The contact nearest to first yield, or farthest above it, over the frames of a run."""
 
     def __init__(self, simulation: Simulation) -> None:
-        state, world = simulation.state, simulation.state.world
         self.materials = simulation.choice.materials
-        self.of_body = state.material[state.given]
-        self.of_plate = {-1: world.lower, -2: None if world.upper is None else world.upper.material}
+        self.hertz = HertzPressure(simulation.state, self.materials)
         self.limits = np.array([[yield_limit(a, b).pressure for b in self.materials] for a in self.materials])
         self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
 
@@ -36,13 +34,9 @@ class PeakPressure:
 
     def look(self, contacts: Mapping[str, np.ndarray]) -> None:
         """Look at the contacts of one frame."""
-        pressure, body, partner = peak_pressure(contacts), contacts["body"], contacts["partner"]
+        pressure, (own, other) = self.hertz.peak(contacts), self.hertz.materials(contacts)
         if not len(pressure):
             return
-        own, other = self.of_body[body], self.of_body[np.maximum(partner, 0)]
-        for side, material in self.of_plate.items():
-            if material is not None:
-                other = np.where(partner == side, material, other)
         ratio = pressure / self.limits[own, other]
         worst = int(np.argmax(ratio))
         self.over = max(self.over, int(np.count_nonzero(ratio > 1.0)))

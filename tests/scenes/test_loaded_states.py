@@ -73,3 +73,20 @@ def test_the_implicit_integrator_loses_less_with_a_smaller_tolerance(friction, t
     assert abs(energy["residual"][-1]) < 1e-6 * energy["kinetic"][0]
     # measured 0.0016 to 0.0022 and 0.0007: of first order in the step in which the force ends
     assert abs(energy["numerical"][-1]) < most * energy["kinetic"][0]
+
+
+def test_the_peak_pressure_of_an_impact_is_that_of_the_indentation(tmp_path):
+    """At first touch nearly all of the force is the dashpot's, on a contact area of nearly nothing: no pressure of Hertz'."""
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE)
+    e_star, radius = 210e9 / (1.0 - 0.3**2) / 2.0, 5e-6
+    with thirdbody.run(path, out=tmp_path / "run", threads=1, progress=False) as run:
+        of_force = []
+        for frame in range(run.frames):
+            contacts, pressure = run.contacts(frame), run.bodies(frame)["peak_pressure"]
+            expected = 2.0 * e_star / np.pi * np.sqrt(contacts["overlap"].max(initial=0.0) / radius)
+            np.testing.assert_allclose(pressure, expected, rtol=1e-12)  # round-off of the same closed form
+            if len(contacts["overlap"]):
+                of_force.append(1.5 * contacts["normal_force"][0] / (np.pi * contacts["contact_radius"][0] ** 2) / expected)
+        assert max(of_force) > 1.5, "the scene must show a force that is the dashpot's"
+        assert run.summary()["peak_pressure"] == max(run.bodies(frame)["peak_pressure"][0] for frame in range(run.frames))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from ..engine.energy import Ledger
 from ..engine.state import State
 from ..kernels import layout as at
 from ..laws.contract import Labeller
+from .pressure import HertzPressure
 from .schema import Frame
 
 UNITS = {
@@ -26,10 +26,13 @@ UNITS = {
 class FrameMaker:
     """Makes frames and keeps what means over the output interval need: the impulses at the frame before."""
 
-    def __init__(self, state: State, ledger: Ledger, labeller: Labeller | None, drag: tuple[float, float]):
+    def __init__(
+        self, state: State, ledger: Ledger, labeller: Labeller | None, drag: tuple[float, float],
+        pressure: HertzPressure | None = None,
+    ) -> None:  # fmt: skip
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
         self.impulses = impulses_of(self.state)
-        self._corners = _corners(state)
+        self._corners, self.pressure = _corners(state), pressure
         self.given, self.spheres = state.given, state.given_spheres
 
     def static(self) -> dict[str, dict[str, np.ndarray]]:
@@ -101,10 +104,11 @@ class FrameMaker:
             "torque": B[:, at.B_T : at.B_T + 3].copy(),
             "friction_work": B[:, at.B_WORK].copy(),
             "slip_distance": B[:, at.B_SLIP].copy(),
-            "peak_pressure": self._largest(contacts, peak_pressure(contacts)),
             "utilisation": self._largest(contacts, contacts["utilisation"]),
             "contacts": self._count(contacts),
         }
+        if self.pressure is not None:
+            arrays["peak_pressure"] = self._largest(contacts, self.pressure.peak(contacts))
         if labels is None or self.labeller is None:
             return arrays
         labels = labels[self.given]
@@ -191,13 +195,6 @@ def impulses_of(state: State) -> np.ndarray:
     """Time, s, and the impulses of the debris on upper and lower plate since the start, N s: (7,)."""
     A = state.A
     return np.concatenate([[A[at.A_TIME]], A[at.A_IMPULSE : at.A_IMPULSE + 3], A[at.A_IMPULSE_LOW : at.A_IMPULSE_LOW + 3]])
-
-
-def peak_pressure(contacts: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Hertz' peak pressure p0 = 3 N/(2 pi a^2), Pa."""
-    a = contacts["contact_radius"]
-    area = np.pi * a * a
-    return np.divide(1.5 * np.abs(contacts["normal_force"]), area, out=np.zeros_like(area), where=area > 0.0)
 
 
 def _corners(state: State) -> np.ndarray | None:
