@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 from . import cache
+from .child_process import python_command, python_environment
 from .collector import resting
 from .cores import cores
 
@@ -117,8 +118,10 @@ def _end() -> None:
 
 
 def _helper(queue: int) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "thirdbody.warm"]
-    return subprocess.Popen(command, stdin=queue, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    return subprocess.Popen(
+        python_command("thirdbody.warm"), env=python_environment(),
+        stdin=queue, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
 
 
 def _all_done(others: list[subprocess.Popen[bytes]]) -> bool:

@@ -24,7 +24,7 @@ BELOW = {
     # studies run whole scenes, so they stand on what runs, checks and prints one
     "studies": {"kernels", "laws", "bodies", "engine", "scene", "output", "course", "simulate", "scene_check", "report"},
 }
-OPEN = {"errors", "cache", "collector", "cores", "dimensions", "modules"}
+OPEN = {"errors", "cache", "child_process", "collector", "cores", "dimensions", "modules"}
 # `plugin` is the facade of the contract: it may show what plug-ins need and nothing above it
 FACADE = {"bodies", "engine", "errors", "kernels", "laws", "scene"}
 

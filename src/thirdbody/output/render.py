@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import ctypes
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -17,6 +16,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from thirdbody.child_process import python_command, python_environment
 from thirdbody.errors import InputError, MissingLibrary, OutputError, ThirdbodyError, nearest
 from thirdbody.output.film_progress import DRAWN, FilmReporter, film_reporter
 
@@ -200,12 +200,12 @@ def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | 
 
 
 def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    environment = python_environment()
     if kind is not None:
         environment["VTK_DEFAULT_OPENGL_WINDOW"] = kind
     total = len(job.get("frames", ()))
     patience = PATIENCE + PATIENCE_PER_FRAME * total
-    command = [sys.executable, "-m", "thirdbody.output.render", json.dumps(job)]
+    command = python_command("thirdbody.output.render", json.dumps(job))
     # errors go into a file: two pipes would have to be read at once
     with tempfile.TemporaryFile("w+") as errors:
         with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=errors, text=True) as process:

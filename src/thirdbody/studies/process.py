@@ -6,12 +6,13 @@ import json
 import os
 import selectors
 import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+from thirdbody.child_process import python_command, python_environment
 
 LIMIT = 90.0
 """Seconds of one core after which one run of a rung is given up, and shown as such."""
@@ -28,7 +29,7 @@ class Overdue(Exception):
 
 
 class Worker:
-    """The process `python -m thirdbody.studies.worker`, started when it is first asked, and again after it died.
+    """The process of `thirdbody.studies.worker`, started when it is first asked, and again after it died.
 
     `started`: seconds that the last start took, imports included; `wall`, `cpu`: seconds of all answered requests together.
     """
@@ -50,8 +51,9 @@ class Worker:
         began = time.perf_counter()
         self._errors = tempfile.TemporaryFile()
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "thirdbody.studies.worker"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors
-        )
+            python_command("thirdbody.studies.worker"), env=python_environment(),
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+        )  # fmt: skip
         self._rest = b""
         self._answer(until)  # it says that it is ready
         self.started = time.perf_counter() - began

@@ -1,4 +1,4 @@
-"""Computes rungs in a process of its own, `python -m thirdbody.studies.worker`: requests and answers are lines of JSON.
+"""Computes rungs in a process of its own (`process.Worker`): requests and answers are lines of JSON.
 
 A request holds what to `do`, the `scene` (file), the `changes` to it, `plugins`, the `folder` for the run and the `limit` (s of
 one core for one run). `make` saves a smaller copy of the scene in the folder; `run` compiles the rung by a run that ends at once
