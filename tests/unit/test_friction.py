@@ -33,7 +33,7 @@ def drifting(tmp_path) -> Path:
     with h5py.File(path, "r+") as file:
         file["series/friction_coefficient"][...] = np.linspace(0.2, 0.4, FRAMES)
         summary = {"finished": True, "wall_time": 1.0, "steps": 10, "sphere_steps_per_second": 1.0, "energy_residual": 1e-6}
-        file["scene"].create_dataset("summary", data=json.dumps(summary)).attrs["json"] = np.uint8(1)
+        file["scene"].create_dataset("summary", data=np.bytes_(json.dumps(summary))).attrs["json"] = np.uint8(1)
     return path
 
 

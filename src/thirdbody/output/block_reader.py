@@ -34,11 +34,11 @@ class BlockReader:
         """One array of one frame."""
         if name != POSITION and name not in self._data:
             raise unknown_name(name, (POSITION, *self._data))
-        if name == POSITION:
-            data, offsets = self._group["Points"], self._steps["PointOffsets"]
-        else:
-            data, offsets = self._data[name], self._steps["PointDataOffsets"][name]
-        with damage_told(self._path, data.name):
+        with damage_told(self._path, f"{self._group.name}/{name}"):
+            if name == POSITION:
+                data, offsets = self._group["Points"], self._steps["PointOffsets"]
+            else:
+                data, offsets = self._data[name], self._steps["PointDataOffsets"][name]
             start = int(offsets[frame])
             return self._known(name, data[start : start + self.rows(frame)])
 
@@ -49,8 +49,8 @@ class BlockReader:
     def history(self, name: str, frames: int) -> np.ndarray:
         """One varying array at all frames (frames, rows, ...), for a block whose row count never changes."""
         rows = self.rows(0) if frames else 0
-        data = self._data[name]
-        with damage_told(self._path, data.name):
+        with damage_told(self._path, f"{self._group.name}/{name}"):
+            data = self._data[name]
             return self._known(name, data[: frames * rows].reshape(frames, rows, *data.shape[1:]))
 
     def _known(self, name: str, codes: np.ndarray) -> np.ndarray:

@@ -6,23 +6,22 @@ last one.
 
 from __future__ import annotations
 
-import io
-import json
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import operator
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import h5py
 import numpy as np
 
-from thirdbody.errors import InputError
 from thirdbody.output.block_reader import BlockReader
 from thirdbody.output.energy_verdict import energy_verdict
 from thirdbody.output.named import Named
+from thirdbody.output.open_file import FILE_NAME, OpenFile
 from thirdbody.output.schema import BLOCKS, POSITION, STATIC_TEXT, SUMMARY_TEXT, Frame
 from thirdbody.output.soundness import damage_told, refuse_unsound
+from thirdbody.output.texts import read_text, refuse_large_texts
 
 if TYPE_CHECKING:
     import pyvista
@@ -31,7 +30,9 @@ if TYPE_CHECKING:
     from thirdbody.output.drag import Drag
     from thirdbody.output.friction import Friction
 
-FILE_NAME = "run.vtkhdf"
+__all__ = ["FILE_NAME", "Run", "open_run"]
+
+Result = TypeVar("Result")
 
 
 class Run:
@@ -42,34 +43,48 @@ class Run:
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
-        self.file, self._stream = _open_file(self.path)
-        with self._closed_if_damaged():
+        self._open = OpenFile(self.path)
+        try:
+            self._open.steady(self._connect)
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self) -> None:
+        """Open the file and look at all that is needed to read it; of an open one the frames stay those that it had."""
+        self._open.connect()
+        with damage_told(self.path):
             self._blocks = Named((name, BlockReader(self.file["VTKHDF"][name], self.path)) for name in BLOCKS)
             self._series_group, self._scene = self.file["series"], self.file["scene"]
             counts = [block.frames for block in self._blocks.values()]
             # A run killed between two counts has some one higher: the lowest is what is whole.
-            self.frames = min(counts + [int(self._series_group.attrs["NSteps"])])
+            frames = min(counts + [int(self._series_group.attrs["NSteps"])])
+            refuse_large_texts(self._scene)
             self.header = {name: self._text(name) for name in self._scene if name != SUMMARY_TEXT}
             self.state_names: list[str] = list(self.header["state_names"])
             self.reason_names: list[str] = list(self.header["reason_names"])
-            refuse_unsound(self.file, self.header, self.frames)
+            refuse_unsound(self.file, self.header, frames)
             codes = {"state": len(self.state_names), "state_reason": len(self.reason_names)}
             self._blocks["clumps"].names_of = codes
+            self.frames: int = min(getattr(self, "frames", frames), frames)
 
-    @contextmanager
-    def _closed_if_damaged(self) -> Iterator[None]:
-        try:
-            with damage_told(self.path):
-                yield
-        except InputError:
-            self.close()
-            raise
+    @property
+    def file(self) -> h5py.File:
+        """The HDF5 file."""
+        return self._open.file
+
+    def _steady(self, where: str, read: Callable[[], Result]) -> Result:
+        """What `read` gives; damage is told with its place, and a file that is being written is read again."""
+
+        def told() -> Result:
+            with damage_told(self.path, where):
+                return read()
+
+        return self._open.steady(told, self._connect)
 
     def _text(self, name: str) -> Any:
         with damage_told(self.path, f"/scene/{name}"):
-            dataset = self._scene[name]
-            text = dataset[()].decode("utf-8")
-            return json.loads(text) if dataset.attrs["json"] else text
+            return read_text(self._scene[name])
 
     @property
     def scene_text(self) -> str:
@@ -79,8 +94,7 @@ class Run:
     @cached_property
     def times(self) -> np.ndarray:
         """Times of the frames (F,), s."""
-        with damage_told(self.path, "the times"):
-            return self.file["VTKHDF/clumps/Steps/Values"][: self.frames]
+        return self._steady("the times", lambda: self.file["VTKHDF/clumps/Steps/Values"][: self.frames])
 
     @cached_property
     def states(self) -> np.ndarray:
@@ -100,24 +114,30 @@ class Run:
     @property
     def has_states(self) -> bool:
         """Whether the run's laws tell states."""
-        return "state" in self._blocks["clumps"].names
+        return "state" in self._names("clumps")
 
     def _history(self, name: str) -> np.ndarray:
-        clumps = self._blocks["clumps"]
-        if name not in clumps.names:
+        if name not in self._names("clumps"):
             raise AttributeError(f"{self.path}: this run recorded no '{name}' of its bodies")
-        return clumps.history(name, self.frames)
+        return self._steady("", lambda: self._blocks["clumps"].history(name, self.frames))
+
+    def _names(self, block: str) -> list[str]:
+        """Names of the arrays of a block."""
+        return self._steady("", lambda: self._blocks[block].names)
 
     @cached_property
     def series(self) -> dict[str, np.ndarray]:
         """Series by name, each (F,) or (F, 3); units in `units`."""
-        with damage_told(self.path, "the series"):
-            return Named((name, self._series_group[name][: self.frames]) for name in self._series_group)
+        return self._steady(
+            "the series", lambda: Named((name, self._series_group[name][: self.frames]) for name in self._series_group)
+        )
 
     @cached_property
     def units(self) -> dict[str, str]:
         """Unit of each series, `1` for a pure number."""
-        return Named((name, str(self._series_group[name].attrs["units"])) for name in self._series_group)
+        return self._steady(
+            "the units", lambda: Named((name, str(self._series_group[name].attrs["units"])) for name in self._series_group)
+        )
 
     @cached_property
     def material_names(self) -> list[str]:
@@ -176,15 +196,18 @@ class Run:
 
     def block(self, name: str, frame: int = -1) -> dict[str, np.ndarray]:
         """All arrays of one block of the file: `spheres`, `clumps` (the bodies), `contacts` or `plates`."""
-        return self._blocks[name].read(self.frame_number(frame))
+        number = self.frame_number(frame)
+        return self._open.steady(lambda: self._blocks[name].read(number), self._connect)
 
     def array(self, block: str, name: str, frame: int = -1) -> np.ndarray:
         """One array of one block, without reading the others. Raises KeyError for a name that the run has not."""
-        return self._blocks[block].array(name, self.frame_number(frame))
+        number = self.frame_number(frame)
+        return self._open.steady(lambda: self._blocks[block].array(name, number), self._connect)
 
     def rows(self, block: str, frame: int = -1) -> int:
         """Number of rows of one block: bodies, contacts, ..."""
-        return self._blocks[block].rows(self.frame_number(frame))
+        number = self.frame_number(frame)
+        return self._open.steady(lambda: self._blocks[block].rows(number), self._connect)
 
     def transitions(self) -> dict[str, np.ndarray]:
         """Changes of state between successive frames, one row each: frame, time, distance, body, from, to, reason, position.
@@ -196,7 +219,11 @@ class Run:
         return state_transitions(self)
 
     def frame_number(self, frame: int) -> int:
-        """The frame counted from 0; negative ones count from the end. Raises IndexError outside the run."""
+        """The frame counted from 0; negative ones count from the end. Raises IndexError outside the run, TypeError for 1.5."""
+        try:
+            frame = operator.index(frame)
+        except TypeError:
+            raise TypeError(f"{self.path}: a frame is a whole number, not {frame!r}") from None
         if not -self.frames <= frame < self.frames:
             inside = (
                 f"from {-self.frames} to {self.frames - 1}"
@@ -239,8 +266,8 @@ class Run:
         residual), `load_ratio` (mean force on the upper plate over its load, last interval) and, of implicit runs,
         `steps_limited_by` (cause to steps). Figures that the run has no series for are absent.
         """
-        stored = self._text(SUMMARY_TEXT) if SUMMARY_TEXT in self._scene else {}
-        told = self._figures() | {"finished": SUMMARY_TEXT in self._scene} | dict(stored)
+        stored = self._steady("", lambda: dict(self._text(SUMMARY_TEXT)) if SUMMARY_TEXT in self._scene else None)
+        told = self._figures() | {"finished": stored is not None} | (stored or {})
         verdict = energy_verdict(told, str(self.header.get("scene_text", "")))
         return told if verdict is None else told | {"energy_verdict": verdict}
 
@@ -340,8 +367,7 @@ class Run:
 
     def close(self) -> None:
         """Close the file; may be called twice."""
-        self.file.close()
-        self._stream.close()
+        self._open.close()
 
     def __enter__(self) -> Run:
         return self
@@ -358,21 +384,3 @@ def open_run(path: str | Path) -> Run:
     path = Path(path)
     return Run(path / FILE_NAME if path.is_dir() else path)
 
-
-def _open_file(path: Path) -> tuple[h5py.File, io.FileIO]:
-    if not path.is_file():
-        raise InputError(f"{path}: no such run; give the folder of a run or its {FILE_NAME}")
-    if not h5py.is_hdf5(path):
-        raise InputError(f"{path}: not a run of thirdbody (not an HDF5 file)")
-    try:
-        # By a file object of its own: of one path HDF5 gives all readers in a process the data that the first of them has cached,
-        # however much was written since. It locks no file either, so a run can be read while it is written.
-        stream = io.FileIO(path)
-        try:
-            return h5py.File(stream, "r"), stream
-        except BaseException:
-            stream.close()
-            raise
-    except OSError as error:
-        what = "is cut short" if "truncated" in str(error) else "cannot be opened"
-        raise InputError(f"{path}: the file {what} ({error})") from error

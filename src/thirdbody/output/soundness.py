@@ -35,12 +35,16 @@ DAMAGE = (KeyError, IndexError, AttributeError, OSError, RuntimeError, ValueErro
 """What h5py, json and numpy raise for a damaged file."""
 
 
+class ClosedRun(ValueError):
+    """The run was closed before this was read."""
+
+
 @contextmanager
 def damage_told(path: Path | str, where: str = "") -> Iterator[None]:
     """Tells whatever reading a damaged file raises as one InputError with the place."""
     try:
         yield
-    except InputError:
+    except (InputError, ClosedRun):
         raise
     except DAMAGE as error:
         reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]
