@@ -77,13 +77,18 @@ class Conduct:
             self._write()
         for target_time, target_distance, is_output in islice(targets(simulation), self.reached, None):
             if is_output or integrator.divisible:
-                integrator.advance_to(target_time, target_distance, self._watch)
+                integrator.advance_to(target_time, target_distance, self._watch, self._stop_or_save)
             self.reached += 1
-            if is_output:
+            if is_output and self._moved():
                 self._write()
             elif integrator.divisible:
                 self._tell({})
+            self._stop_or_save()
         self.keep()
+
+    def _moved(self) -> bool:
+        """Whether time has passed since the last frame: an explicit step may pass several outputs, and they are one frame."""
+        return self.simulation.state.time > self.maker.impulses[0]
 
     def keep(self) -> None:
         """Write a checkpoint."""
@@ -99,7 +104,7 @@ class Conduct:
         self.cost = self.written - begun
 
     def _watch(self) -> None:
-        """Between two compiled calls."""
+        """At instants that do not depend on the wall time: what is judged and noted here belongs to the result."""
         integrator, state = self.simulation.integrator, self.simulation.state
         if integrator.divisible:
             self.looks.look(state, self.ledger.watch(state))
@@ -108,6 +113,10 @@ class Conduct:
         # bodies that go each at a time of its own have no energy in common but at stops
         if not integrator.divisible:
             self._tell({})
+        self._stop_or_save()
+
+    def _stop_or_save(self) -> None:
+        """Between compiled calls: stop on a signal or at the limit of wall time, and write a checkpoint when one is due."""
         now = time.perf_counter()
         if now - self.started > self.wall_limit:
             self._leave("stopped by the limit of wall time")

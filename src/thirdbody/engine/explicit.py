@@ -31,6 +31,9 @@ from .timestep import Bound, bound
 BUDGET = 64
 """Steps between two evaluations of the time step, counted from the start of the run, so that output cannot shift them."""
 
+CALL = 1.0
+"""Wall time, s, that a compiled call shall take at most: a signal is heard only after it."""
+
 GROWTH, PATIENCE = 1.25, 16
 """The automatic step follows its bound down at once. Up it goes at once to a bound that is higher by this factor, to a lower one
 only after so many bounds that all allow more: a step that wobbles loses energy."""
@@ -62,7 +65,7 @@ class Explicit:
         self.waiting: list[float] = []  # bounds since the last change of the step, all above it
         self.drag = _drag(state)
         self.ahead = np.array(self.drag)
-        self.pace = Pace()
+        self.pace, self.seconds = Pace(), CALL / BUDGET  # wall time of a step, as it was last measured
         physics = state.physics
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
@@ -77,15 +80,20 @@ class Explicit:
         self._choose_step()
 
     def advance_to(
-        self, time: float = math.inf, distance: float = math.inf, watch: Callable[[], None] = lambda: None
+        self,
+        time: float = math.inf,
+        distance: float = math.inf,
+        watch: Callable[[], None] = lambda: None,
+        between: Callable[[], None] = lambda: None,
     ) -> None:
-        """Run until the first step at or after a time (s) or a sliding distance (m); `watch` is called at every event.
+        """Run until the first step at or after a time (s) or a sliding distance (m).
 
-        Raises GuardStop when the run leaves its valid range; the state is the one that tripped the guard.
+        `watch` is called every `BUDGET` steps of the run, `between` wherever else a compiled call was cut short to take no longer
+        than about `CALL`. Raises GuardStop when the run leaves its valid range; the state is the one that tripped the guard.
         """
         state = self.state
         while state.time < time and state.distance < distance:
-            budget = BUDGET - int(state.A[at.A_STEPS]) % BUDGET
+            budget = min(BUDGET - int(state.A[at.A_STEPS]) % BUDGET, max(1, int(CALL / self.seconds)))
             code, number = self._advance(budget, time, distance, state.dt)
             if code == step.RECORD:  # no step was made
                 state.slots.R = table(state.slots.count, state.slots.R.shape[1])
@@ -97,8 +105,8 @@ class Explicit:
                 raise GuardStop(self._explain(code, number))
             if int(state.A[at.A_STEPS]) % BUDGET == 0:
                 self._choose_step()
-            if code == step.BUDGET:
-                watch()  # here the run could be put away and taken up again
+            if code == step.BUDGET:  # here the run could be put away and taken up again
+                (watch if int(state.A[at.A_STEPS]) % BUDGET == 0 else between)()
             if code == step.DONE:
                 return
 
@@ -143,7 +151,9 @@ class Explicit:
             physics.labels,
         )  # fmt: skip
         now, busy = clocks()
-        self.pace.note(threads, int(s.A[at.A_STEPS] - before), now - began, busy - worked, now)
+        done = int(s.A[at.A_STEPS] - before)
+        self.pace.note(threads, done, now - began, busy - worked, now)
+        self.seconds = max(now - began, 1e-9) / max(done, 1)
         refresh_spheres(s)  # the kernel places only spheres that can meet something
         return answer
 

@@ -113,10 +113,15 @@ class Implicit:
         self.near = Nearness(state) if world.debris_meets else None
 
     def advance_to(
-        self, time: float = math.inf, distance: float = math.inf, watch: Callable[[], None] = lambda: None
+        self,
+        time: float = math.inf,
+        distance: float = math.inf,
+        watch: Callable[[], None] = lambda: None,
+        between: Callable[[], None] = lambda: None,
     ) -> None:
-        """Bring all bodies to a time (s) or a sliding distance (m), whichever comes first; `watch` is called about every second.
+        """Bring all bodies to a time (s) or a sliding distance (m), whichever comes first.
 
+        `watch` is called about every second; where all bodies go together after so many steps, and `between` after all others.
         Raises GuardStop when a body leaves its valid range or no step can be found for it, with all bodies as far as they came.
         """
         state = self.state
@@ -127,7 +132,7 @@ class Implicit:
             path = self.schedule.path(state.time, until)
             reached = False
             try:
-                self._reach(until, watch)
+                self._reach(until, watch, between)
                 reached = True
             finally:
                 # also where a guard or the user stops it: the bodies are as far as they came
@@ -137,7 +142,7 @@ class Implicit:
             if self.near is not None:
                 self.near.check(self.memory[:, at.T_WAY])
 
-    def _reach(self, until: float, watch: Callable[[], None]) -> None:
+    def _reach(self, until: float, watch: Callable[[], None], _between: Callable[[], None]) -> None:
         for first in range(0, self.state.n_bodies, BATCH):
             last = min(first + BATCH, self.state.n_bodies)
             while waiting := self._waiting(first, last, until):

@@ -52,7 +52,7 @@ class Shared(Implicit):
 
     def trial(self, bodies: int, until: float) -> None:
         """As in `Implicit`, but all bodies move, whatever their number."""
-        self._reach(until, lambda: None)
+        self._reach(until, lambda: None, lambda: None)
 
     def start(self) -> None:
         """As `Implicit.start`."""
@@ -71,13 +71,13 @@ class Shared(Implicit):
         self.plate[:] = arrays["plate"]
         self.length, self.last, self.moved, self.change = (float(notes[name]) for name in ("length", "last", "moved", "change"))
 
-    def _reach(self, until: float, watch: Callable[[], None]) -> None:
+    def _reach(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
         while self.totals[0, at.A_TIME] < until:
             self._step(until)
             self._judge()
             # counted from the start of the run, so that a run that was put away looks at the same instants
-            if int(self.totals[0, at.A_STEPS]) % max(1, BATCH // self.state.n_bodies) == 0:
-                watch()
+            noted = int(self.totals[0, at.A_STEPS]) % max(1, BATCH // self.state.n_bodies) == 0
+            (watch if noted else between)()
 
     def _step(self, until: float) -> None:
         """One step of all bodies and the plate, cut until it is good. Raises GuardStop if none is."""

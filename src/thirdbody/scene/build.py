@@ -93,6 +93,14 @@ class Simulation:
         """Sliding distance of the whole run, m."""
         return self.end_distance if math.isfinite(self.end_distance) else self.schedule.path(self.settle, self.end_time)
 
+    @property
+    def shortest_interval(self) -> float:
+        """Output interval below which frames are one time step apart: s, or m of sliding; 0 where steps end at every output."""
+        if not self.integrator.divisible:
+            return 0.0
+        by_time, drag = self.scene.output.every_kind == "time", self.planned_time - self.settle
+        return self.state.dt if by_time else self.planned_distance * self.state.dt / drag
+
 
 def build(
     scene: Scene, registry: Registry | None = None, force: bool = False, ready: Callable[[], None] = lambda: None
@@ -237,6 +245,12 @@ def _examine_interval(simulation: Simulation) -> None:
     if whole > 0.0 and too_long(every, whole):
         told = too_long_message(every, whole, kind)
         simulation.warnings.append(f"output.every: {told}; only the start and the end are written")
+    if every < simulation.shortest_interval:
+        step = units.pretty(simulation.shortest_interval, kind)
+        simulation.warnings.append(
+            f"output.every: {units.pretty(every, kind)} is less than one time step, {step}{'' if by_time else ' of sliding'}: "
+            "there is one frame after every step, and no more"
+        )
     if whole > MOST_FRAMES * every:
         message = (
             f"{units.pretty(every, kind)} makes {whole / every:.3g} frames of {units.pretty(whole, kind)}, "

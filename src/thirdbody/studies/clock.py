@@ -50,10 +50,15 @@ def attach(integrator: Any) -> Clock:
     """A clock that runs while the integrator advances, and rests while the run is watched."""
     clock, advance = Clock(), integrator.advance_to
 
-    def timed(until: float = math.inf, distance: float = math.inf, watch: Callable[[], None] = lambda: None) -> None:
+    def timed(
+        until: float = math.inf,
+        distance: float = math.inf,
+        watch: Callable[[], None] = lambda: None,
+        between: Callable[[], None] = lambda: None,
+    ) -> None:
         clock.go()
         try:
-            advance(until, distance, lambda: clock.aside(watch))
+            advance(until, distance, lambda: clock.aside(watch), lambda: clock.aside(between))
         finally:
             clock.rest()
 
