@@ -88,8 +88,11 @@ def _digest(arrays: list[np.ndarray]) -> str:
     return digest.hexdigest()[:16]
 
 
-def write_checkpoint(folder: Path, kept: Checkpoint) -> None:
-    """Write the file and make sure that it is on the disk. Raises OutputError, with the one before in place."""
+def write_checkpoint(folder: Path, kept: Checkpoint, named: Path | None = None) -> None:
+    """Write the file and make sure that it is on the disk. Raises OutputError, with the one before in place.
+
+    `named`: the folder that a message names, if it is another one.
+    """
     arrays: dict[str, Any] = {"impulses": kept.impulses} | kept.snapshot.arrays
     notes = {
         "version": VERSION, "scene": kept.scene, "folder": kept.folder, "prints": kept.prints, "frames": kept.frames,
@@ -99,7 +102,8 @@ def write_checkpoint(folder: Path, kept: Checkpoint) -> None:
     arrays[NOTES] = np.frombuffer(json.dumps(notes).encode(), np.uint8)
     part = folder / f"{FILE}.part"
     try:
-        with open(part, "wb") as file:
+        part.unlink(missing_ok=True)
+        with open(part, "xb") as file:  # a new file: never what a link points to
             np.savez(file, **arrays)
             file.flush()
             os.fsync(file.fileno())
@@ -109,7 +113,7 @@ def write_checkpoint(folder: Path, kept: Checkpoint) -> None:
         with suppress(OSError):  # a read-only folder refuses that too
             part.unlink(missing_ok=True)
         before = "the one before is kept" if (folder / FILE).exists() else "there is none before it"
-        raise OutputError(f"{folder / FILE}: cannot be written ({error.strerror or error}); {before}") from error
+        raise OutputError(f"{(named or folder) / FILE}: cannot be written ({error.strerror or error}); {before}") from error
 
 
 def _sync(folder: Path) -> None:

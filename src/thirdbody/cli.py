@@ -94,7 +94,8 @@ def run(
     limits = _limits(every, wall_limit)
     begin()
     from .report import print_warnings
-    from .simulate import check_threads, default_folder, prepare, refuse_existing
+    from .run_folder import refuse_existing
+    from .simulate import check_threads, default_folder, prepare
 
     loaded = _load(scene, settings)
     folder = out or default_folder(loaded)

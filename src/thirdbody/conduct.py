@@ -6,7 +6,6 @@ import math
 import time
 from collections.abc import Callable
 from itertools import islice
-from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Any, cast
 
@@ -21,6 +20,7 @@ from .errors import InputError, Interrupted, OutputError
 from .output.frames import FrameMaker
 from .output.vtkhdf import TrajectoryWriter
 from .progress import Progress, Reporter
+from .run_folder import RunFolder
 from .yielding import PeakPressure
 
 if TYPE_CHECKING:
@@ -38,10 +38,11 @@ class Conduct:
     """A built simulation on its way, with what is counted along it."""
 
     def __init__(
-        self, simulation: Simulation, folder: Path, report: Reporter | None = None, stop: Callable[[], bool] = lambda: False,
+        self, simulation: Simulation, files: RunFolder, report: Reporter | None = None, stop: Callable[[], bool] = lambda: False,
         every: float = CHECKPOINT_EVERY, wall_limit: float = math.inf,
     ) -> None:  # fmt: skip
-        self.simulation, self.folder, self.report, self.stop = simulation, folder, report, stop
+        self.simulation, self.files, self.report, self.stop = simulation, files, report, stop
+        self.folder = files.path
         self.every, self.wall_limit = every, wall_limit
         self.started, self.before, self.reached, self.cost = time.perf_counter(), 0.0, 0, 0.0
         self.written = self.started
@@ -96,10 +97,10 @@ class Conduct:
         kept = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
         self.writer.sync()
         folder = str(self.simulation.scene.beside("").absolute())
-        write_checkpoint(self.folder, Checkpoint(
+        write_checkpoint(self.files.place, Checkpoint(
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
             self.looks.above, np.array(self.maker.impulses), kept,
-        ))  # fmt: skip
+        ), self.folder)  # fmt: skip
         self.written = time.perf_counter()
         self.cost = self.written - begun
 
@@ -143,6 +144,9 @@ class Conduct:
             self.writer.append(frame)
         except ValueError as error:  # a run that is gone on with, whose file holds other arrays than it wrote
             raise OutputError(f"{self.folder}: the trajectory is damaged, so the run cannot go on: {error}") from error
+        if not self.files.usable:
+            self.writer.sync()  # what it takes the place of is lost then
+            self.files.publish()
         self.pressure.look(frame.contacts)
         self._tell(dict(frame.series))
         # after the frame, which shows what went wrong

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 import os
 import platform
-import shutil
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,20 +19,18 @@ from .collector import resting
 from .conduct import CHECKPOINT_EVERY, Conduct
 from .endings import endings
 from .errors import GuardStop, Interrupted, OutputError, UsageError
-from .lock import held
 from .output.frames import UNITS, FrameMaker
 from .output.paraview import write_paraview_files
 from .output.run import FILE_NAME, Run, open_run
 from .output.target import write_whole
 from .output.vtkhdf import TrajectoryWriter
 from .progress import Reporter, reporting
+from .run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
 from .scene.model import Scene
 from .signals import stop_on_ctrl_c
 
 if TYPE_CHECKING:
     from .scene.build import Simulation
-
-SCENE_FILE = "scene.toml"
 
 _preparing = threading.Lock()
 """One thread at a time compiles: what is compiled next, and how thoroughly, is known to the whole process (`warm`)."""
@@ -111,23 +108,23 @@ def execute(
     checkpoint to go on from, with its trajectory in the folder.
     """
     set_threads(threads)
-    with nullcontext() if kept else _new_folder(folder, overwrite), held(folder):
-        return _execute(simulation, folder, report, stop, every, wall_limit, kept)
+    with old_run_folder(folder) if kept else new_run_folder(folder, overwrite) as files:
+        return _execute(simulation, files, report, stop, every, wall_limit, kept)
 
 
 def _execute(
-    simulation: Simulation, folder: Path, report: Reporter | None, stop: Callable[[], bool], every: float, wall_limit: float,
+    simulation: Simulation, files: RunFolder, report: Reporter | None, stop: Callable[[], bool], every: float, wall_limit: float,
     kept: Checkpoint | None,
 ) -> dict[str, Any]:  # fmt: skip
     """`execute` in a folder that is there and held."""
-    conduct = Conduct(simulation, folder, report, stop, every, wall_limit)
+    conduct = Conduct(simulation, files, report, stop, every, wall_limit)
     problem: GuardStop | Interrupted | None = None
     if kept is not None:
         conduct.take_up(kept)
         if kept.frames:
-            with open_run(folder) as before:
+            with open_run(files.path) as before:
                 conduct.pressure.take_up(before, kept.frames)
-    with _opened(folder, _header(simulation), conduct.maker, kept) as writer:
+    with _opened(files, _header(simulation), conduct.maker, kept) as writer:
         try:
             conduct.integrate(writer)
         except (GuardStop, Interrupted) as error:
@@ -140,26 +137,22 @@ def _execute(
 
 
 @contextmanager
-def _opened(folder: Path, header: dict[str, Any], maker: FrameMaker, kept: Checkpoint | None) -> Iterator[TrajectoryWriter]:
-    """The writer of a run, with the files beside it. A folder in which nothing could be written does not stay."""
-    writer = None
-    try:
-        with _writer(folder / FILE_NAME, header, maker, kept) as writer:
-            try:
-                write_whole(folder / SCENE_FILE, header["scene_text"].encode())
-                write_paraview_files(folder / FILE_NAME, header["state_names"])
-            except OSError as error:
-                raise OutputError(f"{folder}: cannot be written ({error.strerror or error})") from error
-            yield writer
-    finally:
-        if kept is None and (writer is None or not writer.frames):
-            shutil.rmtree(folder, ignore_errors=True)
+def _opened(files: RunFolder, header: dict[str, Any], maker: FrameMaker, kept: Checkpoint | None) -> Iterator[TrajectoryWriter]:
+    """The writer of a run, with the files beside it."""
+    with _writer(files, header, maker, kept) as writer:
+        try:
+            write_whole(files.place / SCENE_FILE, header["scene_text"].encode())
+            write_paraview_files(files.place / FILE_NAME, header["state_names"])
+        except OSError as error:
+            raise OutputError(f"{files.path}: cannot be written ({error.strerror or error})") from error
+        yield writer
 
 
-def _writer(path: Path, header: dict[str, Any], maker: FrameMaker, kept: Checkpoint | None) -> TrajectoryWriter:
+def _writer(files: RunFolder, header: dict[str, Any], maker: FrameMaker, kept: Checkpoint | None) -> TrajectoryWriter:
     """A new trajectory, or the one that the checkpoint belongs to, cut back to its frames."""
+    path = files.path / FILE_NAME
     if kept is None or not kept.frames:
-        return TrajectoryWriter(path, header, maker.static())
+        return TrajectoryWriter(files.place / FILE_NAME, header, maker.static(), (path, 0))
     with open_run(path) as before:
         # what was told of an earlier part still holds for it
         told = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
@@ -189,51 +182,6 @@ def _most_threads() -> int:
     import numba
 
     return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
-
-
-def refuse_existing(folder: Path, overwrite: bool) -> None:
-    """Raise OutputError if the folder exists, unless it is that of a run and may be overwritten, or cannot be made."""
-    if not folder.exists():
-        above = next((path for path in folder.absolute().parents if path.exists()), None)
-        if above is None or not above.is_dir() or not os.access(above, os.W_OK | os.X_OK):
-            raise OutputError(f"{folder}: cannot be made: {above} is {_why_not(above)}")
-        return
-    if not overwrite:
-        raise OutputError(
-            f"{folder}: exists already",
-            python="; overwrite=True replaces it, out=... names another folder",
-            command="; --overwrite replaces it, -o names another folder",
-        )
-    if not folder.is_dir() or (any(folder.iterdir()) and not (folder / FILE_NAME).exists()):
-        raise OutputError(f"{folder}: is not the folder of a run and will not be overwritten")
-
-
-def _why_not(above: Path | None) -> str:
-    return "not a folder" if above is not None and not above.is_dir() else "read-only for you"
-
-
-@contextmanager
-def _new_folder(folder: Path, overwrite: bool) -> Iterator[None]:
-    """Make the run's folder; if nothing is left in it afterwards, the folders above it that were made too are removed again.
-
-    Raises OutputError if it exists (unless it is that of a run and may be overwritten) or cannot be made.
-    """
-    refuse_existing(folder, overwrite)
-    above = [path for path in folder.absolute().parents if not path.exists()]
-    try:
-        try:
-            if folder.exists():
-                with held(folder):
-                    shutil.rmtree(folder)
-            folder.mkdir(parents=True)
-        except OSError as error:
-            raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
-        yield
-    finally:
-        if not folder.exists():
-            for path in above:  # from the innermost outwards
-                with suppress(OSError):
-                    path.rmdir()
 
 
 def _header(simulation: Simulation) -> dict[str, Any]:

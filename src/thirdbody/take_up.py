@@ -13,11 +13,12 @@ from .checkpoint import THE_VERSION, Checkpoint, prints_of, read_checkpoint
 from .errors import Fault, InputError
 from .output.run import FILE_NAME, Run, open_run
 from .progress import Reporter, reporting
+from .run_folder import SCENE_FILE, refuse_links
 from .scene.model import Scene
 from .scene.read import read_text
 from .scene.tables import Solver
 from .signals import stop_on_ctrl_c
-from .simulate import SCENE_FILE, check_threads, execute, prepare
+from .simulate import check_threads, execute, prepare
 
 if TYPE_CHECKING:
     from .scene.build import Simulation
@@ -63,6 +64,7 @@ def prepare_resume(
     """The simulation of a run, built anew, and the checkpoint that it is to be put to. Raises InputError."""
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give that of a run")
+    refuse_links(folder)
     kept = read_checkpoint(folder)
     before, scene = _scenes(folder, kept, settings or {})
     if kept.frames:

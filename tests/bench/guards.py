@@ -115,13 +115,14 @@ class Engine:
         from peers_scenes import simulation_of
 
         from thirdbody.conduct import Conduct
+        from thirdbody.run_folder import RunFolder
         from thirdbody.simulate import set_threads
 
         set_threads(1)
         self.steps, self.looking = steps, 0.0
         self.simulation = simulation_of(start)
         self.state, self.integrator = self.simulation.state, self.simulation.integrator
-        self.conduct = Conduct(self.simulation, Path(), every=math.inf)  # writes nothing
+        self.conduct = Conduct(self.simulation, RunFolder(Path()), every=math.inf)  # writes nothing
         advance(self.simulation, warm)
         self.kept = self.snapshot()
 

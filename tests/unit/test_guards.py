@@ -12,6 +12,7 @@ from thirdbody.engine.guards import Looks
 from thirdbody.errors import GuardStop
 from thirdbody.kernels import layout as at
 from thirdbody.output.run import open_run
+from thirdbody.run_folder import RunFolder
 from thirdbody.scene.build import build
 from thirdbody.scene.model import Domain
 from thirdbody.simulate import execute
@@ -131,7 +132,7 @@ def test_a_sound_run_is_looked_at_and_goes_on(tmp_path):
     trial = Trial(Setting("explicit", "mindlin"))
     scene = make.pressed(trial, make.clump(make.TRIPOD), 0.3)
     scene = scene.with_settings({"solver.duration": "200 ns", "output.every": "100 ns"})
-    conduct = Conduct(build(scene), tmp_path)
+    conduct = Conduct(build(scene), RunFolder(tmp_path))
     assert conduct.looks.patience == 2
     execute(conduct.simulation, tmp_path / "run")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,6 +10,7 @@ from string import Template
 
 from thirdbody.output.palette import rgb, state_colors
 from thirdbody.output.schema import BLOCKS
+from thirdbody.output.target import write_whole
 from thirdbody.output.vtkhdf import FORMAT
 
 SCRIPT_NAME = "open_in_paraview.py"
@@ -98,8 +100,10 @@ def write_sidecars(path: str | Path) -> list[Path]:
     sidecars = []
     for name in BLOCKS:
         sidecar = path.with_name(f"{path.stem}.{name}.vtkhdf")
-        with h5py.File(sidecar, "w", libver=FORMAT) as file:
+        content = io.BytesIO()
+        with h5py.File(content, "w", libver=FORMAT) as file:
             file["VTKHDF"] = h5py.ExternalLink(path.name, f"/VTKHDF/{name}")
+        write_whole(sidecar, content.getvalue())
         sidecars.append(sidecar)
     return sidecars
 
@@ -114,7 +118,7 @@ def write_script(path: Path, state_names: Sequence[str], files: str) -> None:
         files=files,
         version="5.11" if files.endswith(".pvd") else "5.13",
     )
-    path.write_text(text, encoding="utf-8")
+    write_whole(path, text.encode())
 
 
 def write_paraview_files(path: str | Path, state_names: Sequence[str]) -> list[Path]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import groupby
@@ -16,6 +17,11 @@ NODE = b"TREE"
 """How the nodes of an index of chunks begin; their sixth byte is the level, 0 for the leaves (HDF5 file format 3.0, III.A.1)."""
 
 
+def _open_no_link(path: str, flags: int) -> int:
+    """Open a file, but not what a link of that name points to."""
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
+
+
 class Sink(io.FileIO):
     """A file that keeps the first fault of the system to itself until `check` is asked, and writes nothing after it.
 
@@ -24,7 +30,7 @@ class Sink(io.FileIO):
     """
 
     def __init__(self, path: str | Path, mode: str):
-        super().__init__(path, mode)
+        super().__init__(path, mode, opener=_open_no_link)
         self._fault: OSError | None = None
         self._held: list[tuple[int, bytes]] | None = None
         self._old = self.seek(0, io.SEEK_END)

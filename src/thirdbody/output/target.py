@@ -105,10 +105,12 @@ def _reason(error: Exception) -> str:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all. Raises OSError when it cannot be written."""
+    """Write a file so that it is there whole or not at all, in place of a link too. Raises OSError when it cannot be written."""
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        beside.write_bytes(content)
+        beside.unlink(missing_ok=True)
+        with open(beside, "xb") as file:  # a new file: never what a link points to
+            file.write(content)
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)

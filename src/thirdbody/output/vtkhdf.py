@@ -198,7 +198,8 @@ class TrajectoryWriter:
 
     def _require_space(self, nbytes: int) -> None:
         """Refuse a frame before anything is written when it cannot fit: a half-written index helps nobody."""
-        free = shutil.disk_usage(self.path.parent).free
+        # asked of the open file: its folder may have been moved
+        free = shutil.disk_usage(self._sink.fileno() if hasattr(os, "fstatvfs") else self.path.parent).free
         if free < nbytes + nbytes // 2 + SPARE_BYTES:
             self.close()
             raise OutputError(f"{self._named}: the disk is full ({free // 1024} KiB left); {self._kept()}")

@@ -1,0 +1,359 @@
+"""A run writes its own files and no others: what `--overwrite` replaces and when, and links in a folder that is resumed."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from steel import STEEL
+
+import thirdbody
+from thirdbody import take_up
+from thirdbody.checkpoint import FILE as CHECKPOINT
+from thirdbody.errors import InputError, Interrupted, OutputError
+from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.run_folder import FILES, REPLACEMENT
+from thirdbody.simulate import execute, prepare
+from thirdbody.take_up import prepare_resume
+
+SCENE = STEEL + """\
+[[debris]]
+kind = "spheres"
+material = "steel"
+radius = "5 um"
+count = 2
+[domain]
+size = ["40 um", "30 um"]
+[plates]
+lower = {material = "steel"}
+[solver]
+duration = "1 us"
+[output]
+every = "0.5 us"
+"""
+LINK = "is a symbolic link; a run goes on only in regular files of its own"
+
+
+def scene(title: str) -> thirdbody.Scene:
+    return thirdbody.Scene.parse(SCENE).with_settings({"title": title})
+
+
+def start(folder: Path, title: str = "new", stop: bool = False, **options) -> None:
+    """Run into a folder; with `stop` it is interrupted after its first frame."""
+    try:
+        execute(prepare(scene(title)), folder, 1, stop=lambda: stop, **options)
+    except Interrupted:
+        assert stop
+
+
+def title_of(folder: Path) -> str:
+    with thirdbody.open(folder) as run:
+        return str(run.header["title"])
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("old") / "run"
+    start(folder, "old")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def interrupted(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("cut") / "run"
+    start(folder, "old", stop=True)
+    return folder
+
+
+@pytest.fixture
+def old(finished: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(finished, tmp_path / "run"))
+
+
+@pytest.fixture
+def cut(interrupted: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(interrupted, tmp_path / "run"))
+
+
+# --overwrite --------------------------------------------------------------------------------------------------------------
+
+
+def test_a_run_leaves_the_files_that_are_known_as_its_own(old):
+    assert {path.name for path in old.iterdir()} == set(FILES)
+
+
+def test_a_run_is_replaced(old):
+    start(old, overwrite=True)
+    assert title_of(old) == "new" and {path.name for path in old.iterdir()} == set(FILES)
+    with thirdbody.open(old) as run:
+        assert run.summary()["finished"] and run.frames == 3
+    assert (old / "scene.toml").read_text() == scene("new").to_toml()
+
+
+def test_other_files_in_the_folder_are_named_and_stay(old):
+    (old / "paper").mkdir()
+    (old / "paper" / "draft.tex").write_text("months of work")
+    (old / "notes.md").write_text("mine")
+    before = contents(old)
+    with pytest.raises(OutputError, match=r"holds other files \(notes.md, paper\) and will not be overwritten"):
+        thirdbody.run(scene("new"), old, overwrite=True, progress=False)
+    assert contents(old) == before
+
+
+@pytest.mark.parametrize("name", ["run.spheres.vtkhdf", "scene.toml", REPLACEMENT])
+@pytest.mark.parametrize("kind", ["folder", "link"])
+def test_what_only_bears_the_name_of_a_file_of_ours_stays(old, tmp_path, name, kind):
+    (tmp_path / "elsewhere").write_text("mine")
+    (old / name).unlink(missing_ok=True)
+    if kind == "link":
+        (old / name).symlink_to(tmp_path / "elsewhere")
+    else:
+        (old / name).mkdir()
+        (old / name / "mine.txt").write_text("mine")
+    before = contents(old)
+    with pytest.raises(OutputError, match=rf"holds other files \({name}\)"):
+        start(old, overwrite=True)
+    assert contents(old) == before
+
+
+@pytest.mark.parametrize("names", [["scene.toml"], ["scene.toml", "notes.md"], ["notes.md"], [".git"]])
+def test_a_folder_without_a_run_is_not_overwritten(tmp_path, names):
+    """A project of the user's, with a scene in it."""
+    for name in names:
+        (tmp_path / name).write_text("mine")
+    with pytest.raises(OutputError, match="is not the folder of a run"):
+        start(tmp_path, overwrite=True)
+    assert sorted(contents(tmp_path)) == sorted(names)
+
+
+def test_the_current_folder_is_replaced_in_place(old, monkeypatch):
+    monkeypatch.chdir(old)
+    before = os.stat(".").st_ino
+    start(Path("."), overwrite=True)
+    assert os.stat(".").st_ino == os.stat(old).st_ino == before
+    assert title_of(Path(".")) == "new" and {path.name for path in old.iterdir()} == set(FILES)
+
+
+def test_a_folder_that_a_link_names_is_replaced_in_place(old, tmp_path):
+    (tmp_path / "link").symlink_to(old)
+    start(tmp_path / "link", overwrite=True)
+    assert (tmp_path / "link").is_symlink() and title_of(old) == "new"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux") or not shutil.which("mount"), reason="needs mount")
+def test_a_folder_where_a_disk_is_mounted_is_replaced_in_place(finished, tmp_path):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=20m", "tmpfs", disk], capture_output=True).returncode:
+        pytest.skip("no file system can be mounted here")
+    try:
+        start(disk, "old", overwrite=True)  # it is empty
+        start(disk, "new", overwrite=True)
+        assert os.path.ismount(disk) and title_of(disk) == "new" and {path.name for path in disk.iterdir()} == set(FILES)
+    finally:
+        subprocess.run(["umount", disk], check=True)
+
+
+def test_an_empty_folder_that_could_not_be_used_stays(tmp_path, monkeypatch):
+    def full(*_):
+        raise OutputError("the disk is full")
+
+    monkeypatch.setattr(TrajectoryWriter, "append", full)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(OutputError, match="the disk is full"):
+        start(tmp_path / "empty", overwrite=True)
+    assert list((tmp_path / "empty").iterdir()) == []
+
+
+@pytest.mark.parametrize("error", [OutputError("the disk is full"), KeyboardInterrupt()])
+def test_the_old_run_stays_until_the_new_one_has_a_frame(old, monkeypatch, error):
+    before, seen = contents(old), []
+
+    def fail(*_):
+        seen.append({name: data for name, data in contents(old).items() if not name.startswith(REPLACEMENT)})
+        raise error
+
+    monkeypatch.setattr(TrajectoryWriter, "append", fail)
+    with pytest.raises(type(error)) as told:
+        start(old, overwrite=True)
+    assert seen == [before] and contents(old) == before and not (old / REPLACEMENT).exists()
+    if isinstance(error, OutputError):
+        assert str(told.value) == "the disk is full; the run that is there stays as it is"
+
+
+def test_a_new_run_that_stops_after_its_first_frame_has_replaced_the_old_one(old):
+    start(old, overwrite=True, stop=True)
+    assert title_of(old) == "new" and {path.name for path in old.iterdir()} == set(FILES)
+    thirdbody.resume(old, progress=False).close()
+
+
+def test_a_checkpoint_that_cannot_be_written_names_the_folder_of_the_run(old, monkeypatch):
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("thirdbody.checkpoint.np.savez", full)
+    with pytest.raises(OutputError) as told:
+        start(old, overwrite=True)
+    assert str(told.value).startswith(f"{old / CHECKPOINT}: cannot be written") and REPLACEMENT not in str(told.value)
+    assert title_of(old) == "old"
+
+
+def test_two_runs_do_not_replace_one_folder_at_once(old, monkeypatch):
+    real = TrajectoryWriter.append
+
+    def meanwhile(self, frame):
+        with pytest.raises(OutputError, match="another process is writing this run"):
+            start(old, "third", overwrite=True)
+        real(self, frame)
+
+    simulation = prepare(scene("new"))
+    monkeypatch.setattr(TrajectoryWriter, "append", meanwhile)
+    execute(simulation, old, 1, overwrite=True)
+    assert title_of(old) == "new"
+
+
+KILLED = """\
+import os, signal, sys
+from pathlib import Path
+import thirdbody
+from thirdbody import run_folder
+from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.simulate import execute, prepare
+from thirdbody.take_up import prepare_resume
+
+folder, text, last = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+simulation, calls = prepare(thirdbody.Scene.parse(text)), 0
+
+def watched(owner, name):
+    real = getattr(owner, name)
+    def call(*args, **options):
+        global calls
+        calls += 1
+        if calls == last:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real(*args, **options)
+    setattr(owner, name, call)
+
+watched(TrajectoryWriter, "append")
+for name in ("replace", "rename", "unlink", "mkdir", "rmdir"):
+    watched(os, name)
+execute(simulation, folder, 1, overwrite=True)
+print(calls)
+"""
+LAST_OF_A_RUN = 60
+"""More calls than a run makes."""
+
+
+def killed(folder: Path, last: int) -> bool:
+    """Replace the run in a folder in a process that is killed at its so-manieth call; whether it was."""
+    command = [sys.executable, "-c", KILLED, str(folder), scene("new").to_toml(), str(last)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode in (0, -signal.SIGKILL), done.stderr
+    return done.returncode != 0
+
+
+def check_after_a_kill(folder: Path) -> str:
+    """Either run is there and whole, `resume` makes one of them complete, and the folder can be overwritten; who was there."""
+    found = title_of(folder)
+    with thirdbody.open(folder) as run:
+        assert run.frames == 3 if found == "old" else run.frames >= 1
+    after = Path(shutil.copytree(folder, folder.with_name("resumed")))
+    try:
+        with thirdbody.resume(after, progress=False, threads=1) as run:
+            assert run.frames == 3 and run.summary()["finished"]
+            assert found == "old" or run.header["title"] == "new"
+        assert {path.name for path in after.iterdir()} == set(FILES)
+    finally:
+        shutil.rmtree(after)
+    start(folder, "third", overwrite=True)
+    assert title_of(folder) == "third" and {path.name for path in folder.iterdir()} == set(FILES)
+    return found
+
+
+def test_a_kill_before_the_first_frame_leaves_the_old_run(old):
+    """Its leftovers are removed by whoever writes there next."""
+    before = contents(old)
+    code = KILLED.replace('("replace", "rename", "unlink", "mkdir", "rmdir")', "()")
+    done = subprocess.run([sys.executable, "-c", code, str(old), scene("new").to_toml(), "1"], capture_output=True, text=True)
+    assert done.returncode == -signal.SIGKILL, done.stderr
+    assert {name: data for name, data in contents(old).items() if not name.startswith(REPLACEMENT)} == before
+    assert (old / REPLACEMENT / "run.vtkhdf").exists()
+    assert check_after_a_kill(old) == "old"
+
+
+@pytest.mark.hard
+def test_a_kill_at_any_call_leaves_the_old_run_or_the_new_one(finished, tmp_path):
+    found = []
+    for last in range(1, LAST_OF_A_RUN):
+        folder = Path(shutil.copytree(finished, tmp_path / str(last)))
+        if not killed(folder, last):
+            break
+        found.append(check_after_a_kill(folder))
+    assert "old" in found and "new" in found and found == sorted(found, reverse=True)
+
+
+# links in a folder of somebody else's -------------------------------------------------------------------------------------
+
+WRITTEN = (*FILES, f"{CHECKPOINT}.part", "run.vtkhdf.part", f".scene.toml.{os.getpid()}.part")
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_a_link_in_a_folder_that_is_resumed_is_refused(cut, tmp_path, name):
+    victim = tmp_path / "victim"
+    if (cut / name).exists():
+        (cut / name).rename(victim)
+    else:
+        victim.write_bytes(b"mine")
+    (cut / name).symlink_to(victim)
+    before = victim.read_bytes()
+    with pytest.raises(InputError) as told:
+        prepare_resume(cut)
+    assert str(told.value) == f"{cut / name}: {LINK}"
+    assert victim.read_bytes() == before and (cut / name).is_symlink()
+
+
+@pytest.mark.parametrize("name", [name for name in WRITTEN if name != CHECKPOINT])
+def test_nothing_is_written_through_a_link_that_appears_later(cut, tmp_path, monkeypatch, name):
+    """After the folder was looked at: files are made anew and renamed, never opened by a name that may be a link."""
+    victim = tmp_path / "victim"
+    if (cut / name).exists():
+        (cut / name).rename(victim)
+    else:
+        victim.write_bytes(b"mine")
+    (cut / name).symlink_to(victim)
+    before = victim.read_bytes()
+    monkeypatch.setattr(take_up, "refuse_links", lambda folder: None)
+    with thirdbody.resume(cut, progress=False, threads=1) as run:
+        assert run.frames == 3
+    assert victim.read_bytes() == before
+    assert not (cut / name).is_symlink() and {path.name for path in cut.iterdir()} == set(FILES)
+
+
+def test_a_hard_link_is_not_written_through(cut, tmp_path):
+    victims = {name: tmp_path / f"victim_{k}" for k, name in enumerate(FILES)}
+    for name, victim in victims.items():
+        os.link(cut / name, victim)
+    before = {name: victim.read_bytes() for name, victim in victims.items()}
+    thirdbody.resume(cut, progress=False, threads=1).close()
+    assert {name: victim.read_bytes() for name, victim in victims.items()} == before
+
+
+def test_all_links_are_named_at_once(cut, tmp_path):
+    for name in ("run.spheres.vtkhdf", "open_in_paraview.py"):
+        (cut / name).unlink()
+        (cut / name).symlink_to(tmp_path / "victim")
+    (cut / "run.clumps.vtkhdf").unlink()
+    (cut / "run.clumps.vtkhdf").mkdir()
+    with pytest.raises(InputError) as told:
+        prepare_resume(cut)
+    assert len(told.value.faults) == 3 and "run.clumps.vtkhdf: is a folder" in str(told.value)
+    assert not (tmp_path / "victim").exists()
