@@ -60,15 +60,20 @@ def flipped(data: bytes) -> bytes:
     return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
 
 
-def huge() -> bytes:
-    """A header that promises more than any memory holds."""
+def claimed(rows: int) -> bytes:
+    """Headers that promise so many spheres, and nothing after them."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive:
-        for name in ("center", "radius", "clump"):
+        for name, tail, descr in (("center", (3,), "<f8"), ("radius", (), "<f8"), ("clump", (), "<i8")):
             array = io.BytesIO()
-            np.lib.format.write_array_header_1_0(array, {"descr": "<f8", "fortran_order": False, "shape": (10**15,)})
+            np.lib.format.write_array_header_1_0(array, {"descr": descr, "fortran_order": False, "shape": (rows, *tail)})
             archive.writestr(f"{name}.npy", array.getvalue())
     return file.getvalue()
+
+
+def huge() -> bytes:
+    """Headers that promise more than any memory holds."""
+    return claimed(10**15)
 
 
 def scattered(n: int = 4) -> str:
@@ -132,7 +137,10 @@ TABLES = {
     "npz cut inside an array": ("b.npz", torn("radius", 140), ": radius", ["is damaged"]),
     "npz bit flipped": ("b.npz", flipped(npz()), "", ["damaged or cut short", "CRC"]),
     "npz header of an array lost": ("b.npz", torn("radius", 3), ": radius", ["no array of numbers"]),
-    "npz too large": ("b.npz", huge(), ": center", ["does not fit into memory"]),
+    "npz too large": ("b.npz", huge(), ": center", ["has 1000000000000000 rows, at most 1000000 spheres"]),
+    "npz that claims too much": ("b.npz", claimed(900_000), ": center", ["is damaged: 21600000 bytes by its header, 0"]),
+    "npz of many arrays": ("b.npz", npz(**{f"a{k}": np.zeros(1) for k in range(70)}), "", ["holds more than 64 arrays"]),
+    "csv of many columns": ("b.csv", b"x [um]," * 70, ":1: header", ["names 71 columns, at most 30"]),
     "npz pickle inside": ("b.npz", npz(radius=np.array([{}, 1, 2, 3], object)), ": radius", ["Python objects (a pickle)"]),
     "npz unknown array": ("b.npz", npz("center", centre=ARRAYS["center"]), ": centre", ["did you mean 'center'"]),
     "npz missing array": ("b.npz", npz("radius"), ": radius", ["missing"]),

@@ -14,6 +14,10 @@ MOST_BYTES = 500_000_000
 """Bytes of the largest file that is read: ten million triangles. It is refused before any of it is read."""
 
 
+MOST_ROWS = 1_000_000
+"""Spheres in one table of bodies: a minute and 3 GB for as many bodies, three times the memory for text."""
+
+
 def read_bytes(path: Path, key: str = "") -> bytes:
     """What the file holds. InputError: one fault with the path, if it is missing, no file, too large, or may not be read."""
     file = str(path) if len(str(path)) < 200 else f"{str(path)[:200]}..."

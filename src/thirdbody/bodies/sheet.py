@@ -58,11 +58,14 @@ class Sheet:
         return f"{word}{'s' if len(numbers) > 1 else ''} {listed}"
 
 
-def refuse(faults: Iterable[Fault]) -> None:
-    """Raises InputError with the first faults and the number of the others; nothing happens when there are none."""
+def refuse(faults: Iterable[Fault], total: int | None = None) -> None:
+    """Raises InputError with the first faults and the number of the others; nothing happens when there are none.
+
+    `total` is the number of all faults, when `faults` are not all.
+    """
     faults = list(faults)
     if not faults:
         return
-    more = len(faults) - SHOWN
+    more = (len(faults) if total is None else total) - SHOWN
     rest = [Fault("", f"and {more} more fault{'s' if more > 1 else ''}", faults[0].file)] if more > 0 else []
     raise InputError(faults[:SHOWN] + rest)

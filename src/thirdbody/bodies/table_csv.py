@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thirdbody.bodies.files import MOST_ROWS
 from thirdbody.bodies.sheet import PER_BODY, Sheet, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
@@ -30,6 +31,9 @@ _LONG = {"center": "", "quaternion": "q", "velocity": "v", "angular_velocity": "
 _ALIASES = {f"{word}_{part}": short + part for word, short in _LONG.items() for part in "wxyz" if short + part in _COLUMNS}
 _NEEDED = ("clump", "x", "y", "z", "radius")
 _EXAMPLE = "clump,x [um],y [um],z [um],radius [um]"
+# Of a table in text: a million spheres with all columns have 200 MB.
+MOST_BYTES, MOST_COLUMNS = 250_000_000, 2 * len(_COLUMNS)
+
 _TITLE = re.compile(r"\s*([^\[\]()]*?)\s*(?:[\[(]([^\[\]()]*)[\])])?\s*")
 
 
@@ -48,6 +52,7 @@ def read_csv(file: str, data: bytes, parse: Parse) -> Sheet:
 
     InputError with all faults of the header, else of the cells, else between the rows of a clump.
     """
+    _refuse_large(file, data)
     rows = _rows(file, _text(file, data))
     if not rows:
         raise InputError(Fault("", f"is empty: the first line names the columns, such as {_EXAMPLE}", file))
@@ -56,6 +61,17 @@ def read_csv(file: str, data: bytes, parse: Parse) -> Sheet:
         raise InputError(Fault("", "holds no spheres: nothing follows the header", file))
     values = _values(file, columns, rows[1:], parse)
     return _sheet(file, columns, values, np.array([line for line, _ in rows[1:]]))
+
+
+def _refuse_large(file: str, data: bytes) -> None:
+    """Raise InputError for more text than a table of bodies has: it takes some ten times as much memory once it is in cells."""
+    if len(data) > MOST_BYTES:
+        message = f"has {len(data) / 1e6:.0f} MB of text, at most {MOST_BYTES / 1e6:.0f} MB are read: save it as NPZ"
+        raise InputError(Fault("", message, file))
+    if (rows := data.count(b"\n") - 1) > MOST_ROWS:
+        raise InputError(Fault("", f"has {rows} rows, at most {MOST_ROWS} spheres are read from one file", file))
+    if (cells := data.count(b",")) > MOST_COLUMNS * MOST_ROWS:
+        raise InputError(Fault("", f"has {cells} cells, at most {MOST_COLUMNS * MOST_ROWS} are read", file))
 
 
 def _text(file: str, data: bytes) -> str:
@@ -87,6 +103,8 @@ def _header(file: str, line: int, titles: list[str], parse: Parse) -> list[_Colu
         raise InputError(Fault("header", message, file, line))
     if all(_is_number(title) for title in titles):
         raise InputError(Fault("header", f"expected the names of the columns, such as {_EXAMPLE}; got numbers", file, line))
+    if len(titles) > MOST_COLUMNS:
+        raise InputError(Fault("header", f"names {len(titles)} columns, at most {MOST_COLUMNS} are read", file, line))
     columns: list[_Column] = []
     faults = []
     for title in titles:

@@ -1,73 +1,124 @@
-"""Bodies from an NPZ file: arrays in SI, plain numbers only."""
+"""Bodies from an NPZ file: arrays in SI, plain numbers only. Headers are looked at before anything is unpacked."""
 
 from __future__ import annotations
 
 import io
 import zipfile
 import zlib
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.bodies.sheet import PER_BODY, Sheet, refuse
+from thirdbody.bodies.files import MOST_ROWS
+from thirdbody.bodies.sheet import PER_BODY, SHOWN, Sheet, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
 _NEEDED = ("center", "radius", "clump")
+# Entries of a sound file; a directory of millions of entries is not read. Every entry begins with this mark.
+_MOST_ENTRIES, _ENTRY = 64, b"PK\x01\x02"
+# numpy reads no longer header of an array of plain numbers.
+_HEADER_BYTES = 16_384
+
+
+class _Header(NamedTuple):
+    """What the header of an array promises."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype
 
 
 def read_npz(file: str, data: bytes) -> Sheet:
     """The sheet in the bytes of an NPZ file; `file` is its name in messages. No pickle is ever loaded.
 
-    InputError with all faults of the names, else of types and shapes, else of the values.
+    InputError with all faults of the names, else of the sizes, else of types, else of shapes, else of the values.
     """
-    arrays = _arrays(file, data)
-    refuse(_type_faults(file, arrays))
-    refuse(_shape_faults(file, arrays))
-    refuse(_value_faults(file, arrays))
+    try:
+        arrays = _arrays(file, data)
+    except InputError:
+        raise
+    # damage shows as whatever it leads zip, deflate and the header's parser into
+    except (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, SyntaxError, OverflowError,
+            zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
+        raise InputError(Fault("", f"is damaged or cut short ({_reason(error)}); write it again", file)) from None
+    _refuse_values(file, arrays)
     floats = {name: array.astype(np.float64) for name, array in arrays.items() if name != "clump"}
     per_body = {name: floats.get(name) for name in PER_BODY}
     return Sheet(file, floats["center"], floats["radius"], arrays["clump"], np.unique(arrays["clump"]), **per_body)
 
 
 def _arrays(file: str, data: bytes) -> dict[str, np.ndarray]:
-    """The arrays by name. Raises InputError for a damaged file, unknown or missing names, and pickles."""
+    """The arrays by name. Raises InputError for names, sizes, types and shapes that are wrong, and for pickles."""
+    if data.count(_ENTRY) > _MOST_ENTRIES:
+        raise InputError(Fault("", f"holds more than {_MOST_ENTRIES} arrays, expected {', '.join(_NEEDED)}", file))
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        entries = {item.filename.removesuffix(".npy"): item for item in archive.infolist()}
+        refuse(_name_faults(file, entries))
+        headers = {name: _header(file, name, archive, item) for name, item in entries.items()}
+        refuse(_size_faults(file, headers))
+        refuse(_type_faults(file, headers))
+        refuse(_shape_faults(file, headers))
+        clump = _loaded(file, "clump", archive, entries["clump"])
+        refuse(_body_shape_faults(file, headers, np.unique(clump).size))
+        rest = {name: _loaded(file, name, archive, item) for name, item in entries.items() if name != "clump"}
+        return rest | {"clump": clump}
+
+
+def _name_faults(file: str, entries: Mapping[str, object]) -> list[Fault]:
     known = (*_NEEDED, *PER_BODY)
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-            names = list(archive.files)
-            strange = [name for name in names if name not in known]
-            faults = [Fault(name, f"unknown array, {nearest(name, known)}", file) for name in strange]
-            if not faults:
-                lacking = [name for name in _NEEDED if name not in names]
-                faults = [Fault(", ".join(lacking), f"missing, expected {', '.join(_NEEDED)}", file)] if lacking else []
-            refuse(faults)
-            return {name: _loaded(file, archive, name) for name in names}
-    except InputError:
-        raise
-    # damage shows as whatever it leads zip, deflate and the header's parser into
-    except (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, SyntaxError,
-            zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
-        raise InputError(Fault("", f"is damaged or cut short ({_reason(error)}); write it again", file)) from None
+    faults = [Fault(name, f"unknown array, {nearest(name, known)}", file) for name in entries if name not in known]
+    lacking = [name for name in _NEEDED if name not in entries]
+    if lacking and not faults:  # an unknown name may be the one that is missing
+        faults = [Fault(", ".join(lacking), f"missing, expected {', '.join(_NEEDED)}", file)]
+    return faults
 
 
-def _loaded(file: str, archive: np.lib.npyio.NpzFile, name: str) -> np.ndarray:
-    try:
-        array = archive[name]
-    except MemoryError:
-        raise InputError(Fault(name, "does not fit into memory, or its header is damaged; write it again", file)) from None
-    except ValueError as error:
-        if "allow_pickle" not in str(error):
-            raise InputError(Fault(name, f"is damaged ({_reason(error)}); write the file again", file)) from None
-        raise InputError(Fault(name, "holds Python objects (a pickle), expected plain numbers", file)) from None
-    if not isinstance(array, np.ndarray):
+def _header(file: str, name: str, archive: zipfile.ZipFile, item: zipfile.ZipInfo) -> _Header:
+    """What an array promises, which must be what follows in the file. Only the first bytes are unpacked."""
+    if item.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+        raise ValueError(f"{name} is packed in a way that numpy does not write")
+    with archive.open(item) as packed:
+        stream = io.BytesIO(packed.read(_HEADER_BYTES))
+    if not stream.getvalue().startswith(np.lib.format.MAGIC_PREFIX):
         raise InputError(Fault(name, "is no array of numbers", file))
-    return array
+    try:
+        version = np.lib.format.read_magic(stream)
+        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
+        shape, _, dtype = read(stream)
+        size = int(np.prod(shape, dtype=object)) * dtype.itemsize
+        if min(shape, default=0) < 0:
+            raise ValueError(f"shape {shape}")
+    except (ValueError, KeyError, SyntaxError, OverflowError, RecursionError, MemoryError) as error:
+        raise InputError(Fault(name, f"is damaged ({_reason(error)}); write the file again", file)) from None
+    if dtype.hasobject:
+        raise InputError(Fault(name, "holds Python objects (a pickle), expected plain numbers", file))
+    if shape and max(shape) <= MOST_ROWS and size != item.file_size - stream.tell():
+        message = f"is damaged: {size} bytes by its header, {item.file_size - stream.tell()} in the file; write the file again"
+        raise InputError(Fault(name, message, file))
+    return _Header(shape, dtype)
+
+
+def _loaded(file: str, name: str, archive: zipfile.ZipFile, item: zipfile.ZipInfo) -> np.ndarray:
+    with archive.open(item) as packed:
+        try:
+            return np.lib.format.read_array(packed, allow_pickle=False)
+        except MemoryError:
+            raise InputError(Fault(name, "does not fit into memory", file)) from None
+        except ValueError as error:
+            raise InputError(Fault(name, f"is damaged ({_reason(error)}); write the file again", file)) from None
 
 
 def _reason(error: Exception) -> str:
     return f"{type(error).__name__}: {error}".strip().splitlines()[0][:120]
 
 
-def _type_faults(file: str, arrays: dict[str, np.ndarray]) -> list[Fault]:
+def _size_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
+    """The first array of more rows than the most spheres that one file may hold."""
+    large = [(name, max(array.shape)) for name, array in arrays.items() if array.shape and max(array.shape) > MOST_ROWS]
+    return [Fault(name, f"has {rows} rows, at most {MOST_ROWS} spheres are read from one file", file) for name, rows in large[:1]]
+
+
+def _type_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
     faults = []
     for name, array in arrays.items():
         kinds, wanted = ("iu", "whole numbers, the ids of bodies") if name == "clump" else ("fiu", "real numbers")
@@ -76,31 +127,43 @@ def _type_faults(file: str, arrays: dict[str, np.ndarray]) -> list[Fault]:
     return faults
 
 
-def _shape_faults(file: str, arrays: dict[str, np.ndarray]) -> list[Fault]:
-    """Arrays that are not (n, 3), (n,), (n,) for n spheres or (m, 4), (m, 3), (m, 3) for m bodies."""
-    clump = arrays["clump"]
-    if clump.ndim != 1:
-        return [Fault("clump", f"has shape {clump.shape}, expected (n,): one id for each sphere", file)]
-    if not clump.size:
+def _shape_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
+    """Arrays of n spheres that are not (n, 3), (n,), (n,)."""
+    shape = arrays["clump"].shape
+    if len(shape) != 1:
+        return [Fault("clump", f"has shape {shape}, expected (n,): one id for each sphere", file)]
+    if not shape[0]:
         return [Fault("clump", "holds no spheres", file)]
-    n, m = clump.size, np.unique(clump).size
-    wanted = {"center": ((n, 3), "spheres"), "radius": ((n,), "spheres")}
-    wanted |= {name: ((m, width), "bodies, in the order of rising ids") for name, width in PER_BODY.items()}
+    n = shape[0]
+    return _unlike(file, arrays, {"center": (n, 3), "radius": (n,)}, f"clump names {n} spheres")
+
+
+def _body_shape_faults(file: str, arrays: Mapping[str, _Header], m: int) -> list[Fault]:
+    """Arrays of m bodies that are not (m, 4), (m, 3), (m, 3)."""
+    wanted = {name: (m, width) for name, width in PER_BODY.items()}
+    return _unlike(file, arrays, wanted, f"clump names {m} bodies, in the order of rising ids")
+
+
+def _unlike(file: str, arrays: Mapping[str, _Header], wanted: Mapping[str, tuple[int, ...]], why: str) -> list[Fault]:
     return [
-        Fault(name, f"has shape {arrays[name].shape}, expected {shape}: clump names {shape[0]} {what}", file)
-        for name, (shape, what) in wanted.items()
+        Fault(name, f"has shape {arrays[name].shape}, expected {shape}: {why}", file)
+        for name, shape in wanted.items()
         if name in arrays and arrays[name].shape != shape
     ]
 
 
-def _value_faults(file: str, arrays: dict[str, np.ndarray]) -> list[Fault]:
-    faults = []
+def _refuse_values(file: str, arrays: Mapping[str, np.ndarray]) -> None:
+    """Raise InputError for the first numbers that are not finite, or negative, and the number of the others."""
+    faults, total = [], 0
     for name, array in arrays.items():
-        for place in np.argwhere(~np.isfinite(array)):
+        places = np.argwhere(~np.isfinite(array))
+        total += len(places)
+        for place in places[:SHOWN]:
             spot = ", ".join(str(k) for k in place)
             faults.append(Fault(f"{name}[{spot}]", f"{array[tuple(place)]} is not a finite number", file))
-    for k in np.flatnonzero(arrays["radius"] <= 0):
-        faults.append(Fault(f"radius[{k}]", f"{arrays['radius'][k]:g} m must be greater than 0", file))
-    for k in np.flatnonzero(arrays["clump"] < 0):
-        faults.append(Fault(f"clump[{k}]", f"{arrays['clump'][k]} must be at least 0", file))
-    return faults
+    rules = (("radius", np.less_equal, "{:g} m must be greater than 0"), ("clump", np.less, "{} must be at least 0"))
+    for name, beyond, message in rules:
+        rows = np.flatnonzero(beyond(arrays[name], 0))
+        total += len(rows)
+        faults += [Fault(f"{name}[{k}]", message.format(arrays[name][k]), file) for k in rows[:SHOWN]]
+    refuse(faults, total)

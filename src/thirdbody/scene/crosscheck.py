@@ -24,6 +24,20 @@ def _items(node: Any) -> list[Any]:
     return list(node) if isinstance(node, list | tuple) else []
 
 
+MOST_MATERIALS = MOST_POPULATIONS = 1000
+"""Materials and debris tables of one scene: tables of pairs of materials have 8 MB then."""
+
+
+def number_faults(raw: dict[str, Any]) -> list[Wrong]:
+    """More materials or debris tables than are read."""
+    wrongs: list[Wrong] = []
+    for key, most, what in (("materials", MOST_MATERIALS, "materials"), ("debris", MOST_POPULATIONS, "debris tables")):
+        count = len(raw[key]) if isinstance(raw.get(key), Mapping | list | tuple) else 0
+        if count > most:
+            wrongs.append(((key,), f"{count} {what}, at most {most} are read"))
+    return wrongs
+
+
 def material_faults(raw: dict[str, Any]) -> list[Wrong]:
     """Names that are used but not defined."""
     materials = raw.get("materials")

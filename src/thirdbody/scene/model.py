@@ -21,7 +21,7 @@ from thirdbody.scene.debris import Ball, Debris, File, Irregular, Mesh, Spheres,
 from thirdbody.scene.drives import Constant as ConstantVelocity
 from thirdbody.scene.drives import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.fields import Whole, listing, plain
-from thirdbody.scene.part import MISSING, Part, Place, Wrong, wrongs_of
+from thirdbody.scene.part import MISSING, Part, Place, Wrong, bundle, wrongs_of
 from thirdbody.scene.read import Source, read_text, read_toml
 from thirdbody.scene.settings import apply_settings
 from thirdbody.scene.sizes import Constant, Lognormal, Normal, Uniform
@@ -129,6 +129,8 @@ class Scene(Part):
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Faults between tables, as far as they can be read."""
+        if too_many := crosscheck.number_faults(raw):  # told alone, for reading them all would take too long
+            raise bundle(too_many)
         wrongs: list[Wrong] = []
         if isinstance(raw.get("materials", {}), Mapping) and not raw.get("materials"):
             wrongs.append((("materials",), "at least one [materials.NAME] table is needed"))

@@ -1,0 +1,88 @@
+"""What is too large is told by its headers or counts, before it takes memory or time."""
+
+from __future__ import annotations
+
+import io
+import tracemalloc
+import zipfile
+
+import numpy as np
+import pytest
+from steel import STEEL
+
+from thirdbody.bodies.table import load_bodies
+from thirdbody.errors import InputError
+from thirdbody.scene import units
+from thirdbody.scene.model import Scene
+
+TAIL = """
+[domain]
+size = ["80 um", "60 um"]
+[plates.lower]
+material = "steel"
+[solver]
+duration = "2 us"
+[output]
+every = "0.5 us"
+"""
+BALL = '[[debris]]\nkind = "spheres"\nmaterial = "steel"\nradius = "1 um"\ncount = 1\n'
+
+
+def packed(rows: int) -> bytes:
+    """An archive of so many equal spheres of one body: a thousandth of what it unpacks to."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, width, dtype, value in (("center", 3, "<f8", 1e-6), ("radius", 1, "<f8", 1e-6), ("clump", 1, "<i8", 0)):
+            header = io.BytesIO()
+            shape = (rows, width) if width > 1 else (rows,)
+            np.lib.format.write_array_header_1_0(header, {"descr": dtype, "fortran_order": False, "shape": shape})
+            with archive.open(f"{name}.npy", "w") as array:
+                array.write(header.getvalue())
+                piece = np.full(width * 100_000, value, dtype).tobytes()
+                for _ in range(rows // 100_000):
+                    array.write(piece)
+    return file.getvalue()
+
+
+def test_an_npz_of_too_many_spheres_is_refused_before_it_is_unpacked(tmp_path):
+    """2 million of them would take 80 MB."""
+    (tmp_path / "b.npz").write_bytes(packed(2_000_000))
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError, match="center: has 2000000 rows, at most 1000000 spheres are read from one file"):
+            load_bodies(tmp_path / "b.npz", units.parse)
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_table_of_too_many_rows_is_refused_before_it_is_split(tmp_path):
+    text = b"clump,x [um],y [um],z [um],radius [um]\n"
+    (tmp_path / "b.csv").write_bytes(text + b"1,1,1,1,1\n" * 1_000_001)
+    with pytest.raises(InputError, match="b.csv: has 1000001 rows, at most 1000000 spheres are read from one file"):
+        load_bodies(tmp_path / "b.csv", units.parse)
+
+
+def test_values_that_are_wrong_by_the_thousand_are_counted(tmp_path):
+    n = 5000
+    np.savez(tmp_path / "b.npz", center=np.full((n, 3), np.nan), radius=np.zeros(n), clump=np.zeros(n, int))
+    with pytest.raises(InputError) as told:
+        load_bodies(tmp_path / "b.npz", units.parse)
+    assert len(told.value.faults) == 11 and told.value.faults[-1].message == "and 19990 more faults"
+
+
+@pytest.mark.parametrize(
+    ("head", "debris", "message"),
+    [
+        (STEEL + "".join(f"[materials.m{k}]\n" for k in range(1000)), BALL, "materials: 1001 materials, at most 1000 are read"),
+        (STEEL, BALL * 1001, "debris: 1001 debris tables, at most 1000 are read"),
+    ],
+)
+def test_a_scene_of_too_many_tables_is_told_by_their_number_alone(head, debris, message):
+    with pytest.raises(InputError) as told:
+        Scene.parse(head + debris + TAIL)
+    assert len(told.value.faults) == 1 and message in str(told.value)
+
+
+def test_as_many_tables_as_allowed_are_read():
+    assert len(Scene.parse(STEEL + BALL * 1000 + TAIL).debris) == 1000
