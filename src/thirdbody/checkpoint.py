@@ -55,7 +55,7 @@ class Checkpoint:
 def prints_of(simulation: Simulation) -> dict[str, str]:
     """Fingerprints of all that a scene was built into, at its start, by the name that a user is told where one differs."""
     from . import __version__, cache
-    from .laws.generated import sources
+    from .laws.dependencies import sources
 
     state, physics = simulation.state, simulation.state.physics
     tables: dict[str, list[Any]] = {

@@ -25,3 +25,17 @@ def import_file(name: str, path: Path) -> ModuleType:
         del sys.modules[name]
         raise
     return module
+
+
+def import_text(name: str, path: Path, text: str) -> ModuleType:
+    """Import a text as the module `name` of the file that holds it, without Python's own cache of files, which may be damaged."""
+    module = ModuleType(name)
+    module.__file__ = str(path)
+    code = compile(text, str(path), "exec")
+    sys.modules[name] = module
+    try:
+        exec(code, vars(module))
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module

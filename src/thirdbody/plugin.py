@@ -2,6 +2,13 @@
 
 A plug-in is a module with `PLUGIN = Plugin(...)`: installed under the entry-point group `thirdbody.plugins`, or a file given
 to `--plugin`. `plugins/dmt_adhesion.py` is the template; `thirdbody laws --check FILE` runs the conformance suite on it.
+
+Kernels are compiled once and kept. They are compiled anew when anything changes that they depend on: the source files of the
+plug-in and of modules beside it, every function that a kernel calls, in whichever package it is installed, and the value of every
+global name that these functions use, a table that was read from a data file included. Three things cannot be seen. What a kernel
+calls in a shared library (ctypes, cffi): rename the function when it changes. A function that is compiled with `cache=True`:
+numba then looks for changes in its own file only, so leave that out; kernels and what they call are kept anyway. And a global
+that is changed after the kernel was compiled: numba has taken its value; give such numbers as options.
 """
 
 from __future__ import annotations

@@ -50,7 +50,10 @@ def begin() -> None:
 
 
 def tell() -> None:
-    """Say at a terminal why the start takes longer than it will the next time."""
+    """Say at a terminal why the start takes longer than it will the next time, and anywhere why it always will."""
+    if _begun is not None and cache.note:
+        print(f"warning: {cache.note}", file=sys.stderr, flush=True)
+        return
     if _begun is not None and sys.stderr.isatty():
         print("thirdbody: first start of this version, compiling ...", file=sys.stderr, flush=True)
 

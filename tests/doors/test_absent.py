@@ -19,7 +19,7 @@ from steel import STEEL
 from thirdbody.kernels import layout as at
 from thirdbody.laws.compose_tangents import tangent_module
 from thirdbody.laws.contract import Law
-from thirdbody.laws.generated import plain, source_files
+from thirdbody.laws.dependencies import plain, source_files
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.output.run import FILE_NAME
 from thirdbody.scene.build import Simulation, build

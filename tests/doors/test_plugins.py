@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from importlib.metadata import EntryPoint
@@ -51,10 +52,11 @@ every = "1 us"
 """
 
 
-def fly(folder: Path, out: str) -> float:
-    """Speed along x after 1 us under the push, simulated in a process of its own."""
+def fly(folder: Path, out: str, installed: Path | None = None) -> float:
+    """Speed along x after 1 us under the push, simulated in a process of its own, with a folder of installed packages."""
     command = [sys.executable, "-m", "thirdbody.cli", "run", "flight.toml", "-o", out, "-q", "--plugin", "push.py"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+    paths = os.pathsep.join(filter(None, [str(installed or ""), os.environ.get("PYTHONPATH")]))
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": paths})
     assert done.returncode == 0, done.stderr
     with thirdbody.open(folder / out) as run:
         return float(run.bodies(-1)["velocity"][0, 0]) / float(run.times[-1])
@@ -83,6 +85,23 @@ def test_an_edited_neighbour_of_a_plug_in_is_noticed(tmp_path):
         source = f"from thirdbody.plugin import kernel\n@kernel\ndef strength(b):\n    return {push}\n"
         (tmp_path / "push_strength.py").write_text(source)
         found.append(fly(tmp_path, f"run{k}"))
+    assert found[1] == pytest.approx(3.0 * found[0], rel=1e-10)
+
+
+@pytest.mark.parametrize("part", ["helper.py", "strength.txt"])
+def test_an_edited_part_of_an_installed_package_is_noticed(part, tmp_path):
+    """A plug-in takes a kernel from a package, which multiplies it by a number that it reads from a file."""
+    (tmp_path / "flight.toml").write_text(FLIGHT)
+    (tmp_path / "push.py").write_text("from push_package.helper import strength\n" + PUSH.format(push="strength(b)"))
+    package = tmp_path / "site-packages" / "push_package"
+    package.mkdir(parents=True)
+    read = "float((Path(__file__).parent / 'strength.txt').read_text())"
+    helper = f"from pathlib import Path\nfrom numba import njit\nREAD = {read}\n@njit\ndef strength(b):\n    return {{}} * READ\n"
+    found = []
+    for k, factor in enumerate((1.0, 3.0)):
+        (package / "helper.py").write_text(helper.format(factor if part == "helper.py" else 1.0))
+        (package / "strength.txt").write_text(str(1e-9 * (factor if part == "strength.txt" else 1.0)))
+        found.append(fly(tmp_path, f"run{k}", package.parent))
     assert found[1] == pytest.approx(3.0 * found[0], rel=1e-10)
 
 

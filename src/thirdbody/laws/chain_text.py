@@ -7,7 +7,7 @@ from typing import Any
 
 from ..kernels import layout as at
 from .contract import Law
-from .generated import plain
+from .dependencies import plain
 
 HEAD = """# generated: {title}
 import math

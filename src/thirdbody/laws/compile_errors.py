@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
+from ..errors import ThirdbodyError
 from .contract import BodyEffect, Labeller, Law
-from .generated import plain
+from .dependencies import plain
 
 GENERATED = re.compile(r"thirdbody_[a-z]+_[0-9a-f]{20}\.py")
 """Files of generated code (`generated.load`)."""
@@ -14,7 +15,9 @@ GENERATED = re.compile(r"thirdbody_[a-z]+_[0-9a-f]{20}\.py")
 
 def compile_error(problem: Exception) -> str | None:
     """Return numba's reason, and the line if it names one, without colours and advice; None if numba did not raise it."""
-    if isinstance(problem, OSError | MemoryError) or not (isinstance(problem, ImportError) or _raised_by_numba(problem)):
+    if isinstance(problem, OSError | MemoryError | ThirdbodyError):
+        return None
+    if not (isinstance(problem, ImportError) or _raised_by_numba(problem)):
         return None
     text = re.sub(r"\x1b\[[0-9;]*m", "", str(problem))
     lines = [line.strip() for line in text.splitlines() if line.strip()] or [""]

@@ -7,7 +7,8 @@ from collections.abc import Callable, Sequence
 from ..kernels import layout as at
 from .chain_text import HEAD, field_names, imports_of
 from .contract import BodyEffect, Labeller
-from .generated import load, plain
+from .dependencies import plain
+from .generated import load
 
 
 def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
@@ -66,7 +67,7 @@ from types import FunctionType
 from numba import njit
 from thirdbody.kernels.options import OTHERS
 from thirdbody.kernels.signatures import LABEL, OBSERVE
-from thirdbody.laws.generated import plain
+from thirdbody.laws.dependencies import plain
 
 
 def own(function, name):

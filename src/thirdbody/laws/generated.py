@@ -7,8 +7,10 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
 
@@ -16,22 +18,8 @@ import numba
 
 from .. import cache
 from ..kernels.options import HELPER
-from ..modules import import_file, import_lock
-
-ENGINE = "thirdbody"
-
-
-def sources(functions: Iterable[Callable]) -> str:
-    """A digest of every source file that these functions can depend on (`source_files`)."""
-    digest = hashlib.sha256()
-    for file in source_files(functions):
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-def plain(function: Callable) -> Callable:
-    """The Python function behind a compiled one."""
-    return function.py_func if hasattr(function, "py_func") else function
+from ..modules import import_lock, import_text
+from .dependencies import plain, sources
 
 
 def taken(kernel: Callable) -> Callable:
@@ -42,61 +30,31 @@ def taken(kernel: Callable) -> Callable:
     return numba.njit(**options | {name: HELPER[name] for name in HELPER if name != "error_model"})(plain(kernel))
 
 
-def source_files(functions: Iterable[Callable]) -> list[Path]:
-    """Every source file that a law's result can depend on.
-
-    The whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there through
-    names (functions, classes, constants of a module, modules), but for installed libraries, whose versions are fixed. Of this
-    engine only what the law can reach counts, not the whole package.
-    """
-    files: set[Path] = set()
-    waiting = [sys.modules[plain(function).__module__] for function in functions]
-    own = {module.__name__.partition(".")[0] for module in waiting}
-    seen: set[str] = set()
-    while waiting:
-        module = waiting.pop()
-        file = getattr(module, "__file__", None)
-        if module.__name__ in seen or file is None or not file.endswith(".py"):
-            continue
-        seen.add(module.__name__)
-        files.add(Path(file))
-        top = sys.modules.get(module.__name__.partition(".")[0])
-        if top is not None and top.__name__ != ENGINE and getattr(top, "__path__", None) and top.__file__ is not None:
-            files.update(Path(top.__file__).parent.rglob("*.py"))
-        waiting += [found for found in _named_in(module) if not _installed(found, own)]
-    return sorted(files)
-
-
-def _named_in(module: ModuleType) -> list[ModuleType]:
-    """Modules that a module's names come from."""
-    values = list(vars(module).values())
-    names = {getattr(value, "__module__", None) for value in values}
-    names |= {getattr(plain(value), "__module__", None) for value in values if callable(value)}
-    found = [value for value in values if isinstance(value, ModuleType)]
-    return found + [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
-
-
-def _installed(module: ModuleType, own: set[str]) -> bool:
-    """Whether a module belongs to Python, to this engine (the cache folder's name hashes it), or to an installed library."""
-    top = module.__name__.partition(".")[0]
-    if top in own:
-        return False
-    parts = Path(getattr(module, "__file__", None) or "").parts
-    return top in sys.stdlib_module_names or top == "thirdbody" or "site-packages" in parts or "dist-packages" in parts
-
-
 def load(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
-    """Write the generated text under a name that hashes all it depends on, and import it; several threads may."""
-    digest = hashlib.sha256(text.encode() + numba.__version__.encode())
-    for file in source_files(functions):
-        digest.update(file.read_bytes())
+    """Write the generated text under a name that hashes all it depends on, and import it; several threads may.
+
+    Raises OutputError if it cannot be written.
+    """
+    digest = hashlib.sha256(f"{text}{numba.__version__}{sources(functions)}".encode())
     name = f"thirdbody_{kind}_{digest.hexdigest()[:20]}"
     path = cache.folder() / f"{name}.py"
     with import_lock:
         if name not in sys.modules:
-            if not path.exists():
-                draft = path.with_suffix(f".{os.getpid()}")
-                draft.write_text(text)
-                os.replace(draft, path)  # atomic: several processes may race for the same name
-            import_file(name, path)
+            try:
+                _write(path, text.encode())
+            except OSError as error:
+                raise cache.cannot_write(path, error) from error
+            import_text(name, path, text)
         return sys.modules[name], path
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file that is not there, or damaged: from its content numba knows whether what it has compiled still holds."""
+    with suppress(OSError):
+        if path.read_bytes() == content:
+            return
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    draft = path.with_suffix(f".{os.getpid()}")
+    draft.write_bytes(content)
+    os.replace(draft, path)  # atomic: several processes may race for the same name

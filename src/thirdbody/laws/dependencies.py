@@ -1,0 +1,200 @@
+"""What compiled functions depend on: the source files, the code and the values that they can reach from where they are defined.
+
+numba compiles the value of a global name into the machine code: a number, a table that was read from a file, a function of
+another package. All of it belongs into the name of the compiled module.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from enum import Enum
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+ENGINE = "thirdbody"
+LIBRARIES = frozenset({ENGINE, "llvmlite", "numba", "numpy", "scipy"}) | sys.stdlib_module_names
+"""Packages that are not looked into: the name of the cache folder stands for the engine, for Python and for numba."""
+
+SIMPLE = (type(None), type(Ellipsis), bool, int, float, complex, str, bytes)
+
+
+def plain(function: Any) -> Any:
+    """Return the Python function behind a compiled one."""
+    return function.py_func if hasattr(function, "py_func") else function
+
+
+def sources(functions: Iterable[Callable]) -> str:
+    """Return a digest of everything that these functions can depend on: source files, code and values."""
+    functions = list(functions)
+    reached = Reached(functions)
+    digest = hashlib.sha256(reached.digest().encode())
+    for file in source_files(functions, reached):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def source_files(functions: Iterable[Callable], reached: Reached | None = None) -> list[Path]:
+    """Return every source file that a law's result can depend on.
+
+    The whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there through
+    names (functions, classes, constants of a module, modules); of installed packages those with functions that the law reaches.
+    Of this engine only what the law can reach counts, not the whole package.
+    """
+    functions = list(functions)
+    files = (reached or Reached(functions)).files()
+    waiting = [sys.modules[plain(function).__module__] for function in functions]
+    own = {module.__name__.partition(".")[0] for module in waiting}
+    seen: set[str] = set()
+    while waiting:
+        module = waiting.pop()
+        file = getattr(module, "__file__", None)
+        if module.__name__ in seen or file is None or not file.endswith(".py"):
+            continue
+        seen.add(module.__name__)
+        files.add(Path(file))
+        top = sys.modules.get(module.__name__.partition(".")[0])
+        if top is not None and top.__name__ != ENGINE and getattr(top, "__path__", None) and top.__file__ is not None:
+            files.update(Path(top.__file__).parent.rglob("*.py"))
+        waiting += [found for found in _named_in(module) if not _installed(found, own)]
+    return sorted(files)
+
+
+def _named_in(module: ModuleType) -> list[ModuleType]:
+    """Modules that a module's names come from."""
+    values = list(vars(module).values())
+    names = {getattr(value, "__module__", None) for value in values}
+    names |= {getattr(plain(value), "__module__", None) for value in values if callable(value)}
+    found = [value for value in values if isinstance(value, ModuleType)]
+    return found + [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
+
+
+def _installed(module: ModuleType, own: set[str]) -> bool:
+    """Whether a module belongs to Python, to this engine (the cache folder's name hashes it), or to an installed library."""
+    top = module.__name__.partition(".")[0]
+    if top in own:
+        return False
+    parts = Path(getattr(module, "__file__", None) or "").parts
+    return top in sys.stdlib_module_names or top == ENGINE or "site-packages" in parts or "dist-packages" in parts
+
+
+class Reached:
+    """What some functions reach, wherever it is installed: code and values, and the modules where functions and classes stand."""
+
+    def __init__(self, functions: Iterable[Callable]) -> None:
+        self._hash = hashlib.sha256()
+        self._met: dict[tuple[int, frozenset[str]], tuple[int, Any]] = {}
+        self._modules: set[str] = set()
+        for function in functions:
+            self._value(function, frozenset())
+
+    def digest(self) -> str:
+        """Return the same text for the same code and values, in any process."""
+        return self._hash.hexdigest()
+
+    def files(self) -> set[Path]:
+        """Return the source files of the modules."""
+        found = [getattr(sys.modules.get(name), "__file__", None) for name in self._modules]
+        return {Path(name) for name in found if name and name.endswith(".py")}
+
+    def _add(self, *words: object) -> None:
+        self._hash.update("\0".join([*map(str, words), "\n"]).encode("utf-8", "surrogatepass"))
+
+    def _value(self, value: Any, names: frozenset[str]) -> None:
+        """Add a value; `names` are those that the code which reaches it uses, of attributes too."""
+        value = plain(value)
+        if isinstance(value, SIMPLE):
+            self._add(type(value).__name__, repr(value))
+        elif isinstance(value, np.ndarray | np.generic):
+            self._array(np.asarray(value))
+        elif isinstance(value, set | frozenset):
+            self._add(type(value).__name__, *sorted(map(repr, value)))
+        else:
+            key = id(value), names if isinstance(value, ModuleType | type) else frozenset()
+            if key in self._met:
+                self._add("met", self._met[key][0])
+            else:
+                self._met[key] = len(self._met), value  # kept, or another could have its identity
+                self._compound(value, names)
+
+    def _array(self, array: np.ndarray) -> None:
+        self._add("array", array.shape, array.dtype)
+        if array.dtype.hasobject:
+            self._value(array.tolist(), frozenset())
+        else:
+            self._hash.update(np.ascontiguousarray(array).tobytes())
+
+    def _compound(self, value: Any, names: frozenset[str]) -> None:
+        if isinstance(value, CodeType):
+            self._code(value)
+        elif isinstance(value, list | tuple):
+            self._add(type(value).__name__, len(value))
+            for part in value:
+                self._value(part, names)
+        elif isinstance(value, dict):
+            self._add("dict", len(value))
+            for key, part in value.items():
+                self._value(key, names)
+                self._value(part, names)
+        else:
+            self._object(value, names)
+
+    def _object(self, value: Any, names: frozenset[str]) -> None:
+        """Add a module, a function, a class, or an instance of one."""
+        owner = value if hasattr(value, "__name__") else type(value)
+        self._add(type(value).__name__, getattr(owner, "__module__", ""), getattr(owner, "__qualname__", owner.__name__))
+        if isinstance(value, ModuleType):
+            if not _of_library(value.__name__):
+                self._modules.add(value.__name__)
+                self._attributes(vars(value), names)
+        elif _of_library(getattr(value, "__module__", None)):
+            if owner is not value and " at 0x" not in repr(value):
+                self._add(repr(value))  # a type of numba's, a kind of number
+        elif isinstance(value, FunctionType):
+            self._function(value)
+        elif isinstance(value, type):
+            self._modules.add(value.__module__)
+            self._attributes(vars(value), names | {"_fields", "_field_defaults"})
+        else:
+            self._instance(value)
+
+    def _instance(self, value: Any) -> None:
+        """Add what an object holds: an enumeration's member, numba's wrapper of a function, or any other."""
+        self._modules.add(type(value).__module__)
+        self._value(value.value if isinstance(value, Enum) else dict(getattr(value, "__dict__", {})), frozenset())
+
+    def _function(self, function: FunctionType) -> None:
+        self._modules.add(function.__module__)
+        code = function.__code__
+        self._code(code)
+        self._value([function.__defaults__, function.__kwdefaults__], frozenset())
+        names = _names_in(code)
+        for cell in function.__closure__ or ():
+            self._value(cell.cell_contents, names)
+        self._attributes(function.__globals__, names)
+
+    def _code(self, code: CodeType) -> None:
+        self._add(code.co_name, code.co_argcount, code.co_varnames, code.co_names, code.co_freevars, code.co_cellvars)
+        self._hash.update(code.co_code)
+        for constant in code.co_consts:
+            self._value(constant, frozenset())
+
+    def _attributes(self, space: Mapping[str, Any], names: frozenset[str]) -> None:
+        """Add what the names stand for in a module or a class; others are Python's own or attributes of something else."""
+        for name in sorted(names & space.keys()):
+            self._add(name)
+            self._value(space[name], names)
+
+
+def _names_in(code: CodeType) -> frozenset[str]:
+    """Names of globals and attributes that code uses, in functions within it too."""
+    inner = [_names_in(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
+    return frozenset(code.co_names).union(*inner)
+
+
+def _of_library(module: str | None) -> bool:
+    return str(module or "builtins").partition(".")[0] in LIBRARIES

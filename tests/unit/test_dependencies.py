@@ -1,0 +1,168 @@
+"""What the name of compiled code depends on: every source, every function and every value that a law can reach."""
+
+from __future__ import annotations
+
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from thirdbody.laws.dependencies import source_files, sources
+
+
+def forget(*packages: str) -> None:
+    for name in [name for name in sys.modules if name.partition(".")[0] in packages]:
+        del sys.modules[name]
+
+
+def test_a_law_depends_on_all_that_it_can_reach(tmp_path, monkeypatch):
+    package = tmp_path / "somelaws"
+    (package / "deep").mkdir(parents=True)
+    (tmp_path / "beside_it.py").write_text("FACTOR = 2.0\n")
+    (tmp_path / "further.py").write_text("import math\n")
+    (package / "__init__.py").write_text("")
+    (package / "common.py").write_text("import further\nSCALE = 1.0\n")
+    (package / "deep" / "__init__.py").write_text("")
+    law = "import beside_it\nimport numpy\nfrom ..common import SCALE\nfrom .. import common\n\ndef kernel():\n    return SCALE\n"
+    (package / "deep" / "law.py").write_text(law)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    module = importlib.import_module("somelaws.deep.law")
+    found = {path.relative_to(tmp_path).as_posix() for path in source_files([module.kernel])}
+    forget("somelaws", "beside_it", "further")
+    expected = {"__init__.py", "common.py", "deep/__init__.py", "deep/law.py"}
+    assert found == {f"somelaws/{name}" for name in expected} | {"beside_it.py", "further.py"}
+
+
+# an installed package with a helper of another one, and tables in a data file
+LAW = """\
+from pathlib import Path
+from typing import NamedTuple
+from enum import IntEnum
+import numpy as np
+from numba import njit
+import helper_a
+from helper_a import scale
+HERE = Path(__file__).parent
+STRENGTH = float((HERE / "strength.txt").read_text())
+TABLE = np.loadtxt(HERE / "table.txt")
+class Numbers(NamedTuple):
+    a: float = STRENGTH
+class Kind(IntEnum):
+    ONE = int(TABLE[1])
+def bound(cell):
+    @njit
+    def inner(x):
+        return x * cell
+    return inner
+by_cell = bound(STRENGTH)
+op = njit(lambda x: x + 1.0)
+unused = STRENGTH
+@njit
+def by_name(x): return scale(x)
+@njit
+def by_module(x): return helper_a.scale(x)
+@njit
+def by_value(x): return x * STRENGTH
+@njit
+def by_table(x): return x * TABLE[0]
+@njit
+def by_class(x): return x * Kind.ONE
+@njit
+def by_default(x, y=STRENGTH): return x * y
+@njit
+def by_tuple(x): return x * Numbers().a
+@njit
+def by_attribute(x): return x * helper_a.tables.FACTOR
+def by_plain(x): return by_value(x)
+@njit
+def untouched(x): return op(x) * np.sqrt(x)
+"""
+PARTS = {
+    "law.py": LAW,
+    "strength.txt": "2.0",
+    "table.txt": "3.0 4.0",
+    "helper_a/__init__.py": "from numba import njit\nfrom helper_b import offset\nfrom . import tables\n"
+    "@njit\ndef scale(x): return 2.0 * offset(x)\n",
+    "helper_a/tables.py": "FACTOR = 5.0\n",
+    "helper_b.py": "from numba import njit\n@njit\ndef offset(x): return x + 1.0\n",
+}
+READ = """\
+import sys
+sys.path.insert(0, sys.argv[1])
+import law
+from thirdbody.laws.dependencies import sources
+for name in sys.argv[2:]:
+    print(name, sources([getattr(law, name)]))
+"""
+KERNELS = (
+    "by_name", "by_module", "by_value", "by_table", "by_class", "by_default", "by_tuple", "by_attribute", "by_cell", "by_plain",
+    "untouched",
+)  # fmt: skip
+
+
+def digests(folder: Path, changes: dict[str, str]) -> dict[str, str]:
+    """Digests of all kernels in a process of its own, in an installation of which some files are changed."""
+    for name, text in (PARTS | changes).items():
+        path = folder / "site-packages" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    arguments = [sys.executable, "-c", READ, str(folder / "site-packages"), *KERNELS]
+    done = subprocess.run(arguments, check=True, stdout=subprocess.PIPE, text=True)
+    return dict(line.split() for line in done.stdout.splitlines())
+
+
+@pytest.fixture(scope="module")
+def before(tmp_path_factory) -> dict[str, str]:
+    return digests(tmp_path_factory.mktemp("before"), {})
+
+
+def test_digests_are_the_same_in_another_process(before, tmp_path):
+    assert digests(tmp_path, {}) == before
+
+
+CHANGES = {
+    "helper_b.py": (PARTS["helper_b.py"].replace("1.0", "1.5"), {"by_name", "by_module"}),
+    "strength.txt": ("2.5", {"by_value", "by_default", "by_tuple", "by_cell", "by_plain"}),
+    "table.txt": ("3.0 5.0", {"by_table", "by_class"}),
+    "helper_a/tables.py": ("FACTOR = 6.0\n", {"by_attribute"}),
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_change_in_what_a_kernel_reaches_is_noticed(name, before, tmp_path):
+    text, touched = CHANGES[name]
+    after = digests(tmp_path, {name: text})
+    changed = {kernel for kernel in KERNELS if after[kernel] != before[kernel]}
+    assert touched <= changed and "untouched" not in changed
+
+
+def test_two_names_that_change_places_are_noticed(tmp_path):
+    """Both functions are reached in either case."""
+    text = "def add(x): return x + 1\ndef double(x): return 2 * x\n{} = add\n{} = double\n"
+    text += "def kernel(x): return double(add(x)) + first(second(x))\n"
+    found = []
+    for k, names in enumerate((("first", "second"), ("second", "first"))):
+        module = {"__name__": f"exchanged_{k}"}
+        exec(compile(text.format(*names), "same.py", "exec"), module)
+        sys.modules["exchanged"] = type(sys)("exchanged")
+        for value in module.values():
+            if callable(value):
+                value.__module__ = "exchanged"
+        found.append(sources([module["kernel"]]))
+    forget("exchanged")
+    assert found[0] != found[1]
+
+
+def test_arrays_differ_by_shape_kind_and_every_number():
+    tables = [np.zeros(4), np.zeros((2, 2)), np.zeros(4, np.float32), np.array([0.0, 0.0, 0.0, -0.0]), np.array(["a", 1], object)]
+
+    def with_table(table):
+        def kernel(x):
+            return x * table[0]
+
+        return kernel
+
+    assert len({sources([with_table(table)]) for table in tables}) == len(tables)
