@@ -12,6 +12,7 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .frame_cost import FrameCost, frame_cost
 from .kernels import layout as at
 from .parts import part_warnings, parts
 from .report import table
@@ -66,9 +67,12 @@ def check_report(built: Simulation) -> dict[str, Any]:
     from .course import planned_frames
     from .simulate import debris_contact
 
-    frames, integration = planned_frames(built), _integration(built)
-    disk = frames * _frame_bytes(built)
-    costs = run_warnings(built, integration["estimated_wall_time"], disk, integration["trial_stopped"])
+    integration, trial = _integration(built)
+    frames = _frames(built, planned_frames(built))
+    each = frame_cost(built, trial)
+    framing, disk = frames * each.seconds, each.first_bytes + (frames - 1) * each.bytes
+    wall = integration["estimated_step_time"] + (0.0 if each.failure else framing)
+    costs = run_warnings(built, wall, framing, disk, integration["trial_stopped"])
     return {
         "title": built.scene.title,
         "scene": built.scene.document(),
@@ -103,15 +107,30 @@ def check_report(built: Simulation) -> dict[str, Any]:
         "upper_plate": _plate_report(built),
         "integrator": built.plan.kind,
         "integrator_reason": built.plan.reason,
+        "estimated_wall_time": wall,
         **integration,
+        "estimated_frame_time": framing,
         "settle": built.settle,
         "simulated_time": built.planned_time,
         "expected_overlap_over_radius": built.upper.expected,
         "memory": _memory(built),
         "frames": frames,
         "disk": disk,
-        "warnings": [*costs, *built.warnings, *part_warnings(built)],
+        "warnings": [*costs, *_unmeasured(each), *built.warnings, *part_warnings(built)],
     }
+
+
+def _frames(built: Simulation, planned: int) -> int:
+    """Frames to expect: as many as planned, but no more than one after every step."""
+    if not built.integrator.divisible or built.scene.output.every >= built.shortest_interval:
+        return planned
+    by_time = built.scene.output.every_kind == "time"
+    steps = (built.planned_time - (0.0 if by_time else built.settle)) / built.state.dt
+    return min(planned, 2 + math.ceil(steps))
+
+
+def _unmeasured(cost: FrameCost) -> list[str]:
+    return [f"the time of frames is not in the estimate, a trial of some was not written: {cost.failure}"] if cost.failure else []
 
 
 def _plate_report(built: Simulation) -> dict[str, Any] | None:
@@ -133,24 +152,24 @@ def _plate_report(built: Simulation) -> dict[str, Any] | None:
     }
 
 
-def _integration(built: Simulation) -> dict[str, Any]:
-    """Steps and wall time to expect, and what decides them."""
+def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit]:
+    """Steps and their wall time to expect, and what decides them; and the copy of the integrator that was tried."""
     from .engine.explicit import Explicit
 
     integrator = built.integrator
     if not isinstance(integrator, Explicit):
-        wall, stopped = _seconds_of_ways(built, integrator)
+        wall, stopped, slow = _seconds_of_ways(built, integrator)
         return {
             "accuracy": vars(integrator.accuracy),
             "rayleigh": integrator.rayleigh,
             "steps": None,
-            "estimated_wall_time": wall,
+            "estimated_step_time": wall,
             "trial_stopped": stopped,
-        }
+        }, slow
     bound, dt = integrator.bound, built.state.dt
     assert bound is not None
     steps = built.planned_time / dt
-    each, stopped = _seconds_per_step(integrator)
+    each, stopped, trial = _seconds_per_step(integrator)
     return {
         "time_step": {
             "step": dt,
@@ -160,15 +179,15 @@ def _integration(built: Simulation) -> dict[str, Any]:
             "stability_limit": bound.stability,
         },
         "steps": steps,
-        "estimated_wall_time": steps * each,
+        "estimated_step_time": steps * each,
         "trial_stopped": stopped,
-    }
+    }, trial
 
 
-def _seconds_per_step(original: Explicit) -> tuple[float, str]:
-    """Seconds of a step, and why a guard stopped the trial, if one did (then NaN).
+def _seconds_per_step(original: Explicit) -> tuple[float, str, Explicit]:
+    """Seconds of a step, why a guard stopped the trial, if one did (then NaN), and the copy on which it was measured.
 
-    Measured on a copy of the simulation, which is thrown away; the first call is not counted.
+    The first call is not counted.
     """
     from .errors import GuardStop
     from .kernels.layout import A_STEPS
@@ -183,15 +202,15 @@ def _seconds_per_step(original: Explicit) -> tuple[float, str]:
         while time.perf_counter() - started < TRIAL_SECONDS:
             integrator.advance_to(trial.time + 100.0 * trial.dt)
         steps = int(trial.A[A_STEPS] - before[A_STEPS])
-        return (time.perf_counter() - started) / max(steps, 1), ""
+        return (time.perf_counter() - started) / max(steps, 1), "", integrator
     except GuardStop as stop:
-        return math.nan, str(stop)
+        return math.nan, str(stop), integrator
 
 
-def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str]:
-    """Wall time of the whole run, s, and why a guard stopped the trial, if one did (then NaN).
+def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str, Implicit]:
+    """Wall time of all steps, s, why a guard stopped the trial, if one did (then NaN), and the copy on which it was measured.
 
-    A few bodies of a throw-away copy are pressed and dragged a little. Measured on one core: a machine with more is faster by
+    A few bodies of the copy are pressed and dragged a little. Measured on one core: a machine with more is faster by
     their number.
     """
     from .errors import GuardStop
@@ -208,8 +227,8 @@ def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str]
         integrator.trial(bodies, moved)
         dragged = time.perf_counter() - started - pressed
     except GuardStop as stop:
-        return math.nan, str(stop)
-    return (pressed + dragged * (built.planned_distance / way if way > 0.0 else 0.0)) * n / bodies, ""
+        return math.nan, str(stop), integrator
+    return (pressed + dragged * (built.planned_distance / way if way > 0.0 else 0.0)) * n / bodies, "", integrator
 
 
 def _memory(built: Simulation) -> int:
@@ -217,12 +236,6 @@ def _memory(built: Simulation) -> int:
     spheres = 0 if state.S is state.B else state.S.nbytes
     arrays = (state.B, state.E, state.P, state.M, state.offsets, state.X0, slots.H, slots.F, slots.R, slots.own, slots.incidence)
     return int(spheres + sum(array.nbytes for array in arrays))
-
-
-def _frame_bytes(built: Simulation) -> int:
-    state = built.state
-    margins = 0 if built.labeller is None else len(built.labeller.margins) + len(built.labeller.extras)
-    return state.n_bodies * (8 * (24 + margins) + 2 + 3 * 150) + state.n_spheres * (24 + 12 + 2)
 
 
 def print_check(told: dict[str, Any]) -> None:
@@ -245,7 +258,9 @@ def print_check(told: dict[str, Any]) -> None:
 def _print_costs(told: dict[str, Any]) -> None:
     wall = told["estimated_wall_time"]
     taken = "wall time unknown (a guard stopped the trial)" if math.isnan(wall) else duration(wall)
-    print(f"estimated: {taken}, {size(told['memory'])} of memory, {told['frames']} frames, {size(told['disk'])} on disk")
+    framing = told["estimated_frame_time"]
+    frames = f"{told['frames']} frames" + ("" if math.isnan(framing) else f" (they take {duration(framing)} of it)")
+    print(f"estimated: {taken}, {size(told['memory'])} of memory, {frames}, {size(told['disk'])} on disk")
 
 
 def _print_laws(told: dict[str, Any]) -> None:

@@ -124,7 +124,7 @@ def _execute(
         if kept.frames:
             with open_run(files.path) as before:
                 conduct.pressure.take_up(before, kept.frames)
-    with _opened(files, _header(simulation), conduct.maker, kept) as writer:
+    with _opened(files, run_header(simulation), conduct.maker, kept) as writer:
         try:
             conduct.integrate(writer)
         except (GuardStop, Interrupted) as error:
@@ -184,7 +184,8 @@ def _most_threads() -> int:
     return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
 
 
-def _header(simulation: Simulation) -> dict[str, Any]:
+def run_header(simulation: Simulation) -> dict[str, Any]:
+    """What the trajectory tells of its run beside the frames: scene, names, units, laws, versions."""
     import h5py
     import numba
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import tempfile
 from pathlib import Path
 
 import h5py
@@ -95,7 +96,7 @@ def test_a_stop_is_heard_where_outputs_are_a_few_steps_apart(tmp_path, every, lo
 
 def test_the_limit_of_wall_time_holds_where_outputs_are_a_few_steps_apart(tmp_path):
     with pytest.raises(Interrupted, match="limit of wall time"):
-        execute(prepare(scene(output_every="4 nm")), tmp_path / "run", wall_limit=0.0)
+        execute(prepare(scene(output_every="4 nm", solver_settle="10 ns")), tmp_path / "run", wall_limit=0.0)
 
 
 @pytest.mark.parametrize("every", ["150 nm", "0.1 nm"])
@@ -129,3 +130,25 @@ def test_an_interval_below_a_step_writes_one_frame_after_every_step(tmp_path, se
         assert steps > 100 and run.series["distance"][-1] >= 20e-9 * (1.0 - 1e-6)
         # of sliding there are frames only in the drag
         assert run.frames == steps + 1 if "ns" in settings["output_every"] else 20 < run.frames < steps
+
+
+def test_check_prices_frames_as_the_run_has_them(tmp_path):
+    """A frame of a few bodies takes far longer than the step before it, on any machine."""
+    wanted = scene(output_every="10 pm", solver_distance="20 nm")
+    told = thirdbody.check(wanted)
+    assert told["estimated_wall_time"] == told["estimated_step_time"] + told["estimated_frame_time"]
+    assert told["estimated_frame_time"] > 10.0 * told["estimated_step_time"]
+    assert "they take" in str(told)
+    with thirdbody.run(wanted, tmp_path / "run", progress=False) as run:
+        # the time step follows the contacts, and changes on the way
+        assert told["frames"] == pytest.approx(run.frames, rel=0.2)
+        # contacts of a body are taken to be three; here they are two
+        assert told["disk"] == pytest.approx((tmp_path / "run" / "run.vtkhdf").stat().st_size, rel=0.2)
+
+
+def test_check_says_that_it_could_write_no_frame(tmp_path, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "missing"))
+    told = thirdbody.check(scene())
+    assert told["estimated_wall_time"] == told["estimated_step_time"] > 0.0
+    assert [text for text in told["warnings"] if text.startswith("the time of frames is not in the estimate")]
+    assert "they take" not in str(told)

@@ -147,11 +147,16 @@ def test_a_load_that_all_bodies_share_is_not_laid_on_one():
 
 
 def test_a_long_run_and_a_large_file_are_told_in_days_and_gigabytes():
-    told = list(run_warnings(build(scene()), 2.2e6, 50e9, "stopped at t = 0 s"))
+    told = list(run_warnings(build(scene()), 2.2e6, 1e3, 50e9, "stopped at t = 0 s"))
     assert "stopped by a guard" in told[0] and "stopped at t = 0 s" in told[0]
     assert "about 25 days (2.2e+06 s)" in told[1] and "solver.distance" in told[1]
     assert "about 50 GB on disk" in told[2] and 'output.every = "50 nm"' in told[2]
-    assert list(run_warnings(build(scene()), 80000.0, 9e9, "")) == []
+    assert list(run_warnings(build(scene()), 80000.0, 79000.0, 9e9, "")) == []
+
+
+def test_frames_that_take_days_are_told_with_an_interval_that_leaves_one():
+    (told,) = run_warnings(build(scene()), 3e5, 2.5e5, 1e9, "")
+    assert "frames would take about 2.9 days" in told and 'output.every = "30 nm" leaves 1 days or less' in told
 
 
 def test_a_trial_that_a_guard_stops_is_a_warning():

@@ -63,11 +63,11 @@ def reduced(
 
 
 def seconds_of(built: Simulation) -> float:
-    """Seconds of one core that a run would take, from a trial; infinite where a guard stops it."""
+    """Seconds of one core that a run would take without its frames, from a trial; infinite where a guard stops it."""
     from thirdbody.scene_check import check_report
 
     wall, cpu = time.perf_counter(), time.process_time()
-    told = check_report(built)["estimated_wall_time"]
+    told = check_report(built)["estimated_step_time"]
     # what other processes took from the trial does not count
     busy = min(1.0, (time.process_time() - cpu) / max(time.perf_counter() - wall, 1e-9))
     return math.inf if math.isnan(told) else max(told * busy, 1e-9)
