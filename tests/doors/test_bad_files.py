@@ -131,6 +131,9 @@ TABLES = {
     "quaternion of zero": ("b.csv", TURNED.format("0,0,0,0", "0,0,0,0").encode(), ":2: clump 0", ["has length 0"]),
     "two quaternions": ("b.csv", TURNED.format("1,0,0,0", "0,1,0,0").encode(), ":3: qw, qx, qy, qz",
                         ["clump 0 differs", "line 2"]),
+    "a sphere twice": ("b.csv", GOOD.encode() + b"7,40.0000000005,30,5,5\n", ":6: clump 7", ["line 6 repeats line 4"]),
+    "npz a sphere twice": ("b.npz", npz(**{name: ARRAYS[name][[0, 0, 2, 3]] for name in ARRAYS}), ": clump 0",
+                           ["sphere 1 repeats sphere 0: the same center and radius"]),
     "powder as one body": ("b.csv", GOOD.encode() + b"7,40,30,5,5\n" * 99, ":4: clump 7", ["101 spheres, at most 100"]),
     # arrays
     "npz cut short": ("b.npz", npz()[:300], "", ["damaged or cut short"]),
@@ -352,3 +355,15 @@ def test_a_mesh_in_the_wrong_unit(unit, place, scene, command, tmp_path):
     path.write_text(path.read_text().replace('unit = "1 um"', f'unit = "{unit}"'))
     told = command("check", "scene.toml")
     assert told.code == 3 and place in told.err and len(told.err.strip().splitlines()) == 1, told
+
+
+def test_a_shape_with_a_sphere_twice_is_named(balls, command):
+    """Nearer than a billionth of the radius; spheres of other radii about one center may stay, they lie inside."""
+    ball = '{center = ["0 m", "0 m", "%s"], radius = "%s"}'
+    shapes = [ball % given for given in (("0 m", "5 um"), ("3 um", "5 um"), ("3.000000001 um", "5 um"), ("0 m", "4 um"))]
+    balls(('radius = "5 um"', f"shape = [{', '.join(shapes)}]"))
+    told = command("check", "scene.toml")
+    assert told.code == 3 and len(told.err.splitlines()) == 1
+    assert "debris[0].shape[2]: repeats debris[0].shape[1]: the same center and radius; remove one" in told.err
+    balls(('radius = "5 um"', f"shape = [{', '.join([*shapes[:2], shapes[3]])}]"))
+    assert command("check", "scene.toml").code == 0

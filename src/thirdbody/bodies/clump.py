@@ -14,6 +14,8 @@ from thirdbody.kernels.vectors import cross, dot
 
 # Spheres that touch in one point belong together although rounding may part them by this much.
 _TOUCH = 1e-9
+# Spheres whose centers and radii differ by less, in units of the largest radius of the body, are one sphere given twice.
+_TWICE = 1e-9
 # Per interval, in units of the largest radius: some 40 intervals then stay below 1e-5 of the volume (> 4).
 _TOLERANCE = 2e-7
 _QUADRATURE = quadrature()
@@ -99,6 +101,16 @@ def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], n
     size, moments = volume * scale**3, inertia * scale[:, None] ** 5
     made = zip(own, radii, size.tolist(), moments, error.tolist(), strict=True)
     return [Clump(*parts) for parts in made], anchor + centroid * scale[:, None], axes
+
+
+def repeated_spheres(centers: np.ndarray, radii: np.ndarray) -> list[tuple[int, int]]:
+    """Places (k, i) of spheres k that repeat an earlier sphere i of the body: the same center and radius.
+
+    Such a sphere adds nothing to the body's volume, and would carry every contact twice.
+    """
+    apart = np.linalg.norm(centers[:, None] - centers, axis=-1) + np.abs(radii[:, None] - radii)
+    same = np.tril(apart <= _TWICE * radii.max(), -1)
+    return [(int(k), int(same[k].argmax())) for k in np.flatnonzero(same.any(axis=1))]
 
 
 def quaternion_from_matrix(rotation: np.ndarray) -> np.ndarray:

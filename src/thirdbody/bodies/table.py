@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from thirdbody.bodies.clump import Clump, clump_with_frame, quaternion_product
+from thirdbody.bodies.clump import Clump, clump_with_frame, quaternion_product, repeated_spheres
 from thirdbody.bodies.files import LARGEST, SMALLEST, read_bytes
 from thirdbody.bodies.sheet import Sheet, refuse
 from thirdbody.bodies.table_csv import Parse, read_csv
@@ -75,7 +75,7 @@ def _read(path: Path, parse: Parse) -> Sheet:
 
 
 def _bodies(sheet: Sheet) -> Bodies:
-    """The clumps of the sheet. Raises InputError for bodies in pieces and quaternions that are not unit."""
+    """The clumps of the sheet. Raises InputError for bodies in pieces, spheres given twice, and quaternions that are not unit."""
     _refuse_sizes(sheet)
     members = sheet.members()
     turns, faults = _turns(sheet, members)
@@ -89,6 +89,11 @@ def _bodies(sheet: Sheet) -> Bodies:
         anchor, radii = sheet.center[rows[0]], sheet.radius[rows]
         arms = sheet.center[rows] - anchor
         key = radii.tobytes(), (np.round(arms / radii.max(), _ALIKE) + 0.0).tobytes()
+        if key not in known and (repeated := repeated_spheres(arms, radii)):
+            for k, first in repeated:
+                message = f"{sheet.named(rows[[k]])} repeats {sheet.named(rows[[first]])}: the same center and radius; remove one"
+                faults.append(sheet.body_fault(b, rows[k], message))
+            continue
         try:
             known[key] = known[key] if key in known else clump_with_frame(arms, radii)
         except InputError as error:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..bodies.asperities import Asperities
-from ..bodies.clump import Clump, clump_with_frame, quaternion_product
+from ..bodies.clump import Clump, clump_with_frame, quaternion_product, repeated_spheres
 from ..bodies.shapes import Streams, diameters, population
 from ..bodies.spots import spot_body
 from ..bodies.table import Bodies
@@ -57,8 +57,13 @@ def make_bodies(
     else:
         assert debris.shape is not None
         centers = np.array([ball.center for ball in debris.shape], float)
+        radii = np.array([ball.radius for ball in debris.shape])
+        if repeated := repeated_spheres(centers, radii):
+            message = "repeats debris[{}].shape[{}]: the same center and radius; remove one"
+            places = [(("debris", index, "shape", k), message.format(index, first)) for k, first in repeated]
+            raise InputError(scene.fault(place, message) for place, message in places)
         try:
-            body, _, frame = clump_with_frame(centers, np.array([ball.radius for ball in debris.shape]))
+            body, _, frame = clump_with_frame(centers, radii)
         except InputError as error:  # its keys are "spheres[6]", of spheres that are in the scene's `shape`
             told = [(_numbers(fault.key), fault.message) for fault in error.faults]
             raise InputError(scene.fault(("debris", index, "shape", *where), message) for where, message in told) from None
