@@ -113,7 +113,7 @@ def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, le
     `level` is a level of the law `three_spot`, "exact" if not given. Raises InputError with every fault of the input, UsageError
     for an unknown level. That no static state exists is no error: see `Result.stopped`.
     """
-    level = level or DEFAULT_LEVEL
+    level = DEFAULT_LEVEL if level is None else level
     if level not in THREE_SPOT.levels:
         raise UsageError(f"level '{level}': {nearest(level, THREE_SPOT.levels)}")
     if isinstance(source, BalanceFile):

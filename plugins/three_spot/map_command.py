@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json as js
-import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,8 +31,8 @@ def map_command(
 
     if not abs(big_h) <= LARGEST:
         raise UsageError(f"--H {big_h}: must lie between -{LARGEST:g} and {LARGEST:g}")
-    if not 0.0 < half_width < math.inf:
-        raise UsageError(f"--half-width {half_width}: must be positive and finite")
+    if not 1.0 / LARGEST <= half_width <= LARGEST:
+        raise UsageError(f"--half-width {half_width}: must lie between {1.0 / LARGEST:g} and {LARGEST:g}")
     picture = out if out is not None or json else PICTURE
     if picture is not None:
         if picture.suffix.lower() not in FORMATS:
@@ -42,9 +42,9 @@ def map_command(
         except OSError as error:
             raise OutputError(f"{picture}: {error.strerror or error}") from error
     if json:
-        typer.echo(js.dumps(map_numbers(big_h, half_width), indent=1))
+        print(js.dumps(map_numbers(big_h, half_width), indent=1))
     if picture is not None:
-        typer.echo(f"{picture}", err=json)
+        print(picture, file=sys.stderr if json else sys.stdout)
 
 
 def _computed(half_width: float) -> tuple[MapPoint, ...]:

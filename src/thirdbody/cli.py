@@ -13,6 +13,7 @@ from .cli_new import new
 from .cli_studies import cost, hard
 from .errors import GuardStop, Interrupted, ThirdbodyError, UsageError
 from .signals import stop_on_signal
+from .terminal import printable_output, say
 
 app = typer.Typer(
     cls=Group,
@@ -43,7 +44,7 @@ def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the
     if version:
         from . import __version__
 
-        typer.echo(f"thirdbody {__version__}")
+        say(f"thirdbody {__version__}")
         raise typer.Exit
 
 
@@ -147,7 +148,7 @@ def states(
     states_report(run, frame, json)
     if out is not None:
         draw_forecast(run, out)
-        typer.echo(f"{out}", err=json)
+        say(out, err=json)
 
 
 @app.command(cls=Command)
@@ -159,7 +160,7 @@ def render(
     view: Annotated[str, typer.Option("--view", help="iso, side, front or top")] = "iso",
     forces: Annotated[bool, typer.Option("--forces", help="contact forces as tubes")] = False,
     body: Annotated[int | None, typer.Option("--body", min=0, help="one body close up: spots, forces, friction cones")] = None,
-    zoom: Annotated[float | None, typer.Option("--zoom", help="share of the domain that is shown, 0 to 1")] = None,
+    zoom: Annotated[float | None, typer.Option("--zoom", help="share of the domain that is shown, 0.0001 to 1")] = None,
     frames: Annotated[str | None, typer.Option("--frames", metavar="A:B:C", help="film: from A, before B, each C-th")] = None,
     fps: Annotated[int, typer.Option("--fps", help="film: frames a second")] = 12,
     camera: Annotated[str | None, typer.Option("--camera", help="film of a body: fixed or follow [follow]")] = None,
@@ -170,7 +171,7 @@ def render(
     from .output.render import render as draw
 
     size = (width, height)
-    typer.echo(f"{draw(run, out, frame, color, size, zoom, view, forces, body, frames, fps, camera, progress=True)}")
+    say(draw(run, out, frame, color, size, zoom, view, forces, body, frames, fps, camera, progress=True))
 
 
 @app.command(cls=Command)
@@ -183,7 +184,7 @@ def plot(
     """Draw the page that tells what happened: friction, states, gap or load, energy, contacts."""
     from .output.plot import plot as draw
 
-    typer.echo(f"{draw(run, out, panel, frame)}")
+    say(draw(run, out, panel, frame))
 
 
 @app.command(cls=Command)
@@ -199,7 +200,7 @@ def export(
     from .output.export import export_run
 
     for path in export_run(run, csv, pvd, pack, frame, overwrite):
-        typer.echo(f"{path}")
+        say(path)
 
 
 @app.command(cls=Command)
@@ -221,7 +222,7 @@ def shapes(
     shapes_report(found, json)
     if out is not None:
         draw_shapes(found, path.name, out)
-        typer.echo(f"{out}", err=json)
+        say(out, err=json)
 
 
 app.command(cls=Command)(cost)
@@ -299,7 +300,12 @@ def _pairs(settings: list[str] | None) -> dict[str, str]:
 
 
 def main() -> None:
-    """Entry point: every error becomes one message and its exit code."""
+    """Entry point: every error becomes one message and its exit code, and no text steers the terminal."""
+    with printable_output():
+        _main()
+
+
+def _main() -> None:
     try:
         app(prog_name="thirdbody")
     except ThirdbodyError as error:

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .errors import UsageError
+from .terminal import say
 
 
 def _names(incomplete: str) -> list[str]:
@@ -45,7 +46,7 @@ def new(
         then = "balance" if name.startswith("balance/") else "check"
     else:
         written, then = write_new({path or Path("scene.toml"): TEMPLATE.encode()}), "check"
-    typer.echo(f"{', '.join(map(str, written))} written; next: thirdbody {then} {written[0]}")
+    say(f"{', '.join(map(str, written))} written; next: thirdbody {then} {written[0]}")
 
 
 def _list(json: bool) -> None:
@@ -59,5 +60,5 @@ def _list(json: bool) -> None:
         return
     width = max(map(len, found))
     for name, question in found.items():
-        typer.echo(f"{name:<{width}}  {question}")
-    typer.echo("\nto start from one of them: thirdbody new my_scene.toml --from NAME")
+        say(f"{name:<{width}}  {question}")
+    print("\nto start from one of them: thirdbody new my_scene.toml --from NAME")

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from .terminal import say
+
+
+LONGEST = 30 * 86400.0
+"""Longest wall time of a study, s."""
 
 
 def cost(
     scene: Annotated[Path, typer.Argument(metavar="SCENE", help="scene file (TOML)")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="folder of the study [runs/<scene>_cost]")] = None,
     settings: Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the scene")] = None,
-    repeats: Annotated[int, typer.Option("--repeats", min=2, help="runs of each rung that are timed")] = 3,
+    repeats: Annotated[int, typer.Option("--repeats", min=2, max=1000, help="runs of each rung that are timed")] = 3,
     budget: Annotated[str, typer.Option("--budget", help="wall time for the ladder, to which the scene is reduced")] = "7 min",
     effects: Annotated[bool, typer.Option("--effects", help="what each effect costs and changes, instead of the ladder")] = False,
     verify: Annotated[bool, typer.Option("--verify", help="add an oblique impact: errors and orders of convergence")] = False,
@@ -30,14 +35,14 @@ def cost(
 
     def tell(text: str) -> None:
         if not quiet:
-            print(text, file=sys.stderr, flush=True)
+            say(text, err=True)
 
     try:
         seconds = units.parse(budget, "time")
     except ValueError as error:
         raise UsageError(f"--budget: {error}") from None
-    if seconds <= 0.0:
-        raise UsageError(f"--budget {budget}: a time above zero")
+    if not 0.0 < seconds <= LONGEST:
+        raise UsageError(f"--budget {budget}: must be above 0 s and at most {LONGEST / 86400.0:g} days")
     folder = out or Path("runs") / f"{scene.stem}_{'effects' if effects else 'cost'}"
     cost_command(scene, folder, _pairs(settings), plugin or [], repeats, effects, verify, overwrite, json, tell, seconds)
 
@@ -54,6 +59,6 @@ def hard(
 
     def tell(text: str) -> None:
         if not quiet:
-            print(text, file=sys.stderr, flush=True)
+            say(text, err=True)
 
     hard_command(cases or (), out, json, quick, tell)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from unicodedata import category
 
 
 class ThirdbodyError(Exception):
@@ -14,12 +15,12 @@ class ThirdbodyError(Exception):
 
     def __init__(self, message: str, *, python: str = "", command: str = "") -> None:
         """Make an error whose message ends with `python`, or on the command line with `command`: what to do about it."""
-        super().__init__(message + python)
+        super().__init__(printable(message + python))
         self.message, self.command = message, command
 
     def for_command_line(self) -> str:
         """Return the message in the words of the command line."""
-        return self.message + self.command
+        return printable(self.message + self.command)
 
 
 class UsageError(ThirdbodyError):
@@ -57,10 +58,13 @@ class Fault:
 
 
 def printable(text: str) -> str:
-    """The text with control characters written out: what a file holds must not steer the terminal, nor forge a line."""
+    """The text with control characters written out: what a file holds must not steer the terminal, nor forge a line.
+
+    So are marks of direction, lone surrogates and line breaks; blanks of other scripts are not.
+    """
     if text.isprintable():
         return text
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+    return "".join(c if c.isprintable() or category(c) == "Zs" else c.encode("unicode_escape").decode("ascii") for c in text)
 
 
 def _short(name: str | None) -> str | None:
@@ -81,7 +85,9 @@ class InputError(ThirdbodyError):
         if isinstance(faults, str):
             faults = Fault("", faults)
         self.faults: list[Fault] = [faults] if isinstance(faults, Fault) else list(faults)
-        super().__init__(self._lines(str))
+        super().__init__("")
+        self.message = self._lines(str)
+        self.args = (self.message,)  # of several lines, each printable already
 
     def for_command_line(self) -> str:
         """Return the faults in the words of the command line."""

@@ -10,6 +10,7 @@ from typing import Any
 from .errors import GuardStop
 from .report import print_json, table
 from .studies.hard import LEAST, MOST, Row, chosen, rows
+from .terminal import say
 
 
 def hard_command(names: Sequence[str], out: Path | None, json: bool, quick: bool, tell: Any) -> None:
@@ -35,8 +36,9 @@ def hard_command(names: Sequence[str], out: Path | None, json: bool, quick: bool
         tell(f"{out}")
     failed = [row for row in found if not row.holds]
     if failed:
-        listed = "\n".join(f"{row.case}, {row.integrator}, {row.level}: {'; '.join(_why(row))}" for row in failed)
-        raise GuardStop(f"{len(failed)} of {len(found)} hard cases fail\n{listed}")
+        for row in failed:
+            say(f"{row.case}, {row.integrator}, {row.level}: {'; '.join(_why(row))}", err=True)
+        raise GuardStop(f"{len(failed)} of {len(found)} hard cases fail")
 
 
 def print_rows(found: Sequence[Row]) -> None:

@@ -9,6 +9,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
+from .errors import printable
+from .terminal import terminal_of
+
 LINES = 10
 """Plain lines of a whole run, where there is no terminal to draw a bar on."""
 
@@ -68,11 +71,12 @@ def _bar(title: str) -> Iterator[Reporter]:
     # a title is text, not markup
     name, line = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[line]}", markup=False)
     columns = (name, BarColumn(), TaskProgressColumn(), TimeRemainingColumn(), line)
-    with Bar(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task(title[:40], total=1.0, line="")
+    console = Console(file=terminal_of(sys.stderr))
+    with Bar(*columns, console=console, redirect_stdout=False, redirect_stderr=False) as bar:
+        task = bar.add_task(printable(title[:40]), total=1.0, line="")
 
         def report(progress: Progress) -> None:
-            bar.update(task, completed=progress.fraction, line=headline(progress))
+            bar.update(task, completed=progress.fraction, line=printable(headline(progress)))
 
         yield report
 

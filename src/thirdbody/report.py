@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, printable
 from .scene.units import pretty
+from .terminal import say, terminal_of
 
 if TYPE_CHECKING:
     from .laws.registry import Registry
@@ -24,13 +25,14 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) ->
     from rich.table import Table
 
     shown = any(headings)
-    grid = Table(title=title or None, title_justify="left", header_style="bold", box=None, pad_edge=False, show_header=shown)
+    grid = Table(title=printable(title) or None, title_justify="left", header_style="bold", box=None, pad_edge=False, show_header=shown)
     for heading in headings:
-        grid.add_column(heading, overflow="fold")
+        grid.add_column(printable(heading), overflow="fold")
     for row in rows:
-        grid.add_row(*row)
+        grid.add_row(*map(printable, row))
     # without a terminal rich would assume 80 columns and fold every line; square brackets are text, not markup
-    Console(width=None if sys.stdout.isatty() else 140, highlight=False, markup=False).print(grid)
+    terminal = terminal_of(sys.stdout)  # below what escapes rich's own sequences
+    Console(file=terminal, width=None if terminal.isatty() else 140, highlight=False, markup=False, emoji=False).print(grid)
 
 
 def print_json(value: Any) -> None:
@@ -56,7 +58,7 @@ def as_plain(value: Any) -> Any:
 def print_warnings(warnings: Iterable[str]) -> None:
     """Print warnings on standard error."""
     for warning in warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+        say(f"warning: {warning}", err=True)
 
 
 def run_report(folder: Path, json: bool) -> None:
@@ -155,14 +157,14 @@ def _states_over_frames(run: Run, json: bool) -> None:
         print_json({"frames": rows, "reasons": last, "forecast": forecast_against_fact(run)} | groups)
         return
     if not rows:
-        print(f"{run.path}: no frames yet")
+        say(f"{run.path}: no frames yet")
         return
     _print_groups(run, run.frames - 1)
     headings = ["frame", "time", "distance", *names]
     table("", headings, [[str(row["frame"]), pretty(row["time"], "time"), pretty(row["distance"], "length"),
                           *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
     for state, counts in last.items():
-        print(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
+        say(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
     _tell_forecast(forecast_against_fact(run))
 
 
@@ -273,7 +275,7 @@ def laws_report(registry: Registry, json: bool) -> None:
             table(title, tuple(rows[0]), [[str(value) for value in row.values()] for row in rows])
             print()
     for name, why in registry.failures.items():
-        print(f"plug-in {name} did not load: {why}")
+        say(f"plug-in {name} did not load: {why}")
 
 
 def conformance_report(files: Sequence[Path], json: bool) -> None:

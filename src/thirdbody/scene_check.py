@@ -10,7 +10,7 @@ import time
 from collections.abc import Iterable, Mapping
 from contextlib import redirect_stdout
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from .frame_cost import FrameCost, frame_cost
 from .kernels import layout as at
@@ -19,6 +19,7 @@ from .report import table
 from .run_warnings import run_warnings
 from .scene.spans import duration, size
 from .scene.units import pretty
+from .terminal import PrintableStream, say
 
 if TYPE_CHECKING:
     from .engine.explicit import Explicit
@@ -38,7 +39,7 @@ class Check(dict[str, Any]):
 
     def __str__(self) -> str:
         text = io.StringIO()
-        with redirect_stdout(text):
+        with redirect_stdout(cast(Any, PrintableStream(text))):
             print_check(self)
         return text.getvalue()
 
@@ -243,8 +244,8 @@ def print_check(told: dict[str, Any]) -> None:
     from .scene.write import toml_text
 
     for warning in told["warnings"]:
-        print(f"warning: {warning}")
-    print(f"# {told['title'] or 'scene'}: {told['bodies']} bodies, {told['spheres']} spheres")
+        say(f"warning: {warning}")
+    say(f"# {told['title'] or 'scene'}: {told['bodies']} bodies, {told['spheres']} spheres")
     _print_costs(told)
     _print_integration(told)
     _print_plate(told)
@@ -268,15 +269,15 @@ def _print_laws(told: dict[str, Any]) -> None:
     table(f"law {law['family']}, level {law['level']}", ("stage", "law", "source"),
           [(entry["stage"], entry["law"], entry["source"]) for entry in law["chain"]])  # fmt: skip
     if law["not_needed"]:
-        print(f"absent, because no pair asks for it: {', '.join(law['not_needed'])}")
+        say(f"absent, because no pair asks for it: {', '.join(law['not_needed'])}")
     for pair in told["pairs"]:
         values = ", ".join(f"{name} {value:.6g}" for name, value in pair.items() if name != "between")
-        print(f"pair {pair['between'][0]}/{pair['between'][1]}: {values}")
+        say(f"pair {pair['between'][0]}/{pair['between'][1]}: {values}")
     on = ", ".join(effect["effect"] for effect in told["effects"]["on"]) or "none"
     if law["explicit_only"]:
-        print(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
+        say(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
     contact, labels = told["effects"]["debris_contact"], told["effects"]["labels"]
-    print(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
+    say(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
     shares = ["" if row["share"] is None else f"{100.0 * row['share']:.0f} %" if row["on"] else "-" for row in told["parts"]]
     table("effects and parts, with their share of the time (estimated)", ("part", "", "share", "reason"),
           [(row["part"], "on" if row["on"] else "off", share, row["reason"])
@@ -299,7 +300,7 @@ def _print_plate(told: dict[str, Any]) -> None:
 
 
 def _print_integration(told: dict[str, Any]) -> None:
-    print(f"integrator {told['integrator']}: {told['integrator_reason']}")
+    say(f"integrator {told['integrator']}: {told['integrator_reason']}")
     settling, whole = pretty(told["settle"], "time"), pretty(told["simulated_time"], "time")
     if "time_step" not in told:
         chosen = told["accuracy"]

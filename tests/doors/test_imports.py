@@ -24,12 +24,12 @@ BELOW = {
     # studies run whole scenes, so they stand on what runs, checks and prints one
     "studies": {"kernels", "laws", "bodies", "engine", "scene", "output", "course", "simulate", "scene_check", "report"},
 }
-OPEN = {"errors", "cache", "child_process", "collector", "cores", "dimensions", "modules"}
+OPEN = {"errors", "cache", "child_process", "collector", "cores", "dimensions", "modules", "terminal"}
 # `plugin` is the facade of the contract: it may show what plug-ins need and nothing above it
 FACADE = {"bodies", "engine", "errors", "kernels", "laws", "scene"}
 
 HEAVY = {"numba", "vtk", "vtkmodules", "pyvista", "matplotlib", "h5py", "scipy", "pint", "pandas"}
-LIGHT = ["__init__.py", "errors.py", "progress.py", "signals.py", "starters.py", *(
+LIGHT = ["__init__.py", "errors.py", "progress.py", "signals.py", "starters.py", "terminal.py", *(
     f"cli{name}.py" for name in ("", "_completion", "_group", "_new", "_studies")
 ), *(
     f"scene/{name}.py" for name in (

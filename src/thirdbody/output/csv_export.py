@@ -1,16 +1,23 @@
-"""Writes the tables of a run as CSV: comma, UTF-8, units in the header (`time [s]`), every digit of every number."""
+"""Writes the tables of a run as CSV: comma, UTF-8, units in the header (`time [s]`), every digit of every number.
+
+Names come from users and from runs made by others: one that begins like a formula gets an apostrophe in front.
+"""
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
+from thirdbody.errors import printable
 from thirdbody.output.run import Run
 from thirdbody.output.tables import BODIES, CONTACTS, CYCLES, TABLES, TRANSITIONS, Column, table, tables_by_frame
 from thirdbody.output.target import new_folder
 
 CSV_FILES = tuple(f"{name}.csv" for name in TABLES)
+FORMULA = ("=", "+", "-", "@")
+"""How a cell begins that spreadsheets compute instead of showing it."""
 
 
 def export_csv(run: Run, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
@@ -38,10 +45,24 @@ def _write(path: Path, parts: Iterable[list[Column]]) -> None:
         for number, columns in enumerate(parts):
             if not number:
                 writer.writerow([heading(column) for column in columns])
-            # Python's own numbers: `repr` of a float gives back the same bits.
-            writer.writerows(zip(*(column.values.tolist() for column in columns), strict=True))
+            writer.writerows(zip(*map(_cells, columns), strict=True))
+
+
+def _cells(column: Column) -> list[Any]:
+    """Python's own numbers, as `repr` of a float gives back the same bits, and texts that no spreadsheet computes."""
+    values = column.values.tolist()
+    return [as_text(value) if isinstance(value, str) else value for value in values] if column.values.dtype == object else values
+
+
+def as_text(text: str) -> str:
+    """A text that spreadsheets show in one cell: an apostrophe stands before those that they would take for a formula.
+
+    Line breaks and other control characters are written out: a carriage return would begin a row.
+    """
+    return f"'{printable(text)}" if text.startswith(FORMULA) else printable(text)
 
 
 def heading(column: Column) -> str:
     """`time [s]`; products of units with a blank, as spreadsheets may not read a raised dot."""
-    return f"{column.name} [{column.unit.replace('·', ' ')}]" if column.unit else column.name
+    name = as_text(column.name)
+    return f"{name} [{column.unit.replace('·', ' ')}]" if column.unit else name

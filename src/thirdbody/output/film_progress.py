@@ -6,6 +6,9 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 
+from thirdbody.errors import printable
+from thirdbody.terminal import terminal_of
+
 FilmReporter = Callable[[int, int], None]
 """Takes the number of pictures that are drawn and that of all."""
 
@@ -30,8 +33,10 @@ def film_bar(title: str) -> Iterator[FilmReporter | None]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
     name = TextColumn("{task.description}", markup=False)  # a file's name is text, not markup
-    with Progress(name, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), console=Console(stderr=True)) as bar:
-        task = bar.add_task(title, total=None)
+    columns = (name, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    console = Console(file=terminal_of(sys.stderr))
+    with Progress(*columns, console=console, redirect_stdout=False, redirect_stderr=False) as bar:
+        task = bar.add_task(printable(title), total=None)
 
         def report(done: int, total: int) -> None:
             bar.update(task, completed=done, total=total)

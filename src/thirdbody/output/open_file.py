@@ -30,7 +30,7 @@ class OpenFile:
     file: h5py.File
 
     def __init__(self, path: Path):
-        if not path.is_file():
+        if not os.path.isfile(path):  # False also for a name that the system refuses
             raise InputError(f"{path}: no such run; give the folder of a run or its {FILE_NAME}")
         self.path = path
         # By a file object of its own: of one path HDF5 gives all readers in a process the data that the first of them has cached,

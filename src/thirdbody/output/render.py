@@ -30,6 +30,10 @@ PATIENCE, PATIENCE_PER_FRAME = 600.0, 60.0
 STILLS, FILMS, PAGES = (".png",), (".gif", ".mp4"), (".html",)
 CAMERAS = ("fixed", "follow")
 FASTEST = 60
+SIDES = (200, 8192)
+"""Smallest and largest width and height of a picture, pixels."""
+CLOSEST = 1e-4
+"""Smallest `zoom`: of a domain of a hundred million bodies it shows one."""
 
 
 def render(
@@ -50,7 +54,7 @@ def render(
     """Draw one frame of a run (the last) into a .png or .html file, or many into a .gif or .mp4; returns its path.
 
     `color` is `state`, `reason`, `speed`, or any array of the bodies, spheres or contacts (of these the largest of a
-    body); vectors count by length. `zoom` (0 to 1) is the share of the domain's width and depth that is shown. `view` is
+    body); vectors count by length. `zoom` (0.0001 to 1) is the share of the domain's width and depth that is shown. `view` is
     iso, side, front or top; `forces` draws contact forces as tubes; `body` follows one body close up, by its id, with a
     `camera` that is `fixed` or goes along (`follow`). `frames` is a:b:c of a film, `fps` how many of them a second shows.
     `progress` of a film: True draws a bar on a terminal; a callable takes the number of pictures drawn and that of all.
@@ -104,8 +108,12 @@ def _check_options(
     suffix = output.suffix.lower()
     film = suffix in FILMS
     wrong = [
-        (zoom is not None and not 0.0 < zoom <= 1.0, f"zoom: {zoom} is outside 0 to 1, the share of the domain that is shown"),
-        (min(size) < 200, f"size: {size[0]} x {size[1]} is too small, 200 pixels are the least"),
+        (zoom is not None and not CLOSEST <= zoom <= 1.0, f"zoom: {zoom} is outside {CLOSEST:g} to 1, the share of the domain "
+         "that is shown"),
+        (
+            not SIDES[0] <= min(size) <= max(size) <= SIDES[1],
+            f"size: {size[0]} x {size[1]} is outside {SIDES[0]} to {SIDES[1]} pixels each",
+        ),
         (suffix == ".mp4" and any(side % 2 for side in size), f"size: {size[0]} x {size[1]}: MP4 needs even numbers of pixels"),
         (view not in VIEWS, f"view: no view '{view}'; {nearest(view, VIEWS)}"),
         (camera not in (None, *CAMERAS), f"camera: '{camera}' is neither fixed nor follow"),

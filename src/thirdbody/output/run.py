@@ -382,5 +382,5 @@ class Run:
 def open_run(path: str | Path) -> Run:
     """The run in a folder, or in its `run.vtkhdf`. Raises InputError when missing, damaged or not a run."""
     path = Path(path)
-    return Run(path / FILE_NAME if path.is_dir() else path)
+    return Run(path / FILE_NAME if os.path.isdir(path) else path)
 

@@ -197,6 +197,11 @@ def choose(value: Any, names: Iterable[str], later: Iterable[str], key: str) -> 
     return value
 
 
+def is_unicode(text: str) -> bool:
+    """False for a text with lone surrogates, which stand for bytes of the command line that are not UTF-8: no file can hold it."""
+    return not any("\ud800" <= letter <= "\udfff" for letter in text)
+
+
 @dataclass(frozen=True)
 class _Typed:
     """A value that must have the type already: no conversion, so a misplaced value is noticed."""
@@ -209,6 +214,8 @@ class _Typed:
         def read(value: Any, info: ValidationInfo) -> Any:
             if not isinstance(value, self.kind):
                 raise ValueError(f"expected {self.name}, got {show(value)}")
+            if isinstance(value, str) and not is_unicode(value):
+                raise ValueError(f"{show(value)} holds bytes that are no letters of UTF-8")
             return value
 
         return _function_schema(read)

@@ -8,7 +8,8 @@ import os
 import re
 from typing import Any
 
-from thirdbody.errors import Fault, InputError, OutputError
+from thirdbody.errors import Fault, InputError, OutputError, printable
+from thirdbody.scene.fields import is_unicode
 from thirdbody.scene.part import Place, key_path
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
@@ -61,8 +62,17 @@ def _key(key: str) -> str:
 
 
 def _text(text: str) -> str:
-    # JSON's escapes are TOML's, except that TOML also wants DEL escaped.
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    # JSON's escapes are TOML's; what would steer a terminal becomes an escape, too: DEL, the codes above it, marks of direction
+    if not is_unicode(text):
+        raise InputError(f"'{text}' holds bytes that are no letters of UTF-8, and cannot be written to a scene file")
+    quoted = json.dumps(text, ensure_ascii=False)
+    return quoted if printable(quoted) == quoted else "".join(map(_escape, quoted))
+
+
+def _escape(letter: str) -> str:
+    if printable(letter) == letter:
+        return letter
+    return f"\\u{ord(letter):04x}" if ord(letter) < 0x10000 else f"\\U{ord(letter):08x}"
 
 
 def _value(value: Any, place: Place) -> str:

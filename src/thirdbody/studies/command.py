@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as json_module
+import os
 import shutil
 import time
 from collections.abc import Callable, Sequence
@@ -75,7 +76,7 @@ def _effects(
 
 def _make_room(folder: Path, overwrite: bool) -> None:
     """Raise OutputError for a folder that exists; with `overwrite` one that holds a study is emptied."""
-    if not folder.exists():
+    if not os.path.lexists(folder):  # False also for a name that the system refuses: making the folder tells why
         return
     if not overwrite:
         raise OutputError(f"{folder}: exists already; --overwrite replaces it, -o names another folder")

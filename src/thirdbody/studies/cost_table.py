@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from thirdbody.report import table
+from thirdbody.terminal import say
 
 from .climb import LEFT_OUT
 from .cost import Row, Study, efficient, possible, recommended
@@ -16,8 +17,8 @@ HEADINGS = ("", "rung", "step", "seconds", "runs", "ratio", "friction", "load|ga
 def print_study(made: Study) -> None:
     """Print a study: what it was made of, all rungs, and the one to take."""
     told = made.machine
-    print(f"{made.title or made.scene}: errors against {made.reference.rung.name}")
-    print(f"reduced: {'; '.join(made.reduction) or 'nothing'}")
+    say(f"{made.title or made.scene}: errors against {made.reference.rung.name}")
+    say(f"reduced: {'; '.join(made.reduction) or 'nothing'}")
     if made.alone:
         print("no two bodies of this copy meet: contact between bodies costs and changes nothing here; rungs marked i compute "
               'the whole scene only with contact.debris_contact = "none"')  # fmt: skip
@@ -34,8 +35,8 @@ def print_study(made: Study) -> None:
     if any(row.beside for row in made.rows):
         print("rungs took turns with the scene's own, by which their seconds are put to one pace of the machine")
     for message, names in stopped(made).items():
-        print(f"{'; '.join(names)}: {message}")
-    print(f"recommended: {recommended(made)[1]}")
+        say(f"{'; '.join(names)}: {message}")
+    say(f"recommended: {recommended(made)[1]}")
 
 
 def stopped(made: Study) -> dict[str, list[str]]:

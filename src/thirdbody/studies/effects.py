@@ -97,9 +97,10 @@ def _compared(
 def print_effects(told: dict[str, Any]) -> None:
     """Print what `effects_study` found."""
     from thirdbody.report import table
+    from thirdbody.terminal import say
 
-    print(f"{told['title'] or told['scene']}: each effect against the scene as it is")
-    print(f"reduced: {'; '.join(told['reduction']) or 'nothing'}")
+    say(f"{told['title'] or told['scene']}: each effect against the scene as it is")
+    say(f"reduced: {'; '.join(told['reduction']) or 'nothing'}")
     rows = []
     for row in told["effects"]:
         if "ratio" not in row:
@@ -111,4 +112,4 @@ def print_effects(told: dict[str, Any]) -> None:
     table("", ("effect", "what", "time (pairs)", "friction", "load|gap", "labels", "dissipated"), rows)
     failed = [f"{row['effect']}: {row['message'].splitlines()[0]}" for row in told["effects"] if "ratio" not in row]
     for line in [*failed, *told["left_out"]]:
-        print(line)
+        say(line)
