@@ -9,7 +9,6 @@ import typer
 
 from .terminal import say
 
-
 LONGEST = 30 * 86400.0
 """Longest wall time of a study, s."""
 

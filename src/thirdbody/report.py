@@ -25,7 +25,8 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) ->
     from rich.table import Table
 
     shown = any(headings)
-    grid = Table(title=printable(title) or None, title_justify="left", header_style="bold", box=None, pad_edge=False, show_header=shown)
+    heading_of_all = printable(title) or None
+    grid = Table(title=heading_of_all, title_justify="left", header_style="bold", box=None, pad_edge=False, show_header=shown)
     for heading in headings:
         grid.add_column(printable(heading), overflow="fold")
     for row in rows:

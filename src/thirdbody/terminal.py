@@ -9,13 +9,13 @@ from __future__ import annotations
 import codecs
 import io
 import os
+import re
 import sys
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, TextIO
 
 from .errors import printable
-
 
 MINUS = "\u2212"
 ESCAPED = "thirdbody_escaped"
@@ -32,8 +32,8 @@ class PrintableStream:
         self.terminal = terminal
 
     def write(self, text: str) -> int:
-        """Write text of one or more lines; only the line breaks pass as they are. Returns its length."""
-        self.terminal.write("\n".join(map(printable, text.split("\n"))))
+        """Write text of one or more lines; only line breaks and tabs pass as they are. Returns its length."""
+        self.terminal.write("".join(part if part in ("\n", "\t") else printable(part) for part in re.split("([\n\t])", text)))
         return len(text)
 
     def writelines(self, lines: Iterable[str]) -> None:

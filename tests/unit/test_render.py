@@ -140,7 +140,7 @@ def test_a_file_that_cannot_be_replaced_leaves_nothing_behind(layer, tmp_path):
         ({"frame": 2}, "no frame 2"),
         ({"color": "utilization"}, "did you mean 'utilisation'"),
         ({"zoom": 0.0}, "zoom"),
-        ({"size": (10, 10)}, "too small"),
+        ({"size": (10, 10)}, "outside 200 to 8192"),
         ({"view": "tpo"}, "did you mean 'top'"),
         ({"camera": "follow"}, "needs the body"),
         ({"camera": "loose", "body": 3}, "neither fixed nor follow"),

@@ -198,7 +198,7 @@ def choose(value: Any, names: Iterable[str], later: Iterable[str], key: str) -> 
 
 
 def is_unicode(text: str) -> bool:
-    """False for a text with lone surrogates, which stand for bytes of the command line that are not UTF-8: no file can hold it."""
+    """False for a text with lone surrogates, which stand for bytes of the command line that are not UTF-8; no file holds them."""
     return not any("\ud800" <= letter <= "\udfff" for letter in text)
 
 
