@@ -96,6 +96,7 @@ class Conduct:
         begun = time.perf_counter()
         kept = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
         self.writer.sync()
+        self.files.check()
         folder = str(self.simulation.scene.beside("").absolute())
         write_checkpoint(self.files.place, Checkpoint(
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,

@@ -40,6 +40,19 @@ class RunFolder:
 
     def __init__(self, path: Path, place: Path | None = None, usable: bool = True) -> None:
         self.path, self.place, self.usable = path, place or path, usable
+        self._identity = _identity(path)
+
+    def is_there(self) -> bool:
+        """Whether the folder still has its name, and no other has."""
+        return _identity(self.path) == self._identity
+
+    def check(self) -> None:
+        """Raise OutputError if another folder, or none, now has the name of this one: nothing may be written there."""
+        if not self.is_there():
+            raise OutputError(
+                f"{self.path}: the folder was moved or removed while the run wrote into it, so the run cannot go on; "
+                "where it was moved to it can be resumed"
+            )
 
     def publish(self) -> None:
         """Let the files take the places of those of an older run, once they can be used. Raises OutputError.
@@ -47,6 +60,7 @@ class RunFolder:
         A kill between any two renames leaves either run whole: the older scene goes first, which its checkpoint does without;
         the new checkpoint, from before the first frame, does without a trajectory.
         """
+        self.check()
         place, self.place, self.usable = self.place, self.path, True
         if place == self.path:
             return
@@ -59,6 +73,15 @@ class RunFolder:
             raise OutputError(f"{self.path}: cannot be replaced ({error.strerror or error})") from error
 
 
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return what tells a folder from all others, whatever its name; None without a folder."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
 @contextmanager
 def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
     """The folder for a new run, made and held; what was made is removed again if the run does not become usable.
@@ -67,7 +90,7 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
     or is being written.
     """
     refuse_existing(path, overwrite)
-    above = [folder for folder in path.absolute().parents if not folder.exists()]
+    above = [folder for folder in path.absolute().parents if not os.path.exists(folder)]
     new = not path.exists()
     try:
         _make(path, parents=True)
@@ -93,7 +116,7 @@ def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
             raise OutputError(f"{error.message}; the run that is there stays as it is") from error
         raise
     finally:
-        if not files.usable:
+        if not files.usable and files.is_there():
             _remove(files.place, (*FILES, *_parts(files.place)))
             _remove_leftovers(path)
 
@@ -138,7 +161,7 @@ def _parts(folder: Path) -> tuple[str, ...]:
 def refuse_existing(folder: Path, overwrite: bool) -> None:
     """Raise OutputError if the folder exists, unless it is that of a run and may be overwritten, or cannot be made."""
     if not _exists(folder):
-        above = next((path for path in folder.absolute().parents if path.exists()), None)
+        above = next((path for path in folder.absolute().parents if os.path.exists(path)), None)
         _refuse_read_only(folder, above, "made")
         return
     if not overwrite:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Iterator
 from importlib.util import find_spec
@@ -52,7 +53,7 @@ def write_new(files: dict[Path, bytes]) -> list[Path]:
     first = next(iter(files))
     missing = {path: content for path, content in files.items() if not _is_there(path, content) or path == first}
     for path in missing:
-        if path.exists():
+        if os.path.lexists(path):
             raise OutputError(f"{path}: exists already")
     written: list[Path] = []
     try:
@@ -67,7 +68,7 @@ def write_new(files: dict[Path, bytes]) -> list[Path]:
 
 
 def _is_there(path: Path, content: bytes) -> bool:
-    return path.is_file() and path.read_bytes() == content
+    return os.path.isfile(path) and path.read_bytes() == content
 
 
 def _folder(package: str) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import warnings
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -62,7 +63,7 @@ def prepare_resume(
     folder: Path, settings: Mapping[str, Any] | None = None, plugins: Iterable[str | Path] = ()
 ) -> tuple[Simulation, Checkpoint]:
     """The simulation of a run, built anew, and the checkpoint that it is to be put to. Raises InputError."""
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # unlike Path.is_dir, False for a name that is too long
         raise InputError(f"{folder}: no such folder; give that of a run")
     refuse_links(folder)
     kept = read_checkpoint(folder)

@@ -221,6 +221,43 @@ def test_two_runs_do_not_replace_one_folder_at_once(old, monkeypatch):
     assert title_of(old) == "new"
 
 
+# a folder that is moved -----------------------------------------------------------------------------------------------------
+
+
+def test_a_run_in_a_renamed_folder_goes_on(interrupted, tmp_path):
+    shutil.copytree(interrupted, tmp_path / "first")
+    (tmp_path / "first").rename(tmp_path / "second")
+    with thirdbody.resume(tmp_path / "second", progress=False, threads=1) as run:
+        assert run.frames == 3 and run.summary()["finished"]
+
+
+@pytest.mark.parametrize("every", [0.0, 1e9])
+@pytest.mark.parametrize("then", ["nothing", "another run", "removed"])
+def test_a_folder_that_is_renamed_while_the_run_writes(finished, tmp_path, every, then):
+    """One message; the run can be resumed where it is now, and what came to stand under the old name is left alone."""
+    folder, moved = tmp_path / "run", tmp_path / "moved"
+
+    def rename(progress):
+        if progress.frame == 2 and not moved.exists():
+            folder.rename(moved)
+            if then == "another run":
+                shutil.copytree(finished, folder)
+            if then == "removed":
+                shutil.rmtree(moved)
+                moved.mkdir()
+
+    with pytest.raises(OutputError, match="run: the folder was moved or removed while the run wrote into it") as told:
+        execute(prepare(scene("new")), folder, 1, rename, every=every)
+    assert told.value.exit_code == 5 and "\n" not in str(told.value)
+    if then == "another run":
+        assert contents(folder) == contents(finished)
+    else:
+        assert not folder.exists()
+    if then != "removed":
+        with thirdbody.resume(moved, progress=False, threads=1) as run:
+            assert run.frames == 3 and run.summary()["finished"]
+
+
 KILLED = """\
 import os, signal, sys
 from pathlib import Path

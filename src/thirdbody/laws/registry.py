@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -69,7 +70,7 @@ def _plugin(found: object) -> Plugin:
 
 def load_file(path: Path) -> Plugin:
     """The `PLUGIN` of a Python file. Raises UsageError if it cannot be read, fails, or has none."""
-    if not path.is_file():
+    if not os.path.isfile(path):  # unlike Path.is_file, False for a name that is too long
         raise UsageError(f"plug-in {path}: no such file")
     digest = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]
     name = f"thirdbody_file_{path.stem}_{digest}"

@@ -7,6 +7,7 @@ same weight together), which helps gzip with floats.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,7 +31,7 @@ SHORTEST = 1100  # bytes that gzip makes of one at most, about: a data set that 
 
 def refuse_target(run: Run, path: Path, overwrite: bool) -> None:
     """Raise OutputError when the copy may not be written to `path`."""
-    if path.exists() and path.samefile(run.path):
+    if os.path.exists(path) and path.samefile(run.path):
         raise OutputError(f"{path}: is the run itself; name another file")
     refuse_existing_file(path, overwrite)
 

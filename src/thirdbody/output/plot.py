@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import textwrap
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -91,7 +92,7 @@ def checked_path(path: str | Path) -> Path:
     """The path of a picture to write. Raises UsageError for another suffix, OutputError without its folder."""
     path = Path(path)
     check_format(path)
-    if not path.absolute().parent.is_dir():
+    if not os.path.isdir(path.absolute().parent):
         raise OutputError(f"{path}: cannot be written (the folder {path.parent} does not exist)")
     return path
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -162,7 +163,7 @@ def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS +
     if path.suffix.lower() not in allowed:
         names = " or ".join([", ".join(allowed[:-1]), allowed[-1]] if allowed[1:] else allowed)
         raise InputError(f"{path}: pictures are written by their suffix; name it {names}")
-    if not path.absolute().parent.is_dir():
+    if not os.path.isdir(path.absolute().parent):
         raise OutputError(f"{path}: the folder {path.parent} does not exist")
     return path
 

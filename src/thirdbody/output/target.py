@@ -14,7 +14,7 @@ from thirdbody.errors import OutputError
 
 def refuse_existing_file(path: Path, overwrite: bool) -> None:
     """Raise OutputError when a file stands at `path` that may not be replaced, or a folder."""
-    if path.is_dir():
+    if os.path.isdir(path):  # unlike Path.is_dir, False for a name that is too long
         raise OutputError(f"{path}: is a folder; name a file")
     if os.path.lexists(path) and not overwrite:
         raise OutputError(f"{path}: exists already", python="; overwrite=True replaces it", command="; --overwrite replaces it")
@@ -26,7 +26,7 @@ def refuse_existing_folder(path: Path, overwrite: bool, ours: Collection[str]) -
         return
     if not overwrite:
         raise OutputError(f"{path}: exists already", python="; overwrite=True replaces it", command="; --overwrite replaces it")
-    if path.is_symlink() or not path.is_dir():
+    if os.path.islink(path) or not os.path.isdir(path):
         raise OutputError(f"{path}: is not a folder and will not be overwritten")
     foreign = sorted({entry.name for entry in path.iterdir()} - set(ours))
     if foreign:
@@ -68,7 +68,7 @@ def new_folder(path: Path, overwrite: bool, ours: Collection[str]) -> Iterator[P
 
 def _put_in_place(part: Path, path: Path) -> None:
     """Rename, with the old folder (if any) set aside until the new one stands."""
-    if not path.exists():
+    if not os.path.lexists(path):
         part.rename(path)
         return
     old = _beside(path, "old")
