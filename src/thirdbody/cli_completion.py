@@ -23,9 +23,22 @@ def checked_completion() -> Iterator[None]:
         yield
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written ({error.strerror})") from error
+    except RuntimeError as error:  # what pathlib raises
+        if _home() is None:
+            raise OutputError("completion is installed in the home folder, and this user has none: set HOME") from error
+        raise
     finally:
-        if shell == "zsh":
-            _complete_at_first_tab(Path.home() / ZSH_FUNCTION)
+        home = _home()
+        if shell == "zsh" and home is not None:
+            _complete_at_first_tab(home / ZSH_FUNCTION)
+
+
+def _home() -> Path | None:
+    """Return the home folder, None without one: HOME is not set and the system does not know the user."""
+    try:
+        return Path.home()
+    except RuntimeError:
+        return None
 
 
 def _current_shell() -> str:

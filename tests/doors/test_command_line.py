@@ -130,6 +130,26 @@ def test_completion_that_cannot_be_installed_is_told_in_one_line(home, tmp_path)
     assert done.returncode == 5 and done.stderr.count("\n") == 1 and ".bash_completions" in done.stderr
 
 
+NO_USER = """
+import pwd
+def unknown(user):
+    raise KeyError(user)
+pwd.getpwuid = unknown
+"""
+
+
+def test_completion_without_a_home_is_told_in_one_line(home, tmp_path):
+    """As in a container that runs under the number of an unknown user. (Other shells than bash set HOME themselves.)"""
+    (tmp_path / "site").mkdir()
+    (tmp_path / "site" / "sitecustomize.py").write_text(NO_USER)
+    bare = {key: value for key, value in home.items() if key != "HOME"} | {"PYTHONPATH": str(tmp_path / "site")}
+    done = subprocess.run(
+        ["bash", "-c", "thirdbody --install-completion; exit $?"], env=bare, cwd=tmp_path, capture_output=True, text=True
+    )
+    assert done.returncode == 5 and done.stderr.count("\n") == 1 and "this user has none: set HOME" in done.stderr
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bin", "site"]
+
+
 def test_completion_in_an_unknown_shell_is_refused_with_those_that_work(home, tmp_path):
     """A Python that starts the program is no shell; above it there may be one, or none."""
     other = tmp_path / "bin" / "dash"
