@@ -22,7 +22,10 @@ BELOW = {
     "scene": {"kernels", "laws", "bodies", "engine"},
     "output": {"kernels", "laws", "bodies", "engine"},
     # studies run whole scenes, so they stand on what runs, checks and prints one
-    "studies": {"kernels", "laws", "bodies", "engine", "scene", "output", "course", "simulate", "scene_check", "report"},
+    "studies": {
+        "kernels", "laws", "bodies", "engine", "scene", "output",
+        "course", "lock", "report", "run_folder", "scene_check", "simulate",
+    },  # fmt: skip
 }
 OPEN = {"errors", "cache", "child_process", "collector", "cores", "dimensions", "modules", "terminal"}
 # `plugin` is the facade of the contract: it may show what plug-ins need and nothing above it

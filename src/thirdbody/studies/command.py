@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json as json_module
-import os
-import shutil
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,6 +13,7 @@ from thirdbody.report import as_plain, print_json
 
 from .budget import BUDGET
 from .cost import JSON_FILE, PICTURE, as_json, study
+from .study_folder import new_study_folder
 
 
 def cost_command(
@@ -22,9 +21,8 @@ def cost_command(
     overwrite: bool, json: bool, tell: Callable[[str], None], budget: float = BUDGET,
 ) -> None:  # fmt: skip
     """Do what `thirdbody cost` was asked for. Raises ThirdbodyError; nothing is left half-written but the runs of rungs."""
-    _make_room(folder, overwrite)
     if effects:
-        _effects(scene, folder, settings, plugins, repeats, json, tell)
+        _effects(scene, folder, settings, plugins, repeats, overwrite, json, tell)
         return
     from .convergence import convergence, print_convergence, print_reference, reference_error
     from .cost_plot import draw_study
@@ -32,19 +30,20 @@ def cost_command(
     from .interaction import above, print_interaction
 
     began = time.perf_counter()
-    made = study(scene, folder, settings, plugins, repeats, tell, verify, budget)
-    tell("the elastic interaction of spots")
-    told: dict[str, Any] = {"convergence": convergence(made), "reference_error": reference_error(made)}
-    told["interaction"] = above(made, folder)
-    if verify:
-        from .impact import impact_table
+    with new_study_folder(folder, overwrite) as place:
+        made = study(scene, place, settings, plugins, repeats, tell, verify, budget)
+        tell("the elastic interaction of spots")
+        told: dict[str, Any] = {"convergence": convergence(made), "reference_error": reference_error(made)}
+        told["interaction"] = above(made, place)
+        if verify:
+            from .impact import impact_table
 
-        tell("an oblique impact")
-        told["impact"] = impact_table(made, plugins)
-    draw_study(made, folder / PICTURE, (folder / PICTURE).with_suffix(".pdf"))
-    made.took = time.perf_counter() - began
-    told = as_json(made) | told
-    _write(folder / JSON_FILE, told)
+            tell("an oblique impact")
+            told["impact"] = impact_table(made, plugins)
+        draw_study(made, place / PICTURE, (place / PICTURE).with_suffix(".pdf"))
+        made.took = time.perf_counter() - began
+        told = as_json(made) | told
+        _write(place / JSON_FILE, told)
     if json:
         print_json(told)
         return
@@ -60,29 +59,19 @@ def cost_command(
 
 
 def _effects(
-    scene: Path, folder: Path, settings: dict[str, str], plugins: Sequence[Path], repeats: int, json: bool,
+    scene: Path, folder: Path, settings: dict[str, str], plugins: Sequence[Path], repeats: int, overwrite: bool, json: bool,
     tell: Callable[[str], None],
 ) -> None:  # fmt: skip
     from .effects import effects_study, print_effects
 
-    told = effects_study(scene, folder, settings, plugins, repeats, tell)
-    _write(folder / "effects.json", told)
+    with new_study_folder(folder, overwrite) as place:
+        told = effects_study(scene, place, settings, plugins, repeats, tell)
+        _write(place / "effects.json", told)
     if json:
         print_json(told)
     else:
         print_effects(told)
         print(f"{folder / 'effects.json'}")
-
-
-def _make_room(folder: Path, overwrite: bool) -> None:
-    """Raise OutputError for a folder that exists; with `overwrite` one that holds a study is emptied."""
-    if not os.path.lexists(folder):  # False also for a name that the system refuses: making the folder tells why
-        return
-    if not overwrite:
-        raise OutputError(f"{folder}: exists already; --overwrite replaces it, -o names another folder")
-    if not folder.is_dir() or (any(folder.iterdir()) and not (folder / "scene.toml").exists()):
-        raise OutputError(f"{folder}: is not the folder of a study and will not be overwritten")
-    shutil.rmtree(folder)
 
 
 def _write(path: Path, told: dict[str, Any]) -> None:

@@ -1,0 +1,123 @@
+"""The folder of a study: what a study writes there, and how a new one takes the place of an older one.
+
+Nothing else is ever replaced or deleted. A new study that is to replace an older one is made in a folder of its own inside that
+folder, and takes its place when it is complete.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from thirdbody.errors import OutputError
+from thirdbody.lock import held
+from thirdbody.run_folder import FILES, NAMED, PARTS, REPLACEMENT
+
+from .process import RUNGS, SCENE_FILE
+
+RESULTS = ("cost.json", "cost.png", "cost.pdf", "effects.json")
+REPLACED = "replaced"
+"""Beside the new runs, for a moment: the old ones."""
+
+_RUN_FILE = rf"({'|'.join(map(re.escape, FILES))}|{PARTS.pattern})"
+_OURS = re.compile(
+    rf"(({re.escape(REPLACEMENT)}/)?({'|'.join(map(re.escape, (SCENE_FILE, *RESULTS)))}|({RUNGS}|{REPLACED})/(.*/)?{_RUN_FILE}))"
+)
+_OUR_FOLDERS = re.compile(rf"({re.escape(REPLACEMENT)}|({re.escape(REPLACEMENT)}/)?({RUNGS}|{REPLACED})(/.*)?)")
+
+
+@contextmanager
+def new_study_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
+    """Where to make the study that becomes `folder`; one that is there stays as it is until the new one is complete.
+
+    Raises OutputError if the folder exists, unless it is that of a study, with nothing else in it, and may be overwritten.
+    """
+    refuse_existing_study(folder, overwrite)
+    if not os.path.lexists(folder) or not os.listdir(folder):
+        yield folder
+        return
+    with held(folder):
+        place = folder / REPLACEMENT
+        _remove(folder, place)
+        try:
+            with _told(folder):
+                place.mkdir()
+            yield place
+            with _told(folder):
+                _take_place(place, folder)
+        finally:
+            _remove(folder, place)
+
+
+@contextmanager
+def _told(folder: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be replaced ({error.strerror or error})") from error
+
+
+def refuse_existing_study(folder: Path, overwrite: bool) -> None:
+    """Raise OutputError for a folder that exists, unless it is that of a study, holds nothing else, and may be overwritten."""
+    if not os.path.lexists(folder):  # False also for a name that the system refuses: making the folder tells why
+        return
+    if not overwrite:
+        raise OutputError(f"{folder}: exists already; --overwrite replaces it, -o names another folder")
+    if not folder.is_dir():
+        raise OutputError(f"{folder}: is not the folder of a study and will not be overwritten")
+    others = _other_files(folder)
+    if others:
+        more = f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
+        named = ", ".join(others[:NAMED]) + more
+        raise OutputError(f"{folder}: holds other files than those of a study ({named}) and will not be overwritten")
+    if os.listdir(folder) and not any(os.path.lexists(folder / name) for name in (RUNGS, REPLACEMENT, *RESULTS)):
+        raise OutputError(f"{folder}: is not the folder of a study (it has no {RUNGS}) and will not be overwritten")
+
+
+def _other_files(folder: Path) -> list[str]:
+    """Paths, from `folder` on, of all that no study writes: other names, and links."""
+    others = []
+    for above, folders, files in os.walk(folder):
+        for name in sorted([*folders, *files]):
+            path = Path(above, name)
+            known, relative = _OUR_FOLDERS if name in folders else _OURS, path.relative_to(folder).as_posix()
+            if not known.fullmatch(relative) or not _is_plain(path):
+                others.append(relative)
+                if name in folders:
+                    folders.remove(name)  # named as a whole
+    return others
+
+
+def _is_plain(path: Path) -> bool:
+    """Whether it is a file or a folder, and no link to one."""
+    mode = os.lstat(path).st_mode
+    return stat.S_ISREG(mode) or stat.S_ISDIR(mode)
+
+
+def _take_place(place: Path, folder: Path) -> None:
+    """Let a complete study replace the older one. Raises OSError."""
+    for name in (SCENE_FILE, *RESULTS):
+        if os.path.lexists(place / name):
+            os.replace(place / name, folder / name)
+        else:
+            (folder / name).unlink(missing_ok=True)
+    if os.path.lexists(folder / RUNGS):
+        os.rename(folder / RUNGS, place / REPLACED)
+    if os.path.lexists(place / RUNGS):
+        os.rename(place / RUNGS, folder / RUNGS)
+
+
+def _remove(folder: Path, place: Path) -> None:
+    """Remove the files that a study writes from `place` within its folder, and what folders are empty then."""
+    for above, _, files in os.walk(place, topdown=False):
+        for name in files:
+            path = Path(above, name)
+            if _OURS.fullmatch(path.relative_to(folder).as_posix()):
+                with suppress(OSError):
+                    path.unlink()
+        with suppress(OSError):
+            os.rmdir(above)

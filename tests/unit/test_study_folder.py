@@ -1,0 +1,89 @@
+"""`cost --overwrite` replaces what a study writes, when the new study is complete, and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from thirdbody.errors import OutputError
+from thirdbody.studies import command
+from thirdbody.studies.command import cost_command
+from thirdbody.studies.study_folder import new_study_folder
+
+NAMES = ("scene.toml", "cost.json", "cost.png", "cost.pdf", "rungs/mdr_8/run.vtkhdf", "rungs/mdr_8/checkpoint.npz",
+         "rungs/costliest/exact/scene.toml", "rungs/mdr_8/.replacement/run.vtkhdf.part")  # fmt: skip
+
+
+def write(folder: Path, text: str, names=NAMES) -> None:
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text)
+
+
+def contents(folder: Path) -> dict[str, str]:
+    return {path.relative_to(folder).as_posix(): path.read_text() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    write(tmp_path / "study", "old")
+    return tmp_path / "study"
+
+
+def test_a_complete_study_replaces_the_older_one(old):
+    new = ("scene.toml", "effects.json", "rungs/gravity/0/run.vtkhdf")
+    with new_study_folder(old, overwrite=True) as place:
+        write(place, "new", new)
+        assert {name for name, text in contents(old).items() if text == "old"} == set(NAMES)
+    assert contents(old) == dict.fromkeys(sorted(new), "new")
+    assert sorted(path.name for path in old.iterdir()) == ["effects.json", "rungs", "scene.toml"]
+
+
+@pytest.mark.parametrize("error", [OutputError("the disk is full"), KeyboardInterrupt()])
+def test_a_study_that_fails_leaves_the_older_one(old, error):
+    before = contents(old)
+    with pytest.raises(type(error)), new_study_folder(old, overwrite=True) as place:
+        write(place, "new", NAMES[:5])
+        raise error
+    assert contents(old) == before and not (old / ".replacement").exists()
+
+
+def test_what_a_killed_study_left_is_removed(old):
+    write(old / ".replacement", "killed")
+    write(old / ".replacement" / "replaced", "killed", ["mdr_8/run.vtkhdf"])
+    with new_study_folder(old, overwrite=True) as place:
+        assert list(place.iterdir()) == []
+        write(place, "new")
+    assert set(contents(old).values()) == {"new"} and len(contents(old)) == len(NAMES)
+
+
+@pytest.mark.parametrize(
+    "name", ["notes.md", "paper/draft.tex", "rungs/notes.md", "rungs/mdr_8/page.pdf", ".replacement/mine", "cost.csv"]
+)
+def test_other_files_are_named_and_stay(old, name):
+    write(old, "mine", [name])
+    before = contents(old)
+    named = "paper" if name.startswith("paper") else name
+    with pytest.raises(OutputError, match=rf"holds other files than those of a study \({named}\)"):
+        cost_command(old / "scene.toml", old, {}, [], 3, False, False, True, False, print)
+    assert contents(old) == before
+
+
+def test_links_are_no_files_of_a_study(old, tmp_path):
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "run.vtkhdf").write_text("mine")
+    (old / "rungs" / "link").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(OutputError, match=r"\(rungs/link\)"), new_study_folder(old, overwrite=True):
+        pass
+    assert (tmp_path / "elsewhere" / "run.vtkhdf").read_text() == "mine"
+
+
+@pytest.mark.parametrize("effects", [False, True])
+def test_a_project_with_a_scene_is_no_study(tmp_path, monkeypatch, effects):
+    """Refused before anything is computed."""
+    monkeypatch.setattr(command, "study", lambda *_: pytest.fail("it was computed"))
+    (tmp_path / "scene.toml").write_text("mine")
+    with pytest.raises(OutputError, match="is not the folder of a study"):
+        cost_command(tmp_path / "scene.toml", tmp_path, {}, [], 3, effects, False, True, False, print)
+    assert contents(tmp_path) == {"scene.toml": "mine"}
