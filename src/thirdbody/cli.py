@@ -13,6 +13,7 @@ from .cli_new import new
 from .cli_studies import cost, hard
 from .errors import GuardStop, Interrupted, ThirdbodyError, UsageError
 from .signals import stop_on_signal
+from .standard_streams import guarded_streams
 from .terminal import printable_output, say
 
 app = typer.Typer(
@@ -301,11 +302,12 @@ def _pairs(settings: list[str] | None) -> dict[str, str]:
 
 def main() -> None:
     """Entry point: every error becomes one message and its exit code, and no text steers the terminal."""
-    with printable_output():
+    with guarded_streams(), printable_output():
         _main()
 
 
 def _main() -> None:
+    """Run the command that the arguments name."""
     try:
         app(prog_name="thirdbody")
     except ThirdbodyError as error:
@@ -314,10 +316,6 @@ def _main() -> None:
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(130)
-    except BrokenPipeError:
-        # the reader of our output went away (| head); the interpreter must not complain while it closes
-        sys.stderr.close()
-        sys.exit(141)
     except Exception:
         import traceback
 

@@ -43,12 +43,29 @@ def reporting(progress: bool | Reporter, title: str) -> Iterator[Reporter | None
 
 @contextmanager
 def reporter_for_terminal(title: str) -> Iterator[Reporter]:
-    """A reporter that draws on standard error."""
-    if sys.stderr.isatty():
+    """A reporter that draws on standard error, as long as that can be written: progress that nobody sees ends no run."""
+    if sys.stderr is None:  # the program was started without one; print would take standard output
+        yield lambda _: None
+    elif sys.stderr.isatty():
         with _bar(title) as report:
-            yield report
+            yield _while_seen(report)
     else:
-        yield _plain()
+        yield _while_seen(_plain())
+
+
+def _while_seen(report: Reporter) -> Reporter:
+    """The reporter, which falls silent when its reader has left (BrokenPipeError) or its device is full or gone."""
+    seen = True
+
+    def silent(progress: Progress) -> None:
+        nonlocal seen
+        if seen:
+            try:
+                report(progress)
+            except OSError:
+                seen = False
+
+    return silent
 
 
 def headline(progress: Progress) -> str:
