@@ -248,6 +248,23 @@ def test_a_folder_with_other_files_is_never_replaced(path, tmp_path, kind):
     assert (tmp_path / "mine" / "notes.txt").read_text() == "keep me"
 
 
+@pytest.mark.parametrize("name", ["spheres/notes.txt", "spheres/mine/0001.vtp", "contacts/link.vtp", "mine"])
+def test_other_files_below_a_folder_of_ours_are_never_deleted(path, tmp_path, name):
+    export(path, pvd=tmp_path / "pvd")
+    mine = tmp_path / "pvd" / name
+    mine.parent.mkdir(exist_ok=True)
+    if name.endswith("link.vtp"):
+        mine.symlink_to(path)
+    elif name == "mine":
+        mine.mkdir()
+    else:
+        mine.write_text("keep me")
+    named = "spheres/mine" if name.startswith("spheres/mine") else name
+    with pytest.raises(OutputError, match=rf"pvd: holds other files \({named}\) and will not be overwritten"):
+        export(path, overwrite=True, pvd=tmp_path / "pvd")
+    assert os.path.lexists(mine) and path.exists()
+
+
 @pytest.mark.parametrize("held", ["/", "VTKHDF/contacts/Vertices"])
 def test_a_run_whose_groups_hold_themselves_is_not_packed_for_ever(path, tmp_path, held):
     """By a hard link, which looks like any other group."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from thirdbody.errors import InputError, UsageError
 from thirdbody.output.csv_export import CSV_FILES, export_csv
 from thirdbody.output.pack import pack_run, refuse_target
-from thirdbody.output.pvd import PVD_FILES, export_pvd
+from thirdbody.output.pvd import PVD_PATTERNS, export_pvd
 from thirdbody.output.run import Run, open_run
 from thirdbody.output.target import refuse_existing_folder
 
@@ -42,7 +42,7 @@ def _check(run: Run, csv: Path | None, pvd: Path | None, pack: Path | None, fram
             run.frame_number(-1 if frame is None else frame)
         except IndexError as error:
             raise InputError(str(error)) from None
-    for folder, ours in ((csv, CSV_FILES), (pvd, PVD_FILES)):
+    for folder, ours in ((csv, CSV_FILES), (pvd, PVD_PATTERNS)):
         if folder is not None:
             refuse_existing_folder(folder, overwrite, ours)
     if pack is not None:

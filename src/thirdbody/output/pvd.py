@@ -17,7 +17,8 @@ from thirdbody.output.run import Run
 from thirdbody.output.schema import BLOCKS, POSITION
 from thirdbody.output.target import new_folder
 
-PVD_FILES = (*BLOCKS, *(f"{block}.pvd" for block in BLOCKS), SCRIPT_NAME)
+PVD_FILES = (*(f"{block}.pvd" for block in BLOCKS), SCRIPT_NAME)
+PVD_PATTERNS = (*PVD_FILES, *(f"{block}/[0-9]*.vtp" for block in BLOCKS))
 CORNERS = 4  # of a plate
 
 
@@ -28,7 +29,7 @@ def export_pvd(run: Run, folder: Path, frame: int | None = None, overwrite: bool
     """
     numbers = [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1)
     width = max(4, len(str(run.frames - 1)))
-    with new_folder(folder, overwrite, PVD_FILES) as part:
+    with new_folder(folder, overwrite, PVD_PATTERNS) as part:
         for block in BLOCKS:
             (part / block).mkdir()
         for number in numbers:
@@ -38,7 +39,7 @@ def export_pvd(run: Run, folder: Path, frame: int | None = None, overwrite: bool
             entries = [(float(run.times[number]), f"{block}/{number:0{width}d}.vtp") for number in numbers]
             (part / f"{block}.pvd").write_text(_collection(entries), encoding="utf-8")
         write_script(part / SCRIPT_NAME, run.state_names, "{name}.pvd")
-    return [folder / name for name in PVD_FILES if name not in BLOCKS]
+    return [folder / name for name in PVD_FILES]
 
 
 def write_vtp(path: Path, arrays: dict[str, np.ndarray], block: str) -> None:

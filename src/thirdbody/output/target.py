@@ -7,6 +7,7 @@ import re
 import shutil
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from thirdbody.errors import OutputError
@@ -21,16 +22,31 @@ def refuse_existing_file(path: Path, overwrite: bool) -> None:
 
 
 def refuse_existing_folder(path: Path, overwrite: bool, ours: Collection[str]) -> None:
-    """Raise OutputError when something stands at `path`, unless it is a folder of nothing but `ours` and may be replaced."""
+    """Raise OutputError when something stands at `path`, unless it is a folder of nothing but `ours` and may be replaced.
+
+    `ours` are patterns of paths from the folder on, such as "spheres/*.vtp".
+    """
     if not os.path.lexists(path):
         return
     if not overwrite:
         raise OutputError(f"{path}: exists already", python="; overwrite=True replaces it", command="; --overwrite replaces it")
     if os.path.islink(path) or not os.path.isdir(path):
         raise OutputError(f"{path}: is not a folder and will not be overwritten")
-    foreign = sorted({entry.name for entry in path.iterdir()} - set(ours))
-    if foreign:
-        raise OutputError(f"{path}: holds other files ({', '.join(foreign[:3])}) and will not be overwritten")
+    _refuse_other_files(path, ours, path)
+
+
+def _refuse_other_files(folder: Path, ours: Collection[str], named: Path) -> None:
+    """Raise OutputError, which tells of `named`, for a folder with files of other names, folders of other names, or links."""
+    ours_folders, others = {pattern.rpartition("/")[0] for pattern in ours}, []
+    for above, folders, files in os.walk(folder):
+        paths = {Path(above, name).relative_to(folder).as_posix(): name for name in [*folders, *files]}
+        for path, name in paths.items():
+            known = path in ours_folders if name in folders else any(fnmatchcase(path, pattern) for pattern in ours)
+            if not known or os.path.islink(folder / path):
+                others.append(path)
+        folders[:] = [name for name in folders if Path(above, name).relative_to(folder).as_posix() in ours_folders]
+    if others:
+        raise OutputError(f"{named}: holds other files ({', '.join(sorted(others)[:3])}) and will not be overwritten")
 
 
 @contextmanager
@@ -53,7 +69,7 @@ def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
 def new_folder(path: Path, overwrite: bool, ours: Collection[str]) -> Iterator[Path]:
     """A folder to write into, which becomes `path` when all went well. Raises OutputError; then `path` is as it was.
 
-    `ours` are the names of everything that may be written; a folder with anything else is never replaced.
+    `ours` are patterns of everything that may be written; a folder with anything else is never replaced.
     """
     refuse_existing_folder(path, overwrite, ours)
     part = _beside(path, "part")
@@ -61,12 +77,12 @@ def new_folder(path: Path, overwrite: bool, ours: Collection[str]) -> Iterator[P
         with _told(path):
             part.mkdir()
             yield part
-            _put_in_place(part, path)
+            _put_in_place(part, path, ours)
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def _put_in_place(part: Path, path: Path) -> None:
+def _put_in_place(part: Path, path: Path, ours: Collection[str]) -> None:
     """Rename, with the old folder (if any) set aside until the new one stands."""
     if not os.path.lexists(path):
         part.rename(path)
@@ -74,8 +90,9 @@ def _put_in_place(part: Path, path: Path) -> None:
     old = _beside(path, "old")
     path.rename(old)
     try:
+        _refuse_other_files(old, ours, path)  # they may have come since it was asked for
         part.rename(path)
-    except OSError:
+    except (OSError, OutputError):
         old.rename(path)
         raise
     shutil.rmtree(old, ignore_errors=True)
