@@ -44,6 +44,12 @@ class Told:
     err: str
 
 
+@pytest.fixture(scope="session")
+def balls_text() -> str:
+    """The scene of four balls."""
+    return BALLS
+
+
 @pytest.fixture
 def balls(tmp_path: Path) -> Callable[..., Path]:
     """Writes the scene of four balls with texts replaced, as scene.toml in the test's folder; returns its path."""
