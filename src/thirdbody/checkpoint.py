@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .scene.build import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 3
+VERSION = 4
 NOTES = "notes"
 THE_VERSION = "the version"
 

@@ -98,7 +98,7 @@ def law(n, place, I, O, pairs):  # noqa: E741
 @kernel
 def tally(n, slots, first, O, I, G, sums):  # noqa: E741
     """The sums of a tile."""
-    contacts.tell(0, 0.0, contacts.tally(n, slots, first, O, I, G, contacts.nothing()), sums)
+    contacts.tell(0, 0.0, 0.0, contacts.tally(n, slots, first, O, I, G, contacts.nothing()), sums)
 
 
 @kernel
@@ -221,11 +221,15 @@ def fields_of(k: Tables) -> list[Pass]:
 
 
 def booking_of(k: Tables) -> list[Pass]:
-    """What friction takes, where the laws remember their force: forces before and after, slip, energies (no rolling moments)."""
-    force, moment = k.physics.remembered_forces
-    if force < 0 or moment >= 0:
-        return []
-    return [tiled(k, "book friction", booking.book, k.tiles, (force, moment, k.h, k.I, k.O, k.G), 11 + 2)]
+    """What friction takes, where the laws remember their force, and what dashpots take: forces before and after, slip, velocity
+    along the normal, energies (no rolling moments)."""
+    (force, moment), place, found = k.physics.remembered_forces, k.physics.dashpots, []
+    if force >= 0 and moment < 0:
+        found.append(tiled(k, "book friction", booking.book, k.tiles, (force, moment, k.h, k.I, k.O, k.G), 11 + 2))
+    if place >= 0 and moment < 0:
+        dashpots = (place, k.h, k.state.dt, k.I, k.O, k.G)
+        found.append(tiled(k, "book dashpots", booking.book_dashpots, k.tiles, dashpots, 14 + 2))
+    return found
 
 
 def pushes_of(k: Tables) -> list[Pass]:

@@ -183,6 +183,7 @@ class Done:
     moment: Vector
     frame: Frame
     answer: Answer
+    damped: float = 0.0  # energy that the dashpots took, J
 
 
 def asked(
@@ -205,9 +206,9 @@ def interact(
     """Forces of a closed contact; `memory` (a row of H) is brought up to date."""
     frame, told, turn = asked(S, i, j, memory, laws, turns, world)
     n, e, d = frame.n, frame.e, frame.d
-    many = sum(len(law.memory()) for law in laws.laws)
-    answer = laws.ask(told, turn, kind, memory[at.H_LAW : at.H_LAW + many])
-    old = memory[at.H_LAW : at.H_LAW + many]
+    many, behind = at.H_LAW + laws.many, at.H_LAW + laws.many + laws.dashpots
+    old, viscous = memory[at.H_LAW : many], memory[many:behind]
+    answer = laws.ask(told, turn, kind, old)
     if laws.force is not None:
         taken = laws.friction_takes(memory[at.H_STORED], answer.stored_t, old, answer.memory, told, turn)
         answer.work += taken - answer.lost
@@ -219,8 +220,14 @@ def interact(
         torque, back = added(torque, moment), added(back, moment, -1.0)
     memory[at.H_E : at.H_E + 3], memory[at.H_STORED] = e, answer.stored_t
     memory[at.H_SLIP] = max(memory[at.H_SLIP] + answer.slip, at.H_LEAST)
-    memory[at.H_LAW : at.H_LAW + many] = answer.memory
-    return Done((force[0], force[1], force[2]), torque, back, moment, frame, answer)
+    memory[at.H_LAW : many], memory[many:behind] = answer.memory, answer.viscous[: laws.dashpots]
+    damped = laws.dashpots_take(viscous, answer.viscous, parted(frame, world.dt), told, turn)
+    return Done((force[0], force[1], force[2]), torque, back, moment, frame, answer, damped)
+
+
+def parted(frame: Frame, dt: float) -> float:
+    """By how much the two bodies moved apart in the step, m."""
+    return dot(frame.moved[0], frame.middle) * dt
 
 
 def torques(S: list[list[float]], i: int, j: int, frame: Frame, friction: tuple[float, float]) -> tuple[Vector, Vector]:
@@ -231,15 +238,19 @@ def torques(S: list[list[float]], i: int, j: int, frame: Frame, friction: tuple[
     return scaled(turning, half - S[i][at.S_R]), scaled(turning, half - S[j][at.S_R]) if j >= 0 else none
 
 
-def let_go(S: list[list[float]], i: int, j: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings) -> float:
-    """Wipe the memory of a contact that has opened; the energy that it lost, J."""
-    lost = memory[at.H_STORED]
+def let_go(
+    S: list[list[float]], i: int, j: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings
+) -> tuple[float, float]:
+    """Wipe the memory of a contact that has opened; the energy that friction and that its dashpots took, J."""
+    lost, many = memory[at.H_STORED], at.H_LAW + laws.many
+    frame, told, turn = asked(S, i, j, memory, laws, turns, world)
     if laws.force is not None:
-        _, told, turn = asked(S, i, j, memory, laws, turns, world)
-        old = memory[at.H_LAW :]
+        old = memory[at.H_LAW : many]
         lost = laws.friction_takes(lost, 0.0, old, [0.0] * len(old), told, turn)
+    viscous = memory[many : many + laws.dashpots]
+    damped = laws.dashpots_take(viscous, [0.0] * len(viscous), parted(frame, world.dt), told, turn)
     memory[:] = [0.0] * len(memory)
-    return lost
+    return lost, damped
 
 
 def record(S: list[list[float]], i: int, j: int, done: Done, world: Surroundings, moments: bool) -> list[float]:

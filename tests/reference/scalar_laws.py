@@ -38,11 +38,11 @@ class Answer:
     stored_n: float
     stored_t: float
     work: float
-    power: float
     memory: list[float]
     moment: tuple[float, float]
     moment_limit: float
     lost: float  # part of the work that is of friction
+    viscous: list[float]  # forces of the dashpots as they are remembered: normal, tangential (2), moment (2)
 
 
 class Laws:
@@ -55,6 +55,9 @@ class Laws:
         self.rolls = any(law.rolls for law in laws)
         self.turns = any(law.stage == "rolling" for law in laws)
         names = [name for law in laws for name in law.memory()]
+        stages = {law.stage for law in laws}
+        self.many = len(names)
+        self.dashpots = 5 if self.turns else 3 if "tangential_damping" in stages else 1 if "damping" in stages else 0
         self.force = names.index("force_x") if "force_x" in names else None
         self.moment = names.index("moment_x") if "moment_x" in names else None
 
@@ -65,6 +68,12 @@ class Laws:
             if at_force is not None:
                 stored -= 0.5 * ((old[at_force] + new[at_force]) * x + (old[at_force + 1] + new[at_force + 1]) * y)
         return max(stored - after, 0.0)
+
+    def dashpots_take(self, old: list[float], new: list[float], apart: float, told: Contact, turn: Turn) -> float:
+        """What the mean of the dashpots' forces at both ends of a step takes while the bodies move apart by `apart`, slip and
+        turn, J."""
+        moved = (apart, told.slip_x, told.slip_y, turn.x, turn.y)
+        return -0.5 * sum((a + b) * x for a, b, x in zip(old, new, moved, strict=False))
 
     def ask(self, contact: Contact, turn: Turn, kind: int, memory: list[float]) -> Answer:
         """Forces and the new memory of a contact of this kind; `memory` is not changed."""
@@ -115,10 +124,10 @@ def ask(law: Law, seen: tuple[Any, ...], p: Any, before: list[float]) -> tuple[A
 
 
 def together(contact: Contact, turn: Turn, load: Load, called: dict[str, Any], pulls: list[Any], memory: list[float]) -> Answer:
-    """The stages added up: dashpots fitted into their limits, works and powers."""
+    """The stages added up: dashpots fitted into their limits, works."""
     normal = called["normal"]
     force, stored, work, lost = load.force, normal.stored, normal.dissipated, 0.0
-    power = -(load.force - load.elastic) * contact.v_n if "damping" in called else 0.0
+    viscous = [load.force - load.elastic, 0.0, 0.0, 0.0, 0.0]
     for pull in pulls:
         force += pull.force
         stored += pull.stored
@@ -129,27 +138,27 @@ def together(contact: Contact, turn: Turn, load: Load, called: dict[str, Any], p
         x, y, limit, critical, slip, stored_t = t.x, t.y, t.limit, t.critical, t.slip, t.stored
         work, lost = work + t.dissipated, t.dissipated
         if "tangential_damping" in called:
-            x, y, spent = fitted(x, y, called["tangential_damping"], contact.v_x, contact.v_y, limit)
-            power -= spent
+            x, y, viscous[1:3] = fitted(x, y, called["tangential_damping"], contact.v_x, contact.v_y, limit)
     moment, moment_limit = (0.0, 0.0), 0.0
     if "rolling" in called:
         r = called["rolling"]
-        m_x, m_y, spent = fitted(r.x, r.y, r.viscosity, turn.w_x, turn.w_y, r.limit)
-        power -= spent
+        m_x, m_y, viscous[3:5] = fitted(r.x, r.y, r.viscosity, turn.w_x, turn.w_y, r.limit)
         stored_t += r.stored
         work, lost = work + r.dissipated, lost + r.dissipated
         moment, moment_limit = (m_x, m_y), r.limit
-    return Answer(force, x, y, load.force, limit, critical, slip, normal.contact_radius, stored, stored_t, work, power, memory,
-                  moment, moment_limit, lost)  # fmt: skip
+    return Answer(force, x, y, load.force, limit, critical, slip, normal.contact_radius, stored, stored_t, work, memory,
+                  moment, moment_limit, lost, viscous)  # fmt: skip
 
 
-def fitted(x: float, y: float, viscosity: float, v_x: float, v_y: float, limit: float) -> tuple[float, float, float]:
-    """(x, y) plus the largest share, at most all, of the viscous part that stays within the limit; and that part's power, W."""
+def fitted(
+    x: float, y: float, viscosity: float, v_x: float, v_y: float, limit: float
+) -> tuple[float, float, tuple[float, float]]:
+    """(x, y) plus the largest share, at most all, of the viscous part that stays within the limit; and that part."""
     d_x, d_y = -viscosity * v_x, -viscosity * v_y
     dd, td = d_x * d_x + d_y * d_y, x * d_x + y * d_y
     room = max(limit * limit - x * x - y * y, 0.0)
     share = min(max((math.sqrt(td * td + dd * room) - td) / max(dd, 1e-300), 0.0), 1.0)
-    return x + share * d_x, y + share * d_y, share * (d_x * v_x + d_y * v_y)
+    return x + share * d_x, y + share * d_y, (share * d_x, share * d_y)
 
 
 class Effects:

@@ -29,10 +29,10 @@ Pair = tuple[int, int]
 
 @dataclass
 class Sums:
-    """Work of friction, power of dashpots and elastic energies of contacts, J and W; forces of the debris on both plates, N."""
+    """Work of friction and of dashpots, and elastic energies of contacts, J; forces of the debris on both plates, N."""
 
     work: float = 0.0
-    power: float = 0.0
+    damped: float = 0.0
     stored_n: float = 0.0
     stored_t: float = 0.0
     upper: Vector = (0.0, 0.0, 0.0)
@@ -125,7 +125,7 @@ class Reference:
             if touches(self.S, *self.pairs[k], world):
                 done = self.meet(k, world)
                 total.work += done.answer.work
-                total.power += done.answer.power
+                total.damped += done.damped
                 total.stored_n += done.answer.stored_n
                 total.stored_t += done.answer.stored_t
                 if k < self.plates:
@@ -134,9 +134,10 @@ class Reference:
             elif self.memory[self.pairs[k]][at.H_ON] != 0.0:
                 self.opened += 1
                 i, j = self.pairs[k]
-                lost = let_go(self.S, i, j, self.memory[i, j], self.laws, self.physics.rolling > 0, world)
+                lost, damped = let_go(self.S, i, j, self.memory[i, j], self.laws, self.physics.rolling > 0, world)
                 self.lost += lost
                 total.work += lost
+                total.damped += damped
                 self.lose(k, lost)
         return total
 
@@ -209,7 +210,7 @@ class Reference:
         A, half, upper, lower = self.A, 0.5 * dt, spent.upper, spent.lower
         load, damping = patches[0] + patches[1], patches[2]
         A[at.A_FRICTION] += spent.work
-        A[at.A_DAMPING] += half * (A[at.A_POWER_DAMPING] + spent.power + A[at.A_POWER_PATCH] + damping)
+        A[at.A_DAMPING] += spent.damped + half * (A[at.A_POWER_PATCH] + damping)
         A[at.A_EFFECTS] += half * (A[at.A_POWER_EFFECTS] + effects)
         drag = -half * ((A[at.A_UPPER] + upper[0]) * v[0] + (A[at.A_UPPER + 1] + upper[1]) * v[1])
         plate = drag + half * (A[at.A_POWER_LOAD] + load)
@@ -219,8 +220,7 @@ class Reference:
             A[at.A_IMPULSE + k] += half * (A[at.A_UPPER + k] + upper[k])
             A[at.A_IMPULSE_LOW + k] += half * (A[at.A_LOWER + k] + lower[k])
         A[at.A_UPPER : at.A_UPPER + 3], A[at.A_LOWER : at.A_LOWER + 3] = upper, lower
-        A[at.A_POWER_DAMPING], A[at.A_POWER_PATCH] = spent.power, damping
-        A[at.A_POWER_EFFECTS], A[at.A_POWER_LOAD] = effects, load
+        A[at.A_POWER_EFFECTS], A[at.A_POWER_PATCH], A[at.A_POWER_LOAD] = effects, damping, load
         A[at.A_STORED_N], A[at.A_STORED_T] = spent.stored_n, spent.stored_t
         speed = math.sqrt(v[0] * v[0] + v[1] * v[1])
         for column, change in ((at.A_TIME, dt), (at.A_ELAPSED, dt), (at.A_DX, v[0] * dt), (at.A_DY, v[1] * dt),

@@ -371,10 +371,10 @@ def first_chunk(_: Reference, powers: list[list[float]]) -> float:
     return sum(power for body in powers[:BODIES] for power in body)
 
 
-def forgotten(S: Any, i: int, j: int, memory: list[float], *_: Any) -> float:
+def forgotten(S: Any, i: int, j: int, memory: list[float], *_: Any) -> tuple[float, float]:
     """A contact that opens without a loss."""
     memory[:] = [0.0] * len(memory)
-    return 0.0
+    return 0.0, 0.0
 
 
 def turned_round(v: Any, w: Any, r: Any) -> Any:
@@ -388,9 +388,9 @@ def untwisted(frame: Any, memory: Any, dt: float) -> None:
     RIGHT_CARRY(frame, memory, dt)
 
 
-def unfitted(x: float, y: float, *_: float) -> tuple[float, float, float]:
+def unfitted(x: float, y: float, *_: float) -> tuple[float, float, tuple[float, float]]:
     """A tangential force without its dashpot."""
-    return x, y, 0.0
+    return x, y, (0.0, 0.0)
 
 
 def end_normal(frame: Any, moved: Any, _: Any) -> Any:

@@ -80,13 +80,14 @@ class World:
 @dataclass(frozen=True)
 class Physics:
     """Compiled laws and effects with their parameters; `kinds[a, b]` is the row of `pairs` for two materials, -1 if none.
-    `rolling`: what contacts need of the relative rotation (`kernels.rolling`). `remembered_forces`: `Chain`."""
+    `rolling`: what contacts need of the relative rotation (`kernels.rolling`). `remembered_forces`, `dashpots`: `Chain`."""
 
     law: Callable
     stiffness: Callable | None
     history: tuple[str, ...]
     rolling: int
     remembered_forces: tuple[int, int]
+    dashpots: int
     pairs: Array
     kinds: Ints
     effects: Callable

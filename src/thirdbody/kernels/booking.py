@@ -1,4 +1,4 @@
-"""What friction takes from contacts in a step of velocity Verlet.
+"""What friction and dashpots take from contacts in a step of velocity Verlet.
 
 A law books the work of the force at the end of the step, as the implicit integrator applies it. Bodies that move by velocity
 Verlet exchange the work of the mean of the forces at both ends: where a force jumps within a step (a contact that closes, opens
@@ -6,14 +6,18 @@ or turns round while it slides) the two differ by half the jump times the slip, 
 what the mean force does beyond what the spring stores. A step in which that is negative makes energy: it counts as nothing, and
 the energy stays visible as residual.
 
-Only laws that remember their force (or moment) can be booked so; the others keep what they book themselves.
+Only laws that remember their force (or moment) can be booked so; the others keep what they book themselves. The forces of the
+dashpots are remembered behind the history of the laws. They take what their mean force does, whatever its sign: where a contact
+turns round within a step a part comes back, and only the sum over both steps is what they took.
 """
 
 import numpy as np
 from numba import njit
 
 from .layout import (
+    G_P,
     G_STORED,
+    G_U,
     I_HISTORY,
     I_SX,
     I_SY,
@@ -21,6 +25,7 @@ from .layout import (
     J_Y,
     O_HISTORY,
     O_LOST,
+    O_POWER,
     O_STORED_T,
     O_WORK,
     TILE,
@@ -64,3 +69,44 @@ def book_opened(n, force, moment, n_history, I, O, G):  # noqa: E741
             O[q + (O_HISTORY + force + k) * TILE] = 0.0
             O[q + (O_HISTORY + max(moment, 0) + k) * TILE] = 0.0
     book(n, force, moment, n_history, I, O, G)
+
+
+@njit(**BARE_CHUNK)
+def take_pressing(n, place, dt, I, O, G):  # noqa: E741
+    """Add to G_STORED the work that the normal dashpots of n contacts take in the step."""
+    old, new = np.uint64((I_HISTORY + place) * TILE), np.uint64((O_HISTORY + place) * TILE)
+    half = 0.5 * dt
+    for q in range(n):
+        p = np.uint64(q)
+        x, y, z = G[p + G_P * TILE], G[p + (G_P + 1) * TILE], G[p + (G_P + 2) * TILE]
+        apart = G[p + G_U * TILE] * x + G[p + (G_U + 1) * TILE] * y + G[p + (G_U + 2) * TILE] * z
+        G[p + G_STORED * TILE] = -half * (I[p + old] + O[p + new]) * apart
+
+
+@njit(**BARE_CHUNK)
+def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
+    """Put into O_POWER what the dashpots of n contacts take in the step, J.
+
+    `place`: of their forces in the history, where they are the last.
+    """
+    take_pressing(n, place, dt, I, O, G)
+    if n_history >= place + 3:
+        take_work(n, np.int64(I_SX), np.int64(I_SY), I_HISTORY + place + 1, O_HISTORY + place + 1, I, O, G)
+    if n_history >= place + 5:
+        turn = I_HISTORY + n_history
+        take_work(n, turn + J_X, turn + J_Y, I_HISTORY + place + 3, O_HISTORY + place + 3, I, O, G)
+    for q in range(n):
+        O[q + O_POWER * TILE] = G[q + G_STORED * TILE]
+
+
+@njit(**BARE)
+def book_opened_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
+    """What the dashpots of n contacts that opened within the step took in it, J."""
+    for h in range(place, n_history):
+        for q in range(n):
+            O[q + (O_HISTORY + h) * TILE] = 0.0
+    book_dashpots(n, place, n_history, dt, I, O, G)
+    total = 0.0
+    for q in range(n):
+        total += O[q + O_POWER * TILE]
+    return total

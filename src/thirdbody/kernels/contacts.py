@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from .bodies import arm_of
-from .booking import book, book_opened
+from .booking import book, book_dashpots, book_opened, book_opened_dashpots
 from .four import LANES, LINE, all_below, below, crossed, get, lane, load, spread, store, transposed, where_above, with_last
 from .gaps import measure_pairs, measure_plates, sort_out
 from .layout import (
@@ -81,7 +81,7 @@ GROUP = 8
 """Chunks of bodies per group. What a group works on lies in the near cache until it is done: 16 take as long, 4 take 5 to 8 %
 longer, since more contacts are between groups."""
 
-LIGHT = 8
+LIGHT = 16
 """Numbers that a light law remembers at most. One contact of it takes as long as eight, which are one vector, so that tiles are
 filled up to whole vectors (a tile of 63 takes half as long again as one of 64); of others each contact takes its time."""
 
@@ -89,7 +89,7 @@ LARGEST = 1e300
 """N2: the square of no force."""
 
 # columns of `sums`, two rows per group: contacts with plates, and between spheres
-SUM_WORK, SUM_POWER, SUM_OVERLAP, SUM_SLOT, SUM_BAD, SUM_STORED_N, SUM_STORED_T = range(7)
+SUM_WORK, SUM_DAMPED, SUM_OVERLAP, SUM_SLOT, SUM_BAD, SUM_STORED_N, SUM_STORED_T = range(7)
 SUM_UP, SUM_LOW = 8, 12  # forces of the upper and of the lower plate, 3 each
 SUM_COLS = 16
 
@@ -183,19 +183,19 @@ def nothing():
 
 @njit(**BARE)
 def tally(m, slots, first, O, I, G, found):  # noqa: E741
-    """What was `found` in a chunk, and a tile of m contacts, slots[first:first + m]: work and power, by four lanes; the largest
-    overlap over the smaller radius with its slot; and the last slot whose force is not a number (+ 1; 0: none)."""
-    work, power, deepest, slot, bad = found
+    """What was `found` in a chunk, and a tile of m contacts, slots[first:first + m]: what friction and dashpots took, by four
+    lanes; the largest overlap over the smaller radius, with its slot; the last slot whose force is no number (+ 1; 0: none)."""
+    work, damped, deepest, slot, bad = found
     clear(m, O, I, G)
     for q in range(0, m, LANES):
-        work, power = work + get(O, q + O_WORK * TILE), power + get(O, q + O_POWER * TILE)
+        work, damped = work + get(O, q + O_WORK * TILE), damped + get(O, q + O_POWER * TILE)
         r_i, r_j = get(G, q + G_RI * TILE), get(G, q + G_RJ * TILE)
         if below(spread(deepest) * where_above(r_i, r_j, r_j, r_i), get(I, q + I_OVERLAP * TILE)) != 0:  # few are the deepest
             deepest, slot = deeper(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
         x, y, z = get(G, q + G_F * TILE), get(G, q + (G_F + 1) * TILE), get(G, q + (G_F + 2) * TILE)
         if not all_below(x * x + y * y + z * z, LARGEST):
             bad = last_bad(q, min(q + LANES, m), slots, first, G, bad)
-    return work, power, deepest, slot, bad
+    return work, damped, deepest, slot, bad
 
 
 @njit(**BARE)
@@ -231,10 +231,10 @@ def total(v):
 
 
 @njit(**BARE)
-def tell(c, lost, found, sums):
-    """Put what a chunk lost and what was `found` in it into row c."""
-    work, power, sums[c, SUM_OVERLAP], sums[c, SUM_SLOT], sums[c, SUM_BAD] = found
-    sums[c, SUM_WORK], sums[c, SUM_POWER] = lost + total(work), total(power)
+def tell(c, lost, damped, found, sums):
+    """Put what a chunk lost to friction and to dashpots where contacts opened, and what was `found` in it, into row c."""
+    work, taken, sums[c, SUM_OVERLAP], sums[c, SUM_SLOT], sums[c, SUM_BAD] = found
+    sums[c, SUM_WORK], sums[c, SUM_DAMPED] = lost + total(work), damped + total(taken)
 
 
 @njit(**BARE_CHUNK)
@@ -278,7 +278,7 @@ def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, E, P, H, F, R, sums, law, pairs, dt,
-                  v_x, v_y, l_x, l_y, n_history, rolling, force, moment, observed, room, marks):  # fmt: skip
+                  v_x, v_y, l_x, l_y, n_history, rolling, force, moment, dashpots, observed, room, marks):  # fmt: skip
     """The candidate slots first to last act on their bodies; sums into row c: filter by gap, then the law in tiles.
 
     `flat`: all of them are with plates; else all are between spheres. `room`, `marks`: scratch (`room_for`).
@@ -295,15 +295,18 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
     sums[c, SUM_STORED_N] = sums[c, SUM_STORED_T] = 0.0
     store(sums, c, SUM_UP, spread(0.0))
     store(sums, c, SUM_LOW, spread(0.0))
-    lost, found = 0.0, nothing()
+    lost, damped, found = 0.0, 0.0, nothing()
     for e in range(o, o + SPARE - 1 if o > 0 else o):
         opened[e] = opened[o - 1]  # so far it is looked ahead
     for t in range(0, o, TILE):
         count = min(TILE, o - t)
-        if force >= 0:
+        if force >= 0 or dashpots >= 0:
             stage(count + -count % 4, opened, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y,
                   n_history, rolling, I, G)  # fmt: skip
+        if force >= 0:
             book_opened(count, force, moment, n_history, I, O, G)
+        if dashpots >= 0:
+            damped += book_opened_dashpots(count, dashpots, n_history, dt, I, O, G)
         lost += let_go(count, opened, t, force >= 0, own, partner, body, outer, H, B, F, O)
     for t in range(0, m, TILE):
         count = min(TILE, m - t)
@@ -313,6 +316,8 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
         law(I, O, filled, pairs)
         if force >= 0:
             book(filled, force, moment, n_history, I, O, G)
+        if dashpots >= 0:
+            book_dashpots(filled, dashpots, n_history, dt, I, O, G)
         push(filled, I, O, G)
         if rolling == MOMENTS:
             add_moments(filled, O, G, n_history)
@@ -328,4 +333,4 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
                 record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)
                 if rolling == MOMENTS:
                     record_rolling(q, slots[t + q], O, G, R, n_history)
-    tell(c, lost, found, sums)
+    tell(c, lost, damped, found, sums)

@@ -81,7 +81,8 @@ TILE = 64
 I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = range(10)
 (O_FN, O_TX, O_TY, O_LOAD, O_LIMIT, O_CRITICAL, O_SLIP, O_A, O_STORED_N, O_STORED_T, O_WORK, O_LOST, O_POWER,
  O_HISTORY) = range(14)  # fmt: skip
-# O_WORK: all that laws dissipate in the step; O_LOST: the part of it that is friction's, of tangential and rolling laws
+# O_WORK: all that laws dissipate in the step; O_LOST: the part of it that is friction's, of tangential and rolling laws.
+# O_POWER: power of the dashpots at the end of the step, W; in explicit steps then what they take in it, J (`booking`).
 # Behind the history, only if a law asks for it: relative rotation of the step and its rate, travel of the patch; the moment.
 # J_INVERSE, for tangents: one over the length of the step, 0 where nothing moves in time.
 J_X, J_Y, J_RATE_X, J_RATE_Y, J_TRAVEL, J_INVERSE, J_COLS = range(7)
@@ -99,24 +100,17 @@ G_F, G_TI, G_TJ = 14, 17, 20  # then, in place of what is needed no more: force 
 G_COLS = 37
 
 # A: totals since the start of the run (J, N s, m), and the powers of the last step for the trapezoid.
-(A_FRICTION, A_DAMPING, A_PLATE_WORK, A_PLATE_ABS, A_EFFECTS, A_IMPULSE, A_IMPULSE_LOW, A_TIME, A_DISTANCE) = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    8,
-    11,
-    12,
-)
-A_POWER_DAMPING, A_POWER_EFFECTS, A_POWER_PATCH, A_UPPER, A_LOWER, A_POWER_LOAD = 13, 14, 15, 16, 19, 22
-A_DX, A_DY, A_STEPS, A_ELAPSED, A_SPEED = 23, 24, 25, 26, 27
-A_HEADING = 28  # unit vector of the last relative motion of the plates, 2
-A_NUMERICAL = 30  # what the integrator itself lost
-A_FAR = 31  # no body is farther from where the last search saw it
-A_STORED_N, A_STORED_T = 32, 33  # elastic energy of all contacts at the last observed step
-A_COLS = 34
+A_FRICTION, A_DAMPING, A_PLATE_WORK, A_PLATE_ABS, A_EFFECTS = range(5)
+A_IMPULSE, A_IMPULSE_LOW = 5, 8  # of the upper and of the lower plate, 3 each
+A_TIME, A_DISTANCE = 11, 12
+A_POWER_EFFECTS, A_POWER_PATCH, A_POWER_LOAD = 13, 14, 15
+A_UPPER, A_LOWER = 16, 19  # forces on the plates, 3 each
+A_DX, A_DY, A_STEPS, A_ELAPSED, A_SPEED = 22, 23, 24, 25, 26
+A_HEADING = 27  # unit vector of the last relative motion of the plates, 2
+A_NUMERICAL = 29  # what the integrator itself lost
+A_FAR = 30  # no body is farther from where the last search saw it
+A_STORED_N, A_STORED_T = 31, 32  # elastic energy of all contacts at the last observed step
+A_COLS = 33
 
 # K: tangents of a contact (N/m): dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd; then, only with a law of the rolling
 # stage, the same six of its moment and turn.

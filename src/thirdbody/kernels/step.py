@@ -10,9 +10,9 @@ from .bodies import MOVE_BAD, MOVE_BODY, MOVE_OUT, MOVE_POWER, MOVE_STEP, MOVE_W
 from .clock import pass_time
 from .contacts import (
     SUM_BAD,
+    SUM_DAMPED,
     SUM_LOW,
     SUM_OVERLAP,
-    SUM_POWER,
     SUM_SLOT,
     SUM_STORED_N,
     SUM_STORED_T,
@@ -36,7 +36,6 @@ from .layout import (
     A_LOWER,
     A_PLATE_ABS,
     A_PLATE_WORK,
-    A_POWER_DAMPING,
     A_POWER_EFFECTS,
     A_POWER_LOAD,
     A_POWER_PATCH,
@@ -71,12 +70,12 @@ something else holds their cores."""
 
 @njit(**BARE)
 def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
-    """Add the step to the energy ledger, to impulses and distances: powers by the trapezoid, in a fixed order; and what contacts
-    store, if it is an observed one (`record`)."""
-    work, power = 0.0, 0.0
+    """Add the step to the energy ledger, to impulses and distances, in a fixed order: contacts tell energies, of what else has a
+    power it is the trapezoid. And what contacts store, if the step is an observed one (`record`)."""
+    work, damped = 0.0, 0.0
     for c in range(sums.shape[0]):
         work += sums[c, SUM_WORK]
-        power += sums[c, SUM_POWER]
+        damped += sums[c, SUM_DAMPED]
     upper, lower, effects = spread(0.0), spread(0.0), 0.0
     for c in range(sums.shape[0]):
         upper, lower = upper - load(sums, c, SUM_UP), lower - load(sums, c, SUM_LOW)
@@ -84,7 +83,7 @@ def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
         effects += moves[c, MOVE_POWER]
     half = 0.5 * dt
     A[A_FRICTION] += work
-    A[A_DAMPING] += half * (A[A_POWER_DAMPING] + power + A[A_POWER_PATCH] + patch_damping)
+    A[A_DAMPING] += damped + half * (A[A_POWER_PATCH] + patch_damping)
     A[A_EFFECTS] += half * (A[A_POWER_EFFECTS] + effects)
     drag = -half * ((A[A_UPPER] + lane(upper, 0)) * v_x + (A[A_UPPER + 1] + lane(upper, 1)) * v_y)
     plate = drag + half * (A[A_POWER_LOAD] + lifted)
@@ -95,7 +94,7 @@ def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
         A[A_IMPULSE + k] += half * (A[A_UPPER + k] + up[k])
         A[A_IMPULSE_LOW + k] += half * (A[A_LOWER + k] + low[k])
         A[A_UPPER + k], A[A_LOWER + k] = up[k], low[k]
-    A[A_POWER_DAMPING], A[A_POWER_PATCH], A[A_POWER_EFFECTS], A[A_POWER_LOAD] = power, patch_damping, effects, lifted
+    A[A_POWER_PATCH], A[A_POWER_EFFECTS], A[A_POWER_LOAD] = patch_damping, effects, lifted
     pass_time(A, dt, v_x, v_y)
     if record:
         A[A_STORED_N] = A[A_STORED_T] = 0.0

@@ -61,13 +61,27 @@ def head_of(chain: Sequence[Law]) -> str:
     return HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports))
 
 
+def memory_names(chain: Sequence[Law]) -> tuple[str, ...]:
+    """Names of all floats kept per contact: those of the laws, fields included, then the forces of the dashpots."""
+    return tuple(f"{law.name}.{name}" for law in chain for name in law.memory()) + viscous_names(chain)
+
+
+def viscous_names(chain: Sequence[Law]) -> tuple[str, ...]:
+    """Names of the forces of the dashpots, which are kept for the energy that they take: normal force, tangential force along
+    both axes, moment about both; as many of them as the chain has dashpots for."""
+    stages = {law.stage for law in chain}
+    count = 5 if "rolling" in stages else 3 if "tangential_damping" in stages else 1 if "damping" in stages else 0
+    names = ("force_n", "force_x", "force_y", "moment_x", "moment_y")
+    return tuple(f"viscous.{name}" for name in names[:count])
+
+
 def field_of(offset: int) -> str:
     return f"q + {offset * at.TILE}" if offset else "q"
 
 
 def contact_of(chain: Sequence[Law], still: bool = False) -> str:
     names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY")
-    behind = at.I_HISTORY + sum(len(law.memory()) for law in chain) + at.J_TRAVEL
+    behind = at.I_HISTORY + len(memory_names(chain)) + at.J_TRAVEL
     roll = "0.0" if still or not any(law.rolls for law in chain) else f"I[{field_of(behind)}]"
     return CONTACT.format(roll=roll, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
 

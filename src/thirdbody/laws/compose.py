@@ -20,11 +20,13 @@ from .chain_text import (
     field_of,
     head_of,
     history_of,
+    memory_names,
     parameters_of,
     remembered_of,
     tile_function,
     virgin,
     virgin_call,
+    viscous_names,
     width_of,
 )
 from .contract import STAGES, STIFF, Law
@@ -78,6 +80,12 @@ class Chain:
         return places[0], places[1]
 
     @property
+    def dashpots(self) -> int:
+        """Place of the forces of the dashpots in the history; -1 without any."""
+        count = len(viscous_names(self.laws))
+        return len(self.history) - count if count else -1
+
+    @property
     def rolling(self) -> int:
         """What the laws need of the relative rotation: `kernels.rolling.MOMENTS`, 1 for the travel of the patch only, or 0."""
         if any(law.stage == "rolling" for law in self.laws):
@@ -105,8 +113,7 @@ def compose(laws: Iterable[Law]) -> Chain:
     chain = ordered(laws)
     text = _contact_module(chain)
     module, path = load("law", text, _functions(chain))
-    history = tuple(f"{law.name}.{name}" for law in chain for name in law.memory())
-    return Chain(chain, module.law, getattr(module, "stiffness", None), history, width_of(chain), path)
+    return Chain(chain, module.law, getattr(module, "stiffness", None), memory_names(chain), width_of(chain), path)
 
 
 def _functions(chain: Sequence[Law]) -> list[Callable]:
@@ -147,6 +154,7 @@ def _law_function(chain: Sequence[Law]) -> str:
         lines += ["        force = max(elastic + viscous, 0.0)", "        power = -(force - elastic) * c.v_n"]
     else:
         lines += ["        force = elastic", "        power = 0.0"]
+    lines += ["        viscous_n, tv_x, tv_y, mv_x, mv_y = force - elastic, 0.0, 0.0, 0.0, 0.0"]
     lines.append("        load = Load(force, elastic, n.contact_radius, 0.0)")
     for k, law in enumerate(chain):
         if law.stage == "adhesion":
@@ -171,6 +179,9 @@ def _law_function(chain: Sequence[Law]) -> str:
         "POWER": "power",
     }
     lines += [f"        O[{field_of(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
+    first = at.O_HISTORY + len(memory_names(chain)) - len(viscous_names(chain))
+    for i, name in zip(range(len(viscous_names(chain))), ("viscous_n", "tv_x", "tv_y", "mv_x", "mv_y"), strict=False):
+        lines.append(f"        O[{field_of(first + i)}] = {name}")
     return tile_function("law", chain, contact_of(chain), lines)
 
 
@@ -192,7 +203,7 @@ def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]
 
 def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
     """The moment; its spring and its losses join those of friction. Its columns stand behind the history."""
-    history = sum(len(law.memory()) for law in chain)
+    history = len(memory_names(chain))
     turn = ", ".join(f"I[{field_of(at.I_HISTORY + history + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
     lines = [f"        turn = Turn({turn})", *_call(chain, k, "c, turn, load", "r")]
     lines += _fitted("r.x", "r.y", "r.viscosity", "turn.w", "r.limit", "m")
@@ -209,9 +220,10 @@ def _fitted(x: str, y: str, viscosity: str, rate: str, limit: str, name: str) ->
         f"        dd, td = d_x * d_x + d_y * d_y, {name}_x * d_x + {name}_y * d_y",
         f"        room = max({limit} * {limit} - {name}_x * {name}_x - {name}_y * {name}_y, 0.0)",
         "        share = min(max((math.sqrt(td * td + dd * room) - td) / max(dd, 1e-300), 0.0), 1.0)",
-        f"        {name}_x += share * d_x",
-        f"        {name}_y += share * d_y",
-        f"        power -= share * (d_x * {rate}_x + d_y * {rate}_y)",
+        f"        {name}v_x, {name}v_y = share * d_x, share * d_y",
+        f"        {name}_x += {name}v_x",
+        f"        {name}_y += {name}v_y",
+        f"        power -= {name}v_x * {rate}_x + {name}v_y * {rate}_y",
     ]
 
 

@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ..kernels import layout as at
-from .chain_text import STILL, contact_of, field_of, head_of, parameters_of, remembered_of, tile_function, virgin_call
+from .chain_text import (
+    STILL,
+    contact_of,
+    field_of,
+    head_of,
+    memory_names,
+    parameters_of,
+    remembered_of,
+    tile_function,
+    virgin_call,
+)
 from .contract import Law
 
 
@@ -25,7 +35,7 @@ def _tangent_function(chain: Sequence[Law]) -> str:
     before, memory = remembered_of(chain, k)
     lines = [*before, f"        p{k} = {parameters_of(chain, k)}", f"        k_n = tangent_{k}(c, p{k}{memory})"]
     lines.append(f"        n = kernel_{k}(c, p{k}{memory})" + ("[0]" if memory else ""))
-    behind = at.I_HISTORY + sum(len(law.memory()) for law in chain)
+    behind = at.I_HISTORY + len(memory_names(chain))
     lines.append(f"        rate = I[{field_of(behind + at.J_INVERSE)}]")
     lines += _damped_lines(chain, stages)
     for k, law in enumerate(chain):

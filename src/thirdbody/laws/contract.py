@@ -24,14 +24,14 @@ A tangential law may also keep a *field*, a number of floats per contact that it
 `(c, load, p, h, w)`. The arrays are for it alone and end with the call.
 
 The engine clips `normal + damping` at zero (a dashpot cannot pull a dry contact back), hands that sum to the tangential stage
-as the load that friction may use, adds adhesion to the total force only, and scales the viscous tangential force into what
-the friction limit leaves; the same for the viscous part of a rolling moment. It computes the powers of all dashpots from the
-forces and moments that really acted. `dissipated` belongs to the force at the end of the step. A tangential law that
-remembers its force under the names `force_x, force_y` (a rolling law its moment, `moment_x, moment_y`) lets the explicit
-integrator book friction with the mean of the forces at both ends, which is what bodies exchange there (`kernels.booking`);
-without these names the ledger of an explicit run closes to first order in the step where friction jumps. A moment acts on i,
-and turned round on j; `turn` is the rotation of i relative to j about the two tangential axes, so that the work of the pair
-is moment times turn.
+as the load that friction may use, adds adhesion to the total force only, and scales the viscous tangential force into what the
+friction limit leaves; the same for the viscous part of a rolling moment. It computes the powers of all dashpots from the forces
+and moments that really acted, and in explicit runs remembers these, as energies are then those of the mean force. `dissipated`
+belongs to the force at the end of the step. A tangential law that remembers its force under the names `force_x, force_y` (a
+rolling law its moment, `moment_x, moment_y`) lets the explicit integrator book friction with the mean of the forces at both
+ends, which is what bodies exchange there (`kernels.booking`); without these names the ledger of an explicit run closes to first
+order in the step where friction jumps. A moment acts on i, and turned round on j; `turn` is the rotation of i relative to j
+about the two tangential axes, so that the work of the pair is moment times turn.
 """
 
 from __future__ import annotations
