@@ -152,6 +152,8 @@ class Conduct:
         self._tell(dict(frame.series))
         # after the frame, which shows what went wrong
         self.looks.look(simulation.state, self.ledger.watch(simulation.state))
+        if slow := self._implicit():
+            slow.refuse_made_energy()
 
     def _tell(self, series: dict[str, Any]) -> None:
         """Tell the progress so far."""

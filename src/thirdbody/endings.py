@@ -1,53 +1,73 @@
-"""What the end of a run says about its own accuracy: energy that the integrator lost, and a load that is not reached."""
+"""What the end of a run says about its own accuracy: energy that the integrator lost or made, and a load that is not carried."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from .engine.plates import mean_value
 from .kernels import layout as at
 
 if TYPE_CHECKING:
     from .conduct import Conduct
     from .scene.build import Simulation
 
-LOSS = 0.01
-"""Energy lost by the integrator that is told of, as a share of the scale of the energy residual."""
-
 LOAD = 0.1
 """Deviation of the mean force on the upper plate from its load that is told of, as a share of the load."""
 
+CARRIED = 0.5
+"""Share of its load below which a patch counts as carried by nothing."""
+
 
 def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]) -> dict[str, Any]:
-    """`energy_numerical_share`: the loss on the line `numerical`, divided as the residual is, so 0 where there is no energy.
-    `load_ratio`: mean force on the upper plate since the last frame over its load; None where no constant load is prescribed."""
+    """What the end of a run says about its accuracy.
+
+    `energy_numerical_share`: the loss on the line `numerical`, divided as the residual is, so 0 where there is no energy; below
+    zero where energy was made. `load_ratio`: mean force on the upper plate over its mean load since the last frame; None where
+    no load is prescribed. `patches_not_carried`: of a quasi-static run, how many patches nothing presses against.
+    """
+    share = conduct.ledger.relative_residual(simulation.state, lines["numerical"])
     return {
-        "energy_numerical_share": conduct.ledger.relative_residual(simulation.state, lines["numerical"]),
-        "load_ratio": _load_ratio(simulation, conduct.series.get("upper_force")),
+        "energy_numerical_share": math.copysign(share, lines["numerical"]),
+        "load_ratio": _load_ratio(simulation, conduct),
+        "patches_not_carried": None if simulation.state.inertial else _not_carried(simulation),
     }
 
 
-def _load_ratio(simulation: Simulation, force: Any) -> float | None:
-    P = simulation.state.P
-    load = float((P[:, at.P_FREE] * P[:, at.P_LOAD]).sum())
-    if force is None or load <= 0.0 or simulation.schedule.load or (P[:, at.P_SPRING] != 0.0).any():
-        return None
-    return float(force[2]) / load
+def _load_ratio(simulation: Simulation, conduct: Conduct) -> float | None:
+    force, P = conduct.series.get("upper_force"), simulation.state.P
+    held = P[-1:] if (P[:, at.P_SPRING] != 0.0).any() else P  # patches on a foundation pass on the load of the common plate
+    load = float((held[:, at.P_FREE] * (held[:, at.P_LOAD0] if simulation.schedule.load else held[:, at.P_LOAD])).sum())
+    if simulation.schedule.load:
+        now = simulation.state.time
+        load *= mean_value(simulation.schedule.load, now - conduct.maker.interval, now)
+    return float(force[2]) / load if force is not None and load > 0.0 else None
+
+
+def _not_carried(simulation: Simulation) -> int:
+    """Patches under a load of their own that carry less than a share of it (`CARRIED`)."""
+    P, slots = simulation.state.P, simulation.state.slots
+    upper = (slots.partner < -1) & (slots.H[:, at.H_ON] > 0.0)
+    carried = np.bincount(-slots.partner[upper] - 2, slots.R[upper, at.R_FN], len(P))
+    alone = (P[:, at.P_FREE] > 0.0) & (P[:, at.P_SPRING] == 0.0)
+    return int(np.count_nonzero(alone & (carried < CARRIED * P[:, at.P_LOAD])))
 
 
 def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
-    """Warnings after a run, from its summary; runs of older versions have none."""
-    share, ratio = told.get("energy_numerical_share"), told.get("load_ratio")
-    if share is not None and share > LOSS:
-        yield (
-            f"the implicit integrator itself lost {100.0 * share:.1f} % of the energy (line `numerical`): it damps impacts and "
-            "oscillations that are faster than its steps; a smaller solver.tolerance resolves them, and where they are the "
-            "question, solver.integrator = \"explicit\""
-        )
+    """Warnings after a run, from its summary; runs of older versions have none. Losses of energy: `output.energy_verdict`."""
+    ratio, left = told.get("load_ratio"), told.get("patches_not_carried")
     if ratio is not None and abs(ratio - 1.0) > LOAD and told.get("finished"):
         yield (
             f"over the last output interval the debris carried {ratio:.2f} times the load on the upper plate: the difference "
             "accelerates the plate's mass, which still bounces; more plates.upper.damping or a slower motion keeps it in contact"
+        )
+    if left:
+        yield (
+            f"at the end {left} of {told['bodies']} patches of the upper plate press on nothing worth naming: their dashpots carry "
+            "the load, or their bodies are gone; lower plates.upper.damping or the speed, or leave solver.inertia out"
         )
 
 

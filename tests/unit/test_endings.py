@@ -10,16 +10,16 @@ from thirdbody.endings import ending_warnings, step_words
 @pytest.mark.parametrize(
     ("told", "words"),
     [
-        ({"energy_numerical_share": 0.068}, ["lost 6.8 % of the energy", "solver.tolerance"]),
-        ({"energy_numerical_share": 0.004}, []),
         ({"load_ratio": 2.61, "finished": True}, ["2.61 times the load", "bounces"]),
         ({"load_ratio": 0.2, "finished": True}, ["0.20 times the load"]),
         ({"load_ratio": 1.02, "finished": True}, []),
-        ({"load_ratio": None, "energy_numerical_share": 0.0}, []),
+        ({"load_ratio": None, "patches_not_carried": None}, []),
+        ({"load_ratio": 1.0, "patches_not_carried": 0, "bodies": 40}, []),
+        ({"load_ratio": 1.0, "patches_not_carried": 1, "bodies": 40}, ["1 of 40 patches", "solver.inertia"]),
         ({}, []),
     ],
 )
-def test_losses_and_loads_that_are_off_are_told(told, words):
+def test_loads_that_are_not_carried_are_told(told, words):
     said = " ".join(ending_warnings(told))
     assert all(word in said for word in words) and bool(said) == bool(words)
 

@@ -31,3 +31,19 @@ def test_a_balance_that_closes_or_is_not_known_is_not_spoken_of(residual):
 def test_the_reason_follows_from_the_facts(facts, scene, words):
     told = energy_verdict(SOUND | facts, scene)
     assert told is not None and all(word in told for word in words), told
+
+
+@pytest.mark.parametrize(
+    "share, scene, words",
+    [
+        (0.068, "", ("itself lost 6.8 %", "solver.tolerance", "explicit")),
+        (0.068, "[solver]\ninertia = false\n", ("itself lost 6.8 %", "tips", "solver.inertia = true")),
+        (-0.26, "", ("itself made 26.0 %", "solver.tolerance")),
+        (0.004, "", ()),
+        (-0.004, "", ()),
+        (None, "", ()),
+    ],
+)
+def test_energy_that_the_integrator_loses_or_makes_is_told(share, scene, words):
+    told = energy_verdict({"integrator": "implicit", "energy_residual": 1e-9, "energy_numerical_share": share}, scene)
+    assert bool(told) == bool(words) and all(word in (told or "") for word in words), told

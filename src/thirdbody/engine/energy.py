@@ -18,15 +18,21 @@ Stored = tuple[float, float, float, float]
 
 def stored(state: State) -> Stored:
     """Kinetic, elastic normal, elastic tangential and foundation energy, as of the last observed step."""
-    B, E, P = state.B, state.E, state.P
-    kinetic = 0.5 * float(np.sum(B[:, at.B_MASS] * np.sum(B[:, at.B_V : at.B_V + 3] ** 2, axis=1)))
-    kinetic += 0.5 * float(np.sum(E[:, at.E_L : at.E_L + 3] * B[:, at.B_W : at.B_W + 3]))
-    kinetic += 0.5 * float(np.sum(P[:, at.P_FREE] * P[:, at.P_MASS] * P[:, at.P_V] ** 2))
+    P, kinetic = state.P, _kinetic(state) if state.inertial else 0.0
     springs = 0.5 * float(np.sum(P[:, at.P_SPRING] * (P[:, at.P_Z] - P[-1, at.P_Z]) ** 2))
     if state.summed:
         return kinetic, float(state.A[at.A_STORED_N]), float(state.A[at.A_STORED_T]), springs
     loaded, R = state.slots.H[:, at.H_ON] > 0.0, state.slots.R
     return kinetic, float(R[loaded, at.R_STORED_N].sum()), float(R[loaded, at.R_STORED_T].sum()), springs
+
+
+def _kinetic(state: State) -> float:
+    """Kinetic energy of bodies and free patches, J."""
+    B, E, P = state.B, state.E, state.P
+    kinetic = 0.5 * float(np.sum(B[:, at.B_MASS] * np.sum(B[:, at.B_V : at.B_V + 3] ** 2, axis=1)))
+    kinetic += 0.5 * float(np.sum(E[:, at.E_L : at.E_L + 3] * B[:, at.B_W : at.B_W + 3]))
+    kinetic += 0.5 * float(np.sum(P[:, at.P_FREE] * P[:, at.P_MASS] * P[:, at.P_V] ** 2))
+    return kinetic
 
 
 class Ledger:

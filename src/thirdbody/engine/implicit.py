@@ -24,6 +24,7 @@ from ..laws.contract import Material
 from .guards import Guards
 from .labels import labels
 from .limited import in_words, limited_by, limiting_body
+from .made_energy import MADE_GUARD, held_energy, made_share
 from .nearness import Nearness
 from .neighbours import search
 from .plates import Schedule, at_time
@@ -77,6 +78,7 @@ class Implicit:
     ) -> None:
         self.accuracy = accuracy or Accuracy()
         self.state, self.tangents = state, tangents
+        state.inertial = self.accuracy.inertia
         (guards or Guards()).put(state)
         upper = state.world.upper
         self.schedule = Schedule() if upper is None else upper.schedule
@@ -226,6 +228,24 @@ class Implicit:
         if len(stopped):
             raise GuardStop(self._explain(int(stopped[0])))
 
+    def refuse_made_energy(self) -> None:
+        """Raise GuardStop where the integrator itself has made more than a share of the energy exchanged (`MADE_GUARD`)."""
+        held = held_energy(self.state, self.memory[:, at.T_STORED])
+        made = made_share(self.totals, held)
+        body, whole = int(np.argmax(made)), float(made_share(self._summed()[None], float(held.sum()))[0])
+        if made[body] > MADE_GUARD:
+            share, who, when = made[body], self._who(body), self.totals[body, at.A_TIME]
+        elif whole > MADE_GUARD:
+            share, who, when = whole, "all bodies and the upper plate together", self.totals[:, at.A_TIME].min()
+        else:
+            return
+        inertia = "" if self.accuracy.inertia else "solver.inertia = true, or "
+        raise GuardStop(
+            f"stopped at t = {when:.6g} s: the integrator has made energy: {100.0 * share:.0f} % of all that was exchanged "
+            f"(guard: {100.0 * MADE_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or solver.largest_step is needed, or a "
+            "contact law that makes no energy (thirdbody laws --check)"
+        )
+
     def summary(self) -> dict[str, Any]:
         """What the summary of a run tells of its integration; steps are those of single bodies."""
         taken, T, state = self.totals[:, at.A_STEPS], self.memory, self.state
@@ -262,8 +282,7 @@ class Implicit:
     def _explain(self, body: int) -> str:
         s, totals = self.state, self.totals[body]
         code, when = int(self.memory[body, at.T_CODE]), f"stopped at t = {totals[at.A_TIME]:.6g} s"
-        where = ", ".join(f"{x:.4g}" for x in s.B[body, at.B_X : at.B_X + 3])
-        who = f"body {s.order[body]} at ({where}) m"
+        who = self._who(body)
         if code == steps.TOO_DEEP:
             slot = int(self.memory[body, at.T_SLOT])
             plate = "lower" if s.slots.partner[slot] == -1 else "upper"
@@ -278,6 +297,11 @@ class Implicit:
         if code == steps.NOT_A_NUMBER:
             return f"{when}: the position of body {s.order[body]} is not a number"
         return f"{when}: no step of {who} could be solved, down to {self.settings[steps.V_SHORTEST]:.2g} s; {self._spots(body)}"
+
+    def _who(self, body: int) -> str:
+        """A body by its number in the scene, and where it is."""
+        where = ", ".join(f"{x:.4g}" for x in self.state.B[body, at.B_X : at.B_X + 3])
+        return f"body {self.state.order[body]} at ({where}) m"
 
     def _spots(self, body: int) -> str:
         """The loaded spots of a body in words."""

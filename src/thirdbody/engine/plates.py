@@ -213,6 +213,15 @@ def ends_of(axis: Axis) -> Iterator[tuple[Segment, float]]:
         yield segment, segment.start if after is None else after.start
 
 
+def mean_value(axis: Axis, start: float, end: float) -> float:
+    """Mean value between two times of an axis of straight pieces (loads); the present value where they are one."""
+    if not end > start:
+        return at_time(axis, end)
+    corners = [start, *(s.start for s in axis if start < s.start < end), end]
+    pieces = zip(corners, corners[1:], strict=False)
+    return sum(0.5 * (at_time(axis, a) + held_until(axis, a, b)) * (b - a) for a, b in pieces) / (end - start)
+
+
 def held_until(axis: Axis, t: float, end: float) -> float:
     """Value of an axis at `end` by the segment that holds at t: the one before a jump at `end`."""
     row = _held(axis, t)

@@ -233,10 +233,10 @@ class Shared(Implicit):
             self.ends, self.gone, self.drag, physics.law, physics.effects, physics.observe,
         )  # fmt: skip
         before = self._plate_velocity
-        old = 0.5 if self._before(dt) > 0.0 else 0.0
+        old = 0.5 if self.last > 0.0 else 0.0
         carried = (1.0 - old) * float(row[at.P_LOAD]) + old * load
         mass, work = float(row[at.P_MASS]), -carried * rise.way
-        kinetic = 0.5 * mass * (rise.velocity**2 - before**2)
+        kinetic = 0.5 * mass * (rise.velocity**2 - before**2) * float(self.accuracy.inertia)
         self.plate[at.A_PLATE_WORK] += work
         self.plate[at.A_PLATE_ABS] += abs(work)
         felt = float(row[at.P_DAMPING]) * rise.velocity * rise.way

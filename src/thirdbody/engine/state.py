@@ -158,7 +158,7 @@ class State:
     """Tables at one synchronised instant; columns are named in `kernels.layout`. S may be B itself (`unite`).
 
     `order` (n_bodies,): the number by which the scene and all outputs know each body. `summed`: the integrator itself sums up
-    what contacts store; else their records tell.
+    what contacts store; else their records tell. `inertial`: bodies and patches have inertia, so kinetic energy too.
     """
 
     world: World
@@ -186,6 +186,7 @@ class State:
     dt: float = 0.0
     searches: int = 0
     summed: bool = False
+    inertial: bool = True
 
     @property
     def n_bodies(self) -> int:

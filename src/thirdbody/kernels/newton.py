@@ -29,11 +29,25 @@ from .layout import (
     P_V,
     P_Z,
     S_ARM,
+    T_RADIUS,
     TILE,
 )  # fmt: skip
 from .linear import linearise
 from .options import CHUNK, INNER
-from .trial import E_DEEPEST, E_NORMAL, FREEDOMS, TURN, Z_ARM, Z_NOW, Z_PLATE, balance, loaded_spots, place
+from .trial import (
+    E_DEEPEST,
+    E_NORMAL,
+    FREEDOMS,
+    TURN,
+    Z_ARM,
+    Z_MASS,
+    Z_NOW,
+    Z_PLATE,
+    Z_PULL,
+    balance,
+    loaded_spots,
+    place,
+)  # fmt: skip
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners.
@@ -124,6 +138,21 @@ def resolved(b, p, B, P, Z, told):
 
 
 @njit(**INNER)
+def massless_at_rest(b, dt, share, r, Z, T, B, E, told, least):
+    """Whether the forces on a body without inertia balance to this share of the forces on the body itself.
+
+    Those on its patch do not count: a body that both plates have left carries none of them, and would otherwise be taken for
+    balanced at any velocity. What may be left over then moves it by this share of a contact radius. `least`: rounding, N.
+    """
+    square = 0.0
+    for k in range(6):
+        square += r[k] * r[k]
+    weight = abs(E[b, E_EF]) + abs(E[b, E_EF + 1]) + abs(E[b, E_EF + 2]) if E.shape[1] > E_EF else 0.0
+    held = (Z[Z_PULL] + Z[Z_MASS] * B[b, B_MASS] / (dt * dt)) * T[T_RADIUS]
+    return math.sqrt(square) <= max(share * (told[E_NORMAL] + weight + held), least)
+
+
+@njit(**INNER)
 def clipped(b, x, deep, spots, state, Z):
     """Share of the change x of the coordinates that lets no spot sink in, or lose its side, by more than REACH of `deep`."""
     (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
@@ -197,7 +226,8 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
             return CROWDED, m, iterations
         balance(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told)
         now, scale = size_of(r), scale_of(b, p, tried, dt, Z, B, E, P, told)
-        enough = max(CONVERGED * scale, resolved(b, p, B, P, Z, told))
+        least = resolved(b, p, B, P, Z, told)
+        enough = max(CONVERGED * scale, least)
         if not now < 1e300:
             return LOST, m, iterations
         better = now < (1.0 - 1e-4 * part) * size
@@ -211,11 +241,13 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
         better = better or halvings > HALVINGS
         for k in range(FREEDOMS):
             y[k] = tried[k]
-        if now <= enough:
+        if now <= enough and (inertial != 0.0 or massless_at_rest(b, dt, CONVERGED, r, Z, T, B, E, told, least)):
             return FOUND, m, iterations
         if not better or iterations == ITERATIONS:
             # the last digits of a law with corners do not settle
-            return (FOUND if now <= ACCEPTED * scale else LOST), m, iterations
+            found = now <= ACCEPTED * scale
+            found = found and (inertial != 0.0 or massless_at_rest(b, dt, ACCEPTED, r, Z, T, B, E, told, least))
+            return (FOUND if found else LOST), m, iterations
         size, halvings, iterations = now, 0, iterations + 1
         linearise(b, p, m, dt, spots, state, known, work, Z, tangents, False, J)
         for k in range(FREEDOMS):

@@ -239,7 +239,7 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, E, P, W, inertia
     the kinetic energy, is the integrator's own loss. The plate's work and its impulse are taken with the mean of the forces at
     both ends of the step, or, after a corner, where forces may jump, with those at its end; how much this work differs from
     that of the method goes to the same line. What bodies and a common plate of their
-    own (`hub`) do to each other is nobody's work.
+    own (`hub`) do to each other is nobody's work. Without inertia bodies and patches have no kinetic energy.
     """
     arm = 1.0 / Z[Z_ARM]
     contacts, effects, before, after, pushed = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -255,7 +255,7 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, E, P, W, inertia
         before += 0.5 * (mass * Z[Z_V + k] * Z[Z_V + k] + Z[Z_L + k] * Z[Z_W + k])
         after += 0.5 * (mass * B[b, B_V + k] * B[b, B_V + k] + E[b, E_L + k] * w)
     drag = (sums[0, SUM_UP] * v_x + sums[0, SUM_UP + 1] * v_y) * dt
-    old = 0.5 if Z[Z_BEFORE] > 0.0 else 0.0
+    old = 0.5 if T[T_LAST] > 0.0 else 0.0
     plate = (1.0 - old) * drag - old * (W[A_UPPER] * v_x + W[A_UPPER + 1] * v_y) * dt
     lift, rise, damped, lost = sums[0, SUM_UP + 2] * y[6], P[p, P_V], told[E_POWER] * dt, plate - drag
     if P[p, P_FREE] != 0.0:
@@ -277,7 +277,7 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, E, P, W, inertia
         plate += held
         lost += held - lift
     laws = drag + lift - contacts - gained - sums[0, SUM_WORK] - told[E_POWER] * dt
-    W[A_NUMERICAL] += pushed - (after - before) + laws + lost
+    W[A_NUMERICAL] += pushed - inertial * (after - before) + laws + lost
     W[A_FRICTION] += sums[0, SUM_WORK]
     W[A_DAMPING] += damped
     W[A_EFFECTS] += effects

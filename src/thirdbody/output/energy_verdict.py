@@ -1,4 +1,4 @@
-"""Does the energy balance of a run close, and if not, why: one sentence from the facts of the run."""
+"""Does the energy balance of a run close, does its integrator keep energy, and if not, why: from the facts of the run."""
 
 from __future__ import annotations
 
@@ -9,23 +9,48 @@ from typing import Any
 CLOSED = 1e-3
 """Largest residual, over the largest energy of the run, of which nothing is said."""
 
+KEPT = 0.01
+"""Largest energy that the implicit integrator itself loses or makes, over the largest energy of the run, of which nothing is
+said."""
+
 MUCH = 0.05
 """Share of the energy spent from which a line of the ledger is named as the likely reason."""
 
 
 def energy_verdict(summary: Mapping[str, Any], scene_text: str = "") -> str | None:
-    """What is wrong with the energy balance and the likely reason; None where it closes or is not known.
+    """What is wrong with the energy of a run and the likely reason; None where it closes and is kept, or is not known.
 
-    `summary`: what a run stored at its end. `scene_text`: its scene, which tells whether the time step is a fixed one.
+    `summary`: what a run stored at its end. `scene_text`: its scene, which tells whether the time step is a fixed one, and
+    whether bodies have inertia.
     """
     residual, lines = summary.get("energy_residual"), summary.get("energy") or {}
-    if residual is None or residual <= CLOSED:
-        return None
-    reason = _reason(summary, lines, scene_text)
-    return f"energy balance open by {residual:.1e} of the largest energy (above {CLOSED:g}): {reason}"
+    solver, told = _solver(scene_text), []
+    if residual is not None and residual > CLOSED:
+        reason = _reason(summary, lines, solver)
+        told.append(f"energy balance open by {residual:.1e} of the largest energy (above {CLOSED:g}): {reason}")
+    share = summary.get("energy_numerical_share") or 0.0
+    if abs(share) > KEPT:
+        done = "lost" if share > 0.0 else "made"
+        told.append(f"the implicit integrator itself {done} {100.0 * abs(share):.1f} % of the energy (line `numerical`): "
+                    + _numerical_reason(share, solver))  # fmt: skip
+    return "; ".join(told) or None
 
 
-def _reason(summary: Mapping[str, Any], lines: Mapping[str, float], scene_text: str) -> str:
+def _numerical_reason(share: float, solver: Mapping[str, Any]) -> str:
+    if share < 0.0:
+        return "its steps are too long, or a contact law makes energy; a smaller solver.tolerance or solver.largest_step is needed"
+    if solver.get("inertia") is False:
+        return (
+            "without inertia nothing carries the energy that is set free where a body tips or a spot snaps, and it is lost at once; "
+            "with solver.inertia = true dashpots and friction take it, in their own time"
+        )
+    return (
+        "it damps impacts and oscillations that are faster than its steps; a smaller solver.tolerance resolves them, and where "
+        'they are the question, solver.integrator = "explicit"'
+    )
+
+
+def _reason(summary: Mapping[str, Any], lines: Mapping[str, float], solver: Mapping[str, Any]) -> str:
     if summary.get("integrator") != "explicit":
         return "smaller steps are needed: a smaller solver.tolerance or solver.largest_step"
     step, limit = summary.get("time_step"), summary.get("time_step_limit") or {}
@@ -33,7 +58,7 @@ def _reason(summary: Mapping[str, Any], lines: Mapping[str, float], scene_text: 
     remedy = "take a smaller solver.time_step"
     if step and smallest:
         remedy = f'run again with solver.time_step = "{0.5 * min(step, smallest):.2g} s"'
-    if step and smallest and _fixed_step(scene_text) and step > 1.001 * smallest:
+    if step and smallest and solver.get("time_step", "auto") != "auto" and step > 1.001 * smallest:
         return f"the time step is {step / smallest:.2g} times the automatic one; {remedy}"
     spent = {name: abs(lines.get(name, 0.0)) for name in ("damping", "friction")}
     share = spent["damping"] / max(sum(spent.values()), 1e-300)
@@ -42,10 +67,9 @@ def _reason(summary: Mapping[str, Any], lines: Mapping[str, float], scene_text: 
     return f"a step is too long for some impact or contact; {remedy}"
 
 
-def _fixed_step(scene_text: str) -> bool:
-    """Whether a scene names its time step."""
+def _solver(scene_text: str) -> Mapping[str, Any]:
+    """The table `solver` of a scene; empty where it cannot be read."""
     try:
-        step = tomllib.loads(scene_text).get("solver", {}).get("time_step", "auto")
+        return dict(tomllib.loads(scene_text).get("solver", {}))
     except tomllib.TOMLDecodeError:
-        return False
-    return bool(step != "auto")
+        return {}

@@ -32,6 +32,7 @@ class FrameMaker:
     ) -> None:  # fmt: skip
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
         self.impulses = impulses_of(self.state)
+        self.interval = 0.0  # since the frame before, s
         self._corners, self.pressure = _corners(state), pressure
         self.given, self.spheres = state.given, state.given_spheres
 
@@ -163,6 +164,7 @@ class FrameMaker:
         """Mean force of the debris on both plates since the frame before; at the first frame the present one."""
         now, A = impulses_of(self.state), self.state.A
         change, self.impulses = now - self.impulses, now
+        self.interval = float(change[0])
         if change[0] <= 0.0:
             return A[at.A_UPPER : at.A_UPPER + 3].copy(), A[at.A_LOWER : at.A_LOWER + 3].copy()
         return change[1:4] / change[0], change[4:7] / change[0]

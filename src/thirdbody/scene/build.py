@@ -21,6 +21,7 @@ from ..laws.registry import Registry, discover
 from . import units
 from .choose import Choice, choose
 from .crosscheck import too_long, too_long_message
+from .inertia import examine_inertia
 from .integrate import Plan, implicit, plan
 from .model import Scene
 from .plausible import unusual_values
@@ -133,7 +134,7 @@ def build(
     _refuse_narrow_domain(scene, state)
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
     chosen = plan(scene, choice, state)
-    warnings += _bed_warnings(scene, state, chosen)
+    warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
     if chosen.kind == "implicit":
         slow = implicit(scene, choice, state, upper)
         simulation = Simulation(scene, choice, labeller, state, slow, chosen, upper, warnings, force)
