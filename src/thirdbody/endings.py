@@ -33,7 +33,7 @@ def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]
     return {
         "energy_numerical_share": math.copysign(share, lines["numerical"]),
         "load_ratio": _load_ratio(simulation, conduct),
-        "patches_not_carried": None if simulation.state.inertial else _not_carried(simulation),
+        "patches_not_carried": None if simulation.state.inertial else patches_not_carried(simulation),
     }
 
 
@@ -47,7 +47,7 @@ def _load_ratio(simulation: Simulation, conduct: Conduct) -> float | None:
     return float(force[2]) / load if force is not None and load > 0.0 else None
 
 
-def _not_carried(simulation: Simulation) -> int:
+def patches_not_carried(simulation: Simulation) -> int:
     """Patches under a load of their own that carry less than a share of it (`CARRIED`)."""
     P, slots = simulation.state.P, simulation.state.slots
     upper = (slots.partner < -1) & (slots.H[:, at.H_ON] > 0.0)

@@ -1,0 +1,163 @@
+"""Runs without inertia (`solver.inertia = false`): no flight, no energy made, and a number that says when they are too fast."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.endings import patches_not_carried
+from thirdbody.engine.energy import Ledger
+from thirdbody.engine.made_energy import MADE_GUARD
+from thirdbody.engine.plates import Segment, mean_value
+from thirdbody.errors import GuardStop, InputError
+from thirdbody.kernels import layout as at
+from thirdbody.scene.build import build
+from thirdbody.scene.inertia import FAST, SLOW, inertial_number
+from thirdbody.scene.model import ConstantVelocity, Motion, Scene, Stroke
+
+SCENES = Path(__file__).parents[2] / "scenes"
+MICRO, LOAD, SIZE = 5e-6, 1e-4, 2e-4
+
+
+def one(make, body, speed=1e-3, **keys):
+    """One body under a patch with 0.1 mN, without inertia unless asked for."""
+    keys = {"friction": 0.3, "restitution": 0.3, "size": SIZE, "integrator": "implicit", "inertia": False} | keys
+    motion = keys.pop("motion", Motion(x=[ConstantVelocity(velocity=speed)]))
+    return make.under_patches([body], {"ball": make.STEEL}, LOAD, motion, **keys)
+
+
+def ensemble(count, speed, **settings):
+    """Irregular steel particles that roll and tip, without inertia."""
+    scene = Scene.load(SCENES / "sheared_debris.toml")
+    return build(scene.with_settings({
+        "debris.0.count": str(count), "contact.debris_contact": "none", "solver.integrator": "implicit", "solver.inertia": "false",
+        "plates.upper.motion.x.velocity": f"{speed} m/s", "solver.distance": "6 um", "output.every": "0.5 um",
+    } | settings))  # fmt: skip
+
+
+def test_a_body_that_nothing_presses_does_not_fly_on(make):
+    """A body without mass has no flight: where both plates have left it, it stays."""
+    simulation = one(make, make.ball(MICRO, (1e-4, 1e-4, 2.0 * MICRO), (1.0, 0.0, 0.5), (0.0, 1e5, 0.0)), settle=1e-7)
+    simulation.state.P[0, at.P_Z] += 1e-6  # the patch is still on its way down
+    start = simulation.state.B[0].copy()
+    simulation.integrator.advance_to(time=1e-9)
+    assert not make.touching(simulation).any()
+    # on the way of a flight, 1e-9 m; without inertia nothing moves it but what is left unbalanced: 1e-9 contact radii
+    assert simulation.state.B[0, at.B_X : at.B_X + 3] == pytest.approx(start[at.B_X : at.B_X + 3], abs=1e-15)
+    assert np.abs(make.velocity(simulation)).max() < 1e-9
+    assert patches_not_carried(simulation) == 1
+    simulation.integrator.advance_to(time=1e-3)
+    assert patches_not_carried(simulation) == 0
+
+
+def test_a_tipping_body_stays_between_the_plates():
+    """Body 30 tips at 1 m/s faster than the dashpot lets its patch follow; it left both plates at 5 m/s."""
+    simulation = ensemble(40, 1.0)
+    integrator, state = simulation.integrator, simulation.state
+    for time in np.linspace(20e-6, 23.22e-6, 200):
+        integrator.march(30, 31, float(time))
+        # the patch comes down at most at load over dashpot, 1.4 m/s, and the drag goes at 1 m/s
+        assert np.linalg.norm(state.B[30, at.B_V : at.B_V + 3]) < 3.0
+
+
+def test_rolling_makes_no_energy_without_inertia():
+    """Rolling up and down again must not make what the plate did not give: forces change over a step that is a contact wide."""
+    simulation = ensemble(30, 1e-3)
+    integrator = simulation.integrator
+    integrator.advance_to(time=simulation.settle)
+    for stop in np.arange(1, 13) * 5e-7:
+        integrator.advance_to(distance=float(stop))
+        made = -integrator.totals[:, at.A_NUMERICAL] / integrator.totals[:, at.A_PLATE_ABS]
+        # of second order in the length of a step; the force at its end alone, of first order, makes .14 here
+        assert made.max() < 0.01
+    ledger = Ledger(simulation.state)
+    assert ledger.lines(simulation.state)["kinetic"] == 0.0
+
+
+LAW = """
+import dataclasses
+import math
+from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Normal, Plugin, kernel
+
+@kernel
+def boastful(c, p):
+    a = math.sqrt(c.radius * c.overlap)
+    force = 4.0 / 3.0 * p.e_star * a * c.overlap
+    return Normal(force, a, 2.0 * force * c.overlap, 0.0)
+
+LAW = dataclasses.replace(HERTZ, name="boastful", kernel=boastful)
+PLUGIN = Plugin("boastful", families=(LawFamily("boastful", {"only": (LAW, MINDLIN)}, "only"),))
+"""
+
+
+def test_made_energy_stops_an_implicit_run(tmp_path):
+    """A law that stores five times what it is given: the ledger closes, for the integrator's own line takes the difference."""
+    law = tmp_path / "boastful.py"
+    law.write_text(LAW)
+    settings = {
+        "debris.0.count": "3", "contact.debris_contact": "none", "solver.integrator": "implicit", "solver.distance": "0.2 um",
+        "output.every": "0.1 um", "contact.law": "boastful", "contact.level": "only",
+    }  # fmt: skip
+    scene = Scene.load(SCENES / "sheared_debris.toml").with_settings(settings)
+    with pytest.raises(GuardStop, match=r"t = \S+ s: the integrator has made energy: \d+ % .* by body \d at \(") as stopped:
+        thirdbody.run(scene, out=tmp_path / "run", plugins=[law], threads=1, progress=False)
+    assert stopped.value.exit_code == 4
+    with thirdbody.open(tmp_path / "run") as run:
+        assert run.frames >= 1 and run.summary()["stopped"]
+
+
+def test_a_sound_run_is_far_from_the_guard():
+    simulation = ensemble(12, 1e-3, **{"solver.inertia": "true", "solver.distance": "1 um"})
+    simulation.integrator.advance_to(distance=1e-6)
+    simulation.integrator.refuse_made_energy()
+    simulation.integrator.totals[7, at.A_NUMERICAL] = -1.5 * MADE_GUARD * simulation.integrator.totals[7, at.A_PLATE_ABS]
+    with pytest.raises(GuardStop, match=f"body {simulation.state.order[7]} at"):
+        simulation.integrator.refuse_made_energy()
+
+
+# -- the number that decides --
+
+
+def ball(make, speed, **keys):
+    return one(make, make.ball(MICRO, (1e-4, 1e-4, MICRO)), speed, **keys)
+
+
+def test_inertial_number_of_a_ball(make):
+    """v sqrt((m + M)/(W d)); the patch weighs as much as the ball."""
+    found = inertial_number(ball(make, 0.1).state)
+    mass = 4.0 / 3.0 * math.pi * MICRO**3 * make.STEEL.density
+    assert found.number == pytest.approx(0.1 * math.sqrt(2.0 * mass / (LOAD * 2.0 * MICRO)), rel=1e-12)
+    assert found.speed == pytest.approx(0.1)
+
+
+def test_a_stroke_shorter_than_the_body_is_the_length_that_counts(make):
+    speed, length = 0.1, 1e-6
+    stroke = Motion(x=[Stroke(stroke=length, frequency=speed / (math.pi * length))])
+    whole, short = inertial_number(ball(make, speed).state), inertial_number(ball(make, 0.0, motion=stroke).state)
+    assert short.number == pytest.approx(whole.number * math.sqrt(2.0 * MICRO / length), rel=1e-9)
+
+
+def test_fast_motion_without_inertia_is_warned_of_and_refused(make):
+    unit = inertial_number(ball(make, 1.0).state).number
+    words = "inertial number"
+    assert not any(words in text for text in ball(make, 0.99 * SLOW / unit).warnings)
+    assert any(words in text for text in ball(make, 1.01 * SLOW / unit).warnings)
+    with pytest.raises(InputError, match="inertial number .* of body 0 is 0.33.*leave solver.inertia out") as refused:
+        ball(make, 1.1 * FAST / unit)
+    assert [fault.key for fault in refused.value.faults] == ["solver.inertia"]
+    assert not any(words in text for text in ball(make, 1.1 * FAST / unit, inertia=True).warnings)
+
+
+# -- the load --
+
+
+def test_mean_of_a_load_that_jumps_and_grows():
+    """1 until 2 s, then from 0 evenly to 4 at 4 s, where it stays."""
+    axis = (Segment(0.0, 0, 1.0), Segment(2.0, 0, 0.0, 2.0), Segment(4.0, 0, 4.0))
+    assert mean_value(axis, 0.0, 2.0) == pytest.approx(1.0)
+    assert mean_value(axis, 1.0, 5.0) == pytest.approx((1.0 + 4.0 + 4.0) / 4.0)
+    assert mean_value(axis, 3.0, 3.0) == pytest.approx(2.0)
