@@ -66,8 +66,8 @@ def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
         )
     if left:
         yield (
-            f"at the end {left} of {told['bodies']} patches of the upper plate press on nothing worth naming: their dashpots carry "
-            "the load, or their bodies are gone; lower plates.upper.damping or the speed, or leave solver.inertia out"
+            f"at the end {left} of {told['bodies']} patches of the upper plate carry less than {CARRIED:g} of their load: their "
+            "dashpots do, or their bodies are gone; lower plates.upper.damping or the speed, or leave solver.inertia out"
         )
 
 

@@ -34,8 +34,9 @@ def ensemble(count, speed, **settings):
     """Irregular steel particles that roll and tip, without inertia."""
     scene = Scene.load(SCENES / "sheared_debris.toml")
     return build(scene.with_settings({
-        "debris.0.count": str(count), "contact.debris_contact": "none", "solver.integrator": "implicit", "solver.inertia": "false",
-        "plates.upper.motion.x.velocity": f"{speed} m/s", "solver.distance": "6 um", "output.every": "0.5 um",
+        "debris.0.count": str(count), "contact.debris_contact": "none", "solver.integrator": "implicit",
+        "solver.inertia": "false", "plates.upper.motion.x.velocity": f"{speed} m/s", "solver.distance": "6 um",
+        "output.every": "0.5 um",
     } | settings))  # fmt: skip
 
 

@@ -31,18 +31,18 @@ def energy_verdict(summary: Mapping[str, Any], scene_text: str = "") -> str | No
     share = summary.get("energy_numerical_share") or 0.0
     if abs(share) > KEPT:
         done = "lost" if share > 0.0 else "made"
-        told.append(f"the implicit integrator itself {done} {100.0 * abs(share):.1f} % of the energy (line `numerical`): "
-                    + _numerical_reason(share, solver))  # fmt: skip
+        what = f"the implicit integrator itself {done} {100.0 * abs(share):.1f} % of the energy (line `numerical`)"
+        told.append(f"{what}: {_numerical_reason(share, solver)}")
     return "; ".join(told) or None
 
 
 def _numerical_reason(share: float, solver: Mapping[str, Any]) -> str:
     if share < 0.0:
-        return "its steps are too long, or a contact law makes energy; a smaller solver.tolerance or solver.largest_step is needed"
+        return "steps are too long, or a contact law makes energy; a smaller solver.tolerance or solver.largest_step is needed"
     if solver.get("inertia") is False:
         return (
-            "without inertia nothing carries the energy that is set free where a body tips or a spot snaps, and it is lost at once; "
-            "with solver.inertia = true dashpots and friction take it, in their own time"
+            "without inertia nothing carries the energy that is set free where a body tips or a spot snaps, and it is lost at "
+            "once; with solver.inertia = true dashpots and friction take it, in their own time"
         )
     return (
         "it damps impacts and oscillations that are faster than its steps; a smaller solver.tolerance resolves them, and where "

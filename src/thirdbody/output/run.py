@@ -262,11 +262,11 @@ class Run:
         `fractions` (state name to share, last frame), the same by `populations`, `materials` and `sizes` (lists as
         `output.groups.states_by_group` gives them); of a run that came to its end also what it stored, among it
         `energy_residual`, relative, with `energy_verdict` where it, or what the integrator loses or makes, is too large (the
-        likely reason, else absent),
-        `peak_pressure` (Pa, largest over contacts and frames) and `first_yield` (its `ratio` to the pressure at first yield,
-        `assumed` yield strength or not), `energy_numerical_share` (what the implicit integrator itself lost, below zero:
-        made, divided as the residual), `load_ratio` (mean force on the upper plate over its load, last interval), of implicit
-        runs `steps_limited_by` (cause to steps), and of quasi-static ones `patches_not_carried` (how many at the end). Figures that the run has no series for are absent.
+        likely reason, else absent), `peak_pressure` (Pa, largest over contacts and frames) and `first_yield` (its `ratio` to the
+        pressure at first yield, `assumed` yield strength or not), `energy_numerical_share` (what the implicit integrator itself
+        lost, below zero: made, divided as the residual), `load_ratio` (mean force on the upper plate over its load, last
+        interval), of implicit runs `steps_limited_by` (cause to steps), and of quasi-static ones `patches_not_carried` (how many
+        at the end). Figures that the run has no series for are absent.
         """
         stored = self._steady("", lambda: dict(self._text(SUMMARY_TEXT)) if SUMMARY_TEXT in self._scene else None)
         told = self._figures() | {"finished": stored is not None} | (stored or {})

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from .model import Scene
 
 SLOW, FAST = 0.03, 0.3
-"""Inertial number above which a quasi-static run is warned of, and above which it is refused. The forces that accelerate a body are
-of the order of its square, in parts of the load: 1e-3 and a tenth."""
+"""Inertial number above which a quasi-static run is warned of, and above which it is refused. The forces that accelerate a body
+are of the order of its square, in parts of the load: 1e-3 and a tenth."""
 
 
 class Inertial(NamedTuple):
@@ -32,8 +32,8 @@ class Inertial(NamedTuple):
 def inertial_number(state: State) -> Inertial | None:
     """I = v sqrt((m + M)/(W L)): the time in which the load moves a body by its size, over the time of the drag for that way.
 
-    v: largest speed of the drag; m, M: masses of body and patch; W: least load on the body; L: its diameter, or the stroke if that
-    is shorter. None where no load is prescribed. Source: inertial number of GDR MiDi, Eur. Phys. J. E 14, 2004, 341, with
+    v: largest speed of the drag; m, M: masses of body and patch; W: least load on the body; L: its diameter, or the stroke if
+    that is shorter. None where no load is prescribed. Source: inertial number of GDR MiDi, Eur. Phys. J. E 14, 2004, 341, with
     the shear rate v/L and the pressure W/L^2.
     """
     upper = state.world.upper
@@ -54,17 +54,17 @@ def examine_inertia(scene: Scene, state: State) -> list[str]:
     found = inertial_number(state) if scene.solver.inertia is False else None
     if found is None or found.number <= SLOW:
         return []
-    number = f"the inertial number v sqrt((m + M)/(W d)) of body {state.order[found.body]} is {found.number:.2g}"
+    number = f"the inertial number v sqrt((m + M)/(W L)) of body {state.order[found.body]} is {found.number:.2g}"
     allowed = lambda limit: units.pretty(found.speed * limit / found.number, "velocity")  # noqa: E731
     if found.number > FAST:
         message = (
-            f"false is for slow motion, and {number} (at most {FAST:g}: {allowed(FAST)} here): inertial forces are no small share of "
-            "the load; leave solver.inertia out, or lower the speed"
+            f"false is for slow motion, and {number} (at most {FAST:g}: {allowed(FAST)} here): inertial forces are no small "
+            "share of the load; leave solver.inertia out, or lower the speed"
         )
         raise InputError(scene.fault(("solver", "inertia"), message))
     return [
-        f"solver.inertia = false: {number} (quasi-static: below {SLOW:g}, {allowed(SLOW)} here): friction and labels may differ from "
-        "those with inertia; leave solver.inertia out, or lower the speed"
+        f"solver.inertia = false: {number} (quasi-static: below {SLOW:g}, {allowed(SLOW)} here): friction and labels may differ "
+        "from those with inertia; leave solver.inertia out, or lower the speed"
     ]
 
 

@@ -1,0 +1,93 @@
+"""Twenty runs without inertia from 1 mm/s to 10 m/s: as with inertia within 1 %, refused, stopped, or reported."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import thirdbody
+from thirdbody.endings import ending_warnings
+from thirdbody.errors import GuardStop, InputError
+
+pytestmark = pytest.mark.hard
+
+SCENES = Path(__file__).parents[2] / "scenes"
+SPEEDS = (1e-3, 1e-2, 0.1, 1.0, 10.0)
+SAME = 0.01
+"""Difference of the friction that needs no word: that of two states in which 1 % of the load is carried otherwise."""
+IMPLICIT = {"solver.integrator": "implicit", "contact.debris_contact": "none"}
+STROKE = 10e-6
+
+
+def steady(scene, speed, **settings):
+    """A scene dragged one way."""
+    drag = {"plates.upper.motion.x.velocity": f"{speed} m/s"}
+    return thirdbody.Scene.load(SCENES / scene).with_settings(IMPLICIT | drag | settings)
+
+
+def strokes(_scene, speed, **settings):
+    """Two strokes to and fro, with this largest speed."""
+    frequency = speed / (math.pi * STROKE)
+    drag = {
+        "plates.upper.motion.x.stroke": f"{STROKE} m", "plates.upper.motion.x.frequency": f"{frequency} Hz",
+        "solver.duration": f"{2.0 / frequency} s", "output.every": "1 um", "debris.0.count": "12",
+    }  # fmt: skip
+    return thirdbody.Scene.load(SCENES / "fretting_rig.toml").with_settings(IMPLICIT | drag | settings)
+
+
+def rolling(scene, speed, **settings):
+    """Irregular particles, some of which roll."""
+    some = {"debris.0.count": "24", "solver.distance": "4 um", "output.every": "0.5 um"}
+    return steady(scene, speed, **(some | settings))
+
+
+def flakes(scene, speed, **settings):
+    """Flakes, all of which slide."""
+    return steady(scene, speed, **({"debris.0.count": "12", "solver.distance": "2 um", "output.every": "0.2 um"} | settings))
+
+
+CASES = {"rolling": (rolling, "sheared_debris.toml"), "flakes": (flakes, "sliding_flakes.toml"),
+         "three spots": (steady, "three_spot.toml"), "strokes": (strokes, "")}  # fmt: skip
+
+
+def friction(run):
+    """Work of friction of the second half per way, N: the coefficient times the load, and for strokes the loop."""
+    distance, force, along = run.series["distance"], run.series["upper_force"], run.series["displacement"]
+    later = np.flatnonzero(distance >= 0.5 * distance[-1])
+    work = -np.sum(force[later[1:], 0] * np.diff(along[later]))
+    return work / (distance[later[-1]] - distance[later[0]])
+
+
+def reported(run):
+    """Whether the run says that something is wrong."""
+    told = run.summary()
+    words = [text for text in run.header["warnings"] if "solver.inertia" in text]
+    return bool(words or told.get("energy_verdict") or list(ending_warnings(told)))
+
+
+@pytest.mark.parametrize("speed", SPEEDS)
+@pytest.mark.parametrize("case", CASES)
+def test_no_speed_is_wrong_in_silence(case, speed, tmp_path):
+    make, scene = CASES[case]
+    try:
+        quiet = make(scene, speed, **{"solver.inertia": "false"})
+        without = thirdbody.run(quiet, out=tmp_path / "without", threads=1, progress=False)
+    except InputError as refused:
+        assert "inertial number" in str(refused)
+        print(f"{case} {speed:g} m/s: refused")
+        return
+    except GuardStop as stopped:
+        assert "stopped at t" in str(stopped)
+        print(f"{case} {speed:g} m/s: stopped: {str(stopped)[:150]}")
+        return
+    with without, thirdbody.run(make(scene, speed), out=tmp_path / "with", threads=1, progress=False) as full:
+        off = friction(without) / friction(full) - 1.0
+        said = reported(without)
+        share = without.summary()["energy_numerical_share"]
+        print(f"{case} {speed:g} m/s: {100.0 * off:+.2f} %, {'reported' if said else 'silent'}, lost {100.0 * share:.1f} %")
+        assert abs(off) < SAME or said
+        # nothing is made, said or not
+        assert share > -SAME
