@@ -189,6 +189,9 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of the file, each no larger than what the file holds of it. Raises what zip and numpy raise."""
     arrays = {}
     with zipfile.ZipFile(path) as archive:
+        claimed, there = sum(item.file_size for item in archive.infolist()), path.stat().st_size
+        if claimed > there:  # entries that share their bytes
+            raise ValueError(f"its arrays claim {claimed} bytes, the file has {there}")
         for item in archive.infolist():
             if item.compress_type != zipfile.ZIP_STORED or item.file_size != item.compress_size:
                 raise ValueError(f"{item.filename} is packed")
