@@ -11,6 +11,7 @@ import io
 import os
 import re
 import sys
+import warnings
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any, TextIO
@@ -56,17 +57,24 @@ def terminal_of(stream: Any) -> Any:
 def printable_output() -> Iterator[None]:
     """Let everything that is printed pass a `PrintableStream`; what the locale has no letter for becomes an escape, too.
 
-    A stream that is closed swallows what is printed.
+    A stream that is closed swallows what is printed. Warnings of Python are printed as lines of ours.
     """
     before = sys.stdout, sys.stderr
     with ExitStack() as stack:
         for stream in before:
             stack.enter_context(_escaped_letters(stream))
         sys.stdout, sys.stderr = (PrintableStream(stream or _nowhere()) for stream in before)  # type: ignore[assignment]
+        stack.enter_context(warnings.catch_warnings())
+        warnings.showwarning = _warn
         try:
             yield
         finally:
             sys.stdout, sys.stderr = before
+
+
+def _warn(message: Warning | str, *_where: object, **_also: object) -> None:
+    """Print a warning of Python as all others, without the line of code that gave it."""
+    say(f"warning: {message}", err=True)
 
 
 @contextmanager

@@ -8,31 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from steel import STEEL
-
-BALLS = 'title = "four balls"\n' + STEEL + """\
-[[debris]]
-material = "steel"
-kind = "spheres"
-radius = "5 um"
-count = 4
-seed = 1
-[domain]
-size = ["80 um", "60 um"]
-[plates.lower]
-material = "steel"
-[plates.upper]
-material = "steel"
-support = "load_per_particle"
-load = "0.1 mN"
-damping = "7e-5 kg/s"
-motion = {x = {velocity = "0.5 m/s"}}
-[solver]
-distance = "0.1 um"
-settle = "1 us"
-[output]
-every = "0.05 um"
-"""
+from balls import BALLS
 
 
 @dataclass(frozen=True)
@@ -42,12 +18,6 @@ class Told:
     code: int
     out: str
     err: str
-
-
-@pytest.fixture(scope="session")
-def balls_text() -> str:
-    """The scene of four balls."""
-    return BALLS
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 
 import pytest
+from balls import BALLS
 
 import thirdbody
 
@@ -47,10 +48,10 @@ NAMES = [
 
 
 @pytest.fixture(scope="module")
-def played(tmp_path_factory, balls_text):
+def played(tmp_path_factory):
     """A folder with a run of four balls, and with files that are none of what they are taken for."""
     folder = tmp_path_factory.mktemp("absurd")
-    (folder / "scene.toml").write_text(balls_text, encoding="utf-8")
+    (folder / "scene.toml").write_text(BALLS, encoding="utf-8")
     with thirdbody.run(thirdbody.Scene.load(folder / "scene.toml"), folder / "run", threads=1, progress=False) as run:
         assert run.frames == 4
     (folder / "folder").mkdir()

@@ -150,6 +150,14 @@ def test_letters_outside_the_locale_become_escapes(encoding, balls, command, mon
     assert stream.errors == "strict"  # as it was
 
 
+def test_letters_that_the_font_of_pictures_lacks_are_one_warning(balls, command):
+    balls(('title = "four balls"', 'title = "\u4e2d\u6587\\u001b[31m"'))
+    assert command("run", "scene.toml", "-o", "run", "-q", "--threads", "1").code == 0
+    told = command("plot", "run", "-o", "p.png")
+    assert told.code == 0 and told.out == "p.png\n" and told.err.count("\n") == 1
+    assert told.err.startswith("warning: p.png: the font has no sign")
+
+
 def test_a_closed_stream_swallows_what_is_printed(balls, command, monkeypatch):
     balls()
     monkeypatch.setattr(sys, "stdout", None)

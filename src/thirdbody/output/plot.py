@@ -5,7 +5,9 @@ from __future__ import annotations
 import io
 import os
 import textwrap
-from collections.abc import Callable, Sequence
+import warnings
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -111,12 +113,25 @@ def save(figure: Figure, path: Path) -> None:
     kind, content = path.suffix.lower()[1:], io.BytesIO()
     # a date would make equal pictures differ, and so would the names of shapes; letters stay letters in PDF
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
-    with rc_context({"svg.hashsalt": "thirdbody", "pdf.fonttype": 42}):
+    with rc_context({"svg.hashsalt": "thirdbody", "pdf.fonttype": 42}), _one_warning_of_letters(path):
         figure.savefig(content, format=kind, dpi=DOTS, metadata=metadata)
     try:
         write_whole(path, content.getvalue())
     except OSError as problem:
         raise OutputError(f"{path}: cannot be written ({problem.strerror})") from problem
+
+
+@contextmanager
+def _one_warning_of_letters(path: Path) -> Iterator[None]:
+    """Replace the warnings of matplotlib, one for each letter that its font lacks, by one for all."""
+    with warnings.catch_warnings(record=True) as caught:
+        yield
+    lacking = [entry for entry in caught if "missing from font" in str(entry.message)]
+    for entry in caught:
+        if entry not in lacking:
+            warnings.warn_explicit(entry.message, entry.category, entry.filename, entry.lineno)
+    if lacking:
+        warnings.warn(f"{path}: the font has no sign for some letters, which are drawn as boxes", stacklevel=3)
 
 
 def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:

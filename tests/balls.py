@@ -1,0 +1,29 @@
+"""The scene of four balls that tests play with and spoil."""
+
+from __future__ import annotations
+
+from steel import STEEL
+
+BALLS = 'title = "four balls"\n' + STEEL + """\
+[[debris]]
+material = "steel"
+kind = "spheres"
+radius = "5 um"
+count = 4
+seed = 1
+[domain]
+size = ["80 um", "60 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+damping = "7e-5 kg/s"
+motion = {x = {velocity = "0.5 m/s"}}
+[solver]
+distance = "0.1 um"
+settle = "1 us"
+[output]
+every = "0.05 um"
+"""
