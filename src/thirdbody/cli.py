@@ -316,7 +316,13 @@ def _main() -> None:
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(130)
-    except Exception:
+    except Exception as error:
+        from .address_space import memory_shortage
+
+        shortage = memory_shortage(error)
+        if shortage is not None:
+            print(f"thirdbody: {shortage}", file=sys.stderr)
+            sys.exit(shortage.exit_code)
         import traceback
 
         traceback.print_exc()

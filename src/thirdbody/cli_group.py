@@ -37,6 +37,13 @@ class Command(TyperCommand):
                 name = str(parameter.name)
                 parameter.metavar = _METAVAR.get(name, name.upper())
 
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command. Raises MemoryShortage if this process may use too little memory for it."""
+        from .address_space import require_address_space
+
+        require_address_space()
+        return super().invoke(ctx)
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
         rows: dict[str, list[tuple[str, str]]] = {"argument": [], "option": []}
         for parameter in self.get_params(ctx):

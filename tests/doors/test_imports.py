@@ -27,7 +27,7 @@ BELOW = {
         "course", "lock", "report", "run_folder", "scene_check", "simulate",
     },  # fmt: skip
 }
-OPEN = {"errors", "cache", "child_process", "collector", "cores", "dimensions", "modules", "terminal"}
+OPEN = {"address_space", "errors", "cache", "child_process", "collector", "cores", "dimensions", "modules", "terminal"}
 # `plugin` is the facade of the contract: it may show what plug-ins need and nothing above it
 FACADE = {"bodies", "engine", "errors", "kernels", "laws", "scene"}
 

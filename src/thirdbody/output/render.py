@@ -205,7 +205,7 @@ def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | 
         if done.returncode == 1 and "Traceback" in done.stderr:
             raise RuntimeError(f"drawing failed:\n{done.stderr}")
         crash = f"{kind or 'VTK'} ended with code {done.returncode}"
-    raise MissingLibrary(f"VTK cannot draw without a screen here ({crash}): {ADVICE}")
+    raise MissingLibrary(f"VTK cannot draw without a screen here ({crash}): {ADVICE}{limit_hint()}")
 
 
 def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> subprocess.CompletedProcess[str]:
