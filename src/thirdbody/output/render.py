@@ -17,6 +17,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
+from thirdbody.address_space import limit_hint
 from thirdbody.child_process import python_command, python_environment
 from thirdbody.errors import InputError, MissingLibrary, OutputError, ThirdbodyError, nearest
 from thirdbody.output.film_progress import DRAWN, FilmReporter, film_reporter
