@@ -93,7 +93,8 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
     above = [folder for folder in path.absolute().parents if not os.path.exists(folder)]
     new = not path.exists()
     try:
-        _make(path, parents=True)
+        if new:
+            _make(path)
         with held(path), _files_of_new_run(path) as files:
             yield files
     finally:
@@ -108,7 +109,8 @@ def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
     _remove_leftovers(path)
     replaced = any((path / name).exists() for name in FILES)
     files = RunFolder(path, path / REPLACEMENT if replaced else path, usable=False)
-    _make(files.place)
+    if replaced:
+        _make(files.place)
     try:
         yield files
     except OutputError as error:
@@ -121,9 +123,9 @@ def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
             _remove_leftovers(path)
 
 
-def _make(folder: Path, parents: bool = False) -> None:
+def _make(folder: Path) -> None:
     try:
-        folder.mkdir(parents=parents, exist_ok=True)
+        folder.mkdir(parents=True)
     except OSError as error:
         raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
 
@@ -212,13 +214,21 @@ def _is_ours(path: Path) -> bool:
 
 
 def _is_replacement(folder: Path) -> bool:
-    """Whether a folder holds nothing but what a killed run was about to put in place."""
-    return not folder.is_symlink() and folder.is_dir() and all(_is_ours(folder / name) for name in _names(folder))
+    """Whether a folder holds nothing but what a run was about to put in place."""
+    try:
+        return not folder.is_symlink() and all(_is_ours(folder / name) for name in os.listdir(folder))
+    except FileNotFoundError:  # another process has removed it since it was listed
+        return True
+    except OSError:
+        return False
 
 
 def _is_plain(path: Path) -> bool:
-    """Whether it is a file, and no link to one."""
-    return stat.S_ISREG(os.lstat(path).st_mode)
+    """Whether it is a file, and no link to one; also if it is gone, as files are that a run is writing."""
+    try:
+        return stat.S_ISREG(os.lstat(path).st_mode)
+    except FileNotFoundError:
+        return True
 
 
 def _listed(names: list[str]) -> str:

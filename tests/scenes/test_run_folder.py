@@ -13,7 +13,7 @@ import pytest
 from steel import STEEL
 
 import thirdbody
-from thirdbody import take_up
+from thirdbody import run_folder, take_up
 from thirdbody.checkpoint import FILE as CHECKPOINT
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.output.vtkhdf import TrajectoryWriter
@@ -256,6 +256,14 @@ def test_a_folder_that_is_renamed_while_the_run_writes(finished, tmp_path, every
     if then != "removed":
         with thirdbody.resume(moved, progress=False, threads=1) as run:
             assert run.frames == 3 and run.summary()["finished"]
+
+
+def test_files_that_another_process_is_writing_come_and_go(old, monkeypatch):
+    """Between listing a folder and looking at what is in it."""
+    listed = os.listdir
+    gone = [f"{CHECKPOINT}.part", REPLACEMENT]
+    monkeypatch.setattr(run_folder.os, "listdir", lambda path: [*listed(path), *gone] if Path(path) == old else listed(path))
+    run_folder.refuse_existing(old, overwrite=True)
 
 
 KILLED = """\

@@ -69,12 +69,13 @@ def refuse_existing_study(folder: Path, overwrite: bool) -> None:
         raise OutputError(f"{folder}: exists already; --overwrite replaces it, -o names another folder")
     if not folder.is_dir():
         raise OutputError(f"{folder}: is not the folder of a study and will not be overwritten")
-    others = _other_files(folder)
+    with _told(folder):
+        names, others = os.listdir(folder), _other_files(folder)
     if others:
         more = f" and {len(others) - NAMED} more" if len(others) > NAMED else ""
         named = ", ".join(others[:NAMED]) + more
         raise OutputError(f"{folder}: holds other files than those of a study ({named}) and will not be overwritten")
-    if os.listdir(folder) and not any(os.path.lexists(folder / name) for name in (RUNGS, REPLACEMENT, *RESULTS)):
+    if names and not {RUNGS, REPLACEMENT, *RESULTS} & set(names):
         raise OutputError(f"{folder}: is not the folder of a study (it has no {RUNGS}) and will not be overwritten")
 
 
