@@ -15,6 +15,7 @@ from thirdbody.checkpoint import read_checkpoint
 from thirdbody.errors import InputError
 from thirdbody.scene import units
 from thirdbody.scene.model import Scene
+from thirdbody.scene.timetable import rows_of
 
 TAIL = """
 [domain]
@@ -62,6 +63,13 @@ def test_a_table_of_too_many_rows_is_refused_before_it_is_split(tmp_path):
     (tmp_path / "b.csv").write_bytes(text + b"1,1,1,1,1\n" * 1_000_001)
     with pytest.raises(InputError, match="b.csv: has 1000001 rows, at most 1000000 spheres are read from one file"):
         load_bodies(tmp_path / "b.csv", units.parse)
+
+
+def test_a_motion_of_too_many_rows_is_refused_before_it_is_split(tmp_path):
+    (tmp_path / "m.csv").write_bytes(b"time (us), displacement (um)\n" + b"1,1\n" * 1_000_000)
+    scene = Scene.parse(STEEL + BALL + TAIL, folder=tmp_path)
+    with pytest.raises(InputError, match="is too large: at most 1000000 rows and 100 MB are read"):
+        rows_of(scene, ("plates", "upper", "motion", "x", "table"), "m.csv", "displacement", "length")
 
 
 def test_values_that_are_wrong_by_the_thousand_are_counted(tmp_path):

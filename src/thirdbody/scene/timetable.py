@@ -6,12 +6,15 @@ import csv
 import math
 from collections.abc import Callable
 
-from ..bodies.files import read_bytes
+from ..bodies.files import MOST_ROWS, read_bytes
 from ..errors import InputError
 from . import units
 from .model import Scene
 
 Fault = Callable[[str], InputError]
+
+MOST_BYTES = 100 * MOST_ROWS
+"""Bytes of the largest file: rows of two numbers of 15 digits have half of it."""
 
 
 def rows_of(scene: Scene, place: tuple, file: str, word: str, dimension: str) -> list[tuple[float, float]]:
@@ -25,9 +28,13 @@ def rows_of(scene: Scene, place: tuple, file: str, word: str, dimension: str) ->
         return InputError(scene.fault(place, f"{path}: {message}"))
 
     try:
-        text = read_bytes(path).decode("utf-8-sig")
+        data = read_bytes(path)
     except InputError as error:
         raise InputError([scene.fault(place, str(entry)) for entry in error.faults]) from None
+    if len(data) > MOST_BYTES or max(data.count(b"\n"), data.count(b"\r")) > MOST_ROWS:
+        raise fault(f"is too large: at most {MOST_ROWS} rows and {MOST_BYTES / 1e6:.0f} MB are read")
+    try:
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise fault(f"is not UTF-8 text ({error.reason} at byte {error.start})") from None
     lines = _lines(text, fault)
