@@ -57,8 +57,18 @@ class Worker:
         return code, text
 
 
+@pytest.fixture(scope="module")
+def compiled(sound: dict[str, Path], tmp_path_factory: pytest.TempPathFactory) -> None:
+    """What sound files need is compiled, which takes more time and memory than the limits allow."""
+    folder = tmp_path_factory.mktemp("compiled")
+    commands = [["check", str(scene_of(folder, T.BALLS))]]
+    commands += [["resume", str(RUNS.copied(run, folder / kind)), "--quiet"] for kind, run in sound.items()]
+    for words in commands:
+        subprocess.run([sys.executable, "-m", "thirdbody", *words], check=True, stdout=subprocess.DEVNULL, cwd=folder)
+
+
 @pytest.fixture
-def worker(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Worker]:
+def worker(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, compiled: None) -> Iterator[Worker]:
     """A worker whose commands find what was compiled before."""
     monkeypatch.chdir(tmp_path)
     made = Worker()
