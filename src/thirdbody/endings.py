@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 LOAD = 0.1
 """Deviation of the mean force on the upper plate from its load that is told of, as a share of the load."""
 
+ROLLING = 0.02
+"""Share of bodies that roll at once from which it is said that inertia decides where they come to rest."""
+
 CARRIED = 0.5
 """Share of its load below which a patch counts as carried by nothing."""
 
@@ -64,10 +67,17 @@ def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
             f"over the last output interval the debris carried {ratio:.2f} times the load on the upper plate: the difference "
             "accelerates the plate's mass, which still bounces; more plates.upper.damping or a slower motion keeps it in contact"
         )
+    rolling = told.get("largest_fraction_rolling", 0.0)
+    if left is not None and rolling > ROLLING:
+        yield (
+            f"up to {100.0 * rolling:.0f} % of the bodies rolled or tipped at once, without inertia: where a body that tips "
+            "comes to rest depends on its momentum, so some may end in another seat than with inertia, and the friction of "
+            "few bodies may differ by some per cent"
+        )
     if left:
         yield (
-            f"at the end {left} of {told['bodies']} patches of the upper plate carry less than {CARRIED:g} of their load: their "
-            "dashpots do, or their bodies are gone; lower plates.upper.damping or the speed, or leave solver.inertia out"
+            f"at the end {left} of {told['bodies']} patches of the upper plate carry less than {CARRIED:g} of their load: "
+            "their dashpots do, or their bodies are gone; lower plates.upper.damping or the speed, or leave solver.inertia out"
         )
 
 

@@ -266,10 +266,13 @@ class Run:
         pressure at first yield, `assumed` yield strength or not), `energy_numerical_share` (what the implicit integrator itself
         lost, below zero: made, divided as the residual), `load_ratio` (mean force on the upper plate over its load, last
         interval), of implicit runs `steps_limited_by` (cause to steps), and of quasi-static ones `patches_not_carried` (how many
-        at the end). Figures that the run has no series for are absent.
+        at the end) and `largest_fraction_rolling` (of all frames). Figures that the run has no series for are absent.
         """
         stored = self._steady("", lambda: dict(self._text(SUMMARY_TEXT)) if SUMMARY_TEXT in self._scene else None)
         told = self._figures() | {"finished": stored is not None} | (stored or {})
+        rolling = self.series.get("fraction_rolling", ())
+        if told.get("patches_not_carried") is not None and len(rolling):
+            told["largest_fraction_rolling"] = float(np.max(rolling))
         verdict = energy_verdict(told, str(self.header.get("scene_text", "")))
         return told if verdict is None else told | {"energy_verdict": verdict}
 
