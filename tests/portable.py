@@ -20,6 +20,7 @@ def drawn(picture: Path) -> float:
 
 
 def processor_seconds(process: int) -> float:
-    """Time that a running process and its threads have had of the processor, s; from Linux' /proc."""
+    """Time that a running process, its threads and the children that it has waited for have had of the processor, s; from Linux'
+    /proc."""
     fields = Path(f"/proc/{process}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")

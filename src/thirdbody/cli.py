@@ -277,7 +277,8 @@ def _execute(built: Any, folder: Path, quiet: bool, json: bool, **options: Any) 
                 execute(built, folder, report=report, stop=stop, **options)
         except (GuardStop, Interrupted) as error:
             problem = error
-        run_report(folder, json)
+        if getattr(problem, "advanced", True):
+            run_report(folder, json)
         if problem is not None:
             raise problem
 

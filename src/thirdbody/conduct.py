@@ -127,12 +127,22 @@ class Conduct:
         if now - self.written > max(self.every, SHARE * self.cost):
             self.keep()
 
+    def stop_before_going_on(self) -> None:
+        """While what an earlier part has written is read and copied: a signal leaves it, and its checkpoint, as they are."""
+        if self.stop():
+            error = self._interrupted("interrupted before it went on; its checkpoint and frames are as they were")
+            error.advanced = False
+            raise error
+
     def _leave(self, why: str) -> None:
         self.keep()
-        when, frames = f"{why} at t = {self.simulation.state.time:.6g} s", self.writer.frames
+        raise self._interrupted(f"{why} at t = {self.simulation.state.time:.6g} s; {self.writer.frames} frames are kept")
+
+    def _interrupted(self, what: str) -> Interrupted:
+        """The error that says how to go on."""
         folder = str(self.folder)
-        raise Interrupted(
-            f"{when}; {frames} frames are kept",
+        return Interrupted(
+            what,
             python=f"; to go on: thirdbody.resume({folder!r})",
             command=f"; to go on: thirdbody resume {quote(folder)}",
         )

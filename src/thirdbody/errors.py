@@ -110,6 +110,8 @@ class Interrupted(ThirdbodyError):
     """The user or the system asked the run to end; what it had computed is kept."""
 
     exit_code = 130
+    advanced = True
+    """False for a run that was asked to end again before it was taken up: it is what it was."""
 
 
 class OutputError(ThirdbodyError):

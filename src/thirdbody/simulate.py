@@ -19,7 +19,7 @@ from .collector import resting
 from .conduct import CHECKPOINT_EVERY, Conduct
 from .endings import endings
 from .errors import GuardStop, Interrupted, OutputError, UsageError
-from .output.frames import UNITS, FrameMaker
+from .output.frames import UNITS
 from .output.paraview import write_paraview_files
 from .output.run import FILE_NAME, Run, open_run
 from .output.target import write_whole
@@ -123,8 +123,8 @@ def _execute(
         conduct.take_up(kept)
         if kept.frames:
             with open_run(files.path) as before:
-                conduct.pressure.take_up(before, kept.frames)
-    with _opened(files, run_header(simulation), conduct.maker, kept) as writer:
+                conduct.pressure.take_up(before, kept.frames, conduct.stop_before_going_on)
+    with _opened(files, run_header(simulation), conduct, kept) as writer:
         try:
             conduct.integrate(writer)
         except (GuardStop, Interrupted) as error:
@@ -137,9 +137,9 @@ def _execute(
 
 
 @contextmanager
-def _opened(files: RunFolder, header: dict[str, Any], maker: FrameMaker, kept: Checkpoint | None) -> Iterator[TrajectoryWriter]:
+def _opened(files: RunFolder, header: dict[str, Any], conduct: Conduct, kept: Checkpoint | None) -> Iterator[TrajectoryWriter]:
     """The writer of a run, with the files beside it."""
-    with _writer(files, header, maker, kept) as writer:
+    with _writer(files, header, conduct, kept) as writer:
         try:
             write_whole(files.place / SCENE_FILE, header["scene_text"].encode())
             write_paraview_files(files.place / FILE_NAME, header["state_names"])
@@ -148,15 +148,16 @@ def _opened(files: RunFolder, header: dict[str, Any], maker: FrameMaker, kept: C
         yield writer
 
 
-def _writer(files: RunFolder, header: dict[str, Any], maker: FrameMaker, kept: Checkpoint | None) -> TrajectoryWriter:
+def _writer(files: RunFolder, header: dict[str, Any], conduct: Conduct, kept: Checkpoint | None) -> TrajectoryWriter:
     """A new trajectory, or the one that the checkpoint belongs to, cut back to its frames."""
     path = files.path / FILE_NAME
     if kept is None or not kept.frames:
-        return TrajectoryWriter(files.place / FILE_NAME, header, maker.static(), (path, 0))
+        return TrajectoryWriter(files.place / FILE_NAME, header, conduct.maker.static(), (path, 0))
     with open_run(path) as before:
         # what was told of an earlier part still holds for it
         told = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
-    return TrajectoryWriter.resume(path, kept.frames, header | {"warnings": [*told, *header["warnings"]]})
+    header = header | {"warnings": [*told, *header["warnings"]]}
+    return TrajectoryWriter.resume(path, kept.frames, header, conduct.stop_before_going_on)
 
 
 def check_threads(threads: int | None) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,9 +27,10 @@ class PeakPressure:
         self.limits = np.array([[yield_limit(a, b).pressure for b in self.materials] for a in self.materials])
         self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
 
-    def take_up(self, run: Run, frames: int) -> None:
-        """Look at the first frames of a run that is gone on with."""
+    def take_up(self, run: Run, frames: int, between: Callable[[], None] = lambda: None) -> None:
+        """Look at the first frames of a run that is gone on with; `between` is called before every one of them."""
         for frame in range(min(frames, run.frames)):
+            between()
             self.look(run.contacts(frame))
 
     def look(self, contacts: Mapping[str, np.ndarray]) -> None:

@@ -152,3 +152,24 @@ def test_check_says_that_it_could_write_no_frame(tmp_path, monkeypatch):
     assert told["estimated_wall_time"] == told["estimated_step_time"] > 0.0
     assert [text for text in told["warnings"] if text.startswith("the time of frames is not in the estimate")]
     assert "they take" not in str(told)
+
+
+def test_a_stop_is_heard_while_earlier_frames_are_copied(tmp_path):
+    """`resume` copies the trajectory, which takes minutes where it has a hundred thousand frames."""
+    wanted, cut = scene(output_every="1 nm", solver_distance="20 nm"), tmp_path / "cut"
+    execute(prepare(wanted), tmp_path / "whole")
+    counter = itertools.count()
+    with pytest.raises(Interrupted):
+        execute(prepare(wanted), cut, stop=lambda: next(counter) > 100)
+    before = {path.name: path.read_bytes() for path in cut.iterdir()}
+    for looks in (1, 15):  # while frames are read, while they are copied
+        simulation, kept = prepare_resume(cut)
+        assert kept.frames > 8
+        counter = itertools.count(1)
+        with pytest.raises(Interrupted, match="before it went on") as stopped:
+            execute(simulation, cut, kept=kept, stop=lambda: next(counter) >= looks)  # noqa: B023
+        assert not stopped.value.advanced
+        assert {path.name: path.read_bytes() for path in cut.iterdir()} == before
+    simulation, kept = prepare_resume(cut)
+    execute(simulation, cut, kept=kept)
+    assert differences(tmp_path / "whole", cut) == []

@@ -26,7 +26,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -88,12 +88,15 @@ class TrajectoryWriter:
         self._units: Mapping[str, str] = header["units"]
 
     @classmethod
-    def resume(cls, path: str | Path, frames: int, header: Mapping[str, Any] | None = None) -> TrajectoryWriter:
+    def resume(
+        cls, path: str | Path, frames: int, header: Mapping[str, Any] | None = None, between: Callable[[], None] = lambda: None
+    ) -> TrajectoryWriter:
         """A writer that goes on after the first `frames` frames of an existing file; the others are dropped.
 
         The committed frames are copied to a fresh file which then takes the old one's place: the index of a
         killed run's file may hold entries of frames that were never committed, and is not safe to write to.
         `header` replaces the old one's texts; the summary of a run that had come to its end is dropped.
+        `between` is called before every frame that is copied; what it raises leaves the file as it was.
         Raises InputError when the file is no run or has fewer frames.
         """
         from thirdbody.output.run import open_run
@@ -109,6 +112,7 @@ class TrajectoryWriter:
                     raise InputError(f"{path}: has {old.frames} frames, cannot go on after frame {frames}")
                 with cls(fresh, header or old.header, old.static_arrays(), (path, old.frames)) as new:
                     for number in range(frames):
+                        between()
                         new.append(old.stored_frame(number))
                     new.sync()  # the checkpoint, which is on the disk, asks for these frames
             with writer._told():
