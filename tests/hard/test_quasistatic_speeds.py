@@ -1,4 +1,4 @@
-"""Twenty runs without inertia from 1 mm/s to 10 m/s: as with inertia within 1 %, refused, stopped, or reported."""
+"""Twenty runs without inertia from 1 mm/s to 10 m/s: as with inertia within 1 %, refused, warned of, or reported."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 import thirdbody
 from thirdbody.endings import ending_warnings
 from thirdbody.errors import GuardStop, InputError
+from thirdbody.simulate import prepare
 
 pytestmark = pytest.mark.hard
 
@@ -64,8 +65,7 @@ def friction(run):
 def reported(run):
     """Whether the run says that something is wrong."""
     told = run.summary()
-    words = [text for text in run.header["warnings"] if "solver.inertia" in text]
-    return bool(words or told.get("energy_verdict") or list(ending_warnings(told)))
+    return bool(told.get("energy_verdict") or list(ending_warnings(told)))
 
 
 @pytest.mark.parametrize("speed", SPEEDS)
@@ -74,6 +74,9 @@ def test_no_speed_is_wrong_in_silence(case, speed, tmp_path):
     make, scene = CASES[case]
     try:
         quiet = make(scene, speed, **{"solver.inertia": "false"})
+        if any("inertial number" in text for text in prepare(quiet).warnings):
+            print(f"{case} {speed:g} m/s: warned of before it starts")  # such a run may take a long time, too
+            return
         without = thirdbody.run(quiet, out=tmp_path / "without", threads=1, progress=False)
     except InputError as refused:
         assert "inertial number" in str(refused)
