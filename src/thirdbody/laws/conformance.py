@@ -94,8 +94,11 @@ def declaration_faults(law: Law) -> list[str]:
         faults.append("a history name stands twice")
     for option in law.options:
         values = option.default if isinstance(option.default, Sequence) else [option.default]
-        if isinstance(option.default, str) or option.words:
-            faults.append(f"option '{option.name}' of a contact law is a word: kernels take numbers")
+        if option.words:
+            if option.default not in option.words:
+                faults.append(f"the default of option '{option.name}' is none of its words")
+        elif isinstance(option.default, str):
+            faults.append(f"the default of option '{option.name}' is a text, but the option has no words")
         elif any(x is not None and not option.low <= float(x) <= option.high for x in values):
             faults.append(f"the default of option '{option.name}' is outside its own range")
     return faults

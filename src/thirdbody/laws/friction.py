@@ -1,10 +1,85 @@
-"""What every tangential law with Coulomb's limit shares: the derivative of a trial force that is scaled back onto the limit."""
+"""What the tangential laws with one spring and Coulomb's limit share: the memory of the spring, and the derivative of a trial
+force that is scaled back onto the limit.
+
+A contact remembers the tangential force T and the elastic energy U of its field of displacements. With the stiffness 2 G* a of a
+uniform displacement they tell the radius a_c = T^2/(4 G* U) that carries the force: slip over a patch that has grown since is
+added at equal force and equal energy. A patch that shrinks loses force only once it is smaller than a_c, so cycles of the load
+release their share once, not again in every cycle (physics: tangential memory). With a uniform field, U = T^2/(4 G* a), this is
+the rescaled force of Thornton and Randall (1988), which takes the field as uniform after every step.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-from .contract import kernel
+from .contract import Option, Options, kernel
+
+MEMORY = Option(
+    "memory",
+    "dimensionless",
+    "two_number",
+    words=("two_number", "rescaled"),
+    doc="'two_number': force and energy; 'rescaled': the force alone, as in LAMMPS: every cycle of load loses a part of it",
+)
+
+
+def keeps(options: Options) -> float:
+    """Share of the energy of a non-uniform field that a contact remembers: 1, or 0 for the rescaled force."""
+    return 0.0 if options.get("memory", MEMORY.default) == "rescaled" else 1.0
+
+
+class Spring(NamedTuple):
+    """A spring after a step: force on the owner, N; slip at the limit, m; elastic energy and what was dissipated, J."""
+
+    x: float
+    y: float
+    slip: float
+    stored: float
+    dissipated: float
+
+
+@kernel
+def stretched(slip_x, slip_y, memory, stiffness, limit, keeps):
+    """A spring of this stiffness (N/m) after a slip (m), from its memory (T_x, T_y, U), cut at the `limit` (N).
+
+    kept = min(1, 2 k U/T^2) of force and energy fit into the patch. X = U - T^2/(2 k) is what the field holds beyond a uniform
+    one of the same force: slip leaves it as it is, the limit takes its share of it. Dissipated are the energy of lost area, that
+    share, and the work of the slip at the limit, so the balance is exact: U + (T'^2 - T^2)/(2 k) + L slip = U' + dissipated.
+    """
+    x_old, y_old, energy = memory
+    square = max(x_old * x_old + y_old * y_old, 1e-150)
+    firm = max(stiffness, 1e-150)
+    inverse = 1.0 / (firm * square)  # one division for two
+    compliance = inverse * square
+    kept = min(2.0 * stiffness * energy * inverse * firm, 1.0)
+    x_kept, y_kept = kept * x_old, kept * y_old
+    uniform = 0.5 * (x_kept * x_kept + y_kept * y_kept) * compliance
+    beyond = keeps * max(kept * energy - uniform, 0.0)
+    x_try, y_try = x_kept - stiffness * slip_x, y_kept - stiffness * slip_y
+    size = math.sqrt(x_try * x_try + y_try * y_try)
+    back = limit / max(size, max(limit, 1e-300))
+    x, y = back * x_try, back * y_try
+    slip = (1.0 - back) * size * compliance
+    left = back * back * beyond
+    stored = 0.5 * (x * x + y * y) * compliance + left
+    return Spring(x, y, slip, stored, energy - uniform - left + back * size * slip)
+
+
+@kernel
+def stretched_tangent(slip_x, slip_y, memory, stiffness, stiffness_rate):
+    """The trial force of `stretched` and its derivative by the overlap: x, y (N), x_rate, y_rate (N/m)."""
+    x_old, y_old, energy = memory
+    square = max(x_old * x_old + y_old * y_old, 1e-150)
+    share = 2.0 * energy / square
+    whole = stiffness * share >= 1.0
+    kept, rate = (1.0, 0.0) if whole else (stiffness * share, stiffness_rate * share)
+    return (
+        kept * x_old - stiffness * slip_x,
+        kept * y_old - stiffness * slip_y,
+        rate * x_old - stiffness_rate * slip_x,
+        rate * y_old - stiffness_rate * slip_y,
+    )
 
 
 @kernel
