@@ -130,7 +130,7 @@ def _law_options(scene: Scene, family: LawFamily, laws: Sequence[Law], faults: l
             continue
         owners = [level for level, laws in family.levels.items() if any(o.name == key for law in laws for o in law.options)]
         if owners:
-            message = f'belongs to level = "{owners[0]}"'
+            message = "belongs to level = " + " or ".join(f'"{owner}"' for owner in owners)
         else:
             message = f"unknown key for this law and level, {nearest(key, known | {'law', 'level', 'debris_contact'})}"
         faults.append(scene.fault(("contact", key), message))
