@@ -77,29 +77,36 @@ def slipping(w, back, n):
 
 @helper
 def segment(w, n, spacing, radius, before, after, slip_x, slip_y, bound, back):
-    """One straight piece of the path, overlap from `before` to `after`; returns (slipped work, lost squares, slip of the middle).
+    """One straight piece of the path, overlap from `before` to `after`; returns (heat of friction, slip of the middle).
 
-    The work is sum w . (slip of the spring), in m2: times stiffness it is the energy that friction takes. `back` is scratch.
-    Two loops, each without branches or sums over the expensive part, so that the compiler does several springs at once.
+    The heat of a spring is int b |d(slip)| with its limit b, in m2: times the stiffness of a spring it is energy. A spring slides
+    from where it meets the limit, at b_t; limit and way being linear in time, the mean of the limit is that of b_t and its end.
+    That is exact for a spring that moves along one line, turning round or not, and of second order in the angle of a step else.
+    A spring that leaves the patch slides before it does, as its limit falls to nothing. `back` (3 n,) is scratch. Two loops, the
+    expensive one without branches or sums, so that the compiler does several springs at once.
     """
-    rise = max(after - before, 1e-300)
+    per_rise = 1.0 / max(abs(after - before), 1e-300)
     cell = spacing * spacing / 12.0
     for i in range(n):
         x = (i + 0.5) * spacing
         gap = (x * x + cell) / radius
-        depth = max(after - gap, 0.0)
-        share = 1.0 if before > gap else depth / rise
-        x_try, y_try = w[i] - share * slip_x, w[n + i] - share * slip_y
+        depth, old_depth = max(after - gap, 0.0), max(before - gap, 0.0)
+        share = 1.0 if min(depth, old_depth) > 0.0 else min((depth + old_depth) * per_rise, 1.0)
+        x_old, y_old = w[i], w[n + i]
+        x_try, y_try = x_old - share * slip_x, y_old - share * slip_y
         size, limit = math.sqrt(x_try * x_try + y_try * y_try), bound * depth
         back[i] = limit / max(size, limit, 1e-300)
         back[n + i] = size
-        back[2 * n + i] = 0.0 if depth > 0.0 else w[i] * w[i] + w[n + i] * w[n + i]
         w[i], w[n + i] = back[i] * x_try, back[i] * y_try
-    work, lost = 0.0, 0.0
+        start = (x_old * x_try + y_old * y_try) / max(size, 1e-300)
+        far, room = max(size - limit, 0.0), max(bound * old_depth - start, 0.0)
+        # b_t is read off the spring: the limit before the step has no digits left for huge friction
+        met = start + (size - start) * (room / max(room + far, 1e-300))
+        back[2 * n + i] = 0.5 * (met + limit) * far
+    heat = 0.0
     for i in range(n):
-        work += back[i] * back[n + i] * (1.0 - back[i]) * back[n + i]
-        lost += back[2 * n + i]
-    return work, lost, (1.0 - back[0]) * back[n]
+        heat += back[2 * n + i]
+    return heat, (1.0 - back[0]) * back[n]
 
 
 @kernel
@@ -124,15 +131,15 @@ def springs(c, load, p, h, w, w_new):
     end = (n * spacing) * (n * spacing) / c.radius
     while c.overlap > end:
         share = (end - done) / (c.overlap - before)
-        work, lost, middle = segment(w_new, n, spacing, c.radius, done, end, share * c.slip_x, share * c.slip_y, bound, scratch)
+        heat, middle = segment(w_new, n, spacing, c.radius, done, end, share * c.slip_x, share * c.slip_y, bound, scratch)
         stored = p.g_star * spacing * squares(w_new)
         merge(w_new, n)
-        energy += p.g_star * spacing * (2.0 * work + lost) + stored - 2.0 * p.g_star * spacing * squares(w_new)
+        energy += 2.0 * p.g_star * spacing * heat + stored - 2.0 * p.g_star * spacing * squares(w_new)
         spacing, done, slip = 2.0 * spacing, end, slip + middle
         end = (n * spacing) * (n * spacing) / c.radius
     share = (c.overlap - done) / (c.overlap - before) if done > before else 1.0
-    work, lost, middle = segment(w_new, n, spacing, c.radius, done, c.overlap, share * c.slip_x, share * c.slip_y, bound, scratch)
-    energy += p.g_star * spacing * (2.0 * work + lost)
+    heat, middle = segment(w_new, n, spacing, c.radius, done, c.overlap, share * c.slip_x, share * c.slip_y, bound, scratch)
+    energy += 2.0 * p.g_star * spacing * heat
     if kept < 1.0 and spacing == h[1]:
         energy += (1.0 - kept) * (1.0 - kept) * p.g_star * spacing * slipping(w, scratch, n)
     x, y = 0.0, 0.0

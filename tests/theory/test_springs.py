@@ -73,8 +73,8 @@ def test_reversal_and_loop():
             # 256 to 512 springs carry the patch: 2e-6
             assert -answer.x == pytest.approx(-sign * branch, abs=4e-6 * LIMIT)
     assert -answer.x == pytest.approx(top, abs=4e-6 * LIMIT)
-    # the law's own dissipation, step by step of the first order
-    assert work == pytest.approx(theory.mindlin_loop_work(top / LIMIT) * LIMIT * CRITICAL, rel=0.02)
+    # the 256 springs and more that carry the patch miss 1e-5 of the small area that slips
+    assert work == pytest.approx(theory.mindlin_loop_work(top / LIMIT) * LIMIT * CRITICAL, rel=1e-4)
 
 
 def test_a_straight_step_is_a_hundred():
@@ -86,6 +86,46 @@ def test_a_straight_step_is_a_hundred():
         a, b = one.move(overlap, slip), hundred.straight(overlap, slip, 100)
         assert a.x == pytest.approx(b.x, abs=1e-13 * MU * theory.hertz_force(E_STAR, RADIUS, 0.02))
     assert one.w == pytest.approx(hundred.w, abs=1e-15)
+
+
+MUCH = [0.0, 0.1, 0.3, 10.0, 1e3, 1e6]
+"""Coefficients of friction. With a large one springs slide only where the edge of the patch reaches them, at a limit that falls
+to nothing within a part of a step."""
+
+
+@pytest.mark.parametrize("mu", MUCH)
+def test_the_heat_of_a_straight_step_is_that_of_a_hundred(mu):
+    """Along a line, with springs that touch, turn round, slide and leave: what friction takes does not depend on the step."""
+    rng = np.random.default_rng(5)
+    one, hundred = Driver(32, mu), Driver(32, mu)
+    for _ in range(40):
+        overlap, slip = rng.uniform(1e-4, 0.02), rng.normal() * 3e-3
+        a = one.move(overlap, slip)
+        start, heat = hundred.h[0], 0.0
+        for k in range(1, 101):
+            heat += hundred.move(start + (overlap - start) * k / 100, slip / 100).dissipated
+        # a hundred roundings of energies of the size of E* sqrt(R) d^2.5, which is 6e-5
+        assert a.dissipated == pytest.approx(heat, rel=1e-8, abs=1e-18)
+
+
+@pytest.mark.parametrize("mu", MUCH)
+def test_heat_and_springs_take_the_work_of_an_impact(mu):
+    """An undamped oblique impact of 300 straight steps. The work is that of the mean force over the 64th part of each."""
+    coarse, fine, heat, work = Driver(32, mu), Driver(32, mu), 0.0, 0.0
+    overlap, place, force = 0.0, 0.0, 0.0
+    for k in range(1, 300):
+        to, there = 0.01 * math.sin(math.pi * k / 300), 0.005 * math.sin(2.2 * math.pi * k / 300)
+        answer = coarse.move(to, there - place)
+        heat += answer.dissipated
+        for part in range(1, 65):
+            now = fine.move(overlap + (to - overlap) * part / 64, (there - place) / 64).x
+            work -= 0.5 * (force + now) * (there - place) / 64
+            force = now
+        overlap, place = to, there
+    energy = 8.0 / 15.0 * E_STAR * 0.01**2.5
+    # the work is short of the jumps of springs that leave the patch within a part of a step
+    assert heat + answer.stored == pytest.approx(work, abs=1e-5 * energy)
+    assert mu == 0.0 or heat > 0.1 * energy
 
 
 def test_curved_paths_are_of_first_order():
