@@ -21,6 +21,7 @@ LABELLER = Labeller(
     name="three_spot",
     observe=classify.observe,
     label=classify.label,
+    label_without_effects=classify.label_without_effects,
     states=classify.STATES,
     reasons=classify.REASONS,
     margins=classify.MARGINS,

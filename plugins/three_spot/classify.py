@@ -62,7 +62,7 @@ from thirdbody.plugin import (
     O_T,
 )  # fmt: skip
 
-from .outlook import UNTOLD, write_outlook
+from .outlook import UNTOLD, write_outlook, write_plain_outlook
 from .posture import (
     ABOVE,
     BELOW,
@@ -280,6 +280,14 @@ def normal_sum(C: Array, n: int) -> float:
     return total
 
 
+@helper
+def clear(m: Array, out: Array) -> None:
+    """Write what an unloaded body gets: margins of 1, no forecast, zeros, and the length rolled so far."""
+    for k in range(OUTPUTS):
+        out[k] = 1.0 if OUT_FRICTION <= k < OUT_SIDE else 0.0
+    out[OUT_ROLLED], out[OUT_FORECAST] = m[ROLLED], UNTOLD
+
+
 @njit(error_model="numpy")
 def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
     """Write state, reason, MARGINS and EXTRAS of one body into `out` (OUTPUTS,), after `observe` at the same
@@ -287,16 +295,28 @@ def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
 
     `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` (m) grows when a window closes; `forecast` is 0
     for a body that can only roll, 1 can stick, 3 can stick or slide, 4 untold (`outlook`), with the ratios behind it.
-    Reads only: the memories stay as they are. Every number is finite. Margins come first, then the rules in
-    their order.
+    Reads only: the memories stay as they are. Every number is finite.
     """
-    for k in range(OUTPUTS):
-        out[k] = 1.0 if OUT_FRICTION <= k < OUT_SIDE else 0.0
-    out[OUT_ROLLED], out[OUT_FORECAST] = m[ROLLED], UNTOLD
-    if n == 0:
-        return
-    pose = posture(C, n)
-    write_outlook(C, n, b, pose, out, OUTLOOK)
+    clear(m, out)
+    if n > 0:
+        pose = posture(C, n)
+        write_outlook(C, n, b, pose, out, OUTLOOK)
+        write_label(C, n, b, m, pose, out)
+
+
+@njit(error_model="numpy")
+def label_without_effects(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
+    """`label` of a body on which no effect acts, to the same bits: without the linear programmes, slow to compile."""
+    clear(m, out)
+    if n > 0:
+        pose = posture(C, n)
+        write_plain_outlook(C, n, b, pose, out, OUTLOOK)
+        write_label(C, n, b, m, pose, out)
+
+
+@helper
+def write_label(C: Array, n: int, b: Array, m: Array, pose: Posture, out: Array) -> None:
+    """Write state, reason, margins and the other extras of a loaded body: margins first, then the rules in their order."""
     turn = rotation_since(b, m, REFERENCE)
     p = patch_travel(C, n, turn)
     total = normal_sum(C, n)

@@ -110,6 +110,24 @@ def required_scale(held: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> t
 
 def can_balance(held: Grasp, scale: float = 1.0, edges: int = EDGES) -> bool:
     """Whether inscribed pyramids of friction `scale` mu_i balance the wrench; `scale`/cos(pi/K) asks the circumscribed ones."""
+    return _feasible(held, _cone_rays(held, scale, edges))
+
+
+def can_slide(held: Grasp, pulls: ArrayLike, sliding: ArrayLike = True, edges: int = EDGES) -> bool:
+    """Whether spot forces balance the wrench of which those of the spots `sliding` (n,), all by default, are at their limit.
+
+    These are N_i (n_i + mu_i pull_i); `pulls` (n, 3): unit direction of the friction on the particle at each spot: along the
+    drag above, against it below. The others lie anywhere inside pyramids of `edges` edges.
+    """
+    limits = (held.normals + held.mu[:, None] * np.asarray(pulls, dtype=np.float64))[:, None, :]
+    chosen = np.broadcast_to(np.asarray(sliding, dtype=bool), (len(held.points),))
+    if chosen.all():
+        return _feasible(held, limits)
+    return _feasible(held, np.where(chosen[:, None, None], limits, _cone_rays(held, 1.0, edges)))
+
+
+def _cone_rays(held: Grasp, scale: float, edges: int) -> Array:
+    """Edges (n, k, 3) of the pyramids of friction `scale` mu_i, of normal part 1; in the plane the two edges of the cone."""
     if held.axis is not None:
         line = held.axis / np.linalg.norm(held.axis)
         ways = np.broadcast_to(np.stack([line, -line]), (len(held.points), 2, 3))
@@ -117,16 +135,7 @@ def can_balance(held: Grasp, scale: float = 1.0, edges: int = EDGES) -> bool:
         angles = 2.0 * math.pi * np.arange(edges) / edges
         first, second = _tangents(held.normals)
         ways = np.cos(angles)[:, None] * first[:, None, :] + np.sin(angles)[:, None] * second[:, None, :]
-    rays = held.normals[:, None, :] + scale * held.mu[:, None, None] * ways
-    return _feasible(held, rays)
-
-
-def can_slide(held: Grasp, pulls: ArrayLike) -> bool:
-    """Whether spot forces N_i (n_i + mu_i pull_i), all at their limit, balance the wrench.
-
-    `pulls` (n, 3): unit direction of the friction on the particle at each spot: along the drag above, against it below.
-    """
-    return _feasible(held, (held.normals + held.mu[:, None] * np.asarray(pulls, dtype=np.float64))[:, None, :])
+    return held.normals[:, None, :] + scale * held.mu[:, None, None] * ways
 
 
 def _tangents(normals: Array) -> tuple[Array, Array]:

@@ -138,8 +138,8 @@ def test_an_effect_that_is_named_adds_its_own_and_nothing_else(effect, tmp_path)
     bare, named = build(scene(), engine()), build(scene(**{f"effects__{effect}": EFFECTS[effect]}), engine())
     contact = isinstance(engine().effects[effect], Law)
     differ = {name for name, module in modules(named).items() if modules(bare)[name] != module}
-    # the stiffness stands in the module of the law, and so do tangents in one of their own
-    assert differ == ({"law", "stiffness", "tangents"} if contact else {"effects"})
+    # the stiffness stands in the module of the law, and so do tangents in one of their own; labels see forces on bodies
+    assert differ == ({"law", "stiffness", "tangents"} if contact else {"effects", "observe", "label"})
     # a rolling law has a dashpot, whose moment is remembered with the forces of the others
     own = {name for name in named.state.physics.history if name.startswith((effect, "viscous.moment"))}
     assert set(named.state.physics.history) - own == set(bare.state.physics.history)

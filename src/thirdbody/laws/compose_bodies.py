@@ -81,16 +81,17 @@ def own(function, name):
 """
 
 
-def compose_labeller(labeller: Labeller) -> tuple[Callable, Callable]:
-    """Compile `observe` and `label` behind the engine's signatures.
+def compose_labeller(labeller: Labeller, effects: bool = True) -> tuple[Callable, Callable]:
+    """Compile `observe` and `label` behind the engine's signatures; `effects`: whether some may act on bodies.
 
     The generated module takes their code over as its own: behind wrappers that call them all of it would be compiled twice.
     """
     text = "# generated: " + labeller.name + OWN
-    for name in ("observe", "label"):
-        function = plain(getattr(labeller, name))
+    chosen = labeller.label if effects else labeller.label_without_effects or labeller.label
+    for name, kernel in (("observe", labeller.observe), ("label", chosen)):
+        function = plain(kernel)
         text += f"from {function.__module__} import {function.__name__} as {name}_kernel\n"
     for name in ("observe", "label"):
         text += f'{name} = njit({name.upper()}, **OTHERS)(own({name}_kernel, "{name}"))\n'
-    module, _ = load("labeller", text, [labeller.observe, labeller.label])
+    module, _ = load("labeller", text, [labeller.observe, chosen])
     return module.observe, module.label

@@ -272,7 +272,8 @@ class Labeller:
     `observe(contacts, n, body, memory)` runs every `stride` steps and `label(contacts, n, body, memory, out)` at output
     frames, on a copy of the memory, so that output changes nothing. Columns: `thirdbody.kernels.layout`, names C_* for
     contacts and O_* for the body. `out` holds state, reason, then `margins`, then `extras`. `memory` and `contact_memory`
-    name the floats that the engine keeps per body and per contact, zero at the start.
+    name the floats that the engine keeps per body and per contact, zero at the start. `label_without_effects` may be a variant
+    of `label` that compiles faster: it is taken where no effect acts on bodies (O_EF and O_ET are zero).
     """
 
     name: str
@@ -287,6 +288,7 @@ class Labeller:
     source: str
     stride: int = 8
     codes: tuple[str, ...] = ()  # extras that are small whole numbers
+    label_without_effects: Callable | None = None
 
 
 @dataclass(frozen=True)

@@ -245,7 +245,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Ph
     parameters = np.array([[x for values in row for x in values] for row in rows], float)
     if parameters.size == 0:
         parameters = np.zeros((1, chain.width))
-    observe, label = compose_labeller(labeller or NO_LABELS)
+    observe, label = compose_labeller(labeller or NO_LABELS, bool(effects))
     return Physics(
         law=chain.law,
         stiffness=chain.stiffness,
