@@ -351,7 +351,7 @@ def test_a_kill_at_any_call_leaves_the_old_run_or_the_new_one(finished, tmp_path
 WRITTEN = (*FILES, f"{CHECKPOINT}.part", "run.vtkhdf.part", f".scene.toml.{os.getpid()}.part")
 
 
-@pytest.mark.parametrize("name", WRITTEN)
+@pytest.mark.parametrize("name", WRITTEN, ids=range(len(WRITTEN)))  # one of them bears the number of the process
 def test_a_link_in_a_folder_that_is_resumed_is_refused(cut, tmp_path, name):
     victim = tmp_path / "victim"
     if (cut / name).exists():
@@ -366,7 +366,7 @@ def test_a_link_in_a_folder_that_is_resumed_is_refused(cut, tmp_path, name):
     assert victim.read_bytes() == before and (cut / name).is_symlink()
 
 
-@pytest.mark.parametrize("name", [name for name in WRITTEN if name != CHECKPOINT])
+@pytest.mark.parametrize("name", [name for name in WRITTEN if name != CHECKPOINT], ids=range(len(WRITTEN) - 1))
 def test_nothing_is_written_through_a_link_that_appears_later(cut, tmp_path, monkeypatch, name):
     """After the folder was looked at: files are made anew and renamed, never opened by a name that may be a link."""
     victim = tmp_path / "victim"
