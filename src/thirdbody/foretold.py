@@ -52,12 +52,14 @@ def _judged_closer(run: Run, start: int, watched: np.ndarray, known: np.ndarray)
     """What explains an agreement: the count outside the band, with and without neighbours, and the conditions of the run.
 
     Keys: `clear` and `alone`, (agree, told) of the bodies outside the 2 % band and of those that meanwhile touch no other;
-    `conditions`, a list of dictionaries.
+    `turned`, the first of these by the plain fact of `_turned` instead of the labels; `conditions`, a list of dictionaries.
     """
     drawn, bodies = forecasts(run), run.bodies(start)
     alone = ~touches_others(run, watched)[drawn.body]
     friction = _friction(run)[bodies["material"]]
+    plain = _turned(run, start, watched)[drawn.body] != drawn.slides
     return {
+        "turned": [int((plain & drawn.clear).sum()), int(drawn.clear.sum())],
         "clear": [int((drawn.as_told & drawn.clear).sum()), int(drawn.clear.sum())],
         "alone": [int((drawn.as_told & drawn.clear & alone).sum()), int((drawn.clear & alone).sum())],
         "conditions": [condition._asdict() for condition in conditions(run, start, watched, known, friction)],
@@ -122,6 +124,21 @@ def _rolled(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
         members = last == frame
         rolled[members] |= (run.bodies(int(frame))["rolled_distance"] > before)[members]
     return rolled
+
+
+def _turned(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
+    """Whether each body (B,) turned by more than a/R, of its largest contact, at some time of its first 40 a of drag."""
+    contacts, first = run.contacts(start), run.bodies(start)["quaternion"]
+    ratio, largest = np.zeros(len(first)), np.zeros(len(first))
+    np.maximum.at(largest, contacts["body"], contacts["contact_radius"])
+    loaded = (contacts["contact_radius"] > 0.0) & (contacts["contact_radius"] == largest[contacts["body"]])
+    ratio[contacts["body"][loaded]] = contacts["overlap"][loaded] / contacts["contact_radius"][loaded]  # a/R, as a^2 = R overlap
+    turned = np.zeros(len(first), bool)
+    for frame in np.flatnonzero(watched.any(axis=1)):
+        now = run.bodies(int(frame))["quaternion"]
+        apart = np.minimum(np.linalg.norm(now - first, axis=1), np.linalg.norm(now + first, axis=1))  # q and -q are the same
+        turned |= watched[frame] & (4.0 * np.arcsin(np.minimum(0.5 * apart, 1.0)) > ratio)
+    return turned
 
 
 def _watched(run: Run, start: int) -> np.ndarray:

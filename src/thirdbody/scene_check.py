@@ -150,6 +150,7 @@ def _plate_report(built: Simulation) -> dict[str, Any] | None:
         "largest_load": upper.schedule.largest_load() * float(upper.table()[:, at.P_LOAD0].max()),
         "loaded_at_once": built.upper.loaded,
         "foundation": None if upper.foundation is None else upper.foundation.stiffness,
+        "preload": 0.0 if upper.foundation is None else float(upper.load.max()),
     }
 
 
@@ -290,6 +291,9 @@ def _print_plate(told: dict[str, Any]) -> None:
         return
     load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"
     load += f", at most {pretty(plate['largest_load'], 'force')}" if plate["largest_load"] > plate["load"] else ""
+    if plate["preload"]:
+        total = plate["preload"] * plate["patches"]
+        load += f" and {pretty(plate['preload'], 'force')} of preload on each patch ({pretty(total, 'force')} more in all)"
     carried = f", carried by {plate['loaded_at_once']} of {told['bodies']} bodies at once" if plate["loaded_at_once"] else ""
     each = " on each" if plate["support"] == "load_per_particle" else ""
     print(

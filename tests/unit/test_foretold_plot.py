@@ -201,6 +201,11 @@ def write_run(folder, told=TOLD, distances=DISTANCES, rolled=None, partner=-1, w
             if told is not None:
                 ends = {"t_min": np.array([0.1, 0.2, 0.0, 0.5, 0.0]), "t_max": np.array([0.4, 0.5, 0.9, 0.6, 0.0])}
                 clumps |= {"forecast": np.array(told, np.uint8), **ends}
+            clumps["quaternion"] = np.tile([1.0, 0.0, 0.0, 0.0], (5, 1))
+            if number >= 2:  # bodies 1 and 2 have turned by 1.2 and 0.8 a/R of 0.01, and body 1 is given with the other sign
+                half = 0.5 * np.array([[0.012], [0.008]])
+                turned = np.hstack([np.cos(half), np.sin(half), 0.0 * half, 0.0 * half])
+                clumps["quaternion"][1:3] = turned * [[-1.0], [1.0]]
             clumps |= {"mass": np.full(5, 4e-15)} | ({} if rolled is None else {"rolled_distance": np.array(rolled[number])})
             partners = np.array([partner if number else -1, -1, -1, -1, -1])
             contacts = {"points": places, "body": np.arange(5), "contact_radius": np.full(5, 1e-8), "partner": partners,
@@ -221,6 +226,12 @@ def test_what_is_drawn_of_a_run(tmp_path):
     assert found.fact.tolist() == ["sliding", "rolling", "sticking", "sliding"]
     assert (found.t_min[3], found.t_max[1]) == (0.5, 0.5)
     assert counted["agree"] == int(found.as_told.sum()) == 3 and counted["slides_instead"] == [3]
+
+
+def test_the_plain_fact_is_a_turn_by_more_than_a_over_r(tmp_path):
+    """Bodies 1 and 2 turned by 1.2 and 0.8 a/R whatever their labels: told to slide both, one does as told."""
+    with open_run(write_run(tmp_path / "run", told=(2, 3, 3, 4, 4))) as run:
+        assert forecast_against_fact(run)["turned"] == [2, 3]
 
 
 def test_a_body_that_rolls_between_two_frames_has_rolled(tmp_path):
@@ -250,6 +261,8 @@ def test_the_conditions_of_the_forecast_are_evaluated_for_the_run(tmp_path, monk
     # overlap over radius is (overlap/a)^2; m v^2/(mu N a) with 0.3 um in 1 s, half of N on each side, mu 0.2 or, for brass, 0.1
     assert found["overlap"]["value"] == pytest.approx((1e-10 / 1e-8) ** 2, rel=1e-12)
     assert found["inertia"]["value"] == pytest.approx(4e-15 * (0.3e-6) ** 2 / (0.2 * 0.5e-4 * 1e-8), rel=1e-9)
+    # body 3 was told to roll and did not turn; labels have it the same way here
+    assert counted["turned"] == [3, 4]
     assert counted["clear"] == [3, 4] and counted["alone"] == ([2, 2] if "partner" in words else [3, 4])
 
 

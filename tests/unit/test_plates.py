@@ -17,6 +17,7 @@ from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin
 from thirdbody.scene.build import build
 from thirdbody.scene.model import Scene
 from thirdbody.scene.schedule import schedule
+from thirdbody.scene_check import check_report, print_check
 
 PLATES = STEEL + """\
 {debris}
@@ -181,6 +182,14 @@ def test_a_stiff_foundation_is_a_rigid_plate():
 def test_a_soft_foundation_with_preload_loads_each():
     _, force = settled('support = "foundation"\nstiffness = "1e-3 N/m"\npreload = "10 uN"\ngap = "10.07 um"')
     assert force == pytest.approx([10e-6] * 3, rel=0.01)
+
+
+def test_check_says_that_preload_comes_on_top_of_the_load(capsys):
+    upper = 'support = "foundation"\nstiffness = "100 N/m"\npreload = "3 uN"\nload = "10 uN"'
+    print_check(check_report(build(scene(upper, 'duration = "1 us"'), discover())))
+    assert "load 10 uN and 3 uN of preload on each patch (9 uN more in all)" in capsys.readouterr().out
+    _, force = settled(upper)
+    assert force.sum() == pytest.approx(19e-6, rel=1e-3)  # as above: e^-8
 
 
 def test_a_rigid_plate_reaches_its_load_and_does_work():
