@@ -52,14 +52,16 @@ def _judged_closer(run: Run, start: int, watched: np.ndarray, known: np.ndarray)
     """What explains an agreement: the count outside the band, with and without neighbours, and the conditions of the run.
 
     Keys: `clear` and `alone`, (agree, told) of the bodies outside the 2 % band and of those that meanwhile touch no other;
-    `turned`, the first of these by the plain fact of `_turned` instead of the labels; `conditions`, a list of dictionaries.
+    `turned`, the first of these by the plain fact of `_turned` instead of the labels (None without orientations);
+    `conditions`, a list of dictionaries.
     """
     drawn, bodies = forecasts(run), run.bodies(start)
     alone = ~touches_others(run, watched)[drawn.body]
     friction = _friction(run)[bodies["material"]]
-    plain = _turned(run, start, watched)[drawn.body] != drawn.slides
+    turned = _turned(run, start, watched)
+    plain = None if turned is None else (turned[drawn.body] != drawn.slides) & drawn.clear
     return {
-        "turned": [int((plain & drawn.clear).sum()), int(drawn.clear.sum())],
+        "turned": None if plain is None else [int(plain.sum()), int(drawn.clear.sum())],
         "clear": [int((drawn.as_told & drawn.clear).sum()), int(drawn.clear.sum())],
         "alone": [int((drawn.as_told & drawn.clear & alone).sum()), int((drawn.clear & alone).sum())],
         "conditions": [condition._asdict() for condition in conditions(run, start, watched, known, friction)],
@@ -126,9 +128,14 @@ def _rolled(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
     return rolled
 
 
-def _turned(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
-    """Whether each body (B,) turned by more than a/R, of its largest contact, at some time of its first 40 a of drag."""
-    contacts, first = run.contacts(start), run.bodies(start)["quaternion"]
+def _turned(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
+    """Whether each body (B,) turned by more than a/R, of its largest contact, at some time of its first 40 a of drag.
+
+    None for a file without orientations.
+    """
+    contacts, first = run.contacts(start), run.bodies(start).get("quaternion")
+    if first is None:
+        return None
     ratio, largest = np.zeros(len(first)), np.zeros(len(first))
     np.maximum.at(largest, contacts["body"], contacts["contact_radius"])
     loaded = (contacts["contact_radius"] > 0.0) & (contacts["contact_radius"] == largest[contacts["body"]])

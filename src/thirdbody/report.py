@@ -189,7 +189,8 @@ def _tell_forecast(found: dict[str, Any]) -> None:
     print(f"agreement {_of(found['agree'], found['told'])}")
     print(f"  with friction more than 2 % from t_min and t_max: {_of(*found['clear'])}; of these, touching no other body: "
           f"{_of(*found['alone'])}")  # fmt: skip
-    print(f"  by whether they turned by more than a/R in that drag, instead of by labels: {_of(*found['turned'])}")
+    if found["turned"] is not None:
+        print(f"  by whether they turned by more than a/R in that drag, instead of by labels: {_of(*found['turned'])}")
     for name, text in (("rolls_instead", "rolled although they can slide"), ("slides_instead", "never rolled although told to")):
         if found[name]:
             shown = ", ".join(map(str, found[name][:20]))
