@@ -73,7 +73,7 @@ class Laws:
         """What the mean of the dashpots' forces at both ends of a step takes while the bodies move apart by `apart`, slip and
         turn, J."""
         moved = (apart, told.slip_x, told.slip_y, turn.x, turn.y)
-        return -0.5 * sum((a + b) * x for a, b, x in zip(old, new, moved, strict=False))
+        return max(-0.5 * sum((a + b) * x for a, b, x in zip(old, new, moved, strict=False)), 0.0)
 
     def ask(self, contact: Contact, turn: Turn, kind: int, memory: list[float]) -> Answer:
         """Forces and the new memory of a contact of this kind; `memory` is not changed."""

@@ -7,8 +7,9 @@ what the mean force does beyond what the spring stores. A step in which that is 
 the energy stays visible as residual.
 
 Only laws that remember their force (or moment) can be booked so; the others keep what they book themselves. The forces of the
-dashpots are remembered behind the history of the laws. They take what their mean force does, whatever its sign: where a contact
-turns round within a step a part comes back, and only the sum over both steps is what they took.
+dashpots are remembered behind the history of the laws, and they take what their mean force does. Where a contact turns round
+within a step that is negative by the cube of the step; where the step is unstable it is negative at large, and counts as nothing
+too, or the energy that such a step makes would be hidden from the guard.
 """
 
 import numpy as np
@@ -96,7 +97,7 @@ def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
         turn = I_HISTORY + n_history
         take_work(n, turn + J_X, turn + J_Y, I_HISTORY + place + 3, O_HISTORY + place + 3, I, O, G)
     for q in range(n):
-        O[q + O_POWER * TILE] = G[q + G_STORED * TILE]
+        O[q + O_POWER * TILE] = max(G[q + G_STORED * TILE], 0.0)
 
 
 @njit(**BARE)
