@@ -116,13 +116,10 @@ class Shared(Implicit):
         if cuts:
             self.memory[:, at.T_LIMIT] = cause
         elif grown < 1.0 or dt * grown >= asked:
-            self.memory[:, at.T_LIMIT] = self._why_not_longer(grown, cause)
+            self.memory[:, at.T_LIMIT] = self._why_not_longer(grown)
         self.length = max(dt * grown, asked) if not cuts and grown >= 1.0 else dt * grown
         if whole and kernel.corner_at(self.state.schedule, self.state.first, time, end):
             self.memory[:, at.T_LAST], self.last = 0.0, 0.0
-            if self.accuracy.inertia:
-                self.length *= steps.AFTER_CORNER
-                self.memory[:, at.T_LIMIT] = limits.REVERSAL
 
     def _why(self, found: bool, error: float, turn: float) -> tuple[int, int]:
         """The body that asks for a shorter step, and why (`kernels.limits`, as `kernels.steps.why_cut`)."""
@@ -133,10 +130,10 @@ class Shared(Implicit):
             return body, limits.LANDING
         return body, limits.TURNING if turning else (limits.ERROR if found else limits.NEWTON)
 
-    def _why_not_longer(self, grown: float, cause: int) -> int:
-        """What limits the step after one that was not cut and that `cause` limited (`kernels.limits`)."""
+    def _why_not_longer(self, grown: float) -> int:
+        """What limits the step after one that was not cut (`kernels.limits`)."""
         if grown == self.accuracy.growth:
-            return limits.REVERSAL if cause == limits.REVERSAL else limits.GROWTH
+            return limits.GROWTH
         return limits.NEWTON if self.told[:, kernel.H_ITERATIONS].max() > 2 * steps.EASY and grown == 1.0 else limits.ERROR
 
     def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[Rise, bool]:

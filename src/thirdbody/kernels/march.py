@@ -34,18 +34,16 @@ from .layout import (
     T_DT,
     T_ITERATIONS,
     T_LAST,
-    T_LIMIT,
     T_SLOT,
     T_TRIES,
     TILE,
 )  # fmt: skip
-from .limits import REVERSAL, lands, why_cut
+from .limits import lands, why_cut
 from .motion import GAP, LOAD, mean_rate, segment, value, value_of
 from .newton import CROWDED, FOUND, newton
 from .options import CHUNK, INNER, OPTIONS
 from .signatures import EFFECTS, LAW, OBSERVE
 from .steps import (
-    AFTER_CORNER,
     GOING,
     NEARLY,
     TOO_MANY,
@@ -145,12 +143,9 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
             return
     take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, False)
     advance_clock(W, dt, end, whole, v_x, v_y)
-    next_try(T, W, V, dt, asked, error, iterations, cuts, limit)
     if whole and at_corner(time, end, schedule, first):
         T[T_LAST] = 0.0  # what was learnt before a corner says nothing
-        if V[V_INERTIAL] != 0.0:
-            T[T_DT] *= AFTER_CORNER
-            T[T_LIMIT] = REVERSAL
+    next_try(T, W, V, dt, asked, error, iterations, cuts, limit)
     if known[6]:
         look(b, spots, state, M, W, known, drag, observe, work[13], work[14])
     T[T_CODE], T[T_SLOT] = stopped(b, told, B, D)

@@ -109,10 +109,6 @@ velocity is carried on."""
 HARD = 4
 """A step that is cut more often than this is counted as hard."""
 
-AFTER_CORNER = 0.1
-"""Length of the first step after a corner of the motion, in parts of the step to be expected: its formula is of first order, and
-what it damps grows with the square of its length. Steps as long as before are reached again in four."""
-
 EASY = 8
 """Iterations up to which a step may grow."""
 
@@ -377,8 +373,7 @@ def next_try(T, W, V, dt, asked, error, iterations, cuts, limit):
     elif grown < 1.0:
         T[T_LIMIT] = ERROR
     elif dt * grown >= asked:
-        growing = REVERSAL if limit == REVERSAL else GROWTH  # growth after a corner of the motion is due to that
-        T[T_LIMIT] = NEWTON if iterations > EASY else (growing if grown == V[V_GROWTH] else ERROR)
+        T[T_LIMIT] = NEWTON if iterations > EASY else (GROWTH if grown == V[V_GROWTH] else ERROR)
     # a step that was short only because a stretch ended tells nothing
     T[T_DT] = max(dt * grown, asked) if cuts == 0 and grown >= 1.0 else dt * grown
 
