@@ -31,6 +31,7 @@ def test_every_pass_of_a_small_layer_is_measured(bench, monkeypatch):
     rows = {row["pass"]: row for row in told["passes"]}
     assert list(rows) == [
         "drift", "measure", "sort", "stage, plates", "stage, pairs", "meet", "turn frames", "slide", "law", "book friction",
+        "book dashpots",
         "push", "tally", "bodies, plates", "bodies, pairs", "keep", "gather",
     ]  # fmt: skip
     slots = simulation.state.slots

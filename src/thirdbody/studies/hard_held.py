@@ -65,7 +65,7 @@ def touch_and_go(trial: Trial) -> None:
     Taken out: a contact that opens wipes its history -> memory of open spots. The cutting of implicit steps that found no balance
     -> no step is found (`mdr`).
     """
-    lump = clump([(-3, 0, 0, 3), (3, 0.5, 0, 3), (0, 1, 1, 3.2)], gap=1e-6)
+    lump = clump([(-3, 0, 0, 3), (3, 0.5, 0, 3), (0, 1, 1, 3.25)], gap=1e-6)
     course = trial.start(pressed(trial, lump, 0.6, Motion(y=(ConstantVelocity(velocity=SPEED),))))
     sets, memory = set(), []
 
