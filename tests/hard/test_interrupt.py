@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
 import os
 import resource
@@ -13,9 +12,9 @@ import sys
 import time
 from pathlib import Path
 
-import h5py
 import pytest
 from portable import PATIENCE, processor_seconds
+from trajectories import contents
 
 import thirdbody
 from thirdbody.checkpoint import FILE
@@ -35,22 +34,6 @@ def scene_of(bodies: int, way: str, level: str = "mindlin") -> thirdbody.Scene:
     """Bodies between two outputs that lie `way` apart."""
     keys = {"debris.0.count": str(bodies), "solver.distance": way, "output.every": way, "contact.level": level}
     return thirdbody.Scene.load(SCENE).with_settings(ALONE | keys)
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Every array of a trajectory, and what its summary tells of the physics."""
-    found: dict[str, bytes] = {}
-
-    def keep(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and not name.startswith("scene/"):
-            found[name] = item[()].tobytes()
-
-    with h5py.File(folder / "run.vtkhdf") as file:
-        file.visititems(keep)
-        summary = json.loads(file["scene/summary"][()])
-    for clock in ("wall_time", "sphere_steps_per_second"):
-        del summary[clock]
-    return found | {"summary": json.dumps(summary, sort_keys=True).encode()}
 
 
 def children_seconds() -> float:

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import itertools
-import json
 import tempfile
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from steel import STEEL
+from trajectories import contents
 
 import thirdbody
 from thirdbody.engine import explicit
@@ -50,22 +49,6 @@ TOGETHER = {"plates.upper.support": "rigid", "solver.integrator": "implicit", "c
 def scene(**settings: str) -> thirdbody.Scene:
     keys = {key.replace("_", ".", 1): value for key, value in settings.items()}
     return thirdbody.Scene.parse(BALLS, "balls.toml").with_settings(keys)
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Every array of a trajectory, and what its summary tells of the physics."""
-    found: dict[str, bytes] = {}
-
-    def keep(name: str, item: object) -> None:
-        if isinstance(item, h5py.Dataset) and not name.startswith("scene/"):
-            found[name] = item[()].tobytes()
-
-    with h5py.File(folder / "run.vtkhdf") as file:
-        file.visititems(keep)
-        summary = json.loads(file["scene/summary"][()])
-    for clock in ("wall_time", "sphere_steps_per_second"):
-        del summary[clock]
-    return found | {"summary": json.dumps(summary, sort_keys=True).encode()}
 
 
 def differences(one: Path, other: Path) -> list[str]:

@@ -14,6 +14,7 @@ import h5py
 import numpy as np
 import pytest
 from steel import STEEL
+from trajectories import contents
 
 import thirdbody
 from thirdbody.checkpoint import FILE, NOTES, Checkpoint, read_checkpoint
@@ -54,21 +55,6 @@ CASES: dict[str, tuple[str, dict[str, str]]] = {
 def scene_of(name: str) -> thirdbody.Scene:
     file, settings = CASES[name]
     return thirdbody.Scene.load(SCENES / f"{file}.toml").with_settings(settings)
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    """Every array of a trajectory, and what its summary tells of the physics."""
-    found: dict[str, bytes] = {}
-    with h5py.File(folder / "run.vtkhdf") as file:
-        file.visititems(lambda name, item: found.update({name: item[()].tobytes()}) if numbers(name, item) else None)
-        summary = json.loads(file["scene/summary"][()])
-    for clock in ("wall_time", "sphere_steps_per_second"):
-        del summary[clock]
-    return found | {"summary": json.dumps(summary, sort_keys=True).encode()}
-
-
-def numbers(name: str, item: object) -> bool:
-    return isinstance(item, h5py.Dataset) and not name.startswith("scene/")
 
 
 def after(watches: int):

@@ -74,7 +74,7 @@ def book_opened(n, force, moment, n_history, I, O, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def take_pressing(n, place, dt, I, O, G):  # noqa: E741
-    """Add to G_STORED the work that the normal dashpots of n contacts take in the step."""
+    """Put into G_STORED the work that the normal dashpots of n contacts take in the step."""
     old, new = np.uint64((I_HISTORY + place) * TILE), np.uint64((O_HISTORY + place) * TILE)
     half = 0.5 * dt
     for q in range(n):
@@ -102,7 +102,7 @@ def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
 
 @njit(**BARE)
 def book_opened_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
-    """What the dashpots of n contacts that opened within the step took in it, J."""
+    """Return what the dashpots of n contacts that opened within the step took in it, J."""
     for h in range(place, n_history):
         for q in range(n):
             O[q + (O_HISTORY + h) * TILE] = 0.0
