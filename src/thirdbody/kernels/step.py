@@ -70,8 +70,11 @@ something else holds their cores."""
 
 @njit(**BARE)
 def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
-    """Add the step to the energy ledger, to impulses and distances, in a fixed order. Contacts give energies;
-    other powers are integrated by the trapezoidal rule. In an observed step (`record`) also sum the energy that contacts store."""
+    """Add the step to the energy ledger, to impulses and distances, in a fixed order.
+
+    Contacts give energies; other powers are integrated by the trapezoidal rule.
+    In an observed step (`record`) also sum the energy that contacts store.
+    """
     work, damped = 0.0, 0.0
     for c in range(sums.shape[0]):
         work += sums[c, SUM_WORK]

@@ -55,5 +55,5 @@ MINDLIN = Law(
     mix=mix_mindlin,
     history=("force_x", "force_y", "energy"),
     options=(MEMORY,),
-    source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory of force and energy: thirdbody.laws.friction",
+    source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.friction",
 )
