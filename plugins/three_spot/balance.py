@@ -35,14 +35,11 @@ from thirdbody.plugin import (
 from . import THREE_SPOT, conditions, hulls
 from .balance_file import BalanceFile, Spots
 from .balance_label import Observer
+from .balance_press import UNDECIDED, press
 
-PRESS_STEPS = 100
-"""Steps of the pressing: one for laws that are exact along the straight paths of a weightless particle."""
 MISMATCH = 0.01  # Dundurs' beta below which the coupling of normal and tangential contact is not worth a word
+TOUCHING = 1e-12  # gap over the size of the particle that is rounding
 LARGE = 0.1  # rotation, rad, or overlap over radius, beyond which linear kinematics or Hertz' theory is a rough guess
-UNDECIDED = 1e-3
-"""Unbalanced share of the forces below which a failed search says nothing of the particle: where it tips, 2 to 20 % were left,
-where a law was too rough for the solver, 1e-6."""
 DEFAULT_LEVEL = "exact"
 
 
@@ -75,6 +72,17 @@ class Forecast:
 
 
 @dataclass(frozen=True)
+class Seat:
+    """The posture that a particle turned into because its first contacts did not hold it; points count from first touch in it.
+
+    Rotation vector from the given posture, rad (a number for a planar particle), and the spots (n, 3) from the centre of mass, m.
+    """
+
+    rotation: float | list[float]
+    spots: list[list[float]]
+
+
+@dataclass(frozen=True)
 class Stop:
     """Where the path ended: `rolling` where no static state exists and the particle tips or rolls away, `undecided` where the
     solver failed close to a balance."""
@@ -88,7 +96,10 @@ class Stop:
 
 @dataclass(frozen=True)
 class Result:
-    """The end of pressing, then the steps of the drag, as far as they exist; `stopped` tells where they end too early."""
+    """The end of pressing, then the steps of the drag, as far as they exist; `stopped` tells where they end too early.
+
+    `seat` is None for a particle that its first contacts hold.
+    """
 
     points: list[Point]
     forecast: Forecast
@@ -97,6 +108,7 @@ class Result:
     planar: bool
     stopped: Stop | None
     warnings: list[str]
+    seat: Seat | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dicts, lists and numbers, as `to_json` writes them."""
@@ -124,13 +136,12 @@ def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, le
     pairs = _pairs(told)
     walk = _Walk(told, spots, pairs, level)
     stopped = walk.go()
-    first = walk.balances[0] if walk.balances else None
     moduli = {
         side: {"e_star": e_star(p.a, p.b), "g_star": g_star(p.a, p.b), "dundurs_beta": dundurs_beta(p.a, p.b)}
         for side, p in zip(("lower", "upper"), pairs, strict=True)
     }
     warnings = _warnings(told, spots, walk, moduli)
-    return Result(walk.points, _forecast(told, spots, first), moduli, level, spots.planar, stopped, warnings)
+    return Result(walk.points, _forecast(told, walk), moduli, level, spots.planar, stopped, warnings, walk.seat())
 
 
 def _pairs(told: BalanceFile) -> tuple[Pair, Pair]:
@@ -148,12 +159,25 @@ class _Walk:
         gap = np.where(up, z[up].max() - z, z - z[~up].min())
         self.path, self.planar = told.path, spots.planar
         self.under_load = told.path.load is not None
-        self.grip = Grip(spots.place, gap, up, told.particle.weight, spots.planar)
+        grip = Grip(spots.place, gap, up, told.particle.weight, spots.planar)
         contacts = Contacts(THREE_SPOT.levels[level], pairs, up.astype(np.int64), spots.radius)
-        self.solver = QuasiStatic(self.grip, contacts, self.under_load)
-        self.observer = Observer(self.grip, spots.radius, told.path.heading(), level)
+        self.solver = QuasiStatic(grip, contacts, self.under_load)
+        self.radius, self.level = spots.radius, level
+        self.observer: Observer | None = None
         self.balances: list[Balance] = []
         self.points: list[Point] = []
+
+    @property
+    def grip(self) -> Grip:
+        """The spots in the present posture."""
+        return self.solver.grip
+
+    def seat(self) -> Seat | None:
+        """The posture that the particle turned into, if it did."""
+        turned = self.solver.turned
+        if not turned.any():
+            return None
+        return Seat(float(turned[1]) if self.planar else turned.tolist(), self.grip.place.tolist())
 
     def go(self) -> Stop | None:
         """Press, then drag; tells where no static state exists."""
@@ -162,9 +186,9 @@ class _Walk:
         e_x, e_y = self.path.heading()
         steps = self.path.steps if self.path.drag > 0.0 else 0
         try:
-            for k in range(1, PRESS_STEPS + 1):
-                found = self.solver.move((given * k / PRESS_STEPS, 0.0, 0.0))
-            self._note(found)
+            self.solver, pressed = press(self.solver, given)
+            self.observer = Observer(self.grip, self.radius, (e_x, e_y), self.level)
+            self._note(pressed)
             for k in range(1, steps + 1):
                 drag = self.path.drag * k / steps
                 self._note(self.solver.move((given, drag * e_x, drag * e_y)))
@@ -173,6 +197,7 @@ class _Walk:
         return None
 
     def _note(self, found: Balance) -> None:
+        assert self.observer is not None  # since the end of pressing
         spots, label, reason, margins = self.observer.see(found)
         downwards = np.where(self.grip.upper, 1.0, -1.0)[:, None] * found.answer.tangential
         drag = float(np.hypot(*found.plate[1:]))
@@ -194,10 +219,11 @@ class _Walk:
         return Stop(None if self.under_load else pressed, pressed if self.under_load else None, drag, label, message)
 
 
-def _forecast(told: BalanceFile, spots: Spots, first: Balance | None) -> Forecast:
-    """Conditions of self-consistency for the spots that are loaded after pressing; for all if it cannot even be pressed."""
-    up, place = spots.upper, spots.place
-    loaded = first.overlap > 0.0 if first is not None else np.ones(len(up), bool)
+def _forecast(told: BalanceFile, walk: _Walk) -> Forecast:
+    """Conditions of self-consistency for the spots that are loaded after pressing; if it cannot be pressed, that touch first."""
+    up, place = walk.grip.upper, walk.grip.place
+    first = walk.balances[0] if walk.balances else None
+    loaded = first.overlap > 0.0 if first is not None else walk.grip.gap <= TOUCHING * walk.grip.arm
     above, below = place[up & loaded], place[~up & loaded]
     if not len(above) or not len(below):
         return Forecast(None, None, None, [])
@@ -207,7 +233,7 @@ def _forecast(told: BalanceFile, spots: Spots, first: Balance | None) -> Forecas
     heading, friction = told.path.heading(), told.friction
     load = float(first.answer.normal[up].sum()) if first is not None else 0.0
     ratio = told.particle.weight / load if load > 0.0 else 0.0
-    if spots.planar:
+    if walk.planar:
         # the theory drags toward -x: places along the opposite of the drag
         over, under = ((-heading[0] * side[:, 0]).tolist() for side in (above, below))
         low, high = conditions.planar_interval(over, under, h, ratio)
@@ -226,6 +252,9 @@ def _forecast(told: BalanceFile, spots: Spots, first: Balance | None) -> Forecas
 
 def _warnings(told: BalanceFile, spots: Spots, walk: _Walk, moduli: Mapping[str, Mapping[str, float]]) -> list[str]:
     found = []
+    turned = float(np.linalg.norm(walk.solver.turned))
+    if turned > 0.0:
+        found.append(f"the first contacts do not hold the particle: it turns by {turned:.3g} rad and is pressed there")
     for side, values in moduli.items():
         beta = values["dundurs_beta"]
         if abs(beta) > MISMATCH:

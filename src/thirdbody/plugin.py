@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from .bodies.clump import clump_with_frame, matrix_from_quaternion
 from .engine.quasistatic import Balance, Grip, NoStaticState, QuasiStatic
+from .engine.seating import relax, seat
 from .engine.static_contacts import Contacts
 from .errors import Fault, InputError, OutputError, UsageError, nearest
 from .kernels.layout import (
@@ -94,5 +95,5 @@ __all__ = [
     "Law", "LawFamily", "Load", "Material", "NoStaticState", "Normal", "Option", "Options", "OutputError", "Pair", "Part",
     "Plugin", "Quantity", "QuasiStatic", "Rolling", "Tangential", "Turn", "UsageError", "Whole", "Wrench", "Wrong",
     "clump_with_frame", "dundurs_beta", "e_star", "g_star", "helper", "kernel", "listing", "matrix_from_quaternion", "nearest",
-    "one_of", "pretty", "read_text", "read_toml", "wrongs_of",
+    "one_of", "pretty", "read_text", "read_toml", "relax", "seat", "wrongs_of",
 ]  # fmt: skip

@@ -82,7 +82,7 @@ class Balance:
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class Trial:
     """A point that is tried: coordinates, unbalanced forces, and what the laws were asked."""
 
     y: Array
@@ -107,11 +107,12 @@ class QuasiStatic:
         self.grip, self.contacts, self.under_load = grip, contacts, under_load
         self.now: Balance | None = None
         self._kept = [0, 2, 4] if grip.planar else list(range(6))
-        self._rows = _rows(grip, self._kept, under_load)
-        self._memory = contacts.virgin()
+        self.rows = _rows(grip, self._kept, under_load)
+        self.memory = contacts.virgin()
+        self.turned = np.zeros(3)  # rotation vector of `grip` from the one in which the particle was given
         self._closest = float("inf")  # least `rest` that the search for the present point has met
         # drag of the last step, and what the coordinates gained by it
-        self._dragged, self._gained = np.zeros(2), np.zeros(self._rows.shape[2])
+        self._dragged, self._gained = np.zeros(2), np.zeros(self.rows.shape[2])
 
     def move(self, plate: Sequence[float]) -> Balance:
         """The balance at closing, m (or load, N), and drag x, y, m, of the upper plate; the path there is straight.
@@ -135,25 +136,55 @@ class QuasiStatic:
         assert self.now is not None
         return self.now
 
-    def _commit(self, plate: Array, trial: _Trial, free: int) -> None:
+    @property
+    def vertical(self) -> int:
+        """Index of the vertical translation among the coordinates."""
+        return self._kept.index(2)
+
+    @property
+    def axes(self) -> list[int]:
+        """The axes of the particle's rotation."""
+        return [k - 3 for k in self._kept if k >= 3]
+
+    @property
+    def rotations(self) -> slice:
+        """Where the rotation, times the arm, stands among the coordinates."""
+        return slice(self.vertical + 1, len(self._kept))
+
+    def adopt(self, coordinates: Array, plate: Array, memory: Array) -> None:
+        """Go on from these coordinates and the laws' memory there, whether the forces balance or not."""
+        self.now, self.memory = None, memory
+        closing = float(coordinates[-1] if self.under_load else plate[0])
+        motion, none = self._motion(coordinates), np.zeros(len(self.grip.place))
+        for _ in range(2):  # overlaps and places first, then the forces there, without slip
+            trial = self.trial(coordinates, plate)
+            points = (motion, trial.overlap, trial.answer, none, none, 0, trial.rest, coordinates, trial.shift)
+            self.now = Balance(plate, closing, *points)
+
+    def _motion(self, coordinates: Array) -> Array:
+        """Translation and rotation vector (6,) of the particle."""
         motion = np.zeros(6)
-        motion[self._kept] = trial.y[: len(self._kept)]
+        motion[self._kept] = coordinates[: len(self._kept)]
         motion[3:] /= self.grip.arm
+        return motion
+
+    def _commit(self, plate: Array, trial: Trial, free: int) -> None:
+        motion = self._motion(trial.y)
         before = 0.0 if self.now is None else self.now.slip
         slip = np.where(trial.overlap > 0.0, before + trial.answer.slip, 0.0)
         closing = float(trial.y[-1] if self.under_load else plate[0])
         closed = np.zeros(len(trial.overlap)) if self.now is None else self.now.overlap
-        hold = self.contacts.hold(closed, trial.overlap, trial.slip * trial.share[:, None], self._memory, trial.answer)
-        self._memory = trial.answer.memory
+        hold = self.contacts.hold(closed, trial.overlap, trial.slip * trial.share[:, None], self.memory, trial.answer)
+        self.memory = trial.answer.memory
         if self.now is not None:
             self._dragged, self._gained = plate[1:] - self.now.plate[1:], trial.y - self.now.coordinates
         points = (motion, trial.overlap, trial.answer, slip, hold, free, trial.rest, trial.y, trial.shift)
         self.now = Balance(plate, closing, *points)
 
-    def _find(self, plate: Array) -> tuple[_Trial, int] | None:
+    def _find(self, plate: Array) -> tuple[Trial, int] | None:
         self._closest = float("inf")
         # the better guess first; a particle that slides on stays where it is, although it could do otherwise
-        for guess in sorted(self._guesses(plate), key=lambda y: self._trial(y, plate).rest):
+        for guess in sorted(self._guesses(plate), key=lambda y: self.trial(y, plate).rest):
             found = self._newton(guess, plate)
             if found is not None:
                 free, vector = self._free(found, plate)
@@ -163,7 +194,7 @@ class QuasiStatic:
     def _guesses(self, plate: Array) -> list[Array]:
         """Where to start: the continuation of the path, and the last point; upright before the first."""
         if self.now is None:
-            return [self._upright(plate)]
+            return [self.upright(plate)]
         last = self.now.coordinates
         step = plate[1:] - self.now.plate[1:]
         if step.any():
@@ -176,9 +207,9 @@ class QuasiStatic:
         # of Hertz' contacts that grow alike
         return [last * (ratio ** (2.0 / 3.0) if self.under_load else ratio), last]
 
-    def _upright(self, plate: Array) -> Array:
+    def upright(self, plate: Array) -> Array:
         """Coordinates of the particle that only sinks until the sums of the normal forces agree, by bisection."""
-        y = np.zeros(self._rows.shape[2])
+        y = np.zeros(self.rows.shape[2])
         vertical, up = self._kept.index(2), self.grip.upper
         size = float(self.contacts.radius.max() + self.grip.gap.max())
 
@@ -200,9 +231,9 @@ class QuasiStatic:
         y[vertical] = -sink
         return y
 
-    def _trial(self, y: Array, plate: Array) -> _Trial:
+    def trial(self, y: Array, plate: Array) -> Trial:
         grip = self.grip
-        local = self._rows @ y  # (3, n): overlap, displacement along x and y
+        local = self.rows @ y  # (3, n): overlap, displacement along x and y
         overlap = local[0] - grip.gap + (0.0 if self.under_load else plate[0] * grip.upper)
         shift = (local[1:] - plate[1:, None] * grip.upper).T
         before = np.zeros(len(overlap)) if self.now is None else self.now.overlap
@@ -210,23 +241,23 @@ class QuasiStatic:
         # a spot that closes within the step slips only for the rest of it
         touched = (before < 0.0) & (overlap > 0.0)
         share = np.where(touched, overlap / np.where(touched, overlap - before, 1.0), 1.0)
-        answer = self.contacts.ask(overlap, slip * share[:, None], self._memory)
-        force = np.einsum("nm,n->m", self._rows[1], answer.tangential[:, 0])
-        force += np.einsum("nm,n->m", self._rows[2], answer.tangential[:, 1])
-        force -= np.einsum("nm,n->m", self._rows[0], answer.normal)
+        answer = self.contacts.ask(overlap, slip * share[:, None], self.memory)
+        force = np.einsum("nm,n->m", self.rows[1], answer.tangential[:, 0])
+        force += np.einsum("nm,n->m", self.rows[2], answer.tangential[:, 1])
+        force -= np.einsum("nm,n->m", self.rows[0], answer.normal)
         force[self._kept.index(2)] -= grip.weight
         scale = float(answer.normal.sum()) + grip.weight
         if self.under_load:
             force[-1] += plate[0]
             scale += abs(plate[0])
-        return _Trial(y, force, scale, overlap, shift, slip, share, answer)
+        return Trial(y, force, scale, overlap, shift, slip, share, answer)
 
-    def _jacobian(self, trial: _Trial) -> Array:
+    def jacobian(self, trial: Trial) -> Array:
         """d(force)/d(coordinates), exact for the step: the laws' tangents, and the share of a step that closes a spot."""
-        k = self.contacts.stiffness(trial.overlap, trial.slip * trial.share[:, None], self._memory)
+        k = self.contacts.stiffness(trial.overlap, trial.slip * trial.share[:, None], self.memory)
         before = np.zeros(len(k[0])) if self.now is None else self.now.overlap
         growth = np.where(trial.share < 1.0, -before / np.where(trial.share < 1.0, trial.overlap - before, 1.0) ** 2, 0.0)
-        d, x, y = self._rows
+        d, x, y = self.rows
         own = trial.slip * growth[:, None]
         t_x = (trial.share * k[1])[:, None] * x + (trial.share * k[2])[:, None] * y
         t_x += (k[5] + k[1] * own[:, 0] + k[2] * own[:, 1])[:, None] * d
@@ -234,15 +265,15 @@ class QuasiStatic:
         t_y += (k[6] + k[3] * own[:, 0] + k[4] * own[:, 1])[:, None] * d
         return x.T @ t_x + y.T @ t_y - d.T @ (k[0][:, None] * d)
 
-    def _newton(self, y: Array, plate: Array) -> _Trial | None:
+    def _newton(self, y: Array, plate: Array) -> Trial | None:
         """Newton's method with a line search, then with damping where that fails; None without an answer."""
-        trial = self._trial(y, plate)
+        trial = self.trial(y, plate)
         for _ in range(NEWTON_STEPS):
             if trial.rest <= CONVERGED:
                 # nothing pressed anywhere is a balance, but not one of a particle between two bodies
                 return trial if trial.answer.normal.any() else None
             self._closest = min(self._closest, trial.rest)
-            jacobian = self._jacobian(trial)
+            jacobian = self.jacobian(trial)
             if not jacobian.any() or not np.isfinite(jacobian).all():
                 return None
             better = self._search(trial, np.linalg.lstsq(jacobian, -trial.force, rcond=NEUTRAL)[0], plate)
@@ -258,25 +289,25 @@ class QuasiStatic:
             trial = better
         return trial if trial.rest <= ACCEPTED and trial.answer.normal.any() else None
 
-    def _search(self, trial: _Trial, step: NDArray, plate: Array) -> _Trial | None:
+    def _search(self, trial: Trial, step: NDArray, plate: Array) -> Trial | None:
         """The first point on the way back from the full step with less unbalanced force."""
-        change = np.abs(self._rows @ step).max(axis=1)
+        change = np.abs(self.rows @ step).max(axis=1)
         reach = REACH * max(float(trial.overlap.max()), 0.0)
         part = min(1.0, reach / change[0]) if change[0] > 0.0 and reach > 0.0 else 1.0
         size = float(np.linalg.norm(trial.force))
         for _ in range(HALVINGS):
-            tried = self._trial(trial.y + part * step, plate)
+            tried = self.trial(trial.y + part * step, plate)
             if float(np.linalg.norm(tried.force)) < (1.0 - 1e-4 * part) * size:
                 return tried
             part *= 0.5
         return None
 
-    def _free(self, trial: _Trial, plate: Array) -> tuple[int, Array]:
+    def _free(self, trial: Trial, plate: Array) -> tuple[int, Array]:
         """How many motions meet no resistance, and the last of them."""
-        _, values, vectors = np.linalg.svd(self._jacobian(trial))
+        _, values, vectors = np.linalg.svd(self.jacobian(trial))
         return int(np.sum(values <= NEUTRAL * values[0])), vectors[-1]
 
-    def _nearest(self, trial: _Trial, vector: Array, plate: Array) -> _Trial:
+    def _nearest(self, trial: Trial, vector: Array, plate: Array) -> Trial:
         """Of balances in a row along `vector` that nothing tells apart (both sides slide), the one nearest to the last point.
 
         So the particle stays where the sliding reached it; a particle with the least weight does so by itself, for its lower
@@ -285,13 +316,13 @@ class QuasiStatic:
         if self.now is None:
             return trial
         back = float(vector @ (trial.y - self.now.coordinates)) * vector
-        best = self._trial(trial.y - back, plate)
+        best = self.trial(trial.y - back, plate)
         if best.rest <= CONVERGED:
             return best
         low, high, best = 0.0, 1.0, trial
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
-            tried = self._trial(trial.y - middle * back, plate)
+            tried = self.trial(trial.y - middle * back, plate)
             if tried.rest <= CONVERGED:
                 low, best = middle, tried
             else:

@@ -1,0 +1,53 @@
+"""Pressing a particle step by step: past corners of the laws, and through contacts that do not hold it, until it sits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thirdbody.plugin import Balance, NoStaticState, QuasiStatic, relax, seat
+
+STEPS = 100
+"""Steps of the pressing: one for laws that are exact along the straight paths of a weightless particle."""
+SEATS = 10
+"""Seats that a particle may take and leave again while it is pressed."""
+UNDECIDED = 1e-3
+"""Unbalanced share of the forces below which a failed search says nothing of the particle: where it tips, 2 to 20 % were left,
+where a law was too rough for the solver, 1e-6."""
+
+
+def press(solver: QuasiStatic, given: float) -> tuple[QuasiStatic, Balance]:
+    """The balance under `given`, a load, N, or an indentation, m, and the solver that it was found with.
+
+    That is another one, in the posture of the seat, if the particle turned on the way. Raises NoStaticState if it tips over.
+    """
+    seats = 0
+    for k in range(1, STEPS + 1):
+        target = (given * k / STEPS, 0.0, 0.0)
+        found, relaxed = None, False
+        while found is None:
+            try:
+                found = solver.move(target)
+            except NoStaticState as problem:
+                if relaxed:  # the solver is at the target, and finds no balance all the same
+                    raise
+                relaxed = problem.closest < UNDECIDED and relax(solver, target)
+                if relaxed:
+                    continue
+                seated = seat(solver, _load(solver, target)) if seats < SEATS else None
+                if seated is None:
+                    raise
+                solver, seats = seated, seats + 1
+    assert found is not None
+    return solver, found
+
+
+def _load(solver: QuasiStatic, target: Sequence[float]) -> float:
+    """The load, N, to go on with: of the last balance if the indentation is given, else of the upright particle."""
+    if solver.under_load:
+        return target[0]
+    if solver.now is not None:
+        return float(solver.now.answer.normal[solver.grip.upper].sum())
+    plate = np.array(target)
+    return float(solver.trial(solver.upright(plate), plate).answer.normal[solver.grip.upper].sum())

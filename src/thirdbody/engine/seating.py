@@ -1,0 +1,192 @@
+"""The seat of a particle that tips over its first contacts while it is pressed: relaxation at constant load.
+
+Where no balance of forces exists near the last one, the particle moves on against a resistance proportional to its velocity
+until its forces balance again. A step is one of implicit Euler, force(y) = resistance (y - y_last), and the resistance falls
+from step to step, so that the last ones are Newton's (pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer.
+Anal. 35, 1998). The laws remember what happens on the way. Rotations are finite: after every step the spots, spheres that turn
+with the particle, are placed anew, and the rotation of linear kinematics starts from zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .quasistatic import ACCEPTED, Grip, QuasiStatic, Trial
+from .state import Array
+
+LARGEST_TURN = 0.5
+"""Rotation, rad, beyond which a particle that still moves has tipped over."""
+SMALL_TURN = 0.01
+"""Rotation, rad, beyond which the particle has left the last balance."""
+STEPS, NEWTON_STEPS, HALVINGS = 5000, 20, 6
+SOLVED = 1e-6
+"""Unbalanced share of the forces, resistance included, that ends a step."""
+SLOWER, FASTER = 4.0, 3.0
+"""Factors of the resistance after a step that failed, and after one that did not."""
+BENT = 0.5
+"""Share of the largest overlap by which a step may leave the circle that a spot moves on."""
+REACH = 0.5
+"""Largest change of an overlap in one Newton step, in parts of the largest overlap."""
+STRONGEST, WEAKEST = 1e6, 1e-12
+"""Bounds of the resistance, in parts of the stiffness."""
+
+
+def relax(walk: QuasiStatic, plate: Sequence[float]) -> bool:
+    """Bring `walk` to a balance at `plate` next to its last one, where Newton's method finds none: laws of springs have corners.
+
+    False, with `walk` as it was, if the particle has to turn by more than `SMALL_TURN`.
+    """
+    if walk.now is None:
+        return False
+    last, memory = walk.now, walk.memory
+    near = _Relaxation(walk, np.asarray(plate, float), SMALL_TURN)
+    near.put(walk.now.coordinates, memory)
+    if near.comes_to_rest():
+        return True
+    walk.now, walk.memory = last, memory
+    return False
+
+
+def seat(walk: QuasiStatic, load: float) -> QuasiStatic | None:
+    """A solver like `walk`, in balance where the particle comes to rest under `load`, N; None if it tips over.
+
+    The particle starts from the last balance of `walk`, else upright. The result counts its coordinates from the first touch of
+    the seated particle: `grip` has the spots there, `turned` is the rotation vector from the first grip.
+    """
+    moving = _Turning(walk, load)
+    return moving.seated(walk) if moving.comes_to_rest() else None
+
+
+class _Relaxation:
+    """A particle on its way to a balance, at the end of a step."""
+
+    def __init__(self, solver: QuasiStatic, plate: Array, farthest: float) -> None:
+        self.solver, self.plate, self.farthest = solver, plate, farthest
+        self.turn = 0.0  # rad, from the start
+
+    def put(self, coordinates: Array, memory: Array) -> None:
+        """Go on from here; the slip so far is kept."""
+        now = self.solver.now
+        self.solver.adopt(coordinates, self.plate, memory)
+        if now is not None and self.solver.now is not None:
+            self.solver.now = replace(self.solver.now, slip=now.slip)
+
+    def comes_to_rest(self) -> bool:
+        """Move until the forces balance; whether they do before the particle has turned too far."""
+        assert self.solver.now is not None
+        stiff = float(np.linalg.norm(self.solver.jacobian(self.solver.trial(self.solver.now.coordinates, self.plate)), 2))
+        resistance = stiff
+        for _ in range(STEPS):
+            found = self._step(resistance)
+            if found is None:
+                resistance *= SLOWER
+                if resistance > STRONGEST * stiff:
+                    return False
+                continue
+            self.accept(found)
+            if found.rest <= ACCEPTED:
+                return True
+            if self.turn > self.farthest:
+                return False
+            resistance = max(resistance / FASTER, WEAKEST * stiff)
+        return False
+
+    def accept(self, trial: Trial) -> None:
+        """Make the end of a step the start of the next."""
+        assert self.solver.now is not None
+        part = self.solver.rotations
+        self.turn += float(np.linalg.norm(trial.y[part] - self.solver.now.coordinates[part])) / self.solver.grip.arm
+        self.put(trial.y, trial.answer.memory)
+
+    def _step(self, resistance: float) -> Trial | None:
+        """The end of one step of implicit Euler; None if none is found, or if it turns too far for linear kinematics."""
+        solver = self.solver
+        assert solver.now is not None
+        start = solver.now.coordinates
+        trial = solver.trial(start, self.plate)
+        for _ in range(NEWTON_STEPS):
+            force = trial.force - resistance * (trial.y - start)
+            if float(np.abs(force).max()) <= min(SOLVED, 0.1 * trial.rest) * trial.scale or trial.rest <= ACCEPTED:
+                bent = float(np.sum((trial.y[solver.rotations] - start[solver.rotations]) ** 2)) / solver.grip.arm
+                return trial if bent <= BENT * float(trial.overlap.max()) else None
+            jacobian = solver.jacobian(trial) - resistance * np.eye(len(start))
+            step = np.linalg.lstsq(jacobian, -force, rcond=None)[0]
+            better = self._search(trial, step, start, resistance)
+            if better is None:
+                return None
+            trial = better
+        return None
+
+    def _search(self, trial: Trial, step: NDArray, start: Array, resistance: float) -> Trial | None:
+        """The first point on the way back from the full step with less unbalanced force."""
+        change = float(np.abs(self.solver.rows[0] @ step).max())
+        reach = REACH * max(float(trial.overlap.max()), 0.0)
+        part = min(1.0, reach / change) if change > 0.0 and reach > 0.0 else 1.0
+        size = float(np.linalg.norm(trial.force - resistance * (trial.y - start)))
+        for _ in range(HALVINGS):
+            tried = self.solver.trial(trial.y + part * step, self.plate)
+            if float(np.linalg.norm(tried.force - resistance * (tried.y - start))) < (1.0 - 1e-4 * part) * size:
+                return tried
+            part *= 0.5
+        return None
+
+
+class _Turning(_Relaxation):
+    """The same under load with finite rotations, between plates at the heights `floor` and `ceiling` (without closing), m."""
+
+    def __init__(self, walk: QuasiStatic, load: float) -> None:
+        super().__init__(QuasiStatic(walk.grip, walk.contacts, True), np.array([load, 0.0, 0.0]), LARGEST_TURN)
+        self.turned, self.radius = walk.turned, walk.contacts.radius
+        z, gap, up = walk.grip.place[:, 2], walk.grip.gap, walk.grip.upper
+        self.floor, self.ceiling = float((z - gap)[~up].mean()), float((z + gap)[up].mean())
+        start = self.solver.upright(self.plate)
+        if walk.now is not None:
+            start = walk.now.coordinates if walk.under_load else np.append(walk.now.coordinates, walk.now.closing)
+        self.put(start, walk.memory)
+
+    def accept(self, trial: Trial) -> None:
+        """Turn the spots by what the step turned the particle, and go on from there."""
+        solver = self.solver
+        rotation, coordinates = np.zeros(3), trial.y.copy()
+        rotation[solver.axes] = trial.y[solver.rotations] / solver.grip.arm
+        coordinates[solver.rotations] = 0.0
+        place = _turned(solver.grip, self.radius, rotation)
+        gap = np.where(solver.grip.upper, self.ceiling - place[:, 2], place[:, 2] - self.floor)
+        self.turned = _after(self.turned, rotation)
+        self.turn = float(np.linalg.norm(self.turned))
+        self.solver = QuasiStatic(replace(solver.grip, place=place, gap=gap), solver.contacts, True)
+        self.put(coordinates, trial.answer.memory)
+
+    def seated(self, walk: QuasiStatic) -> QuasiStatic:
+        """The solver like `walk` that counts from the first touch of this posture."""
+        assert self.solver.now is not None
+        grip, y, up = self.solver.grip, self.solver.now.coordinates.copy(), self.solver.grip.upper
+        above, below = float(grip.gap[up].min()), float(grip.gap[~up].min())
+        y[: self.solver.vertical] = 0.0
+        y[self.solver.vertical] += below
+        y[-1] -= above + below
+        found = QuasiStatic(replace(grip, gap=grip.gap - np.where(up, above, below)), walk.contacts, walk.under_load)
+        found.turned = self.turned
+        plate = self.plate if walk.under_load else np.array([y[-1], 0.0, 0.0])
+        found.adopt(y if walk.under_load else y[:-1], plate, self.solver.memory)
+        return found
+
+
+def _turned(grip: Grip, radius: Array, rotation: Array) -> Array:
+    """The spots (n, 3) of a particle turned by a rotation vector: summits of spheres that turn with it."""
+    from scipy.spatial.transform import Rotation  # a fifth of a second of imports
+
+    summit = np.zeros_like(grip.place)
+    summit[:, 2] = np.where(grip.upper, radius, -radius)
+    return Rotation.from_rotvec(rotation).apply(grip.place - summit) + summit
+
+
+def _after(first: Array, then: Array) -> Array:
+    """The rotation vector of one rotation after another."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray((Rotation.from_rotvec(then) * Rotation.from_rotvec(first)).as_rotvec())

@@ -1,0 +1,81 @@
+"""Random particles with spots of unequal height, and random clumps: `balance` presses all that have a static state.
+
+A planar particle's static states are known apart from the engine: those postures of a rigid particle between rigid parallel
+plates in which friction can hold the spots that touch, searched over all tilts. The clumps, in stable poses on the lower body,
+all find one within half a radian.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from thirdbody_three_spot.balance import balance
+
+from thirdbody.bodies.poses import settle
+from thirdbody.bodies.shapes import irregular
+
+pytestmark = pytest.mark.hard
+
+MATERIALS = {side: {"shear_modulus": 80e9, "poisson_ratio": 0.3} for side in ("upper", "lower", "particle")}
+FARTHEST = 0.5  # rad, up to which `balance` follows a particle
+TILTS = np.linspace(-FARTHEST, FARTHEST, 20_001)
+
+
+def pressed(particle, mu, level):
+    tables = {"materials": MATERIALS, "friction": {"upper": mu, "lower": mu}, "particle": particle}
+    return balance(tables | {"path": {"load": 1e-4}}, level)
+
+
+def planar(seed):
+    """One to three spots above and below, heights of 2 um up to .1 um apart; and a friction."""
+    draw = np.random.default_rng([21, seed])
+    above, below = (int(n) for n in draw.integers(1, 4, 2))
+    spots = []
+    for side, count, sign in (("upper", above, 1.0), ("lower", max(below, 3 - above), -1.0)):
+        for _ in range(count):
+            z, x, radius = 2e-6 + draw.uniform(-1e-7, 1e-7), draw.uniform(-2e-6, 2e-6), draw.uniform(0.5e-6, 2e-6)
+            spots.append({"side": side, "x": float(x), "z": float(sign * z), "radius": float(radius)})
+    return spots, float(draw.uniform(0.1, 0.6))
+
+
+def static_tilts(spots, mu):
+    """Tilts, rad about +y, with a static state: the resultant can pass through the spots that touch, and leans by mu at most."""
+    up = np.array([s["side"] == "upper" for s in spots])
+    x, z, r = (np.array([s[key] for s in spots]) for key in ("x", "z", "radius"))
+    centre, cos, sin = z - np.where(up, r, -r), np.cos(TILTS)[:, None], np.sin(TILTS)[:, None]
+    along, height = x * cos + centre * sin, centre * cos - x * sin + np.where(up, r, -r)
+    top, foot = np.where(up, height, -np.inf).argmax(axis=1), np.where(up, np.inf, height).argmin(axis=1)
+    rows = np.arange(len(TILTS))
+    h = height[rows, top] - height[rows, foot]
+    lean = along[rows, top] - along[rows, foot]
+    t = lean / h
+    # where another spot comes to touch, the resultant may lean by any value between those of the two struts
+    low, high = np.minimum(t[1:], t[:-1]), np.maximum(t[1:], t[:-1])
+    return TILTS[1:][(low <= mu) & (high >= -mu)]
+
+
+@pytest.mark.parametrize("level", ["exact", "mdr"])
+def test_random_planar_particles_are_pressed_where_a_static_state_exists(level):
+    stopped = []
+    for seed in range(40):
+        spots, mu = planar(seed)
+        result = pressed({"spots": spots}, mu, level)
+        assert result.stopped is None or result.stopped.label == "rolling", seed
+        if result.stopped is not None:
+            stopped.append(seed)
+            assert not len(static_tilts(spots, mu)), seed
+    assert len(stopped) < 10  # or the ensemble would show nothing
+
+
+def test_random_clumps_are_pressed():
+    for seed in range(80):
+        draw = np.random.default_rng([22, seed])
+        body = irregular(draw, int(draw.integers(4, 9)), (1.0, 0.8, 0.6), 10e-6)
+        quaternion, _ = settle(body, draw)
+        balls = [{"center": tuple(map(float, c)), "radius": float(r)} for c, r in zip(body.centers, body.radii, strict=True)]
+        mu = float(draw.uniform(0.1, 0.6))
+        result = pressed({"clump": balls, "quaternion": tuple(map(float, quaternion))}, mu, "mindlin")
+        assert result.stopped is None, seed
+        assert math.isfinite(sum(result.points[0].N)) and "sticking" in result.forecast.possible, seed

@@ -1,0 +1,91 @@
+"""Particles whose first contacts do not hold them: `balance` lets them turn until they sit, and presses them there."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from thirdbody_three_spot.balance import Result, balance
+
+MATERIALS = {
+    "upper": {"shear_modulus": 80e9, "poisson_ratio": 0.3},
+    "lower": {"shear_modulus": 60e9, "poisson_ratio": 0.35},
+    "particle": {"shear_modulus": 120e9, "poisson_ratio": 0.2},
+}
+MU = 0.3
+TILT = math.atan(0.05)  # of the line through the lower spheres' centres: .1 um over 2 um
+
+
+def spot(side, x, z):
+    return {"side": side, "x": x * 1e-6, "z": z * 1e-6, "radius": 1e-6}
+
+
+# the strut from the left foot to the top leans by 1.5/4 = .375 > mu; the right foot hangs .1 um above the plate
+LAME = (spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", 1.0, -1.9))
+# no foot to the right: the strut of .375 falls, and lies down ever more
+FALLING = (spot("upper", 0.5, 2.0), spot("lower", -1.0, -2.0), spot("lower", -1.5, -1.9))
+
+
+def pressed(spots=LAME, level="exact", **path) -> Result:
+    path = path or {"load": 1e-4}
+    tables = {"materials": MATERIALS, "friction": {"upper": MU, "lower": MU}, "particle": {"spots": list(spots)}}
+    return balance(tables | {"path": {"drag": 0.0, "steps": 1} | path}, level)
+
+
+@pytest.mark.parametrize("level", ["coulomb", "mindlin", "mdr", "exact"])
+@pytest.mark.parametrize("path", [{"load": 1e-4}, {"indentation": 10e-9}])
+def test_a_particle_turns_into_its_seat_through_a_strut_that_does_not_hold(level, path):
+    result = pressed(level=level, **path)
+    assert result.stopped is None and result.seat is not None
+    end, place = result.points[0], np.array(result.seat.spots)
+    # the posture of the rigid particle, but for overlaps of .4 nm, at a hundredth of the load, on feet 2 um apart
+    assert result.seat.rotation == pytest.approx(TILT, abs=4e-4)
+    assert all(spot != "open" for spot in end.spots) and end.label != "rolling"
+    # the balance of forces and of moments about the centre of mass, at the places in the seat, to the solver's tolerance
+    sign, normal, shear = np.array([1.0, -1.0, -1.0]), np.array(end.N), np.array(end.T)
+    scale = normal.sum()
+    assert abs(sign @ normal) < 1e-8 * scale and abs(sign @ shear) < 1e-8 * scale
+    assert abs(sign @ (normal * place[:, 0] - shear * place[:, 2])) < 1e-8 * scale * 2e-6
+    assert np.all(np.abs(shear) <= MU * normal * (1.0 + 1e-9))
+    assert any("turns by" in line for line in result.warnings)
+
+
+def test_load_and_indentation_meet_in_a_seat():
+    """Both count from first touch in the seat; they turn into it under loads that differ, so by .1 nm of 10."""
+    first = pressed(indentation=10e-9).points[0]
+    same = pressed(load=first.N[0]).points[0]
+    assert same.indentation == pytest.approx(10e-9, rel=0.02)
+
+
+def test_a_mirror_turns_the_other_way():
+    mirrored = [s | {"x": -s["x"]} for s in LAME]
+    here, there = pressed(), pressed(mirrored)
+    assert there.seat.rotation == pytest.approx(-here.seat.rotation, rel=1e-6)  # steps that end at 1e-6 of the forces
+    assert there.points[0].N == pytest.approx(here.points[0].N, rel=1e-4)
+
+
+def test_the_forecast_is_that_of_the_seat():
+    """t = (x_1 - x)/h with the upper spot at x_1 and the feet at x, all turned: spheres of equal radius by their centres."""
+    forecast = pressed().forecast
+    c, sn = math.cos(TILT), math.sin(TILT)
+    centres = [(0.5e-6, 1e-6), (-1e-6, -1e-6), (1e-6, -0.9e-6)]
+    top, left, right = (x * c + z * sn for x, z in centres)
+    h = (centres[0][1] - centres[1][1]) * c - (centres[0][0] - centres[1][0]) * sn + 2e-6
+    # rotations of 4e-4 rad, and places that they move by 2 um of 4
+    assert (forecast.t_min, forecast.t_max) == pytest.approx(((top - right) / h, (top - left) / h), abs=4e-4)
+    assert forecast.possible == ["sticking", "sliding"]
+
+
+def test_a_particle_that_tips_over_has_no_static_state_and_no_forecast_of_one():
+    result = pressed(FALLING)
+    assert result.points == [] and result.seat is None
+    assert result.stopped is not None and result.stopped.label == "rolling"
+    # that of the two spots that touch; the third never does
+    assert result.forecast.mu_required == pytest.approx(1.5 / 4.0, rel=1e-12)
+    assert result.forecast.possible == []
+
+
+def test_a_particle_that_its_contacts_hold_has_no_seat():
+    even = (LAME[0] | {"x": 0.0}, LAME[1], LAME[2] | {"z": -2e-6})
+    assert pressed(even).seat is None
