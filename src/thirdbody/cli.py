@@ -68,7 +68,7 @@ def check(
     from .scene_check import check_report, print_check
     from .simulate import prepare
 
-    built = prepare(_load(scene, settings), plugin or (), force)
+    built = prepare(_load(scene, settings, plugin), plugin or (), force)
     told = check_report(built)
     if json:
         print_json(told)
@@ -99,7 +99,7 @@ def run(
     from .run_folder import refuse_existing
     from .simulate import check_threads, default_folder, prepare
 
-    loaded = _load(scene, settings)
+    loaded = _load(scene, settings, plugin)
     folder = out or default_folder(loaded)
     refuse_existing(folder, overwrite)
     notes = check_threads(threads)
@@ -283,10 +283,10 @@ def _execute(built: Any, folder: Path, quiet: bool, json: bool, **options: Any) 
             raise problem
 
 
-def _load(path: Path, settings: list[str] | None) -> Any:
+def _load(path: Path, settings: list[str] | None, plugins: list[Path] | None) -> Any:
     from .scene.model import Scene
 
-    scene = Scene.load(path)
+    scene = Scene.load(path, plugins or ())
     return scene.with_settings(_pairs(settings)) if settings else scene
 
 

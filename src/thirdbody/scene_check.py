@@ -58,7 +58,7 @@ def check(
     from .scene.model import Scene
     from .simulate import prepare
 
-    found = check_report(prepare(Scene.of(scene), plugins, force))
+    found = check_report(prepare(Scene.of(scene, plugins), plugins, force))
     return Check({"warnings": found.pop("warnings")} | found)
 
 

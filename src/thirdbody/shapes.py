@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .bodies.clump import Clump
     from .bodies.fit import Fit
     from .bodies.mesh import Mesh
-    from .scene.meshes import MeshShape
+    from .scene.debris.kinds.mesh import MeshShape
     from .scene.model import Scene
 
 SPHERES, SEED = 12, 1
@@ -52,7 +52,7 @@ def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int
     """One body that follows a mesh file, of unit density. Raises UsageError for the unit, InputError for the mesh."""
     from .bodies.fit import clump_from_mesh
     from .bodies.mesh import load_mesh
-    from .scene.meshes import MeshShape
+    from .scene.debris.kinds.mesh import MeshShape
     from .scene.units import parse
 
     if unit is None:
@@ -102,7 +102,7 @@ def read_shapes(
 def _of_folder(folder: Path, unit: str | None, spheres: int | None, seed: int | None) -> list[Population]:
     """A body for every mesh file of a folder. Raises as `mesh_population`, and InputError where there is none."""
     from .bodies.mesh import SUFFIXES
-    from .scene.meshes import meshes_in
+    from .scene.debris.kinds.mesh import meshes_in
 
     files = meshes_in(folder)
     if not files:
@@ -112,11 +112,9 @@ def _of_folder(folder: Path, unit: str | None, spheres: int | None, seed: int | 
 
 def _followed(scene: Scene, index: int) -> list[MeshShape]:
     """The meshes of a population and how well its spheres fit; those of `shapes_of`, fitted once."""
-    if scene.debris[index].kind != "mesh":
-        return []
-    from .scene.meshes import mesh_shapes
+    from .scene.make import population_context
 
-    return mesh_shapes(scene, index, [])
+    return scene.debris[index].mesh_shapes(population_context(scene, index, []))
 
 
 def told(population: Population) -> dict[str, Any]:

@@ -58,7 +58,7 @@ def run(
     the main thread writes a checkpoint and raises Interrupted (`resume` goes on); a second one raises KeyboardInterrupt at once,
     as does one before the first step.
     """
-    scene = Scene.of(scene)
+    scene = Scene.of(scene, plugins)
     folder = Path(out) if out is not None else default_folder(scene)
     refuse_existing(folder, overwrite)
     for warning in check_threads(threads):

@@ -67,7 +67,8 @@ def prepare_resume(
         raise InputError(f"{folder}: no such folder; give that of a run")
     refuse_links(folder)
     kept = read_checkpoint(folder)
-    before, scene = _scenes(folder, kept, settings or {})
+    plugins = tuple(plugins)
+    before, scene = _scenes(folder, kept, settings or {}, plugins)
     if kept.frames:
         with open_run(folder) as run:
             if run.frames < kept.frames:
@@ -83,11 +84,13 @@ def prepare_resume(
     return simulation, kept
 
 
-def _scenes(folder: Path, kept: Checkpoint, settings: Mapping[str, Any]) -> tuple[Scene, Scene]:
+def _scenes(
+    folder: Path, kept: Checkpoint, settings: Mapping[str, Any], plugins: Iterable[str | Path] = ()
+) -> tuple[Scene, Scene]:
     """The scene of the checkpoint, and the one to go on with: the same but for how far it goes."""
     path = folder / SCENE_FILE
-    before = Scene.parse(kept.scene, str(folder / CHECKPOINT), kept.folder)
-    now = Scene.parse(read_text(path), str(path), kept.folder) if path.is_file() else before
+    before = Scene.parse(kept.scene, str(folder / CHECKPOINT), kept.folder, plugins)
+    now = Scene.parse(read_text(path), str(path), kept.folder, plugins) if path.is_file() else before
     now = now.with_settings(settings) if settings else now
     changes = [
         Fault(key, f"was {old}, is {new}")

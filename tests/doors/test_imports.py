@@ -36,10 +36,10 @@ LIGHT = ["__init__.py", "errors.py", "progress.py", "signals.py", "starters.py",
     f"cli{name}.py" for name in ("", "_completion", "_group", "_new", "_studies")
 ), *(
     f"scene/{name}.py" for name in (
-        "__init__", "crosscheck", "debris", "fields", "locate", "model", "part", "read", "settings", "tables", "template",
+        "__init__", "crosscheck", "fields", "locate", "model", "part", "read", "settings", "tables", "template",
         "types", "units", "write",
     )
-)]  # fmt: skip
+), *(path.relative_to(SOURCE).as_posix() for path in (SOURCE / "scene" / "debris").rglob("*.py"))]  # fmt: skip
 COMPILED = {"kernels", "laws", "bodies", "engine"}
 
 

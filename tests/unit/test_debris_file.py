@@ -15,7 +15,7 @@ from thirdbody.errors import InputError
 from thirdbody.kernels import layout as at
 from thirdbody.laws.registry import discover
 from thirdbody.scene.build import build
-from thirdbody.scene.debris import File
+from thirdbody.scene.debris.kinds.file import File
 from thirdbody.scene.model import Scene
 from thirdbody.scene.populate import populate, sphere_centres
 from thirdbody.scene.units import parse

@@ -9,13 +9,16 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
-from types import MappingProxyType
+from types import MappingProxyType, ModuleType
 
 from ..errors import UsageError
 from ..modules import import_file, import_lock
 from .contract import BodyEffect, Law, LawFamily, Plugin
 
 GROUP = "thirdbody.plugins"
+
+DEBRIS_KINDS = "DEBRIS_KINDS"
+"""Name of the tuple of kinds of debris in a plug-in file (`scene.debris.registry`)."""
 
 
 @dataclass(frozen=True)
@@ -68,17 +71,24 @@ def _plugin(found: object) -> Plugin:
     return found
 
 
-def load_file(path: Path) -> Plugin:
-    """The `PLUGIN` of a Python file. Raises UsageError if it cannot be read, fails, or has none."""
+def load_module(path: Path) -> ModuleType:
+    """The module of a plug-in file, imported once. Raises UsageError if it cannot be read or fails."""
     if not os.path.isfile(path):  # unlike Path.is_file, False for a name that is too long
         raise UsageError(f"plug-in {path}: no such file")
     digest = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]
     name = f"thirdbody_file_{path.stem}_{digest}"
     with import_lock:
         try:
-            module = sys.modules.get(name) or import_file(name, path)
+            return sys.modules.get(name) or import_file(name, path)
         except Exception as problem:
             raise UsageError(f"plug-in {path}: {type(problem).__name__}: {problem}") from problem
+
+
+def load_file(path: Path) -> Plugin:
+    """The `PLUGIN` of a Python file; an empty one for a file that brings kinds of debris only. Raises UsageError."""
+    module = load_module(path)
+    if not hasattr(module, "PLUGIN") and hasattr(module, DEBRIS_KINDS):
+        return Plugin(path.stem)
     plugin = getattr(module, "PLUGIN", None)
     if not isinstance(plugin, Plugin):
         raise UsageError(f"plug-in {path}: the file has no PLUGIN = Plugin(...)")

@@ -11,13 +11,9 @@ from typing import Any
 
 from thirdbody.errors import nearest
 from thirdbody.scene import units
+from thirdbody.scene.debris.contract import DebrisKind
 from thirdbody.scene.fields import show
-from thirdbody.scene.part import Place, Wrong
-
-
-def get(node: Any, key: str) -> Any:
-    """The entry of a raw table or of a checked one; None when there is none."""
-    return node.get(key) if isinstance(node, Mapping) else getattr(node, key, None)
+from thirdbody.scene.part import Place, Wrong, entry
 
 
 def _items(node: Any) -> list[Any]:
@@ -52,20 +48,20 @@ def material_faults(raw: dict[str, Any]) -> list[Wrong]:
 
 def _used(raw: dict[str, Any]) -> Iterator[tuple[Place, Any]]:
     for i, debris in enumerate(_items(raw.get("debris"))):
-        yield ("debris", i, "material"), get(debris, "material")
+        yield ("debris", i, "material"), entry(debris, "material")
     for side in ("lower", "upper"):
-        yield ("plates", side, "material"), get(get(raw.get("plates"), side), "material")
+        yield ("plates", side, "material"), entry(entry(raw.get("plates"), side), "material")
     for i, pair in enumerate(_items(raw.get("pairs"))):
-        for k, name in enumerate(_items(get(pair, "between"))):
+        for k, name in enumerate(_items(entry(pair, "between"))):
             yield ("pairs", i, "between", k), name
 
 
-def pair_faults(raw: dict[str, Any]) -> list[Wrong]:
+def pair_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> list[Wrong]:
     """Pairs given twice, and pairs of materials that can meet but are not given."""
     wrongs: list[Wrong] = []
     known: dict[frozenset[str], int] = {}
     for i, pair in enumerate(_items(raw.get("pairs"))):
-        names = [name for name in _items(get(pair, "between")) if isinstance(name, str)]
+        names = [name for name in _items(entry(pair, "between")) if isinstance(name, str)]
         if len(names) != 2 or not _defined(raw, names):
             return wrongs  # told already; which pair was meant is not known, so none can be called missing
         if frozenset(names) in known:
@@ -73,7 +69,7 @@ def pair_faults(raw: dict[str, Any]) -> list[Wrong]:
             wrongs.append((("pairs", i, "between"), f"{_both(names)} are given by pairs[{first}] already"))
         known.setdefault(frozenset(names), i)
     needed: dict[frozenset[str], tuple[list[str], str]] = {}
-    for first, second, where in _meetings(raw):
+    for first, second, where in _meetings(raw, kinds):
         if _defined(raw, [first, second]):
             needed.setdefault(frozenset((first, second)), ([first, second], where))
     for key, (names, where) in needed.items():
@@ -85,11 +81,12 @@ def pair_faults(raw: dict[str, Any]) -> list[Wrong]:
 
 def rolling_faults(raw: dict[str, Any]) -> list[Wrong]:
     """Coefficients of an effect that is off: it would be silently ignored."""
-    if get(raw.get("effects"), "rolling_resistance") is not None or get(get(raw.get("effects"), "named"), "rolling_resistance"):
+    effects = raw.get("effects")
+    if entry(effects, "rolling_resistance") is not None or entry(entry(effects, "named"), "rolling_resistance"):
         return []
     hint = "the effect that it belongs to is off: add [effects] rolling_resistance = {coefficient = ...}"
     pairs = enumerate(_items(raw.get("pairs")))
-    return [(("pairs", i, "rolling_friction"), hint) for i, pair in pairs if get(pair, "rolling_friction") is not None]
+    return [(("pairs", i, "rolling_friction"), hint) for i, pair in pairs if entry(pair, "rolling_friction") is not None]
 
 
 def _both(names: list[str]) -> str:
@@ -101,21 +98,21 @@ def _defined(raw: dict[str, Any], names: list[Any]) -> bool:
     return isinstance(materials, Mapping) and all(isinstance(n, str) and n in materials for n in names)
 
 
-def _meetings(raw: dict[str, Any]) -> Iterator[tuple[Any, Any, str]]:
+def _meetings(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> Iterator[tuple[Any, Any, str]]:
     """Materials that can touch, and who carries them."""
     debris = [
-        (f"debris[{i}]", get(d, "material"), _bodies(d), get(d, "kind"))
+        (f"debris[{i}]", entry(d, "material"), kind.body_count(d), kind.meets_debris)
         for i, d in enumerate(_items(raw.get("debris")))
+        for kind in [_kind(d, kinds)]
     ]
     for name, material, _, _ in debris:
         for side in ("lower", "upper"):
-            plate = get(raw.get("plates"), side)
+            plate = entry(raw.get("plates"), side)
             if plate is not None:
-                yield material, get(plate, "material"), f"{name} and plates.{side}"
-    if get(raw.get("contact"), "debris_contact") == "none":
+                yield material, entry(plate, "material"), f"{name} and plates.{side}"
+    if entry(raw.get("contact"), "debris_contact") == "none":
         return
-    # the spots of a given particle meet their plate only
-    debris = [entry for entry in debris if entry[3] != "spots"]
+    debris = [entry for entry in debris if entry[3]]
     for name, material, bodies, _ in debris:
         if bodies > 1:
             yield material, material, f"the bodies of {name}"
@@ -123,14 +120,15 @@ def _meetings(raw: dict[str, Any]) -> Iterator[tuple[Any, Any, str]]:
         yield material, other_material, f"{name} and {other}"
 
 
-def _bodies(debris: Any) -> int:
-    """Number of bodies as far as it can be read; 0 when it cannot, 2 for a table of bodies."""
-    count, positions = get(debris, "count"), get(debris, "positions")
-    if isinstance(count, int):
-        return count
-    if get(debris, "kind") == "file":  # which is read later
-        return 2
-    return len(positions) if hasattr(positions, "__len__") and not isinstance(positions, str) else 0
+def _kind(debris: Any, kinds: Mapping[str, type[DebrisKind]]) -> type[DebrisKind]:
+    """The class of an unchecked debris table; the base of all kinds where it cannot be read."""
+    if isinstance(debris, DebrisKind):
+        return type(debris)
+    name = entry(debris, "kind")
+    try:
+        return kinds[name] if isinstance(name, str) else DebrisKind
+    except (KeyError, ValueError):
+        return DebrisKind
 
 
 def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[Wrong]:
@@ -138,7 +136,7 @@ def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[W
     wrongs: list[Wrong] = []
     if moving:
         return wrongs
-    if get(raw.get("solver"), "distance") is not None:
+    if entry(raw.get("solver"), "distance") is not None:
         hint = "add plates.upper.motion, or give duration instead"
         wrongs.append((("solver", "distance"), f"a distance needs an upper plate that moves: {hint}"))
     if every_kind == "distance":

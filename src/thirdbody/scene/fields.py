@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, get_args
 
@@ -187,14 +187,14 @@ class Choice:
         return core_schema.with_info_before_validator_function(read, core_schema.literal_schema(list(names)))
 
 
-def choose(value: Any, names: Iterable[str], later: Iterable[str], key: str) -> str:
+def choose(value: Any, names: Collection[str], later: Collection[str], key: str) -> str:
     """The value when it is one of the names. Raises ValueError that lists them."""
+    if isinstance(value, str) and value not in later and value in names:
+        return value
     listed = ", ".join(f"'{name}'" for name in names)
     if isinstance(value, str) and value in later:
         raise ValueError(f"{key} = '{value}' is known but not available in this version; available: {listed}")
-    if not isinstance(value, str) or value not in names:
-        raise ValueError(f"{show(value)} is not one of {listed}")
-    return value
+    raise ValueError(f"{show(value)} is not one of {listed}")
 
 
 def is_unicode(text: str) -> bool:

@@ -1,14 +1,16 @@
 """The scene: everything a scene file may hold, checked, frozen and in SI units.
 
 In Python, quantities are given as floats in SI or as text with a unit; in a file always as text with a unit.
-The tables themselves stand in `tables` and `debris`; import them from here.
+The tables themselves are in `tables` and `debris`; import them from here. Further kinds of debris come as tables (dictionaries)
+or as instances of their classes.
 """
 
 from __future__ import annotations
 
 import difflib
+import itertools
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,15 +19,19 @@ from pydantic import PrivateAttr, ValidationError
 
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene import crosscheck
-from thirdbody.scene.debris import Ball, Debris, File, Irregular, Mesh, Spheres, most_spheres, population_names
+from thirdbody.scene.debris.kinds.file import File
+from thirdbody.scene.debris.kinds.irregular import Irregular
+from thirdbody.scene.debris.kinds.mesh import Mesh
+from thirdbody.scene.debris.kinds.spheres import Ball, Spheres
+from thirdbody.scene.debris.kinds.spots import Spot, Spots
+from thirdbody.scene.debris.registry import Debris, DebrisKinds, kinds_of
 from thirdbody.scene.drives import Constant as ConstantVelocity
 from thirdbody.scene.drives import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.fields import Whole, listing, plain
-from thirdbody.scene.part import MISSING, Part, Place, Wrong, bundle, wrongs_of
+from thirdbody.scene.part import MISSING, Part, Place, Wrong, bundle, key_path, wrongs_of
 from thirdbody.scene.read import Source, read_text, read_toml
 from thirdbody.scene.settings import apply_settings
 from thirdbody.scene.sizes import Constant, Lognormal, Normal, Uniform
-from thirdbody.scene.spots import Spot, Spots
 from thirdbody.scene.tables import (
     Contact,
     Domain,
@@ -72,14 +78,20 @@ class Scene(Part):
     output: Output
 
     _source: Source = PrivateAttr(default_factory=Source)
+    _kinds: DebrisKinds = PrivateAttr(default_factory=DebrisKinds)
 
     @classmethod
-    def load(cls, path: str | os.PathLike[str]) -> Scene:
-        """The scene in a TOML file. Raises InputError with every fault, each with file, line and column."""
-        return cls.parse(read_text(path), os.fspath(path))
+    def load(cls, path: str | os.PathLike[str], plugins: Iterable[str | Path] = ()) -> Scene:
+        """The scene in a TOML file. `plugins`: Python files whose kinds of debris it may name.
+
+        Raises InputError with every fault, each with file, line and column, and UsageError for the plug-ins.
+        """
+        return cls.parse(read_text(path), os.fspath(path), plugins=plugins)
 
     @classmethod
-    def of(cls, given: Scene | str | os.PathLike[str] | Mapping[str, Any]) -> Scene:
+    def of(
+        cls, given: Scene | str | os.PathLike[str] | Mapping[str, Any], plugins: Iterable[str | Path] = ()
+    ) -> Scene:
         """Return the scene itself, the one in a TOML file, or the one that a dictionary of tables describes.
 
         Numbers of a dictionary are in SI, or text with a unit. Raises InputError with every fault, TypeError for anything else.
@@ -87,14 +99,16 @@ class Scene(Part):
         if isinstance(given, Scene):
             return given
         if isinstance(given, Mapping):
-            return cls(**given)
+            return cls._of_tables(given, DebrisKinds(tuple(plugins)))
         if isinstance(given, str | os.PathLike):
-            return cls.load(given)
+            return cls.load(given, plugins)
         raise TypeError(f"expected a Scene, the path of a scene file or a dictionary, not {type(given).__name__}")
 
     @classmethod
-    def parse(cls, text: str, name: str = "scene", folder: str | os.PathLike[str] | None = None) -> Scene:
-        """The scene in a TOML text; `name` stands for the file in messages. Raises InputError like `load`.
+    def parse(
+        cls, text: str, name: str = "scene", folder: str | os.PathLike[str] | None = None, plugins: Iterable[str | Path] = ()
+    ) -> Scene:
+        """The scene in a TOML text; `name` stands for the file in messages. Raises like `load`.
 
         Files that the scene names lie in `folder`, if that is not the one of `name`.
         """
@@ -104,17 +118,27 @@ class Scene(Part):
         if "scene" not in document:
             document["scene"] = VERSION  # read on, so that the other faults are told too
             wrongs.append((("scene",), f"{MISSING}: write scene = {VERSION}"))
-        return cls._checked(document, source, wrongs)
+        return cls._checked(document, source, wrongs, DebrisKinds(tuple(plugins)))
 
     @classmethod
-    def _checked(cls, document: dict[str, Any], source: Source, wrongs: list[Wrong]) -> Scene:
+    def _checked(cls, document: dict[str, Any], source: Source, wrongs: list[Wrong], kinds: DebrisKinds) -> Scene:
         try:
-            scene = cls.model_validate(document, context={"file": True})
+            scene = cls.model_validate(document, context={"file": True, "kinds": kinds})
         except ValidationError as error:
             wrongs = wrongs + wrongs_of(error)
         if wrongs:
             raise InputError(source.in_order(wrongs))
-        scene._source = source
+        scene._source, scene._kinds = source, kinds
+        return scene
+
+    @classmethod
+    def _of_tables(cls, tables: Mapping[str, Any], kinds: DebrisKinds) -> Scene:
+        """The scene that Python tables describe, as the constructor reads them."""
+        try:
+            scene = cls.model_validate(dict(tables), context={"kinds": kinds})
+        except ValidationError as error:
+            raise InputError(Fault(key_path(place), text) for place, text in wrongs_of(error)) from None
+        scene._kinds = kinds
         return scene
 
     @classmethod
@@ -136,7 +160,8 @@ class Scene(Part):
             wrongs.append((("materials",), "at least one [materials.NAME] table is needed"))
         if isinstance(raw.get("debris", []), list | tuple) and not raw.get("debris"):
             wrongs.append((("debris",), "at least one [[debris]] table is needed"))
-        wrongs += crosscheck.material_faults(raw) + crosscheck.pair_faults(raw) + crosscheck.rolling_faults(raw)
+        wrongs += crosscheck.material_faults(raw) + crosscheck.pair_faults(raw, kinds_of(context))
+        wrongs += crosscheck.rolling_faults(raw)
         plates = _sound(Plates, raw.get("plates", {}), context)
         output = _sound(Output, raw.get("output"), context)
         # Plates that are wrong themselves may be meant to move.
@@ -158,12 +183,22 @@ class Scene(Part):
 
     @property
     def population_names(self) -> list[str]:
-        """Names of the populations, in the order of `debris`: `name`, else material and kind."""
-        return population_names(self.debris)
+        """Names of the populations: `name`, else material and kind: `bronze (irregular)`, `bronze (irregular) 2`."""
+        taken = {debris.name for debris in self.debris if debris.name}
+        names = []
+        for debris in self.debris:
+            name = debris.name
+            if not name:
+                plain_name = f"{debris.material} ({debris.kind})"
+                numbered = (f"{plain_name} {k}" for k in itertools.count(2))
+                name = next(text for text in itertools.chain([plain_name], numbered) if text not in taken)
+                taken.add(name)
+            names.append(name)
+        return names
 
     def _too_many(self) -> list[Wrong]:
         """More spheres than are ever computed, told before one of them is made."""
-        spheres = [(debris.count or 1) * most_spheres(debris) for debris in self.debris]
+        spheres = [(debris.count or 1) * debris.max_spheres() for debris in self.debris]
         if sum(spheres) <= MOST_SPHERES:
             return []
         message = f"the debris would have up to {sum(spheres):.3g} spheres, at most {MOST_SPHERES:.3g} are computed; lower count"
@@ -171,7 +206,7 @@ class Scene(Part):
 
     def _out_of_plane(self) -> list[Wrong]:
         """What would drive planar particles out of their plane."""
-        if not any(isinstance(debris, Spots) and debris.planar for debris in self.debris):
+        if not any(debris.in_plane for debris in self.debris):
             return []
         wrongs: list[Wrong] = []
         upper, why = self.plates.upper, "drives planar particles out of their plane y = 0"
@@ -208,8 +243,9 @@ class Scene(Part):
         InputError.
         """
         document, places = apply_settings(self.document(), settings)
+        kinds = self._kinds.including(type(debris) for debris in self.debris)
         # A setting can put a key of the file in the wrong, so every fault here is one of the settings.
-        scene = self._checked(document, Source().overridden([()]), [])
+        scene = self._checked(document, Source().overridden([()]), [], kinds)
         scene._source = self._source.overridden(places)
         return scene
 

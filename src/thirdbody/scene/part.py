@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Iterable, Mapping
 from typing import Any, ClassVar
 
@@ -69,24 +70,38 @@ def key_path(place: Iterable[str | int]) -> str:
     return path
 
 
+def entry(node: Any, key: str) -> Any:
+    """The entry of an unchecked table or of a checked one; None when there is none."""
+    return node.get(key) if isinstance(node, Mapping) else getattr(node, key, None)
+
+
+def key_place(path: str) -> Place:
+    """The place that a path names: debris[0].size is ("debris", 0, "size")."""
+    return tuple(int(number) if number else word for number, word in re.findall(r"\[(\d+)\]|([^.\[\]]+)", path))
+
+
 def tagged(key: str, kinds: Mapping[str, type[Part]], later: tuple[str, ...] = ()) -> WrapValidator:
     """Chooses the kind of table by the value of one of its keys, so only that kind's faults are told."""
 
     def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         if isinstance(value, tuple(kinds.values())):
             return value
-        if not isinstance(value, Mapping):
-            raise ValueError(f"expected a table, got {show(value)}")
-        if value.get(key) is None:
-            listed = ", ".join(f"'{name}'" for name in kinds)
-            raise bundle([((key,), f"{MISSING}: one of {listed}")])
-        try:
-            kind = choose(value[key], kinds, later, key)
-        except ValueError as error:
-            raise bundle([((key,), str(error))]) from None
-        return kinds[kind].model_validate(value, context=info.context)
+        return chosen_kind(key, kinds, value, later).model_validate(value, context=info.context)
 
     return WrapValidator(read)
+
+
+def chosen_kind(key: str, kinds: Mapping[str, type[Part]], value: Any, later: tuple[str, ...] = ()) -> type[Part]:
+    """The kind of table that the value of its key names. Raises ValueError, or ValidationError with the fault at that key."""
+    if not isinstance(value, Mapping):
+        raise ValueError(f"expected a table, got {show(value)}")
+    if value.get(key) is None:
+        listed = ", ".join(f"'{name}'" for name in kinds)
+        raise bundle([((key,), f"{MISSING}: one of {listed}")])
+    try:
+        return kinds[choose(value[key], kinds, later, key)]
+    except ValueError as error:
+        raise bundle([((key,), str(error))]) from None
 
 
 def one_of(raw: Mapping[str, Any], keys: tuple[str, ...]) -> list[Wrong]:

@@ -11,17 +11,12 @@ from ..bodies.dense import pack
 from ..bodies.dilute import scatter
 from ..bodies.placement import place_layer
 from ..bodies.poses import settle_all
-from ..bodies.table import Bodies
 from ..engine.state import rotation_matrices
 from ..errors import Fault, InputError
 from . import units
-from .debris import Debris, File, Irregular, Mesh, Spheres
+from .debris.contract import CLEARANCE
+from .debris.population import PopulationContext
 from .model import Scene
-from .sizes import Constant, Lognormal
-from .sizes import Normal as NormalSize
-
-CLEARANCE = 1e-9
-"""Gap of a resting body to its plates over its size: at the start nothing touches by rounding."""
 
 LAYER_STREAM, DILUTE_STREAM, DENSE_STREAM = 1_000_003, 1_000_033, 1_000_037
 """Spawn keys of the random streams that pose and place bodies, apart from those of the populations."""
@@ -33,27 +28,22 @@ SOLID_FRACTION = {"dilute": 0.05, "dense": 0.5}
 """Solid fractions of a scene that gives neither height nor solid_fraction."""
 
 
-def placement_of(debris: Debris) -> str | None:
-    """How the bodies are placed; None when the scene or a file says where they are."""
-    return getattr(debris, "placement", None)
-
-
 def place(scene: Scene, clumps: list[Clump], populations: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
     """Poses and places, into x (n, 3) and q (n, 4), of all bodies whose population (n,) names a placement.
 
     All layers are laid together, each body in a stable pose; then all dilute populations are scattered together, free of
     what already stands; or all dense ones packed together, mixed. Warnings say the solid fraction. Raises InputError.
     """
-    how = np.array([placement_of(debris) or "given" for debris in scene.debris])[populations]
+    how = np.array([debris.placement_name or "given" for debris in scene.debris])[populations]
     for placement, placing in (("layer", _lay), ("dilute", _scatter), ("dense", _pack)):
         members = np.flatnonzero(how == placement)
         if len(members):
             placing(scene, clumps, members, x, q, warnings)
 
 
-def refuse_placements(scene: Scene, tables: dict[int, Bodies]) -> None:
+def refuse_placements(scene: Scene, contexts: Sequence[PopulationContext]) -> None:
     """Raise InputError for placements that contradict each other, need a plate that is missing, or are far too crowded."""
-    how = [placement_of(debris) for debris in scene.debris]
+    how = [debris.placement_name for debris in scene.debris]
     for i, placement in enumerate(how):
         if placement in ("layer", "dense") and scene.plates.lower is None:
             verb = "lays" if placement == "layer" else "builds a bed of"
@@ -68,7 +58,7 @@ def refuse_placements(scene: Scene, tables: dict[int, Bodies]) -> None:
                 faults.append(scene.fault(("debris", i, "placement"), message))
     for placement in ("dilute", "dense"):
         faults += _disagreements(scene, placement)
-    faults = faults or _crowds(scene, tables)
+    faults = faults or _crowds(scene, contexts)
     if faults:
         raise InputError(faults)
 
@@ -78,9 +68,9 @@ def _wishes(scene: Scene, placement: str) -> list[tuple[int, str, float]]:
     return [
         (i, key, value)
         for i, debris in enumerate(scene.debris)
-        if placement_of(debris) == placement
+        if debris.placement_name == placement
         for key in ("height", "solid_fraction")
-        if (value := getattr(debris, key)) is not None
+        if (value := getattr(debris, key, None)) is not None
     ]
 
 
@@ -96,18 +86,15 @@ def _disagreements(scene: Scene, placement: str) -> list[Fault]:
     ]
 
 
-def _crowds(scene: Scene, tables: dict[int, Bodies]) -> list[Fault]:
+def _crowds(scene: Scene, contexts: Sequence[PopulationContext]) -> list[Fault]:
     """Counts out of all proportion, told before hours are spent on making and placing them."""
     faults = []
     width, depth = scene.domain.size
-    for i, debris in enumerate(scene.debris):
-        placement = placement_of(debris)
+    for i, (debris, context) in enumerate(zip(scene.debris, contexts, strict=True)):
+        placement = debris.placement_name
         if placement is None:
             continue
-        assert isinstance(debris, Irregular | Spheres | Mesh | File)
-        # only half of the bodies are larger than the median
-        diameter, share = _typical(debris, tables.get(i))
-        count = debris.count or len(tables[i].clumps)
+        (diameter, share), count = debris.typical_diameter(context), debris.number_of_bodies(context)
         cover = share * count * 0.25 * np.pi * diameter**2 / (width * depth)
         what = f"{count} bodies of {units.pretty(diameter, 'length')} would"
         place = f"({units.pretty(width, 'length')} by {units.pretty(depth, 'length')})"
@@ -120,23 +107,6 @@ def _crowds(scene: Scene, tables: dict[int, Bodies]) -> list[Fault]:
             message = f"{what} fill the domain {place} up to this height {fraction:.3g} times; {less}"
             faults.append(scene.fault(("debris", i, "count"), message))
     return faults
-
-
-def _typical(debris: Irregular | Spheres | Mesh | File, table: Bodies | None) -> tuple[float, float]:
-    """A diameter, m, and the share of the bodies that surely is not smaller."""
-    if isinstance(debris, Spheres):
-        radii = [debris.radius] if debris.radius is not None else [ball.radius for ball in debris.shape or ()]
-        return 2.0 * max(radii), 1.0
-    size = debris.size
-    if size is None and table is not None:
-        return float(np.sqrt(np.mean([body.diameter**2 for body in table.clumps]))), 1.0
-    if size is None:  # as in the mesh file, which is read later
-        return 0.0, 1.0
-    if isinstance(size, Constant):
-        return size.value, 1.0
-    if isinstance(size, Lognormal):
-        return max(size.median, size.min or 0.0), 0.5
-    return (max(size.mean, size.min), 0.5) if isinstance(size, NormalSize) else (0.5 * (size.min + size.max), 0.5)
 
 
 def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
@@ -203,13 +173,13 @@ def _volume(scene: Scene, placement: str, bodies: list[Clump]) -> tuple[float, f
 
 
 def _stream(scene: Scene, placement: str, key: int) -> np.random.Generator:
-    first = next(debris for debris in scene.debris if placement_of(debris) == placement)
+    first = next(debris for debris in scene.debris if debris.placement_name == placement)
     return np.random.default_rng(np.random.SeedSequence(getattr(first, "seed", 1), spawn_key=(key,)))
 
 
 def _told(scene: Scene, placement: str, error: InputError) -> InputError:
     """The faults of the placing at their places in the scene: the domain, or what it says of the common volume."""
-    first = next(i for i, debris in enumerate(scene.debris) if placement_of(debris) == placement)
+    first = next(i for i, debris in enumerate(scene.debris) if debris.placement_name == placement)
     wishes = _wishes(scene, placement)
     where = ("debris", wishes[0][0], wishes[0][1]) if wishes else ("debris", first, "placement")
     return InputError(

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..bodies.clump import Clump
-from ..bodies.spots import rows
-from ..bodies.table import Bodies
 from ..engine.state import Placed
-from .debris import Debris, File, Spheres
-from .filed import motion, read_tables
-from .make import make_bodies
+from .debris.population import PlacedClumps
+from .make import make_bodies, read_populations
 from .model import Scene
-from .place import CLEARANCE, place, placement_of, refuse_placements, spheres_of
-from .spots import Spots
+from .place import place, refuse_placements, spheres_of
 from .start import refuse_start
 from .types import REST
 
@@ -23,46 +21,37 @@ def populate(scene: Scene, warnings: list[str]) -> Placed:
 
     Where the scene does not say the places, `place` finds them.
     """
-    tables = read_tables(scene, warnings)
-    refuse_placements(scene, tables)
-    clumps: list[Clump] = []
-    positions, quaternions, counts = [], [], []
-    for index, debris in enumerate(scene.debris):
-        shapes, turn = make_bodies(scene, index, debris, warnings, tables)
-        clumps += shapes
-        chosen = placement_of(debris) is not None
-        positions.append(np.full((len(shapes), 3), np.nan) if chosen else _given(scene, index, debris, tables))
-        quaternions.append(np.broadcast_to(turn, (len(shapes), 4)))
-        counts.append(len(shapes))
-    x, q = np.concatenate(positions), np.concatenate(quaternions)
-    place(scene, clumps, np.repeat(np.arange(len(counts)), counts), x, q, warnings)
-    placed = _placed(scene, clumps, x, q, counts)
-    for index, table in tables.items():
-        debris, own = scene.debris[index], placed.populations == index
-        assert isinstance(debris, File)
-        placed.velocities[own], placed.angular_velocities[own] = motion(debris, table)
+    contexts = read_populations(scene, warnings)
+    refuse_placements(scene, contexts)
+    made = [make_bodies(scene, context) for context in contexts]
+    clumps = [body for population in made for body in population.clumps]
+    populations = np.repeat(np.arange(len(made)), [len(population.clumps) for population in made])
+    x = np.concatenate([_rows(population, population.positions, (np.nan,) * 3) for population in made])
+    q = np.concatenate([_rows(population, population.quaternions, population.quaternions) for population in made])
+    place(scene, clumps, populations, x, q, warnings)
+    placed = _placed(scene, clumps, populations, x, q)
+    for debris, population, own in zip(scene.debris, made, _members(populations, len(made)), strict=True):
+        placed.velocities[own] = _rows(population, population.velocity, debris.velocity or REST)
+        placed.angular_velocities[own] = _rows(population, population.angular_velocity, debris.angular_velocity or REST)
     refuse_start(scene, placed)
     return placed
 
 
-def _given(scene: Scene, index: int, debris: Debris, tables: dict[int, Bodies]) -> np.ndarray:
-    """Positions (count, 3) of the centres of mass that the scene gives."""
-    if isinstance(debris, Spots):
-        places = rows(debris.count, scene.domain.size) if debris.positions is None else np.array(debris.positions, float)
-        height = CLEARANCE * debris.height() - min(spot.z for spot in debris.spots)
-        return np.column_stack((places, np.full(debris.count, height)))
-    if isinstance(debris, File):
-        return tables[index].positions
-    assert isinstance(debris, Spheres) and debris.positions is not None
-    return np.array(debris.positions, float)
+def _rows(population: PlacedClumps, given: np.ndarray | None, otherwise: Sequence[float] | np.ndarray) -> np.ndarray:
+    """A row for each body: what is given, else the same for all."""
+    row = np.asarray(otherwise if given is None else given, float)
+    return np.broadcast_to(row, (len(population.clumps), row.shape[-1]))
 
 
-def _placed(scene: Scene, clumps: list[Clump], x: np.ndarray, q: np.ndarray, counts: list[int]) -> Placed:
+def _members(populations: np.ndarray, count: int) -> list[np.ndarray]:
+    """The bodies of each population."""
+    return [np.flatnonzero(populations == index) for index in range(count)]
+
+
+def _placed(scene: Scene, clumps: list[Clump], populations: np.ndarray, x: np.ndarray, q: np.ndarray) -> Placed:
     names = list(scene.materials)
-    of_population = np.array([names.index(debris.material) for debris in scene.debris])
-    populations = np.repeat(np.arange(len(counts)), counts)
+    materials = np.array([names.index(debris.material) for debris in scene.debris])[populations]
     densities = np.array([material.density for material in scene.materials.values()])
-    materials = of_population[populations]
     return Placed(
         clumps=clumps,
         densities=densities[materials],
@@ -70,8 +59,8 @@ def _placed(scene: Scene, clumps: list[Clump], x: np.ndarray, q: np.ndarray, cou
         populations=populations,
         positions=x,
         quaternions=q,
-        velocities=np.array([debris.velocity or REST for debris in scene.debris], float)[populations],
-        angular_velocities=np.array([debris.angular_velocity or REST for debris in scene.debris], float)[populations],
+        velocities=np.zeros((len(clumps), 3)),
+        angular_velocities=np.zeros((len(clumps), 3)),
     )
 
 

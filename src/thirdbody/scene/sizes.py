@@ -15,14 +15,31 @@ from thirdbody.scene.part import Part, Wrong, tagged
 from thirdbody.scene.types import PositiveLength, PositiveNumber
 
 
-class Constant(Part):
+class SizeDistribution(Part):
+    """What every distribution of sizes answers."""
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the distribution as the keywords of `bodies.shapes.diameters`."""
+        given = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: value for name, value in given.items() if value is not None}
+
+    def typical(self) -> tuple[float, float]:
+        """Return a size [m], and the fraction of bodies that are surely not smaller."""
+        raise NotImplementedError(f"{type(self).__name__}.typical")
+
+
+class Constant(SizeDistribution):
     """Every body has this size, m."""
 
     distribution: Literal["constant"] = "constant"
     value: PositiveLength
 
+    def typical(self) -> tuple[float, float]:
+        """Return the size itself; all bodies have it."""
+        return self.value, 1.0
 
-class _Cut(Part):
+
+class _Cut(SizeDistribution):
     def checks(self) -> list[Wrong]:
         """Faults between the limits."""
         low, high = getattr(self, "min"), getattr(self, "max")  # noqa: B009  (declared by the kinds below)
@@ -47,6 +64,10 @@ class Lognormal(_Cut):
     min: PositiveLength | None = None
     max: PositiveLength | None = None
 
+    def typical(self) -> tuple[float, float]:
+        """Return the median: only half of the bodies are larger."""
+        return max(self.median, self.min or 0.0), 0.5
+
 
 class Normal(_Cut):
     """Size with this mean and standard deviation (m); `min` is required, for a size must be positive."""
@@ -57,6 +78,10 @@ class Normal(_Cut):
     min: PositiveLength
     max: PositiveLength | None = None
 
+    def typical(self) -> tuple[float, float]:
+        """Return the mean: only half of the bodies are larger."""
+        return max(self.mean, self.min), 0.5
+
 
 class Uniform(_Cut):
     """Size evenly spread from min to max, m."""
@@ -64,6 +89,10 @@ class Uniform(_Cut):
     distribution: Literal["uniform"] = "uniform"
     min: PositiveLength
     max: PositiveLength
+
+    def typical(self) -> tuple[float, float]:
+        """Return the middle: only half of the bodies are larger."""
+        return 0.5 * (self.min + self.max), 0.5
 
 
 _LENGTH = Quantity(dimension="length", gt=0)

@@ -9,9 +9,8 @@ from ..engine.state import Placed
 from ..errors import Fault, InputError
 from ..kernels.layout import EVERYTHING, ONLY_UPPER
 from . import units
-from .debris import File
 from .model import Scene
-from .place import placement_of, spheres_of
+from .place import spheres_of
 
 TINY = 1e-11
 """Least radius of a sphere over the size of the domain: overlaps of a thousandth of it are then still numbers of two digits."""
@@ -44,14 +43,10 @@ def refuse_start(scene: Scene, placed: Placed) -> None:
 
 
 def _place_of(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
-    """Where the scene says the position of a body: its entry in `positions`, or its population."""
+    """Where the scene says the position of a body: its entry in `positions`, a file, or its population."""
     population = int(placed.populations[body])
-    debris = scene.debris[population]
-    if isinstance(debris, File) and debris.placement is None:
-        return ("debris", population, "file")
-    if placement_of(debris) is not None:
-        return ("debris", population)
-    return ("debris", population, "positions", body - int(np.searchsorted(placed.populations, population)))
+    first = int(np.searchsorted(placed.populations, population))
+    return ("debris", population, *scene.debris[population].position_key(body - first))
 
 
 def _tiny(scene: Scene, placed: Placed) -> list[Fault]:

@@ -71,7 +71,7 @@ def study(
     if repeats < 2:
         raise UsageError(f"--repeats {repeats}: at least 2, or nothing tells how much times spread")
     clock = Budget(budget)
-    scene = Scene.load(path)
+    scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
     with Worker() as worker:
         stage = staged(path, settings or {}, folder, plugins, repeats, verify, clock, worker, tell)

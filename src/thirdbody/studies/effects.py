@@ -41,7 +41,7 @@ def effects_study(
     tell: Callable[[str], None],
 ) -> dict[str, Any]:  # fmt: skip
     """Paired ratios of time and the changes, effect by effect. Raises ThirdbodyError for a scene that cannot be built."""
-    scene = Scene.load(path)
+    scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
     tell("building the scene and estimating its time")
     scene, built, reduction = reduced(scene, plugins, SECONDS, meet=True)

@@ -104,7 +104,7 @@ def impact_table(made: Study, plugins: Sequence[str | Path]) -> dict[str, Any]:
     """Errors of the tangential impulse at both angles, by level and springs, and with the time step at the finest level."""
     from thirdbody.laws.registry import discover
 
-    law = Scene.load(made.scene).contact.law
+    law = Scene.load(made.scene, plugins).contact.law
     family = discover(tuple(plugins)).families[law]
     finest = list(family.levels)[-1]
     found: dict[str, Any] = {"law": law, "reference": f"{finest}, {FINE} steps", "levels": [], "springs": None, "steps": None}

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from thirdbody.errors import InputError, OutputError, ThirdbodyError, UsageError
 from thirdbody.scene import units
-from thirdbody.scene.model import File, Mesh, Scene
+from thirdbody.scene.model import Scene
 
 from .budget import BUDGET, PROBE, Budget, Costs, Overheads, fitting, probed
 from .ladder import Base, Rung, ladder, springs_option
@@ -98,7 +98,7 @@ class _Maker:
         told = self.worker.ask({"do": "make", "most": most, "few": self.few, **job}, until)
         if not told["stable"]:
             raise told_error(told)
-        base, reduction, copy = Base(**told["base"]), told["reduction"], Scene.load(self.folder / SCENE_FILE)
+        base, reduction, copy = Base(**told["base"]), told["reduction"], Scene.load(self.folder / SCENE_FILE, self.plugins)
         if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
             base = replace(base, step=self._smallest_step(base.step, until))
             reduction.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
@@ -160,9 +160,9 @@ def _absolute(scene: Scene, file: str | list[str]) -> str | list[str]:
 def save(scene: Scene, folder: Path) -> None:
     """The scene as it is climbed, beside the rungs; files that it names are told by their absolute paths."""
     changes = {
-        f"debris.{k}.file": _absolute(scene, debris.file)
+        f"debris.{k}.{key}": _absolute(scene, getattr(debris, key))
         for k, debris in enumerate(scene.debris)
-        if isinstance(debris, File | Mesh)
+        for key in debris.file_keys
     }
     try:
         folder.mkdir(parents=True, exist_ok=True)

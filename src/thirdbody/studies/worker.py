@@ -75,7 +75,7 @@ def answer(request: Mapping[str, Any]) -> dict[str, Any]:
     began, folder, limit = time.process_time(), Path(request["folder"]), float(request["limit"])
     found: dict[str, Any] = {"stable": False, "message": ""}
     try:
-        scene = Scene.load(request["scene"])
+        scene = Scene.load(request["scene"], request["plugins"])
         scene = scene.with_settings(request["changes"]) if request["changes"] else scene
         if request["do"] == "make":
             copied = make_copy(scene, folder, request["plugins"], request["most"], request["few"])

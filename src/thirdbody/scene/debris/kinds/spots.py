@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numbers
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, ValidationInfo
 
+from thirdbody.scene.debris.contract import CLEARANCE, DebrisKind
+from thirdbody.scene.debris.population import PlacedClumps, PopulationContext
 from thirdbody.scene.fields import Choice, Quantity, listing, plain
 from thirdbody.scene.json_schema import ShortForm, quantity_schema
-from thirdbody.scene.part import Part, Wrong
+from thirdbody.scene.part import Part, Place, Wrong
 from thirdbody.scene.types import (
     REST,
     THREE,
@@ -52,7 +54,7 @@ Moments = Annotated[
 ]
 
 
-class Spots(Part):
+class Spots(DebrisKind):
     """Particles given by spots, their mass (kg) and their moments of inertia about x, y, z (kg m2; one stands for all).
 
     Every spot meets the plate of its side and nothing else, however large its radius. `planar` particles have their spots
@@ -60,7 +62,8 @@ class Spots(Part):
     over the domain or at `positions` (x, y; m).
     """
 
-    name: Text | None = None
+    meets_debris: ClassVar[bool] = False
+
     kind: Literal["spots"] = "spots"
     material: Text
     spots: Annotated[tuple[Spot, ...], listing("a list of tables {side, x, y, z, radius}")]
@@ -112,3 +115,33 @@ class Spots(Part):
             if self.angular_velocity[axis] != 0.0
         ]
         return wrongs
+
+    @property
+    def in_plane(self) -> bool:
+        """Whether the particles are planar."""
+        return self.planar
+
+    def max_spheres(self) -> int:
+        """Return the number of spots."""
+        return len(self.spots)
+
+    def bodies(self, context: PopulationContext) -> PlacedClumps:
+        """Return the particles, all alike, in rows over the domain or at their positions."""
+        import numpy as np
+
+        from thirdbody.bodies.spots import rows, spot_body
+
+        summits = np.array([(spot.x, spot.y, spot.z) for spot in self.spots])
+        radii = np.array([spot.radius for spot in self.spots])
+        upper = np.array([spot.side == "upper" for spot in self.spots])
+        body = spot_body(summits, radii, upper, self.mass, self.inertia, context.density)
+        places = rows(self.count, context.domain) if self.positions is None else np.array(self.positions, float)
+        height = CLEARANCE * self.height() - min(spot.z for spot in self.spots)
+        return PlacedClumps([body] * self.count, positions=np.column_stack((places, np.full(self.count, height))))
+
+    def position_key(self, body: int) -> Place:
+        """Return the entry of `positions`."""
+        return ("positions", body)
+
+
+KIND = Spots

@@ -1,0 +1,126 @@
+"""Debris of the kind `irregular`: random clumps in an envelope, more or less angular, with asperities."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ValidationInfo
+from pydantic_core import core_schema
+
+from thirdbody.errors import Fault, InputError
+from thirdbody.scene import units
+from thirdbody.scene.debris.contract import Placement, VolumeKeys
+from thirdbody.scene.debris.population import RandomStreams
+from thirdbody.scene.fields import Quantity, Whole, listing
+from thirdbody.scene.json_schema import ShortForm, quantity_schema
+from thirdbody.scene.part import Part, Wrong
+from thirdbody.scene.sizes import Size
+from thirdbody.scene.types import REST, THREE, AngularVelocity, Count, Fraction, Seed, Text, Velocity
+
+if TYPE_CHECKING:
+    from thirdbody.bodies.clump import Clump
+
+_WHOLE = Whole(ge=1, le=64)
+
+SpheresPerBody = Annotated[int, _WHOLE]
+
+THINNEST = 1e-6
+"""Least axis ratio: far thinner bodies lose their size to rounding."""
+
+
+def _sphere_range(value: Any, info: ValidationInfo) -> Any:
+    """A single number as the range that it stands for."""
+    if hasattr(value, "__len__"):
+        return value
+    number = _WHOLE.read(value, info)
+    return [number, number]
+
+
+_RELATIVE = Quantity(gt=0, le=0.5)
+_ABSOLUTE = Quantity(dimension="length", gt=0)
+
+
+@dataclass(frozen=True)
+class _LengthOrFraction:
+    """A length as text with a unit, kept as that text, or a bare fraction: in a scene nothing else tells them apart."""
+
+    def read(self, value: Any, info: ValidationInfo) -> float | str:
+        """The fraction, or the text. Raises ValueError."""
+        if isinstance(value, str):
+            _ABSOLUTE.read(value, info)
+            return value
+        try:
+            return _RELATIVE.read(value, info)
+        except ValueError as error:
+            raise ValueError(f"{error}: a length ('0.5 um'), or a fraction of the body's equivalent radius") from None
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.with_info_plain_validator_function(self.read)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"anyOf": [quantity_schema("dimensionless", _RELATIVE.limits()), quantity_schema("length", {})]}
+
+
+class Asperities(Part):
+    """Small spheres on each body: `count` of one `radius`, a length ("0.5 um") or a fraction of the body's equivalent radius."""
+
+    count: Annotated[int, Whole(ge=1, le=32)] = 3
+    radius: Annotated[float | str, _LengthOrFraction()]
+
+    @property
+    def length(self) -> float | None:
+        """The radius in m; None if it is a fraction."""
+        return units.parse(self.radius, "length") if isinstance(self.radius, str) else None
+
+
+class Irregular(VolumeKeys):
+    """Random clumps. `size` is the volume-equivalent diameter (m), `spheres` the least and most per clump.
+
+    `angularity` (0 to 1) shrinks the spheres towards the corners of the hull; `asperities` sit on the surface.
+    """
+
+    kind: Literal["irregular"] = "irregular"
+    material: Text
+    count: Count
+    seed: Seed = 1
+    size: Size
+    spheres: Annotated[
+        tuple[SpheresPerBody, SpheresPerBody],
+        listing("[least, most] or one whole number", 2),
+        BeforeValidator(_sphere_range),
+        ShortForm({"type": "integer"}),
+    ]
+    aspect: Annotated[tuple[Fraction, Fraction, Fraction], THREE]
+    angularity: Annotated[float, Quantity(ge=0, le=1)] | None = None
+    asperities: Asperities | None = None
+    placement: Placement = "layer"
+    velocity: Velocity = REST
+    angular_velocity: AngularVelocity = REST
+
+    def checks(self) -> list[Wrong]:
+        """Faults between the limits."""
+        least, most = self.spheres
+        return [(("spheres",), f"the least, {least}, is more than the most, {most}")] if least > most else []
+
+    def max_spheres(self) -> int:
+        """Return the largest number of spheres, those of the asperities included."""
+        return self.spheres[1] + (self.asperities.count if self.asperities else 0)
+
+    def clumps(self, random: RandomStreams) -> list[Clump]:
+        """Return the bodies at unit density. Raises InputError."""
+        from thirdbody.bodies import asperities, shapes
+
+        thin = min(range(3), key=lambda axis: self.aspect[axis])
+        if self.aspect[thin] < THINNEST:
+            message = f"{self.aspect[thin]:g} is less than the {THINNEST:g} that spheres can fill"
+            raise InputError(Fault(f"aspect[{thin}]", message))
+        summits, named = None, self.asperities
+        if named is not None:
+            relative = None if isinstance(named.radius, str) else named.radius
+            summits = asperities.Asperities(named.count, named.length, relative)
+        shape = (self.spheres, self.aspect, self.angularity or 0.0, summits)
+        return shapes.population(random.seed, random.population, self.count, *shape, **self.size.parameters())
+
+
+KIND = Irregular

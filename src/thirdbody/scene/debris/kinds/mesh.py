@@ -1,0 +1,168 @@
+"""Debris of the kind `mesh`: the surfaces that a population names, and the clumps that stand for them."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
+
+from pydantic import ValidationInfo
+from pydantic_core import core_schema
+
+from thirdbody.errors import Fault, InputError
+from thirdbody.scene import units
+from thirdbody.scene.debris.contract import Placement, VolumeKeys
+from thirdbody.scene.debris.population import PlacedClumps, PopulationContext
+from thirdbody.scene.fields import Whole, show
+from thirdbody.scene.sizes import Size
+from thirdbody.scene.types import REST, AngularVelocity, Count, PositiveLength, Seed, Text, Velocity
+
+if TYPE_CHECKING:
+    from thirdbody.bodies.clump import Clump
+    from thirdbody.bodies.fit import Fit
+    from thirdbody.bodies.mesh import Mesh as Surface
+
+
+@dataclass(frozen=True)
+class _Files:
+    """The name of a file or folder, or a list of names of files."""
+
+    def read(self, value: Any, info: ValidationInfo) -> str | list[str]:
+        """The name or the names. Raises ValueError."""
+        names = list(value) if isinstance(value, list | tuple) else [value]
+        if not names or not all(isinstance(name, str) for name in names):
+            raise ValueError(f"expected a file, a folder or a list of files, got {show(value)}")
+        return value if isinstance(value, str) else names
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return core_schema.with_info_plain_validator_function(self.read)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}]}
+
+
+class MeshShape(NamedTuple):
+    """A surface, the clump that stands for it, and how well its spheres follow the surface."""
+
+    name: str
+    surface: Surface
+    clump: Clump
+    fit: Fit
+
+
+class Mesh(VolumeKeys):
+    """Bodies from closed surface meshes (STL, OBJ or PLY): clumps of `spheres` spheres with the mesh's volume and inertia.
+
+    `file` is a mesh file, a list of them, or a folder of them (in the order of their names): the bodies take the meshes in
+    turn, from the first again after the last. `unit` is the length of one unit of the files, m; `size` (volume-equivalent
+    diameter, m), if given, rescales each body.
+    """
+
+    file_keys: ClassVar[tuple[str, ...]] = ("file",)
+
+    kind: Literal["mesh"] = "mesh"
+    material: Text
+    file: Annotated[str | list[str], _Files()]
+    unit: PositiveLength
+    spheres: Annotated[int, Whole(ge=4, le=40)] = 12
+    count: Count
+    seed: Seed = 1
+    size: Size | None = None
+    placement: Placement = "layer"
+    velocity: Velocity = REST
+    angular_velocity: AngularVelocity = REST
+
+    def max_spheres(self) -> int:
+        """Return the number of spheres of a body."""
+        return self.spheres
+
+    def bodies(self, context: PopulationContext) -> PlacedClumps:
+        """Return clumps that stand for the meshes in turn, each of its own size; warn how well the spheres fit."""
+        shapes = self.mesh_shapes(context)
+        bodies = [shapes[k % len(shapes)].clump for k in range(self.count)]
+        if self.size is not None:
+            sizes = context.random.diameters(self.size, len(bodies))
+            bodies = [body.scaled(size / body.diameter) for body, size in zip(bodies, sizes, strict=True)]
+        return PlacedClumps(bodies)
+
+    def mesh_shapes(self, context: PopulationContext) -> list[MeshShape]:
+        """Return the shapes; body k has shape k modulo their number. Raises InputError with all faults."""
+        from thirdbody.bodies.fit import clump_from_mesh
+        from thirdbody.bodies.mesh import load_mesh
+
+        files = self._files(context)
+        if len(files) > self.count:
+            number = f"debris[{context.index}]: {self.count} bodies of {len(files)} meshes"
+            context.warnings.append(f"{number}: the last ones are not used")
+        shapes, faults = [], list[Fault]()
+        for key, name, path in files[: self.count]:
+            try:
+                surface = load_mesh(path, self.unit)
+                shapes.append(MeshShape(name, surface, *clump_from_mesh(surface, self.spheres, self.seed)))
+            except InputError as error:
+                faults.append(Fault(key, str(error)))
+        if faults or (faults := self._too_large(context, shapes)):
+            raise InputError(faults)
+        context.warnings.append(_closeness(self.spheres, shapes))
+        return shapes
+
+    def _files(self, context: PopulationContext) -> list[tuple[str, str, Path]]:
+        """Key, name and path of every mesh file, in order. Raises InputError for an empty folder."""
+        from thirdbody.bodies.mesh import SUFFIXES
+
+        if not isinstance(self.file, str):
+            return [(f"file[{k}]", name, context.path(name)) for k, name in enumerate(self.file)]
+        path = context.path(self.file)
+        if not os.path.isdir(path):  # that of a path raises for names that are too long
+            return [("file", self.file, path)]
+        try:
+            found = meshes_in(path)
+        except OSError as error:
+            raise InputError(Fault("file", f"{path}: cannot be read ({error.strerror})")) from None
+        if not found:
+            empty = Fault("mesh", f"is a folder that holds no mesh file ({', '.join(SUFFIXES)})", str(path))
+            raise InputError(Fault("file", str(empty)))
+        return [("file", file.name, file) for file in found]
+
+    def _too_large(self, context: PopulationContext, shapes: list[MeshShape]) -> list[Fault]:
+        """A fault where the unit makes bodies that do not fit into the domain."""
+        widest = max(shapes, key=lambda shape: shape.clump.diameter)
+        if self.size is not None or widest.clump.diameter <= min(context.domain):
+            return []
+        width, depth = (units.pretty(v, "length") for v in context.domain)
+        message = (
+            f"{units.pretty(self.unit, 'length')} per unit of {widest.name} makes bodies of "
+            f"{units.pretty(widest.clump.diameter, 'length')}, which do not fit into the domain ({width} by {depth})"
+        )
+        return [Fault("unit", message)]
+
+
+def meshes_in(folder: Path) -> list[Path]:
+    """The mesh files of a folder, in the order of their names; hidden ones and those of folders below are left out."""
+    from thirdbody.bodies.mesh import SUFFIXES
+
+    files = (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith("."))
+    return sorted((path for path in files if path.is_file()), key=lambda path: path.name)
+
+
+def _closeness(spheres: int, shapes: list[MeshShape]) -> str:
+    """How well the spheres follow the surfaces."""
+    import numpy as np
+
+    rms = [100.0 * shape.fit.rms for shape in shapes]
+    ratios = [float(np.median(shape.fit.contacts.ratio)) for shape in shapes]
+    worst = max(shapes, key=lambda shape: shape.fit.maximum)
+    if len(shapes) == 1:
+        return (
+            f"{worst.name}: {spheres} spheres follow the mesh to {rms[0]:.1f} % of its radius (rms; worst "
+            f"{100.0 * worst.fit.maximum:.0f} %); where a plane can touch, their radius is {ratios[0]:.2f} times that of the mesh"
+        )
+    return (
+        f"{len(shapes)} meshes in turn: {spheres} spheres follow each to {min(rms):.1f} to {max(rms):.1f} % of its radius "
+        f"(rms; worst {100.0 * worst.fit.maximum:.0f} %, {worst.name}); where a plane can touch, the radius of the spheres is "
+        f"{min(ratios):.2f} to {max(ratios):.2f} times that of the mesh"
+    )
+
+
+KIND = Mesh

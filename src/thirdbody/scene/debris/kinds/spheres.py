@@ -1,0 +1,149 @@
+"""Debris of the kind `spheres`: bodies of given spheres, placed by the program or at given positions."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import AfterValidator
+
+from thirdbody.errors import Fault, InputError
+from thirdbody.scene.debris.contract import MAX_SPHERES_PER_BODY, Placement, VolumeKeys
+from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps, PopulationContext
+from thirdbody.scene.fields import listing
+from thirdbody.scene.part import MISSING, Part, Place, Wrong, one_of
+from thirdbody.scene.types import REST, AngularVelocity, Count, Number, Point, PositiveLength, Seed, Text, Velocity
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from thirdbody.bodies.clump import Clump
+
+
+class Ball(Part):
+    """One sphere of a body: its centre and radius, m."""
+
+    center: Point = REST
+    radius: PositiveLength
+
+
+def _unit_quaternion(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    """The quaternion at length 1. Raises ValueError for zero."""
+    # One that is unit to rounding stays as it is, or saving and reading would change its last bits.
+    if abs(math.hypot(*q) - 1.0) < 1e-15:
+        return q
+    largest = max(abs(part) for part in q)
+    if largest == 0.0:
+        raise ValueError("a quaternion (w, x, y, z) of length zero is no orientation")
+    w, x, y, z = (part / largest for part in q)
+    norm = math.hypot(w, x, y, z)
+    return w / norm, x / norm, y / norm, z / norm
+
+
+Quaternion = Annotated[
+    tuple[Number, Number, Number, Number],
+    listing("a list of 4 values (w, x, y, z)", 4),
+    AfterValidator(_unit_quaternion),
+]
+
+
+class Spheres(VolumeKeys):
+    """Bodies of given spheres: single balls of one `radius`, or all of one `shape`; by `placement` or at
+    `positions` (centres of mass, m) in one `orientation` (w, x, y, z; body to world)."""
+
+    kind: Literal["spheres"] = "spheres"
+    material: Text
+    radius: PositiveLength | None = None
+    shape: Annotated[tuple[Ball, ...], listing("a list of tables {center, radius}")] | None = None
+    count: Count
+    seed: Seed = 1
+    placement: Placement | None = None
+    positions: Annotated[tuple[Point, ...], listing("a list of points")] | None = None
+    orientation: Quaternion | None = None
+    velocity: Velocity = REST
+    angular_velocity: AngularVelocity = REST
+
+    @classmethod
+    def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
+        """Faults that show in which keys are given."""
+        wrongs = super().rules(raw, context) + one_of(raw, ("radius", "shape"))
+        for key in ("shape", "positions"):
+            if isinstance(raw.get(key), list | tuple) and not raw[key]:
+                wrongs.append(((key,), "the list is empty"))
+        if "positions" not in raw:
+            if "count" not in raw:
+                wrongs.append((("count",), f"{MISSING}: give count, or positions"))
+            if "orientation" in raw:
+                wrongs.append((("orientation",), "needs positions: a placement chooses the pose of each body"))
+        elif "placement" in raw:
+            wrongs.append((("placement",), "give only one of placement, positions"))
+        return wrongs
+
+    @classmethod
+    def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
+        """The table with the count of the positions, or the placement that stands for none."""
+        if "positions" not in raw:
+            return {"placement": "layer"} | raw
+        positions = raw["positions"]
+        return {"count": len(positions)} | raw if hasattr(positions, "__len__") else raw
+
+    def checks(self) -> list[Wrong]:
+        """Faults between count and positions, and a body of too many spheres."""
+        if self.shape is not None and len(self.shape) > MAX_SPHERES_PER_BODY:
+            return [(("shape",), f"{len(self.shape)} spheres, at most {MAX_SPHERES_PER_BODY} make a body")]
+        if self.positions is None or self.count == len(self.positions):
+            return []
+        return [(("count",), f"{self.count} is not the number of positions, {len(self.positions)}")]
+
+    def max_spheres(self) -> int:
+        """Return the number of spheres of a body."""
+        return len(self.shape) if self.shape else 1
+
+    def typical_diameter(self, context: PopulationContext) -> tuple[float, float]:
+        """Return the diameter [m] of the largest sphere."""
+        radii = [self.radius] if self.radius is not None else [ball.radius for ball in self.shape or ()]
+        return 2.0 * max(radii), 1.0
+
+    def bodies(self, context: PopulationContext) -> PlacedClumps:
+        """Return the bodies, all alike. Raises InputError."""
+        import numpy as np
+
+        from thirdbody.bodies.clump import quaternion_product
+
+        body, frame = self._body(context.index)
+        turn = np.array(UPRIGHT if self.orientation is None else self.orientation)
+        positions = None if self.positions is None else np.array(self.positions, float)
+        return PlacedClumps([body] * self.count, quaternion_product(turn, frame), positions)
+
+    def _body(self, population: int) -> tuple[Clump, np.ndarray]:
+        """The body, and the quaternion of its principal frame in the frame of `shape`."""
+        import numpy as np
+
+        from thirdbody.bodies.clump import clump_with_frame, repeated_spheres
+
+        if self.shape is None:
+            body, _, frame = clump_with_frame(np.zeros((1, 3)), np.array([self.radius]))
+            return body, frame
+        centers = np.array([ball.center for ball in self.shape], float)
+        radii = np.array([ball.radius for ball in self.shape])
+        if repeated := repeated_spheres(centers, radii):
+            message = "repeats debris[{}].shape[{}]: the same center and radius; remove one"
+            raise InputError(Fault(f"shape[{k}]", message.format(population, first)) for k, first in repeated)
+        try:
+            body, _, frame = clump_with_frame(centers, radii)
+        except InputError as error:  # its keys are "spheres[6]", of spheres that are in the scene's `shape`
+            raise InputError(Fault("shape" + _index(fault.key), fault.message) for fault in error.faults) from None
+        return body, frame
+
+    def position_key(self, body: int) -> Place:
+        """Return the entry of `positions`."""
+        return () if self.positions is None else ("positions", body)
+
+
+def _index(key: str) -> str:
+    """The first index in a key such as "spheres[6].center": "[6]"."""
+    return "".join(re.findall(r"\[\d+\]", key)[:1])
+
+
+KIND = Spheres

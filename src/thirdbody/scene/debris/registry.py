@@ -1,0 +1,181 @@
+"""Where kinds of debris are found: built in (`kinds`), installed (entry points), and in files named on the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache, cached_property
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import Annotated, Any
+
+from pydantic import ValidationInfo, ValidatorFunctionWrapHandler
+from pydantic_core import core_schema
+
+from thirdbody.errors import UsageError
+from thirdbody.scene.debris import kinds as built_in_kinds
+from thirdbody.scene.debris.contract import DebrisKind
+from thirdbody.scene.part import chosen_kind
+
+GROUP = "thirdbody.debris_kinds"
+"""Entry points by the name of the kind: each is its class."""
+
+FIRST = ("irregular", "spheres", "mesh", "spots", "file")
+"""Kinds that lists name first, in this order; others follow by name."""
+
+NEEDED = ("kind", "material", "count", "velocity", "angular_velocity")
+"""Keys that every kind has."""
+
+
+class DebrisKinds(Mapping[str, type[DebrisKind]]):
+    """The kinds of debris by name: built-in, installed, and those of plug-in files. An installed one is imported when it is asked
+    for. Raises UsageError for a file that is no plug-in, and where two kinds have one name."""
+
+    def __init__(self, files: Sequence[str | Path] = ()) -> None:
+        self.of_files: dict[str, tuple[str, type[DebrisKind]]] = dict(_kinds_of_files(files))
+
+    @cached_property
+    def installed(self) -> dict[str, EntryPoint]:
+        """Installed kinds that are not imported yet."""
+        points = {point.name: point for point in sorted(entry_points(group=GROUP), key=lambda point: point.name)}
+        for name, point in points.items():
+            other = "thirdbody" if name in built_in() else self.of_files[name][0] if name in self.of_files else None
+            if other is not None:
+                raise UsageError(f"'{point.value}' and '{other}' both bring the kind of debris '{name}'")
+        return points
+
+    def including(self, kinds: Iterable[type[DebrisKind]]) -> DebrisKinds:
+        """Return these kinds and others, those of tables that were made from their classes."""
+        found = DebrisKinds()
+        found.of_files = self.of_files | {
+            name: (kind.__module__, kind) for kind in kinds if (name := name_of(kind)) not in self
+        }
+        return found
+
+    def source(self, name: str) -> str:
+        """Return what brings a kind: thirdbody, a file, or an entry point."""
+        if name in built_in():
+            return "thirdbody"
+        return self.of_files[name][0] if name in self.of_files else self.installed[name].value
+
+    def __getitem__(self, name: str) -> type[DebrisKind]:
+        """Return the class of a kind. Raises KeyError, and ValueError for an installed kind that cannot be used."""
+        if name in built_in():
+            return built_in()[name]
+        if name in self.of_files:
+            return self.of_files[name][1]
+        point = self.installed[name]
+        try:
+            return checked_kind(point.load(), name)
+        except Exception as problem:  # whatever a plug-in raises on import
+            raise ValueError(f"'{name}' ({point.value}) did not load: {type(problem).__name__}: {problem}") from problem
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and (name in built_in() or name in self.of_files or name in self.installed)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter((*built_in(), *self.of_files, *self.installed))
+
+    def __len__(self) -> int:
+        return len(tuple(iter(self)))
+
+    def usable(self) -> dict[str, type[DebrisKind]]:
+        """Return all kinds that can be imported."""
+        return {name: kind for name in self if (kind := self._or_none(name)) is not None}
+
+    def failures(self) -> dict[str, str]:
+        """Return why installed kinds cannot be imported, by name."""
+        found = {}
+        for name in self.installed:
+            try:
+                self[name]
+            except ValueError as problem:
+                found[name] = str(problem)
+        return found
+
+    def _or_none(self, name: str) -> type[DebrisKind] | None:
+        try:
+            return self[name]
+        except ValueError:
+            return None
+
+    # A scene is what it says, wherever its kinds were found.
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, DebrisKinds)
+
+    def __hash__(self) -> int:
+        return hash(DebrisKinds)
+
+
+@cache
+def built_in() -> dict[str, type[DebrisKind]]:
+    """Return the built-in kinds by name: every module of `kinds` has one."""
+    modules = (import_module(f"{built_in_kinds.__name__}.{found.name}") for found in iter_modules(built_in_kinds.__path__))
+    kinds = {name_of(module.KIND): module.KIND for module in modules}
+    return {name: kinds[name] for name in (*FIRST, *sorted(kinds.keys() - set(FIRST)))}
+
+
+def name_of(kind: type[DebrisKind]) -> str:
+    """Return the name of a kind, as `kind` says it in a scene; empty if the class has none."""
+    field = kind.model_fields.get("kind")
+    return field.default if field is not None and isinstance(field.default, str) else ""
+
+
+def checked_kind(kind: Any, name: str | None = None) -> type[DebrisKind]:
+    """Return the class if it is a kind of debris (of this name). Raises TypeError."""
+    if not (isinstance(kind, type) and issubclass(kind, DebrisKind)):
+        raise TypeError(f"{getattr(kind, '__name__', kind)!s} is no class derived from DebrisKind")
+    if not name_of(kind):
+        raise TypeError(f'{kind.__name__} has no name: declare kind: Literal["name"] = "name"')
+    if name is not None and name_of(kind) != name:
+        raise TypeError(f"{kind.__name__} is the kind '{name_of(kind)}', not '{name}'")
+    if missing := [key for key in NEEDED if key not in kind.model_fields]:
+        raise TypeError(f"{kind.__name__} lacks the keys {', '.join(missing)}: derive it from PlacedDebris, or declare them")
+    return kind
+
+
+def _kinds_of_files(files: Iterable[str | Path]) -> Iterator[tuple[str, tuple[str, type[DebrisKind]]]]:
+    """Name, file and class of the kinds in plug-in files. Raises UsageError."""
+    owners = dict.fromkeys(built_in(), "thirdbody")
+    for file in files:
+        from thirdbody.laws.registry import DEBRIS_KINDS, load_module
+
+        found = getattr(load_module(Path(file)), DEBRIS_KINDS, ())
+        if not isinstance(found, tuple | list):
+            raise UsageError(f"plug-in {file}: {DEBRIS_KINDS} must be a tuple of classes derived from DebrisKind")
+        for kind in found:
+            try:
+                name = name_of(checked_kind(kind))
+            except TypeError as problem:
+                raise UsageError(f"plug-in {file}: {problem}") from None
+            if name in owners:
+                raise UsageError(f"'{owners[name]}' and '{file}' both bring the kind of debris '{name}'")
+            owners[name] = str(file)
+            yield name, (str(file), kind)
+
+
+def kinds_of(context: Any) -> DebrisKinds:
+    """Return the kinds that a scene is read with, from the context of the validation."""
+    found = context.get("kinds") if isinstance(context, dict) else None
+    return DebrisKinds() if found is None else found
+
+
+_ANYTHING = core_schema.any_schema()
+
+
+class _DebrisTable:
+    """A [[debris]] table: `kind` chooses the class that reads the others of its keys."""
+
+    def read(self, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
+        if isinstance(value, DebrisKind):
+            return value
+        return chosen_kind("kind", kinds_of(info.context), value).model_validate(value, context=info.context)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        union = core_schema.union_schema([handler.generate_schema(kind) for kind in built_in().values()])
+        as_it_is = core_schema.wrap_serializer_function_ser_schema(lambda value, dump: dump(value), schema=_ANYTHING)
+        return core_schema.with_info_wrap_validator_function(self.read, union, serialization=as_it_is)
+
+
+Debris = Annotated[DebrisKind, _DebrisTable()]
