@@ -32,7 +32,7 @@ from thirdbody.plugin import (
     nearest,
 )
 
-from . import THREE_SPOT, conditions, hulls
+from . import LABELLER, THREE_SPOT, conditions, hulls
 from .balance_file import BalanceFile, Spots
 from .balance_label import Observer
 from .balance_press import UNDECIDED, press
@@ -187,7 +187,7 @@ class _Walk:
         steps = self.path.steps if self.path.drag > 0.0 else 0
         try:
             self.solver, pressed = press(self.solver, given)
-            self.observer = Observer(self.grip, self.radius, (e_x, e_y), self.level)
+            self.observer = Observer(LABELLER, self.grip, self.radius, (e_x, e_y), self.level)
             self._note(pressed)
             for k in range(1, steps + 1):
                 drag = self.path.drag * k / steps
@@ -265,6 +265,8 @@ def _warnings(told: BalanceFile, spots: Spots, walk: _Walk, moduli: Mapping[str,
     deep = max(float((b.overlap / spots.radius).max()) for b in walk.balances)
     if turn > LARGE:
         found.append(f"the particle turns by {turn:.3g} rad, beyond the linear kinematics")
+    if any(b.free for b in walk.balances) and any(point.label == "sliding" for point in walk.points):
+        found.append("where it slides on both sides its place along the drag is undetermined: u is one of many, the rest holds")
     if deep > LARGE:
         found.append(f"overlaps of {deep:.3g} radii, beyond Hertz' theory")
     if told.particle.weight > 0.0 and not spots.planar:

@@ -17,6 +17,7 @@ from .bodies.clump import clump_with_frame, matrix_from_quaternion
 from .engine.quasistatic import Balance, Grip, NoStaticState, QuasiStatic
 from .engine.seating import relax, seat
 from .engine.static_contacts import Contacts
+from .engine.static_labels import StaticLabels
 from .errors import Fault, InputError, OutputError, UsageError, nearest
 from .kernels.layout import (
     C_A,
@@ -93,7 +94,7 @@ __all__ = [
     "O_X", "TANGENTIAL_DAMPING", "UPPER",
     "Adhesion", "Balance", "Body", "BodyEffect", "Choice", "Contact", "Contacts", "Fault", "Grip", "InputError", "Labeller",
     "Law", "LawFamily", "Load", "Material", "NoStaticState", "Normal", "Option", "Options", "OutputError", "Pair", "Part",
-    "Plugin", "Quantity", "QuasiStatic", "Rolling", "Tangential", "Turn", "UsageError", "Whole", "Wrench", "Wrong",
-    "clump_with_frame", "dundurs_beta", "e_star", "g_star", "helper", "kernel", "listing", "matrix_from_quaternion", "nearest",
-    "one_of", "pretty", "read_text", "read_toml", "relax", "seat", "wrongs_of",
+    "Plugin", "Quantity", "QuasiStatic", "Rolling", "StaticLabels", "Tangential", "Turn", "UsageError", "Whole", "Wrench",
+    "Wrong", "clump_with_frame", "dundurs_beta", "e_star", "g_star", "helper", "kernel", "listing", "matrix_from_quaternion",
+    "nearest", "one_of", "pretty", "read_text", "read_toml", "relax", "seat", "wrongs_of",
 ]  # fmt: skip

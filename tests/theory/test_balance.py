@@ -243,6 +243,22 @@ def test_no_blow_up_at_t_max(mu):
     assert end.label == "sliding" and end.N[2] < 1e-5 * end.N[0]  # N_3/N_1 = (.55 - mu) h/(x_3 - x_2) -> 0
 
 
+def test_a_particle_that_turns_a_third_of_the_drag_rolls():
+    """Labels are those of a run: a window of 4 contact radii of drag closes, and its rotation is no elastic tilt."""
+    turning = (
+        spot("upper", 1.42e-6, 1e-6, y=0.56e-6), spot("upper", 1.58e-6, 1e-6, y=1.72e-6),
+        spot("lower", 1.23e-6, 1e-6, y=0.2e-6), spot("lower", -0.05e-6, 1e-6, y=0.16e-6),
+    )  # fmt: skip
+    result = walk(turning, mu=0.33, load=1e-4, drag=0.8e-6, steps=80)
+    a = math.sqrt(1e-6 * max(result.points[-1].indentation, 1e-9))  # no contact radius is larger
+    height = 4e-6
+    slides, rolls = (next(k for k, p in enumerate(result.points) if p.label == label) for label in ("sliding", "rolling"))
+    turn = np.linalg.norm(result.points[rolls].phi) * height / result.points[rolls].drag
+    assert 0.05 < turn < 0.5  # too much to be elastic, too little to roll at once
+    assert slides < rolls and result.points[rolls].drag <= 4.0 * a + 0.01e-6  # within a step of the drag
+    assert {p.label for p in result.points[rolls:]} == {"rolling"}
+
+
 # hard cases: a finite answer, or one sentence -----------------------------------------------------------------------------
 
 
