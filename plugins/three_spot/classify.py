@@ -18,7 +18,9 @@ What ends a history. A stop, a start or a reversal of the plates (two-sided body
 by .02 a (one-sided body) clears both windows and r. So does rest: with the plates at rest, or on one side
 only, travel below .02 a within 50 sqrt(m a / N), in which time N could have moved the body far beyond a.
 Without it a body that turned into its seat while it was pressed would be called rolling for ever. First load
-resets the reference only. A window also closes after a rotation of 1 rad, before quaternions lose the count
+resets the reference only. A body that was free in between keeps its reference: what it turned meanwhile
+counts in the window in which it lands, so that a snap over to another side is told as rolling, however short
+the flight. A window also closes after a rotation of 1 rad, before quaternions lose the count
 of turns.
 
 Margins (positive = satisfied; 1 where a condition does not apply)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from thirdbody.plugin import C_LOAD, C_MEMORY, C_SLIP, O_DRAG, O_ELAPSED, O_MASS, O_Q, O_SPEED
+from thirdbody.plugin import C_LOAD, C_MEMORY, C_SLIP, O_DRAG, O_ELAPSED, O_MASS, O_Q, O_SHIFT, O_SPEED, O_V, O_W
 
 from .posture import (
     BOTH,
@@ -55,11 +55,12 @@ MEMORY = (
     "plate_direction_x",
     "plate_direction_y",
     "plates_moving",
+    "turned_free",
 )
 TRAVEL, CHANGE_X, CHANGE_Y = 8, 9, 10
 # from WINDOWS up to ROLLED: what a stop or a reversal wipes out
 WINDOWS, ROLL_RATIO, PIVOTED, SLIP_RATIO, HEADING_X, HEADING_Y, WAY_BACK, REST_TIME, REST_PATH = range(11, 20)
-ROLLED, LIFTED, COUNT, SERIAL, PLATE_X, PLATE_Y, MOVING = range(20, 27)
+ROLLED, LIFTED, COUNT, SERIAL, PLATE_X, PLATE_Y, MOVING, TURNED_FREE = range(20, 28)
 REFERENCE, CHANGE = plain(0), plain(4)
 
 WINDOW = 4.0  # contact radii of travel
@@ -140,6 +141,29 @@ def rested(C: Array, n: int, b: Array, m: Array, a: float, path: float) -> bool:
 
 
 @helper
+def was_loaded(m: Array) -> bool:
+    """Whether the body has a reference: it was loaded before, and nothing ended its history since then."""
+    return m[REFERENCE] != 0.0 or m[REFERENCE + 1] != 0.0 or m[REFERENCE + 2] != 0.0 or m[REFERENCE + 3] != 0.0
+
+
+@helper
+def follow_free(b: Array, m: Array, broke: bool) -> None:
+    """Count how far a free body turns (rad), and the drag meanwhile: of the plates, or its own path where they rest."""
+    if broke:
+        for k in range(WINDOWS, ROLLED):
+            m[k] = 0.0
+        for k in range(REFERENCE, REFERENCE + 4):
+            m[k] = 0.0
+        m[TRAVEL] = m[TURNED_FREE] = 0.0
+    elif was_loaded(m):
+        m[TURNED_FREE] += length(b[O_W], b[O_W + 1], b[O_W + 2]) * b[O_ELAPSED]
+        if b[O_SPEED] > 0.0:
+            m[TRAVEL] += length(b[O_SHIFT], b[O_SHIFT + 1], 0.0)
+        else:
+            m[TRAVEL] += length(b[O_V], b[O_V + 1], 0.0) * b[O_ELAPSED]
+
+
+@helper
 def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Triple, broke: bool) -> bool:
     """Whether a stop, a start, a reversal or rest ends what was seen so far."""
     if pose[0] == BOTH:
@@ -158,16 +182,17 @@ def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Trip
 def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, turn: Triple, complete: bool) -> None:
     """End the window here and begin the next; store its ratios if it is complete, else forget all.
 
-    Adds the length rolled in it, rotation about in-plane axes times D/2, unless the rotation was elastic.
+    Adds the length rolled in it, rotation about in-plane axes times D/2, unless the rotation was elastic; a body that was free
+    for a time rolled by what it did not turn then.
     """
     a = pose[1]
     tilt, twist = split(turn, pose[3], pose[4], pose[5])
     travel = max(m[TRAVEL], WINDOW * a)  # shorter only when a whole turn closed it
     ratio = m[ROLL_RATIO]
     if complete:
-        ratio = length(tilt, twist, 0.0) * pose[2] / travel
+        ratio = max(length(tilt, twist, 0.0), m[TURNED_FREE]) * pose[2] / travel  # whole turns are lost to quaternions only
     if ratio >= EPS_ROLL or patch_travel(C, n, turn) >= a:
-        m[ROLLED] += 0.5 * pose[2] * tilt
+        m[ROLLED] += 0.5 * pose[2] * max(tilt - m[TURNED_FREE], 0.0)
     slip = 0.0
     for i in range(n):
         C[i, SLIP_LAST] = C[i, C_SLIP] - C[i, SLIP_REFERENCE] if complete else 0.0
@@ -194,31 +219,35 @@ def observe(C: Array, n: int, b: Array, m: Array) -> None:
     labellers. To be called for unloaded bodies too (n = 0). The memory of a contact between two debris must
     be kept once for each of them.
     """
-    fresh = m[COUNT] == 0.0
+    landed = m[COUNT] == 0.0
     broke = note_plates(b, m)
     note_spots(C, n, b, m)
     if n == 0:
-        if broke:
-            m[WINDOWS] = m[ROLL_RATIO] = 0.0
+        follow_free(b, m, broke)
         return
+    fresh = not was_loaded(m)
     pose = posture(C, n)
     step = drag(C, n, b, pose)
     ends = history_ends(C, n, b, m, pose, step, broke)
     closes = False
+    if landed:  # spots that closed just now
+        for i in range(n):
+            C[i, SLIP_REFERENCE], C[i, SLIP_LAST] = C[i, C_SLIP], 0.0
     if not fresh:
         if not ends:
             m[TRAVEL] += step[2]
             m[CHANGE_X] += step[0]
             m[CHANGE_Y] += step[1]
         turn = rotation_since(b, m, REFERENCE)
-        closes = m[TRAVEL] >= WINDOW * pose[1] or length(turn[0], turn[1], turn[2]) > WHOLE_TURN
+        far = max(length(turn[0], turn[1], turn[2]), m[TURNED_FREE])
+        closes = m[TRAVEL] >= WINDOW * pose[1] or far > WHOLE_TURN
         if ends or closes:
             finish_window(C, n, b, m, pose, turn, not ends)
     if fresh or ends or closes:
         keep_orientation(b, m, REFERENCE)
-        m[TRAVEL] = m[LIFTED] = 0.0
+        m[TRAVEL] = m[LIFTED] = m[TURNED_FREE] = 0.0
         for i in range(n):
             C[i, SLIP_REFERENCE] = C[i, C_SLIP]
     turn = rotation_since(b, m, CHANGE)
-    if fresh or ends or length(turn[0], turn[1], turn[2]) > WHOLE_TURN:
+    if landed or ends or length(turn[0], turn[1], turn[2]) > WHOLE_TURN:
         anchor_change(b, m)

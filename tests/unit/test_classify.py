@@ -73,7 +73,7 @@ class Rig:
     def __init__(self, spots, view):
         self.spots, self.view = list(spots), view
         self.q, self.m = np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(len(c.MEMORY))
-        self.velocity, self.force, self.torque = STILL, STILL, STILL
+        self.velocity, self.spin, self.force, self.torque = STILL, STILL, STILL, STILL
         self.direction = (1.0, 0.0, 0.0)
         self.frames: list[dict[str, float]] = []
 
@@ -104,6 +104,7 @@ class Rig:
         b[k.O_MASS] = 4e-6 / unit  # at four units of load sqrt(m a/N) is .17 ms, and rest takes 8.7 ms
         b[k.O_Q : k.O_Q + 4] = self.q
         b[k.O_V : k.O_V + 3] = unit * v(self.velocity)
+        b[k.O_W : k.O_W + 3] = v(self.spin, axial=True)
         b[k.O_F : k.O_F + 3], b[k.O_T : k.O_T + 3] = v(self.force), unit * v(self.torque, axial=True)
         b[k.O_ELAPSED], b[k.O_SHIFT : k.O_SHIFT + 2] = dt, unit * v((*drag, 0.0))[:2]
         b[k.O_DRAG : k.O_DRAG + 2] = v(self.direction)[:2]
@@ -115,6 +116,7 @@ class Rig:
         if dx or dy:
             self.direction = tuple(np.array([dx, dy, 0.0]) / math.hypot(dx, dy))
         moving = (math.hypot(dx, dy) / dt if dt > 0.0 else 0.0) if moving is None else moving
+        self.spin = tuple(np.array(turn) / dt) if dt > 0.0 else STILL
         for _ in range(self.view.parts):
             share = 1.0 / self.view.parts
             self.q = product(quaternion(share * self.view.vector(turn, axial=True)), self.q)
@@ -365,6 +367,44 @@ def comes_and_goes(view):
     return rig
 
 
+def snaps_over(view):
+    rig = slide(three_spot(view), 0.02 * A, [], 10)
+    assert rig.label() == ("sticking", "none")
+    spots, rig.spots = rig.spots, []
+    rig.move(0.02 * A, turn=(0.0, 0.28, 0.0))  # 16 degrees within an instant of free
+    rig.spots = spots
+    rig.move(0.02 * A)
+    assert rig.label() == ("rolling", "lift_off")
+    slide(rig, 0.2 * A, [], 25)  # beyond the window in which it landed: its ratio stands until the next one is over
+    assert rig.label() == ("rolling", "rotation")
+    slide(rig, 0.2 * A, [], 20)
+    assert rig.label() == ("sticking", "none")
+    assert rig.frames[-1]["rolled_distance"] == 0.0  # nothing rolled in the air
+    return rig
+
+
+def lands_after_a_whole_turn(view):
+    rig = slide(three_spot(view), 0.02 * A, [], 10)
+    spots, rig.spots = rig.spots, []
+    for _ in range(20):
+        rig.move(0.02 * A, turn=(0.0, 0.1 * math.pi, 0.0))
+    rig.spots = spots
+    rig.move(0.02 * A)
+    assert rig.label() == ("rolling", "rotation")
+    return rig
+
+
+def lands_without_a_turn(view):
+    rig = slide(three_spot(view), 0.02 * A, [], 10)
+    spots, rig.spots = rig.spots, []
+    for _ in range(20):  # a thousandth of the drag
+        rig.move(A, turn=(0.0, 0.001 * A / 2.0, 0.0))
+    rig.spots = spots
+    rig.move(0.02 * A)
+    assert rig.label() == ("sticking", "none")
+    return rig
+
+
 def without_friction(view):
     rig = three_spot(view, limit=0.0)
     rig.move(0.001)
@@ -482,6 +522,9 @@ HISTORIES = [
     rolls_back_on_one_plate,
     rides_on_the_lower_plate,
     comes_and_goes,
+    snaps_over,
+    lands_after_a_whole_turn,
+    lands_without_a_turn,
     without_friction,
     layer_sticks,
     layer_slides,
