@@ -16,7 +16,7 @@ helper = njit(error_model="numpy")
 @helper
 def moved(c, overlap, slip_x, slip_y):
     """The same contact at another overlap and after another slip."""
-    return Contact(overlap, c.radius, c.mass, c.v_n, slip_x, slip_y, c.v_x, c.v_y, c.roll)
+    return Contact(overlap, c.radius, c.mass, c.v_n, slip_x, slip_y, c.v_x, c.v_y, c.roll_x, c.roll_y)
 
 
 @helper

@@ -19,7 +19,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.plugin import Law, Options, Pair, Tangential, e_star, g_star, kernel
+from thirdbody.plugin import (
+    RENEWAL,
+    Law,
+    Options,
+    Pair,
+    Tangential,
+    e_star,
+    fresh_ground,
+    g_star,
+    kernel,
+    renewal_rate,
+    renewed,
+)
 
 from .differences import central
 from .exact_field import (
@@ -31,7 +43,6 @@ from .exact_field import (
     helper,
     piece_mean,
 )
-from .renewal import RENEWAL
 
 
 class ExactParameters(NamedTuple):
@@ -45,16 +56,34 @@ class ExactParameters(NamedTuple):
 
 @helper
 def step_of(c, load, p, h):
-    """(slip x, y since touch, overlap before and now, bound of |w| per compression), share of slip, share of field kept.
+    """(slip x, y since touch, overlap before and now, bound of |w| per compression), share of slip, `Ground`, `Renewal`.
 
-    A negative overlap before the step drops the part of the slip before touch. The bound is kappa (d - q) N_total/N_Hertz, so
-    that the whole patch slides at mu times the load that friction may use.
+    Of the slip counts what the springs keep of it while rolling renews them. A negative overlap before the step drops the part
+    of the slip before touch. The bound is kappa (d - q) N_total/N_Hertz, so that the whole patch slides at mu times the load that
+    friction may use.
     """
     d, d_old = c.overlap, h[0]
     after = d / (d - d_old) if d_old < 0.0 else 1.0
-    kept = math.exp(-p.renewal * c.roll / load.contact_radius)
+    ground = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
+    renewal = renewed(p.renewal * ground.way / load.contact_radius)
+    after *= renewal.fill
     k = p.kappa * load.force / load.elastic
-    return (after * c.slip_x, after * c.slip_y, max(d_old, 0.0), d, k), after, kept
+    return (after * c.slip_x, after * c.slip_y, max(d_old, 0.0), d, k), after, ground, renewal
+
+
+@helper
+def renewal_heat(c, w, n, step, slip, renewal):
+    """What renewal takes in the step beside (1 - kept^2) of the energy of the old springs, over G*, as `mdr.renewal_heat`.
+
+    Exact where all springs stick and where all slide one way throughout, as the springs of a row.
+    """
+    x, y = field_force(w, n)
+    work = c.slip_x * x + c.slip_y * y
+    if slip > 0.0:
+        lost = 1.0 - renewal.kept
+        return max(lost * lost * field_energy(w, n, 0.0) + 2.0 * (1.0 - renewal.fill) * work, 0.0)
+    square = c.slip_x * c.slip_x + c.slip_y * c.slip_y
+    return 2.0 * (renewal.mixed * work + renewal.own * square * math.sqrt(min(step[2], step[3])))
 
 
 @kernel
@@ -65,14 +94,15 @@ def exact(c, load, p, h, w, w_new):
     Dissipated: by springs that slide, the mean of their bounds while they do times their way (exact at constant overlap, second
     order in the step else), and what rolling and the loss of contact area release. None of these is a difference of works, none
     is negative. The slip is that of the centre, which sticks while any spring does. Rolling: fresh material enters the patch
-    unloaded; the field decays as exp(-renewal roll/a), renewal 2: the patch has left its old place after 2 a.
+    unloaded; the field decays with the way over fresh ground (`thirdbody.laws.renewal`), at the rate of Kalker's creep.
     """
     limit, d = p.mu * load.force, c.overlap
     if not (d > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
         for i in range(len(w_new)):
             w_new[i] = 0.0
-        return Tangential(0.0, 0.0, limit, p.kappa * max(d, 0.0), 0.0, 0.0, 0.0), (max(d, 0.0), 0.0, 0.0, 0.0)
-    step, _, kept = step_of(c, load, p, h)
+        return Tangential(0.0, 0.0, limit, p.kappa * max(d, 0.0), 0.0, 0.0, 0.0), (max(d, 0.0),) + (0.0,) * 6
+    step, _, ground, renewal = step_of(c, load, p, h)
+    kept = renewal.kept
     n = int(h[1])
     modulus = p.g_star * load.contact_radius / math.sqrt(d)
     dissipated = 0.0
@@ -81,9 +111,8 @@ def exact(c, load, p, h, w, w_new):
     if d < step[2]:
         dissipated += kept * kept * modulus * field_energy(w, n, d)
     count, slip, loss = advance_field(w, n, w_new, kept, step)
-    if kept < 1.0 and slip > 0.0:
-        # of a patch that goes on sliding friction takes all work: see `mdr.slipping`
-        dissipated += (1.0 - kept) * (1.0 - kept) * modulus * field_energy(w, n, 0.0)
+    if kept < 1.0:
+        dissipated += modulus * renewal_heat(c, w, n, step, slip, renewal)
     x, y = field_force(w_new, count)
     x, y = -2.0 * modulus * x, -2.0 * modulus * y
     size = math.sqrt(x * x + y * y)
@@ -92,7 +121,7 @@ def exact(c, load, p, h, w, w_new):
     stored = modulus * field_energy(w_new, count, 0.0)
     x, y = share * x, share * y
     answer = Tangential(x, y, limit, p.kappa * d, slip, stored, dissipated + 2.0 * modulus * loss)
-    return answer, (d, float(count), x, y)
+    return answer, (d, float(count), x, y, ground.x, ground.y, ground.reach)
 
 
 @helper
@@ -131,12 +160,14 @@ def spring_rates(w, n, kept, kept_rate, k_rate, after, after_rate, step, q):
 @helper
 def tangent_of_field(c, load, p, h, w):
     """What `exact_tangent` returns, for an overlap above zero."""
-    step, after, kept = step_of(c, load, p, h)
+    step, after, _, renewal = step_of(c, load, p, h)
+    kept, exponent = renewal.kept, (1.0 - renewal.kept) / renewal.fill
     n, d = int(h[1]), c.overlap
     modulus = p.g_star * load.contact_radius / math.sqrt(d)
     k_rate = step[4] * (load.stiffness / load.force - 1.5 / d) if load.force > 0.0 else 0.0
-    kept_rate = 0.5 * kept * p.renewal * c.roll / (load.contact_radius * d)
+    kept_rate = 0.5 * kept * exponent / d
     after_rate = (1.0 / d - 1.0 / (d - h[0])) if h[0] < 0.0 else 0.0
+    after_rate += 0.5 * (1.0 - kept / renewal.fill) / d
     new = np.zeros(len(w))
     count, _, _ = advance_field(w, n, new, kept, step)
     xx = xy = yy = x_d = y_d = 0.0
@@ -186,7 +217,7 @@ def exact_tangent(c, load, p, h, w):
 def mix_exact(pair: Pair, options: Options) -> ExactParameters:
     """G*, friction, kappa = mu E*/G* (Willert, Eqs. 13, 14) and the renewal of a rolling patch."""
     g = g_star(pair.a, pair.b)
-    return ExactParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, options["renewal"])
+    return ExactParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, renewal_rate(pair, options))
 
 
 EXACT = Law(
@@ -197,7 +228,7 @@ EXACT = Law(
     parameters=ExactParameters,
     mix=mix_exact,
     options=(RENEWAL,),
-    history=("overlap", "nodes", "force_x", "force_y"),
+    history=("overlap", "nodes", "force_x", "force_y", "offset_x", "offset_y", "reach"),
     field=WIDTH,
     rolls=True,
     source="Aleshin et al. 2015; Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact",

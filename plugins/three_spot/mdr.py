@@ -11,8 +11,9 @@ T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap e
   n/2 and n springs carry a growing patch, and the state depends on the path alone. A patch that shrinks keeps its coarse grid
   until the contact opens. The gap of a spring is the mean over its cell, so merging keeps every field that is linear in x^2,
   and the springs together never pass mu N (they fall short of it by 1.5 (spacing/2a)^2 at most: 4e-4 for 32 springs).
-* Springs that leave the patch forget; so does, exponentially within half a contact radius of way, the material that rolls out
-  of it (fresh material enters unloaded): a rolling spot has lost 98 % of its force after two contact radii.
+* Springs that leave the patch forget. Where the patch moves on over fresh ground its material is renewed, exponentially in the
+  way and at the rate of Kalker's creep (`thirdbody.laws.renewal`), exactly for steps of any length where springs stick: a spot
+  that rolls without creep has lost two thirds of its force after two contact radii, one that sways keeps it.
 """
 
 from __future__ import annotations
@@ -22,11 +23,23 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.plugin import Law, Option, Options, Pair, Tangential, e_star, g_star, kernel
+from thirdbody.plugin import (
+    RENEWAL,
+    Law,
+    Option,
+    Options,
+    Pair,
+    Tangential,
+    e_star,
+    fresh_ground,
+    g_star,
+    kernel,
+    renewal_rate,
+    renewed,
+)
 
 from .differences import helper
 from .mdr_tangent import tangent_of_springs
-from .renewal import RENEWAL
 
 FIRST = 2.0**-20
 """Half width of the first grid over the radius of curvature: an overlap of 1e-12 of it."""
@@ -62,16 +75,24 @@ def squares(w):
 
 
 @helper
-def slipping(w, back, n):
-    """Sum of the squared elongations before the step of the springs that slip in it.
+def renewal_heat(w, w_new, n, back, step, share):
+    """int (renewal rate) w^2 over the step, summed over the springs, m2: times the stiffness of a spring it is energy.
 
-    Of a spring that stays at its limit friction takes all work. What it forgets and what slides over it go on together; taken
-    one after the other they miss the work of stretching it again, (1 - kept)^2 of its energy.
+    `step` = (slip x, y, number of springs that touched before); `share` is the `Renewal` of the step. Exact for springs that
+    stick and for those that slide one way throughout, of first order in the renewal of a step between.
     """
+    slip_x, slip_y, old = step
     total = 0.0
     for i in range(n):
+        s_x, s_y = (slip_x, slip_y) if i < old else (0.0, 0.0)
+        x, y = w[i], w[n + i]
         if back[i] < 1.0:
-            total += w[i] * w[i] + w[n + i] * w[n + i]
+            lost_x = (1.0 - share.kept) * x - (1.0 - share.fill) * s_x
+            lost_y = (1.0 - share.kept) * y - (1.0 - share.fill) * s_y
+            total += max(0.5 * (lost_x * (x + w_new[i]) + lost_y * (y + w_new[n + i])), 0.0)
+        else:
+            total += 0.5 * (1.0 - share.kept * share.kept) * (x * x + y * y)
+            total += share.own * (s_x * s_x + s_y * s_y) - share.mixed * (x * s_x + y * s_y)
     return total
 
 
@@ -121,27 +142,32 @@ def springs(c, load, p, h, w, w_new):
         spacing = FIRST * c.radius / n
     # Coulomb's limit uses the whole normal force, dashpot included
     bound = p.kappa * load.force / max(load.elastic, 1e-300)
-    kept = math.exp(-p.renewal * c.roll / max(load.contact_radius, 1e-300))
+    ground = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
+    share = renewed(p.renewal * ground.way / max(load.contact_radius, 1e-300))
+    slip_x, slip_y = share.fill * c.slip_x, share.fill * c.slip_y
     energy = 0.0
-    if kept < 1.0:
-        energy += (1.0 - kept * kept) * p.g_star * spacing * squares(w_new)
+    if share.kept < 1.0:
         for i in range(2 * n):
-            w_new[i] *= kept
+            w_new[i] *= share.kept
     done, slip = before, 0.0
     end = (n * spacing) * (n * spacing) / c.radius
     while c.overlap > end:
-        share = (end - done) / (c.overlap - before)
-        heat, middle = segment(w_new, n, spacing, c.radius, done, end, share * c.slip_x, share * c.slip_y, bound, scratch)
+        part = (end - done) / (c.overlap - before)
+        heat, middle = segment(w_new, n, spacing, c.radius, done, end, part * slip_x, part * slip_y, bound, scratch)
         stored = p.g_star * spacing * squares(w_new)
         merge(w_new, n)
         energy += 2.0 * p.g_star * spacing * heat + stored - 2.0 * p.g_star * spacing * squares(w_new)
         spacing, done, slip = 2.0 * spacing, end, slip + middle
         end = (n * spacing) * (n * spacing) / c.radius
-    share = (c.overlap - done) / (c.overlap - before) if done > before else 1.0
-    heat, middle = segment(w_new, n, spacing, c.radius, done, c.overlap, share * c.slip_x, share * c.slip_y, bound, scratch)
+    part = (c.overlap - done) / (c.overlap - before) if done > before else 1.0
+    heat, middle = segment(w_new, n, spacing, c.radius, done, c.overlap, part * slip_x, part * slip_y, bound, scratch)
     energy += 2.0 * p.g_star * spacing * heat
-    if kept < 1.0 and spacing == h[1]:
-        energy += (1.0 - kept) * (1.0 - kept) * p.g_star * spacing * slipping(w, scratch, n)
+    if share.kept < 1.0:
+        if spacing == h[1]:
+            old = math.sqrt(max(before, 0.0) * c.radius) / spacing + 0.5
+            energy += 2.0 * p.g_star * spacing * renewal_heat(w, w_new, n, scratch, (c.slip_x, c.slip_y, old), share)
+        else:  # the grid is another one now
+            energy += (1.0 - share.kept * share.kept) * p.g_star * h[1] * squares(w)
     x, y = 0.0, 0.0
     for i in range(n):
         x += w_new[i]
@@ -151,20 +177,21 @@ def springs(c, load, p, h, w, w_new):
     limit = p.mu * load.force
     x, y = stiffness * x, stiffness * y
     answer = Tangential(x, y, limit, p.kappa * c.overlap, slip + middle, stored, energy)
-    return answer, (c.overlap, spacing, x, y)
+    return answer, (c.overlap, spacing, x, y, ground.x, ground.y, ground.reach)
 
 
 @kernel
 def springs_tangent(c, load, p, h, w):
     """Consistent tangent of one step, whatever happens within it: springs that stick, slip, touch or merge (`mdr_tangent`)."""
     spacing = h[1] if h[1] > 0.0 else FIRST * c.radius / (len(w) // 2)
-    return tangent_of_springs(c, load, p, h[0], spacing, w)
+    way = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6]).way
+    return tangent_of_springs(c, load, p, (h[0], spacing, renewed(p.renewal * way / max(load.contact_radius, 1e-300))), w)
 
 
 def mix_springs(pair: Pair, options: Options) -> SpringParameters:
     """G*, friction and kappa = mu E*/G* (Willert, Eqs. 13, 14)."""
     g = g_star(pair.a, pair.b)
-    return SpringParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, options["renewal"])
+    return SpringParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, renewal_rate(pair, options))
 
 
 def width(options: Options) -> int:
@@ -183,7 +210,7 @@ MDR = Law(
     parameters=SpringParameters,
     mix=mix_springs,
     options=(Option("springs", "dimensionless", 32.0, low=4.0, high=512.0, doc="springs per contact, an even number"), RENEWAL),
-    history=("overlap", "spacing", "force_x", "force_y"),
+    history=("overlap", "spacing", "force_x", "force_y", "offset_x", "offset_y", "reach"),
     field=width,
     rolls=True,
     source="Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact, Eqs. 11-13",

@@ -76,31 +76,35 @@ def advance_rows(rows, n, spacing, radius, before, after, slip, share, bound, mo
 
 
 @helper
-def tangent_of_springs(c, load, p, before, spacing, w):
+def tangent_of_springs(c, load, p, start, w):
     """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd, N/m, of the straight step that the law `springs` makes.
 
-    `before` and `spacing` are the overlap and the grid before the step, `w` (2 n,) its springs. The normal force is Hertz': the
-    elastic part goes as d^1.5, the patch as d^0.5; `load.stiffness` is the rate of the load that friction may use.
+    `start`: the overlap and the grid before the step, and the `Renewal` in it; `w` (2 n,) its springs. The normal force is
+    Hertz': the elastic part goes as d^1.5, the patch as d^0.5; `load.stiffness` is the rate of the load that friction may use.
     """
     if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    before, spacing, renewal = start
     n = len(w) // 2
     limit = p.kappa * load.force / load.elastic
     bound = (limit, p.kappa * load.stiffness / load.elastic - 1.5 * limit / c.overlap)
-    way = p.renewal * c.roll / load.contact_radius
-    rows = loaded(w, math.exp(-way), 0.5 * way / c.overlap)
-    slip, share, done = (c.slip_x, c.slip_y), (1.0, 0.0), before
+    # the renewal of a way goes as 1/a, so its exponent as d^-0.5
+    exponent = (1.0 - renewal.kept) / renewal.fill
+    rows = loaded(w, renewal.kept, 0.5 * exponent / c.overlap)
+    fill, fill_rate = renewal.fill, 0.5 * (renewal.fill - renewal.kept) / c.overlap
+    slip, share, done = (c.slip_x, c.slip_y), (fill, fill_rate), before
     end = (n * spacing) * (n * spacing) / c.radius
     if c.overlap > end:
         per_rise = 1.0 / (c.overlap - before)
         while c.overlap > end:
             part = (end - done) * per_rise
-            advance_rows(rows, n, spacing, c.radius, done, end, slip, (part, -part * per_rise), bound, 0.0)
+            share = (part * fill, part * (fill_rate - fill * per_rise))
+            advance_rows(rows, n, spacing, c.radius, done, end, slip, share, bound, 0.0)
             merge_rows(rows, n)
             spacing, done = 2.0 * spacing, end
             end = (n * spacing) * (n * spacing) / c.radius
         part = (c.overlap - done) * per_rise
-        share = (part, (1.0 - part) * per_rise)
+        share = (part * fill, part * fill_rate + (1.0 - part) * per_rise * fill)
     advance_rows(rows, n, spacing, c.radius, done, c.overlap, slip, share, bound, 1.0)
     xx = xy = yx = yy = xd = yd = 0.0
     for i in range(n):

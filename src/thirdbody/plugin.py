@@ -82,6 +82,7 @@ from .laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from .laws.elasticity import dundurs_beta, e_star, g_star
 from .laws.hertz import HERTZ
 from .laws.mindlin import MINDLIN
+from .laws.renewal import RENEWAL, Renewal, fresh_ground, renewal_rate, renewed
 from .scene.fields import Choice, Quantity, Whole, listing
 from .scene.part import Part, Wrong, one_of, wrongs_of
 from .scene.read import read_text, read_toml
@@ -91,10 +92,11 @@ __all__ = [
     "C_A", "C_CRITICAL", "C_CURVATURE", "C_FN", "C_IDENTITY", "C_LIMIT", "C_LOAD", "C_MEMORY", "C_NORMAL", "C_OVERLAP",
     "C_PARTNER", "C_POINT", "C_SLIP", "C_T", "C_V", "COULOMB", "DEBRIS", "HERTZ", "HERTZ_DAMPING", "LOWER", "MINDLIN", "O_COLS",
     "O_DRAG", "O_EF", "O_ELAPSED", "O_ET", "O_F", "O_LDOT", "O_MA", "O_MASS", "O_Q", "O_SHIFT", "O_SPEED", "O_T", "O_V", "O_W",
-    "O_X", "TANGENTIAL_DAMPING", "UPPER",
+    "O_X", "RENEWAL", "TANGENTIAL_DAMPING", "UPPER",
     "Adhesion", "Balance", "Body", "BodyEffect", "Choice", "Contact", "Contacts", "Fault", "Grip", "InputError", "Labeller",
     "Law", "LawFamily", "Load", "Material", "NoStaticState", "Normal", "Option", "Options", "OutputError", "Pair", "Part",
-    "Plugin", "Quantity", "QuasiStatic", "Rolling", "StaticLabels", "Tangential", "Turn", "UsageError", "Whole", "Wrench",
-    "Wrong", "clump_with_frame", "dundurs_beta", "e_star", "g_star", "helper", "kernel", "listing", "matrix_from_quaternion",
-    "nearest", "one_of", "pretty", "read_text", "read_toml", "relax", "seat", "wrongs_of",
+    "Plugin", "Quantity", "QuasiStatic", "Renewal", "Rolling", "StaticLabels", "Tangential", "Turn", "UsageError", "Whole",
+    "Wrench", "Wrong", "clump_with_frame", "dundurs_beta", "e_star", "fresh_ground", "g_star", "helper", "kernel", "listing",
+    "matrix_from_quaternion", "nearest", "one_of", "pretty", "read_text", "read_toml", "relax", "renewal_rate", "renewed", "seat",
+    "wrongs_of",
 ]  # fmt: skip

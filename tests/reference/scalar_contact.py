@@ -137,7 +137,7 @@ def slipping(frame: Frame, motion: tuple[Vector, Vector, Vector], normal: Vector
     return added(v, cross(o, normal), -1.0)
 
 
-def rolling(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundings) -> tuple[Turn, float]:
+def rolling(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundings) -> tuple[Turn, tuple[float, float]]:
     """Relative rotation of the step and its rate at the end, and the way of the patch over the two surfaces."""
     e, d, dt = frame.e, frame.d, world.dt
 
@@ -154,7 +154,7 @@ def rolling(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundi
     u = three(S[i], at.S_U)
     c = tuple((1.0 - share) * u[k] + share * p[k] - 0.5 * (a[k] + b[k]) for k in range(3))
     along, across = dot((c[0], c[1], c[2]), e), dot((c[0], c[1], c[2]), d)
-    return turn, math.sqrt(along * along + across * across) * dt
+    return turn, (along * dt, across * dt)
 
 
 def surfaces(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundings, v: int, w: int) -> tuple[Vector, Vector]:
@@ -194,9 +194,9 @@ def asked(
     carry(frame, memory, world.dt)
     n, e, d = frame.n, frame.e, frame.d
     slip, end = slipping(frame, frame.moved, frame.middle), slipping(frame, frame.moves, n)
-    turn, roll = rolling(S, i, j, frame, world) if turns else (Turn(0.0, 0.0, 0.0, 0.0), 0.0)
+    turn, roll = rolling(S, i, j, frame, world) if turns else (Turn(0.0, 0.0, 0.0, 0.0), (0.0, 0.0))
     told = Contact(frame.overlap, frame.radius, frame.mass, dot(end, n), dot(slip, e) * world.dt, dot(slip, d) * world.dt,
-                   dot(end, e), dot(end, d), roll if laws.rolls else 0.0)  # fmt: skip
+                   dot(end, e), dot(end, d), *(roll if laws.rolls else (0.0, 0.0)))  # fmt: skip
     return frame, told, turn
 
 

@@ -154,7 +154,7 @@ def test_hertz_pressure(normals):
 
 def test_hertz_overlap(normals):
     """Measured 8.3e-5, 3.3e-5 and 8.9e-6 of the overlap: of second order, with some scatter from the cells that the edge cuts."""
-    ours = HERTZ.kernel(Contact(OVERLAP, RADIUS, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), HertzParameters(E_STAR))
+    ours = HERTZ.kernel(Contact(OVERLAP, RADIUS, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0), HertzParameters(E_STAR))
     assert ours.force == pytest.approx(FORCE, rel=1e-14) and ours.contact_radius == pytest.approx(A, rel=1e-14)
     for normal in normals:
         assert normal.overlap == pytest.approx(theory.hertz_overlap(E_STAR, RADIUS, ours.force), rel=0.05 / normal.cells**2)
@@ -185,7 +185,7 @@ def springs_force(shares: tuple[float, ...]) -> list[float]:
     forces = []
     for slip in np.diff((0.0, 0.0, *shares)) * CRITICAL:  # the first step only presses
         w_new = np.empty_like(w)
-        answer, h = mdr.springs(Contact(OVERLAP, RADIUS, 1.0, 0.0, slip, 0.0, 0.0, 0.0, 0.0), load, p, h, w, w_new)
+        answer, h = mdr.springs(Contact(OVERLAP, RADIUS, 1.0, 0.0, slip, 0.0, 0.0, 0.0, 0.0, 0.0), load, p, h, w, w_new)
         w = w_new
         forces.append(-answer.x)
     return forces[1:]

@@ -52,12 +52,13 @@ class Spot:
         self.forget(0.0)
 
     def forget(self, overlap):
-        self.h, self.w, self.force, self.stored = (overlap, 0.0), np.zeros(WIDTH), np.zeros(2), 0.0
+        self.h, self.w, self.force, self.stored = (overlap,) + (0.0,) * 6, np.zeros(WIDTH), np.zeros(2), 0.0
 
     def asked(self, overlap, slip, roll, damped):
         a, n = theory.contact_radius(R, overlap), theory.hertz_force(E, R, overlap)
         stiffness = damped * theory.hertz_stiffness(E, R, overlap)
-        return Contact(overlap, R, 1.0, 0.0, float(slip[0]), float(slip[1]), 0.0, 0.0, roll), Load(damped * n, n, a, stiffness)
+        touch = Contact(overlap, R, 1.0, 0.0, float(slip[0]), float(slip[1]), 0.0, 0.0, roll, 0.0)
+        return touch, Load(damped * n, n, a, stiffness)
 
     def move(self, overlap, slip, roll=0.0, damped=1.0):
         """One step to an overlap; a slip that is a number is along x. Returns the law's answer, None where there is no touch."""

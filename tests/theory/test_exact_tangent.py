@@ -50,14 +50,14 @@ class Spot:
 
     def __init__(self, mu: float = MU):
         self.p = ExactParameters(G_STAR, mu, mu * E_STAR / G_STAR, 2.0)
-        self.h, self.w = (0.0, 0.0), np.zeros(WIDTH)
+        self.h, self.w = (0.0,) * 7, np.zeros(WIDTH)
 
     def asked(self, step: Step):
         """Arguments of the law and of its tangent."""
         elastic = theory.hertz_force(E_STAR, RADIUS, step.overlap)
         stiffness = (1.0 + step.share) * theory.hertz_stiffness(E_STAR, RADIUS, step.overlap)
         a, force = theory.contact_radius(RADIUS, step.overlap), (1.0 + step.share) * elastic + step.viscous
-        contact = Contact(step.overlap, RADIUS, 1.0, 0.0, step.x, step.y, 0.0, 0.0, step.roll)
+        contact = Contact(step.overlap, RADIUS, 1.0, 0.0, step.x, step.y, 0.0, 0.0, step.roll, 0.0)
         return contact, Load(force, elastic, a, stiffness), self.p, self.h, self.w
 
     def move(self, *steps: Step):
@@ -162,7 +162,7 @@ def test_first_touch_and_after_a_gap():
         for size in (0.02, 0.3, 5.0):
             for _ in range(10):
                 spot = Spot()
-                spot.h = (overlap, 0.0)
+                spot.h = (overlap,) + (0.0,) * 6
                 misses.append(miss(spot, somewhere(rng, size, share=0.3)))
     assert max(misses) < 1e-7  # rounding of the differences
 

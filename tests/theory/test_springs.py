@@ -26,13 +26,13 @@ class Driver:
 
     def __init__(self, springs: int, mu: float = MU):
         self.p = mdr.SpringParameters(G_STAR, mu, mu * E_STAR / G_STAR, 2.0)
-        self.h, self.w = (0.0, 0.0), np.zeros(2 * springs)
+        self.h, self.w = (0.0,) * 7, np.zeros(2 * springs)
 
     def move(self, overlap: float, slip: float = 0.0, across: float = 0.0, roll: float = 0.0):
         force, a = theory.hertz_force(E_STAR, RADIUS, overlap), theory.contact_radius(RADIUS, overlap)
         load = Load(force, force, a, theory.hertz_stiffness(E_STAR, RADIUS, overlap))
         w_new = np.full_like(self.w, np.nan)
-        touch = Touch(overlap, RADIUS, 1.0, 0.0, slip, across, 0.0, 0.0, roll)
+        touch = Touch(overlap, RADIUS, 1.0, 0.0, slip, across, 0.0, 0.0, roll, 0.0)
         answer, self.h = mdr.springs(touch, load, self.p, self.h, self.w, w_new)
         self.w = w_new
         return answer
@@ -184,7 +184,7 @@ def travel_speed(i, j, S, P, G, plate):
 
 
 def way(S, i, j, normal, arms, plate=0.0):
-    """Travel speed of the patch of a contact in the frame of x and y, or of y and z for a normal along x."""
+    """Velocity of the patch over its ground, along x and y, or y and z for a normal along x."""
     G = np.zeros((at.G_COLS, at.TILE))
     e, f = ((1, 0, 0), (0, 1, 0)) if abs(normal[2]) == 1 else ((0, 1, 0), (0, 0, 1))
     G[at.G_N : at.G_N + 3, 0], G[at.G_E : at.G_E + 3, 0], G[at.G_D : at.G_D + 3, 0] = normal, e, f
@@ -195,16 +195,18 @@ def way(S, i, j, normal, arms, plate=0.0):
 def test_the_way_of_the_patch():
     up = (0.0, 0.0, 1.0)
     rolling = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 1.5, 0.0)))
-    assert way(rolling, 0, -1, up, (2.0, 0.0)) == pytest.approx(3.0)
+    assert way(rolling, 0, -1, up, (2.0, 0.0)) == pytest.approx((3.0, 0.0))
+    back = spheres((2.0, (0.0, -3.0, 0.0), (1.5, 0.0, 0.0)))
+    assert way(back, 0, -1, up, (2.0, 0.0)) == pytest.approx((0.0, -3.0)), "the way has a direction"
     skidding = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert way(skidding, 0, -1, up, (2.0, 0.0)) == pytest.approx(1.5), "new material on one side only"
+    assert way(skidding, 0, -1, up, (2.0, 0.0)) == pytest.approx((1.5, 0.0)), "new material on one side only"
     riding = spheres((2.0, (3.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert way(riding, 0, -2, (0.0, 0.0, -1.0), (2.0, 0.0), plate=3.0) == 0.0
+    assert way(riding, 0, -2, (0.0, 0.0, -1.0), (2.0, 0.0), plate=3.0) == (0.0, 0.0)
     gears = spheres((1.0, (0.0, 0.0, 0.0), (0.0, 0.0, 2.0)), (1.0, (0.0, 0.0, 0.0), (0.0, 0.0, -2.0)))
-    assert way(gears, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0)) == pytest.approx(2.0)
+    assert np.hypot(*way(gears, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0))) == pytest.approx(2.0)
     # two spheres that turn about their common centre as one body
     dumbbell = spheres((1.0, (0.0, -2.0, 0.0), (0.0, 0.0, 2.0)), (1.0, (0.0, 2.0, 0.0), (0.0, 0.0, 2.0)))
-    assert way(dumbbell, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0)) == pytest.approx(0.0, abs=1e-15)
+    assert way(dumbbell, 0, 1, (-1.0, 0.0, 0.0), (1.0, 1.0)) == pytest.approx((0.0, 0.0), abs=1e-15)
 
 
 SLOW = 1.5e-10

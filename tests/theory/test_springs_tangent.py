@@ -34,14 +34,14 @@ class Spot:
 
     def __init__(self, springs: int = 32, mu: float = MU):
         self.p = mdr.SpringParameters(G_STAR, mu, mu * E_STAR / G_STAR, 2.0)
-        self.h, self.w = (0.0, 0.0), np.zeros(2 * springs)
+        self.h, self.w = (0.0,) * 7, np.zeros(2 * springs)
 
     def asked(self, step: Step):
         """Arguments of the law and of its tangent."""
         elastic = theory.hertz_force(E_STAR, RADIUS, step.overlap)
         stiffness = (1.0 + step.share) * theory.hertz_stiffness(E_STAR, RADIUS, step.overlap)
         a, force = theory.contact_radius(RADIUS, step.overlap), (1.0 + step.share) * elastic + step.viscous
-        contact = Contact(step.overlap, RADIUS, 1.0, 0.0, step.x, step.y, 0.0, 0.0, step.roll)
+        contact = Contact(step.overlap, RADIUS, 1.0, 0.0, step.x, step.y, 0.0, 0.0, step.roll, 0.0)
         return contact, Load(force, elastic, a, stiffness), self.p, self.h, self.w
 
     def move(self, *steps: Step):
@@ -161,7 +161,7 @@ def test_after_a_gap():
     rng, misses = np.random.default_rng(6), []
     for _ in range(30):
         spot = Spot(16)
-        spot.h = (-0.5 * OVERLAP, 0.05 / 16)
+        spot.h = (-0.5 * OVERLAP, 0.05 / 16, 0.0, 0.0, 0.0, 0.0, 0.0)
         misses.append(compare(spot, somewhere(rng, 0.5, 0.1, 2.0)))
     agree(misses)
 

@@ -96,7 +96,7 @@ def test_force_of_the_dashpots():
     radius, mass, overlap, v_n = 5e-6, 3e-12, 2e-9, -0.4
     e, g = 80e9 / 0.7, 2.0 * 80e9 / 1.7  # E* = G/(1 - nu), G* = 2 G/(2 - nu) of like materials
     a = math.sqrt(radius * overlap)
-    c = Contact(overlap, radius, mass, v_n, 0.0, 0.0, 0.3, 0.0, 0.0)
+    c = Contact(overlap, radius, mass, v_n, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0)
     force = plain(HERTZ_DAMPING.kernel)(c, Normal(1.0, a, 0.0, 0.0), mix_damping(pair, {}))
     # the definition: alpha sqrt(m K) x^(1/4) v with K = 4/3 E* sqrt(R), against the approach
     expected = TABLE[0.5] * math.sqrt(mass * 4.0 / 3.0 * e * math.sqrt(radius)) * overlap**0.25 * 0.4

@@ -31,7 +31,7 @@ def plain(function):
 
 
 def contact(overlap, radius, slip_x=0.0, slip_y=0.0):
-    return Contact(overlap, radius, 1.0, 0.0, slip_x, slip_y, 0.0, 0.0, 0.0)
+    return Contact(overlap, radius, 1.0, 0.0, slip_x, slip_y, 0.0, 0.0, 0.0, 0.0)
 
 
 def pressed(body, radius, overlap):

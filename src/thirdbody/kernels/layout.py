@@ -85,7 +85,7 @@ I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = r
 # O_POWER: power of the dashpots at the end of the step, W; in explicit steps then what they take in it, J (`booking`).
 # Behind the history, only if a law asks for it: relative rotation of the step and its rate, travel of the patch; the moment.
 # J_INVERSE, for tangents: one over the length of the step, 0 where nothing moves in time.
-J_X, J_Y, J_RATE_X, J_RATE_Y, J_TRAVEL, J_INVERSE, J_COLS = range(7)
+J_X, J_Y, J_RATE_X, J_RATE_Y, J_TRAVEL_X, J_TRAVEL_Y, J_INVERSE, J_COLS = range(8)
 Q_X, Q_Y, Q_LIMIT, Q_COLS = range(4)
 
 # G: geometry of the contacts of a tile; stride TILE like the law's own tables.

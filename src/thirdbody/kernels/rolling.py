@@ -6,8 +6,6 @@ of the pair (M on the owner, -M on the partner) is M . (w_i - w_j) dt, none for 
 turn. The part about the normal (pivoting) is left out.
 """
 
-import math
-
 import numpy as np
 from numba import njit
 
@@ -22,7 +20,8 @@ from .layout import (
     I_HISTORY,
     J_RATE_X,
     J_RATE_Y,
-    J_TRAVEL,
+    J_TRAVEL_X,
+    J_TRAVEL_Y,
     J_X,
     J_Y,
     O_HISTORY,
@@ -56,7 +55,7 @@ def relative_spin(S, i, j, column):
 
 @njit(**BARE)
 def travel(i, j, q, S, P, G, v_x, v_y):
-    """Speed at which the patch wanders over the two surfaces, their mean: that of the contact point less the material's.
+    """Velocity of the patch over the two surfaces, their mean, along the frame's axes: of the contact point less the material's.
 
     The contact point lies on the line of centres; under a ball on a plate it moves with the ball.
     """
@@ -75,7 +74,7 @@ def travel(i, j, q, S, P, G, v_x, v_y):
     c_z = (1.0 - share) * S[i, S_U + 2] + share * p_z - 0.5 * (a_z + b_z)
     along = c_x * G[q + G_E * TILE] + c_y * G[q + (G_E + 1) * TILE] + c_z * G[q + (G_E + 2) * TILE]
     across = c_x * G[q + G_D * TILE] + c_y * G[q + (G_D + 1) * TILE] + c_z * G[q + (G_D + 2) * TILE]
-    return math.sqrt(along * along + across * across)
+    return along, across
 
 
 @njit(**BARE)
@@ -90,7 +89,8 @@ def stage_rolling(q, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history):  # n
     w_x, w_y, w_z = relative_spin(S, i, j, np.int64(S_O))
     I[at + J_RATE_X * TILE] = w_x * G[q + G_E * TILE] + w_y * G[q + (G_E + 1) * TILE] + w_z * G[q + (G_E + 2) * TILE]
     I[at + J_RATE_Y * TILE] = w_x * G[q + G_D * TILE] + w_y * G[q + (G_D + 1) * TILE] + w_z * G[q + (G_D + 2) * TILE]
-    I[at + J_TRAVEL * TILE] = travel(i, j, q, S, P, G, v_x, v_y) * dt
+    along, across = travel(i, j, q, S, P, G, v_x, v_y)
+    I[at + J_TRAVEL_X * TILE], I[at + J_TRAVEL_Y * TILE] = along * dt, across * dt
 
 
 @njit(**BARE)

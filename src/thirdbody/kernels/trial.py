@@ -54,7 +54,8 @@ from .layout import (
     I_VX,
     I_VY,
     J_INVERSE,
-    J_TRAVEL,
+    J_TRAVEL_X,
+    J_TRAVEL_Y,
     J_X,
     J_Y,
     O_A,
@@ -209,7 +210,8 @@ def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
             if rolling > 0:
                 I[at + J_X * TILE] *= share
                 I[at + J_Y * TILE] *= share
-                I[at + J_TRAVEL * TILE] *= share
+                I[at + J_TRAVEL_X * TILE] *= share
+                I[at + J_TRAVEL_Y * TILE] *= share
     return m
 
 

@@ -81,8 +81,10 @@ def field_of(offset: int) -> str:
 
 def contact_of(chain: Sequence[Law], still: bool = False) -> str:
     names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY")
-    behind = at.I_HISTORY + len(memory_names(chain)) + at.J_TRAVEL
-    roll = "0.0" if still or not any(law.rolls for law in chain) else f"I[{field_of(behind)}]"
+    behind = at.I_HISTORY + len(memory_names(chain))
+    told = not still and any(law.rolls for law in chain)
+    places = (behind + at.J_TRAVEL_X, behind + at.J_TRAVEL_Y)
+    roll = ", ".join(f"I[{field_of(place)}]" if told else "0.0" for place in places)
     return CONTACT.format(roll=roll, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
 
 

@@ -69,7 +69,7 @@ def _damped_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
     if "damping" not in stages:
         return ["        load = Load(n.force, n.force, n.contact_radius, k_n)"]
     k = stages["damping"]
-    closing = "Contact(c.overlap, c.radius, c.mass, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0)"
+    closing = "Contact(c.overlap, c.radius, c.mass, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)"
     lines = virgin_call(chain, k, "c, n", "viscous") + virgin_call(chain, k, f"{closing}, n", "c_n")
     # a dashpot that would pull the contact is cut with all the force
     lines.append("        force = max(n.force + viscous, 0.0)")

@@ -74,7 +74,7 @@ def option_sets(law: Law) -> list[tuple[str, dict[str, Any]]]:
 
 
 def _value(option: Option, end: str) -> float | str | tuple[float, ...]:
-    if option.words:
+    if option.words and not (option.or_number and end):
         return option.words[-1 if end == "highest" else 0]
     bound = {"lowest": option.low, "highest": option.high}.get(end, math.nan)
     usual = TYPICAL.get(option.dimension, 0.1) if option.default is None else option.default

@@ -153,7 +153,7 @@ def samples(bench: Bench) -> list[Sample]:
                 numbers = I[k, :, lane].tolist()
                 if numbers[at.I_OVERLAP] > 0.0:
                     memory = tuple(numbers[end - own : end])
-                    found.append(Sample(k, Contact._make((*numbers[: at.I_TYPE], 0.0)), memory))
+                    found.append(Sample(k, Contact._make((*numbers[: at.I_TYPE], 0.0, 0.0)), memory))
     return found
 
 

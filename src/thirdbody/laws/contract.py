@@ -69,7 +69,8 @@ class Contact(NamedTuple):
     slip_y: float
     v_x: float  # slip velocity, synchronised with the overlap
     v_y: float
-    roll: float  # way of the patch over the two surfaces during the step (their mean); 0 for a law that does not ask
+    roll_x: float  # way of the patch over the two surfaces during the step (their mean); 0 for a law that does not ask
+    roll_y: float
 
 
 class Normal(NamedTuple):
@@ -185,8 +186,8 @@ class Option:
     """One value that a scene may give to a law or an effect.
 
     `dimension` is a name of `thirdbody.dimensions.DIMENSIONS`, such as "length" or "dimensionless"; `size` > 1 makes it a vector;
-    `default=None` makes it required; values outside [low, high] are a fault. An option with `words` is one of them and no number.
-    Raises ValueError for an unknown dimension.
+    `default=None` makes it required; values outside [low, high] are a fault. An option with `words` is one
+    of them, and a number only if `or_number`. Raises ValueError for an unknown dimension.
     """
 
     name: str
@@ -197,6 +198,7 @@ class Option:
     size: int = 1
     doc: str = ""
     words: tuple[str, ...] = ()
+    or_number: bool = False
 
     def __post_init__(self) -> None:
         if self.dimension not in DIMENSIONS:

@@ -200,9 +200,11 @@ def _values(
 
 def _value(option: Option, raw: Any, given: bool) -> float | str | tuple[float, ...]:
     if option.words:
-        if raw not in option.words:
-            raise ValueError(f"expected {' or '.join(repr(word) for word in option.words)}, got {show(raw)}")
-        return raw
+        if raw in option.words:
+            return raw
+        if not option.or_number or isinstance(raw, str):
+            also = f" or a number from {option.low:g} to {option.high:g}" if option.or_number else ""
+            raise ValueError(f"expected {' or '.join(repr(word) for word in option.words)}{also}, got {show(raw)}")
     if option.size == 1:
         return _number(option, raw, given)
     if not isinstance(raw, list | tuple) or len(raw) != option.size:

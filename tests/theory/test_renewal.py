@@ -1,0 +1,160 @@
+"""Spots that sway keep their tangential force, spots that roll on renew it, and steady rolling has Kalker's creep."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from thirdbody_three_spot import exact, mdr, theory
+
+from thirdbody.laws.contract import Contact, Load, Material, Pair
+from thirdbody.laws.renewal import fresh_ground, renewed
+
+LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.WIDTH)}
+OVERLAP, RADIUS = 1e-9, 1e-6
+A = theory.contact_radius(RADIUS, OVERLAP)
+
+
+def pair(nu, other=None, shear=80e9, friction=0.3):
+    """A pair of materials of these Poisson's ratios."""
+    a, b = Material("a", 80e9, nu, 7850.0), Material("b", shear, nu if other is None else other, 7850.0)
+    return Pair(a, b, friction, 1.0)
+
+
+class Spot:
+    """One contact of a level, at a fixed overlap."""
+
+    def __init__(self, level, materials, **options):
+        law, width = LEVELS[level]
+        self.kernel, self.p = law.kernel, law.mix(materials, {"renewal": "kalker"} | options)
+        self.h, self.w = (0.0,) * len(law.history), np.zeros(width)
+        g, nu, other = materials.a.shear_modulus, materials.a.poisson_ratio, materials.b
+        self.e_star = theory.e_star(g, nu, other.shear_modulus, other.poisson_ratio)
+        self.move()
+
+    def move(self, slip=0.0, roll=0.0, across=0.0, overlap=OVERLAP):
+        force, a = theory.hertz_force(self.e_star, RADIUS, overlap), theory.contact_radius(RADIUS, overlap)
+        load = Load(force, force, a, theory.hertz_stiffness(self.e_star, RADIUS, overlap))
+        touch = Contact(overlap, RADIUS, 1.0, 0.0, slip, 0.0, 0.0, 0.0, roll, across)
+        w_new = np.full_like(self.w, np.nan)
+        answer, self.h = self.kernel(touch, load, self.p, self.h, self.w, w_new)
+        self.w = w_new
+        return answer
+
+
+C11 = {0.0: 3.40, 0.25: 4.12, 0.5: 5.20}
+"""Kalker's coefficient of a round patch, as tabulated in his book of 1990."""
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("step", [0.01, 0.5])
+@pytest.mark.parametrize("nu", C11)
+def test_steady_rolling_has_the_creep_of_kalker(level, nu, step):
+    """T = G a^2 C11 xi, whatever the length of the step."""
+    materials, creep = pair(nu, friction=1e6), 1e-4
+    spot = Spot(level, materials)
+    for _ in range(int(60.0 / step)):  # exp(-0.5 * 60) of the start is left
+        answer = spot.move(creep * step * A, step * A)
+    # the 32 to 64 springs of the row carry 1 % more or less of a field that does not fall to the edge
+    assert -answer.x == pytest.approx(materials.a.shear_modulus * A**2 * C11[nu] * creep, rel=0.02)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_unlike_materials_have_the_creep_of_their_mean_compliance(level):
+    """Kalker: 1/G and nu/G are the means of both bodies'."""
+    materials, creep = pair(0.4, 0.1, shear=40e9, friction=1e6), 1e-4
+    shear = 2.0 / (1.0 / 80e9 + 1.0 / 40e9)
+    nu = 0.5 * shear * (0.4 / 80e9 + 0.1 / 40e9)  # 0.2
+    spot = Spot(level, materials)
+    for _ in range(200):
+        answer = spot.move(0.3 * creep * A, 0.3 * A)
+    between = 3.40 + (4.12 - 3.40) * nu / 0.25
+    assert -answer.x == pytest.approx(shear * A**2 * between * creep, rel=0.03)  # C11 is a little convex
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_a_spot_that_sways_keeps_its_force(level):
+    """+-0.5 nm, 200 cycles, with a contact radius of 32 nm: the first sway meets 0.5 nm of fresh ground, the others none."""
+    spot = Spot(level, pair(0.3))
+    spot.move(0.5 * spot.p.kappa * OVERLAP)
+    first = None
+    for _ in range(200):
+        for way in (5e-10, -1e-9, 5e-10):
+            force = spot.move(roll=way).x
+        first = force if first is None else first
+    assert force == pytest.approx(first, rel=1e-12)
+    before = Spot(level, pair(0.3)).move(0.5 * spot.p.kappa * OVERLAP).x
+    assert force == pytest.approx(before, rel=0.01)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_a_spot_that_rolls_on_forgets(level):
+    """Whatever the direction; swaying on the way adds nothing."""
+    spots = [Spot(level, pair(0.3)) for _ in range(3)]
+    for spot in spots:
+        start = spot.move(0.3 * spot.p.kappa * OVERLAP).x
+    for _ in range(100):
+        straight = spots[0].move(roll=0.02 * A).x
+        across = spots[1].move(across=-0.02 * A).x
+        spots[2].move(roll=0.03 * A)
+        swaying = spots[2].move(roll=-0.01 * A).x
+    assert straight == pytest.approx(start * math.exp(-2.0 * spots[0].p.renewal), rel=1e-9)
+    assert across == pytest.approx(straight, rel=1e-9)
+    assert swaying == pytest.approx(straight, rel=0.01)  # it went 0.01 a farther
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_a_value_of_the_scene_overrides_the_rate(level):
+    for rate in (0.0, 2.0):
+        spot = Spot(level, pair(0.3), renewal=rate)
+        start = spot.move(0.3 * spot.p.kappa * OVERLAP).x
+        for _ in range(10):
+            force = spot.move(roll=0.1 * A).x
+        assert force == pytest.approx(start * math.exp(-rate), rel=1e-12)
+
+
+def test_a_turn_back_is_fresh_after_the_diameter_of_the_patch():
+    ground = fresh_ground(0.0, 0.0, A, 0.0, 0.0, 0.0)
+    for _ in range(50):
+        ground = fresh_ground(0.1 * A, 0.0, A, *ground[1:])
+    assert ground.way == pytest.approx(0.1 * A)
+    ways = []
+    for _ in range(30):
+        ground = fresh_ground(-0.1 * A, 0.0, A, *ground[1:])
+        ways.append(ground.way)
+    assert sum(ways) == pytest.approx(1.0 * A)
+    assert ways[:19] == pytest.approx([0.0] * 19, abs=1e-12 * A)
+
+
+def test_a_patch_that_shrinks_meets_no_fresh_ground():
+    ground = fresh_ground(0.9 * A, 0.0, A, 0.0, 0.0, 0.0)
+    ground = fresh_ground(0.0, 0.0, 0.5 * A, *ground[1:])
+    assert ground == pytest.approx((0.0, 0.5 * A, 0.0, 0.5 * A))
+    assert fresh_ground(0.0, 0.0, A, *ground[1:]).way == 0.0
+
+
+@pytest.mark.parametrize("exponent", [1e-9, 1e-5, 9.99e-4, 1.01e-3, 0.3, 5.0])
+def test_heat_of_renewal(exponent):
+    """Against the integral of the decay, exponent w^2, by 64 Gauss points."""
+    w_old, slip = 0.7, -0.4
+    places, weights = np.polynomial.legendre.leggauss(64)
+    t = 0.5 * (places + 1.0)
+    lost = -np.expm1(-exponent * t) / exponent
+    w = w_old * np.exp(-exponent * t) - slip * lost
+    share = renewed(exponent)
+    assert share.kept * w_old - share.fill * slip == pytest.approx(
+        w_old * math.exp(-exponent) - slip * -math.expm1(-exponent) / exponent, rel=1e-14
+    )
+    heat = 0.5 * (1.0 - share.kept**2) * w_old**2 - share.mixed * w_old * slip + share.own * slip**2
+    assert heat == pytest.approx(0.5 * exponent * float(np.sum(weights * w * w)), rel=1e-7)  # kept^2 has 16 digits
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("creep", [1e-4, 1.0])
+def test_heat_takes_the_work_of_steady_rolling(level, creep):
+    """Without slip, and sliding throughout: what renewal and friction take is the work of the tangential force."""
+    spot = Spot(level, pair(0.3))
+    for _ in range(100):
+        answer = spot.move(0.3 * creep * A, 0.3 * A)
+    assert answer.dissipated == pytest.approx(-answer.x * 0.3 * creep * A, rel=1e-9)
