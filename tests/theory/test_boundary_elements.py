@@ -180,7 +180,7 @@ def partial_slip(tm, normals) -> list[list[tuple[float, float]]]:
 def springs_force(shares: tuple[float, ...]) -> list[float]:
     """T of the level `mdr` at these displacements over s_c, 256 springs."""
     p = mdr.SpringParameters(G_STAR, MU, MU * E_STAR / G_STAR, 0.0)  # nothing rolls, so nothing is renewed
-    h, w = (0.0, 0.0), np.zeros(512)
+    h, w = (0.0,) * 7, np.zeros(512)
     load = Load(FORCE, FORCE, A, theory.hertz_stiffness(E_STAR, RADIUS, OVERLAP))
     forces = []
     for slip in np.diff((0.0, 0.0, *shares)) * CRITICAL:  # the first step only presses

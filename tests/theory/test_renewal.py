@@ -9,7 +9,8 @@ import pytest
 from thirdbody_three_spot import exact, mdr, theory
 
 from thirdbody.laws.contract import Contact, Load, Material, Pair
-from thirdbody.laws.renewal import fresh_ground, renewed
+from thirdbody.laws.renewal import RENEWAL, fresh_ground, renewed
+from thirdbody.scene.choose import _value
 
 LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.WIDTH)}
 OVERLAP, RADIUS = 1e-9, 1e-6
@@ -114,6 +115,15 @@ def test_a_value_of_the_scene_overrides_the_rate(level):
         assert force == pytest.approx(start * math.exp(-rate), rel=1e-12)
 
 
+def test_the_rate_is_a_word_or_a_number():
+    assert _value(RENEWAL, "kalker", True) == "kalker"
+    assert _value(RENEWAL, 0.3, True) == 0.3
+    with pytest.raises(ValueError, match="expected 'kalker' or a number from 0 to 100, got 'hertz'"):
+        _value(RENEWAL, "hertz", True)
+    with pytest.raises(ValueError, match="between 0 and 100"):
+        _value(RENEWAL, -1.0, True)
+
+
 def test_a_turn_back_is_fresh_after_the_diameter_of_the_patch():
     ground = fresh_ground(0.0, 0.0, A, 0.0, 0.0, 0.0)
     for _ in range(50):
@@ -124,7 +134,7 @@ def test_a_turn_back_is_fresh_after_the_diameter_of_the_patch():
         ground = fresh_ground(-0.1 * A, 0.0, A, *ground[1:])
         ways.append(ground.way)
     assert sum(ways) == pytest.approx(1.0 * A)
-    assert ways[:19] == pytest.approx([0.0] * 19, abs=1e-12 * A)
+    assert ways[:19] == pytest.approx([0.0] * 19, abs=1e-12 * A)  # roundings of the offset
 
 
 def test_a_patch_that_shrinks_meets_no_fresh_ground():
