@@ -155,6 +155,14 @@ def test_keys_reach_the_integrator():
     assert (simulation.integrator.accuracy.tolerance, simulation.integrator.accuracy.largest_step) == (0.002, 3e-9)
 
 
+def test_friction_without_bound_is_bounded_and_told():
+    """Above 1e6 the friction limit of a spot that lifts off is lost in the error of its load: 1e9 counts as 1e4."""
+    mild, wild = (build(scene(NONE, ("friction = 0.30", f"friction = {mu}"))) for mu in ("1e4", "1e9"))
+    assert np.array_equal(mild.state.physics.pairs, wild.state.physics.pairs)
+    assert any("count as 10000" in warning for warning in wild.warnings)
+    assert not any("count as" in warning for warning in mild.warnings)
+
+
 def test_check_tells_integrator_and_reason(command):
     code, out, _ = command((NONE,), "check", "--json")
     told = json.loads(out)

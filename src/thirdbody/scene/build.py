@@ -136,7 +136,7 @@ def build(
     chosen = plan(scene, choice, state)
     warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
     if chosen.kind == "implicit":
-        slow = implicit(scene, choice, state, upper)
+        slow = implicit(scene, choice, state, upper, warnings)
         simulation = Simulation(scene, choice, labeller, state, slow, chosen, upper, warnings, force)
         _refuse_unreached(simulation)
         _examine_interval(simulation)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -36,6 +36,13 @@ class Choice:
     pairs: tuple[Pair, ...]
     rows: tuple[tuple[Any, ...], ...]
     off: tuple[str, ...]
+    options: dict[str, dict[str, Any]]
+
+    def limit_friction(self, largest: float) -> None:
+        """Mix the parameters of all pairs anew, with friction coefficients of at most `largest`."""
+        pairs = [replace(pair, friction=min(pair.friction, largest)) for pair in self.pairs]
+        rows = [[x for law in self.chain.laws for x in _mixed(law, pair, self.options[law.name])] for pair in pairs]
+        self.physics.pairs[:] = np.array(rows, float).ravel()
 
 
 def choose(scene: Scene, registry: Registry) -> Choice:
@@ -65,7 +72,7 @@ def choose(scene: Scene, registry: Registry) -> Choice:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
     except Exception as problem:
         raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
-    return Choice(physics, chain, family, level, labeller, effects, materials, pairs, rows, off)
+    return Choice(physics, chain, family, level, labeller, effects, materials, pairs, rows, off, options)
 
 
 PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"

@@ -19,6 +19,13 @@ from .upper import Upper
 if TYPE_CHECKING:
     from ..engine.implicit import Implicit
 
+LARGEST_FRICTION = 1e4
+"""Friction coefficient above which friction counts as this in the implicit integrator. Newton's method finds forces to 1e-9 of
+all that act, and the limit of a spot that its dashpot is about to release follows the normal force this many times: above 1e6
+the limit jumps by all that the spot holds within the error of its load, and steps shrink without end. What slips below that is
+a spot that carries less than 1e-4 of its tangential force."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """The integrator of a scene, `explicit` or `implicit`, and the reason in words."""
@@ -83,13 +90,16 @@ def _obstacle(scene: Scene, choice: Choice, state: State) -> str:
     return ""
 
 
-def implicit(scene: Scene, choice: Choice, state: State, upper: Upper) -> Implicit:
-    """The implicit integrator of a scene, started."""
+def implicit(scene: Scene, choice: Choice, state: State, upper: Upper, warnings: list[str]) -> Implicit:
+    """The implicit integrator of a scene, started; `warnings` is added to."""
     tangents = choice.chain.tangents
     assert tangents is not None  # `plan`
     # imported where it is used: an explicit run compiles none of it
     from ..engine.implicit import Accuracy
 
+    if any(pair.friction > LARGEST_FRICTION for pair in choice.pairs):
+        choice.limit_friction(LARGEST_FRICTION)
+        warnings.append(f"friction coefficients above {LARGEST_FRICTION:g} count as {LARGEST_FRICTION:g} in the implicit integrator")
     solver = scene.solver
     given = {"tolerance": solver.tolerance, "largest_step": solver.largest_step, "inertia": solver.inertia}
     options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
