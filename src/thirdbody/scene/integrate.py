@@ -99,7 +99,8 @@ def implicit(scene: Scene, choice: Choice, state: State, upper: Upper, warnings:
 
     if any(pair.friction > LARGEST_FRICTION for pair in choice.pairs):
         choice.limit_friction(LARGEST_FRICTION)
-        warnings.append(f"friction coefficients above {LARGEST_FRICTION:g} count as {LARGEST_FRICTION:g} in the implicit integrator")
+        most = f"{LARGEST_FRICTION:g}"
+        warnings.append(f"friction coefficients above {most} count as {most} in the implicit integrator")
     solver = scene.solver
     given = {"tolerance": solver.tolerance, "largest_step": solver.largest_step, "inertia": solver.inertia}
     options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
