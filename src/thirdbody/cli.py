@@ -171,8 +171,11 @@ def render(
     """Draw the debris between its plates: a picture, a film, or a page to turn it in a browser."""
     from .output.render import render as draw
 
-    size = (width, height)
-    say(draw(run, out, frame, color, size, zoom, view, forces, body, frames, fps, camera, progress=True))
+    drawn = draw(
+        run, out, progress=True, frame=frame, color=color, size=(width, height), zoom=zoom, view=view, forces=forces, body=body,
+        frames=frames, fps=fps, camera=camera,
+    )  # fmt: skip
+    say(drawn)
 
 
 @app.command(cls=Command)

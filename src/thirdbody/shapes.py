@@ -258,7 +258,7 @@ def _group(population: Population) -> Any:
     """What the picture says and shows of a population of one mesh or none."""
     from .bodies.clump import matrix_from_quaternion
     from .output.gallery import Group
-    from .output.shot import with_unit
+    from .output.quantity import with_unit
 
     entry = told(population)
     diameter, spheres = entry["diameter"], entry["spheres"]

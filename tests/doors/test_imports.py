@@ -143,6 +143,21 @@ def test_numba_stays_in_compiled_layers_and_drawing_in_output(path):
         assert not found & {"vtk", "vtkmodules", "pyvista", "matplotlib", "h5py"}
 
 
+def test_pictures_are_drawn_through_pyvista():
+    """VTK itself is used for spheres only, which pyvista cannot cast without triangles."""
+    drawing = [path for path in OURS if path.name != "pvd.py"]  # which writes files
+    used = {name for path in drawing for name, _ in imports(path) if name.split(".")[0] in ("vtk", "vtkmodules")}
+    assert used == {"vtkmodules.vtkRenderingOpenGL2.vtkOpenGLSphereMapper"}
+
+
+@pytest.mark.parametrize("path", sorted((SOURCE / "output").glob("*.py")), ids=name_of)
+def test_no_function_of_output_takes_more_than_eight_arguments(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+            assert len([name for name in given if name.arg != "self"]) <= 8, node.name
+
+
 @pytest.mark.parametrize("path", OURS + THEIRS, ids=name_of)
 def test_files_and_functions_stay_short(path):
     text = path.read_text(encoding="utf-8")

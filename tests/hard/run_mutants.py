@@ -147,7 +147,7 @@ COMMANDS: dict[str, list[str]] = {
 
 def _drawn_here(job: dict, windows: list[str | None], report: object = None) -> None:
     """What `render` has drawn by a second process, which would cost seconds; windows are chosen when the worker starts."""
-    from thirdbody.output.reel import draw_run
+    from thirdbody.output.worker import draw_run
 
     draw_run(json.loads(json.dumps(job)))
 

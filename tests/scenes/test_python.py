@@ -144,7 +144,7 @@ def test_pyvista_gets_every_array_with_its_unit(run):
     for name in ("spheres", "clumps", "contacts"):
         arrays = run.block(name)
         np.testing.assert_allclose(blocks[name].points, arrays.pop("position"), rtol=1e-6)  # pyvista may keep float32
-        assert set(blocks[name].point_data) == set(arrays)
+        assert set(blocks[name].point_data.keys()) == set(arrays)
         for key, values in arrays.items():
             np.testing.assert_array_equal(blocks[name].point_data[key], values)
     assert len(blocks["contacts"].points) == 4 and blocks["plates"].n_cells == 2
@@ -153,6 +153,26 @@ def test_pyvista_gets_every_array_with_its_unit(run):
     )}  # fmt: skip
     assert list(units.values()) == ["N", "N m", "m/s", "m"]
     assert blocks.field_data["time"][0] == run.times[-1] and list(blocks.field_data["state_names"]) == run.state_names
+
+
+def test_pyvista_makes_surfaces_of_spheres_and_arrows_of_forces(run):
+    """The example of `Run.to_pyvista`."""
+    import pyvista
+
+    blocks = run.to_pyvista(-1)
+    spheres, contacts = blocks["spheres"], blocks["contacts"]
+    balls = spheres.glyph(scale="radius", geom=pyvista.Sphere(radius=1.0), orient=False)
+    # float32 positions; spheres of triangles stay inside, their poles touch
+    assert balls.bounds[5] == pytest.approx((spheres.points[:, 2] + spheres["radius"]).max(), rel=1e-6)
+    arrows = contacts.glyph(scale="force", orient="force", factor=0.1, geom=pyvista.Arrow())
+    assert arrows.n_points == len(contacts["force"]) * pyvista.Arrow().n_points
+
+
+def test_pyvista_gets_arrays_of_no_rows_from_a_frame_without_contacts(run):
+    frame = next(number for number in range(run.frames) if not len(run.contacts(number)["body"]))
+    contacts = run.to_pyvista(frame)["contacts"]
+    assert contacts.n_points == 0 and contacts["normal_force"].shape == (0,) and contacts["force"].shape == (0, 3)
+    assert contacts.field_data["normal_force_units"][0] == "N"
 
 
 def test_only_public_names_are_listed():

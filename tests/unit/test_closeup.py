@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from thirdbody.errors import InputError
-from thirdbody.output.coloring import Legend, Paint
-from thirdbody.output.forces import force_tubes, nearest_image
+from thirdbody.output.closeup_data import read_close_up
+from thirdbody.output.coloring import Coloring, Legend
+from thirdbody.output.force_tubes import force_tubes, nearest_image
 from thirdbody.output.palette import STATE_COLORS
 from thirdbody.output.render import render
 from thirdbody.output.run import open_run
-from thirdbody.output.spots import take_close_up
 
 
 def _layer():
@@ -34,14 +34,14 @@ def layer(tmp_path_factory):
 
 def test_the_spots_of_a_body_and_their_cones(layer):
     with open_run(layer) as run:
-        one = take_close_up(run, -1, 7, "state")
+        one = read_close_up(run, -1, 7, "state")
     spots = one.spots
     assert spots.against == ["lower plate", "upper plate"]
     # 7.5 uN are three quarters, 2.5 uN one quarter of the same limit: a cone with the half angle atan 0.1.
     assert spots.limit == pytest.approx([1e-5, 1e-5], rel=1e-12)
     load = np.einsum("ij,ij->i", spots.force, spots.normal)
     assert load == pytest.approx([1e-4, 1e-4], rel=1e-12)  # rounding of a product
-    assert np.all(np.abs(spots.place - one.center)[:, 2] == pytest.approx(LAYER.R, rel=1e-9))  # wrapped like its body
+    assert np.all(np.abs(spots.position - one.center)[:, 2] == pytest.approx(LAYER.R, rel=1e-9))  # wrapped like its body
 
 
 def test_the_other_body_of_a_contact_feels_the_opposite_force():
@@ -53,12 +53,12 @@ def test_the_other_body_of_a_contact_feels_the_opposite_force():
     }
     bodies = {"position": np.array([[9.9, 5.0, 0.0], [0.1, 5.0, 0.0]]), "id": np.array([0, 1])}
     contacts["position"][0] = [10.0, 5.0, 0.0]
-    paint = Paint(np.zeros(2), Legend("x", limits=(0.0, 1.0)))
+    paint = Coloring(np.zeros(2), Legend("x", limits=(0.0, 1.0)))
     tubes = force_tubes(contacts, bodies, np.zeros((2, 3)), np.array([10.0, 10.0]), paint)
     assert tubes.force == pytest.approx([5.0, 5.0], rel=1e-12)
     # One tube from each centre to the contact between them, across the edge of the domain: 0.1 each, not 9.9.
     assert np.linalg.norm(tubes.end - tubes.start, axis=1) == pytest.approx([0.1, 0.1], rel=1e-9)
-    assert tubes.strongest == pytest.approx(5.0, rel=1e-12)
+    assert tubes.full_scale == pytest.approx(5.0, rel=1e-12)
 
 
 def test_the_nearest_image_is_never_farther_than_half_the_domain():
@@ -69,10 +69,10 @@ def test_the_nearest_image_is_never_farther_than_half_the_domain():
 
 def test_contacts_bring_their_own_colours_to_the_tubes(layer):
     with open_run(layer) as run:
-        from thirdbody.output.shot import take_shot
+        from thirdbody.output.picture_data import read_picture_data
 
-        by_state = take_shot(run, 0, "state", forces=True).tubes
-        by_use = take_shot(run, 0, "utilisation", forces=True).tubes
+        by_state = read_picture_data(run, 0, "state", forces=True).tubes
+        by_use = read_picture_data(run, 0, "utilisation", forces=True).tubes
     assert len(np.unique(by_state.colors, axis=0)) == 1
     assert len(np.unique(by_use.colors, axis=0)) == 2  # a quarter and three quarters
 
@@ -94,8 +94,8 @@ def test_a_close_up_is_drawn_with_spots_in_the_colour_of_sticking(layer, tmp_pat
 def test_a_run_without_forces_says_so(layer, tmp_path):
     with open_run(layer) as run:
         with pytest.raises(InputError, match="no body 60; ids are 0 to 59"):
-            take_close_up(run, -1, 60, "state")
+            read_close_up(run, -1, 60, "state")
         contacts = run.contacts(0)
     del contacts["force"]
     with pytest.raises(InputError, match="recorded no forces"):
-        force_tubes(contacts, {"position": np.zeros((60, 3))}, np.zeros((60, 3)), None, Paint(np.zeros(1), Legend("x")))
+        force_tubes(contacts, {"position": np.zeros((60, 3))}, np.zeros((60, 3)), None, Coloring(np.zeros(1), Legend("x")))

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from thirdbody.errors import InputError, MissingLibrary
-from thirdbody.output.coloring import Scale
+from thirdbody.output.coloring import LegendScale
 from thirdbody.output.film import frame_numbers, gif, mp4
 from thirdbody.output.film_progress import film_bar
+from thirdbody.output.layout import compute_layout
 from thirdbody.output.palette import STATE_COLORS
-from thirdbody.output.picture import make_plan
+from thirdbody.output.picture_data import read_picture_data
 from thirdbody.output.render import render
 from thirdbody.output.run import open_run
-from thirdbody.output.shot import take_shot
 
 
 def _layer():
@@ -92,14 +92,14 @@ def test_without_pyav_one_sentence_names_what_to_do(monkeypatch):
 
 def test_one_plan_holds_what_all_frames_need(layer):
     with open_run(layer) as run:
-        shots = [take_shot(run, number, "state") for number in range(run.frames)]
-        plan = make_plan(iter(shots), (320, 240), "iso", None)
-        speeds = [take_shot(run, number, "speed").legend.scale for number in range(2)]
-    assert np.all([np.all(plan.low <= shot.low) and np.all(plan.high >= shot.high) for shot in shots])
-    assert np.allclose(plan.ways, [[1.0, 0.0]])
+        shots = [read_picture_data(run, number, "state") for number in range(run.frames)]
+        layout = compute_layout(iter(shots), (320, 240), "iso", None)
+        speeds = [read_picture_data(run, number, "speed").legend.scale for number in range(2)]
+    assert np.all([np.all(layout.low <= shot.low) and np.all(layout.high >= shot.high) for shot in shots])
+    assert np.allclose(layout.directions, [[1.0, 0.0]])
     both = speeds[0] | speeds[1]
     assert both.limits == (min(s.limits[0] for s in speeds), max(s.limits[1] for s in speeds))
-    assert (Scale((1.0, 2.0)) | Scale(None, frozenset({3}))) == Scale((1.0, 2.0), frozenset({3}))
+    assert (LegendScale((1.0, 2.0)) | LegendScale(None, frozenset({3}))) == LegendScale((1.0, 2.0), frozenset({3}))
 
 
 @pytest.mark.parametrize("suffix", [".gif", ".mp4"])

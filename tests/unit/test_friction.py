@@ -15,8 +15,8 @@ import thirdbody
 from thirdbody.output.average import change_and_error
 from thirdbody.output.csv_export import export_csv
 from thirdbody.output.html import run_html
+from thirdbody.output.picture_data import read_picture_data
 from thirdbody.output.plot import page
-from thirdbody.output.shot import take_shot
 from thirdbody.report import run_report
 
 from .layer import write_layer
@@ -47,7 +47,7 @@ def test_every_output_tells_the_same_number(drifting, capsys):
         assert run.friction.value == pytest.approx(mean, rel=1e-14) == run.summary()["friction_coefficient"]
         assert run.summary()["friction_verdict"] == run.friction.verdict
         seen = [words(text) for text in (
-            take_shot(run, 0, "state").facts, take_shot(run, -1, "state").facts,
+            read_picture_data(run, 0, "state").facts, read_picture_data(run, -1, "state").facts,
             " ".join(text.get_text() for text in page(run).texts), page(run).axes[0].get_title(loc="left"), run_html(run),
         )]  # fmt: skip
     run_report(drifting.parent, json=True)

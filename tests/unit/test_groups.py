@@ -14,9 +14,9 @@ import thirdbody
 from thirdbody.errors import InputError
 from thirdbody.output.csv_export import export_csv
 from thirdbody.output.groups import states_by_group
+from thirdbody.output.picture_data import read_picture_data
 from thirdbody.output.plot import page
 from thirdbody.output.schema import Frame
-from thirdbody.output.shot import take_shot
 from thirdbody.output.vtkhdf import TrajectoryWriter
 from thirdbody.report import run_report, states_report
 
@@ -106,12 +106,12 @@ def test_page_pictures_and_tables_name_them(folder, tmp_path):
         assert title == "At the last frame: soft debris 70 % sliding; hard grains 83 % rolling; dust 100 % free"
         bars = [patch.get_width() for patch in axes.patches]
         assert bars[:8] == pytest.approx([0.0, 0.0, 0.7, 0.3, 0.0, 0.0, 1 / 6, 5 / 6])
-        legends = {color: take_shot(run, -1, color).legend.entries for color in ("population", "material")}
+        legends = {color: read_picture_data(run, -1, color).legend.entries for color in ("population", "material")}
         assert [words for words, _ in legends["population"]] == [
             "soft debris  10  (50 %)", "hard grains  6  (30 %)", "dust  4  (20 %)",
         ]  # fmt: skip
         assert [words.split()[0] for words, _ in legends["material"]] == ["bronze", "alumina"]
-        assert take_shot(run, -1, "state").labels[SOFT] == "sliding, hard grains"
+        assert read_picture_data(run, -1, "state").labels[SOFT] == "sliding, hard grains"
         export_csv(run, tmp_path / "csv")
         row = list(csv.DictReader((tmp_path / "csv" / "bodies.csv").open()))[-1]
         assert (row["population_name"], row["material_name"]) == ("dust", "alumina")

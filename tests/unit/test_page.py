@@ -18,9 +18,9 @@ from portable import PATIENCE
 
 from thirdbody.output.page import write_page
 from thirdbody.output.palette import STATE_COLORS
+from thirdbody.output.picture_data import read_picture_data
 from thirdbody.output.render import render
 from thirdbody.output.run import open_run
-from thirdbody.output.shot import take_shot
 
 BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
 
@@ -47,7 +47,7 @@ def test_a_page_holds_every_sphere_its_colour_and_the_legend(layer, tmp_path):
     text = render(layer, tmp_path / "a.html", frame=0).read_text(encoding="utf-8")
     data = data_of(text)
     with open_run(layer) as run:
-        shot = take_shot(run, 0, "state")
+        shot = read_picture_data(run, 0, "state")
     spheres = np.frombuffer(base64.b64decode(data["spheres"]), "<f4").reshape(-1, 4)
     scale = 100.0 / np.max((shot.high - shot.low)[:2])
     expected = np.column_stack(((shot.centers - 0.5 * (shot.low + shot.high)) * scale, shot.radii * scale))
@@ -63,7 +63,7 @@ def test_a_page_holds_every_sphere_its_colour_and_the_legend(layer, tmp_path):
 
 def test_a_title_cannot_end_the_script_or_bring_its_own(layer, tmp_path):
     with open_run(layer) as run:
-        shot = take_shot(run, 0, "friction_work")
+        shot = read_picture_data(run, 0, "friction_work")
     bad = "</script><script>alert(1)</script>"
     text = write_page(replace(shot, title=bad, labels=(bad,)), tmp_path / "a.html").read_text(encoding="utf-8")
     assert text.count("<script>") == text.count("</script>") == 1

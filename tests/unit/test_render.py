@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -15,14 +16,13 @@ from PIL import Image
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.output import render as render_module
-from thirdbody.output.canvas import SOFT_INK
-from thirdbody.output.coloring import Scale
-from thirdbody.output.forces import TUBE
-from thirdbody.output.palette import CATEGORY_COLORS, STATE_COLORS, category_colors, field_colors, rgb, state_colors
+from thirdbody.output.coloring import LegendScale
+from thirdbody.output.force_tubes import TUBE
+from thirdbody.output.palette import CATEGORY_COLORS, SOFT_INK, STATE_COLORS, category_colors, field_colors, rgb, state_colors
+from thirdbody.output.picture_data import close_up_window, read_picture_data
 from thirdbody.output.quantity import prefixed, round_length, ticks, with_unit
-from thirdbody.output.render import render
-from thirdbody.output.run import open_run
-from thirdbody.output.shot import close_up_window, take_shot
+from thirdbody.output.render import PictureOptions, render
+from thirdbody.output.run import Run, open_run
 
 
 def _layer():
@@ -72,6 +72,23 @@ def test_a_picture_tells_what_it_was_drawn_from(layer, tmp_path):
     assert (texts["frame"], texts["time"]) == ("0 of 0 to 1", "0.0 s") and texts["scene"] == "scene = 1\n"
     options = json.loads(texts["options"])
     assert (options["size"], options["view"], options["zoom"]) == ([640, 360], "top", None)
+
+
+def test_the_same_picture_is_drawn_into_the_same_bytes(layer, tmp_path):
+    """With a close-up beside it, tubes, a colour scale and translucent plates."""
+    skip_unless_drawable()
+    names = [tmp_path / "a.png", tmp_path / "b.png"]
+    one, other = (render(layer, name, size=(400, 225), forces=True, color="utilisation").read_bytes() for name in names)
+    assert one == other
+
+
+def test_options_are_those_that_are_documented(layer, tmp_path):
+    names = [field.name for field in fields(PictureOptions)]
+    assert names == ["frame", "color", "size", "zoom", "view", "forces", "body", "frames", "fps", "camera"]
+    listed = f"{', '.join(names)}"
+    assert all(listed in " ".join(documented.__doc__.split()) for documented in (render, Run.render))
+    with pytest.raises(TypeError, match="unexpected keyword argument 'colour'"):
+        render(layer, tmp_path / "a.png", colour="state")
 
 
 def test_a_zoomed_picture_and_a_field(layer, tmp_path):
@@ -167,6 +184,13 @@ def test_missing_libraries_are_named(layer, tmp_path, monkeypatch):
         render(layer, tmp_path / "a.png")
 
 
+def test_pyvista_is_named_where_it_is_missing(layer, tmp_path, monkeypatch):
+    monkeypatch.setattr(render_module, "usable_windows", lambda: [None])
+    monkeypatch.setattr(render_module, "find_spec", lambda name: None)
+    with pytest.raises(MissingLibrary, match="pip install pyvista"):
+        render(layer, tmp_path / "a.png")
+
+
 def test_a_crash_of_vtk_is_one_sentence_after_all_windows_were_tried(layer, tmp_path, monkeypatch):
     tried = []
 
@@ -192,7 +216,7 @@ def test_a_fault_in_the_drawing_is_not_blamed_on_libraries(layer, tmp_path, monk
 def test_bodies_are_wrapped_whole_into_the_domain(tmp_path):
     path = write_layer(tmp_path / "run.vtkhdf", 60, frames=12)
     with open_run(path) as run:
-        first, last = take_shot(run, 0, "state"), take_shot(run, -1, "state")
+        first, last = read_picture_data(run, 0, "state"), read_picture_data(run, -1, "state")
     size = last.high[:2]
     assert np.all(last.bodies[:, :2] >= 0.0) and np.all(last.bodies[:, :2] <= size)
     # Spheres keep their place in their body; rel 1e-9 of a radius: two subtractions of 1e-4 m in float64.
@@ -205,8 +229,8 @@ def test_bodies_are_wrapped_whole_into_the_domain(tmp_path):
 
 def test_fields_of_bodies_and_contacts(layer):
     with open_run(layer) as run:
-        speed = take_shot(run, 0, "speed")
-        utilisation = take_shot(run, 0, "utilisation")
+        speed = read_picture_data(run, 0, "speed")
+        utilisation = read_picture_data(run, 0, "utilisation")
         velocity = run.bodies(0)["velocity"]
     lengths = np.linalg.norm(velocity, axis=1)
     assert speed.legend.limits == (lengths.min(), lengths.max())
@@ -217,8 +241,8 @@ def test_fields_of_bodies_and_contacts(layer):
 
 def test_reasons_are_categories_with_a_legend_of_those_that_occur(layer):
     with open_run(layer) as run:
-        shot = take_shot(run, 0, "reason")
-        kept = take_shot(run, 0, "state_reason", scale=Scale(codes=frozenset({0, 1, 2})))
+        shot = read_picture_data(run, 0, "reason")
+        kept = read_picture_data(run, 0, "state_reason", scale=LegendScale(codes=frozenset({0, 1, 2})))
     words = [words.split("  ")[0] for words, _ in shot.legend.entries]
     assert words == ["none", "friction limit", "rotation"]
     assert [tone for _, tone in shot.legend.entries] == list(CATEGORY_COLORS[:3])
@@ -227,7 +251,7 @@ def test_reasons_are_categories_with_a_legend_of_those_that_occur(layer):
 
 def test_the_legend_counts_the_states(layer):
     with open_run(layer) as run:
-        shot = take_shot(run, -1, "state")
+        shot = read_picture_data(run, -1, "state")
         counts = np.bincount(run.states[-1], minlength=4)
     numbers = [int(re.findall(r"  (\d+)  ", words)[0]) for words, _ in shot.legend.entries]
     assert numbers == list(counts)
@@ -236,7 +260,7 @@ def test_the_legend_counts_the_states(layer):
 
 def test_the_close_up_holds_about_sixty_bodies(tmp_path):
     with open_run(write_layer(tmp_path / "run.vtkhdf", 900)) as run:
-        shot = take_shot(run, 0, "state")
+        shot = read_picture_data(run, 0, "state")
     low, high = close_up_window(shot)
     inside = np.all((shot.bodies[:, :2] >= low) & (shot.bodies[:, :2] <= high), axis=1).sum()
     # A window of the mean density holds 60; its edges cut a lattice of 28 um pitch: half a row either way.

@@ -25,16 +25,16 @@ NUMBERED = ("population", "material")
 
 
 @dataclass(frozen=True)
-class Scale:
+class LegendScale:
     """What a legend keeps over all frames of a film: the ends of the colour scale, or the codes that it shows."""
 
     limits: tuple[float, float] | None = None
     codes: frozenset[int] = frozenset()
 
-    def __or__(self, other: Scale) -> Scale:
+    def __or__(self, other: LegendScale) -> LegendScale:
         limits = [scale.limits for scale in (self, other) if scale.limits is not None]
         ends = (min(low for low, _ in limits), max(high for _, high in limits)) if limits else None
-        return Scale(ends, self.codes | other.codes)
+        return LegendScale(ends, self.codes | other.codes)
 
 
 @dataclass(frozen=True)
@@ -52,13 +52,13 @@ class Legend:
     total: int = 0
 
     @property
-    def scale(self) -> Scale:
+    def scale(self) -> LegendScale:
         """What other frames need for the same legend."""
-        return Scale(self.limits, frozenset(self.codes))
+        return LegendScale(self.limits, frozenset(self.codes))
 
 
 @dataclass(frozen=True)
-class Paint:
+class Coloring:
     """Values of what is drawn: `values` (S,) one per sphere, `tubes` (C,) one per contact or None; and their legend.
 
     Categories carry their colours with them in `palette` (n, 3) uint8; then `values` are codes.
@@ -78,7 +78,9 @@ class Paint:
         return field_colors((values - low) / (high - low) if high > low else values - low + 0.5)
 
 
-def paint(run: Run, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: Scale) -> Paint:
+def compute_coloring(
+    run: Run, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: LegendScale
+) -> Coloring:
     """The colours of one frame; `row` (S,) is the row of each sphere's body, `scale` is that of the film or empty.
 
     Raises InputError for an array that the run has not.
@@ -93,28 +95,28 @@ def paint(run: Run, frame: int, color: str, bodies: Arrays, spheres: Arrays, row
     if tubes is not None:
         known = np.concatenate([known, tubes[np.isfinite(tubes)]]) if name in bodies else known
     limits = scale.limits or ((float(known.min()), float(known.max())) if len(known) else (0.0, 0.0))
-    return Paint(values, Legend(_words(color), limits=limits, unit=ARRAY_UNITS.get(color, "")), tubes=tubes)
+    return Coloring(values, Legend(_in_words(color), limits=limits, unit=ARRAY_UNITS.get(color, "")), tubes=tubes)
 
 
-def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, kept: frozenset[int]) -> Paint:
+def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: frozenset[int]) -> Coloring:
     if name in ("state", "state_reason"):
         names = run.state_names if name == "state" else run.reason_names
     else:
         known = {"population": run.population_names, "material": run.material_names}.get(name, [])
-        names = [code_name(known, code) for code in range(int(codes.max(initial=max(kept, default=0))) + 1)]
+        names = [code_name(known, code) for code in range(int(codes.max(initial=max(shown_codes, default=0))) + 1)]
     tones = state_colors(names) if name == "state" else category_colors(len(names))
     counts = np.bincount(codes, minlength=len(names))
     total = max(1, int(counts.sum()))
     # All states are shown, so that every picture of a run has the same legend; of other codes those that occur.
-    shown = [code for code in range(len(names)) if name == "state" or counts[code] or code in kept]
+    shown = [code for code in range(len(names)) if name == "state" or counts[code] or code in shown_codes]
     shares = 100.0 * counts / total
-    entries = tuple((f"{_words(names[code])}  {counts[code]}  ({shares[code]:.0f} %)", tones[code]) for code in shown)
-    title = {"state": "", "state_reason": "reason"}.get(name, _words(name))
+    entries = tuple((f"{_in_words(names[code])}  {counts[code]}  ({shares[code]:.0f} %)", tones[code]) for code in shown)
+    title = {"state": "", "state_reason": "reason"}.get(name, _in_words(name))
     palette = np.array([rgb(tone) for tone in tones], np.uint8)
-    return Paint(codes[row].astype(np.int64), Legend(title, entries, codes=tuple(shown), total=total), palette)
+    return Coloring(codes[row].astype(np.int64), Legend(title, entries, codes=tuple(shown), total=total), palette)
 
 
-def _words(name: str) -> str:
+def _in_words(name: str) -> str:
     return name.replace("_", " ")
 
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody.output.coloring import Legend
-from thirdbody.output.overlay import INK, Overlay
-from thirdbody.output.palette import field_colors
+from thirdbody.output.overlay import Overlay, rectangle
+from thirdbody.output.palette import INK, field_colors
 from thirdbody.output.quantity import prefixed, ticks, with_unit
 
 _LOWEST, _LEFT, _SPACE = 48.0, 32.0, 48.0
@@ -25,9 +25,9 @@ class _Item:
     draw: Callable[[float, float], None]
 
 
-def legend_height(overlay: Overlay, legend: Legend, size: tuple[int, int], strongest: float = 0.0) -> float:
+def legend_height(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> float:
     """Height in pixels that the legend takes up, its distance to the lower edge included."""
-    rows = len(_rows(overlay, _items(overlay, legend, size, strongest), size[0]))
+    rows = len(_rows(overlay, _items(overlay, legend, full_scale)))
     return overlay.px(_LOWEST + _pitch(legend) * (rows - 1) + 44.0)
 
 
@@ -36,9 +36,9 @@ def _pitch(legend: Legend) -> float:
     return 44.0 if legend.limits is None else 62.0
 
 
-def draw_legend(overlay: Overlay, legend: Legend, size: tuple[int, int], strongest: float = 0.0) -> None:
-    """Draw the legend; `strongest` (N) is the force of the thickest tube, 0 without tubes."""
-    rows = _rows(overlay, _items(overlay, legend, size, strongest), size[0])
+def draw_legend(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> None:
+    """Draw the legend; `full_scale` (N) is the force of the thickest tube, 0 without tubes."""
+    rows = _rows(overlay, _items(overlay, legend, full_scale))
     for number, row in enumerate(reversed(rows)):
         x, y = overlay.px(_LEFT), overlay.px(_LOWEST + _pitch(legend) * number)
         for item in row:
@@ -46,28 +46,27 @@ def draw_legend(overlay: Overlay, legend: Legend, size: tuple[int, int], stronge
             x += item.wide + overlay.px(_SPACE)
 
 
-def _rows(overlay: Overlay, items: list[_Item], width: int) -> list[list[_Item]]:
+def _rows(overlay: Overlay, items: list[_Item]) -> list[list[_Item]]:
     rows: list[list[_Item]] = [[]]
-    room = width - 2.0 * overlay.px(_LEFT)
-    left = room
+    left = width = overlay.size[0] - 2.0 * overlay.px(_LEFT)
     for item in items:
         if rows[-1] and item.wide > left:
             rows.append([])
-            left = room
+            left = width
         rows[-1].append(item)
         left -= item.wide + overlay.px(_SPACE)
     return rows
 
 
-def _items(overlay: Overlay, legend: Legend, size: tuple[int, int], strongest: float) -> list[_Item]:
+def _items(overlay: Overlay, legend: Legend, full_scale: float) -> list[_Item]:
     items = []
     if legend.limits is not None:
-        items.append(_scale(overlay, legend, 0.32 * size[0]))
+        items.append(_scale(overlay, legend, 0.32 * overlay.size[0]))
     elif legend.title and legend.entries:
         items.append(_words(overlay, legend.title))
     items += [_state(overlay, words, color, legend.total) for words, color in legend.entries]
-    if strongest > 0.0:
-        items.append(_force_key(overlay, strongest))
+    if full_scale > 0.0:
+        items.append(_force_key(overlay, full_scale))
     return items
 
 
@@ -101,30 +100,26 @@ def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
         overlay.text(title, x, y, 28)
         left, tall, middle = x + before, overlay.px(12), y + overlay.px(10)
         edges = np.linspace(left, left + wide, _STRIPS + 1)
-        for i, color in enumerate(field_colors((np.arange(_STRIPS) + 0.5) / _STRIPS)):
-            a, b = edges[i], edges[i + 1]
-            strip = np.array([[a, middle - tall], [b, middle - tall], [b, middle + tall], [a, middle + tall]])
-            overlay.polygon(strip, f"#{bytes(color).hex()}")
+        strips = np.array([rectangle(a, middle - tall, b, middle + tall) for a, b in zip(edges, edges[1:], strict=False)])
+        overlay.polygons(strips, field_colors((np.arange(_STRIPS) + 0.5) / _STRIPS))
         for value in ticks(low * factor, high * factor):
-            share = (value - low * factor) / ((high - low) * factor) if high > low else 0.5
-            place = left + share * wide
-            foot, half = middle - tall, overlay.px(1.2)
-            mark = np.array([[place - half, foot - overlay.px(7)], [place + half, foot - overlay.px(7)]])
-            overlay.polygon(np.concatenate([mark, mark[::-1] + [0.0, overlay.px(7)]]), INK)
-            overlay.text(f"{value:.6g}", place, foot - overlay.px(20), 24, align="center")
+            fraction = (value - low * factor) / ((high - low) * factor) if high > low else 0.5
+            x, foot, half = left + fraction * wide, middle - tall, overlay.px(1.2)
+            overlay.polygon(rectangle(x - half, foot - overlay.px(7), x + half, foot), INK)
+            overlay.text(f"{value:.6g}", x, foot - overlay.px(20), 24, align="center")
 
     return _Item(before + wide, draw)
 
 
-def _force_key(overlay: Overlay, strongest: float) -> _Item:
-    """A wedge from no force to the strongest: in a perspective view no single thickness could be shown."""
-    words, most = "contact force  0", with_unit(strongest, "N")
+def _force_key(overlay: Overlay, full_scale: float) -> _Item:
+    """A wedge from no force to the largest: in a perspective view no single thickness could be shown."""
+    words, largest = "contact force  0", with_unit(full_scale, "N")
     before, wedge = overlay.width_of(words, 28) + overlay.px(14), overlay.px(120)
 
     def draw(x: float, y: float) -> None:
         overlay.text(words, x, y, 28)
         a, b, tall = x + before, x + before + wedge, overlay.px(10)
         overlay.polygon(np.array([[a, y], [b, y - tall], [b, y + tall]]), INK)
-        overlay.text(most, b + overlay.px(14), y, 28)
+        overlay.text(largest, b + overlay.px(14), y, 28)
 
-    return _Item(before + wedge + overlay.px(14) + overlay.width_of(most, 28), draw)
+    return _Item(before + wedge + overlay.px(14) + overlay.width_of(largest, 28), draw)

@@ -16,43 +16,43 @@ from pathlib import Path
 import numpy as np
 
 from thirdbody.output.palette import FIELD_STOPS
+from thirdbody.output.picture_data import PictureData
 from thirdbody.output.quantity import prefixed, ticks, with_unit
-from thirdbody.output.shot import Shot
 from thirdbody.output.target import write_whole
 
 
-def write_page(shot: Shot, path: Path, view: str = "iso") -> Path:
-    """Write the page of a shot, seen from `view` first; returns its path. Raises OSError when the file cannot be written."""
+def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
+    """Write the page of a frame, seen from `view` first; returns its path. Raises OSError when the file cannot be written."""
     text = files("thirdbody.output").joinpath("page.html").read_text(encoding="utf-8")
     for mark, content in {
-        "@TITLE@": html.escape(shot.title or "thirdbody"),
-        "@FACTS@": html.escape(shot.facts),
-        "@LEGEND@": _legend(shot),
+        "@TITLE@": html.escape(data.title or "thirdbody"),
+        "@FACTS@": html.escape(data.facts),
+        "@LEGEND@": _legend(data),
         # No tag inside a script may end it or begin another.
-        "@DATA@": json.dumps(_data(shot) | {"view": view}).replace("<", "\\u003c"),
+        "@DATA@": json.dumps(_scene(data) | {"view": view}).replace("<", "\\u003c"),
     }.items():
         text = text.replace(mark, content)
     write_whole(path, text.encode("utf-8"))
     return path
 
 
-def _data(shot: Shot) -> dict[str, object]:
+def _scene(data: PictureData) -> dict[str, object]:
     """The scene in units of a hundredth of its width, with its middle at the origin; the bodies' names as text."""
-    extent = shot.high - shot.low
+    extent = data.high - data.low
     scale = 100.0 / float(max(extent[:2].max(), 1e-300))
-    middle = 0.5 * (shot.low + shot.high)
-    spheres = np.column_stack(((shot.centers - middle) * scale, shot.radii * scale))
-    margin = 1.1 * float(shot.radii.max(initial=0.0)) * scale
+    middle = 0.5 * (data.low + data.high)
+    spheres = np.column_stack(((data.centers - middle) * scale, data.radii * scale))
+    margin = 1.1 * float(data.radii.max(initial=0.0)) * scale
     half = 0.5 * extent * scale + [margin, margin, 0.0]
     return {
         "spheres": _packed(spheres, "<f4"),
-        "colors": _packed(shot.colors, "u1"),
-        "bodies": _packed(shot.body, "<i4"),
-        "ids": [int(number) for number in shot.ids],
-        "labels": list(shot.labels),
+        "colors": _packed(data.colors, "u1"),
+        "bodies": _packed(data.body, "<i4"),
+        "ids": [int(number) for number in data.ids],
+        "labels": list(data.labels),
         "half": [float(value) for value in half],
-        "plates": shot.has_plates,
-        "drag": [float(value) for value in shot.drag],
+        "plates": data.has_plates,
+        "drag": [float(value) for value in data.drag],
         "lengths": [{"label": with_unit(m * 10.0**p, "m"), "size": m * 10.0**p * scale} for p in range(-9, 2) for m in (1, 2, 5)],
     }
 
@@ -61,8 +61,8 @@ def _packed(values: np.ndarray, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype=kind).tobytes()).decode("ascii")
 
 
-def _legend(shot: Shot) -> str:
-    legend = shot.legend
+def _legend(data: PictureData) -> str:
+    legend = data.legend
     if legend.limits is None:
         entry = '<span class="entry"><i style="background:{}"></i>{}</span>'
         entries = [entry.format(tone, html.escape(words)) for words, tone in legend.entries]

@@ -10,6 +10,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+PAPER, PANEL = "#FFFFFF", "#F5F7F9"
+INK, SOFT_INK = "#20242A", "#5A626C"
+
 STATE_COLORS = {"free": "#8E939A", "sticking": "#4C78A8", "sliding": "#F58518", "rolling": "#54A24B"}
 
 # For states that a labeller of a plug-in adds.
@@ -80,9 +83,9 @@ def category_colors(count: int) -> list[str]:
     return [first, *(rest[i % len(rest)] for i in range(count - 1))][:count]
 
 
-def pale(colors: np.ndarray, share: float) -> np.ndarray:
-    """Colours (n, 3) uint8 mixed with a `share` (0 to 1) of white."""
-    return np.rint((1.0 - share) * colors + share * 255.0).astype(np.uint8)
+def pale(colors: np.ndarray, white: float) -> np.ndarray:
+    """Mix colours (n, 3) uint8 with a fraction of white."""
+    return np.rint((1.0 - white) * colors + white * 255.0).astype(np.uint8)
 
 
 def field_colors(fraction: np.ndarray) -> np.ndarray:

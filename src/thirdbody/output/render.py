@@ -14,6 +14,8 @@ import subprocess
 import sys
 import tempfile
 import threading
+from dataclasses import asdict, dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -38,124 +40,113 @@ CLOSEST = 1e-4
 """Smallest `zoom`: of a domain of a hundred million bodies it shows one."""
 
 
-def render(
-    run_path: str | Path,
-    output: str | Path,
-    frame: int | None = None,
-    color: str = "state",
-    size: tuple[int, int] = (1600, 900),
-    zoom: float | None = None,
-    view: str = "iso",
-    forces: bool = False,
-    body: int | None = None,
-    frames: str | None = None,
-    fps: int = 12,
-    camera: str | None = None,
-    progress: bool | FilmReporter = False,
-) -> Path:
+@dataclass(frozen=True)
+class PictureOptions:
+    """What a picture, film or page shows.
+
+    `frame` is its number [the last]; `color` is `state`, `reason`, `speed`, or any array of the bodies, spheres or contacts (of
+    these the largest of a body), vectors by length; `size` is (width, height) in pixels. `zoom` (0.0001 to 1) is the fraction
+    of the domain's width and depth that is shown; `view` is iso, side, front or top; `forces` draws contact forces as tubes;
+    `body` shows one body close up, by its id. Of a film: `frames` is a:b:c [all], `fps` how many frames a second shows,
+    `camera` of a close-up is `fixed` or moves with the body (`follow`) [follow].
+    """
+
+    frame: int | None = None
+    color: str = "state"
+    size: tuple[int, int] = (1600, 900)
+    zoom: float | None = None
+    view: str = "iso"
+    forces: bool = False
+    body: int | None = None
+    frames: str | None = None
+    fps: int = 12
+    camera: str | None = None
+
+
+def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmReporter = False, **options: Any) -> Path:
     """Draw one frame of a run (the last) into a .png or .html file, or many into a .gif or .mp4; returns its path.
 
-    `color` is `state`, `reason`, `speed`, or any array of the bodies, spheres or contacts (of these the largest of a
-    body); vectors count by length. `zoom` (0.0001 to 1) is the share of the domain's width and depth that is shown. `view` is
-    iso, side, front or top; `forces` draws contact forces as tubes; `body` follows one body close up, by its id, with a
-    `camera` that is `fixed` or goes along (`follow`). `frames` is a:b:c of a film, `fps` how many of them a second shows.
-    `progress` of a film: True draws a bar on a terminal; a callable takes the number of pictures drawn and that of all.
+    Options are the fields of `PictureOptions`: frame, color, size, zoom, view, forces, body, frames, fps, camera.
+    `progress` of a film: True draws a bar on a terminal; a callable gets the number of pictures drawn and that of all.
     Raises InputError for a run, frame, array or option that is not there, MissingLibrary when the system cannot draw,
     OutputError when the file cannot be written.
     """
+    from thirdbody.output.picture_data import refuse_lost
     from thirdbody.output.run import open_run
-    from thirdbody.output.shot import refuse_lost
 
-    output = checked_output(output)
-    film = output.suffix.lower() in FILMS
-    _check_options(output, frame, size, zoom, view, forces, body, frames, fps, camera)
+    output, chosen = checked_output(output), PictureOptions(**options)
+    _check_options(output, chosen)
     with open_run(run_path) as run:
-        numbers = _chosen(run, output, frame, frames)
+        numbers = _frame_numbers(run, output, chosen)
         for number in numbers[:-1]:
             refuse_lost(run, number, run.bodies(number), run.spheres(number))
-        shot = _try_one(run, numbers[-1], color, forces, body)
+        data = _read_one(run, numbers[-1], chosen)
         run_file = run.path
     if output.suffix.lower() in PAGES:
         from thirdbody.output.page import write_page
 
         try:
-            write_page(shot, output, view)
+            write_page(data, output, chosen.view)
         except OSError as error:
             raise OutputError(f"{output}: cannot be written ({error.strerror})") from error
         return output
-    job = {
-        "run": str(run_file), "file": str(output), "frames": numbers, "color": color, "size": size, "zoom": zoom, "view": view,
-        "forces": forces, "body": body, "fixed": camera == "fixed", "fps": fps,
-    }  # fmt: skip
-    with film_reporter(progress if film else False, output.name) as report:
+    job = asdict(chosen) | {"run": str(run_file), "file": str(output), "frames": numbers}
+    with film_reporter(progress if output.suffix.lower() in FILMS else False, output.name) as report:
         draw_elsewhere(job, usable_windows(), report)
     return output
 
 
-def _check_options(
-    output: Path,
-    frame: int | None,
-    size: tuple[int, int],
-    zoom: float | None,
-    view: str,
-    forces: bool,
-    body: int | None,
-    frames: str | None,
-    fps: int,
-    camera: str | None,
-) -> None:
-    """Raises InputError for options that cannot be, or that do not go together."""
-    from thirdbody.output.shot import VIEWS
+def _check_options(output: Path, options: PictureOptions) -> None:
+    """Raise InputError for options that cannot be, or that do not go together."""
+    from thirdbody.output.picture_data import VIEWS
 
-    suffix = output.suffix.lower()
-    film = suffix in FILMS
+    suffix, o = output.suffix.lower(), options
+    film, page, (wide, tall) = suffix in FILMS, suffix in PAGES, o.size
     wrong = [
-        (zoom is not None and not CLOSEST <= zoom <= 1.0, f"zoom: {zoom} is outside {CLOSEST:g} to 1, the share of the domain "
-         "that is shown"),
-        (
-            not SIDES[0] <= min(size) <= max(size) <= SIDES[1],
-            f"size: {size[0]} x {size[1]} is outside {SIDES[0]} to {SIDES[1]} pixels each",
-        ),
-        (suffix == ".mp4" and any(side % 2 for side in size), f"size: {size[0]} x {size[1]}: MP4 needs even numbers of pixels"),
-        (view not in VIEWS, f"view: no view '{view}'; {nearest(view, VIEWS)}"),
-        (camera not in (None, *CAMERAS), f"camera: '{camera}' is neither fixed nor follow"),
-        (camera == "follow" and body is None, "camera: follow needs the body to follow; give its id as body"),
-        (not 1 <= fps <= FASTEST, f"fps: {fps} is outside 1 to {FASTEST}"),
-        (film and frame is not None, f"frame: a film ({suffix}) takes frames a:b:c"),
-        (not film and frames is not None, f"frames: {suffix} shows one frame; give frame, or name a .gif or .mp4"),
-        (suffix in PAGES and (forces or body is not None), "forces, body: drawn in .png, .gif, .mp4, not in .html"),
-        (suffix in PAGES and zoom is not None, "zoom: for pictures and films; a page zooms with the wheel"),
-        (body is not None and (forces or zoom is not None), "body: a close-up has its own forces; leave out forces, zoom"),
+        (o.zoom is not None and not CLOSEST <= o.zoom <= 1.0, f"zoom: {o.zoom} is outside {CLOSEST:g} to 1, the fraction of "
+         "the domain that is shown"),
+        (not SIDES[0] <= min(o.size) <= max(o.size) <= SIDES[1],
+         f"size: {wide} x {tall} is outside {SIDES[0]} to {SIDES[1]} pixels each"),
+        (suffix == ".mp4" and any(side % 2 for side in o.size), f"size: {wide} x {tall}: MP4 needs even numbers of pixels"),
+        (o.view not in VIEWS, f"view: no view '{o.view}'; {nearest(o.view, VIEWS)}"),
+        (o.camera not in (None, *CAMERAS), f"camera: '{o.camera}' is neither fixed nor follow"),
+        (o.camera == "follow" and o.body is None, "camera: follow needs the body to follow; give its id as body"),
+        (not 1 <= o.fps <= FASTEST, f"fps: {o.fps} is outside 1 to {FASTEST}"),
+        (film and o.frame is not None, f"frame: a film ({suffix}) takes frames a:b:c"),
+        (not film and o.frames is not None, f"frames: {suffix} shows one frame; give frame, or name a .gif or .mp4"),
+        (page and (o.forces or o.body is not None), "forces, body: drawn in .png, .gif, .mp4, not in .html"),
+        (page and o.zoom is not None, "zoom: for pictures and films; a page zooms with the wheel"),
+        (o.body is not None and (o.forces or o.zoom is not None), "body: a close-up has its own forces; leave out forces, zoom"),
     ]  # fmt: skip
     for is_wrong, words in wrong:
         if is_wrong:
             raise InputError(words)
 
 
-def _chosen(run: Any, output: Path, frame: int | None, frames: str | None) -> list[int]:
+def _frame_numbers(run: Any, output: Path, options: PictureOptions) -> list[int]:
     """The frames to draw. Raises InputError when they are not there."""
     from thirdbody.output.film import frame_numbers
 
     if output.suffix.lower() in FILMS:
-        return frame_numbers(frames, run.frames)
+        return frame_numbers(options.frames, run.frames)
     try:
-        return [run.frame_number(-1 if frame is None else frame)]
+        return [run.frame_number(-1 if options.frame is None else options.frame)]
     except IndexError as error:
         raise InputError(str(error)) from error
 
 
-def _try_one(run: Any, number: int, color: str, forces: bool, body: int | None) -> Any:
-    """One shot: what is wrong with a picture is told here, not by the process that draws."""
-    from thirdbody.output.shot import take_shot
+def _read_one(run: Any, number: int, options: PictureOptions) -> Any:
+    """What one frame shows: faults of a picture are found here, not by the process that draws."""
+    from thirdbody.output.picture_data import read_picture_data
 
-    shot = take_shot(run, number, color, forces)
-    if not len(shot.radii):
+    data = read_picture_data(run, number, options.color, options.forces)
+    if not len(data.radii):
         raise InputError(f"{run.path}: this run has no bodies to draw")
-    if body is not None:
-        from thirdbody.output.spots import take_close_up
+    if options.body is not None:
+        from thirdbody.output.closeup_data import read_close_up
 
-        take_close_up(run, number, body, color)
-    return shot
+        read_close_up(run, number, options.body, options.color)
+    return data
 
 
 def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS + PAGES) -> Path:
@@ -193,8 +184,10 @@ def _loads(library: str) -> bool:
 def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | None = None) -> None:
     """Let a second process draw, with the first kind of window that does not crash; `report` hears of each picture of a film.
 
-    Raises OutputError when the file cannot be written, MissingLibrary when every window crashes.
+    Raises OutputError when the file cannot be written, MissingLibrary without pyvista or when every window crashes.
     """
+    if find_spec("pyvista") is None:
+        raise MissingLibrary("pictures are drawn with pyvista, which is not installed: pip install pyvista")
     crash = ""
     for kind in windows:
         done = _start(job, kind, report)
@@ -211,6 +204,7 @@ def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | 
 
 def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> subprocess.CompletedProcess[str]:
     environment = python_environment()
+    environment["ALLOW_PLOTTING"] = "true"  # or pyvista opens a window of its own to find out
     if kind is not None:
         environment["VTK_DEFAULT_OPENGL_WINDOW"] = kind
     total = len(job.get("frames", ()))
@@ -248,11 +242,11 @@ def main(argument: str) -> int:
     job = json.loads(argument)
     try:
         if "gallery" in job:
-            from thirdbody.output import gallery
+            from thirdbody.output.gallery_drawing import draw
 
-            gallery.draw(Path(job["gallery"]), Path(job["file"]))
+            draw(Path(job["gallery"]), Path(job["file"]))
         else:
-            from thirdbody.output.reel import draw_run
+            from thirdbody.output.worker import draw_run
 
             draw_run(job)
     except OSError as error:

@@ -356,9 +356,17 @@ class Run:
         return list(export_run(self.path, tables, files, copy, frame, overwrite))
 
     def to_pyvista(self, frame: int = -1) -> pyvista.MultiBlock:
-        """One frame as a pyvista.MultiBlock of spheres, clumps, contacts and plates, each with its arrays.
+        """One frame as a pyvista.MultiBlock: `spheres`, `clumps`, `contacts` (points) and `plates` (two rectangles).
 
-        The unit of the array `force` of a block is in its `field_data["force_units"]`; lengths are in m.
+        Each block has the arrays of `block()` as point data; the unit of the array `force` is in its
+        `field_data["force_units"]`. Time, frame, and the names of states and reasons are in the `field_data` of the whole.
+        Surfaces of the debris, and arrows of the contact forces:
+
+            blocks = run.to_pyvista(-1)
+            balls = blocks["spheres"].glyph(scale="radius", geom=pyvista.Sphere(radius=1.0), orient=False)
+            arrows = blocks["contacts"].glyph(scale="force", orient="force", factor=0.1, geom=pyvista.Arrow())  # m per N
+
+        Raises IndexError for a frame that the run has not, ImportError without pyvista.
         """
         from thirdbody.output.multiblock import multiblock
 

@@ -10,21 +10,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.output.coloring import Scale, rows_of
-from thirdbody.output.forces import nearest_image
+from thirdbody.output.coloring import LegendScale, rows_of
+from thirdbody.output.force_tubes import nearest_image
 from thirdbody.output.palette import STATE_COLORS, pale
+from thirdbody.output.picture_data import FREE_SCALE, PictureData, domain_of, read_picture_data
 from thirdbody.output.run import Run
-from thirdbody.output.shot import FREE_SCALE, Shot, domain_of, take_shot
 
 UNLABELLED = "#5A626C"
 
 
 @dataclass(frozen=True)
 class Spots:
-    """The contacts of one body, (K, ...): places (m), inward `normal`, `force` on the body (N), the largest friction
-    `limit` (N), share of it in use, radius (m), and what each touches."""
+    """The contacts of one body, (K, ...): `position` (m), inward `normal`, `force` on the body (N), the largest friction
+    `limit` (N), fraction of it in use, radius (m), and what each touches."""
 
-    place: np.ndarray
+    position: np.ndarray
     normal: np.ndarray
     force: np.ndarray
     limit: np.ndarray
@@ -34,10 +34,10 @@ class Spots:
 
 
 @dataclass(frozen=True)
-class CloseUp:
-    """One particle ready to be drawn: the shot around it, its centre (3,) and size (m), its spots and words."""
+class CloseUpData:
+    """One particle ready to be drawn: the picture around it, its centre (3,) and size (m), its spots and words."""
 
-    shot: Shot
+    picture: PictureData
     center: np.ndarray
     extent: float
     spots: Spots
@@ -46,34 +46,35 @@ class CloseUp:
     color: str
 
 
-def take_close_up(run: Run, frame: int, body: int, color: str, scale: Scale = FREE_SCALE) -> CloseUp:
+def read_close_up(run: Run, frame: int, body: int, color: str, scale: LegendScale = FREE_SCALE) -> CloseUpData:
     """The close-up of the body with this id. Raises InputError when there is none, or no contacts were recorded."""
     bodies = run.bodies(frame)
     ids = bodies.get("id", np.arange(len(bodies["position"])))
     if body not in ids:
         raise InputError(f"body: this run has no body {body}; ids are {ids.min()} to {ids.max()}")
-    shot = take_shot(run, frame, color, scale=scale)
+    picture = read_picture_data(run, frame, color, scale=scale)
     row = int(rows_of(bodies, np.array([body]))[0])
     size, periodic = domain_of(run)
     period = size if periodic else None
-    center = shot.bodies[row]
+    center = picture.bodies[row]
     # Neighbours across the edge of the domain come to their side of the particle.
-    moved = nearest_image(shot.bodies - center, period) + center
-    own = shot.body == row
+    moved = nearest_image(picture.bodies - center, period) + center
+    own = picture.body == row
     # Spots in the colour of the state must show on it; a number keeps its colour.
-    mine = pale(shot.colors, 0.30) if shot.legend.limits is None else shot.colors
-    tones = np.where(own[:, None], mine, pale(shot.colors, 0.75))
-    shot = replace(shot, centers=shot.centers + (moved - shot.bodies)[shot.body], bodies=moved, colors=tones)
-    reach = np.linalg.norm(shot.centers[own] - center, axis=1) + shot.radii[own]
+    mine = pale(picture.colors, 0.30) if picture.legend.limits is None else picture.colors
+    colors = np.where(own[:, None], mine, pale(picture.colors, 0.75))
+    picture = replace(picture, centers=picture.centers + (moved - picture.bodies)[picture.body], bodies=moved, colors=colors)
+    reach = np.linalg.norm(picture.centers[own] - center, axis=1) + picture.radii[own]
     spots = _spots(run, frame, body, bodies, row, period)
-    spots = replace(spots, place=spots.place + center)
+    spots = replace(spots, position=spots.position + center)
     state = run.state_names[bodies["state"][row]] if "state" in bodies else ""
-    label = shot.labels[row] if shot.labels else ""
-    return CloseUp(shot, center, 2.0 * float(reach.max()), spots, f"particle {body}", label, STATE_COLORS.get(state, UNLABELLED))
+    label = picture.labels[row] if picture.labels else ""
+    tone = STATE_COLORS.get(state, UNLABELLED)
+    return CloseUpData(picture, center, 2.0 * float(reach.max()), spots, f"particle {body}", label, tone)
 
 
 def _spots(run: Run, frame: int, body: int, bodies: dict[str, np.ndarray], row: int, period: np.ndarray | None) -> Spots:
-    """The spots with places relative to the body's centre."""
+    """The spots with positions relative to the body's centre."""
     contacts = run.contacts(frame)
     missing = {"body", "partner", "force", "normal", "normal_force", "utilisation", "contact_radius"} - set(contacts)
     if missing:
@@ -87,12 +88,12 @@ def _spots(run: Run, frame: int, body: int, bodies: dict[str, np.ndarray], row: 
     load, eta = contacts["normal_force"][chosen], contacts["utilisation"][chosen]
     force, normal = contacts["force"][chosen], contacts["normal"][chosen]
     tangential = np.linalg.norm(force - load[:, None] * normal, axis=1)
-    # Where nothing is dragged the limit cannot be told from the share in use: that of the other spots stands for it.
-    told = eta > 1e-6
-    ratio = np.divide(tangential, eta * load, out=np.zeros_like(load), where=told)
-    ratio[~told] = ratio.max(initial=0.0)
+    # Where nothing is dragged the limit cannot be known from the share in use: that of the other spots stands for it.
+    known = eta > 1e-6
+    ratio = np.divide(tangential, eta * load, out=np.zeros_like(load), where=known)
+    ratio[~known] = ratio.max(initial=0.0)
     return Spots(
-        place=nearest_image(contacts["position"][chosen] - bodies["position"][row], period),
+        position=nearest_image(contacts["position"][chosen] - bodies["position"][row], period),
         normal=sign * normal,
         force=sign * force,
         limit=ratio * load,

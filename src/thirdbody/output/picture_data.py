@@ -4,40 +4,44 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
 from thirdbody.errors import InputError
-from thirdbody.output.coloring import Arrays, Legend, Scale, paint, rows_of
-from thirdbody.output.forces import Tubes, force_tubes
+from thirdbody.output.coloring import Arrays, Legend, LegendScale, compute_coloring, rows_of
+from thirdbody.output.force_tubes import Tubes, force_tubes
 from thirdbody.output.groups import code_name
 from thirdbody.output.quantity import with_unit
 from thirdbody.output.run import Run
 
-FARTHEST = 1e6
-"""Place, or radius, of anything that is drawn, m, at most."""
+Window = tuple[np.ndarray, np.ndarray]
+"""Lowest and highest corner (2,) of a part of the domain, m."""
+
+MAX_COORDINATE = 1e6
+"""Largest coordinate, or radius, of anything that is drawn, m."""
 
 VIEWS = ("iso", "side", "front", "top")
 """Names of the camera's places."""
 
-# About as many bodies can be told apart in a close-up.
-CLOSE_UP_BODIES = 60
-# A picture of one frame takes its colour scale from that frame.
-FREE_SCALE = Scale()
-# Up to so many bodies the view of the whole is close enough.
-ENOUGH_WITHOUT_CLOSE_UP = 150
-# A slice wider than this share of the domain, as one of a deep bed, would show the whole again.
-WIDEST_SLICE = 0.8
+FREE_SCALE = LegendScale()
+"""A picture of one frame takes its colour scale from that frame."""
+
+_CLOSE_UP_BODIES = 60
+"""About as many bodies can be distinguished in a close-up."""
+_WITHOUT_CLOSE_UP = 150
+"""Up to so many bodies the view of the whole is close enough."""
+_WIDEST_SLICE = 0.8
+"""A slice wider than this fraction of the domain, as one of a deep bed, would show the whole again."""
+
 
 @dataclass(frozen=True)
-class Shot:
-    """One frame ready to be drawn, lengths in m: spheres `centers` (S, 3), `radii` (S,), `colors` (S, 3)
-    uint8.
+class PictureData:
+    """One frame ready to be drawn, lengths in m: spheres `centers` (S, 3), `radii` (S,), `colors` (S, 3) uint8.
 
-    `ids` (B,) and `labels` (B, or none) name the bodies.
-    `body` (S,) tells the row of `bodies` (B, 3), the wrapped centres of the bodies; `codes` (B,) their
-    states. `low`, `high` (3,) bound the room between the plates, `plate` (m) is the height of the upper one, `drag` (2,)
-    its direction or zero.
+    `body` (S,) is the row of each sphere's body in `bodies` (B, 3), the wrapped centres; `codes` (B,) are the states, `ids`
+    (B,) and `labels` (B, or none) name the bodies. `low`, `high` (3,) bound the space between the plates, `plate` (m) is the
+    height of the upper one, `drag` (2,) its direction or zero.
     """
 
     centers: np.ndarray
@@ -60,10 +64,13 @@ class Shot:
 
     def inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Which spheres (S,) belong to bodies with centres in the window from `low` to `high` (x, y)."""
-        chosen = np.all((self.bodies[:, :2] >= low[:2]) & (self.bodies[:, :2] <= high[:2]), axis=1)
-        return chosen[self.body]
+        return self.bodies_inside(low, high)[self.body]
 
-    def ceiling(self, low: np.ndarray, high: np.ndarray) -> float:
+    def bodies_inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Which bodies (B,) have their centre in the window from `low` to `high` (x, y)."""
+        return np.all((self.bodies[:, :2] >= low[:2]) & (self.bodies[:, :2] <= high[:2]), axis=1)
+
+    def plate_height_over(self, low: np.ndarray, high: np.ndarray) -> float:
         """Height in m at which the upper plate is drawn over a window.
 
         Where each body carries a patch of its own the plate's height is their mean: it is drawn over the highest body.
@@ -72,8 +79,8 @@ class Shot:
         return max(self.plate, float((self.centers[chosen, 2] + self.radii[chosen]).max(initial=-np.inf)))
 
 
-def take_shot(run: Run, frame: int, color: str, forces: bool = False, scale: Scale = FREE_SCALE) -> Shot:
-    """The shot of one frame, with its contact forces if asked; `scale` is that of the film it belongs to.
+def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, scale: LegendScale = FREE_SCALE) -> PictureData:
+    """What the picture of one frame shows, with its contact forces if wanted; `scale` is that of the film it belongs to.
 
     Raises IndexError for a frame, InputError for an array that the run has not.
     """
@@ -81,14 +88,14 @@ def take_shot(run: Run, frame: int, color: str, forces: bool = False, scale: Sca
     plates = run.plates(frame)["position"]
     refuse_lost(run, frame, bodies, spheres)
     row = rows_of(bodies, spheres["clump"])
-    low, high = _room(run, bodies, spheres, plates)
-    shift = _wrap(run, bodies["position"])
-    painted = paint(run, frame, color, bodies, spheres, row, scale)
+    low, high = _bounds(run, bodies, spheres, plates)
+    shift = _wrap_shift(run, bodies["position"])
+    coloring = compute_coloring(run, frame, color, bodies, spheres, row, scale)
     size, periodic = domain_of(run)
-    return Shot(
+    return PictureData(
         centers=spheres["position"] - shift[row],
         radii=np.asarray(spheres["radius"], np.float64),
-        colors=painted.colors(painted.values),
+        colors=coloring.colors(coloring.values),
         body=row,
         bodies=bodies["position"] - shift,
         codes=bodies["state"] if "state" in bodies else np.zeros(len(shift), np.uint8),
@@ -99,17 +106,17 @@ def take_shot(run: Run, frame: int, color: str, forces: bool = False, scale: Sca
         drag=_drag(run, frame, plates),
         title=str(run.header.get("title", "")),
         facts=_facts(run, frame, len(shift)),
-        legend=painted.legend,
+        legend=coloring.legend,
         ids=bodies["id"] if "id" in bodies else np.arange(len(shift)),
         labels=_labels(run, bodies),
-        tubes=force_tubes(run.contacts(frame), bodies, shift, size if periodic else None, painted) if forces else None,
+        tubes=force_tubes(run.contacts(frame), bodies, shift, size if periodic else None, coloring) if forces else None,
     )
 
 
 def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
     """Raise InputError for a frame with a body that is nowhere, as a damaged file may hold it."""
     for what, values in (("body", bodies["position"]), ("sphere", spheres["position"]), ("sphere", spheres["radius"][:, None])):
-        lost = np.flatnonzero(~np.all(np.abs(values) <= FARTHEST, axis=1))  # what is not a number too
+        lost = np.flatnonzero(~np.all(np.abs(values) <= MAX_COORDINATE, axis=1))  # what is not a number too
         if len(lost):
             place = ", ".join(f"{x:.3g}" for x in values[lost[0]])
             raise InputError(f"{run.path}: frame {frame} cannot be drawn: {what} {lost[0]} is at {place}")
@@ -142,7 +149,7 @@ def domain_of(run: Run) -> tuple[np.ndarray | None, bool]:
         raise InputError(f"{run.path}: damaged: its scene names no size of the domain ({error!r})") from error
 
 
-def _wrap(run: Run, position: np.ndarray) -> np.ndarray:
+def _wrap_shift(run: Run, position: np.ndarray) -> np.ndarray:
     """What to subtract (B, 3) so that each body's centre lies in the periodic domain; bodies stay whole."""
     size, periodic = domain_of(run)
     shift = np.zeros_like(position)
@@ -151,9 +158,7 @@ def _wrap(run: Run, position: np.ndarray) -> np.ndarray:
     return shift
 
 
-def _room(
-    run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
     """Lowest and highest corner of what lies between the plates."""
     size, periodic = domain_of(run)
     radius = spheres["radius"][:, None]
@@ -198,53 +203,45 @@ def _facts(run: Run, frame: int, count: int) -> str:
     return "   ·   ".join(facts)
 
 
-def close_up_window(shot: Shot) -> tuple[np.ndarray, np.ndarray] | None:
-    """Corners (x, y) of the part to enlarge: about 60 bodies, where states mix most; None for few bodies."""
-    count = len(shot.bodies)
-    if count <= ENOUGH_WITHOUT_CLOSE_UP:
+def close_up_window(data: PictureData) -> Window | None:
+    """The part to enlarge: about 60 bodies, where states mix most; None for few bodies."""
+    count = len(data.bodies)
+    if count <= _WITHOUT_CLOSE_UP:
         return None
-    extent = shot.high[:2] - shot.low[:2]
-    side = math.sqrt(CLOSE_UP_BODIES / count * extent[0] * extent[1])
+    extent = data.high[:2] - data.low[:2]
+    side = math.sqrt(_CLOSE_UP_BODIES / count * extent[0] * extent[1])
     # Deeper than wide: seen at an angle it then fills a square panel.
-    half = np.minimum(0.5 * side * np.array([0.85, 1.0 / 0.85]), 0.5 * extent)
-    places = [
-        np.array([x, y])
-        for x in np.linspace(shot.low[0] + half[0], shot.high[0] - half[0], 9)
-        for y in np.linspace(shot.low[1] + half[1], shot.high[1] - half[1], 7)
-    ]
-    middle = max(places, key=lambda place: _mixture(shot, place - half, place + half))
-    return middle - half, middle + half
+    return _most_mixed(data, np.minimum(0.5 * side * np.array([0.85, 1.0 / 0.85]), 0.5 * extent), (9, 7))
 
 
-def _mixture(shot: Shot, low: np.ndarray, high: np.ndarray) -> float:
-    """Entropy of the states in a window, times the share of its bodies; Shannon (1948)."""
-    chosen = np.all((shot.bodies[:, :2] >= low) & (shot.bodies[:, :2] <= high), axis=1)
-    counts = np.bincount(shot.codes[chosen]).astype(np.float64)
-    if not counts.sum():
-        return -1.0
-    shares = counts[counts > 0] / counts.sum()
-    return float(-(shares * np.log(shares)).sum()) + 1e-3 * min(1.0, counts.sum() / CLOSE_UP_BODIES)
-
-
-def slice_window(shot: Shot, along: int) -> tuple[np.ndarray, np.ndarray] | None:
-    """Corners (x, y) of a part to enlarge from the side: a dozen bodies along an axis (0 or 1), few deep.
+def slice_window(data: PictureData, along: int) -> Window | None:
+    """The part to enlarge from the side: a dozen bodies along an axis (0 or 1), few deep.
 
     None for few bodies, and for a bed so deep that the part would be nearly the whole.
     """
-    if len(shot.bodies) <= ENOUGH_WITHOUT_CLOSE_UP:
+    if len(data.bodies) <= _WITHOUT_CLOSE_UP:
         return None
-    extent = shot.high[:2] - shot.low[:2]
-    tall = shot.high[2] - shot.low[2]
+    extent = data.high - data.low
     half = np.empty(2)
-    half[along] = min(5.0 * tall, 0.5 * extent[along])
-    if 2.0 * half[along] > WIDEST_SLICE * extent[along]:
+    half[along] = min(5.0 * extent[2], 0.5 * extent[along])
+    if 2.0 * half[along] > _WIDEST_SLICE * extent[along]:
         return None
-    half[1 - along] = min(1.2 * tall, 0.5 * extent[1 - along])
-    middle = max(_lattice(shot, half, 12), key=lambda place: _mixture(shot, place - half, place + half))
+    half[1 - along] = min(1.2 * extent[2], 0.5 * extent[1 - along])
+    return _most_mixed(data, half, (12, 12))
+
+
+def _most_mixed(data: PictureData, half: np.ndarray, counts: tuple[int, int]) -> Window:
+    """The window of half size (2,), of a grid of windows all over the domain, in which states mix most."""
+    low, high = data.low[:2] + half, data.high[:2] - half
+    axes = (np.linspace(a, b, count) for a, b, count in zip(low, high, counts, strict=True))
+    middle = max((np.array(point) for point in product(*axes)), key=lambda point: _mixture(data, point - half, point + half))
     return middle - half, middle + half
 
 
-def _lattice(shot: Shot, half: np.ndarray, count: int) -> list[np.ndarray]:
-    """Middles of windows of half size (2,) all over the domain."""
-    low, high = shot.low[:2] + half, shot.high[:2] - half
-    return [np.array([x, y]) for x in np.linspace(low[0], high[0], count) for y in np.linspace(low[1], high[1], count)]
+def _mixture(data: PictureData, low: np.ndarray, high: np.ndarray) -> float:
+    """Entropy of the states in a window, Shannon (1948); of equal windows the one with more bodies counts more."""
+    counts = np.bincount(data.codes[data.bodies_inside(low, high)]).astype(np.float64)
+    if not counts.sum():
+        return -1.0
+    fractions = counts[counts > 0] / counts.sum()
+    return float(-(fractions * np.log(fractions)).sum()) + 1e-3 * min(1.0, counts.sum() / _CLOSE_UP_BODIES)
