@@ -6,7 +6,8 @@ it:
     [effects.dmt_adhesion]
     work_of_adhesion = "50 mJ/m2"
 
-Judge a copy of yours with `thirdbody laws --check FILE`.
+Judge a copy of yours with `thirdbody laws --check FILE`. A file may bring kinds of debris, too: classes derived
+from `PlacedDebris`, named in `DEBRIS_KINDS = (...)`; the README has one.
 
 The model (Derjaguin, Muller and Toporov 1975): attraction acts outside a contact area that stays Hertz', so
 it is one constant pull 2 pi w R for as long as the bodies touch, and that is also the force which separates

@@ -210,19 +210,29 @@ def export(
 @app.command(cls=Command)
 def shapes(
     path: Annotated[
-        Path, typer.Argument(metavar="SCENE|MESH", help="scene (TOML), surface mesh (.stl, .obj, .ply), or folder of meshes")
-    ],
+        Path | None,
+        typer.Argument(metavar="SCENE|MESH", help="scene (TOML), surface mesh (.stl, .obj, .ply), or folder of meshes"),
+    ] = None,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file: a picture of the bodies")] = None,
     settings: Settings = None,
+    plugin: Plugins = None,
+    listed: Annotated[bool, typer.Option("--list", help="list the kinds of debris; with a kind as argument, its keys")] = False,
     unit: Annotated[str | None, typer.Option("--unit", help="mesh: length of one unit of the file, such as '1 um'")] = None,
     spheres: Annotated[int | None, typer.Option("--spheres", help="mesh: spheres that stand for it [12]")] = None,
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="mesh: seed of the fit [1]")] = None,
     json: Json = False,
 ) -> None:
-    """Tell and draw the bodies of a scene, or how well spheres stand for a mesh."""
+    """Describe and draw the bodies of a scene, or how well spheres follow a mesh; or list the kinds of debris."""
+    if listed:
+        from .debris_list import kinds_report
+
+        kinds_report(str(path) if path else None, plugin or (), json)
+        return
+    if path is None:
+        raise UsageError("give a scene, a mesh or a folder of meshes, or --list")
     from .shapes import draw_shapes, read_shapes, shapes_report
 
-    found = read_shapes(path, unit, spheres, seed, _pairs(settings))
+    found = read_shapes(path, unit, spheres, seed, _pairs(settings), plugin or ())
     shapes_report(found, json)
     if out is not None:
         draw_shapes(found, path.name, out)

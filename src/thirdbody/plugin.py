@@ -1,7 +1,11 @@
 """The one door through which plug-ins reach the engine. Nothing else of `thirdbody` is theirs to import.
 
-A plug-in is a module with `PLUGIN = Plugin(...)`: installed under the entry-point group `thirdbody.plugins`, or a file given
-to `--plugin`. `plugins/dmt_adhesion.py` is the template; `thirdbody laws --check FILE` runs the conformance suite on it.
+A plug-in for laws and effects is a module with `PLUGIN = Plugin(...)`: installed under the entry-point group
+`thirdbody.plugins`, or a file given to `--plugin`. `plugins/dmt_adhesion.py` is the template; `thirdbody laws --check FILE` runs
+the conformance suite on it.
+
+A kind of debris is a class derived from `PlacedDebris`: `DEBRIS_KINDS = (Dumbbell,)` in a file given to `--plugin`, or an entry
+point of the group `thirdbody.debris_kinds`, whose name is that of the kind. `thirdbody shapes --list` shows it.
 
 Kernels are compiled once and kept. They are compiled anew when anything changes that they depend on: the source files of the
 plug-in and of modules beside it, every function that a kernel calls, in whichever package it is installed, and the value of every
@@ -13,7 +17,7 @@ that is changed after the kernel was compiled: numba has taken its value; give s
 
 from __future__ import annotations
 
-from .bodies.clump import clump_with_frame, matrix_from_quaternion
+from .bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
 from .engine.quasistatic import Balance, Grip, NoStaticState, QuasiStatic
 from .engine.seating import relax, seat
 from .engine.static_contacts import Contacts
@@ -83,9 +87,13 @@ from .laws.elasticity import dundurs_beta, e_star, g_star
 from .laws.hertz import HERTZ
 from .laws.mindlin import MINDLIN
 from .laws.renewal import RENEWAL, Renewal, fresh_ground, renewal_rate, renewed
+from .scene.debris.contract import DebrisKind, PlacedDebris
+from .scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
 from .scene.fields import Choice, Quantity, Whole, listing
 from .scene.part import Part, Wrong, one_of, wrongs_of
 from .scene.read import read_text, read_toml
+from .scene.sizes import Size
+from .scene.types import PositiveLength
 from .scene.units import pretty
 
 __all__ = [
@@ -93,10 +101,12 @@ __all__ = [
     "C_PARTNER", "C_POINT", "C_SLIP", "C_T", "C_V", "COULOMB", "DEBRIS", "HERTZ", "HERTZ_DAMPING", "LOWER", "MINDLIN", "O_COLS",
     "O_DRAG", "O_EF", "O_ELAPSED", "O_ET", "O_F", "O_LDOT", "O_MA", "O_MASS", "O_Q", "O_SHIFT", "O_SPEED", "O_T", "O_V", "O_W",
     "O_X", "RENEWAL", "TANGENTIAL_DAMPING", "UPPER",
-    "Adhesion", "Balance", "Body", "BodyEffect", "Choice", "Contact", "Contacts", "Fault", "Grip", "InputError", "Labeller",
-    "Law", "LawFamily", "Load", "Material", "NoStaticState", "Normal", "Option", "Options", "OutputError", "Pair", "Part",
-    "Plugin", "Quantity", "QuasiStatic", "Renewal", "Rolling", "StaticLabels", "Tangential", "Turn", "UsageError", "Whole",
-    "Wrench", "Wrong", "clump_with_frame", "dundurs_beta", "e_star", "fresh_ground", "g_star", "helper", "kernel", "listing",
-    "matrix_from_quaternion", "nearest", "one_of", "pretty", "read_text", "read_toml", "relax", "renewal_rate", "renewed", "seat",
-    "wrongs_of",
+    "Adhesion", "Balance", "Body", "BodyEffect", "Choice", "Clump", "Contact", "Contacts", "DebrisKind", "Fault", "Grip",
+    "InputError", "Labeller", "Law", "LawFamily", "Load", "Material", "NoStaticState", "Normal", "Option", "Options",
+    "OutputError", "Pair", "Part", "PlacedClumps", "PlacedDebris", "Plugin", "PopulationContext", "PositiveLength", "Quantity",
+    "QuasiStatic", "RandomStreams", "Renewal", "Rolling", "Size", "StaticLabels", "Tangential", "Turn", "UsageError", "Whole",
+    "Wrench", "Wrong",
+    "clump", "clump_with_frame", "dundurs_beta", "e_star", "fresh_ground", "g_star", "helper", "kernel", "listing",
+    "matrix_from_quaternion", "nearest", "one_of", "pretty", "read_text", "read_toml", "relax", "renewal_rate", "renewed",
+    "seat", "wrongs_of",
 ]  # fmt: skip

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .errors import InputError, UsageError
+from .terminal import say
 
 if TYPE_CHECKING:
     from .bodies.clump import Clump
@@ -25,7 +26,7 @@ SPHERES, SEED = 12, 1
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Bodies that are made alike: their name, kind, material, density (kg/m3), and the meshes that they follow in turn."""
+    """Bodies that are made alike: their name, kind, material, density (kg/m3), the meshes that they follow in turn, and notes."""
 
     name: str
     kind: str
@@ -33,6 +34,7 @@ class Population:
     density: float
     clumps: list[Clump]
     meshes: Sequence[MeshShape] = ()
+    notes: Sequence[str] = ()
 
 
 def populations(scene: Scene) -> list[Population]:
@@ -44,7 +46,8 @@ def populations(scene: Scene) -> list[Population]:
         clumps = shapes_of(scene, index, [])
         meshes = _followed(scene, index)
         density = scene.materials[debris.material].density
-        found.append(Population(debris.name or f"debris[{index}]", debris.kind, debris.material, density, clumps, meshes))
+        name, notes = debris.name or f"debris[{index}]", debris.notes()
+        found.append(Population(name, debris.kind, debris.material, density, clumps, meshes, notes))
     return found
 
 
@@ -72,6 +75,7 @@ def read_shapes(
     spheres: int | None = None,
     seed: int | None = None,
     settings: Mapping[str, str] | None = None,
+    plugins: Sequence[Path] = (),
 ) -> list[Population]:
     """The populations of a scene file, or the bodies of a mesh file or of a folder of them.
 
@@ -95,7 +99,7 @@ def read_shapes(
 
     if path.suffix.lower() != ".toml":
         raise InputError(f"{path}: neither a scene (.toml) nor a mesh ({', '.join(SUFFIXES)})")
-    scene = Scene.load(path)
+    scene = Scene.load(path, plugins)
     return populations(scene.with_settings(settings) if settings else scene)
 
 
@@ -145,6 +149,8 @@ def told(population: Population) -> dict[str, Any]:
         "sharpness": _statistics(2.0 * summit / diameter),
         "relative_error": max(body.error for body in clumps),
     }
+    if population.notes:
+        entry["notes"] = list(population.notes)
     if population.meshes:
         entry["fits"] = [_fit(shape.surface, shape.fit) for shape in population.meshes]
         if len(population.meshes) == 1:
@@ -215,6 +221,8 @@ def _print(entry: dict[str, Any]) -> None:
         rows.append([f"moment of inertia I{number}, kg m2", *(f"{values[column]:.3g}" for column in columns)])
     made_of = f" of {entry['material']}" if entry["material"] else ", density 1 kg/m3"
     table(f"{entry['name']}: {_bodies(entry['count'])}, {entry['kind']}{made_of}", ("", *columns), rows)
+    for note in entry.get("notes", ()):
+        say(note)
     for fit in entry.get("fits", ()):
         _print_fit(fit)
 

@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import ast
+import json
+import re
+import sys
+import tomllib
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import jsonschema
+import numpy as np
 import pytest
+from steel import STEEL
 
-from thirdbody.scene.debris.registry import built_in
+import thirdbody
+from thirdbody.errors import InputError
+from thirdbody.scene.debris import registry as kinds_registry
+from thirdbody.scene.debris.registry import GROUP, built_in
+from thirdbody.scene.model import Scene
 
-SOURCE = Path(__file__).parents[2] / "src" / "thirdbody"
+ROOT = Path(__file__).parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+SOURCE = ROOT / "src" / "thirdbody"
 KINDS = SOURCE / "scene" / "debris" / "kinds"
 OTHERS = sorted(path for path in SOURCE.rglob("*.py") if KINDS not in path.parents)
 CLASSES = {kind.__name__ for kind in built_in().values()}
@@ -56,3 +70,145 @@ def test_such_questions_are_found():
 
 def test_every_module_of_the_folder_is_a_kind():
     assert {path.stem for path in KINDS.glob("*.py")} - {"__init__"} == built_in().keys()
+
+
+# A kind of a third party, the README's
+
+
+@pytest.fixture
+def dumbbell(tmp_path) -> Path:
+    (code,) = [block for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL) if "DEBRIS_KINDS" in block]
+    (tmp_path / "dumbbell.py").write_text(code, encoding="utf-8")
+    return tmp_path / "dumbbell.py"
+
+
+def scene(keys: str) -> str:
+    return STEEL + f"""\
+[[debris]]
+material = "steel"
+kind = "dumbbell"
+{keys}
+[domain]
+size = ["100 um", "80 um"]
+[plates.lower]
+material = "steel"
+[solver]
+duration = "10 ns"
+[output]
+every = "5 ns"
+"""
+
+
+GOOD = 'count = 5\nradius = "4 um"'
+
+
+def test_a_kind_of_a_file_runs_and_goes_on(tmp_path, dumbbell, command):
+    (tmp_path / "scene.toml").write_text(scene(GOOD))
+    told = command("run", "scene.toml", "--plugin", dumbbell, "-q", "-o", "out")
+    assert told.code == 0, told.err
+    told = command("resume", "out", "--plugin", dumbbell, "-q", "--set", "solver.duration=20 ns")
+    assert told.code == 0, told.err
+    with thirdbody.open("out") as run:
+        # a count of 5 bodies of 2 spheres, 1.5 radii apart; radii differ from body to body
+        radii, centers = run.spheres(-1)["radius"].reshape(5, 2), run.spheres(-1)["position"].reshape(5, 2, 3)
+        assert run.times[-1] >= 20e-9 and run.times[0] == 0.0
+    assert np.linalg.norm(centers[:, 0] - centers[:, 1], axis=1) == pytest.approx(1.5 * radii[:, 0], rel=1e-6)
+    assert len(set(radii[:, 0])) == 5 and np.all(np.abs(radii / 4e-6 - 1.0) < 0.1)
+    assert command("shapes", "scene.toml", "--plugin", dumbbell).code == 0
+    unknown = command("run", "scene.toml", "-q", "-o", "other")
+    assert unknown.code == 3 and "debris[0].kind: 'dumbbell' is not one of 'irregular', 'spheres', " in unknown.err
+
+
+def test_its_faults_are_told_as_those_of_built_in_kinds(tmp_path, dumbbell, command):
+    keys = 'count = 0\nradius = "4 kg"\nspacing = 3\nheigth = "5 um"\nplacement = "pile"'
+    (tmp_path / "scene.toml").write_text(scene(keys))
+    told = command("check", "scene.toml", "--plugin", dumbbell)
+    assert told.code == 3
+    assert [line.split(": ", 1)[1] for line in told.err.splitlines()] == [
+        "debris[0].count: 0 must be at least 1",
+        next(line for line in told.err.splitlines() if "4 kg" in line).split(": ", 1)[1],
+        "debris[0].spacing: 3 must be greater than 0 and at most 2",
+        "debris[0].heigth: unknown key, did you mean 'height'?",
+        "debris[0].placement: 'pile' is not one of 'layer', 'dilute', 'dense'",
+    ]
+    assert all(line.startswith("scene.toml:") for line in told.err.splitlines())
+    (tmp_path / "scene.toml").write_text(scene('count = 20000000\nradius = "4 um"'))
+    told = command("check", "scene.toml", "--plugin", dumbbell)
+    assert "debris[0].count: the debris would have up to 4e+07 spheres" in told.err
+
+
+def test_kinds_are_listed_with_what_brings_them(dumbbell, command):
+    told = command("shapes", "--list", "--plugin", dumbbell)
+    assert told.code == 0 and re.search(r"^dumbbell .* Two equal spheres", told.out, re.MULTILINE)
+    kinds = json.loads(command("shapes", "--list", "--plugin", dumbbell, "--json").out)["kinds"]
+    sources = {entry["kind"]: entry["from"] for entry in kinds}
+    assert sources["dumbbell"] == str(dumbbell) and sources["spheroid"] == "thirdbody" and len(sources) == len(built_in()) + 1
+    keys = {line.split()[0]: line for line in command("shapes", "--list", "dumbbell", "--plugin", dumbbell).out.splitlines()}
+    assert "a number, above 0, at most 2" in keys["spacing"] and keys["radius"].split()[-1] == "required"
+    wrong = command("shapes", "--list", "dumbell", "--plugin", dumbbell)
+    assert wrong.code == 2 and "did you mean 'dumbbell'?" in wrong.err
+    found = json.loads(command("shapes", "--list", "spheroid", "--json").out)["kinds"]
+    assert found[0]["schema"]["properties"]["axial_ratio"]["maximum"] == 1.0
+
+
+def test_python_takes_tables_and_objects_of_the_kind(dumbbell, tmp_path):
+    loaded = Scene.parse(scene(GOOD), str(tmp_path / "scene.toml"), plugins=[dumbbell])
+    changed = loaded.with_settings({"debris.0.spacing": 1.0})
+    assert changed.debris[0].spacing == 1.0 and type(changed.debris[0]) is type(loaded.debris[0])
+    tables = {name: getattr(loaded, name) for name in Scene.model_fields if name != "debris"}
+    one = Scene(debris=[loaded.debris[0]], **tables)
+    assert one == loaded and one.with_settings({"debris.0.count": 2}).debris[0].count == 2
+    assert Scene.of(loaded.document() | {"debris": [{"kind": "dumbbell", "material": "steel", "count": 3, "radius": 4e-6}]},
+                    [dumbbell]).debris[0].count == 3  # fmt: skip
+    assert Scene.parse(loaded.to_toml(), plugins=[dumbbell]) == loaded
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("KINDS = (Dumbbell,)", "KINDS = Dumbbell"), "DEBRIS_KINDS must be a tuple of classes derived from DebrisKind"),
+        (("DEBRIS_KINDS = (Dumbbell,)", "DEBRIS_KINDS = (dict,)"), "dict is no class derived from DebrisKind"),
+        (('kind: Literal["dumbbell"] = "dumbbell"', "pass"), 'Dumbbell has no name: declare kind: Literal["name"] = "name"'),
+        (('Literal["dumbbell"] = "dumbbell"', 'Literal["mesh"] = "mesh"'), "both bring the kind of debris 'mesh'"),
+        (("(PlacedDebris)", "(DebrisKind)"), "Dumbbell lacks the keys material, count, velocity, angular_velocity"),
+        (("range(self.count)", "range(3)"), "the kind of debris 'dumbbell' gave 3 bodies for the count 5"),
+        (("return 2", "return 1 + 0 * self.count"), None),
+        (("return bodies", "return [1.0]"), "the kind of debris 'dumbbell' gave no list of Clump for debris[0]"),
+    ],
+)
+def test_a_kind_that_breaks_the_contract_is_refused(tmp_path, dumbbell, command, change, told):
+    text = dumbbell.read_text().replace("PlacedDebris,", "PlacedDebris, DebrisKind,")
+    assert change[0] in text
+    dumbbell.write_text(text.replace(*change))
+    (tmp_path / "scene.toml").write_text(scene(GOOD))
+    said = command("shapes", "scene.toml", "--plugin", dumbbell)
+    assert (said.code, told or "") == (0, "") if told is None else (said.code == 2 and told in said.err), said.err
+
+
+@pytest.fixture
+def installed(monkeypatch, dumbbell):
+    """An installed package with the dumbbell, and another whose module is missing."""
+    monkeypatch.syspath_prepend(dumbbell.parent)
+    points = [EntryPoint("dumbbell", "dumbbell:Dumbbell", GROUP), EntryPoint("broken", "nowhere:Broken", GROUP)]
+    monkeypatch.setattr(kinds_registry, "entry_points", lambda group: points)
+    yield
+    sys.modules.pop("dumbbell", None)
+
+
+def test_installed_kinds_are_found_and_broken_ones_told(installed, command):
+    assert Scene.parse(scene(GOOD)).debris[0].max_spheres() == 2
+    with pytest.raises(InputError) as caught:
+        Scene.parse(scene(GOOD).replace('kind = "dumbbell"', 'kind = "broken"'))
+    assert "debris[0].kind: 'broken' (nowhere:Broken) did not load: ModuleNotFoundError" in str(caught.value)
+    told = command("shapes", "--list")
+    assert told.code == 0 and "'broken' (nowhere:Broken) did not load" in told.out and "dumbbell:Dumbbell" in told.out
+    schema = Scene.model_json_schema()
+    validator = jsonschema.Draft202012Validator(schema)
+    assert not list(validator.iter_errors(tomllib.loads(scene(GOOD))))
+    assert list(validator.iter_errors(tomllib.loads(scene(GOOD + "\nspacing = 3.0"))))
+
+
+def test_built_in_kinds_do_not_look_at_what_is_installed(monkeypatch):
+    monkeypatch.setattr(kinds_registry, "entry_points", lambda group: pytest.fail("asked"))
+    text = scene('count = 5\nradius = "4 um"').replace('"dumbbell"', '"spheres"')
+    assert Scene.parse(text).debris[0].count == 5

@@ -31,11 +31,10 @@ def here(tmp_path, monkeypatch):
 
 
 def test_python_examples_run(here):
-    examples = blocks("python")
-    assert examples
-    for example in examples:
-        names: dict = {}
+    names: dict = {"__name__": "readme"}
+    for example in blocks("python"):
         exec(compile(example, "README.md", "exec"), names)
+    assert names["DEBRIS_KINDS"][0].__name__ == "Dumbbell"
     assert names["run"].states.shape == (names["run"].frames, 4)
     assert (here / "runs" / "flakes" / "run.vtkhdf").is_file()
 

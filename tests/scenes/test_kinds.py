@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from steel import STEEL
 
 import thirdbody
 
@@ -92,3 +93,46 @@ def test_a_dense_bed_carries_the_plate_and_shears(dense):
     assert debris.sum() > 60, "the bodies meet each other"
     # a bed that shears dilates
     assert run.series["gap"][-1] > run.series["gap"][1]
+
+
+SPHEROIDS = STEEL + """\
+[[debris]]
+material = "steel"
+kind = "spheroid"
+count = 6
+size = "10 um"
+axial_ratio = 0.5
+form = "oblate"
+spheres = 61
+[[debris]]
+material = "steel"
+kind = "spheroid"
+count = 6
+size = "10 um"
+axial_ratio = 0.9
+form = "oblate"
+spheres = 37
+[domain]
+size = ["120 um", "90 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+motion = {x = {velocity = "0.01 m/s"}}
+[contact]
+debris_contact = "none"
+[solver]
+integrator = "implicit"
+distance = "4 um"
+[output]
+every = "0.5 um"
+"""
+
+
+def test_flat_spheroids_slide_and_round_ones_roll(tmp_path):
+    # between parallel plates a rigid ellipse rolls if its axial ratio is above sqrt(1 + mu^2) - mu: 0.744 at friction 0.3
+    with thirdbody.run(thirdbody.Scene.parse(SPHEROIDS), out=tmp_path / "spheroids", progress=False) as run:
+        states = run.states[-1].reshape(2, 6)
+    assert np.all(states[0] == SLIDING) and np.all(states[1] == ROLLING)

@@ -64,7 +64,7 @@ ONE_FAULT = [
     ([("poisson_ratio = 0.30\n", "")], "3:1: materials.steel.poisson_ratio: required key is missing"),
     (
         [('kind = "irregular"\n', "")],
-        "11:1: debris[0].kind: required key is missing: one of 'irregular', 'spheres', 'mesh', 'spots', 'file'",
+        "11:1: debris[0].kind: required key is missing: one of 'irregular', 'spheres', 'mesh', 'spots', 'file', 'spheroid'",
     ),
     ([('[output]\nevery = "0.5 um"\n', "")], "1:1: output: required key is missing"),
     ([('every = "0.5 um"\n', "")], "41:1: output.every: required key is missing"),
@@ -147,7 +147,7 @@ ONE_FAULT = [
     # choices
     (
         [('"irregular"', '"irregulr"')],
-        "13:1: debris[0].kind: 'irregulr' is not one of 'irregular', 'spheres', 'mesh', 'spots', 'file'",
+        "13:1: debris[0].kind: 'irregulr' is not one of 'irregular', 'spheres', 'mesh', 'spots', 'file', 'spheroid'",
     ),
     (
         [('"lognormal"', '"weibull"')],

@@ -10,7 +10,7 @@ from pathlib import Path
 from pkgutil import iter_modules
 from typing import Annotated, Any
 
-from pydantic import ValidationInfo, ValidatorFunctionWrapHandler
+from pydantic import GetJsonSchemaHandler, ValidationInfo, ValidatorFunctionWrapHandler
 from pydantic_core import core_schema
 
 from thirdbody.errors import UsageError
@@ -176,6 +176,12 @@ class _DebrisTable:
         union = core_schema.union_schema([handler.generate_schema(kind) for kind in built_in().values()])
         as_it_is = core_schema.wrap_serializer_function_ser_schema(lambda value, dump: dump(value), schema=_ANYTHING)
         return core_schema.with_info_wrap_validator_function(self.read, union, serialization=as_it_is)
+
+    def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        """The built-in kinds, and those that are installed now."""
+        found = handler(schema)
+        others = [kind for name, kind in DebrisKinds().usable().items() if name not in built_in()]
+        return found | {"anyOf": found["anyOf"] + [handler(kind.__pydantic_core_schema__) for kind in others]}
 
 
 Debris = Annotated[DebrisKind, _DebrisTable()]

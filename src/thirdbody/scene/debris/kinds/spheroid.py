@@ -1,0 +1,178 @@
+"""Debris of the kind `spheroid`: ellipsoids of revolution as spheres on their medial axis.
+
+Semi-axes 1 and r < 1 (in units of the longer one), E^2 = 1 - r^2. The medial axis is a segment (prolate) or a disc (oblate) of
+radius E^2; the sphere centred there at the distance x = E^2 u from the middle has the radius r sqrt(1 - E^2 u^2) and touches the
+spheroid from inside, at the tips or the rim (u = 1) with the spheroid's own curvature radius r^2. A displacement s along the
+medial axis from the nearest centre leaves a gap s^2/(2 E^2 rho) between the union of spheres and the spheroid (rho: radius of the
+sphere), the same in both directions of the disc. Steps in proportion to sqrt(rho) therefore leave equal gaps: on the segment
+h = E^2 I^2/(8 r (n - 1)^2), I = integral from -1 to 1 of (1 - E^2 u^2)^(-1/4) du.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
+
+from thirdbody.scene.debris.contract import MAX_SPHERES_PER_BODY, PlacedDebris
+from thirdbody.scene.debris.population import RandomStreams
+from thirdbody.scene.fields import Choice, Quantity, Whole
+from thirdbody.scene.part import Wrong
+from thirdbody.scene.sizes import Size
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from thirdbody.bodies.clump import Clump
+
+BALL = 1.0 - 1e-6
+"""Axial ratio above which a spheroid is a ball of one sphere: several would coincide."""
+
+RINGS = range(1, 6)
+"""Rings of an oblate body round its middle sphere; ring k has 6 k spheres: 7, 19, 37, 61 or 91 in all."""
+
+
+class Layout(NamedTuple):
+    """Spheres of a spheroid whose longer semi-axis is 1: centers (n, 3), radii (n,); and the radius of the ball of its volume."""
+
+    centers: np.ndarray
+    radii: np.ndarray
+    equivalent_radius: float
+
+
+def spheres_in_rings(rings: int) -> int:
+    """Return the number of spheres in the middle and in rings of 6, 12, 18 ... round it."""
+    return 1 + 3 * rings * (rings + 1)
+
+
+def number_of_spheres(form: str, axial_ratio: float, at_most: int) -> int:
+    """Return how many spheres a body has: 1 for a ball, as many as allowed on a segment, full rings on a disc."""
+    if axial_ratio > BALL:
+        return 1
+    if form == "prolate":
+        return at_most
+    return max((n for n in map(spheres_in_rings, RINGS) if n <= at_most), default=at_most)
+
+
+@lru_cache(maxsize=16)
+def layout(form: str, axial_ratio: float, spheres: int) -> Layout:
+    """Place the spheres on the medial axis: along x (prolate), or in the plane z = 0 (oblate)."""
+    import numpy as np
+
+    volume = axial_ratio**2 if form == "prolate" else axial_ratio
+    if spheres == 1:
+        return Layout(np.zeros((1, 3)), np.ones(1), 1.0)
+    squared = 1.0 - axial_ratio**2
+    if form == "prolate":
+        steps = (2.0 * np.arange(spheres) - (spheres - 1)) / (spheres - 1)
+        u, v = np.copysign(_graded(np.abs(steps), squared), steps), np.zeros(spheres)
+    else:
+        rings = next(k for k in RINGS if spheres_in_rings(k) == spheres)
+        ring = np.repeat(np.arange(rings + 1), [1, *(6 * k for k in range(1, rings + 1))])
+        turn = np.concatenate([[0.0], *(np.arange(6 * k) * (math.pi / (3 * k)) for k in range(1, rings + 1))])
+        far = _graded(ring / rings, squared)
+        u, v = far * np.cos(turn), far * np.sin(turn)
+    radii = axial_ratio * np.sqrt(1.0 - squared * (u**2 + v**2))
+    return Layout(squared * np.column_stack((u, v, np.zeros(spheres))), radii, volume ** (1.0 / 3.0))
+
+
+def _graded(steps: np.ndarray, squared: float) -> np.ndarray:
+    """Places u in [0, 1] for even steps in [0, 1]: closer together where the spheres are smaller, for equal gaps."""
+    import numpy as np
+
+    u = np.linspace(0.0, 1.0, 4097)
+    weight = (1.0 - squared * u**2) ** -0.25
+    way = np.concatenate(([0.0], np.cumsum(0.5 * (weight[1:] + weight[:-1]))))
+    return np.interp(steps, way / way[-1], u)
+
+
+def corrugation(form: str, axial_ratio: float, spheres: int) -> float:
+    """Return the largest distance from the spheroid to the union of its spheres, over the radius of the ball of its volume.
+
+    Measured at points of a meridian (prolate) or of a twelfth of the surface (oblate), to some 1e-3 of its value.
+    """
+    import numpy as np
+
+    made = layout(form, axial_ratio, spheres)
+    if spheres == 1:
+        return 0.0
+    if form == "prolate":
+        t = np.linspace(0.0, math.pi, 64 * spheres + 1)
+        points = np.column_stack((np.cos(t), axial_ratio * np.sin(t), np.zeros_like(t)))
+    else:
+        grid = np.meshgrid(np.linspace(0.0, 0.5 * math.pi, 241), np.linspace(0.0, math.pi / 6.0, 61))
+        t, turn = (angle.ravel() for angle in grid)
+        points = np.column_stack((np.cos(t) * np.cos(turn), np.cos(t) * np.sin(turn), axial_ratio * np.sin(t)))
+    gap = np.full(len(points), np.inf)
+    for center, radius in zip(made.centers, made.radii, strict=True):
+        gap = np.minimum(gap, np.linalg.norm(points - center, axis=1) - radius)
+    return float(gap.max()) / made.equivalent_radius
+
+
+def in_one_piece(form: str, axial_ratio: float, spheres: int) -> bool:
+    """Return whether every sphere is linked to the others by overlaps."""
+    import numpy as np
+
+    centers, radii, _ = layout(form, axial_ratio, spheres)
+    near = np.linalg.norm(centers[:, None] - centers, axis=-1) < radii[:, None] + radii
+    linked = near[0]
+    while (grown := near[linked].any(axis=0)).sum() > linked.sum():
+        linked = grown
+    return bool(linked.all())
+
+
+class Spheroid(PlacedDebris):
+    """Ellipsoids of revolution: spheres on the medial axis, each inside the spheroid and touching it.
+
+    `size` is the diameter of the ball of the spheroid's volume (m), `axial_ratio` the shorter over the longer axis, `form`
+    "prolate" (spheres on a segment) or "oblate" (on a disc: the largest of 7, 19, 37, 61, 91 that is allowed), `spheres` the
+    most per body. The more spheres, the closer their union comes to the spheroid, from inside. Where the overlap of a contact
+    exceeds the corrugation, which `check` tells, several spheres share the contact and stiffen it: then take fewer. A prolate
+    body of an even number lies on two spheres.
+    """
+
+    kind: Literal["spheroid"] = "spheroid"
+    size: Size
+    axial_ratio: Annotated[float, Quantity(ge=0.1, le=1)]
+    form: Annotated[Literal["prolate", "oblate"], Choice()] = "prolate"
+    spheres: Annotated[int, Whole(ge=2, le=MAX_SPHERES_PER_BODY)] = 20
+
+    def checks(self) -> list[Wrong]:
+        """Faults of too few spheres for one piece."""
+        if self.axial_ratio > BALL:
+            return []
+        if self.form == "oblate" and self.spheres < spheres_in_rings(RINGS[0]):
+            return [(("spheres",), f"{self.spheres} must be at least {spheres_in_rings(RINGS[0])} in an oblate body")]
+        if in_one_piece(self.form, self.axial_ratio, self.max_spheres()):
+            return []
+        tried = map(spheres_in_rings, RINGS) if self.form == "oblate" else range(2, MAX_SPHERES_PER_BODY + 1)
+        enough = next((n for n in tried if n > self.spheres and in_one_piece(self.form, self.axial_ratio, n)), None)
+        apart = f"of an {self.form}" if self.form == "oblate" else f"of a {self.form}"
+        apart = f"{self.max_spheres()} spheres {apart} spheroid of axial_ratio {self.axial_ratio:g} do not hang together"
+        if enough is None:
+            return [(("axial_ratio",), f"{apart}, and no more are possible: raise axial_ratio")]
+        return [(("spheres",), f"{apart}: at least {enough}")]
+
+    def max_spheres(self) -> int:
+        """Return the number of spheres of a body."""
+        return number_of_spheres(self.form, self.axial_ratio, self.spheres)
+
+    def clumps(self, random: RandomStreams) -> list[Clump]:
+        """Return the bodies at unit density: one shape, each scaled to its size. Raises InputError."""
+        from thirdbody.bodies.clump import clump
+
+        made = layout(self.form, self.axial_ratio, self.max_spheres())
+        shape = clump(made.centers, made.radii)
+        sizes = random.diameters(self.size, self.count)
+        return [shape.scaled(0.5 * size / made.equivalent_radius) for size in sizes]
+
+    def notes(self) -> list[str]:
+        """Return how far the spheres are from the spheroid."""
+        n = self.max_spheres()
+        if n == 1:
+            return []
+        height = 100.0 * corrugation(self.form, self.axial_ratio, n)
+        return [f"{n} spheres follow the spheroid to {height:.2g} % of its equivalent radius at most (corrugation)"]
+
+
+KIND = Spheroid

@@ -1,0 +1,180 @@
+"""Debris of the kind `spheroid`: masses, surfaces and resting poses against the ellipsoid's closed forms."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from steel import STEEL
+
+from thirdbody.bodies.clump import clump, matrix_from_quaternion
+from thirdbody.bodies.poses import resting_poses
+from thirdbody.errors import InputError
+from thirdbody.scene.debris.kinds.spheroid import corrugation, layout, number_of_spheres, spheres_in_rings
+from thirdbody.scene.model import Scene
+from thirdbody.scene.populate import populate
+
+SCENE = STEEL + """\
+[[debris]]
+material = "steel"
+kind = "spheroid"
+count = 12
+size = {size}
+{more}
+[domain]
+size = ["200 um", "150 um"]
+[plates.lower]
+material = "steel"
+[solver]
+duration = "1 us"
+[output]
+every = "1 us"
+"""
+
+
+def parsed(more: str, size: str = '"10 um"') -> Scene:
+    return Scene.parse(SCENE.format(more=more, size=size), "s.toml")
+
+
+def ellipsoid(form: str, r: float) -> tuple[float, np.ndarray]:
+    """Volume and principal moments, rising, at unit density; the longer semi-axis is 1."""
+    across, along = (r, 1.0) if form == "prolate" else (1.0, r)
+    volume = 4.0 / 3.0 * math.pi * across**2 * along
+    return volume, np.sort([2.0 * across**2, across**2 + along**2, across**2 + along**2]) * volume / 5.0
+
+
+def errors(form: str, r: float, n: int) -> np.ndarray:
+    """Relative errors of the volume and of the three moments of the clump."""
+    body, (volume, inertia) = clump(*layout(form, r, n)[:2]), ellipsoid(form, r)
+    return np.abs(np.append(body.volume / volume, body.inertia / inertia) - 1.0)
+
+
+def slopes(sizes, values) -> np.ndarray:
+    return -np.diff(np.log(values), axis=0) / np.diff(np.log(sizes))[:, None]
+
+
+@pytest.mark.parametrize("r", [0.35, 0.6, 0.9])
+def test_moments_of_long_bodies_converge_with_the_square_of_the_number(r):
+    numbers = np.array([21, 41, 81])
+    found = np.array([errors("prolate", r, n) for n in numbers])
+    # gaps between spheres h apart are of the order h^2; 0.05: the next order, at 20 steps
+    assert slopes(numbers - 1.0, found) == pytest.approx(2.0, abs=0.05)
+    assert found[-1].max() < 1.2e-3
+
+
+@pytest.mark.parametrize("r", [0.6, 0.9])
+def test_moments_of_flat_bodies_converge_with_the_square_of_the_rings(r):
+    rings = np.array([3.0, 4.0, 5.0])
+    found = np.array([errors("oblate", r, spheres_in_rings(int(k))) for k in rings])
+    # of three to five rings the outermost, where the spheres are smallest, is a large part: the order is still rising to 2
+    assert np.all((slopes(rings, found) > 1.8) & (slopes(rings, found) < 2.1))
+    assert found[-1].max() < 0.03
+
+
+@pytest.mark.parametrize("form", ["prolate", "oblate"])
+def test_principal_axes_are_those_of_the_spheroid(form):
+    r, n = 0.6, number_of_spheres(form, 0.6, 40)
+    body = clump(*layout(form, r, n)[:2])
+    first, second, third = body.inertia
+    # rounding of the exact moments of the union, stated as `error`
+    equal = (second, third) if form == "prolate" else (first, second)
+    assert equal[0] == pytest.approx(equal[1], rel=2.0 * body.error + 1e-12)
+    across = body.centers[:, 1:] if form == "prolate" else body.centers[:, 2:]
+    assert np.abs(across).max() < 1e-9 and np.abs(body.centers).max() > 0.5
+
+
+@pytest.mark.parametrize("r", [0.35, 0.6, 0.9])
+def test_corrugation_of_long_bodies_is_that_of_the_closed_form(r):
+    squared = 1.0 - r * r
+    integral = quad(lambda u: (1.0 - squared * u * u) ** -0.25, -1.0, 1.0)[0]
+    for n in (20, 40, 80):
+        closed = squared * integral**2 / (8.0 * r * (n - 1) ** 2) / r ** (2.0 / 3.0)
+        # the closed form is the leading order; the next is smaller by 1/n^2 times the square of the slenderness 1/r
+        assert corrugation("prolate", r, n) == pytest.approx(closed, rel=2.0 / (r * n) ** 2 + 1e-3)
+
+
+def test_corrugation_of_flat_bodies_falls_with_the_square_of_the_rings():
+    rings = np.array([2.0, 3.0, 4.0, 5.0])
+    found = np.array([[corrugation("oblate", 0.6, spheres_in_rings(int(k)))] for k in rings])
+    assert np.all((slopes(rings, found) > 1.7) & (slopes(rings, found) < 2.1))
+    assert found[-1] < 0.02
+
+
+@pytest.mark.parametrize(("form", "r", "n"), [("prolate", 0.35, 30), ("oblate", 0.6, 61)])
+def test_every_sphere_touches_the_spheroid_from_inside(form, r, n):
+    made, away = layout(form, r, n), np.random.default_rng(1).normal(size=(4000, 3))
+    away /= np.linalg.norm(away, axis=1)[:, None]
+    axes = np.array([1.0, r, r] if form == "prolate" else [1.0, 1.0, r])
+    for center, radius in zip(made.centers, made.radii, strict=True):
+        level = np.linalg.norm((center + radius * away) / axes, axis=1)
+        # 4000 random points of a sphere miss the point that touches by some 0.02 rad, and by the square of it in level
+        assert level.max() < 1.0 + 1e-12 and level.max() > 0.995
+
+
+@pytest.mark.parametrize(("form", "r", "n"), [("prolate", 0.5, 20), ("prolate", 0.5, 21), ("oblate", 0.6, 61)])
+def test_bodies_rest_on_their_flat_side(form, r, n):
+    made = layout(form, r, n)
+    body = clump(made.centers, made.radii)
+    quaternions, heights = resting_poses(body)
+    # the shorter semi-axis, less the gap between two spheres
+    deep = corrugation(form, r, n) * made.equivalent_radius
+    assert np.all((heights <= r * (1.0 + 1e-12)) & (heights >= r - deep))
+    axis = np.array([1.0, 0.0, 0.0] if form == "prolate" else [0.0, 0.0, 1.0])
+    up = np.abs([matrix_from_quaternion(q)[2] @ axis for q in quaternions])
+    # a middle sphere carries the body level until its neighbour touches: a tilt of (r - radius)/distance of the centres
+    near = np.sort(np.linalg.norm(made.centers - made.centers[n // 2] * (form == "prolate"), axis=1))[1]
+    tilt = near / r + 1e-6
+    assert np.all(up < tilt) if form == "prolate" else np.all(up > math.cos(tilt))
+
+
+def test_a_ratio_of_one_is_a_ball():
+    (one, *_) = populate(parsed("axial_ratio = 1.0\nspheres = 50"), []).clumps
+    assert len(one.radii) == 1 and 2.0 * one.radii[0] == pytest.approx(10e-6, rel=1e-12)
+
+
+def test_sizes_are_those_of_the_spheroid():
+    warnings: list[str] = []
+    size = '{distribution = "lognormal", median = "10 um", sigma = 0.2}'
+    placed = populate(parsed('axial_ratio = 0.5\nform = "prolate"\nspheres = 40', size), warnings)
+    longest = np.array([2.0 * (body.centers[:, 0] + body.radii).max() for body in placed.clumps])
+    # a body of volume pi d^3/6 has the longer axis d / r^(2/3); inscribed spheres lose 4e-4 of the diameter at 40
+    expected = np.array([body.diameter for body in placed.clumps]) / 0.5 ** (2.0 / 3.0)
+    assert longest == pytest.approx(expected, rel=2e-3) and longest.std() > 1e-7
+    twice = populate(parsed("axial_ratio = 0.5\nspheres = 40", size.replace("10 um", "20 um")), []).clumps
+    diameters = np.array([[body.diameter for body in bodies] for bodies in (placed.clumps, twice)])
+    assert diameters[1] == pytest.approx(2.0 * diameters[0], rel=1e-12)
+    assert warnings == ["debris[0]: 40 spheres follow the spheroid to 0.094 % of its equivalent radius at most (corrugation)"]
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        ("axial_ratio = 1.2", "debris[0].axial_ratio: 1.2 must be at least 0.1 and at most 1"),
+        ("", "debris[0].axial_ratio: required key is missing"),
+        ('axial_ratio = "0.5 um"', "debris[0].axial_ratio: "),
+        ('axial_ratio = 0.5\nform = "flat"', "debris[0].form: 'flat' is not one of 'prolate', 'oblate'"),
+        ("axial_ratio = 0.5\nspheres = 101", "debris[0].spheres: 101 must be at least 2 and at most 100"),
+        ("axial_ratio = 0.5\nsphers = 10", "debris[0].sphers: unknown key, did you mean 'spheres'?"),
+        ("axial_ratio = 0.2\nspheres = 6", "spheres: 6 spheres of a prolate spheroid of axial_ratio 0.2 do not hang together:"),
+        ('axial_ratio = 0.6\nform = "oblate"\nspheres = 6', "debris[0].spheres: 6 must be at least 7 in an oblate body"),
+        ('axial_ratio = 0.35\nform = "oblate"\nspheres = 20', "19 spheres of an oblate spheroid of axial_ratio 0.35 do not hang"
+         " together: at least 37"),
+        ('axial_ratio = 0.1\nform = "oblate"\nspheres = 100', "debris[0].axial_ratio: 91 spheres of an oblate spheroid of"),
+        ("axial_ratio = 0.5\nheight = \"1 um\"", "debris[0].height: needs placement = 'dilute' or 'dense'"),
+    ],
+)
+def test_faults(more, told):
+    with pytest.raises(InputError) as caught:
+        parsed(more)
+    assert told in str(caught.value) and len(caught.value.faults) == 1
+
+
+def test_least_number_that_is_told_is_enough():
+    with pytest.raises(InputError) as caught:
+        parsed("axial_ratio = 0.2\nspheres = 6")
+    least = int(str(caught.value).rpartition(" ")[2])
+    assert parsed(f"axial_ratio = 0.2\nspheres = {least}").debris[0].max_spheres() == least
+    with pytest.raises(InputError):
+        parsed(f"axial_ratio = 0.2\nspheres = {least - 1}")
