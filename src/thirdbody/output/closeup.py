@@ -47,9 +47,7 @@ class CloseUpLayout:
     extent: float
 
 
-def compute_close_up_layout(
-    frames: Iterable[CloseUpData], size: tuple[int, int], view: str, fixed: bool
-) -> CloseUpLayout:
+def compute_close_up_layout(frames: Iterable[CloseUpData], size: tuple[int, int], view: str, fixed: bool) -> CloseUpLayout:
     """The layout for one close-up or for those of a film, which are taken one after the other."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     full_scale = extent = 0.0
@@ -81,9 +79,9 @@ def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> No
     foot, head = legend_height(overlay, legend) / size[1], 1.0 - overlay.px(HEADING) / size[1]
     shift = np.zeros(3) if layout.fixed else np.array([*one.center[:2], 0.0])
     wide = size[0] >= 1.25 * size[1]
-    place = (0.01, foot, 0.68, head) if wide else (0.01, foot + 0.32 * (head - foot), 0.99, head)
+    area = (0.01, foot, 0.68, head) if wide else (0.01, foot + 0.32 * (head - foot), 0.99, head)
     bounds = (layout.low + shift, layout.high + shift)
-    view = Viewport(canvas, one.picture, place, bounds, layout.view, plate_height=_plate_height(one))
+    view = Viewport(canvas, one.picture, area, bounds, layout.view, plate_height=_plate_height(one))
     _draw_spots(view, one, layout)
     finish_view(view, overlay, _CAMERA, layout.directions)
     _number_spots(view, overlay, one, layout)
@@ -129,9 +127,7 @@ def _add_cone(view: Viewport, point: np.ndarray, axis: np.ndarray, radius: float
     """Draw a translucent cone with its tip at a point, and the rim of its base; `axis` (3,) leads from tip to base."""
     # The direction of a cone of pyvista leads from base to tip, and its centre lies half way.
     height = float(np.linalg.norm(axis))
-    cone = pyvista.Cone(
-        center=point + 0.5 * axis, direction=-axis, height=height, radius=radius, capping=False, resolution=60
-    )
+    cone = pyvista.Cone(center=point + 0.5 * axis, direction=-axis, height=height, radius=radius, capping=False, resolution=60)
     view.inner.add(cone, color=color, opacity=0.38, ambient=0.5, diffuse=0.5)
     rim = pyvista.Polygon(center=point + axis, radius=radius, normal=axis, n_sides=60, fill=False)
     view.inner.add(rim, color=color, lighting=False, line_width=3.5)
@@ -150,39 +146,47 @@ def _add_arrow(view: Viewport, point: np.ndarray, vector: np.ndarray, shaft: flo
 
 
 def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: CloseUpLayout) -> None:
-    """A number beside each spot, away from the particle so that it covers nothing of it, and none over another."""
-    taken: list[np.ndarray] = []
-    apart = 2.1 * overlay.px(15)
-    for k, place in enumerate(one.spots.position[:_LISTED]):
-        away = -one.spots.normal[k] * 0.09 * layout.extent
-        at = np.array(view.project(view.scaled(place + away)))
-        while any(np.hypot(*(at - other)) < apart for other in taken):
-            at = at + [0.5 * apart, 0.0]
-        taken.append(at)
-        overlay.disc(at[0], at[1], overlay.px(15), _color(float(one.spots.utilisation[k])))
-        overlay.text(str(k + 1), at[0], at[1], 22, "#FFFFFF", align="center", bold=True)
+    """Draw a number near each spot, away from the particle so that it covers nothing of it, and none over another."""
+    drawn: list[np.ndarray] = []
+    apart = 2.1 * _disc_radius(overlay)
+    for k, position in enumerate(one.spots.position[:_LISTED]):
+        outwards = -one.spots.normal[k] * 0.09 * layout.extent
+        point = np.array(view.project(view.scaled(position + outwards)))
+        while any(np.hypot(*(point - other)) < apart for other in drawn):
+            point = point + [0.5 * apart, 0.0]
+        drawn.append(point)
+        _draw_number(overlay, one, k, float(point[0]), float(point[1]))
+
+
+def _disc_radius(overlay: Overlay) -> float:
+    """Radius in pixels of the disc behind the number of a spot."""
+    return 15.0 / 22.0 * overlay.text_height(22)
+
+
+def _draw_number(overlay: Overlay, one: CloseUpData, k: int, x: float, y: float) -> None:
+    overlay.disc(x, y, _disc_radius(overlay), _color(float(one.spots.utilisation[k])))
+    overlay.text(str(k + 1), x, y, 22, "#FFFFFF", align="center", bold=True)
 
 
 def _list_spots(overlay: Overlay, one: CloseUpData, x: float, y: float) -> None:
-    """What the particle does, and a line for each spot."""
+    """List what the particle does, and its spots."""
     overlay.text(one.name, x, y - overlay.px(20), 30, bold=True)
     overlay.disc(x + overlay.px(12), y - overlay.px(68), overlay.px(12), one.color)
     overlay.text(one.label or "no label", x + overlay.px(34), y - overlay.px(68), 26)
     y -= overlay.px(126)
-    against, load, used = x + overlay.px(40), x + overlay.px(320), x + overlay.px(476)
+    radius = _disc_radius(overlay)
+    against, load, used = x + 2.0 * radius + overlay.px(10), x + overlay.px(320), x + overlay.px(476)
     overlay.text("spot against", against, y, 22, SOFT_INK)
     overlay.text("load", load, y, 22, SOFT_INK, align="right")
     overlay.text("friction used", used, y, 22, SOFT_INK, align="right")
-    spots = one.spots
+    spots, pitch = one.spots, overlay.px(42)
     for k in range(min(len(spots.force), _LISTED)):
-        y -= overlay.px(42)
-        overlay.disc(x + overlay.px(15), y, overlay.px(14), _color(float(spots.utilisation[k])))
-        overlay.text(str(k + 1), x + overlay.px(15), y, 20, "#FFFFFF", align="center", bold=True)
+        y -= pitch
+        _draw_number(overlay, one, k, x + radius, y)
         overlay.text(spots.against[k], against, y, 24)
         overlay.text(with_unit(float(spots.force[k] @ spots.normal[k]), "N"), load, y, 24, align="right")
         overlay.text(f"{100.0 * spots.utilisation[k]:.0f} %", used, y, 24, align="right")
-    y -= overlay.px(42)
     if len(spots.force) > _LISTED:
-        overlay.text(f"and {len(spots.force) - _LISTED} more", against, y, 22, SOFT_INK)
+        overlay.text(f"and {len(spots.force) - _LISTED} more", against, y - pitch, 22, SOFT_INK)
     elif not len(spots.force):
-        overlay.text("no contact carries a load", against, y, 24, SOFT_INK)
+        overlay.text("no contact carries a load", against, y - pitch, 24, SOFT_INK)

@@ -61,16 +61,16 @@ def read_close_up(run: Run, frame: int, body: int, color: str, scale: LegendScal
     moved = nearest_image(picture.bodies - center, period) + center
     own = picture.body == row
     # Spots in the colour of the state must show on it; a number keeps its colour.
-    mine = pale(picture.colors, 0.30) if picture.legend.limits is None else picture.colors
-    colors = np.where(own[:, None], mine, pale(picture.colors, 0.75))
+    own_colors = pale(picture.colors, 0.30) if picture.legend.limits is None else picture.colors
+    colors = np.where(own[:, None], own_colors, pale(picture.colors, 0.75))
     picture = replace(picture, centers=picture.centers + (moved - picture.bodies)[picture.body], bodies=moved, colors=colors)
     reach = np.linalg.norm(picture.centers[own] - center, axis=1) + picture.radii[own]
     spots = _spots(run, frame, body, bodies, row, period)
     spots = replace(spots, position=spots.position + center)
     state = run.state_names[bodies["state"][row]] if "state" in bodies else ""
     label = picture.labels[row] if picture.labels else ""
-    tone = STATE_COLORS.get(state, UNLABELLED)
-    return CloseUpData(picture, center, 2.0 * float(reach.max()), spots, f"particle {body}", label, tone)
+    state_color = STATE_COLORS.get(state, UNLABELLED)
+    return CloseUpData(picture, center, 2.0 * float(reach.max()), spots, f"particle {body}", label, state_color)
 
 
 def _spots(run: Run, frame: int, body: int, bodies: dict[str, np.ndarray], row: int, period: np.ndarray | None) -> Spots:
@@ -79,16 +79,16 @@ def _spots(run: Run, frame: int, body: int, bodies: dict[str, np.ndarray], row: 
     missing = {"body", "partner", "force", "normal", "normal_force", "utilisation", "contact_radius"} - set(contacts)
     if missing:
         raise InputError(f"body: this run recorded no '{sorted(missing)[0]}' of its contacts")
-    mine, yours = contacts["body"] == body, contacts["partner"] == body
-    chosen = np.flatnonzero((mine | yours) & (contacts["normal_force"] > 0.0))
+    first, second = contacts["body"] == body, contacts["partner"] == body
+    chosen = np.flatnonzero((first | second) & (contacts["normal_force"] > 0.0))
     chosen = chosen[np.argsort(-contacts["normal_force"][chosen], kind="stable")]
-    sign = np.where(mine[chosen], 1.0, -1.0)[:, None]
-    partner = np.where(mine[chosen], contacts["partner"][chosen], contacts["body"][chosen])
+    sign = np.where(first[chosen], 1.0, -1.0)[:, None]
+    partner = np.where(first[chosen], contacts["partner"][chosen], contacts["body"][chosen])
     names = {-1: "lower plate", -2: "upper plate"}
     load, eta = contacts["normal_force"][chosen], contacts["utilisation"][chosen]
     force, normal = contacts["force"][chosen], contacts["normal"][chosen]
     tangential = np.linalg.norm(force - load[:, None] * normal, axis=1)
-    # Where nothing is dragged the limit cannot be known from the share in use: that of the other spots stands for it.
+    # Without tangential force the limit does not follow from the fraction in use: the ratio of the other spots is taken.
     known = eta > 1e-6
     ratio = np.divide(tangential, eta * load, out=np.zeros_like(load), where=known)
     ratio[~known] = ratio.max(initial=0.0)

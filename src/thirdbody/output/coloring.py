@@ -104,15 +104,15 @@ def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, shown_c
     else:
         known = {"population": run.population_names, "material": run.material_names}.get(name, [])
         names = [code_name(known, code) for code in range(int(codes.max(initial=max(shown_codes, default=0))) + 1)]
-    tones = state_colors(names) if name == "state" else category_colors(len(names))
+    colors = state_colors(names) if name == "state" else category_colors(len(names))
     counts = np.bincount(codes, minlength=len(names))
     total = max(1, int(counts.sum()))
     # All states are shown, so that every picture of a run has the same legend; of other codes those that occur.
     shown = [code for code in range(len(names)) if name == "state" or counts[code] or code in shown_codes]
-    shares = 100.0 * counts / total
-    entries = tuple((f"{_in_words(names[code])}  {counts[code]}  ({shares[code]:.0f} %)", tones[code]) for code in shown)
+    percent = 100.0 * counts / total
+    entries = tuple((f"{_in_words(names[code])}  {counts[code]}  ({percent[code]:.0f} %)", colors[code]) for code in shown)
     title = {"state": "", "state_reason": "reason"}.get(name, _in_words(name))
-    palette = np.array([rgb(tone) for tone in tones], np.uint8)
+    palette = np.array([rgb(color) for color in colors], np.uint8)
     return Coloring(codes[row].astype(np.int64), Legend(title, entries, codes=tuple(shown), total=total), palette)
 
 
@@ -120,7 +120,7 @@ def _in_words(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _field(name: str, asked: str, bodies: Arrays, spheres: Arrays, contacts: Arrays, row: np.ndarray) -> np.ndarray:
+def _field(name: str, given: str, bodies: Arrays, spheres: Arrays, contacts: Arrays, row: np.ndarray) -> np.ndarray:
     """One value per sphere: its body's, its own, or the largest of its body's contacts. Vectors by length."""
     if name in bodies:
         values = bodies[name][row]
@@ -131,7 +131,7 @@ def _field(name: str, asked: str, bodies: Arrays, spheres: Arrays, contacts: Arr
     else:
         names = set(bodies) | set(spheres) | set(contacts)
         known = (names | {short for short, long in ALIASES.items() if long in names}) - {"position"}
-        raise InputError(f"color: this run has no array '{asked}'; {nearest(asked, known)}")
+        raise InputError(f"color: this run has no array '{given}'; {nearest(given, known)}")
     return _length(values)
 
 

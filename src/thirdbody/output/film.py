@@ -1,4 +1,4 @@
-"""Films of a run as GIF or MP4: which frames, and how pictures become a file. The drawing itself is `picture`'s."""
+"""Films of a run as GIF or MP4: which frames, and how pictures become a file. They are drawn elsewhere (`layout`)."""
 
 from __future__ import annotations
 
@@ -66,15 +66,15 @@ def gif(pictures: Iterator[np.ndarray], fps: int) -> bytes:
     """The bytes of a GIF file, in one palette for all pictures (height, width, 3) uint8: nothing flickers."""
     from PIL import Image
 
-    # The palette must know them all: until then they wait, packed to about a tenth.
-    shape, waiting, samples = (0, 0, 3), [], []
+    # The palette needs all pictures: until then they are kept, compressed to about a tenth.
+    shape, compressed, samples = (0, 0, 3), [], []
     for picture in pictures:
         shape = picture.shape
-        waiting.append(zlib.compress(picture.tobytes(), 1))
+        compressed.append(zlib.compress(picture.tobytes(), 1))
         samples.append(picture[::SAMPLED, ::SAMPLED])
     palette = _palette(samples)
     frames = []
-    for packed in waiting:
+    for packed in compressed:
         picture = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(shape)
         frames.append(Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE))
     file = io.BytesIO()
@@ -92,8 +92,8 @@ def _palette(samples: list[np.ndarray]) -> Any:
     # Small bodies of a rare state would get no shades beside so much paper: what has a colour counts more.
     bright = pixels[np.ptp(pixels.astype(np.int16), axis=1) > COLORFUL]
     weighed = np.concatenate([pixels[::8], bright, bright])[None]
-    found = Image.fromarray(weighed).quantize(colors=GIF_COLORS, method=Image.Quantize.MEDIANCUT)
-    colors = np.array(found.getpalette(), np.uint8).reshape(-1, 3)
+    image = Image.fromarray(weighed).quantize(colors=GIF_COLORS, method=Image.Quantize.MEDIANCUT)
+    colors = np.array(image.getpalette(), np.uint8).reshape(-1, 3)
     colors[np.all(colors >= ALMOST_WHITE, axis=1)] = 255
-    found.putpalette(colors.ravel().tolist())
-    return found
+    image.putpalette(colors.ravel().tolist())
+    return image

@@ -1,4 +1,4 @@
-"""How far a film is: a bar on a terminal, or whatever a caller does with two numbers."""
+"""Progress of a film: a bar on a terminal, or a callable that gets two numbers."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ FilmReporter = Callable[[int, int], None]
 """Takes the number of pictures that are drawn and that of all."""
 
 DRAWN = "thirdbody drew picture "
-"""How the process that draws tells of each picture on its standard output, before the number."""
+"""What the process that draws prints for each picture, before its number."""
 
 
 def film_reporter(progress: bool | FilmReporter, title: str) -> AbstractContextManager[FilmReporter | None]:

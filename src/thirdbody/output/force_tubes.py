@@ -14,7 +14,7 @@ from thirdbody.output.palette import rgb
 if TYPE_CHECKING:
     import pyvista
 
-# Radius of the thickest tube over the mean radius of what it lies in, and the share of forces that are thinner.
+# Radius of the thickest tube over the mean radius of what it lies in, and the percentage of forces that are thinner.
 THICKEST, COMMON = 0.17, 99.0
 
 # Darker tubes show no roundness.

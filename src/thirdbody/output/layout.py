@@ -81,15 +81,15 @@ def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
     size, overlay = layout.size, Overlay(canvas)
     foot = legend_height(overlay, data.legend, layout.full_scale) / size[1]
     head = 1.0 - overlay.px(HEADING) / size[1]
-    places = _viewports(layout, foot, head, overlay.px(_SCALE_LABEL) / size[1])
-    view = Viewport(canvas, data, places[0], (layout.low, layout.high), layout.view)
+    areas = _viewports(layout, foot, head, overlay.px(_SCALE_LABEL) / size[1])
+    view = Viewport(canvas, data, areas[0], (layout.low, layout.high), layout.view)
     if layout.close_up:
         view.add_outline(*layout.close_up)
     if not (layout.close_up and layout.view in ("side", "front")):  # a strip is too thin for tubes
         view.add_tubes(layout.full_scale)
     finish_view(view, overlay, _BESIDE if layout.close_up else _ALONE, layout.directions)
     if layout.close_up:
-        _add_close_up(canvas, data, overlay, layout, places[1])
+        _add_close_up(canvas, data, overlay, layout, areas[1])
     write_title(overlay, data.title, data.facts)
     draw_legend(overlay, data.legend, layout.full_scale)
 
@@ -110,9 +110,7 @@ def _viewports(layout: Layout, foot: float, head: float, label: float) -> list[R
     return [(0.01, foot, 0.56, head), (0.565, foot + 0.005, 0.985, head)]
 
 
-def finish_view(
-    view: Viewport, overlay: Overlay, iso: tuple[float, float, float], directions: np.ndarray | None = None
-) -> None:
+def finish_view(view: Viewport, overlay: Overlay, iso: tuple[float, float, float], directions: np.ndarray | None = None) -> None:
     """Draw the scale bar and, where the drag may have `directions` (k, 2), its arrow; set the camera, then the labels."""
     arrow = None
     if directions is not None:
@@ -121,30 +119,31 @@ def finish_view(
     position, words = view.add_scale_bar()
     view.aim_camera(iso)
     x, y = view.project(position)
-    overlay.text(words, x - overlay.px(4), y - overlay.px(22), 24, align="center")
+    half = 0.5 * overlay.text_height(24)
+    overlay.text(words, x - overlay.px(4), y - overlay.px(10) - half, 24, align="center")
     if arrow is not None:
         x, y = view.project(arrow[0])
-        overlay.text(arrow[1], x, y + overlay.px(18), 24, ARROW, align="center", bold=True)
+        overlay.text(arrow[1], x, y + overlay.px(6) + half, 24, ARROW, align="center", bold=True)
 
 
-def _add_close_up(canvas: Canvas, data: PictureData, overlay: Overlay, layout: Layout, place: Rectangle) -> None:
+def _add_close_up(canvas: Canvas, data: PictureData, overlay: Overlay, layout: Layout, area: Rectangle) -> None:
     assert layout.close_up is not None
     heights = (layout.low[2], layout.close_up_height)
     low, high = (np.array([*corner, z]) for corner, z in zip(layout.close_up, heights, strict=True))
-    view = Viewport(canvas, data, _add_panel(canvas, overlay, place, "close-up"), (low, high), layout.view)
+    view = Viewport(canvas, data, _add_panel(canvas, overlay, area, "close-up"), (low, high), layout.view)
     view.add_tubes(layout.full_scale)
     finish_view(view, overlay, _CLOSE)
 
 
-def _add_panel(canvas: Canvas, overlay: Overlay, place: Rectangle, heading: str) -> Rectangle:
-    """Draw a framed panel with a heading; returns the place inside that is free for a view."""
+def _add_panel(canvas: Canvas, overlay: Overlay, area: Rectangle, heading: str) -> Rectangle:
+    """Draw a framed panel with a heading; returns the area inside that is free for a view."""
     size = canvas.size
-    x0, y0, x1, y1 = (value * size[i % 2] for i, value in enumerate(place))
+    x0, y0, x1, y1 = (value * size[i % 2] for i, value in enumerate(area))
     canvas.paper.add_polygons(rectangle(x0, y0, x1, y1)[None], np.array([rgb(PANEL)], np.uint8))
     overlay.outline(rectangle(x0, y0, x1, y1), SOFT_INK)
     overlay.text(heading, x0 + overlay.px(16), y1 - overlay.px(24), 24, SOFT_INK)
     side, head, foot = overlay.px(6) / size[0], overlay.px(42) / size[1], overlay.px(_SCALE_LABEL) / size[1]
-    return place[0] + side, place[1] + foot, place[2] - side, place[3] - head
+    return area[0] + side, area[1] + foot, area[2] - side, area[3] - head
 
 
 def write_title(overlay: Overlay, title: str, facts: str) -> None:

@@ -19,7 +19,7 @@ _STRIPS = 128
 
 @dataclass(frozen=True)
 class _Item:
-    """One thing in the legend: its width, and how it is drawn at a place, all in pixels."""
+    """One thing in the legend: its width, and how it is drawn at a position, all in pixels."""
 
     wide: float
     draw: Callable[[float, float], None]

@@ -50,8 +50,12 @@ class Overlay:
             actor.position = ((x + shift) * OVERSAMPLING, y * OVERSAMPLING)
         return width
 
+    def text_height(self, height: float) -> float:
+        """Pixels of a height of words given for a picture of the reference height: never too small to be read."""
+        return max(self.px(height), _LEGIBLE)
+
     def _actor(self, words: str, height: float, **style: Any) -> pyvista.Text:
-        size = int(max(self.px(height), _LEGIBLE) * OVERSAMPLING)
+        size = int(self.text_height(height) * OVERSAMPLING)
         actor = pyvista.Text(words)
         actor.prop = pyvista.TextProperty(font_family="arial", font_size=size, justification_vertical="center", **style)
         return actor

@@ -65,14 +65,14 @@ def _legend(data: PictureData) -> str:
     legend = data.legend
     if legend.limits is None:
         entry = '<span class="entry"><i style="background:{}"></i>{}</span>'
-        entries = [entry.format(tone, html.escape(words)) for words, tone in legend.entries]
+        entries = [entry.format(color, html.escape(words)) for words, color in legend.entries]
         return "".join([f"<b>{html.escape(legend.title)}</b>" if legend.title else "", *entries])
     low, high = legend.limits
     factor, unit = prefixed(max(abs(low), abs(high)), legend.unit)
     values = np.array(ticks(low * factor, high * factor))
-    shares = 100.0 * (values / factor - low) / (high - low) if high > low else [50.0]
+    percent = 100.0 * (values / factor - low) / (high - low) if high > low else [50.0]
     marks = "".join(
-        f'<span style="left:{share:.2f}%">{value:.6g}</span>' for share, value in zip(shares, values, strict=True)
+        f'<span style="left:{left:.2f}%">{value:.6g}</span>' for left, value in zip(percent, values, strict=True)
     )
     title = html.escape(legend.title + (f", {unit}" if unit else ""))
     bar = f'<div class="bar" style="background:linear-gradient(90deg,{",".join(FIELD_STOPS)})"></div>'

@@ -92,7 +92,7 @@ def field_colors(fraction: np.ndarray) -> np.ndarray:
     """Colours (n, 3) uint8 of values from 0 to 1; values outside take the end colours, NaN light grey."""
     stops = np.array([rgb(stop) for stop in FIELD_STOPS], dtype=np.float64)
     known = np.nan_to_num(np.clip(fraction, 0.0, 1.0))
-    place = np.linspace(0.0, 1.0, len(stops))
-    colors = np.stack([np.interp(known, place, stops[:, channel]) for channel in range(3)], axis=-1)
+    positions = np.linspace(0.0, 1.0, len(stops))
+    colors = np.stack([np.interp(known, positions, stops[:, channel]) for channel in range(3)], axis=-1)
     colors[np.isnan(fraction)] = 215.0
     return np.rint(colors).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""What a picture shows, taken from a run: wrapped spheres, colours, plates, words. No drawing here."""
+"""What a picture shows, read from a run: wrapped spheres, colours, plates, title and legend. No drawing here."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_COORDINATE = 1e6
 """Largest coordinate, or radius, of anything that is drawn, m."""
 
 VIEWS = ("iso", "side", "front", "top")
-"""Names of the camera's places."""
+"""Names of the camera's positions."""
 
 FREE_SCALE = LegendScale()
 """A picture of one frame takes its colour scale from that frame."""
@@ -118,8 +118,8 @@ def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
     for what, values in (("body", bodies["position"]), ("sphere", spheres["position"]), ("sphere", spheres["radius"][:, None])):
         lost = np.flatnonzero(~np.all(np.abs(values) <= MAX_COORDINATE, axis=1))  # what is not a number too
         if len(lost):
-            place = ", ".join(f"{x:.3g}" for x in values[lost[0]])
-            raise InputError(f"{run.path}: frame {frame} cannot be drawn: {what} {lost[0]} is at {place}")
+            position = ", ".join(f"{x:.3g}" for x in values[lost[0]])
+            raise InputError(f"{run.path}: frame {frame} cannot be drawn: {what} {lost[0]} is at {position}")
     if len(spheres["radius"]) and not spheres["radius"].min() > 0.0:
         raise InputError(f"{run.path}: frame {frame} cannot be drawn: sphere {int(np.argmin(spheres['radius']))} has no radius")
 

@@ -167,10 +167,10 @@ def usable_windows() -> list[str | None]:
     """
     if not sys.platform.startswith("linux"):
         return [None]
-    found: list[str | None] = [kind for kind, names in LIBRARIES.items() if any(map(_loads, names))]
-    if not found:
+    usable: list[str | None] = [kind for kind, names in LIBRARIES.items() if any(map(_loads, names))]
+    if not usable:
         raise MissingLibrary(f"no library to draw without a screen: {ADVICE}")
-    return found
+    return usable
 
 
 def _loads(library: str) -> bool:
@@ -182,7 +182,8 @@ def _loads(library: str) -> bool:
 
 
 def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | None = None) -> None:
-    """Let a second process draw, with the first kind of window that does not crash; `report` hears of each picture of a film.
+    """Let a second process draw, with the first kind of window that does not crash; `report` is called for each
+    picture of a film.
 
     Raises OutputError when the file cannot be written, MissingLibrary without pyvista or when every window crashes.
     """
@@ -204,11 +205,11 @@ def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | 
 
 def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> subprocess.CompletedProcess[str]:
     environment = python_environment()
-    environment["ALLOW_PLOTTING"] = "true"  # or pyvista opens a window of its own to find out
+    environment["ALLOW_PLOTTING"] = "true"  # pyvista else opens a window to find out
     if kind is not None:
         environment["VTK_DEFAULT_OPENGL_WINDOW"] = kind
     total = len(job.get("frames", ()))
-    patience = PATIENCE + PATIENCE_PER_FRAME * total
+    limit = PATIENCE + PATIENCE_PER_FRAME * total
     command = python_command("thirdbody.output.render", json.dumps(job))
     # errors go into a file: two pipes would have to be read at once
     with tempfile.TemporaryFile("w+") as errors:
@@ -219,7 +220,7 @@ def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> s
                 late.set()
                 process.kill()
 
-            timer = threading.Timer(patience, give_up)
+            timer = threading.Timer(limit, give_up)
             timer.start()
             try:
                 assert process.stdout is not None
@@ -232,7 +233,7 @@ def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> s
             finally:
                 timer.cancel()
         if late.is_set():
-            raise MissingLibrary(f"VTK drew nothing within {patience:.0f} s: {ADVICE}")
+            raise MissingLibrary(f"VTK drew nothing within {limit:.0f} s: {ADVICE}")
         errors.seek(0)
         return subprocess.CompletedProcess(command, process.returncode, "", errors.read())
 
