@@ -12,7 +12,7 @@ from thirdbody.errors import InputError
 from thirdbody.output.closeup_data import read_close_up
 from thirdbody.output.coloring import Coloring, Legend
 from thirdbody.output.force_tubes import force_tubes, nearest_image
-from thirdbody.output.palette import STATE_COLORS
+from thirdbody.output.palette import STATE_COLORS, rgb
 from thirdbody.output.render import render
 from thirdbody.output.run import open_run
 
@@ -89,6 +89,19 @@ def test_a_close_up_is_drawn_with_spots_in_the_colour_of_sticking(layer, tmp_pat
     # The numbers of two spots alone are 0.15 % of the scene; the light plates are no blue of 25 steps.
     assert LAYER.hue_share(scene, STATE_COLORS["sticking"]) > 0.004
     assert LAYER.hue_share(scene, STATE_COLORS["sliding"]) > 0.01
+
+
+def test_numbers_of_spots_stay_on_their_discs_in_small_pictures(layer, tmp_path):
+    """Words do not shrink below 11 pixels, their discs did: at 480 x 270 the numbers hid them."""
+    LAYER.skip_unless_drawable()
+    image = pytest.importorskip("PIL.Image")
+    with open_run(layer) as run:
+        number = int(np.flatnonzero(run.states[0] == 2)[0])
+    pixels = np.array(image.open(render(layer, tmp_path / "a.png", size=(480, 270), body=number)).convert("RGB")).astype(int)
+    listed = pixels[40:200, 320:]
+    blue = np.all(np.abs(listed - rgb(STATE_COLORS["sticking"])) < 12, axis=2).sum()
+    # Two discs of 15 / 22 of 11 pixels cover 353, of which digits and edges take a third; they covered 52.
+    assert blue > 150
 
 
 def test_a_run_without_forces_says_so(layer, tmp_path):
