@@ -112,7 +112,7 @@ def _meetings(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> Ite
                 yield material, entry(plate, "material"), f"{name} and plates.{side}"
     if entry(raw.get("contact"), "debris_contact") == "none":
         return
-    debris = [entry for entry in debris if entry[3]]
+    debris = [row for row in debris if row[3]]
     for name, material, bodies, _ in debris:
         if bodies > 1:
             yield material, material, f"the bodies of {name}"

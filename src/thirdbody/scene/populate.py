@@ -6,14 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..bodies.clump import Clump
 from ..engine.state import Placed
-from .debris.population import PlacedClumps
+from .debris.population import UPRIGHT, PlacedClumps
 from .make import make_bodies, read_populations
 from .model import Scene
 from .place import place, refuse_placements, spheres_of
 from .start import refuse_start
 from .types import REST
+
+UNPLACED = (float("nan"),) * 3
+"""The position of a body that a placement puts somewhere."""
 
 
 def populate(scene: Scene, warnings: list[str]) -> Placed:
@@ -26,42 +28,30 @@ def populate(scene: Scene, warnings: list[str]) -> Placed:
     made = [make_bodies(scene, context) for context in contexts]
     clumps = [body for population in made for body in population.clumps]
     populations = np.repeat(np.arange(len(made)), [len(population.clumps) for population in made])
-    x = np.concatenate([_rows(population, population.positions, (np.nan,) * 3) for population in made])
-    q = np.concatenate([_rows(population, population.quaternions, population.quaternions) for population in made])
-    place(scene, clumps, populations, x, q, warnings)
-    placed = _placed(scene, clumps, populations, x, q)
-    for debris, population, own in zip(scene.debris, made, _members(populations, len(made)), strict=True):
-        placed.velocities[own] = _rows(population, population.velocity, debris.velocity or REST)
-        placed.angular_velocities[own] = _rows(population, population.angular_velocity, debris.angular_velocity or REST)
-    refuse_start(scene, placed)
-    return placed
-
-
-def _rows(population: PlacedClumps, given: np.ndarray | None, otherwise: Sequence[float] | np.ndarray) -> np.ndarray:
-    """A row for each body: what is given, else the same for all."""
-    row = np.asarray(otherwise if given is None else given, float)
-    return np.broadcast_to(row, (len(population.clumps), row.shape[-1]))
-
-
-def _members(populations: np.ndarray, count: int) -> list[np.ndarray]:
-    """The bodies of each population."""
-    return [np.flatnonzero(populations == index) for index in range(count)]
-
-
-def _placed(scene: Scene, clumps: list[Clump], populations: np.ndarray, x: np.ndarray, q: np.ndarray) -> Placed:
     names = list(scene.materials)
     materials = np.array([names.index(debris.material) for debris in scene.debris])[populations]
     densities = np.array([material.density for material in scene.materials.values()])
-    return Placed(
+    motions = [(debris.velocity or REST, debris.angular_velocity or REST) for debris in scene.debris]
+    each = list(zip(made, motions, strict=True))
+    placed = Placed(
         clumps=clumps,
         densities=densities[materials],
         materials=materials,
         populations=populations,
-        positions=x,
-        quaternions=q,
-        velocities=np.zeros((len(clumps), 3)),
-        angular_velocities=np.zeros((len(clumps), 3)),
+        positions=np.concatenate([_rows(bodies, bodies.positions, UNPLACED) for bodies in made]),
+        quaternions=np.concatenate([_rows(bodies, bodies.quaternions, UPRIGHT) for bodies in made]),
+        velocities=np.concatenate([_rows(bodies, bodies.velocity, v) for bodies, (v, _) in each]),
+        angular_velocities=np.concatenate([_rows(bodies, bodies.angular_velocity, w) for bodies, (_, w) in each]),
     )
+    place(scene, clumps, populations, placed.positions, placed.quaternions, warnings)
+    refuse_start(scene, placed)
+    return placed
+
+
+def _rows(bodies: PlacedClumps, given: np.ndarray | None, otherwise: Sequence[float]) -> np.ndarray:
+    """A row for each body of a population: what is given, else the same for all."""
+    row = np.asarray(otherwise if given is None else given, float)
+    return np.broadcast_to(row, (len(bodies.clumps), row.shape[-1]))
 
 
 def sphere_centres(placed: Placed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
