@@ -190,6 +190,13 @@ def test_faults_of_settings(given, told):
     assert caught.value.for_command_line().splitlines() == ["--set: " + text for text in told]
 
 
+def test_a_setting_of_thousands_of_levels_is_one_fault():
+    with pytest.raises(InputError) as caught:
+        Scene.parse(GOOD).with_settings({"effects" + ".effects" * 2000: "1 N"})
+    (fault,) = caught.value.faults
+    assert fault.message == "nested too deeply, at most 32 levels are read"
+
+
 # save and load, for many scenes
 
 positive = st.floats(1e-30, 1e30)  # what any quantity may be: `units.refuse_absurd`

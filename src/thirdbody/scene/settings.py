@@ -10,6 +10,7 @@ from typing import Any
 from thirdbody.errors import SETTINGS, Fault, InputError
 from thirdbody.scene.fields import in_si, show
 from thirdbody.scene.part import Place, key_path
+from thirdbody.scene.read import MOST_LEVELS
 
 # A key on the left, when set, takes the place of those on the right in the same table.
 _REPLACES = {
@@ -58,6 +59,8 @@ def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str,
     words = [word for word in re.split(r"[.\[\]]+", path) if word]
     if not words:
         raise ValueError("expected a path such as solver.distance")
+    if len(words) > MOST_LEVELS:
+        raise ValueError(f"nested too deeply, at most {MOST_LEVELS} levels are read")
     node: Any = document
     place: Place = ()
     for word in words[:-1]:
