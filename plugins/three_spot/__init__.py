@@ -8,7 +8,7 @@ imports nothing of the engine but `thirdbody.plugin`. A level is a preset: which
 | coulomb | elastic-plastic spring with a slip scale | tangential elasticity |
 | mindlin | no-slip stiffness, rescaled force form | partial slip |
 | mdr | a row of `springs` under the patch, each with its limit | discretisation: the error falls with the springs |
-| exact | the field of such springs in closed form between turning points | nothing on slip along one line |
+| exact | the field of such springs in closed form between turning points, on curves 72 of them | nothing on slip along one line |
 """
 
 from thirdbody.plugin import COULOMB, HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING, Labeller, LawFamily, Plugin

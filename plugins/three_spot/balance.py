@@ -37,6 +37,8 @@ from .balance_file import BalanceFile, Spots
 from .balance_label import Observer
 from .balance_press import UNDECIDED, press
 
+NODES = 1024
+"""Room for the history of a spot at level `exact`: a bend for each of some 1000 steps of pressing and drag."""
 MISMATCH = 0.01  # Dundurs' beta below which the coupling of normal and tangential contact is not worth a word
 TOUCHING = 1e-12  # gap over the size of the particle that is rounding
 LARGE = 0.1  # rotation, rad, or overlap over radius, beyond which linear kinematics or Hertz' theory is a rough guess
@@ -160,7 +162,7 @@ class _Walk:
         self.path, self.planar = told.path, spots.planar
         self.under_load = told.path.load is not None
         grip = Grip(spots.place, gap, up, told.particle.weight, spots.planar)
-        contacts = Contacts(THREE_SPOT.levels[level], pairs, up.astype(np.int64), spots.radius)
+        contacts = Contacts(THREE_SPOT.levels[level], pairs, up.astype(np.int64), spots.radius, {"nodes": NODES})
         self.solver = QuasiStatic(grip, contacts, self.under_load)
         self.radius, self.level = spots.radius, level
         self.observer: Observer | None = None
@@ -261,6 +263,10 @@ def _warnings(told: BalanceFile, spots: Spots, walk: _Walk, moduli: Mapping[str,
             found.append(f"{side} side: not elastically similar (Dundurs' beta {beta:.3g}); the coupling is neglected")
     if not walk.balances:
         return found
+    dropped = walk.solver.remembered("exact.dropped")
+    if dropped.any():
+        spots_told = ", ".join(str(k + 1) for k in np.flatnonzero(dropped))
+        found.append(f"spots {spots_told} had more bends in their history than the {NODES} nodes hold: fewer steps keep all")
     turn = max(float(np.linalg.norm(b.motion[3:])) for b in walk.balances)
     deep = max(float((b.overlap / spots.radius).max()) for b in walk.balances)
     if turn > LARGE:

@@ -2,10 +2,14 @@
 
 The springs of the method of dimensionality reduction as a field that is piecewise linear in q = x^2/R, moved in closed form
 (`exact_field`). On slip along one line, with any overlap and load, it is the Hertz-Mindlin contact itself: memory diagrams give
-the same force to rounding, and a straight path of any length may be one step. On curved paths springs are vectors that return
-radially, as in the discrete method: first order in the angle of a step, down to 1e-3 of mu N that the number of nodes costs
-(measured on circles at 256 steps a turn and more). A smooth history of overlap and slip on a line has a piece for every step, of
-which the field keeps 22: 3e-4 of mu N, however many steps.
+the same force to rounding, and a straight path of any length may be one step. A smooth history of overlap and slip on a line has
+a piece for every step. The field keeps `nodes` - 10 of them, then drops the one that matters least and counts it (`dropped` in
+the history): 3e-4 of mu N with 32 nodes, falling with their square.
+
+Where springs slide on a curve each lags by an angle of its own, and no field of finitely many pieces is the solution. From the
+first such step on the patch has some 1.5 `nodes` springs, dragged in closed form (`exact_springs`): at constant overlap a polygon
+is followed exactly, a curve to second order in the step. The springs themselves add an error of at most 2e-4 of mu N with 48
+nodes, which falls with the square of their number. A patch that has slid far along a line is a field again.
 
 What it neglects: the elastic coupling of unlike bodies, and tangential forces across the direction of sliding (Cattaneo's
 approximation). Where a whole patch slides on a curve of radius r its springs lag by different angles and |T| falls short of mu N
@@ -22,6 +26,7 @@ import numpy as np
 from thirdbody.plugin import (
     RENEWAL,
     Law,
+    Option,
     Options,
     Pair,
     Tangential,
@@ -34,15 +39,8 @@ from thirdbody.plugin import (
 )
 
 from .differences import central
-from .exact_field import (
-    GAUSS,
-    WIDTH,
-    advance_field,
-    field_energy,
-    field_force,
-    helper,
-    piece_mean,
-)
+from .exact_field import GAUSS, advance_field, field_energy, field_force, helper, piece_mean
+from .exact_springs import advance_springs, cell_means, spring_energy, spring_force
 
 
 class ExactParameters(NamedTuple):
@@ -72,25 +70,66 @@ def step_of(c, load, p, h):
 
 
 @helper
+def force_of(w, n):
+    """int w dy of a field with n nodes, or of springs where n is negative."""
+    return field_force(w, n) if n >= 0 else spring_force(w, -n - 1)
+
+
+@helper
+def energy_of(w, n):
+    """int |w|^2 dy of a field with n nodes, or of springs where n is negative."""
+    return field_energy(w, n, 0.0) if n >= 0 else spring_energy(w, -n - 1)
+
+
+@helper
 def renewal_heat(c, w, n, step, slip, renewal):
     """What renewal takes in the step beside (1 - kept^2) of the energy of the old springs, over G*, as `mdr.renewal_heat`.
 
     Exact where all springs stick and where all slide one way throughout, as the springs of a row.
     """
-    x, y = field_force(w, n)
+    x, y = force_of(w, n)
     work = c.slip_x * x + c.slip_y * y
     if slip > 0.0:
         lost = 1.0 - renewal.kept
-        return max(lost * lost * field_energy(w, n, 0.0) + 2.0 * (1.0 - renewal.fill) * work, 0.0)
+        return max(lost * lost * energy_of(w, n) + 2.0 * (1.0 - renewal.fill) * work, 0.0)
     square = c.slip_x * c.slip_x + c.slip_y * c.slip_y
     return 2.0 * (renewal.mixed * work + renewal.own * square * math.sqrt(min(step[2], step[3])))
+
+
+@helper
+def turn_of(w, h, w_new, kept, step):
+    """The springs after one step that turns, from a field or from springs: (number for the history, slip of the centre,
+    loss/(2 G*)). Springs that all slid along one line are one straight field again, where what they lost in the step covers what
+    the field holds more than its means."""
+    sx, sy, d_old, d, k = step
+    n, loss = int(h[1]), 0.0
+    if n >= 0:
+        m = cell_means(w, n, max(d_old, d), w_new)
+        loss = 0.5 * kept * kept * max(field_energy(w, n, 0.0) - spring_energy(w_new, m), 0.0)
+    else:
+        m = -n - 1
+        for i in range(len(w)):
+            w_new[i] = w[i]
+    m, slip, lost, straight = advance_springs(w_new, m, kept, step)
+    loss += lost
+    if straight:
+        length, bound = math.sqrt(sx * sx + sy * sy), k * d
+        gain = 0.5 * (8.0 / 15.0 * bound * bound * math.sqrt(d) - spring_energy(w_new, m))
+        if loss >= gain:
+            for i in range(len(w_new)):
+                w_new[i] = 0.0
+            w_new[1], w_new[2], w_new[3] = bound * sx / length, bound * sy / length, d
+            return 2, slip, min(loss - gain, loss)
+    return -m - 1, slip, loss
 
 
 @kernel
 def exact(c, load, p, h, w, w_new):
     """T = -2 G* int_0^a w dx, U = G* int_0^a |w|^2 dx.
 
-    `h` = (overlap before the step, number of nodes), `w` the springs, displaced by the slip of i against j.
+    `h` = (overlap before the step, number of nodes of the field, force, ground, nodes dropped for want of room); in place of nodes
+    stands -1 less the number of wide cells where there are springs. `w` is the field or the springs, displaced by the slip of i
+    against j.
     Dissipated: by springs that slide, the mean of their bounds while they do times their way (exact at constant overlap, second
     order in the step else), and what rolling and the loss of contact area release. None of these is a difference of works, none
     is negative. The slip is that of the centre, which sticks while any spring does. Rolling: fresh material enters the patch
@@ -100,28 +139,33 @@ def exact(c, load, p, h, w, w_new):
     if not (d > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
         for i in range(len(w_new)):
             w_new[i] = 0.0
-        return Tangential(0.0, 0.0, limit, p.kappa * max(d, 0.0), 0.0, 0.0, 0.0), (max(d, 0.0),) + (0.0,) * 6
+        return Tangential(0.0, 0.0, limit, p.kappa * max(d, 0.0), 0.0, 0.0, 0.0), (max(d, 0.0),) + (0.0,) * 7
     step, _, ground, renewal = step_of(c, load, p, h)
     kept = renewal.kept
     n = int(h[1])
     modulus = p.g_star * load.contact_radius / math.sqrt(d)
-    dissipated = 0.0
+    count, slip, loss, dropped, dissipated = n, 0.0, 0.0, 0, 0.0
     if kept < 1.0:
-        dissipated = (1.0 - kept * kept) * modulus * field_energy(w, n, 0.0)
-    if d < step[2]:
-        dissipated += kept * kept * modulus * field_energy(w, n, d)
-    count, slip, loss = advance_field(w, n, w_new, kept, step)
+        dissipated = (1.0 - kept * kept) * modulus * energy_of(w, n)
+    turned = n < 0
+    if n >= 0:
+        count, slip, loss, dropped, turned = advance_field(w, n, w_new, kept, step)
+        if d < step[2] and not turned:
+            dissipated += kept * kept * modulus * field_energy(w, n, d)
+    if turned:
+        count, slip, loss = turn_of(w, h, w_new, kept, step)
+        dropped = 0
     if kept < 1.0:
         dissipated += modulus * renewal_heat(c, w, n, step, slip, renewal)
-    x, y = field_force(w_new, count)
+    x, y = force_of(w_new, count)
+    stored = modulus * energy_of(w_new, count)
     x, y = -2.0 * modulus * x, -2.0 * modulus * y
     size = math.sqrt(x * x + y * y)
     # a patch that slides one way has two nodes left: then the force is the limit to the last digit
     share = limit / max(size, 1e-300) if (slip > 0.0 and count == 2) or size > limit else 1.0
-    stored = modulus * field_energy(w_new, count, 0.0)
     x, y = share * x, share * y
     answer = Tangential(x, y, limit, p.kappa * d, slip, stored, dissipated + 2.0 * modulus * loss)
-    return answer, (d, float(count), x, y, ground.x, ground.y, ground.reach)
+    return answer, (d, float(count), x, y, ground.x, ground.y, ground.reach, h[7] + dropped)
 
 
 @helper
@@ -169,7 +213,7 @@ def tangent_of_field(c, load, p, h, w):
     after_rate = (1.0 / d - 1.0 / (d - h[0])) if h[0] < 0.0 else 0.0
     after_rate += 0.5 * (1.0 - kept / renewal.fill) / d
     new = np.zeros(len(w))
-    count, _, _ = advance_field(w, n, new, kept, step)
+    count, _, _, _, _ = advance_field(w, n, new, kept, step)
     xx = xy = yy = x_d = y_d = 0.0
     for i in range(0, 3 * count - 3, 3):
         # the share of the slip has a corner at the old edge of the patch, also where the field has none
@@ -209,7 +253,7 @@ def exact_tangent(c, load, p, h, w):
     # without friction no spring holds, not even at rest
     if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0 and p.kappa * load.force > 0.0):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    if on_an_axis(w, int(h[1]), c.slip_x, c.slip_y):
+    if h[1] >= 0.0 and on_an_axis(w, int(h[1]), c.slip_x, c.slip_y):
         return tangent_of_field(c, load, p, h, w)
     return curved_tangent(c, load, p, h, w)
 
@@ -220,6 +264,24 @@ def mix_exact(pair: Pair, options: Options) -> ExactParameters:
     return ExactParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, renewal_rate(pair, options))
 
 
+NODES = Option(
+    "nodes",
+    "dimensionless",
+    48.0,
+    low=24.0,
+    high=4096.0,
+    doc="room per contact: bends of its history on a line, or two thirds of the springs on a curve",
+)
+
+
+def width(options: Options) -> int:
+    """Floats of the field: three per node. Raises ValueError for a number of nodes that is not whole."""
+    nodes = options["nodes"]
+    if nodes % 1.0 != 0.0:
+        raise ValueError(f"nodes = {nodes:g} must be a whole number")
+    return 3 * int(nodes)
+
+
 EXACT = Law(
     name="exact",
     stage="tangential",
@@ -227,9 +289,9 @@ EXACT = Law(
     tangent=exact_tangent,
     parameters=ExactParameters,
     mix=mix_exact,
-    options=(RENEWAL,),
-    history=("overlap", "nodes", "force_x", "force_y", "offset_x", "offset_y", "reach"),
-    field=WIDTH,
+    options=(NODES, RENEWAL),
+    history=("overlap", "nodes", "force_x", "force_y", "offset_x", "offset_y", "reach", "dropped"),
+    field=width,
     rolls=True,
     source="Aleshin et al. 2015; Popov and Hess 2015; Willert, Self-consistency conditions in static three-body contact",
 )

@@ -7,7 +7,7 @@ so that x = sqrt(R) y, a piece has the width h = y_2 - y_1, and every moment of 
 
 No step makes energy: with w_t the old field displaced by the slip, the work T_new ds less the gain of stored energy is half the
 square of w_new - w_old plus w_new.(w_t - w_new), over the patch. A radial return, a chord within a right angle between springs
-so returned, and a projection all leave the second term positive; tidying spends at most half of what the slip just lost.
+so returned, and a projection all leave the second term positive.
 """
 
 from __future__ import annotations
@@ -16,10 +16,8 @@ import math
 
 from numba import njit
 
-NODES = 32
-"""Room for nodes, of which a field at rest uses at most `KEPT`: a step may add some before it thins them out again."""
-KEPT = 22
-WIDTH = 3 * NODES
+SPARE = 10
+"""Nodes of the array that a field at rest leaves free: a step may add some before it thins them out again."""
 COLLINEAR = 1e-12
 """Largest difference of slopes, over the larger of the two, of pieces that count as one. Smooth loading at one rate would add a
 piece per step otherwise. It bounds the error of all merging together, however small the steps: 1e-12 of the field."""
@@ -27,12 +25,8 @@ ROUNDING = 8.0 * 2.0**-52
 CURVED = 1e-3
 """Least difference of slopes, over the slopes, that thinning assumes between pieces: so the longest of many straight ones survive
 last."""
-TURNED = 1e-9
-"""Sine of the angle between springs from which a sliding piece counts as turned."""
-RUNGS = 8.0
-"""A sliding zone that turns has nodes on the multiples of a power of two, at least 8 and at most 16 steps wide. Springs turn at a
-rate 1/(d - q), which one piece cannot follow; and places that do not depend on the step keep a long sequence of small steps from
-smearing the field."""
+TURNED = 1e-10
+"""Error of the force, over mu N, that a sliding piece may have in a step by not following how springs turn."""
 ALIGNED = 1e-7
 GAUSS = ((0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0))
 
@@ -102,7 +96,7 @@ def push(w, n, q, x, y):
         slope = max(rise_1 * l_2 * l_2, rise_2 * l_1 * l_1)
         size = w[j + 1] * w[j + 1] + w[j + 2] * w[j + 2]
         noise = size * (l_1 + l_2) ** 2 + q * q * (rise_1 + rise_2)
-        if bend <= COLLINEAR * COLLINEAR * slope + ROUNDING * ROUNDING * noise or l_2 <= ROUNDING * q or n == NODES:
+        if bend <= COLLINEAR * COLLINEAR * slope + ROUNDING * ROUNDING * noise or l_2 <= ROUNDING * q or 3 * n == len(w):
             n -= 1
     w[3 * n], w[3 * n + 1], w[3 * n + 2] = q, x, y
     return n + 1
@@ -157,27 +151,6 @@ def thin(w, n):
 
 
 @helper
-def rung(zone):
-    """The power of two below or at zone/RUNGS."""
-    return math.ldexp(0.5, math.frexp(zone / RUNGS)[1])
-
-
-@helper
-def tidy(w, n, start, d, budget):
-    """Drop nodes of the sliding zone beyond q = start that stand on no rung, where that makes no more energy than `budget`."""
-    width = rung(d - start)
-    j = 3 * n - 6
-    while j > 0 and w[j - 3] >= start:
-        if math.floor(w[j] / width) * width != w[j]:
-            gain = released(w, j)
-            if budget + gain >= 0.0:
-                n = drop(w, n, j)
-                budget += min(gain, 0.0)
-        j -= 3
-    return n
-
-
-@helper
 def crossing(ax, ay, b_a, bx, by, b_b, t):
     """Place t in [0, 1] between a and b at which |w| meets the bound, sought from the end t beyond it; -1 if there is none.
 
@@ -217,12 +190,12 @@ def slip_loss(q, size, x, y, step):
 
 
 @helper
-def slide(new, n, q_a, ax, ay, q_b, bx, by, start, step):
-    """Return the springs of a trial piece beyond the bound onto it; (nodes, energy lost over 2 G*, whether it turned).
+def slide(new, n, q_a, ax, ay, q_b, bx, by, step):
+    """Return the springs of a trial piece beyond the bound onto it; (nodes, energy lost over 2 G*, whether they turn).
 
-    The sliding zone begins at q = start.
+    A turn counts by what it does to the force: by the part of the ends, or of the slip, across the springs.
     """
-    d, k = step[3], step[4]
+    sx, sy, _, d, k = step
     length = q_b - q_a
     h, _ = piece_mean(q_a, q_b)
     y_a, loss = math.sqrt(q_a), 0.0
@@ -231,54 +204,44 @@ def slide(new, n, q_a, ax, ay, q_b, bx, by, start, step):
         part = min(max((y * y - q_a) / max(length, 1e-300), 0.0), 1.0)
         x, y = ax + part * (bx - ax), ay + part * (by - ay)
         loss += weight * h * slip_loss(q_a + part * length, math.sqrt(x * x + y * y), x, y, step)
-    turned = abs(ax * by - ay * bx) > TURNED * math.sqrt((ax * ax + ay * ay) * (bx * bx + by * by))
-    width = rung(d - start)
-    first = (math.floor(q_a / width) + 1.0) * width
-    # a zone as thin as rounding has rungs that do not part: never more of them than there are nodes
-    for rungs in range(NODES if turned else 0):
-        q = first + rungs * width
-        if not q < q_b or n >= NODES - 4:
-            break
-        part = (q - q_a) / length
-        x, y = ax + part * (bx - ax), ay + part * (by - ay)
-        back = min(k * (d - q) / max(math.sqrt(x * x + y * y), 1e-300), 1.0)
-        n = push(new, n, q, back * x, back * y)
-    back = min(k * (d - q_b) / max(math.sqrt(bx * bx + by * by), 1e-300), 1.0)
+    size_a, size_b = math.sqrt(ax * ax + ay * ay), math.sqrt(bx * bx + by * by)
+    across = abs(ax * by - ay * bx) + abs(ax * sy - ay * sx) + abs(bx * sy - by * sx)
+    noise = ROUNDING * (abs(sx) + abs(sy) + size_a + size_b)
+    turned = across * h > max(size_a, size_b) * (TURNED * k * d * math.sqrt(d) + noise * h)
+    back = min(k * (d - q_b) / max(size_b, 1e-300), 1.0)
     return push(new, n, q_b, back * bx, back * by), loss, turned
 
 
 @helper
-def span(new, n, q_a, ax, ay, q_b, bx, by, start, step):
+def span(new, n, q_a, ax, ay, q_b, bx, by, step):
     """Carry one piece of the trial field over, end a excluded: as it is where it sticks, onto the bound where it slides.
 
-    Returns (nodes, energy lost over 2 G*, where the present sliding zone begins: inf while springs stick, whether it turned).
+    Returns (nodes, energy lost over 2 G*, whether it turned).
     """
     d, k = step[3], step[4]
     b_a, b_b = k * (d - q_a), k * (d - q_b)
     a_out = ax * ax + ay * ay > b_a * b_a * (1.0 + ROUNDING)
     b_out = bx * bx + by * by > b_b * b_b * (1.0 + ROUNDING)
     if not a_out and not b_out:
-        return push(new, n, q_b, bx, by), 0.0, math.inf, False
+        return push(new, n, q_b, bx, by), 0.0, False
     dq, dx, dy = q_b - q_a, bx - ax, by - ay
-    start = min(start, q_a)
     first, loss, turned = 0.0, 0.0, False
     if a_out:
         # within a right angle the new chord loses energy against the old one wherever both ends do: a sag inside the bound may go
         acute = b_out and ax * bx + ay * by >= 0.0
         first = -1.0 if acute else crossing(ax, ay, b_a, bx, by, b_b, 0.0)
         if first < 0.0 and b_out:
-            n, loss, turned = slide(new, n, q_a, ax, ay, q_b, bx, by, start, step)
-            return n, loss, start, turned
+            return slide(new, n, q_a, ax, ay, q_b, bx, by, step)
         first = first if first >= 0.0 else 1.0
-        n, loss, turned = slide(new, n, q_a, ax, ay, q_a + first * dq, ax + first * dx, ay + first * dy, start, step)
+        n, loss, turned = slide(new, n, q_a, ax, ay, q_a + first * dq, ax + first * dx, ay + first * dy, step)
         if not b_out:
-            return push(new, n, q_b, bx, by), loss, math.inf, turned
+            return push(new, n, q_b, bx, by), loss, turned
     t = max(crossing(ax, ay, b_a, bx, by, b_b, 1.0), first)  # none: rounding lost the one at the inner end
     # the trial itself, not k (d - q), which has no digits left for huge friction
     q, x, y = q_a + t * dq, ax + t * dx, ay + t * dy
     n = push(new, n, q, x, y)
-    n, more, again = slide(new, n, q, x, y, q_b, bx, by, q, step)
-    return n, loss + more, q, turned or again
+    n, more, again = slide(new, n, q, x, y, q_b, bx, by, step)
+    return n, loss + more, turned or again
 
 
 @helper
@@ -296,14 +259,15 @@ def is_straight(w, n, k, d):
 
 @helper
 def advance_field(w, n, new, kept, step):
-    """The field `new` after one step from (w, n), its old springs scaled by `kept`; (nodes, slip of the centre, loss/(2 G*)).
+    """The field `new` after one step from (w, n), its old springs scaled by `kept`.
 
-    `step` = (slip x, y, overlap before and now, bound per compression k). Every spring takes the share of the slip during which
-    it touched, then returns radially onto |w| <= k (d - q). In one direction this is exact for a straight path of overlap and
-    slip of any length. Source: Popov and Hess 2015; its 1-D case is the memory diagram of Aleshin, Bou Matar and Van Den Abeele
-    2015.
+    Returns (nodes, slip of the centre, loss/(2 G*), nodes dropped for want of room, whether springs that slide turn). Of the last
+    the answer is no field: see `exact_springs`. `step` = (slip x, y, overlap before and now, bound per compression k). Every
+    spring takes the share of the slip during which it touched, then returns radially onto |w| <= k (d - q). In one direction this
+    is exact for a straight path of overlap and slip of any length. Source: Popov and Hess 2015; its 1-D case is the memory
+    diagram of Aleshin, Bou Matar and Van Den Abeele 2015.
     """
-    sx, sy, d_old, d, k = step
+    sx, sy, _, d, k = step
     x, y, q = sx, sy, 0.0
     if n > 0:
         x, y = kept * w[1] + sx, kept * w[2] + sy
@@ -311,29 +275,29 @@ def advance_field(w, n, new, kept, step):
     far = size - bound
     back = 1.0 if far <= 0.0 else bound / size
     count = push(new, 0, 0.0, back * x, back * y)
-    loss, start, turned = 0.0, math.inf, False
+    loss, turned = 0.0, False
     for i in range(3, 3 * n, 3):
         q_b, bx, by = w[i], kept * w[i + 1] + sx, kept * w[i + 2] + sy
         if q_b >= d:
             part = (d - q) / max(q_b - q, 1e-300)
             q_b, bx, by = d, x + part * (bx - x), y + part * (by - y)
-        count, lost, start, turns = span(new, count, q, x, y, q_b, bx, by, start, step)
+        count, lost, turns = span(new, count, q, x, y, q_b, bx, by, step)
         loss, turned = loss + lost, turned or turns
         q, x, y = q_b, bx, by
-        if q >= d:
+        if q >= d or turned:
             break
-    if q < d:
-        count, lost, start, turns = span(new, count, q, x, y, d, 0.0, 0.0, start, step)
+    if q < d and not turned:
+        count, lost, turns = span(new, count, q, x, y, d, 0.0, 0.0, step)
         loss, turned = loss + lost, turned or turns
     last = 3 * count - 3
     new[last], new[last + 1], new[last + 2] = d, 0.0, 0.0
     if far > 0.0 and count > 2 and is_straight(new, count, k, d):
         new[3], new[4], new[5] = d, 0.0, 0.0
         count = 2
-    if turned and start < d:
-        count = tidy(new, count, start, d, 0.5 * loss)
-    while count > KEPT:
+    dropped = 0
+    while count > len(new) // 3 - SPARE:
         count = thin(new, count)
+        dropped += 1
     for i in range(3 * count, len(new)):
         new[i] = 0.0
-    return count, max(far, 0.0), loss
+    return count, max(far, 0.0), loss, dropped, turned

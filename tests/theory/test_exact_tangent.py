@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from numba import njit
 from thirdbody_three_spot import theory
-from thirdbody_three_spot.exact import ExactParameters, exact, exact_tangent
-from thirdbody_three_spot.exact_field import WIDTH
+from thirdbody_three_spot.exact import NODES, ExactParameters, exact, exact_tangent
 
 from thirdbody.laws.contract import Contact, Load
 
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
 OVERLAP = 0.01
+WIDTH = 3 * int(NODES.default)
 CRITICAL = MU * E_STAR / G_STAR * OVERLAP
 STEPS = (1e-5, 1e-6, 1e-7)
 """Of the differences, over the overlap and the critical displacement: nodes come and go, so the best of some counts."""
@@ -50,7 +50,7 @@ class Spot:
 
     def __init__(self, mu: float = MU):
         self.p = ExactParameters(G_STAR, mu, mu * E_STAR / G_STAR, 2.0)
-        self.h, self.w = (0.0,) * 7, np.zeros(WIDTH)
+        self.h, self.w = (0.0,) * 8, np.zeros(WIDTH)
 
     def asked(self, step: Step):
         """Arguments of the law and of its tangent."""
@@ -162,7 +162,7 @@ def test_first_touch_and_after_a_gap():
         for size in (0.02, 0.3, 5.0):
             for _ in range(10):
                 spot = Spot()
-                spot.h = (overlap,) + (0.0,) * 6
+                spot.h = (overlap,) + (0.0,) * 7
                 misses.append(miss(spot, somewhere(rng, size, share=0.3)))
     assert max(misses) < 1e-7  # rounding of the differences
 

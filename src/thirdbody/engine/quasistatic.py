@@ -114,6 +114,11 @@ class QuasiStatic:
         # drag of the last step, and what the coordinates gained by it
         self._dragged, self._gained = np.zeros(2), np.zeros(self.rows.shape[2])
 
+    def remembered(self, name: str) -> Array:
+        """What the spots (n,) remember under this name, "law.name", at the last point in balance; zeros if no law does."""
+        names = self.contacts.chain.history
+        return self.memory[:, names.index(name)] if name in names else np.zeros(len(self.memory))
+
     def move(self, plate: Sequence[float]) -> Balance:
         """The balance at closing, m (or load, N), and drag x, y, m, of the upper plate; the path there is straight.
 

@@ -1,0 +1,240 @@
+"""Springs of one spot whose slip turns: places fixed in the patch, each moved in closed form along a straight step.
+
+The part of a patch that slides on a curve has no field of finitely many straight pieces: every spring lags by its own angle. So
+the patch is cut into cells of y = sqrt(q) = x/sqrt(R), and each carries one spring, the mean over its cell. A spring is dragged
+behind its end at the distance of its bound b (a tractrix, the curve of pursuit): with the angle t between spring and slip,
+dt = -sin t dl/b, so tan(t/2) falls by exp(-l/b), and a straight step of any length is exact at constant overlap. Where the bound
+moves in the step, b is its logarithmic mean, exact as well. A curve that is followed by straight steps is met to second order in
+them, and the cells add about 1 / (their number)^2 of mu N. No step makes energy: each spring alone is an elastic-plastic spring
+whose force along the slip grows while it sticks and while it turns, and means of springs hold less energy than these.
+
+Array: w[0] the spacing h, then all x and all y of the springs. The first m cells are 2 h wide, the others h. When the patch
+outgrows its cells, the next two of width h become one, until all are 2 h wide and the spacing is doubled; when it has left half
+of the width, all cells are cut in two. So nearly all cells are in use, whatever the overlap. Means keep the force.
+"""
+
+from __future__ import annotations
+
+import math
+
+from .differences import helper
+from .exact_field import piece_mean
+
+ALIGNED = 1e-10
+"""Sine of the angle to the slip up to which a spring lies along it."""
+IN_LINE = 1e-16
+"""The same for one that lies along it to the last digit."""
+SHORT = 0.1
+"""Way over the bound below which the slid way is the trapezoid of the cosine, with the corrections of its ends: to 1e-7."""
+SERIES = 1e-2
+"""Relative change of the bound below which its logarithmic mean is the mean but for 1/12 of the square."""
+
+
+@helper
+def cells_of(w):
+    """Number of springs that the array of the field holds."""
+    return (len(w) - 2) // 2
+
+
+@helper
+def lower_end(i, m, h):
+    """Inner edge of cell i, over sqrt(R)."""
+    return h * (i + min(i, m))
+
+
+@helper
+def gap_of(i, m, h):
+    """Mean of q over cell i: a spring touches where the overlap exceeds it."""
+    y_1, y_2 = lower_end(i, m, h), lower_end(i + 1, m, h)
+    return (y_1 * y_1 + y_1 * y_2 + y_2 * y_2) / 3.0
+
+
+@helper
+def grid_for(d, n):
+    """(spacing, number m of wide cells) of n cells that just hold a patch of overlap d."""
+    y = math.sqrt(d)
+    spacing = math.ldexp(0.5, math.frexp(y / n)[1])
+    m = int(math.ceil(y / spacing)) - n
+    return spacing, min(max(m, 0), n)
+
+
+@helper
+def spring_energy(w, m):
+    """int |w|^2 dy over the patch."""
+    n, total = cells_of(w), 0.0
+    for i in range(n):
+        x, y = w[1 + i], w[1 + n + i]
+        total += (lower_end(i + 1, m, w[0]) - lower_end(i, m, w[0])) * (x * x + y * y)
+    return total
+
+
+@helper
+def spring_force(w, m):
+    """int w dy over the patch, both components."""
+    n, x, y = cells_of(w), 0.0, 0.0
+    for i in range(n):
+        width = lower_end(i + 1, m, w[0]) - lower_end(i, m, w[0])
+        x, y = x + width * w[1 + i], y + width * w[1 + n + i]
+    return x, y
+
+
+@helper
+def cell_means(w, count, d, new):
+    """Write springs that are the means of the field (w, count) over the cells for a patch of overlap d; returns m."""
+    n = cells_of(new)
+    spacing, m = grid_for(d, n)
+    for i in range(len(new)):
+        new[i] = 0.0
+    new[0] = spacing
+    i, end = 0, lower_end(1, m, spacing)
+    for j in range(3, 3 * count, 3):
+        q_1, q_2 = w[j - 3], w[j]
+        y_1, y_2 = math.sqrt(q_1), math.sqrt(q_2)
+        while y_1 < y_2:
+            cut = y_2 if y_2 <= end or i == n - 1 else end
+            t_1, t_2 = (y_1 * y_1 - q_1) / (q_2 - q_1), (cut * cut - q_1) / (q_2 - q_1)
+            h, phi = piece_mean(y_1 * y_1, cut * cut)
+            part = t_1 + phi * (t_2 - t_1)
+            share = h / (end - lower_end(i, m, spacing))
+            new[1 + i] += share * (w[j - 2] + part * (w[j + 1] - w[j - 2]))
+            new[1 + n + i] += share * (w[j - 1] + part * (w[j + 2] - w[j - 1]))
+            y_1 = cut
+            if y_1 >= end and i < n - 1:
+                i += 1
+                end = lower_end(i + 1, m, spacing)
+    return m
+
+
+@helper
+def merge_next(w, m):
+    """Cells m and m + 1 become one, and the outermost is empty; returns the new m. With all cells wide, the spacing doubles."""
+    n = cells_of(w)
+    if m == n:
+        w[0], m = 2.0 * w[0], 0
+    for part in range(2):
+        first = 1 + part * n
+        outer = w[first + m + 1] if m + 1 < n else 0.0
+        w[first + m] = 0.5 * (w[first + m] + outer)
+        for i in range(m + 1, n - 1):
+            w[first + i] = w[first + i + 1]
+        if m + 1 < n:
+            w[first + n - 1] = 0.0
+    return m + 1
+
+
+@helper
+def cut_all(w, m):
+    """Every cell becomes two of half its width, as far as there is room: the outer half must be empty. Returns the new m."""
+    n = cells_of(w)
+    for part in range(2):
+        first = 1 + part * n
+        for i in range(n - 1, -1, -1):
+            w[first + i] = w[first + i // 2]
+    w[0] *= 0.5
+    return min(2 * m, n)
+
+
+@helper
+def fit_cells(w, m, y):
+    """Cells for a patch that reaches to y; returns (new m, twice the energy that means let go, over 2 G*)."""
+    n = cells_of(w)
+    if y <= w[0] * (n + m) <= 2.0 * y:
+        return m, 0.0
+    before = spring_energy(w, m)
+    while y > w[0] * (n + m):
+        m = merge_next(w, m)
+    while 2.0 * y < w[0] * (n + m):
+        m = cut_all(w, m)
+    return m, max(before - spring_energy(w, m), 0.0)
+
+
+@helper
+def mean_bound(b_1, b_2):
+    """Logarithmic mean of the ends of a bound that moves on a straight line: its length over int dl / b."""
+    change = b_2 - b_1
+    if abs(change) <= SERIES * b_1:
+        share = change / b_1 if change != 0.0 else 0.0
+        return b_1 * (1.0 + share * (0.5 - share * (1.0 / 12.0 - share / 24.0)))
+    return change / math.log(b_2 / b_1) if b_2 > 0.0 and b_1 > 0.0 else 0.0
+
+
+@helper
+def drag(x, y, b_0, b_1, e_x, e_y, length):
+    """One spring through a straight slip of this length along e while its bound goes from b_0 to b_1, to where it is beyond it.
+
+    Returns (x, y, energy lost over its stiffness, way that it slid). It holds its ground until it meets the bound, at the share t
+    of the way, and slides from there on. Energy: mean bound times way, exact on a line and of second order else.
+    """
+    square = x * x + y * y
+    size = math.sqrt(square)
+    b_0 = max(b_0, size)
+    rise, along = b_1 - b_0, x * e_x + y * e_y
+    b, c, b_t, rest = along * length - b_0 * rise, square - b_0 * b_0, b_0, length
+    if not (b > 0.0 and c >= -1e-15 * square):
+        # |w + t l e| = b_0 + t rise, the root on the way out
+        a = length * length - rise * rise
+        root = math.sqrt(max(b * b - a * c, 0.0))
+        t = -c / (b + root) if b > 0.0 else (root - b) / a if a > 0.0 else 1.0
+        t = min(max(t, 0.0), 1.0)
+        x, y, b_t, rest = x + t * length * e_x, y + t * length * e_y, b_0 + t * rise, (1.0 - t) * length
+        size = math.sqrt(x * x + y * y)
+        along = x * e_x + y * e_y
+    cosine, sine = 1.0, 0.0
+    if size > 0.0:
+        per_size = 1.0 / size
+        cosine, sine = along * per_size, (y * e_x - x * e_y) * per_size
+    if cosine > 0.0 and abs(sine) < IN_LINE:
+        way = max(rest - (b_1 - b_t), 0.0)
+        return b_1 * e_x, b_1 * e_y, 0.5 * (b_t + b_1) * way, way
+    mean = mean_bound(b_t, b_1)
+    ways = rest / max(mean, 1e-300)
+    fall = math.exp(-ways)
+    ahead, behind = 1.0 + cosine, (1.0 - cosine) * fall * fall
+    total = ahead + behind
+    # a spring that is pushed straight back stays so
+    along, across, way = -1.0, 0.0, -rest
+    if total > 1e-300:
+        per_total = 1.0 / total
+        along, across = (ahead - behind) * per_total, 2.0 * sine * fall * per_total
+        if ways < SHORT:
+            way = rest * (0.5 * (cosine + along) + ways * (sine * sine - across * across) * (1.0 / 12.0))
+        else:
+            way = rest + mean * math.log(0.5 * total)
+    way = max(way - (b_1 - b_t), 0.0)
+    return b_1 * (along * e_x - across * e_y), b_1 * (along * e_y + across * e_x), 0.5 * (b_t + b_1) * way, way
+
+
+@helper
+def advance_springs(w, m, kept, step):
+    """Move the springs in place through one straight step; (new m, slip of the centre, loss/(2 G*), whether all slid along it).
+
+    `step` as for `exact_field.advance_field`. Before the step rolling keeps the share `kept` of every spring.
+    """
+    sx, sy, d_old, d, k = step
+    m, merged = fit_cells(w, m, math.sqrt(max(d_old, d)))
+    n, loss = cells_of(w), 0.5 * kept * kept * merged
+    length = math.sqrt(sx * sx + sy * sy)
+    e_x, e_y = (sx / length, sy / length) if length > 0.0 else (1.0, 0.0)
+    per_rise = 1.0 / max(abs(d - d_old), 1e-300)
+    centre, straight, y_1 = 0.0, length > 0.0, 0.0
+    for i in range(n):
+        width = 2.0 * w[0] if i < m else w[0]
+        y_2 = y_1 + width
+        gap = (y_1 * y_1 + y_1 * y_2 + y_2 * y_2) * (1.0 / 3.0)
+        y_1 = y_2
+        old, new = max(d_old - gap, 0.0), max(d - gap, 0.0)
+        if old + new == 0.0:
+            w[1 + i], w[1 + n + i] = 0.0, 0.0
+            continue
+        share = 1.0 if min(old, new) > 0.0 else min((old + new) * per_rise, 1.0)
+        x, y, part = kept * w[1 + i], kept * w[1 + n + i], share * length
+        x_1, y_try, bound = x + part * e_x, y + part * e_y, k * new
+        way = 0.0
+        if x_1 * x_1 + y_try * y_try > bound * bound:
+            x_1, y_try, lost, way = drag(x, y, k * old, bound, e_x, e_y, part)
+            loss += width * lost
+        w[1 + i], w[1 + n + i] = x_1, y_try
+        if straight and new > 0.0:
+            straight = way > 0.0 and x_1 * e_x + y_try * e_y > 0.0 and abs(x_1 * e_y - y_try * e_x) <= ALIGNED * bound
+        centre = way if i == 0 else centre
+    return m, centre, loss, straight
