@@ -31,13 +31,22 @@ def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]
     `energy_numerical_share`: the loss on the line `numerical`, divided as the residual is, so 0 where there is no energy; below
     zero where energy was made. `load_ratio`: mean force on the upper plate over its mean load since the last frame; None where
     no load is prescribed. `patches_not_carried`: of a quasi-static run, how many patches nothing presses against.
+    `histories_shortened`: contacts whose law had no room for all of their history and dropped the least of it.
     """
     share = conduct.ledger.relative_residual(simulation.state, lines["numerical"])
     return {
         "energy_numerical_share": math.copysign(share, lines["numerical"]),
         "load_ratio": _load_ratio(simulation, conduct),
         "patches_not_carried": None if simulation.state.inertial else patches_not_carried(simulation),
+        "histories_shortened": histories_shortened(simulation),
     }
+
+
+def histories_shortened(simulation: Simulation) -> int:
+    """Contacts that touch and whose law counts what it dropped of their history, under the name `dropped`."""
+    slots, names = simulation.state.slots, simulation.choice.chain.history
+    columns = [at.H_LAW + k for k, name in enumerate(names) if name.endswith(".dropped")]
+    return int(np.count_nonzero((slots.H[:, columns] > 0.0).any(axis=1) & (slots.H[:, at.H_ON] > 0.0)))
 
 
 def _load_ratio(simulation: Simulation, conduct: Conduct) -> float | None:
@@ -73,6 +82,12 @@ def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
             f"up to {100.0 * rolling:.0f} % of the bodies rolled or tipped at once, without inertia: where a body that tips "
             "comes to rest depends on its momentum, so some may end in another seat than with inertia, and the friction of "
             "few bodies may differ by some per cent"
+        )
+    short = told.get("histories_shortened")
+    if short:
+        yield (
+            f"{short} contacts bent their history more often than contact.nodes has room for, and dropped what matters least; "
+            "more nodes keep it"
         )
     if left:
         yield (

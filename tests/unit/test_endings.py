@@ -16,6 +16,8 @@ from thirdbody.endings import ending_warnings, step_words
         ({"load_ratio": None, "patches_not_carried": None}, []),
         ({"load_ratio": 1.0, "patches_not_carried": 0, "bodies": 40}, []),
         ({"load_ratio": 1.0, "patches_not_carried": 1, "bodies": 40}, ["1 of 40 patches", "solver.inertia"]),
+        ({"patches_not_carried": None, "histories_shortened": 3}, ["3 contacts", "contact.nodes"]),
+        ({"patches_not_carried": None, "histories_shortened": 0}, []),
         ({"patches_not_carried": 0, "largest_fraction_rolling": 0.25}, ["25 % of the bodies rolled", "momentum"]),
         ({"patches_not_carried": 0, "largest_fraction_rolling": 0.0}, []),
         ({"patches_not_carried": None, "largest_fraction_rolling": 0.25}, []),

@@ -1,0 +1,118 @@
+"""Paths of planar particles at level `exact` against memory diagrams with all their pieces, at other frictions than the paper's.
+
+The judge solves the three conditions of equilibrium by itself, with the same straight steps: 100 of pressing, then the drag.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import root
+from thirdbody_three_spot import theory
+from thirdbody_three_spot.balance import balance
+
+MATERIALS = {
+    "upper": {"shear_modulus": 80e9, "poisson_ratio": 0.3},
+    "lower": {"shear_modulus": 60e9, "poisson_ratio": 0.35},
+    "particle": {"shear_modulus": 120e9, "poisson_ratio": 0.2},
+}
+CLOSING, DRAG, PRESSES, DRAGS = 10e-9, 6e-9, 100, 60
+MICRO = 1e-6
+
+
+def _memory_diagram():
+    name = "thirdbody_test_memory_diagrams"
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name("memory_diagrams.py"))
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module.MemoryDiagram
+
+
+MemoryDiagram = _memory_diagram()
+
+
+def spot(side, x, radius, z=0.0):
+    return {"side": side, "x": x * MICRO, "y": 0.0, "z": (2.0 if side == "upper" else -2.0) * MICRO + z, "radius": radius * MICRO}
+
+
+PAPER = (spot("upper", 0.2, 2.0), spot("lower", -2.0, 1.0), spot("lower", 1.5, 1.5))
+UNEVEN = (*PAPER, spot("upper", 0.9, 2.0, -4e-9))  # touches when the others are 4 nm deep
+
+
+class Judge:
+    """The particle in equilibrium: w down, u along the drag, phi about y (Willert, Eqs. 1, 2, 6, 11)."""
+
+    def __init__(self, spots, mu):
+        self.up = np.array([s["side"] == "upper" for s in spots])
+        self.x, self.z, radius = (np.array([s[key] for s in spots]) for key in ("x", "z", "radius"))
+        self.gap = np.where(self.up, self.z[self.up].max() - self.z, self.z - self.z[~self.up].min())
+        g, nu = (MATERIALS["particle"][key] for key in ("shear_modulus", "poisson_ratio"))
+        moduli = []
+        for is_up in self.up:
+            other = MATERIALS["upper" if is_up else "lower"]
+            pair = (other["shear_modulus"], other["poisson_ratio"], g, nu)
+            moduli.append((theory.e_star(*pair), theory.g_star(*pair)))
+        self.stiffness = np.array([4.0 / 3.0 * e * r**0.5 for (e, _), r in zip(moduli, radius, strict=True)])
+        self.spots = [MemoryDiagram(k, mu, mu * e / m) for k, (e, m) in zip(self.stiffness, moduli, strict=True)]
+        self.y, self.gained, self.shift = np.array([0.5 * CLOSING / PRESSES, 0.0, 0.0]), np.zeros(3), np.zeros(len(spots))
+
+    def forces(self, y, closing, drag):
+        """(overlaps, shifts, N, T, unbalanced forces)."""
+        w, u, turn = y[0], y[1], y[2] / (2.0 * MICRO)
+        overlap = np.where(self.up, closing - w - turn * self.x, w + turn * self.x) - self.gap
+        shift = np.where(self.up, drag - u + turn * self.z, u - turn * self.z)
+        tangential = []
+        for one, d, slip in zip(self.spots, overlap, shift - self.shift, strict=True):
+            trial = MemoryDiagram(one.stiffness, one.mu, one.kappa)
+            trial.overlap, trial.pieces = one.overlap, list(one.pieces)
+            trial.move(d, slip)
+            tangential.append(trial.force)
+        n, t, sign = self.stiffness * np.maximum(overlap, 0.0) ** 1.5, np.array(tangential), np.where(self.up, -1.0, 1.0)
+        moment = (sign * n * self.x).sum() - (sign * t * self.z).sum()
+        return overlap, shift, n, t, np.array([(sign * n).sum(), (sign * t).sum(), moment / (2.0 * MICRO)])
+
+    def move(self, closing, drag):
+        """N and T at the next point of the path."""
+        scale = self.stiffness.max() * closing**1.5
+
+        def rest(z):
+            return self.forces(z * CLOSING, closing, drag)[4] / scale
+
+        z = root(rest, (self.y + self.gained) / CLOSING, tol=1e-15).x
+        for _ in range(4):  # Newton's steps to rounding, which `root` leaves short of
+            jacobian = np.column_stack([(rest(z + e) - rest(z - e)) / 2e-7 for e in 1e-7 * np.eye(3)])
+            better = z - np.linalg.lstsq(jacobian, rest(z), rcond=1e-12)[0]
+            z = better if np.abs(rest(better)).max() < np.abs(rest(z)).max() else z
+        assert np.abs(rest(z)).max() < 1e-12
+        overlap, shift, n, t, _ = self.forces(z * CLOSING, closing, drag)
+        for one, d, slip in zip(self.spots, overlap, shift - self.shift, strict=True):
+            one.move(d, slip)
+        self.shift, self.y, self.gained = shift, z * CLOSING, z * CLOSING - self.y
+        return n, t
+
+
+@pytest.mark.parametrize(("spots", "mu"), [(PAPER, 0.1), (PAPER, 0.6), (PAPER, 1.0), (UNEVEN, 0.3), (UNEVEN, 1.0)])
+def test_paths_agree_with_memory_diagrams(spots, mu):
+    judge = Judge(spots, mu)
+    for k in range(1, PRESSES + 1):
+        expected = [judge.move(CLOSING * k / PRESSES, 0.0)]
+    expected += [judge.move(CLOSING, DRAG * k / DRAGS) for k in range(1, DRAGS + 1)]
+    result = balance(
+        {
+            "materials": MATERIALS,
+            "friction": {"upper": mu, "lower": mu},
+            "particle": {"spots": list(spots), "weight": 0.0},
+            "path": {"indentation": CLOSING, "drag": DRAG, "steps": DRAGS},
+        }
+    )
+    assert len(result.points) == DRAGS + 1 and not any("bends" in text for text in result.warnings)
+    for point, (n, t) in zip(result.points, expected, strict=True):
+        # Newton's tolerance of 1e-12 of all forces, over the least stiff direction
+        assert np.abs(np.array(point.N) - n).max() < 1e-9 * n.max()
+        assert np.abs(np.array(point.T) - t).max() < 1e-9 * n.max()
