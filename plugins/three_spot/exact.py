@@ -127,8 +127,8 @@ def turn_of(w, h, w_new, kept, step):
 def exact(c, load, p, h, w, w_new):
     """T = -2 G* int_0^a w dx, U = G* int_0^a |w|^2 dx.
 
-    `h` = (overlap before the step, nodes of the field, force, ground, nodes dropped for want of room); in place of the nodes stands
-    -1 less the number of wide cells where there are springs. `w` is the field or the springs, displaced by the slip of i
+    `h` = (overlap before the step, nodes of the field, force, ground, nodes dropped for want of room); in place of the nodes
+    stands -1 less the number of wide cells where there are springs. `w` is the field or the springs, displaced by the slip of i
     against j.
     Dissipated: by springs that slide, the mean of their bounds while they do times their way (exact at constant overlap, second
     order in the step else), and what rolling and the loss of contact area release. None of these is a difference of works, none
