@@ -225,7 +225,7 @@ def booking_of(k: Tables) -> list[Pass]:
     along the normal, energies (no rolling moments)."""
     (force, moment), place, found = k.physics.remembered_forces, k.physics.dashpots, []
     if force >= 0 and moment < 0:
-        found.append(tiled(k, "book friction", booking.book, k.tiles, (force, moment, k.h, k.I, k.O, k.G), 11 + 2))
+        found.append(tiled(k, "book friction", booking.book, k.tiles, (force, moment, k.physics.stored, k.h, k.I, k.O), 11 + 1))
     if place >= 0 and moment < 0:
         dashpots = (place, k.h, k.state.dt, k.I, k.O, k.G)
         found.append(tiled(k, "book dashpots", booking.book_dashpots, k.tiles, dashpots, 14 + 2))

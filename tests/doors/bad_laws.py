@@ -202,6 +202,7 @@ LAWS = (
     dataclasses.replace(HERTZ, name="one_sided", mix=mix_of_first),
     Law("not_finite", "normal", wound_up, Scale, mix_not_finite, source="nobody"),
     dataclasses.replace(MINDLIN, name="unsourced", source=" "),
+    dataclasses.replace(MINDLIN, name="misnamed", history=("energy", "force_y", "force_x")),
     dataclasses.replace(MINDLIN, name="stuck", tangent=stuck),
     Law("heavy_roller", "rolling", heavy_roller, Shear, mix_shear, source="nobody"),
     Law("rocking_motor", "rolling", rocking_motor, Shear, mix_shear, source="nobody", history=("x", "y")),

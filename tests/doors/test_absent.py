@@ -140,8 +140,8 @@ def test_an_effect_that_is_named_adds_its_own_and_nothing_else(effect, tmp_path)
     differ = {name for name, module in modules(named).items() if modules(bare)[name] != module}
     # the stiffness stands in the module of the law, and so do tangents in one of their own; labels see forces on bodies
     assert differ == ({"law", "stiffness", "tangents"} if contact else {"effects", "observe", "label"})
-    # a rolling law has a dashpot, whose moment is remembered with the forces of the others
-    own = {name for name in named.state.physics.history if name.startswith((effect, "viscous.moment"))}
+    # a rolling law has a spring and a dashpot, whose energy and moment are remembered with those of the others
+    own = {name for name in named.state.physics.history if name.startswith((effect, "viscous.moment", "springs"))}
     assert set(named.state.physics.history) - own == set(bare.state.physics.history)
     assert bool(own) == (effect == "rolling_resistance")
     first, second = results(bare, tmp_path / "bare"), results(named, tmp_path / "named")
@@ -164,18 +164,18 @@ def test_elastic_pairs_have_no_dashpot(level):
     assert set(bare.choice.off) == dashpots and not dashpots & {law.name for law in bare.choice.chain.laws}
     assert modules(bare) == modules(never) and tables(bare) == tables(never)
     lossy = build(scene(contact__level=level), engine())
+    springs = set() if level == "mindlin" else {"springs"}  # `mindlin` itself remembers what its spring stores
     assert modules(lossy)["law"] != modules(bare)["law"]
-    assert {name.split(".")[0] for name in lossy.state.physics.history} == {level, "viscous"}
-    assert {name.split(".")[0] for name in bare.state.physics.history} == {level}
+    assert {name.split(".")[0] for name in lossy.state.physics.history} == {level, "viscous"} | springs
+    assert {name.split(".")[0] for name in bare.state.physics.history} == {level} | springs
     assert lossy.state.physics.pairs.size > bare.state.physics.pairs.size
 
 
 def test_a_level_without_friction_remembers_nothing():
     bare, rough = (build(scene(contact__law="hertz_mindlin", contact__level=level)) for level in ("frictionless", "mindlin"))
-    assert bare.state.physics.history == ("viscous.force_n",)  # which the ledger needs, not a law
-    assert set(rough.state.physics.history) > {"viscous.force_n", "viscous.force_x", "mindlin.force_x"}
-    apart = len(rough.state.physics.history) - len(bare.state.physics.history)
-    assert rough.state.slots.H.shape[1] - bare.state.slots.H.shape[1] == apart
+    assert bare.state.physics.history == ("viscous.force",)  # which the ledger needs, not a law
+    assert set(rough.state.physics.history) == {"viscous.force", "mindlin.force_x", "mindlin.force_y", "mindlin.energy"}
+    assert rough.state.slots.H.shape[1] == bare.state.slots.H.shape[1] == at.H_COLS + 2 * rough.state.physics.contact_memory
 
 
 def test_without_a_labeller_no_body_has_labels(tmp_path):

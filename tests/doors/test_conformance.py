@@ -32,6 +32,7 @@ FOUND_BY = {
     "unguarded": {"finite", "no touch, no force", "compiled"},
     "wound_up": {"energy", "ledger"},
     "secant": {"tangent"},
+    "misnamed": {"history"},
     "stuck": {"tangent"},
     "lasting_pull": {"no touch, no force"},
     "pushing_dashpot": {"dissipates"},

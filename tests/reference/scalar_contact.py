@@ -206,11 +206,10 @@ def interact(
     """Forces of a closed contact; `memory` (a row of H) is brought up to date."""
     frame, told, turn = asked(S, i, j, memory, laws, turns, world)
     n, e, d = frame.n, frame.e, frame.d
-    many, behind = at.H_LAW + laws.many, at.H_LAW + laws.many + laws.dashpots
-    old, viscous = memory[at.H_LAW : many], memory[many:behind]
+    old, stored, viscous = laws.split(memory)
     answer = laws.ask(told, turn, kind, old)
     if laws.force is not None:
-        taken = laws.friction_takes(memory[at.H_STORED], answer.stored_t, old, answer.memory, told, turn)
+        taken = laws.friction_takes(stored, answer.stored_t, old, answer.memory, told, turn)
         answer.work += taken - answer.lost
     f, x, y = answer.normal, answer.x, answer.y
     force = tuple(f * n[k] + x * e[k] + y * d[k] for k in range(3))
@@ -218,9 +217,9 @@ def interact(
     torque, back = torques(S, i, j, frame, (x, y))
     if laws.turns:
         torque, back = added(torque, moment), added(back, moment, -1.0)
-    memory[at.H_E : at.H_E + 3], memory[at.H_STORED] = e, answer.stored_t
+    memory[at.H_E : at.H_E + 3] = e
     memory[at.H_SLIP] = max(memory[at.H_SLIP] + answer.slip, at.H_LEAST)
-    memory[at.H_LAW : many], memory[many:behind] = answer.memory, answer.viscous[: laws.dashpots]
+    memory[at.H_LAW : at.H_LAW + laws.kept + laws.dashpots] = laws.joined(answer)
     damped = laws.dashpots_take(viscous, answer.viscous, parted(frame, world.dt), told, turn)
     return Done((force[0], force[1], force[2]), torque, back, moment, frame, answer, damped)
 
@@ -242,12 +241,10 @@ def let_go(
     S: list[list[float]], i: int, j: int, memory: list[float], laws: Laws, turns: bool, world: Surroundings
 ) -> tuple[float, float]:
     """Wipe the memory of a contact that has opened; the energy that friction and that its dashpots took, J."""
-    lost, many = memory[at.H_STORED], at.H_LAW + laws.many
+    old, lost, viscous = laws.split(memory)
     frame, told, turn = asked(S, i, j, memory, laws, turns, world)
     if laws.force is not None:
-        old = memory[at.H_LAW : many]
         lost = laws.friction_takes(lost, 0.0, old, [0.0] * len(old), told, turn)
-    viscous = memory[many : many + laws.dashpots]
     damped = laws.dashpots_take(viscous, [0.0] * len(viscous), parted(frame, world.dt), told, turn)
     memory[:] = [0.0] * len(memory)
     return lost, damped

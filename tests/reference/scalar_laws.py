@@ -7,6 +7,7 @@ The engine's own module is generated text, compiled, for a tile of contacts. Her
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -42,7 +43,7 @@ class Answer:
     moment: tuple[float, float]
     moment_limit: float
     lost: float  # part of the work that is of friction
-    viscous: list[float]  # forces of the dashpots as they are remembered: normal, tangential (2), moment (2)
+    viscous: list[float]  # forces of the dashpots: normal, tangential (2), moment (2)
 
 
 class Laws:
@@ -55,11 +56,27 @@ class Laws:
         self.rolls = any(law.rolls for law in laws)
         self.turns = any(law.stage == "rolling" for law in laws)
         names = [name for law in laws for name in law.memory()]
-        stages = {law.stage for law in laws}
+        stages = [law.stage for law in laws]
+        springs = ("tangential" in stages) + ("rolling" in stages)
         self.many = len(names)
-        self.dashpots = 5 if self.turns else 3 if "tangential_damping" in stages else 1 if "damping" in stages else 0
+        # the energy of the springs: a law's own number, or one behind those of the laws
+        self.stored = names.index("energy") if springs == 1 and "energy" in names else self.many
+        self.kept = self.many + int(springs > 0 and self.stored == self.many)
+        self.dashpots = 2 if self.turns else 1 if "damping" in stages or "tangential_damping" in stages else 0
         self.force = names.index("force_x") if "force_x" in names else None
         self.moment = names.index("moment_x") if "moment_x" in names else None
+
+    def split(self, row: list[float]) -> tuple[list[float], float, list[float]]:
+        """History of the laws, energy of the springs and forces of the dashpots in a row of H."""
+        history, behind = row[at.H_LAW : at.H_LAW + self.many], at.H_LAW + self.kept
+        stored = row[at.H_LAW + self.stored] if self.stored < self.kept else 0.0
+        viscous = [force for one in row[behind : behind + self.dashpots] for force in three_of(one)]
+        return history, stored, (viscous + [0.0] * 5)[:5]
+
+    def joined(self, answer: Answer) -> list[float]:
+        """What a row of H remembers of an answer."""
+        viscous = (three_in_one(answer.viscous[:3]), three_in_one([*answer.viscous[3:], 0.0]))[: self.dashpots]
+        return [*answer.memory, *[answer.stored_t][: self.kept - self.many], *viscous]
 
     def friction_takes(self, stored: float, after: float, old: list[float], new: list[float], told: Contact, turn: Turn) -> float:
         """What the mean of the forces at both ends of a step does beyond what the springs store more than before, J."""
@@ -108,6 +125,22 @@ class Laws:
                 force = max(elastic + answer, 0.0)
             load = Load(force, elastic, called["normal"].contact_radius, 0.0)
         return together(contact, turn, load, called, pulls, new)
+
+
+def three_in_one(numbers: Sequence[float]) -> float:
+    """The power of two of the largest, and each as a whole multiple of 2^-15 of it in 17 bits."""
+    power = math.frexp(max(map(abs, (*numbers, 1e-280))) * (1.0 + 2.0**-16))[1] - 1
+    bits = power + 1023 << 52
+    for number, place in zip(numbers, (34, 17, 0), strict=True):
+        bits |= (round(math.ldexp(number, 15 - power)) & 0x1FFFF) << place
+    return struct.unpack("<d", struct.pack("<q", bits))[0]
+
+
+def three_of(one: float) -> list[float]:
+    """The numbers that `three_in_one` was given, rounded."""
+    bits = struct.unpack("<q", struct.pack("<d", one))[0]
+    fields, power = [bits >> place & 0x1FFFF for place in (34, 17, 0)], (bits >> 52) - 1023
+    return [math.ldexp(field - (field >> 16 << 17), power - 15) for field in fields]
 
 
 def ask(law: Law, seen: tuple[Any, ...], p: Any, before: list[float]) -> tuple[Any, list[float]]:

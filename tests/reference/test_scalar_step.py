@@ -27,7 +27,7 @@ from scalar_step import Reference
 
 from thirdbody.engine import explicit, pace
 from thirdbody.engine.neighbours import search
-from thirdbody.engine.state import Slots, rotation_matrices
+from thirdbody.engine.state import Physics, Slots, rotation_matrices
 from thirdbody.kernels import layout as at
 from thirdbody.kernels import motion, step
 from thirdbody.kernels.bodies import BODIES
@@ -53,6 +53,10 @@ TOLERANCE, OF_FORCES = 1e-13, 1e-11
 """Of positions and velocities, and of all that overlaps decide, relative to the largest of their kind. A sum of some hundred
 terms is rounded by 1e-15, whatever its order. A position of 60 um is rounded by 7e-21 m, which is 5e-13 of a usual overlap, and
 so of forces, and happens a few times in a short run; see `test_sums_in_another_order_agree`."""
+
+OF_REMEMBERED = 2.0**-15
+"""Of forces of dashpots, as far as they are remembered: to one of two neighbours, whichever the rounding chooses. So the energy
+that they take is only known to half of that."""
 
 SEEN = 1e3
 """Tolerances by which a fault of the plain step changes some number at least: far above all rounding."""
@@ -117,17 +121,23 @@ def walk(reference: Reference, events: list[Event], dt: float) -> Tables:
     found["B"], found["E"] = np.hsplit(found["B"], [at.B_COLS])
     found["S"] = found["S"][:, : at.B_COLS]  # where bodies and spheres are one table
     closed = [pair for pair in reference.pairs if reference.memory[pair][at.H_ON] > 0.0]
-    return found | {
-        "H": np.array([reference.memory[pair] for pair in reference.pairs]),
-        "R": np.array([reference.records[pair] for pair in closed]),
-    }
+    rows = np.array([reference.memory[pair] for pair in reference.pairs])
+    return found | split(rows, reference.physics) | {"R": np.array([reference.records[pair] for pair in closed])}
+
+
+def split(H: np.ndarray, physics: Physics) -> Tables:
+    """The rows of H without the forces of dashpots, and these (`D`)."""
+    first = at.H_LAW + (physics.dashpots if physics.dashpots >= 0 else len(physics.history))
+    last = at.H_LAW + len(physics.history)
+    forces = [[force for one in row for force in scalar_laws.three_of(one)] for row in H[:, first:last]]
+    return {"H": np.delete(H, range(first, last), axis=1), "D": np.array(forces)}
 
 
 def tables(simulation: Simulation) -> Tables:
     """Every table that the engine's step writes: R where it is read, of closed contacts."""
     state, slots = simulation.state, simulation.state.slots
     found = {name: getattr(state, name).copy() for name in "BESPAM"}
-    return found | {"H": slots.H.copy(), "R": slots.R[slots.H[:, at.H_ON] > 0.0]}
+    return found | split(slots.H, state.physics) | {"R": slots.R[slots.H[:, at.H_ON] > 0.0]}
 
 
 def differing_bits(one: Tables, other: Tables) -> set[str]:
@@ -152,7 +162,9 @@ def scales(name: str, table: np.ndarray) -> np.ndarray:
 
 def tolerances(name: str, table: np.ndarray) -> np.ndarray:
     """How far a number in every column of a table may be off."""
-    relative = np.full(table.shape[-1], OF_FORCES)
+    relative = np.full(table.shape[-1], OF_REMEMBERED if name == "D" else OF_FORCES)
+    if name == "A":
+        relative[at.A_DAMPING] = 0.5 * OF_REMEMBERED
     relative[[column for column in MOTION.get(name, ()) if column < len(relative)]] = TOLERANCE
     return relative * scales(name, table)
 

@@ -110,20 +110,20 @@ def test_friction_that_jumps_is_booked_as_it_acts_at_every_level(tmp_path, level
 
 
 @njit(error_model="numpy")
-def booked(I, O, G):  # noqa: E741
-    """Two contacts whose history is a force, without moments."""
-    booking.book(2, 0, -1, 2, I, O, G)
+def booked(I, O):  # noqa: E741
+    """Two contacts whose history is a force and an energy, without moments."""
+    booking.book(2, 0, -1, 2, 3, I, O)
 
 
 def test_a_law_that_makes_energy_stays_visible():
     """Friction never takes less than nothing: what a spring holds more than was done to it is left for the residual."""
-    I, O, G = np.zeros((9 + 2) * at.TILE), np.zeros((at.O_HISTORY + 2) * at.TILE), np.zeros(at.G_COLS * at.TILE)  # noqa: E741
-    table = I.reshape(-1, at.TILE), O.reshape(-1, at.TILE), G.reshape(-1, at.TILE)
+    I, O = np.zeros((at.I_HISTORY + 3) * at.TILE), np.zeros((at.O_HISTORY + 3) * at.TILE)  # noqa: E741
+    table = I.reshape(-1, at.TILE), O.reshape(-1, at.TILE)
     table[0][at.I_SX] = -2.0
     table[1][at.O_HISTORY] = 3.0  # the mean force 1.5 over the way 2: a work of 3
-    table[2][at.G_STORED] = 1.0
+    table[0][at.I_HISTORY + 2] = 1.0
     table[1][at.O_STORED_T, :2] = 1.5, 9.0
     table[1][at.O_LOST], table[1][at.O_WORK] = 0.25, 0.75  # half of a joule is not of friction
-    booked(I, O, G)
+    booked(I, O)
     assert table[1][at.O_WORK, 0] == pytest.approx(0.5 + 1.0 + 3.0 - 1.5, rel=1e-15)
     assert table[1][at.O_WORK, 1] == pytest.approx(0.5, rel=1e-15)

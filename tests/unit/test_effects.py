@@ -78,8 +78,8 @@ def test_an_effect_that_is_not_named_leaves_nothing_behind():
     assert not any("rolling" in law.name for law in bare.choice.chain.laws)
     assert bare.state.slots.R.shape[1] == at.R_COLS and rolling.state.slots.R.shape[1] == at.R_ROLLING_COLS
     assert set(rolling.choice.chain.history) - set(bare.choice.chain.history) == {
-        "rolling_resistance.moment_x", "rolling_resistance.moment_y", "rolling_resistance.stiffness", "viscous.moment_x",
-        "viscous.moment_y",
+        "rolling_resistance.moment_x", "rolling_resistance.moment_y", "rolling_resistance.stiffness", "springs.energy",
+        "viscous.moment",
     }  # fmt: skip
     assert not bare.choice.effects
 

@@ -166,7 +166,7 @@ class Explicit:
             s.S, s.B, s.E, s.P, slots.H, slots.F, slots.R, s.M,
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, self.ahead,
             self.room, self.marks, self.rows, self.moved,
-            len(physics.history), physics.rolling, *physics.remembered_forces, physics.dashpots,
+            len(physics.history), physics.rolling, *physics.remembered_forces, physics.stored, physics.dashpots,
             at.C_MEMORY + physics.contact_memory, int(physics.has_effects),
             self.law, self.effects, self.observe, self.work,
         )  # fmt: skip

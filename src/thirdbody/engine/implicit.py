@@ -192,7 +192,7 @@ class Implicit:
             (slots.own, slots.partner, slots.kind, slots.edges, slots.incidence), (s.body, s.start, s.patch, s.offsets),
             (s.S, s.B, s.P, slots.H, slots.R, s.E),
             (physics.pairs, physics.effect_parameters, len(physics.history), physics.rolling,
-             at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels),
+             at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels, physics.stored),
         )  # fmt: skip
 
     def _summed(self) -> Array:

@@ -11,9 +11,9 @@ from .state import Array, Ints, Physics
 def response(physics: Physics, overlap: Array, radius: Array, kind: Ints) -> tuple[Array, Array]:
     """Normal force (n,) N and normal stiffness (n,) N/m of virgin contacts at rest; the stiffness is NaN without tangents."""
     force, stiffness = np.empty(len(overlap)), np.full(len(overlap), np.nan)
-    width, answers = at.I_HISTORY + len(physics.history), at.O_HISTORY + len(physics.history)
+    width, answers = at.I_HISTORY + len(physics.history), at.O_HISTORY + len(physics.history) + at.Q_COLS
     if physics.rolling:
-        width, answers = width + at.J_COLS, answers + at.Q_COLS
+        width += at.J_COLS
     for first in range(0, len(overlap), at.TILE):
         part = slice(first, min(first + at.TILE, len(overlap)))
         n = part.stop - part.start

@@ -80,13 +80,15 @@ class World:
 @dataclass(frozen=True)
 class Physics:
     """Compiled laws and effects with their parameters; `kinds[a, b]` is the row of `pairs` for two materials, -1 if none.
-    `rolling`: what contacts need of the relative rotation (`kernels.rolling`). `remembered_forces`, `dashpots`: `Chain`."""
+    `rolling`: what contacts need of the relative rotation (`kernels.rolling`). `remembered_forces`, `stored`, `dashpots`: see
+    `Chain`."""
 
     law: Callable
     stiffness: Callable | None
     history: tuple[str, ...]
     rolling: int
     remembered_forces: tuple[int, int]
+    stored: int
     dashpots: int
     pairs: Array
     kinds: Ints
@@ -230,7 +232,7 @@ def empty_slots(memory: int, record: int) -> Slots:
 
 def memory_columns(physics: Physics) -> int:
     """Columns of H: the engine's own, the laws' history, and the labeller's memory for both bodies of a contact."""
-    return max(at.H_LAW + len(physics.history) + 2 * physics.contact_memory, at.H_COLS)
+    return max(at.H_LAW + len(physics.history), at.H_COLS) + 2 * physics.contact_memory
 
 
 def table(rows: int, columns: int) -> Array:

@@ -15,13 +15,18 @@ too, or the energy that such a step makes would be hidden from the guard.
 import numpy as np
 from numba import njit
 
+from .four import LANES, at_least, get, put, spread
 from .layout import (
     G_P,
-    G_STORED,
     G_U,
     I_HISTORY,
     I_SX,
     I_SY,
+    I_VN,
+    I_VX,
+    I_VY,
+    J_RATE_X,
+    J_RATE_Y,
     J_X,
     J_Y,
     O_HISTORY,
@@ -29,83 +34,108 @@ from .layout import (
     O_POWER,
     O_STORED_T,
     O_WORK,
+    Q_VISCOUS_MX,
+    Q_VISCOUS_MY,
+    Q_VISCOUS_N,
+    Q_VISCOUS_X,
+    Q_VISCOUS_Y,
     TILE,
 )  # fmt: skip
 from .options import BARE, BARE_CHUNK
-
-
-@njit(**BARE_CHUNK)
-def take_work(n, x, y, old, new, I, O, G):  # noqa: E741
-    """Add to G_STORED the work done on the springs of n contacts by the displacements in fields x and y of I, against the mean
-    of the forces in fields `old` of I and `new` of O."""
-    old, new, x, y = np.uint64(old * TILE), np.uint64(new * TILE), np.uint64(x * TILE), np.uint64(y * TILE)
-    for q in range(n):
-        p = np.uint64(q)
-        along = (I[p + old] + O[p + new]) * I[p + x]
-        across = (I[p + old + TILE] + O[p + new + TILE]) * I[p + y]
-        G[p + G_STORED * TILE] -= 0.5 * (along + across)
-
-
-@njit(**BARE_CHUNK)
-def book(n, force, moment, n_history, I, O, G):  # noqa: E741
-    """Replace what the laws of n contacts booked as lost by friction. G_STORED: the energy of their springs before the step.
-
-    `force`, `moment`: place of the remembered force and moment in the history; moment -1: the scene has none.
-    """
-    take_work(n, np.int64(I_SX), np.int64(I_SY), I_HISTORY + force, O_HISTORY + force, I, O, G)
-    if moment >= 0:
-        turn = I_HISTORY + n_history
-        take_work(n, turn + J_X, turn + J_Y, I_HISTORY + moment, O_HISTORY + moment, I, O, G)
-    for q in range(n):
-        taken = max(G[q + G_STORED * TILE] - O[q + O_STORED_T * TILE], 0.0)
-        O[q + O_WORK * TILE] += taken - O[q + O_LOST * TILE]
+from .three_in_one import three_in_one, three_of
 
 
 @njit(**BARE)
-def book_opened(n, force, moment, n_history, I, O, G):  # noqa: E741
+def work_of_mean(q, old, new, x, y, I, O):  # noqa: E741
+    """Work at places q to q + 3 of the mean of two vectors, in fields from `old` of I on and from `new` of O on, over the
+    displacements in fields x and y of I."""
+    along = (get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + x * TILE)
+    across = (get(I, q + (old + 1) * TILE) + get(O, q + (new + 1) * TILE)) * get(I, q + y * TILE)
+    return spread(0.5) * (along + across)
+
+
+@njit(**BARE_CHUNK)
+def book(n, force, moment, stored, n_history, I, O):  # noqa: E741
+    """Replace what the laws of n contacts booked as lost by friction.
+
+    `force`, `moment`, `stored`: places in the history of the remembered force and moment, and of the energy of the springs;
+    moment -1: the scene has none.
+    """
+    for q in range(0, n, LANES):
+        work = work_of_mean(q, I_HISTORY + force, O_HISTORY + force, np.int64(I_SX), np.int64(I_SY), I, O)
+        taken = get(I, q + (I_HISTORY + stored) * TILE) - work
+        if moment >= 0:
+            turn = I_HISTORY + n_history
+            taken = taken - work_of_mean(q, I_HISTORY + moment, O_HISTORY + moment, turn + J_X, turn + J_Y, I, O)
+        taken = at_least(taken - get(O, q + O_STORED_T * TILE), 0.0)
+        put(O, q + O_WORK * TILE, get(O, q + O_WORK * TILE) + (taken - get(O, q + O_LOST * TILE)))
+
+
+@njit(**BARE)
+def book_opened(n, force, moment, stored, n_history, I, O):  # noqa: E741
     """The same for n contacts that opened within the step: what they lost goes to O_WORK."""
     for q in range(n):
         O[q + O_WORK * TILE] = O[q + O_LOST * TILE] = O[q + O_STORED_T * TILE] = 0.0
         for k in range(2):
             O[q + (O_HISTORY + force + k) * TILE] = 0.0
             O[q + (O_HISTORY + max(moment, 0) + k) * TILE] = 0.0
-    book(n, force, moment, n_history, I, O, G)
+    book(n, force, moment, stored, n_history, I, O)
 
 
 @njit(**BARE_CHUNK)
-def take_pressing(n, place, dt, I, O, G):  # noqa: E741
-    """Put into G_STORED the work that the normal dashpots of n contacts take in the step."""
-    old, new = np.uint64((I_HISTORY + place) * TILE), np.uint64((O_HISTORY + place) * TILE)
-    half = 0.5 * dt
+def recall(n, place, moment, n_history, I):  # noqa: E741
+    """Put the forces and, if any, the moments of the dashpots of n contacts in place of the velocities that they answered to."""
+    old = I[(I_HISTORY + place) * TILE :]
     for q in range(n):
         p = np.uint64(q)
-        x, y, z = G[p + G_P * TILE], G[p + (G_P + 1) * TILE], G[p + (G_P + 2) * TILE]
-        apart = G[p + G_U * TILE] * x + G[p + (G_U + 1) * TILE] * y + G[p + (G_U + 2) * TILE] * z
-        G[p + G_STORED * TILE] = -half * (I[p + old] + O[p + new]) * apart
+        I[p + I_VN * TILE], I[p + I_VX * TILE], I[p + I_VY * TILE] = three_of(old[p])
+    if moment:
+        old, to = I[(I_HISTORY + place + 1) * TILE :], I[(I_HISTORY + n_history) * TILE :]
+        for q in range(n):
+            p = np.uint64(q)
+            to[p + J_RATE_X * TILE], to[p + J_RATE_Y * TILE], _ = three_of(old[p])
+
+
+@njit(**BARE_CHUNK)
+def remember(n, place, moment, n_history, O):  # noqa: E741
+    """Put the forces and, if any, the moments of the dashpots of n contacts into the history."""
+    new, behind = O[(O_HISTORY + place) * TILE :], O[(O_HISTORY + n_history) * TILE :]
+    for q in range(n):
+        p = np.uint64(q)
+        x, y = behind[p + Q_VISCOUS_X * TILE], behind[p + Q_VISCOUS_Y * TILE]
+        new[p] = three_in_one(behind[p + Q_VISCOUS_N * TILE], x, y)
+    if moment:
+        for q in range(n):
+            p = np.uint64(q)
+            x, y = behind[p + Q_VISCOUS_MX * TILE], behind[p + Q_VISCOUS_MY * TILE]
+            new[p + TILE] = three_in_one(x, y, 0.0)
 
 
 @njit(**BARE_CHUNK)
 def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
-    """Put into O_POWER what the dashpots of n contacts take in the step, J.
+    """Put into O_POWER what the dashpots of n contacts take in the step, J, and remember their forces.
 
-    `place`: of their forces in the history, where they are the last.
+    `place`: of their force in the history, in one number (`three_in_one`); their moment, if any, is the number behind it.
     """
-    take_pressing(n, place, dt, I, O, G)
-    if n_history >= place + 3:
-        take_work(n, np.int64(I_SX), np.int64(I_SY), I_HISTORY + place + 1, O_HISTORY + place + 1, I, O, G)
-    if n_history >= place + 5:
-        turn = I_HISTORY + n_history
-        take_work(n, turn + J_X, turn + J_Y, I_HISTORY + place + 3, O_HISTORY + place + 3, I, O, G)
-    for q in range(n):
-        O[q + O_POWER * TILE] = max(G[q + G_STORED * TILE], 0.0)
+    moment, behind, turn, half = n_history >= place + 2, O_HISTORY + n_history, I_HISTORY + n_history, spread(0.5 * dt)
+    recall(n, place, moment, n_history, I)
+    for q in range(0, n, LANES):
+        x, y, z = get(G, q + G_P * TILE), get(G, q + (G_P + 1) * TILE), get(G, q + (G_P + 2) * TILE)
+        apart = get(G, q + G_U * TILE) * x + get(G, q + (G_U + 1) * TILE) * y + get(G, q + (G_U + 2) * TILE) * z
+        work = half * (get(I, q + I_VN * TILE) + get(O, q + (behind + Q_VISCOUS_N) * TILE)) * apart
+        work = work + work_of_mean(q, np.int64(I_VX), behind + Q_VISCOUS_X, np.int64(I_SX), np.int64(I_SY), I, O)
+        if moment:
+            work = work + work_of_mean(q, turn + J_RATE_X, behind + Q_VISCOUS_MX, turn + J_X, turn + J_Y, I, O)
+        put(O, q + O_POWER * TILE, at_least(spread(0.0) - work, 0.0))
+    remember(n, place, moment, n_history, O)
 
 
 @njit(**BARE)
 def book_opened_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
     """Return what the dashpots of n contacts that opened within the step took in it, J."""
-    for h in range(place, n_history):
+    for h in range(Q_VISCOUS_N, Q_VISCOUS_MY + 1):
         for q in range(n):
-            O[q + (O_HISTORY + h) * TILE] = 0.0
+            O[q + (O_HISTORY + n_history + h) * TILE] = 0.0
     book_dashpots(n, place, n_history, dt, I, O, G)
     total = 0.0
     for q in range(n):

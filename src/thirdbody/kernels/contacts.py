@@ -278,7 +278,7 @@ def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, E, P, H, F, R, sums, law, pairs, dt,
-                  v_x, v_y, l_x, l_y, n_history, rolling, force, moment, dashpots, observed, room, marks):  # fmt: skip
+                  v_x, v_y, l_x, l_y, n_history, rolling, force, moment, stored, dashpots, observed, room, marks):  # fmt: skip
     """The candidate slots first to last act on their bodies; sums into row c: filter by gap, then the law in tiles.
 
     `flat`: all of them are with plates; else all are between spheres. `room`, `marks`: scratch (`room_for`).
@@ -304,10 +304,10 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
             stage(count + -count % 4, opened, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y,
                   n_history, rolling, I, G)  # fmt: skip
         if force >= 0:
-            book_opened(count, force, moment, n_history, I, O, G)
+            book_opened(count, force, moment, stored, n_history, I, O)
         if dashpots >= 0:
             damped += book_opened_dashpots(count, dashpots, n_history, dt, I, O, G)
-        lost += let_go(count, opened, t, force >= 0, own, partner, body, outer, H, B, F, O)
+        lost += let_go(count, opened, t, force >= 0, stored, own, partner, body, outer, H, B, F, O)
     for t in range(0, m, TILE):
         count = min(TILE, m - t)
         filled = count + (-count % LINE if n_history <= LIGHT else 0)  # behind the last one it stands there again
@@ -315,7 +315,7 @@ def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body,
               I, G)  # fmt: skip
         law(I, O, filled, pairs)
         if force >= 0:
-            book(filled, force, moment, n_history, I, O, G)
+            book(filled, force, moment, stored, n_history, I, O)
         if dashpots >= 0:
             book_dashpots(filled, dashpots, n_history, dt, I, O, G)
         push(filled, I, O, G)

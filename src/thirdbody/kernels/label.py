@@ -3,7 +3,8 @@
 import numpy as np
 from numba import njit, types
 
-from .layout import A_ELAPSED, C_FN, C_LOAD, H_LAW
+from .layout import A_ELAPSED, C_FN, C_LOAD
+from .memory import behind
 from .observe import body_contacts, body_row
 from .options import BARE, DIRECT, NO_COUNTS
 from .signatures import LABEL, OBSERVE
@@ -38,7 +39,7 @@ def label_bodies(edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, 
     M: a copy of the labeller's memory. Scratch: O (O_COLS,), table (most contacts of a body, width).
     """
     for b in range(B.shape[0]):
-        n = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history, table)
+        n = body_contacts(b, edges, incidence, own, partner, H, R, width, behind(n_history), table)
         body_row(b, B, E, A, drag, speed, O)
         if A[A_ELAPSED] > 0.0:
             observe(table[:n], n, O, M[b])

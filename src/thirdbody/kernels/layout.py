@@ -48,9 +48,9 @@ E_COLS = 16
 P_Z, P_V, P_MASS, P_DAMPING, P_LOAD, P_F, P_FREE, P_Z0, P_SPRING, P_LOAD0 = range(10)
 P_COLS = 10
 
-# H: what a candidate contact remembers: an axis of its frame (3), whether it touches, energy of its tangential spring; history of
-# the law and memory of the labeller from H_LAW on. Most laws remember three numbers: then all is one line of the cache.
-H_E, H_ON, H_STORED, H_LAW = 0, 3, 4, 5
+# H: what a candidate contact remembers: an axis of its frame (3), whether it touches, the history of the laws from H_LAW on (in
+# four columns or more), then the memory of the labeller. Most chains of laws remember four numbers: a line of the cache.
+H_E, H_ON, H_LAW = 0, 3, 4
 H_SLIP = H_ON  # 0 where it is open; else its slip since it closed, m, and H_LEAST or more
 H_LEAST = 1e-300
 H_COLS = 8  # at least
@@ -83,10 +83,11 @@ I_OVERLAP, I_RADIUS, I_MASS, I_VN, I_SX, I_SY, I_VX, I_VY, I_TYPE, I_HISTORY = r
  O_HISTORY) = range(14)  # fmt: skip
 # O_WORK: all that laws dissipate in the step; O_LOST: the part of it that is friction's, of tangential and rolling laws.
 # O_POWER: power of the dashpots at the end of the step, W; in explicit steps then what they take in it, J (`booking`).
-# Behind the history, only if a law asks for it: relative rotation of the step and its rate, travel of the patch; the moment.
+# Behind the history, only if a law asks for it: relative rotation of the step and its rate, travel of the patch; the moment, and
+# forces and moment of the dashpots.
 # J_INVERSE, for tangents: one over the length of the step, 0 where nothing moves in time.
 J_X, J_Y, J_RATE_X, J_RATE_Y, J_TRAVEL_X, J_TRAVEL_Y, J_INVERSE, J_COLS = range(8)
-Q_X, Q_Y, Q_LIMIT, Q_COLS = range(4)
+Q_X, Q_Y, Q_LIMIT, Q_VISCOUS_N, Q_VISCOUS_X, Q_VISCOUS_Y, Q_VISCOUS_MX, Q_VISCOUS_MY, Q_COLS = range(9)
 
 # G: geometry of the contacts of a tile; stride TILE like the law's own tables.
 G_N, G_P = 0, 3  # unit normal from partner to owner; that of the middle of the step
@@ -95,9 +96,8 @@ G_ARM_I, G_ARM_J = 12, 13  # from the centres to the contact point
 G_U, G_W, G_RW = 14, 17, 20  # of the step: relative velocity of the centres; sum of the spins; the same, each times its radius
 G_V, G_O, G_RO = 23, 26, 29  # the same at the end of the step
 G_ON, G_RI, G_RJ, G_MJ = 32, 33, 34, 35  # whether it touched before; radii; mass of the partner's body
-G_STORED = 36  # energy of its tangential and rolling springs before the step
 G_F, G_TI, G_TJ = 14, 17, 20  # then, in place of what is needed no more: force on the owner, torques about the two centres
-G_COLS = 37
+G_COLS = 36
 
 # A: totals since the start of the run (J, N s, m), and the powers of the last step for the trapezoid.
 A_FRICTION, A_DAMPING, A_PLATE_WORK, A_PLATE_ABS, A_EFFECTS = range(5)

@@ -169,7 +169,7 @@ _I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 SPOTS = types.UniTuple(_S1, 5)
 SHAPE = types.Tuple((_I1, _I1, _I1, _F2))
 STATE = types.UniTuple(_F2, 6)
-KNOWN = types.Tuple((_F1, _F1, types.int64, types.int64, types.int64, types.boolean, types.boolean))
+KNOWN = types.Tuple((_F1, _F1, types.int64, types.int64, types.int64, types.boolean, types.boolean, types.int64))
 MARCH = types.void(
     types.int64, types.int64, types.float64, types.float64,  # first and last body, time to reach, most tries of a body
     SPOTS, SHAPE, STATE, KNOWN, types.int64,  # ... most slots of a body

@@ -3,42 +3,53 @@
 import numpy as np
 from numba import njit
 
-from .four import at_least, get, lane, store, transposed
-from .layout import G_E, G_ON, H_E, H_LAW, H_LEAST, H_STORED, O_HISTORY, O_SLIP, O_STORED_T, TILE
+from .four import LANES, at_least, get, spread, store, transposed
+from .layout import G_E, G_ON, H_COLS, H_E, H_LAW, H_LEAST, O_HISTORY, O_SLIP, TILE
 from .options import BARE, BARE_CHUNK
 
 
 @njit(**BARE)
-def release(k, H):
-    """A contact that opened: what its tangential spring still held is dissipated (returned), its memory wiped."""
-    lost = H[k, H_STORED]
+def behind(n_history):
+    """Column of H behind the history of the laws, where the memory of the labeller begins."""
+    return max(H_LAW + n_history, H_COLS)
+
+
+@njit(**BARE)
+def held(k, stored, H):
+    """Energy of the tangential and rolling springs of slot k, J. `stored`: its place in the history; -1: there are no springs."""
+    return H[k, H_LAW + stored] if stored >= 0 else 0.0
+
+
+@njit(**BARE)
+def release(k, stored, H):
+    """A contact that opened: what its springs still held is dissipated (returned), its memory wiped; `stored`: `held`."""
+    lost = held(k, stored, H)
     for h in range(H.shape[1]):
         H[k, h] = 0.0
     return lost
 
 
 @njit(**BARE)
-def learn(k, q, axis, told, O, H, n_history):  # noqa: E741
-    """Slot k learns the axis of its frame, and that it touches; energy and history, whose first numbers are `told`, from place
-    q."""
+def learn(k, q, axis, first, O, H, n_history):  # noqa: E741
+    """Slot k learns the axis of its frame, and that it touches; the `first` numbers of its history, and the rest from place q."""
     store(H, k, H_E, axis)
-    if n_history >= 3:
-        store(H, k, H_STORED, told)
-    else:
-        H[k, H_STORED] = lane(told, 0)
-    for h in range(3 if n_history >= 3 else 0, n_history):
+    store(H, k, H_LAW, first)
+    for h in range(LANES, n_history):
         H[k, H_LAW + h] = O[q + (O_HISTORY + h) * TILE]
 
 
 @njit(**BARE_CHUNK)
 def keep(n, slots, first, O, G, H, n_history):  # noqa: E741
     """What the slots[first:first + n] remember of the step, from a tile."""
-    for q in range(0, n, 4):
+    none = spread(0.0)
+    for q in range(0, n, LANES):
         e, h, p = q + G_E * TILE, q + O_HISTORY * TILE, first + q
         on = at_least(get(G, q + G_ON * TILE) + get(O, q + O_SLIP * TILE), H_LEAST)
         axes = transposed(get(G, e), get(G, e + TILE), get(G, e + 2 * TILE), on)
-        # of a law that remembers less, the last of these are something else
-        told = transposed(get(O, q + O_STORED_T * TILE), get(O, h), get(O, h + TILE), get(O, h + 2 * TILE))
+        told = transposed(
+            get(O, h) if n_history > 0 else none, get(O, h + TILE) if n_history > 1 else none,
+            get(O, h + 2 * TILE) if n_history > 2 else none, get(O, h + 3 * TILE) if n_history > 3 else none,
+        )  # fmt: skip
         learn(np.uint64(slots[p]), q, axes[0], told[0], O, H, n_history)
         if q + 1 < n:
             learn(np.uint64(slots[p + 1]), q + 1, axes[1], told[1], O, H, n_history)

@@ -34,7 +34,6 @@ from .layout import (
     DEBRIS,
     E_EF,
     E_ET,
-    H_LAW,
     H_LEAST,
     H_ON,
     H_SLIP,
@@ -70,6 +69,7 @@ from .layout import (
     R_VJ,
     UPPER,
 )  # fmt: skip
+from .memory import behind
 from .options import BARE
 
 
@@ -131,14 +131,14 @@ def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at, C):
 @njit(**BARE)
 def observe_body(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
     """Let the labeller observe body b: it updates its memory per body and per contact. O and C are scratch."""
-    found = body_contacts(b, edges, incidence, own, partner, H, R, width, H_LAW + n_history, C)
+    found = body_contacts(b, edges, incidence, own, partner, H, R, width, behind(n_history), C)
     body_row(b, B, E, A, drag, speed, O)
     observe(C[:found], found, O, M[b])
     n = 0
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
         if H[k, H_ON] != 0.0:
-            to = H_LAW + n_history + (incidence[e] & 1) * (width - C_MEMORY)
+            to = behind(n_history) + (incidence[e] & 1) * (width - C_MEMORY)
             for m in range(width - C_MEMORY):
                 H[k, to + m] = C[n, C_MEMORY + m]
             n += 1

@@ -48,14 +48,15 @@ def stage(n, slots, first, flat, g, start, own, partner, body, kind, S, B, P, H,
 
 
 @njit(**BARE)
-def let_go(o, opened, first, booked, own, partner, body, outer, H, B, F, O):  # noqa: E741
+def let_go(o, opened, first, booked, stored, own, partner, body, outer, H, B, F, O):  # noqa: E741
     """Release the contacts opened[first:first + o] that were closed; returns what was lost, which stands in a tile if it is
-    `booked` there. One that opened a step ago has nothing left: what it handed to another group then must go."""
+    `booked` there, else in the history (`stored`: `memory.held`). One that opened a step ago has nothing left: what it handed to
+    another group then must go."""
     total = 0.0
     for e in range(o):
         k = np.int64(opened[first + e])
-        stored = release(k, H)
-        lost = O[e + O_WORK * TILE] if booked else stored
+        kept = release(k, stored, H)
+        lost = O[e + O_WORK * TILE] if booked else kept
         total += lost
         share = lost if partner[k] < 0 else SHARE * lost
         B[body[own[k]], B_WORK] += share

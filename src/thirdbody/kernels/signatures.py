@@ -35,7 +35,7 @@ KINDS: Kinds = {
     # direction of the drag that is planned; room of each part to work in
     "drag": _ROW, "room": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
     # numbers, and addresses of functions
-    **dict.fromkeys(("n_history", "rolling", "force", "moment", "dashpots", "width", "has_effects"), _I),
+    **dict.fromkeys(("n_history", "rolling", "force", "moment", "stored", "dashpots", "width", "has_effects"), _I),
     **dict.fromkeys(("law", "effects", "observe", "work"), _I),
 }  # fmt: skip
 """Types of all that a step works on and with, by name."""

@@ -25,7 +25,6 @@ from .layout import (
     G_RI,
     G_RJ,
     G_RW,
-    G_STORED,
     G_TI,
     G_TJ,
     G_U,
@@ -34,7 +33,6 @@ from .layout import (
     H_E,
     H_LAW,
     H_ON,
-    H_STORED,
     I_HISTORY,
     I_MASS,
     I_OVERLAP,
@@ -73,7 +71,7 @@ SPARE = AHEAD + LINE
 @njit(**BARE)
 def remember(q, k, kind, H, I, G, n_history):  # noqa: E741
     """Put what slot k remembers into place q."""
-    G[q + G_ON * TILE], G[q + G_STORED * TILE] = H[k, H_ON], H[k, H_STORED]
+    G[q + G_ON * TILE] = H[k, H_ON]
     for d in range(3):
         G[q + (G_E + d) * TILE] = H[k, H_E + d]
     I[q + I_TYPE * TILE] = kind[k]
@@ -153,13 +151,10 @@ def stage_memory(q, k, kind, H, I, G, n_history):  # noqa: E741
     put_three(G, q + G_E * TILE, axes)
     put(G, q + G_ON * TILE, axes[3])
     put(I, q + I_TYPE * TILE, of(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
-    if n_history >= 3:
-        stored, one, two, three = columns(rows_of(k, np.int64(H_STORED), H))
-        put(G, q + G_STORED * TILE, stored)
-        put_three(I, q + I_HISTORY * TILE, (one, two, three))
-    else:
-        put(G, q + G_STORED * TILE, of(H[k[0], H_STORED], H[k[1], H_STORED], H[k[2], H_STORED], H[k[3], H_STORED]))
-    for h in range(3 if n_history >= 3 else 0, n_history):
+    first = columns(rows_of(k, np.int64(H_LAW), H))  # of a shorter history the last of these are zero
+    put_three(I, q + I_HISTORY * TILE, first)
+    put(I, q + (I_HISTORY + 3) * TILE, first[3])
+    for h in range(4, n_history):
         put(I, q + (I_HISTORY + h) * TILE, of(H[k[0], H_LAW + h], H[k[1], H_LAW + h], H[k[2], H_LAW + h], H[k[3], H_LAW + h]))
 
 

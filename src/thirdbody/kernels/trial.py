@@ -7,7 +7,7 @@ Tables come in groups, named alike in all these kernels:
 | spots | own, partner, kind, edges, incidence: the candidates, which here are all pairs of a sphere and a plate |
 | shape | body, start, patch, offsets |
 | state | S, B, P, H, R, E |
-| known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels |
+| known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels, stored (`held`) |
 | work | I, O, K, G: the law's tile; slots: candidates in it; before: gaps at the start of the step; then see `march` |
 
 The coordinates y of a step are the displacement of the centre of mass (3, m), the rotation vector of the step times the arm of
@@ -45,7 +45,6 @@ from .layout import (
     G_F,
     G_N,
     H_ON,
-    H_STORED,
     I_HISTORY,
     I_OVERLAP,
     I_SX,
@@ -87,7 +86,7 @@ from .layout import (
     T_Y,
     TILE,
 )  # fmt: skip
-from .memory import keep, release
+from .memory import held, keep, release
 from .options import CHUNK, INNER
 from .rolling import MOMENTS, record_rolling, stage_rolling
 from .rotation import matrix, turned_by
@@ -220,7 +219,7 @@ def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law
     """Unbalanced forces r (7) of body b and its patch, with m staged spots; `told` gets what else a step wants to know (E_*)."""
     own, partner, edges = spots[0], spots[1], spots[3]
     S, B, P, _, _, E = state
-    pairs, parameters, n_history, rolling, _, has_effects, _ = known
+    pairs, parameters, n_history, rolling, _, has_effects, _, _ = known
     I, O, _, G, slots, before = work[0], work[1], work[2], work[3], work[4], work[5]  # noqa: E741
     law(I, O, m, pairs)
     for k in range(FREEDOMS):
@@ -300,7 +299,7 @@ def inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r):
 
 
 @njit(**INNER)
-def emptied(q, k, O, H):  # noqa: E741
+def emptied(q, k, stored, O, H):  # noqa: E741
     """Energy, J, that the contact of slot k, at place q, held and did not book although it carries nothing any more.
 
     Where the dashpot of a sphere that leaves cancels its normal force, friction ends in one step at a limit of zero. No force
@@ -308,7 +307,7 @@ def emptied(q, k, O, H):  # noqa: E741
     """
     if O[O_TX * TILE + q] != 0.0 or O[O_TY * TILE + q] != 0.0 or O[O_STORED_T * TILE + q] != 0.0:
         return 0.0
-    return max(H[k, H_STORED] - O[O_WORK * TILE + q], 0.0)
+    return max(held(k, stored, H) - O[O_WORK * TILE + q], 0.0)
 
 
 @njit(**INNER)
@@ -345,7 +344,7 @@ def accept(b, m, v_x, v_y, spots, state, known, work, sums):
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
     push(m, I, O, G)
     for i in range(m):
-        O[O_WORK * TILE + i] += emptied(i, slots[i], O, H)
+        O[O_WORK * TILE + i] += emptied(i, slots[i], known[7], O, H)
     keep(m, slots, 0, O, G, H, n_history)
     q = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
@@ -362,6 +361,6 @@ def accept(b, m, v_x, v_y, spots, state, known, work, sums):
                 sums[0, side + d] += G[q + (G_F + d) * TILE]
             q += 1
         elif H[k, H_ON] != 0.0:
-            lost = release(k, H)
+            lost = release(k, known[7], H)
             sums[0, SUM_WORK] += lost
             B[b, B_WORK] += lost

@@ -43,7 +43,7 @@ def work(task, part, begin, end, number, record, time, v_x, v_y, dt, left, conte
                 contact_chunk(2 * g + side, k.cuts[side, first], k.cuts[side, last], side == FLAT, k.own, k.partner, k.kind,
                               k.closed, k.outer, k.body, k.S, k.B, k.E, k.P, k.H, k.F, k.R, k.sums, law, k.pairs, dt, v_x, v_y,
                               l_x, l_y, k.n_history, k.rolling, k.force,
-                              k.moment, k.dashpots, record, k.room[part], k.marks[part])  # fmt: skip
+                              k.moment, k.stored, k.dashpots, record, k.room[part], k.marks[part])  # fmt: skip
         if (task == SWEEP and alone) or (task == LATE and not alone):
             for c in range(first, last):
                 gather_chunk(c, k.cuts, k.guests, k.F, k.B, k.E, dt, time, effects, k.effect_parameters, k.has_effects != 0,

@@ -62,17 +62,33 @@ def head_of(chain: Sequence[Law]) -> str:
 
 
 def memory_names(chain: Sequence[Law]) -> tuple[str, ...]:
-    """Names of all floats kept per contact: those of the laws, fields included, then the forces of the dashpots."""
-    return tuple(f"{law.name}.{name}" for law in chain for name in law.memory()) + viscous_names(chain)
+    """Names of all floats kept per contact: those of the laws, fields included, the stored energy where none of these is it, then
+    the forces of the dashpots."""
+    laws = tuple(f"{law.name}.{name}" for law in chain for name in law.memory())
+    return laws + (("springs.energy",) if stored_of(chain) == len(laws) else ()) + viscous_names(chain)
+
+
+def stored_of(chain: Sequence[Law]) -> int:
+    """Place in the history of the energy that tangential and rolling springs store; -1: the chain has no such springs.
+
+    It is the law's own `energy` where one law has all the springs, else a column behind the histories of all laws.
+    """
+    springs = [k for k, law in enumerate(chain) if law.stage in ("tangential", "rolling")]
+    if not springs:
+        return -1
+    law = chain[springs[0]]
+    if len(springs) == 1 and "energy" in law.history:
+        return history_of(chain, springs[0])[0] + law.history.index("energy")
+    return sum(len(law.memory()) for law in chain)
 
 
 def viscous_names(chain: Sequence[Law]) -> tuple[str, ...]:
-    """Names of the forces of the dashpots, which are kept for the energy that they take: normal force, tangential force along
-    both axes, moment about both; as many of them as the chain has dashpots for."""
+    """Names of what is kept of the dashpots for the energy that they take: their normal and tangential force in one number
+    (`kernels.three_in_one`), and their moment in another where there is a law of the rolling stage."""
     stages = {law.stage for law in chain}
-    count = 5 if "rolling" in stages else 3 if "tangential_damping" in stages else 1 if "damping" in stages else 0
-    names = ("force_n", "force_x", "force_y", "moment_x", "moment_y")
-    return tuple(f"viscous.{name}" for name in names[:count])
+    if "rolling" in stages:
+        return ("viscous.force", "viscous.moment")
+    return ("viscous.force",) if stages & {"damping", "tangential_damping"} else ()
 
 
 def field_of(offset: int) -> str:

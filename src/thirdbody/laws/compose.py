@@ -23,6 +23,7 @@ from .chain_text import (
     memory_names,
     parameters_of,
     remembered_of,
+    stored_of,
     tile_function,
     virgin,
     virgin_call,
@@ -78,6 +79,11 @@ class Chain:
                 return -1, -1
             places.append(history_of(self.laws, stages[stage])[0] + found[0])
         return places[0], places[1]
+
+    @property
+    def stored(self) -> int:
+        """Place in the history of the energy that tangential and rolling springs store; -1 without any."""
+        return stored_of(self.laws)
 
     @property
     def dashpots(self) -> int:
@@ -179,10 +185,19 @@ def _law_function(chain: Sequence[Law]) -> str:
         "POWER": "power",
     }
     lines += [f"        O[{field_of(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
-    first = at.O_HISTORY + len(memory_names(chain)) - len(viscous_names(chain))
-    for i, name in zip(range(len(viscous_names(chain))), ("viscous_n", "tv_x", "tv_y", "mv_x", "mv_y"), strict=False):
-        lines.append(f"        O[{field_of(first + i)}] = {name}")
-    return tile_function("law", chain, contact_of(chain), lines)
+    own = sum(len(law.memory()) for law in chain)
+    if stored_of(chain) == own:
+        lines.append(f"        O[{field_of(at.O_HISTORY + own)}] = stored_t")
+    return tile_function("law", chain, contact_of(chain), lines + _viscous_lines(chain))
+
+
+def _viscous_lines(chain: Sequence[Law]) -> list[str]:
+    """Forces and moment of the dashpots behind the history; what is kept of them is left to whoever needs it, zero here."""
+    history, kept = len(memory_names(chain)), len(viscous_names(chain))
+    outputs = {at.Q_VISCOUS_N: "viscous_n", at.Q_VISCOUS_X: "tv_x", at.Q_VISCOUS_Y: "tv_y"} if kept else {}
+    outputs |= {at.Q_VISCOUS_MX: "mv_x", at.Q_VISCOUS_MY: "mv_y"} if kept > 1 else {}
+    lines = [f"        O[{field_of(at.O_HISTORY + history - kept + i)}] = 0.0" for i in range(kept)]
+    return lines + [f"        O[{field_of(at.O_HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
 
 
 def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:

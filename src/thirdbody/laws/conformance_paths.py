@@ -164,7 +164,7 @@ class Bench:
         """Answers (T, 13, TILE) by `kernels.layout` names O_*, and the new history (T, h, TILE)."""
         I = self.inputs(asked, history)  # noqa: E741
         end = at.O_HISTORY + self.width
-        O = np.full((len(I), end + (at.Q_COLS if self.rolling else 0), at.TILE), np.nan)  # noqa: E741
+        O = np.full((len(I), end + at.Q_COLS, at.TILE), np.nan)  # noqa: E741
         flat, out, table = I.reshape(len(I), -1), O.reshape(len(I), -1), self.table.ravel()
         for t in range(len(I)):
             (law or self.chain.law)(flat[t], out[t], at.TILE, table)

@@ -192,7 +192,8 @@ def compiled(bench: Bench) -> Result:
 
 
 def history(bench: Bench) -> Result:
-    """Continuing from copied history gives the same bits, elsewhere in the tile too: no hidden memory."""
+    """Continuing from copied history gives the same bits, elsewhere in the tile too: no hidden memory. What is named `energy` in
+    it is the stored energy."""
     path = random_paths(bench, 4)
     moments: list[Moment] = list(walk(bench, path, 3))
     order = np.random.default_rng(3).permutation(at.TILE)
@@ -207,7 +208,15 @@ def history(bench: Bench) -> Result:
         if not (np.array_equal(answer, moment.answer) and np.array_equal(after, moment.after)):
             return False, "a continued contact differs from one that was not interrupted"
         memory = after
+    if not all(np.array_equal(_energy(bench, moment), moment.answer[:, at.O_STORED_T]) for moment in moments):
+        return False, "what it remembers as `energy` is not what it answers as `stored`"
     return True, f"{len(bench.law.history)} floats" if bench.law.history else "none"
+
+
+def _energy(bench: Bench, moment: Moment) -> Array:
+    """What the law remembers as the energy of its spring (the engine reads it there), J; what it answers, if it does not."""
+    own = bench.sheared and "energy" in bench.law.history
+    return moment.after[:, bench.chain.stored] if own else moment.answer[:, at.O_STORED_T]
 
 
 def _place(bench: Bench, asked: Contacts, tile: int, lane: int) -> str:

@@ -30,8 +30,9 @@ and moments that really acted, and in explicit runs remembers these, as energies
 belongs to the force at the end of the step. A tangential law that remembers its force under the names `force_x, force_y` (a
 rolling law its moment, `moment_x, moment_y`) lets the explicit integrator book friction with the mean of the forces at both
 ends, which is what bodies exchange there (`kernels.booking`); without these names the ledger of an explicit run closes to first
-order in the step where friction jumps. A moment acts on i, and turned round on j; `turn` is the rotation of i relative to j
-about the two tangential axes, so that the work of the pair is moment times turn.
+order in the step where friction jumps. A tangential or rolling law that remembers what it answers as `stored` names that number
+`energy`: if it is the only one with a spring, the engine keeps no column of its own for it. A moment acts on i, and turned round
+on j; `turn` is the rotation of i relative to j about the two tangential axes, so that the work of the pair is moment times turn.
 """
 
 from __future__ import annotations

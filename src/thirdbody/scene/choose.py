@@ -261,6 +261,7 @@ def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Ph
         history=chain.history,
         rolling=chain.rolling,
         remembered_forces=chain.remembered_forces,
+        stored=chain.stored,
         dashpots=chain.dashpots,
         pairs=np.ascontiguousarray(parameters.ravel()),
         kinds=kinds,
