@@ -144,7 +144,8 @@ def samples(bench: Bench) -> list[Sample]:
     huge."""
     rng = np.random.default_rng(5)
     usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
-    own, end = len(bench.law.memory()), at.I_HISTORY + bench.width
+    first = at.I_HISTORY + sum(len(law.memory()) for law in bench.chain.laws[: bench.place])
+    own = slice(first, first + len(bench.law.memory()))
     found: list[Sample] = []
     for moment in walk(bench, random_paths(bench, 3), 4):
         I = bench.inputs(moment.asked, moment.before)  # noqa: E741
@@ -152,7 +153,7 @@ def samples(bench: Bench) -> list[Sample]:
             for lane in rng.integers(at.TILE, size=3):
                 numbers = I[k, :, lane].tolist()
                 if numbers[at.I_OVERLAP] > 0.0:
-                    memory = tuple(numbers[end - own : end])
+                    memory = tuple(numbers[own])
                     found.append(Sample(k, Contact._make((*numbers[: at.I_TYPE], 0.0, 0.0)), memory))
     return found
 
