@@ -6,7 +6,8 @@ T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap e
 
 * On a straight path of overlap and slip a spring takes the share of the slip that came after it touched, and is then returned
   onto its limit. Along a line that is exact whatever the length of the step, so 100 steps give what one gives; on a curved
-  path the return makes an error of first order in the angle that a step turns by.
+  path the return makes an error of first order in the angle that a step turns by, down to that of the row: up to 2e-3 of mu N
+  for 32 springs, 4e-4 for 64, 1e-4 for 128.
 * The grid of n springs doubles its spacing at the very moment when the patch reaches its end, by merging neighbours: between
   n/2 and n springs carry a growing patch, and the state depends on the path alone. A patch that shrinks keeps its coarse grid
   until the contact opens. The gap of a spring is the mean over its cell, so merging keeps every field that is linear in x^2,

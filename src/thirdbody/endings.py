@@ -86,8 +86,8 @@ def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
     short = told.get("histories_shortened")
     if short:
         yield (
-            f"{short} contacts bent their history more often than contact.nodes has room for, and dropped what matters least; "
-            "more nodes keep it"
+            f"{short} contacts bent their history more often than contact.nodes has room for, and dropped the least of it: an "
+            "error of some 1e-4 of mu N with 48 nodes, which falls with the square of their number"
         )
     if left:
         yield (
