@@ -95,7 +95,7 @@ def declaration_faults(law: Law) -> list[str]:
     for option in law.options:
         values = option.default if isinstance(option.default, Sequence) else [option.default]
         if option.words:
-            if option.default not in option.words:
+            if option.default not in option.words and (isinstance(option.default, str) or not option.or_number):
                 faults.append(f"the default of option '{option.name}' is none of its words")
         elif isinstance(option.default, str):
             faults.append(f"the default of option '{option.name}' is a text, but the option has no words")

@@ -223,7 +223,8 @@ class Law:
     dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd (tangential; rolling: of moment and turn); a law without one runs in the
     explicit integrator only. `field` is the number of floats of the field, or a function of the options that gives it; a law
     that `rolls` is told the way of the patch, for history that belongs to the material under it. `wanted(pairs)` says whether
-    these materials call for the law at all: if not, it is absent from the compiled code.
+    these materials call for the law at all: if not, it is absent from the compiled code. `variant(options)` may give another law
+    that stands for this one under these options, one with more history for instance, or None.
     """
 
     name: str
@@ -238,6 +239,7 @@ class Law:
     wanted: Callable[[Sequence[Pair]], bool] = _always
     field: int | Callable[[Options], int] = 0
     rolls: bool = False
+    variant: Callable[[Options], Law | None] | None = None
 
     def memory(self) -> tuple[str, ...]:
         """Names of all floats that are kept per contact: the history, then the field."""
@@ -246,8 +248,9 @@ class Law:
         return self.history + tuple(f"field[{i}]" for i in range(self.field))
 
     def sized(self, options: Options) -> Law:
-        """The law with the size of its field for these options."""
-        return replace(self, field=self.field(options)) if callable(self.field) else self
+        """The law, or its variant, with the size of its field for these options."""
+        law = (self.variant(options) if self.variant else None) or self
+        return replace(law, field=law.field(options)) if callable(law.field) else law
 
 
 @dataclass(frozen=True)

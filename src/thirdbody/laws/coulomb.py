@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 from .contract import Law, Option, Options, Pair, Tangential, kernel
 from .elasticity import g_star
-from .friction import MEMORY, friction_tangent, keeps, stretched, stretched_tangent
+from .friction import MEMORY, forgets, friction_tangent, keeps, rolled, rolled_tangent, stretched, stretched_tangent
+from .renewal import RENEWAL_OF_SPRINGS, fresh_ground, renewal_rate, renewed
 
 
 class CoulombParameters(NamedTuple):
@@ -26,7 +28,7 @@ def coulomb(c, load, p, h):
 
     The spring is never stiffer than the elastic contact, 2 G* a: a stiffer one, at large mu N, would need a smaller time step
     than the impact of two bodies. As in `mindlin`, a falling stiffness releases force and energy that no longer fit: no closed
-    path makes energy; and a spot that rolls on keeps its tangential force.
+    path makes energy; and a spot that rolls on keeps its tangential force. `coulomb_rolling` lets it go.
     """
     limit = p.mu * load.force
     stiffness = min(limit / (p.slip_scale * c.radius), 2.0 * p.g_star * load.contact_radius)
@@ -49,9 +51,58 @@ def coulomb_tangent(c, load, p, h):
     return friction_tangent(x, y, limit, limit_rate, stiffness, x_rate, y_rate)
 
 
+class RollingCoulombParameters(NamedTuple):
+    """Those of `CoulombParameters`, and the renewal of a rolling patch per contact radius."""
+
+    mu: float
+    slip_scale: float
+    g_star: float
+    renewal: float
+
+
+@kernel
+def coulomb_rolling(c, load, p, h):
+    """`coulomb` for a patch that renews its material where it rolls over fresh ground (`thirdbody.laws.renewal`)."""
+    limit, a = p.mu * load.force, load.contact_radius
+    stiffness = min(limit / (p.slip_scale * c.radius), 2.0 * p.g_star * a)
+    ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
+    share = renewed(p.renewal * ground.way / max(a, 1e-300))
+    t = rolled(c.slip_x, c.slip_y, (h[0], h[1], h[2]), share, stiffness, limit)
+    rubs = 1.0 if p.mu > 0.0 else 0.0
+    free = math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
+    slip, critical = rubs * t.slip + (1.0 - rubs) * free, limit / max(stiffness, 1e-300)
+    answer = Tangential(t.x, t.y, limit, critical, slip, t.stored, t.dissipated)
+    return answer, (t.x, t.y, t.stored, ground.x, ground.y, ground.reach)
+
+
+@kernel
+def coulomb_rolling_tangent(c, load, p, h):
+    """As `coulomb_tangent`, with the share of the slip that renewal leaves."""
+    limit, limit_rate, a = p.mu * load.force, p.mu * load.stiffness, load.contact_radius
+    stiffness, rate = limit / (p.slip_scale * c.radius), limit_rate / (p.slip_scale * c.radius)
+    elastic = 2.0 * p.g_star * a
+    if elastic < stiffness:
+        stiffness, rate = elastic, p.g_star * c.radius / max(a, 1e-300)
+    way = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
+    share = renewed(p.renewal * way / max(a, 1e-300))
+    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), share, c.overlap, stiffness, rate)
+    return friction_tangent(x, y, limit, limit_rate, share.fill * stiffness, x_rate, y_rate)
+
+
 def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:
     """Friction of the pair, the scene's slip scale, G*, and the scene's memory."""
     return CoulombParameters(pair.friction, options["slip_scale"], g_star(pair.a, pair.b), keeps(options))
+
+
+def mix_coulomb_rolling(pair: Pair, options: Options) -> RollingCoulombParameters:
+    """As `mix_coulomb`, with the rate of renewal; none for the rescaled force."""
+    p = mix_coulomb(pair, options)
+    return RollingCoulombParameters(p.mu, p.slip_scale, p.g_star, p.keeps * renewal_rate(pair, options))
+
+
+def forgetting_coulomb(options: Options) -> Law | None:
+    """The variant for spots that forget as they roll on, where these options ask for it."""
+    return COULOMB_ROLLING if forgets(options) else None
 
 
 COULOMB = Law(
@@ -72,6 +123,19 @@ COULOMB = Law(
             doc="slip at which the friction limit is reached, as a fraction of the contact's radius of curvature",
         ),
         MEMORY,
+        RENEWAL_OF_SPRINGS,
     ),
+    variant=forgetting_coulomb,
     source="Coulomb 1785, regularised as an elastic-plastic spring (Cundall and Strack 1979, stiffness following the load)",
+)
+
+COULOMB_ROLLING = replace(
+    COULOMB,
+    kernel=coulomb_rolling,
+    tangent=coulomb_rolling_tangent,
+    parameters=RollingCoulombParameters,
+    mix=mix_coulomb_rolling,
+    history=(*COULOMB.history, "offset_x", "offset_y", "reach"),
+    rolls=True,
+    variant=None,
 )

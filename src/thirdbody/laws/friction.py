@@ -29,6 +29,11 @@ def keeps(options: Options) -> float:
     return 0.0 if options.get("memory", MEMORY.default) == "rescaled" else 1.0
 
 
+def forgets(options: Options) -> bool:
+    """Whether a spot that rolls on forgets: where the scene says so, and not with the rescaled force."""
+    return keeps(options) > 0.0 and options.get("renewal", 0.0) != 0.0
+
+
 class Spring(NamedTuple):
     """A spring after a step: force on the owner, N; slip at the limit, m; elastic energy and what was dissipated, J."""
 
@@ -80,6 +85,42 @@ def stretched_tangent(slip_x, slip_y, memory, stiffness, stiffness_rate):
         rate * x_old - stiffness_rate * slip_x,
         rate * y_old - stiffness_rate * slip_y,
     )
+
+
+@kernel
+def rolled(slip_x, slip_y, memory, share, stiffness, limit):
+    """`stretched` in a step in which rolling renews a share of the field (`renewal.Renewal`).
+
+    Renewal takes int (renewal rate) 2 U over the step: exact in a spring that sticks and in one that slides one way throughout.
+    """
+    x_old, y_old, energy = memory
+    scaled = (share.kept * x_old, share.kept * y_old, share.kept * share.kept * energy)
+    t = stretched(share.fill * slip_x, share.fill * slip_y, scaled, stiffness, limit, 1.0)
+    square, firm = max(x_old * x_old + y_old * y_old, 1e-150), max(stiffness, 1e-150)
+    part = min(2.0 * stiffness * energy / square, 1.0)
+    x, y = part * x_old, part * y_old
+    left = 1.0 - share.kept * share.kept
+    if t.slip > 0.0:
+        lost_x = (1.0 - share.kept) * x - (1.0 - share.fill) * stiffness * slip_x
+        lost_y = (1.0 - share.kept) * y - (1.0 - share.fill) * stiffness * slip_y
+        heat = max(0.5 * (lost_x * (x + t.x) + lost_y * (y + t.y)) / firm, 0.0)
+        heat += left * max(energy - 0.5 * (x * x + y * y) / firm, 0.0)
+    else:
+        work, way = x * slip_x + y * slip_y, slip_x * slip_x + slip_y * slip_y
+        heat = max(left * energy - share.mixed * work + share.own * stiffness * way, 0.0)
+    return Spring(t.x, t.y, t.slip, t.stored, t.dissipated + heat)
+
+
+@kernel
+def rolled_tangent(slip_x, slip_y, memory, share, overlap, stiffness, stiffness_rate):
+    """The trial force of `rolled` and its derivative by the overlap; the exponent of renewal falls as overlap^-0.5."""
+    x_old, y_old, energy = memory
+    scaled = (share.kept * x_old, share.kept * y_old, share.kept * share.kept * energy)
+    x, y, x_rate, y_rate = stretched_tangent(share.fill * slip_x, share.fill * slip_y, scaled, stiffness, stiffness_rate)
+    half = 0.5 / max(overlap, 1e-300)
+    grows = half * (1.0 - share.kept) / share.fill
+    moved = stiffness * (grows * share.fill - half * (share.fill - share.kept))
+    return x, y, x_rate + grows * x + moved * slip_x, y_rate + grows * y + moved * slip_y
 
 
 @kernel

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 from .contract import Law, Options, Pair, Tangential, kernel
 from .elasticity import e_star, g_star
-from .friction import MEMORY, friction_tangent, keeps, stretched, stretched_tangent
+from .friction import MEMORY, forgets, friction_tangent, keeps, rolled, rolled_tangent, stretched, stretched_tangent
+from .renewal import RENEWAL_OF_SPRINGS, fresh_ground, renewal_rate, renewed
 
 
 class MindlinParameters(NamedTuple):
@@ -24,8 +26,7 @@ def mindlin(c, load, p, h):
 
     Loss of contact area releases force and energy of the area that is lost (Thornton and Randall 1988; Walton and Braun 1986);
     a stored displacement instead makes energy (Elata and Berryman 1996). The spring belongs to the patch, not to the material
-    under it: a spot that rolls on keeps its tangential force, where in truth fresh material enters the patch unloaded and the
-    force dies within about two contact radii of travel.
+    under it: a spot that rolls on keeps its tangential force. `mindlin_rolling` lets it go.
     """
     limit = p.mu * load.force
     t = stretched(c.slip_x, c.slip_y, h, 2.0 * p.g_star * load.contact_radius, limit, p.keeps)
@@ -40,10 +41,52 @@ def mindlin_tangent(c, load, p, h):
     return friction_tangent(x, y, p.mu * load.force, p.mu * load.stiffness, stiffness, x_rate, y_rate)
 
 
+class RollingMindlinParameters(NamedTuple):
+    """Those of `MindlinParameters`, and the renewal of a rolling patch per contact radius."""
+
+    g_star: float
+    mu: float
+    kappa: float
+    renewal: float
+
+
+@kernel
+def mindlin_rolling(c, load, p, h):
+    """`mindlin` for a patch that renews its material where it rolls over fresh ground (`thirdbody.laws.renewal`)."""
+    limit, a = p.mu * load.force, load.contact_radius
+    ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
+    share = renewed(p.renewal * ground.way / max(a, 1e-300))
+    t = rolled(c.slip_x, c.slip_y, (h[0], h[1], h[2]), share, 2.0 * p.g_star * a, limit)
+    answer = Tangential(t.x, t.y, limit, p.kappa * c.overlap, t.slip, t.stored, t.dissipated)
+    return answer, (t.x, t.y, t.stored, ground.x, ground.y, ground.reach)
+
+
+@kernel
+def mindlin_rolling_tangent(c, load, p, h):
+    """As `mindlin_tangent`, with the share of the slip that renewal leaves."""
+    a = load.contact_radius
+    stiffness, rate = 2.0 * p.g_star * a, p.g_star * c.radius / max(a, 1e-300)
+    way = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
+    share = renewed(p.renewal * way / max(a, 1e-300))
+    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), share, c.overlap, stiffness, rate)
+    return friction_tangent(x, y, p.mu * load.force, p.mu * load.stiffness, share.fill * stiffness, x_rate, y_rate)
+
+
 def mix_mindlin(pair: Pair, options: Options) -> MindlinParameters:
     """G*, friction and kappa = mu E*/G* (Willert, Eqs. 13, 14)."""
     g = g_star(pair.a, pair.b)
     return MindlinParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, keeps(options))
+
+
+def mix_mindlin_rolling(pair: Pair, options: Options) -> RollingMindlinParameters:
+    """As `mix_mindlin`, with the rate of renewal; none for the rescaled force."""
+    p = mix_mindlin(pair, options)
+    return RollingMindlinParameters(p.g_star, p.mu, p.kappa, p.keeps * renewal_rate(pair, options))
+
+
+def forgetting_mindlin(options: Options) -> Law | None:
+    """The variant for spots that forget as they roll on, where these options ask for it."""
+    return MINDLIN_ROLLING if forgets(options) else None
 
 
 MINDLIN = Law(
@@ -54,6 +97,18 @@ MINDLIN = Law(
     parameters=MindlinParameters,
     mix=mix_mindlin,
     history=("force_x", "force_y", "energy"),
-    options=(MEMORY,),
+    options=(MEMORY, RENEWAL_OF_SPRINGS),
+    variant=forgetting_mindlin,
     source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.friction",
+)
+
+MINDLIN_ROLLING = replace(
+    MINDLIN,
+    kernel=mindlin_rolling,
+    tangent=mindlin_rolling_tangent,
+    parameters=RollingMindlinParameters,
+    mix=mix_mindlin_rolling,
+    history=(*MINDLIN.history, "offset_x", "offset_y", "reach"),
+    rolls=True,
+    variant=None,
 )

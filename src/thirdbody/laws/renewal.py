@@ -18,6 +18,7 @@ T = G a^2 C11 xi (Kalker, Three-dimensional elastic bodies in rolling contact, 1
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 from .contract import Option, Options, Pair, kernel
@@ -34,6 +35,9 @@ RENEWAL = Option(
     doc="rate at which a rolling patch renews its material, per contact radius of way over fresh ground; 'kalker': the rate that"
     " gives Kalker's creep coefficient C11; 0 keeps the history in the patch",
 )
+
+RENEWAL_OF_SPRINGS = replace(RENEWAL, default=0.0, doc=RENEWAL.doc + '; memory = "rescaled" has none')
+"""The same for laws with one spring, without renewal unless the scene names it: every contact would pay for it."""
 
 KALKER = ((0.0, 3.40), (0.25, 4.12), (0.5, 5.20))
 """Poisson's ratio and C11 of a round patch (Kalker 1990, table of creepage coefficients)."""
