@@ -17,7 +17,7 @@ from thirdbody.laws.renewal import RENEWAL, fresh_ground, renewed
 from thirdbody.scene.choose import _value
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 
-LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.WIDTH)}
+LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.width({"nodes": 48}))}
 SPRINGS = {"mindlin": (MINDLIN_ROLLING, 0), "coulomb": (COULOMB_ROLLING, 0)}
 EVERY = LEVELS | SPRINGS
 OVERLAP, RADIUS = 1e-9, 1e-6
