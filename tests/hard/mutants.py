@@ -33,7 +33,7 @@ DEEP_LIST: list[Any] = []
 for _ in range(60):
     DEEP_LIST = [DEEP_LIST]
 
-# in no place of a scene but a title can these be right
+# in no place of a scene but a title or a name can these be right
 NEVER: tuple[Any, ...] = (
     float("nan"),
     float("inf"),
@@ -182,7 +182,7 @@ HOSTILE_FILES = (
     " ",
     "~/x.csv",
 )
-FREE = {"title"}
+FREE = {"title", "name"}
 
 
 def small(path: Path) -> dict[str, Any]:
