@@ -35,13 +35,13 @@ from thirdbody.plugin import (
 from . import LABELLER, THREE_SPOT, conditions, hulls
 from .balance_file import BalanceFile, Spots
 from .balance_label import Observer
-from .balance_press import UNDECIDED, press
+from .balance_press import UNDECIDED, drag, press
 
 NODES = 1024
 """Room for the history of a spot at level `exact`: a bend for each of some 1000 steps of pressing and drag."""
 MISMATCH = 0.01  # Dundurs' beta below which the coupling of normal and tangential contact is not worth a word
 TOUCHING = 1e-12  # gap over the size of the particle that is rounding
-LARGE = 0.1  # rotation, rad, or overlap over radius, beyond which linear kinematics or Hertz' theory is a rough guess
+LARGE = 0.1  # overlap over radius beyond which Hertz' theory is a rough guess
 DEFAULT_LEVEL = "exact"
 
 
@@ -167,6 +167,7 @@ class _Walk:
         self.radius, self.level = spots.radius, level
         self.observer: Observer | None = None
         self.balances: list[Balance] = []
+        self.pressed = grip  # as it is pressed: the drag may turn the particle on
         self.points: list[Point] = []
 
     @property
@@ -179,7 +180,7 @@ class _Walk:
         turned = self.solver.turned
         if not turned.any():
             return None
-        return Seat(float(turned[1]) if self.planar else turned.tolist(), self.grip.place.tolist())
+        return Seat(float(turned[1]) if self.planar else turned.tolist(), self.pressed.place.tolist())
 
     def go(self) -> Stop | None:
         """Press, then drag; tells where no static state exists."""
@@ -191,16 +192,18 @@ class _Walk:
             self.solver, pressed = press(self.solver, given)
             self.observer = Observer(LABELLER, self.grip, self.radius, (e_x, e_y), self.level)
             self._note(pressed)
+            self.pressed = self.grip
             for k in range(1, steps + 1):
-                drag = self.path.drag * k / steps
-                self._note(self.solver.move((given, drag * e_x, drag * e_y)))
+                way = self.path.drag * k / steps
+                self.solver, found = drag(self.solver, (given, way * e_x, way * e_y))
+                self._note(found)
         except NoStaticState as problem:
             return self._stop(problem)
         return None
 
     def _note(self, found: Balance) -> None:
         assert self.observer is not None  # since the end of pressing
-        spots, label, reason, margins = self.observer.see(found)
+        spots, label, reason, margins = self.observer.see(found, self.grip)
         downwards = np.where(self.grip.upper, 1.0, -1.0)[:, None] * found.answer.tangential
         drag = float(np.hypot(*found.plate[1:]))
         t: Any = (-downwards[:, 0]).tolist() if self.planar else downwards.tolist()
@@ -213,19 +216,20 @@ class _Walk:
     def _stop(self, problem: NoStaticState) -> Stop:
         pressed, drag = float(problem.plate[0]), float(np.hypot(*problem.plate[1:]))
         when = f"at a drag of {drag:.4g} m" if self.points else "while it is pressed"
-        failed = problem.closest < UNDECIDED
+        failed = problem.undecided or problem.closest < UNDECIDED
         message = f"no static state exists {when}: the particle tips or rolls ({problem})"
         if failed:
-            message = f"undecided {when}: the solver failed, {problem.closest:.1g} of the forces unbalanced; try another level"
+            left = f"{problem.closest:.1g} of the forces unbalanced"
+            message = f"undecided {when}: the solver failed, {left} ({problem}); try another level"
         label = "undecided" if failed else "rolling"
         return Stop(None if self.under_load else pressed, pressed if self.under_load else None, drag, label, message)
 
 
 def _forecast(told: BalanceFile, walk: _Walk) -> Forecast:
     """Conditions of self-consistency for the spots that are loaded after pressing; if it cannot be pressed, that touch first."""
-    up, place = walk.grip.upper, walk.grip.place
+    up, place = walk.pressed.upper, walk.pressed.place
     first = walk.balances[0] if walk.balances else None
-    loaded = first.overlap > 0.0 if first is not None else walk.grip.gap <= TOUCHING * walk.grip.arm
+    loaded = first.overlap > 0.0 if first is not None else walk.pressed.gap <= TOUCHING * walk.pressed.arm
     above, below = place[up & loaded], place[~up & loaded]
     if not len(above) or not len(below):
         return Forecast(None, None, None, [])
@@ -267,10 +271,7 @@ def _warnings(told: BalanceFile, spots: Spots, walk: _Walk, moduli: Mapping[str,
     if dropped.any():
         spots_told = ", ".join(str(k + 1) for k in np.flatnonzero(dropped))
         found.append(f"spots {spots_told} had more bends in their history than the {NODES} nodes hold: fewer steps keep all")
-    turn = max(float(np.linalg.norm(b.motion[3:])) for b in walk.balances)
     deep = max(float((b.overlap / spots.radius).max()) for b in walk.balances)
-    if turn > LARGE:
-        found.append(f"the particle turns by {turn:.3g} rad, beyond the linear kinematics")
     if any(b.free for b in walk.balances) and any(point.label == "sliding" for point in walk.points):
         found.append("where it slides on both sides its place along the drag is undetermined: u is one of many, the rest holds")
     if deep > LARGE:

@@ -35,11 +35,11 @@ class Observer:
         self.limit = AT_LIMIT.get(level, ROUNDING) if grip.planar else SPREAD
         self.ring = RING.get(level, ANNULUS)
 
-    def see(self, point: Balance) -> tuple[list[str], str, str, dict[str, Any]]:
-        """(state of each spot, label, reason, margins) of the next point."""
+    def see(self, point: Balance, grip: Grip) -> tuple[list[str], str, str, dict[str, Any]]:
+        """(state of each spot, label, reason, margins) of the next point, found with the spots at `grip`."""
         loaded = point.overlap > 0.0
         eta = utilisation(point, loaded)
-        told = self.labels.see(point)
+        told = self.labels.see(point, grip)
         margins: dict[str, Any] = {name: told[name] for name in self.labeller.margins}
         margins["friction_spots"] = (1.0 - eta).tolist()
         state, reason = self.labeller.states[int(told["state"])], self.labeller.reasons[int(told["reason"])]

@@ -1,4 +1,4 @@
-"""Pressing a particle step by step: past corners of the laws, and through contacts that do not hold it, until it sits."""
+"""Steps of the path of one particle: past corners of the laws, and through contacts that do not hold it, until it sits."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from thirdbody.plugin import Balance, NoStaticState, QuasiStatic, relax, seat
+from thirdbody.plugin import Balance, NoStaticState, QuasiStatic, from_first_touch, in_present_posture, relax, seat
 
 STEPS = 100
 """Steps of the pressing: one for laws that are exact along the straight paths of a weightless particle."""
@@ -25,22 +25,42 @@ def press(solver: QuasiStatic, given: float) -> tuple[QuasiStatic, Balance]:
     seats = 0
     for k in range(1, STEPS + 1):
         target = (given * k / STEPS, 0.0, 0.0)
-        found, relaxed = None, False
+        found = None
         while found is None:
             try:
-                found = solver.move(target)
+                found = _balance(solver, target)
             except NoStaticState as problem:
-                if relaxed:  # the solver is at the target, and finds no balance all the same
-                    raise
-                relaxed = problem.closest < UNDECIDED and relax(solver, target)
-                if relaxed:
-                    continue
-                seated = seat(solver, _load(solver, target)) if seats < SEATS else None
-                if seated is None:
-                    raise
-                solver, seats = seated, seats + 1
+                if seats == SEATS:
+                    raise NoStaticState(f"it left {SEATS} seats again", problem.plate, problem.closest, undecided=True) from None
+                solver = from_first_touch(seat(solver, (_load(solver, target), 0.0, 0.0)), solver)
+                seats += 1
     assert found is not None
     return solver, found
+
+
+def drag(solver: QuasiStatic, target: Sequence[float]) -> tuple[QuasiStatic, Balance]:
+    """The balance at a load or indentation and drag x, y, and the solver to go on with, which keeps up with the particle's turn.
+
+    Under a load a particle that tips over moves on until its forces balance again. Raises NoStaticState where they never do.
+    """
+    try:
+        found = _balance(solver, target)
+    except NoStaticState:
+        if not solver.under_load:
+            raise
+        solver = seat(solver, target)
+        found = _balance(solver, target)
+    return in_present_posture(solver), found
+
+
+def _balance(solver: QuasiStatic, target: Sequence[float]) -> Balance:
+    """The balance next to the last one: by Newton's method, else by relaxation."""
+    try:
+        return solver.move(target)
+    except NoStaticState as problem:
+        if problem.closest >= UNDECIDED or not relax(solver, target):
+            raise
+    return solver.move(target)
 
 
 def _load(solver: QuasiStatic, target: Sequence[float]) -> float:

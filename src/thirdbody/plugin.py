@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from .bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
 from .engine.quasistatic import Balance, Grip, NoStaticState, QuasiStatic
-from .engine.seating import relax, seat
+from .engine.seating import from_first_touch, in_present_posture, relax, seat
 from .engine.static_contacts import Contacts
 from .engine.static_labels import StaticLabels
 from .errors import Fault, InputError, OutputError, UsageError, nearest
@@ -106,7 +106,7 @@ __all__ = [
     "OutputError", "Pair", "Part", "PlacedClumps", "PlacedDebris", "Plugin", "PopulationContext", "PositiveLength", "Quantity",
     "QuasiStatic", "RandomStreams", "Renewal", "Rolling", "Size", "StaticLabels", "Tangential", "Turn", "UsageError", "Whole",
     "Wrench", "Wrong",
-    "clump", "clump_with_frame", "dundurs_beta", "e_star", "fresh_ground", "g_star", "helper", "kernel", "listing",
-    "matrix_from_quaternion", "nearest", "one_of", "pretty", "read_text", "read_toml", "relax", "renewal_rate", "renewed",
-    "seat", "wrongs_of",
+    "clump", "clump_with_frame", "dundurs_beta", "e_star", "fresh_ground", "from_first_touch", "g_star", "helper",
+    "in_present_posture", "kernel", "listing", "matrix_from_quaternion", "nearest", "one_of", "pretty", "read_text",
+    "read_toml", "relax", "renewal_rate", "renewed", "seat", "wrongs_of",
 ]  # fmt: skip

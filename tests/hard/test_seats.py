@@ -1,8 +1,9 @@
 """Random particles with spots of unequal height, and random clumps: `balance` presses all that have a static state.
 
 A planar particle's static states are known apart from the engine: those postures of a rigid particle between rigid parallel
-plates in which friction can hold the spots that touch, searched over all tilts. The clumps, in stable poses on the lower body,
-all find one within half a radian.
+plates in which friction can hold the spots that touch, searched over all tilts on the side to which the particle falls (3 of 140
+have one on the other side only, uphill: a load does not lead there). The clumps, in stable poses on the lower body, all find one
+within half a radian.
 """
 
 from __future__ import annotations
@@ -53,20 +54,25 @@ def static_tilts(spots, mu):
     t = lean / h
     # where another spot comes to touch, the resultant may lean by any value between those of the two struts
     low, high = np.minimum(t[1:], t[:-1]), np.maximum(t[1:], t[:-1])
-    return TILTS[1:][(low <= mu) & (high >= -mu)]
+    static = (low <= mu) & (high >= -mu)
+    middle = len(TILTS) // 2
+    falls = 0.0 if static[middle - 1 : middle + 1].any() else float(np.sign(t[middle]))  # the top goes on to where it leans
+    return TILTS[1:][static & (falls * TILTS[1:] >= 0.0)]
 
 
-@pytest.mark.parametrize("level", ["exact", "mdr"])
-def test_random_planar_particles_are_pressed_where_a_static_state_exists(level):
+@pytest.mark.parametrize("level, first, last", [("exact", 0, 140), ("mdr", 0, 40)])
+def test_random_planar_particles_are_pressed_where_a_static_state_exists(level, first, last):
     stopped = []
-    for seed in range(40):
+    for seed in range(first, last):
         spots, mu = planar(seed)
         result = pressed({"spots": spots}, mu, level)
         assert result.stopped is None or result.stopped.label == "rolling", seed
         if result.stopped is not None:
             stopped.append(seed)
             assert not len(static_tilts(spots, mu)), seed
-    assert len(stopped) < 10  # or the ensemble would show nothing
+        else:
+            assert len(static_tilts(spots, mu)), seed
+    assert 0 < len(stopped) < (last - first) // 4  # or the ensemble would show nothing
 
 
 def test_random_clumps_are_pressed():

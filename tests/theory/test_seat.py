@@ -89,3 +89,39 @@ def test_a_particle_that_tips_over_has_no_static_state_and_no_forecast_of_one():
 def test_a_particle_that_its_contacts_hold_has_no_seat():
     even = (LAME[0] | {"x": 0.0}, LAME[1], LAME[2] | {"z": -2e-6})
     assert pressed(even).seat is None
+
+
+def test_a_search_that_ends_without_an_answer_is_undecided(monkeypatch):
+    monkeypatch.setattr("thirdbody.engine.seating.STEPS", 1)
+    stopped = pressed().stopped
+    assert stopped is not None and stopped.label == "undecided" and "no static state" not in stopped.message
+
+
+def test_a_strut_that_rolls_by_a_large_angle_keeps_to_its_circles():
+    """Two spheres that roll without slip between the plates: drag = (r_1 + r_2) phi + what the line of centres goes along."""
+    strut = (spot("upper", 0.0, 2.0), spot("lower", 0.5, -2.0))
+    result = pressed(strut, "mindlin", load=1e-4, drag=1.2e-6, steps=240, direction=(1.0, 0.0))
+    assert result.stopped is None
+    end = result.points[-1]
+    c, sn = math.cos(end.phi), math.sin(end.phi)
+    along, height = -0.5e-6 * c + 2e-6 * sn, 2e-6 * c + 0.5e-6 * sn
+    # elastic slip of a nanometre; with the spots where they were at first 1.3 um would be 1.2
+    assert 2e-6 * end.phi + along + 0.5e-6 == pytest.approx(1.2e-6, abs=3e-9)
+    # Eq. 16 in the present posture, which the spots follow to .01 overlaps, i.e. a hundredth of a radian
+    assert end.T[0] / end.N[0] == pytest.approx(along / (height + 2e-6), abs=5e-3)
+    assert {p.label for p in result.points[10:]} == {"rolling"}
+
+
+def test_a_particle_that_snaps_over_in_the_drag_goes_on_in_its_next_seat():
+    """The strut, held at rest by a friction above .375, turns with the drag until it leans by more, and falls on its foot."""
+    tables = {"materials": MATERIALS, "friction": {"upper": 0.38, "lower": 0.38}, "particle": {"spots": list(LAME)}}
+    path = {"load": 1e-4, "drag": 1e-7, "steps": 100, "direction": (1.0, 0.0)}
+    result = balance(tables | {"path": path}, "mindlin")
+    assert result.stopped is None and result.seat is None
+    turn = np.array([p.phi for p in result.points])
+    snap = int(np.diff(turn).argmax()) + 1
+    # less than the rigid particle by an overlap of 7 nm on feet 2 um apart: the strut still carries nearly all
+    assert turn[snap - 1] < 0.5 * TILT and turn[snap] == pytest.approx(TILT, abs=4e-3)
+    assert all(spot != "open" for spot in result.points[snap].spots)
+    end = result.points[-1]  # it turned on over the foot that it fell on
+    assert (end.label, end.reason, end.spots[1]) == ("rolling", "lift_off", "open")

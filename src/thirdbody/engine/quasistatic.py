@@ -4,7 +4,7 @@ The lower plate is fixed; the upper one is lowered by its closing (or pressed do
 dragged sideways. Kinematics is linear, as in Willert's theory (Eqs. 1, 6, 11): a spot at r from the centre of mass moves by
 t + theta x r, with the translation t and the rotation vector theta of the particle since first touch. Its normal part changes
 the overlap, its tangential part against the plate is the slip. That is the theory itself for a planar particle, and holds in
-3-D as long as |theta| is small; finite rotation is another solver's task.
+3-D as long as |theta| is small; where it is not, `seating` places the spots anew and goes on from there.
 
 Nothing is known of the laws but their compiled `law` and `tangents`. A step takes the history from the last point in balance and
 commits it only when the new one is found: a law that is exact for straight paths of overlap and slip is used as such.
@@ -36,12 +36,13 @@ class NoStaticState(Exception):
     """No balance was found on the way from the last point; `plate` is closing or load, and drag (2,), where it failed.
 
     `closest` is the least share of the forces that was left unbalanced there. Where the particle tips it is some percent; far
-    less means that the search failed next to a balance, which the laws may be too rough for.
+    less means that the search failed next to a balance, which the laws may be too rough for. `undecided`: the search ended
+    before the particle came to rest or tipped over.
     """
 
-    def __init__(self, message: str, plate: Array, closest: float):
+    def __init__(self, message: str, plate: Array, closest: float, undecided: bool = False):
         super().__init__(message)
-        self.plate, self.closest = plate, closest
+        self.plate, self.closest, self.undecided = plate, closest, undecided
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +110,8 @@ class QuasiStatic:
         self._kept = [0, 2, 4] if grip.planar else list(range(6))
         self.rows = _rows(grip, self._kept, under_load)
         self.memory = contacts.virgin()
-        self.turned = np.zeros(3)  # rotation vector of `grip` from the one in which the particle was given
+        self.turned = np.zeros(3)  # rotation vector from the posture in which the particle was given to that of first touch
+        self.gone = np.zeros(3)  # from there to the posture of `grip`
         self._closest = float("inf")  # least `rest` that the search for the present point has met
         # drag of the last step, and what the coordinates gained by it
         self._dragged, self._gained = np.zeros(2), np.zeros(self.rows.shape[2])
@@ -171,6 +173,8 @@ class QuasiStatic:
         motion = np.zeros(6)
         motion[self._kept] = coordinates[: len(self._kept)]
         motion[3:] /= self.grip.arm
+        if self.gone.any():
+            motion[3:] = after(self.gone, motion[3:])
         return motion
 
     def _commit(self, plate: Array, trial: Trial, free: int) -> None:
@@ -349,6 +353,13 @@ def _rows(grip: Grip, kept: Sequence[int], under_load: bool) -> Array:
         return np.ascontiguousarray(rows)
     closing = np.stack([np.where(grip.upper, 1.0, 0.0), zero, zero])[:, :, None]
     return np.concatenate([rows, closing], axis=2)
+
+
+def after(first: Array, then: Array) -> Array:
+    """The rotation vector of one rotation after another."""
+    from scipy.spatial.transform import Rotation  # a fifth of a second of imports
+
+    return np.asarray((Rotation.from_rotvec(then) * Rotation.from_rotvec(first)).as_rotvec())
 
 
 def _root(excess: Callable[[float], float], high: float) -> float:

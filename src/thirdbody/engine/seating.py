@@ -1,4 +1,4 @@
-"""The seat of a particle that tips over its first contacts while it is pressed: relaxation at constant load.
+"""A particle that its contacts do not hold moves on until its forces balance: relaxation; and finite rotations.
 
 Where no balance of forces exists near the last one, the particle moves on against a resistance proportional to its velocity
 until its forces balance again. A step is one of implicit Euler, force(y) = resistance (y - y_last), and the resistance falls
@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .quasistatic import ACCEPTED, Grip, QuasiStatic, Trial
+from .quasistatic import ACCEPTED, Grip, NoStaticState, QuasiStatic, Trial, after
 from .state import Array
 
 LARGEST_TURN = 0.5
@@ -27,8 +27,8 @@ SOLVED = 1e-6
 """Unbalanced share of the forces, resistance included, that ends a step."""
 SLOWER, FASTER = 4.0, 3.0
 """Factors of the resistance after a step that failed, and after one that did not."""
-BENT = 0.5
-"""Share of the largest overlap by which a step may leave the circle that a spot moves on."""
+BENT, BENT_PATH = 0.5, 0.01
+"""Shares of the largest overlap by which a step, and a path, may leave the circle that a spot moves on."""
 REACH = 0.5
 """Largest change of an overlap in one Newton step, in parts of the largest overlap."""
 STRONGEST, WEAKEST = 1e6, 1e-12
@@ -51,14 +51,57 @@ def relax(walk: QuasiStatic, plate: Sequence[float]) -> bool:
     return False
 
 
-def seat(walk: QuasiStatic, load: float) -> QuasiStatic | None:
-    """A solver like `walk`, in balance where the particle comes to rest under `load`, N; None if it tips over.
+def seat(walk: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
+    """A solver under load, in balance where the particle comes to rest at `plate`, the load, N, and the drag x, y, m.
 
-    The particle starts from the last balance of `walk`, else upright. The result counts its coordinates from the first touch of
-    the seated particle: `grip` has the spots there, `turned` is the rotation vector from the first grip.
+    The particle starts from the last balance of `walk`, else upright. Raises NoStaticState if it tips over.
     """
-    moving = _Turning(walk, load)
-    return moving.seated(walk) if moving.comes_to_rest() else None
+    moving = _Turning(walk, np.asarray(plate, float))
+    if moving.comes_to_rest():
+        return moving.solver
+    assert moving.solver.now is not None
+    rest = moving.solver.now.rest
+    if moving.exhausted:
+        raise NoStaticState(f"the search ended after a turn of {moving.turn:.2g} rad", moving.plate, rest, undecided=True)
+    raise NoStaticState(f"it turns by {LARGEST_TURN} rad and finds no balance on the way", moving.plate, rest)
+
+
+def from_first_touch(seated: QuasiStatic, walk: QuasiStatic) -> QuasiStatic:
+    """A solver like `walk` in the posture of `seated`: coordinates and rotations count from first touch in it."""
+    assert seated.now is not None
+    grip, y, up = seated.grip, seated.now.coordinates.copy(), seated.grip.upper
+    above, below = float(grip.gap[up].min()), float(grip.gap[~up].min())
+    y[: seated.vertical] = 0.0
+    y[seated.vertical] += below
+    y[-1] -= above + below
+    found = QuasiStatic(replace(grip, gap=grip.gap - np.where(up, above, below)), walk.contacts, walk.under_load)
+    found.turned = after(walk.turned, seated.gone)
+    plate = seated.now.plate if walk.under_load else np.array([y[-1], 0.0, 0.0])
+    found.adopt(y if walk.under_load else y[:-1], plate, seated.memory)
+    return found
+
+
+def in_present_posture(walk: QuasiStatic, least: float = BENT_PATH) -> QuasiStatic:
+    """A solver like `walk`, at its last balance, whose kinematics is linear about the present posture.
+
+    `walk` itself while the circles that the spots move on leave the straight lines by less than `least` overlaps.
+    """
+    assert walk.now is not None
+    turn = walk.now.coordinates[walk.rotations]
+    if float(turn @ turn) / walk.grip.arm <= least * float(walk.now.overlap.max()):
+        return walk
+    rotation, coordinates = np.zeros(3), walk.now.coordinates.copy()
+    rotation[walk.axes] = turn / walk.grip.arm
+    coordinates[walk.rotations] = 0.0
+    place = _turned(walk.grip, walk.contacts.radius, rotation)
+    rise = place[:, 2] - walk.grip.place[:, 2]
+    gap = walk.grip.gap + np.where(walk.grip.upper, -rise, rise)
+    found = QuasiStatic(replace(walk.grip, place=place, gap=gap), walk.contacts, walk.under_load)
+    found.turned, found.gone = walk.turned, after(walk.gone, rotation)
+    found.adopt(coordinates, walk.now.plate, walk.memory)
+    assert found.now is not None
+    found.now = replace(found.now, slip=walk.now.slip)
+    return found
 
 
 class _Relaxation:
@@ -67,6 +110,7 @@ class _Relaxation:
     def __init__(self, solver: QuasiStatic, plate: Array, farthest: float) -> None:
         self.solver, self.plate, self.farthest = solver, plate, farthest
         self.turn = 0.0  # rad, from the start
+        self.exhausted = False  # whether the search ended without an answer
 
     def put(self, coordinates: Array, memory: Array) -> None:
         """Go on from here; the slip so far is kept."""
@@ -85,7 +129,7 @@ class _Relaxation:
             if found is None:
                 resistance *= SLOWER
                 if resistance > STRONGEST * stiff:
-                    return False
+                    break
                 continue
             self.accept(found)
             if found.rest <= ACCEPTED:
@@ -93,6 +137,7 @@ class _Relaxation:
             if self.turn > self.farthest:
                 return False
             resistance = max(resistance / FASTER, WEAKEST * stiff)
+        self.exhausted = True
         return False
 
     def accept(self, trial: Trial) -> None:
@@ -100,7 +145,9 @@ class _Relaxation:
         assert self.solver.now is not None
         part = self.solver.rotations
         self.turn += float(np.linalg.norm(trial.y[part] - self.solver.now.coordinates[part])) / self.solver.grip.arm
+        slip = np.where(trial.overlap > 0.0, self.solver.now.slip + trial.answer.slip, 0.0)
         self.put(trial.y, trial.answer.memory)
+        self.solver.now = replace(self.solver.now, slip=slip)
 
     def _step(self, resistance: float) -> Trial | None:
         """The end of one step of implicit Euler; None if none is found, or if it turns too far for linear kinematics."""
@@ -136,44 +183,25 @@ class _Relaxation:
 
 
 class _Turning(_Relaxation):
-    """The same under load with finite rotations, between plates at the heights `floor` and `ceiling` (without closing), m."""
+    """The same under load, with finite rotations."""
 
-    def __init__(self, walk: QuasiStatic, load: float) -> None:
-        super().__init__(QuasiStatic(walk.grip, walk.contacts, True), np.array([load, 0.0, 0.0]), LARGEST_TURN)
-        self.turned, self.radius = walk.turned, walk.contacts.radius
-        z, gap, up = walk.grip.place[:, 2], walk.grip.gap, walk.grip.upper
-        self.floor, self.ceiling = float((z - gap)[~up].mean()), float((z + gap)[up].mean())
-        start = self.solver.upright(self.plate)
+    def __init__(self, walk: QuasiStatic, plate: Array) -> None:
+        solver = QuasiStatic(walk.grip, walk.contacts, True)
+        solver.turned, solver.gone = walk.turned, walk.gone
+        super().__init__(solver, plate, LARGEST_TURN)
+        self.start = walk.gone
+        start = solver.upright(plate)
         if walk.now is not None:
             start = walk.now.coordinates if walk.under_load else np.append(walk.now.coordinates, walk.now.closing)
         self.put(start, walk.memory)
+        if walk.now is not None and solver.now is not None:
+            solver.now = replace(solver.now, slip=walk.now.slip)
 
     def accept(self, trial: Trial) -> None:
-        """Turn the spots by what the step turned the particle, and go on from there."""
-        solver = self.solver
-        rotation, coordinates = np.zeros(3), trial.y.copy()
-        rotation[solver.axes] = trial.y[solver.rotations] / solver.grip.arm
-        coordinates[solver.rotations] = 0.0
-        place = _turned(solver.grip, self.radius, rotation)
-        gap = np.where(solver.grip.upper, self.ceiling - place[:, 2], place[:, 2] - self.floor)
-        self.turned = _after(self.turned, rotation)
-        self.turn = float(np.linalg.norm(self.turned))
-        self.solver = QuasiStatic(replace(solver.grip, place=place, gap=gap), solver.contacts, True)
-        self.put(coordinates, trial.answer.memory)
-
-    def seated(self, walk: QuasiStatic) -> QuasiStatic:
-        """The solver like `walk` that counts from the first touch of this posture."""
-        assert self.solver.now is not None
-        grip, y, up = self.solver.grip, self.solver.now.coordinates.copy(), self.solver.grip.upper
-        above, below = float(grip.gap[up].min()), float(grip.gap[~up].min())
-        y[: self.solver.vertical] = 0.0
-        y[self.solver.vertical] += below
-        y[-1] -= above + below
-        found = QuasiStatic(replace(grip, gap=grip.gap - np.where(up, above, below)), walk.contacts, walk.under_load)
-        found.turned = self.turned
-        plate = self.plate if walk.under_load else np.array([y[-1], 0.0, 0.0])
-        found.adopt(y if walk.under_load else y[:-1], plate, self.solver.memory)
-        return found
+        """Go on from the end of a step, in the posture there."""
+        super().accept(trial)
+        self.solver = in_present_posture(self.solver, 0.0)
+        self.turn = float(np.linalg.norm(after(-self.start, self.solver.gone)))
 
 
 def _turned(grip: Grip, radius: Array, rotation: Array) -> Array:
@@ -183,10 +211,3 @@ def _turned(grip: Grip, radius: Array, rotation: Array) -> Array:
     summit = np.zeros_like(grip.place)
     summit[:, 2] = np.where(grip.upper, radius, -radius)
     return Rotation.from_rotvec(rotation).apply(grip.place - summit) + summit
-
-
-def _after(first: Array, then: Array) -> Array:
-    """The rotation vector of one rotation after another."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray((Rotation.from_rotvec(then) * Rotation.from_rotvec(first)).as_rotvec())

@@ -24,8 +24,9 @@ class StaticLabels:
         self.last: Balance | None = None
         self._observe, self._label = compose_labeller(labeller, effects=False)
 
-    def see(self, point: Balance) -> dict[str, float]:
-        """What the labeller says of the next balance: `state` and `reason` (codes), its margins and extras, by name."""
+    def see(self, point: Balance, grip: Grip) -> dict[str, float]:
+        """What the labeller says of the next balance, with the spots at `grip`: codes `state`, `reason`, margins and extras."""
+        self.grip = grip
         loaded = np.flatnonzero(point.overlap > 0.0)
         contacts, body = self._contacts(point, loaded), self._body(point)
         self._observe(contacts, len(loaded), body, self.memory)
