@@ -25,6 +25,13 @@ CARRIED = 0.5
 """Share of its load below which a patch counts as carried by nothing."""
 
 
+FELT = 0.05
+"""Force of the patches' dashpots at the speed of the drag, over their load, from which it is told what dashpots take."""
+
+DAMPED = 0.1
+"""Share of the plates' work that dashpots take from which it is told of."""
+
+
 def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]) -> dict[str, Any]:
     """What the end of a run says about its accuracy.
 
@@ -32,11 +39,13 @@ def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]
     zero where energy was made. `load_ratio`: mean force on the upper plate over its mean load since the last frame; None where
     no load is prescribed. `patches_not_carried`: of a quasi-static run, how many patches nothing presses against.
     `histories_shortened`: contacts whose law had no room for all of their history and dropped the least of it.
+    `damping_share`: what dashpots take of the plates' work; None where those of the patches play no part.
     """
     share = conduct.ledger.relative_residual(simulation.state, lines["numerical"])
     return {
         "energy_numerical_share": math.copysign(share, lines["numerical"]),
         "load_ratio": _load_ratio(simulation, conduct),
+        "damping_share": _damping_share(simulation, lines),
         "patches_not_carried": None if simulation.state.inertial else patches_not_carried(simulation),
         "histories_shortened": histories_shortened(simulation),
     }
@@ -59,6 +68,13 @@ def _load_ratio(simulation: Simulation, conduct: Conduct) -> float | None:
     return float(force[2]) / load if force is not None and load > 0.0 else None
 
 
+def _damping_share(simulation: Simulation, lines: Mapping[str, float]) -> float | None:
+    P, speed = simulation.state.P, simulation.schedule.top_speed()
+    loaded = (P[:, at.P_FREE] > 0.0) & (P[:, at.P_LOAD] > 0.0)
+    felt = bool((P[loaded, at.P_DAMPING] * speed > FELT * P[loaded, at.P_LOAD]).any())
+    return lines["damping"] / lines["plate_work"] if felt and lines["plate_work"] > 0.0 else None
+
+
 def patches_not_carried(simulation: Simulation) -> int:
     """Patches under a load of their own that carry less than a share of it (`CARRIED`)."""
     P, slots = simulation.state.P, simulation.state.slots
@@ -75,6 +91,14 @@ def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
         yield (
             f"over the last output interval the debris carried {ratio:.2f} times the load on the upper plate: the difference "
             "accelerates the plate's mass, which still bounces; more plates.upper.damping or a slower motion keeps it in contact"
+        )
+    damped, energy = told.get("damping_share"), told.get("energy") or {}
+    if damped is not None and damped > DAMPED:
+        friction = energy.get("friction", 0.0) / max(energy.get("plate_work", 0.0), 1e-300)
+        yield (
+            f"dashpots took {100.0 * damped:.0f} % of the work of the plates, friction {100.0 * friction:.0f} %: patches of the "
+            "upper plate that rise and fall with bodies that roll lose it, so friction work depends on plates.upper.damping; "
+            "a lower one or a slower motion leaves more of it to friction"
         )
     rolling = told.get("largest_fraction_rolling", 0.0)
     if left is not None and rolling > ROLLING:

@@ -70,6 +70,10 @@ WARNINGS = {
         [('distance = "10 nm"', 'duration = "1 us"'), ('every = "10 nm"', 'every = "1 um"')],
         ["output.every: 1 um is longer than the whole run; allowed: at most 1 nm"],
     ),
+    "dashpots against friction": (
+        [("1 mm/s", "1 m/s"), ("load =", 'damping = "3e-6 kg/s"\nload =')],
+        ["dashpot carries up to 0.30 of the load", "tenth of the plate's work", "plates.upper.damping"],
+    ),
     "bed without contacts": (
         [*BED, ("[solver]", '[contact]\ndebris_contact = "none"\n[solver]')], ["40 bodies, packed", 'debris_contact = "auto"'],
     ),

@@ -21,6 +21,9 @@ from thirdbody.endings import ending_warnings, step_words
         ({"patches_not_carried": 0, "largest_fraction_rolling": 0.25}, ["25 % of the bodies rolled", "momentum"]),
         ({"patches_not_carried": 0, "largest_fraction_rolling": 0.0}, []),
         ({"patches_not_carried": None, "largest_fraction_rolling": 0.25}, []),
+        ({"damping_share": 0.41, "energy": {"friction": 5.1, "plate_work": 10.0}}, ["took 41 %", "friction 51 %"]),
+        ({"damping_share": 0.08, "energy": {"friction": 9.1, "plate_work": 10.0}}, []),
+        ({"damping_share": None}, []),
         ({}, []),
     ],
 )

@@ -24,6 +24,10 @@ HANDFUL = 3
 """So few loaded bodies of a larger layer are worth a warning: a parallel rigid plate on stiff bodies rests on one of them."""
 
 
+TAKEN = 0.1
+"""Force of the patches' dashpots at the speed of the drag, over the load, from which their share of the work is warned of: at
+0.07 and friction 0.8, where most bodies roll, friction takes 0.79 of the plate's work, at 0.7 it takes 0.51."""
+
 RELAXED = 12.0
 """Relaxation times (dashpot over spring of a patch) that a foundation is given to share the load: some are spent in coming down,
 the others leave less than 1e-3."""
@@ -258,6 +262,12 @@ def _warn_dashpot(scene: Scene, settle: float, dashpot: np.ndarray, load: float,
     share = float(dashpot.max()) * schedule(scene, settle).top_speed() / load
     if share > 1.0:
         warnings.append(
-            f"the patches' dashpot carries up to {share:.1f} of the load when they rise or fall at the drag speed: "
-            "the motion is not quasi-static; lower plates.upper.damping or the speed"
+            f"the patches' dashpot carries up to {share:.1f} of the load when they rise or fall at the drag speed: the motion is "
+            "not quasi-static, and what bodies that roll should rub the dashpots take; lower plates.upper.damping or the speed"
+        )
+    elif share > TAKEN:
+        warnings.append(
+            f"the patches' dashpot carries up to {share:.2f} of the load when they rise or fall at the drag speed: where bodies "
+            "roll, dashpots may take more than a tenth of the plate's work (the summary of a run tells how much), which friction "
+            "work then lacks; lower plates.upper.damping or the speed where that matters"
         )
