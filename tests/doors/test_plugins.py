@@ -241,7 +241,7 @@ def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
 # faults of a plug-in file ---------------------------------------------------------------------------------------------------
 
 TYPOS = {
-    "a field that is not there": ("p.work_of_adhesion *", "p.work_of_adhesoin *", ["'work_of_adhesoin'", 'law.py", line 40']),
+    "a field that is not there": ("p.work_of_adhesion *", "p.work_of_adhesoin *", ["'work_of_adhesoin'", 'law.py", line ']),
     "a name that is not there": ("Adhesion(-pull,", "Adhesion(-pul,", ["NameError", "'pul'"]),
     "a function that is not there": ("math.pi *", "math.pie *", ["'math'", "'pie'"]),
     "an answer that lacks a part": ("Adhesion(-pull, -pull * c.overlap)", "Adhesion(-pull)", ["Adhesion", "'stored'"]),

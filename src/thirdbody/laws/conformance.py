@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from .compile_errors import compile_error
-from .conformance_paths import Bench
+from .conformance_paths import Bench, forms_of
 from .conformance_symmetry import compiled, finite, friction_limit, history, no_touch, passive, rotation, swap
 from .conformance_work import energy, ledger, tangent
 from .contract import STAGES, Law
@@ -54,15 +54,22 @@ def check(laws: Iterable[Law]) -> list[Finding]:
         findings.append(Finding(law.name, "declaration", not faults, "; ".join(faults)))
         if faults:
             continue
-        try:
-            bench = Bench(law)
-            faults = parameter_faults(bench)
-        except Exception as problem:  # the law is anyone's code: whatever it raises is a finding
-            faults = [_told(problem)]
-        findings.append(Finding(law.name, "parameters", not faults, "; ".join(faults[:3])))
-        if not faults:
-            findings += [_tested(name, test, bench) for name, stages, test in TESTS if law.stage in stages]
+        for form in forms_of(law):
+            findings += _measured(form)
     return findings
+
+
+def _measured(law: Law) -> list[Finding]:
+    """The findings of the compiled law, or of a variant."""
+    try:
+        bench = Bench(law)
+        faults = parameter_faults(bench)
+    except Exception as problem:  # the law is anyone's code: whatever it raises is a finding
+        faults = [_told(problem)]
+    found = [Finding(law.name, "parameters", not faults, "; ".join(faults[:3]))]
+    if not faults:
+        found += [_tested(name, test, bench) for name, stages, test in TESTS if law.stage in stages]
+    return found
 
 
 def report(findings: Sequence[Finding]) -> str:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import types
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,6 +75,8 @@ def option_sets(law: Law) -> list[tuple[str, dict[str, Any]]]:
 
 
 def _value(option: Option, end: str) -> float | str | tuple[float, ...]:
+    if option.words and not end and isinstance(option.default, str | float | int):
+        return option.default
     if option.words and not (option.or_number and end):
         return option.words[-1 if end == "highest" else 0]
     bound = {"lowest": option.low, "highest": option.high}.get(end, math.nan)
@@ -84,6 +87,18 @@ def _value(option: Option, end: str) -> float | str | tuple[float, ...]:
         return tuple(usual)
     value = min(max(float(usual), option.low), option.high)
     return value if option.size == 1 else (value,) * option.size
+
+
+def forms_of(law: Law) -> list[Law]:
+    """The law, and its variants for the words of its options, named `NAME_variant`."""
+    forms = [replace(law, variant=None)]
+    words = [(option.name, word) for option in law.options for word in option.words]
+    for name, word in words if law.variant else []:
+        found = law.variant({option.name: word if option.name == name else option.default for option in law.options})
+        if found:
+            options = tuple(replace(one, default=word) if one.name == name else one for one in found.options)
+            forms.append(replace(found, name=f"{law.name}_variant", options=options))
+    return forms
 
 
 def settings_of(law: Law) -> list[Setting]:
