@@ -92,9 +92,9 @@ def _value(option: Option, end: str) -> float | str | tuple[float, ...]:
 def forms_of(law: Law) -> list[Law]:
     """The law, and its variants for the words of its options, named `NAME_variant`."""
     forms = [replace(law, variant=None)]
-    words = [(option.name, word) for option in law.options for word in option.words]
-    for name, word in words if law.variant else []:
-        found = law.variant({option.name: word if option.name == name else option.default for option in law.options})
+    variant = law.variant or (lambda options: None)
+    for name, word in [(option.name, word) for option in law.options for word in option.words]:
+        found = variant({option.name: word if option.name == name else option.default for option in law.options})
         if found:
             options = tuple(replace(one, default=word) if one.name == name else one for one in found.options)
             forms.append(replace(found, name=f"{law.name}_variant", options=options))
