@@ -31,6 +31,9 @@ FELT = 0.05
 DAMPED = 0.1
 """Share of the plates' work that dashpots take from which it is told of."""
 
+RUBBED = 0.01
+"""Share of friction in the work of the plates below which a run has no friction work that dashpots could take from."""
+
 
 def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]) -> dict[str, Any]:
     """What the end of a run says about its accuracy.
@@ -93,8 +96,8 @@ def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
             "accelerates the plate's mass, which still bounces; more plates.upper.damping or a slower motion keeps it in contact"
         )
     damped, energy = told.get("damping_share"), told.get("energy") or {}
-    if damped is not None and damped > DAMPED:
-        friction = energy.get("friction", 0.0) / max(energy.get("plate_work", 0.0), 1e-300)
+    friction = energy.get("friction", 0.0) / max(energy.get("plate_work", 0.0), 1e-300)
+    if damped is not None and damped > DAMPED and friction > RUBBED:
         yield (
             f"dashpots took {100.0 * damped:.0f} % of the work of the plates, friction {100.0 * friction:.0f} %: patches of the "
             "upper plate that rise and fall with bodies that roll lose it, so friction work depends on plates.upper.damping; "
