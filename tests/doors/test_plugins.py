@@ -241,7 +241,7 @@ def test_the_template_works_from_a_file_and_changes_the_result(balls, command):
 # faults of a plug-in file ---------------------------------------------------------------------------------------------------
 
 TYPOS = {
-    "a field that is not there": ("p.work_of_adhesion *", "p.work_of_adhesoin *", ["'work_of_adhesoin'", 'law.py", line ']),
+    "a field that is not there": ("p.work_of_adhesion *", "p.work_of_adhesoin *", ["'work_of_adhesoin'", 'law.py", line {line}']),
     "a name that is not there": ("Adhesion(-pull,", "Adhesion(-pul,", ["NameError", "'pul'"]),
     "a function that is not there": ("math.pi *", "math.pie *", ["'math'", "'pie'"]),
     "an answer that lacks a part": ("Adhesion(-pull, -pull * c.overlap)", "Adhesion(-pull)", ["Adhesion", "'stored'"]),
@@ -252,6 +252,7 @@ TYPOS = {
 def test_a_typo_in_a_kernel_is_told_alike_by_the_suite_and_by_a_scene(right, wrong, words, balls, command, tmp_path):
     text = DMT.read_text(encoding="utf-8")
     assert text.count(right) == 1
+    words = [word.format(line=text[: text.index(right)].count("\n") + 1) for word in words]
     (tmp_path / "law.py").write_text(text.replace(right, wrong), encoding="utf-8")
     balls(("[solver]", '[effects.dmt_adhesion]\nwork_of_adhesion = "50 mJ/m2"\n[solver]'))
     told = command("laws", "--check", "law.py")
