@@ -8,21 +8,36 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 QUICK = " and ".join(f"not {mark}" for mark in ("slow", "bem", "vtk", "paraview", "browser", "fuzz", "hard"))
-STEPS = (
+BEFORE = (
     ("ruff", ["-m", "ruff", "check", "."]),
     ("mypy", ["-m", "mypy"]),
-    ("pytest", ["-m", "pytest", "-q", "-n", "2", "-m", QUICK]),
+    # the kernels that all scenes share, once: otherwise each process of the tests compiles them for itself
+    ("kernels", ["-c", "from thirdbody.engine import explicit, shared, timestep"]),
 )
+TESTS = ["-m", "pytest", "-q", "-n", "2", "-m", QUICK]
+
+
+def before() -> list[str]:
+    """Run what comes before the tests, all at once; returns the names of those that failed."""
+    running = [
+        (name, subprocess.Popen([sys.executable, *command], cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT))
+        for name, command in BEFORE
+    ]
+    failed = []
+    for name, process in running:
+        output, _ = process.communicate()
+        print(f"== {name}\n{output.decode(errors='replace')}", end="", flush=True)
+        if process.returncode:
+            failed.append(name)
+    return failed
 
 
 def main() -> int:
     """Run all steps, also after a failure; returns the number that failed."""
-    failed = []
-    for name, command in STEPS:
-        extra = sys.argv[1:] if name == "pytest" else []
-        print(f"== {name}", flush=True)
-        if subprocess.run([sys.executable, *command, *extra], cwd=ROOT).returncode:
-            failed.append(name)
+    failed = before()
+    print("== pytest", flush=True)
+    if subprocess.run([sys.executable, *TESTS, *sys.argv[1:]], cwd=ROOT).returncode:
+        failed.append("pytest")
     print(f"== failed: {', '.join(failed)}" if failed else "== all passed")
     return len(failed)
 
