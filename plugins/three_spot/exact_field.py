@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from thirdbody.plugin import helper
 
 SPARE = 10
 """Nodes of the array that a field at rest leaves free: a step may add some before it thins them out again."""
@@ -29,9 +29,6 @@ TURNED = 1e-10
 """Error of the force, over mu N, that a sliding piece may have in a step by not following how springs turn."""
 ALIGNED = 1e-7
 GAUSS = ((0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0))
-
-helper = njit(error_model="numpy")
-"""Not inlined: a call costs some nanoseconds, the body in every tile function seconds of compilation."""
 
 
 @helper

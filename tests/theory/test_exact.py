@@ -45,6 +45,12 @@ def _tangent(c, load, p, h, w):
     return exact_tangent(c, load, p, h, w)
 
 
+@njit(error_model="numpy")
+def _places(w, m):
+    """The middles of the cells of springs."""
+    return np.array([gap_of(i, m, w[0]) for i in range(cells_of(w))])
+
+
 class Spot:
     """One contact, driven straight through the kernel; `damped` is N_total/N_Hertz."""
 
@@ -69,7 +75,8 @@ class Spot:
             return self.forget(overlap)
         w_new = np.full(3 * self.nodes, np.nan)
         answer, self.h = _force(*self.asked(overlap, slip, roll, damped), self.p, self.h, self.w, w_new)
-        assert np.isfinite(w_new).all() and (2 <= self.h[1] <= self.nodes - SPARE or -1 - cells_of(w_new) <= self.h[1] < 0)
+        cells = cells_of.py_func(w_new)
+        assert np.isfinite(w_new).all() and (2 <= self.h[1] <= self.nodes - SPARE or -1 - cells <= self.h[1] < 0)
         self.w, self.force, self.stored = w_new, np.array([answer.x, answer.y]), answer.stored
         return answer
 
@@ -276,8 +283,8 @@ def test_damped_load_bounds_every_spring():
             damped = rng.choice([0.0, 0.3, 1.0, 2.0])
             spot.move(overlap, slip, damped=damped)
             if spot.h[1] < 0.0:
-                n, m = cells_of(spot.w), int(-spot.h[1]) - 1
-                place = np.array([gap_of(i, m, spot.w[0]) for i in range(n)])
+                place = _places(spot.w, int(-spot.h[1]) - 1)
+                n = len(place)
                 sizes = np.hypot(spot.w[1 : n + 1], spot.w[n + 1 : 2 * n + 1])
             else:
                 nodes = spot.w[: 3 * int(spot.h[1])].reshape(-1, 3)
