@@ -246,14 +246,21 @@ app.command(cls=Command)(hard)
 @app.command(cls=Command)
 def laws(
     check: Annotated[list[Path] | None, typer.Option("--check", help="plug-in file to put through the conformance suite")] = None,
+    code: Annotated[Path | None, typer.Option("--show-code", help="scene whose generated code is printed")] = None,
     plugin: Plugins = None,
     json: Json = False,
 ) -> None:
-    """List laws, levels and effects with their sources, or check those of a file."""
+    """List laws, levels and effects with their sources, check those of a file, or show the code compiled for a scene."""
     from .laws.registry import discover
     from .report import conformance_report, laws_report
 
-    if check:
+    if code and check:
+        raise UsageError("give --check or --show-code, not both")
+    if code:
+        from .generated_code import print_code
+
+        print_code(_load(code, None, plugin), discover(plugin or ()), json)
+    elif check:
         conformance_report(check, json)
     else:
         laws_report(discover(plugin or ()), json)
