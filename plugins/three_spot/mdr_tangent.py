@@ -2,9 +2,9 @@
 
 Every spring carries how its elongation changes with the slip of the whole step, a 2 x 2 matrix, and with the overlap at its end.
 A piece of the path moves a spring by its share of the slip, which depends on the overlap where the spring is touched within the
-step, and on pieces between doublings of the grid. A spring beyond its limit L is returned onto it, w = L e with e = w'/|w'|, so
+step, and on pieces between merges of springs. A spring beyond its limit L is returned onto it, w = L e with e = w'/|w'|, so
 dw = e dL + (L/|w'|)(1 - e e^T) dw' (the derivative of a radial return: Simo and Taylor 1985). Merged springs have the mean of
-both derivatives. The moments when a spring is touched or the grid doubles move with the step; the springs are continuous there,
+both derivatives. The moments when a spring is touched or two springs merge move with the step; the springs are continuous there,
 so that this adds nothing.
 """
 
@@ -15,6 +15,7 @@ import math
 import numpy as np
 
 from .differences import helper
+from .spring_grid import cells_of, end_of, mean_gap, merge, width_of
 
 ROWS = 8
 """Rows of n springs: x, y, dx/ds_x, dx/ds_y, dy/ds_x, dy/ds_y, dx/dd, dy/dd."""
@@ -32,28 +33,18 @@ def loaded(w, kept, kept_rate):
 
 
 @helper
-def merge_rows(rows, n):
-    """Two neighbouring springs become one; the outer half of the row is empty afterwards."""
-    for part in range(ROWS):
-        first = part * n
-        for i in range(n // 2):
-            rows[first + i] = 0.5 * (rows[first + 2 * i] + rows[first + 2 * i + 1])
-        for i in range(n // 2, n):
-            rows[first + i] = 0.0
+def advance_rows(rows, grid, path, slip, share, bound, moves):
+    """One straight piece of the path: the springs move as the law moves them, and their rates.
 
-
-@helper
-def advance_rows(rows, n, spacing, radius, before, after, slip, share, bound, moves):
-    """One straight piece of the path, overlap from `before` to `after`: the springs move as the law moves them, and their rates.
-
+    `grid` = (springs, wide cells, spacing^2/R), `path` = overlap before and after.
     `share` is the part of the step's `slip` in this piece, and its rate with the overlap; `bound` the limit of a spring per
-    compression, and its rate. `moves` is 1.0 where `after` is the overlap at the end of the step, 0.0 where the grid doubles.
+    compression, and its rate. `moves` is 1.0 where `after` is the overlap at the end of the step, 0.0 where springs merge.
     Without branches, and row by row, so that the compiler does several springs at once.
     """
-    per_radius, per_rise, cell = 1.0 / radius, 1.0 / max(after - before, 1e-300), spacing * spacing / 12.0
+    (n, wide, scale), (before, after) = grid, path
+    per_rise = 1.0 / max(after - before, 1e-300)
     for i in range(n):
-        place = (i + 0.5) * spacing
-        gap = (place * place + cell) * per_radius
+        gap = mean_gap(i, wide, scale)
         depth = max(after - gap, 0.0)
         took = 1.0 if before > gap else depth * per_rise
         took_rate = moves * (1.0 - took) * per_rise if depth > 0.0 else 0.0
@@ -79,13 +70,14 @@ def advance_rows(rows, n, spacing, radius, before, after, slip, share, bound, mo
 def tangent_of_springs(c, load, p, start, w):
     """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd, N/m, of the straight step that the law `springs` makes.
 
-    `start`: the overlap and the grid before the step, and the `Renewal` in it; `w` (2 n,) its springs. The normal force is
+    `start`: the overlap and the merges before the step, and the `Renewal` in it; `w` (2 n,) its springs. The normal force is
     Hertz': the elastic part goes as d^1.5, the patch as d^0.5; `load.stiffness` is the rate of the load that friction may use.
     """
     if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    before, spacing, renewal = start
+    before, merges, renewal = start
     n = len(w) // 2
+    spacing, wide = cells_of(merges, n, c.radius)
     limit = p.kappa * load.force / load.elastic
     bound = (limit, p.kappa * load.stiffness / load.elastic - 1.5 * limit / c.overlap)
     # the renewal of a way goes as 1/a, so its exponent as d^-0.5
@@ -93,22 +85,25 @@ def tangent_of_springs(c, load, p, start, w):
     rows = loaded(w, renewal.kept, 0.5 * exponent / c.overlap)
     fill, fill_rate = renewal.fill, 0.5 * (renewal.fill - renewal.kept) / c.overlap
     slip, share, done = (c.slip_x, c.slip_y), (fill, fill_rate), before
-    end = (n * spacing) * (n * spacing) / c.radius
+    end = end_of(n, wide, spacing, c.radius)
     if c.overlap > end:
         per_rise = 1.0 / (c.overlap - before)
         while c.overlap > end:
             part = (end - done) * per_rise
             share = (part * fill, part * (fill_rate - fill * per_rise))
-            advance_rows(rows, n, spacing, c.radius, done, end, slip, share, bound, 0.0)
-            merge_rows(rows, n)
-            spacing, done = 2.0 * spacing, end
-            end = (n * spacing) * (n * spacing) / c.radius
+            advance_rows(rows, (n, wide, spacing * spacing / c.radius), (done, end), slip, share, bound, 0.0)
+            merge(rows, ROWS, n, wide)
+            merges, done = merges + 1, end
+            spacing, wide = cells_of(merges, n, c.radius)
+            end = end_of(n, wide, spacing, c.radius)
         part = (c.overlap - done) * per_rise
         share = (part * fill, part * fill_rate + (1.0 - part) * per_rise * fill)
-    advance_rows(rows, n, spacing, c.radius, done, c.overlap, slip, share, bound, 1.0)
+    advance_rows(rows, (n, wide, spacing * spacing / c.radius), (done, c.overlap), slip, share, bound, 1.0)
     xx = xy = yx = yy = xd = yd = 0.0
     for i in range(n):
-        xx, xy, yx, yy = xx + rows[2 * n + i], xy + rows[3 * n + i], yx + rows[4 * n + i], yy + rows[5 * n + i]
-        xd, yd = xd + rows[6 * n + i], yd + rows[7 * n + i]
+        width = width_of(i, wide)
+        xx, xy = xx + width * rows[2 * n + i], xy + width * rows[3 * n + i]
+        yx, yy = yx + width * rows[4 * n + i], yy + width * rows[5 * n + i]
+        xd, yd = xd + width * rows[6 * n + i], yd + width * rows[7 * n + i]
     stiffness = 2.0 * p.g_star * spacing
     return stiffness * xx, stiffness * xy, stiffness * yx, stiffness * yy, stiffness * xd, stiffness * yd

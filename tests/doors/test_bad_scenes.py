@@ -70,10 +70,10 @@ FAULTS = {
     "heaps": ([('"spheres"', '"heaps"')], "13:1: debris[0].kind", ["is not one of", "'spheres'", "'spots'", "'file'"]),
     "heap": ([("seed = 1", 'placement = "heap"')], "16:1: debris[0].placement", ["'layer'", "'dense'"]),
     "springs": ([("[solver]", "[contact]\nsprings = 32\n[solver]")], "28:1: contact.springs", ["belongs to", "mdr"]),
-    "odd springs": (
-        [("[solver]", '[contact]\nlevel = "mdr"\nsprings = 33\n[solver]')],
+    "half a spring": (
+        [("[solver]", '[contact]\nlevel = "mdr"\nsprings = 32.5\n[solver]')],
         "27:1: contact.law",
-        ["springs = 33 must be an even whole number"],
+        ["springs = 32.5 must be a whole number"],
     ),
     "too few springs": (
         [("[solver]", '[contact]\nlevel = "mdr"\nsprings = 2\n[solver]')],

@@ -48,7 +48,7 @@ class Driver:
 LIMIT, CRITICAL = MU * theory.hertz_force(E_STAR, RADIUS, 0.01), KAPPA * 0.01
 
 
-# 16 to 32 (and so on) springs of the doubling grid lie under the patch; its edge falls somewhere in the last cell
+# all springs lie under the patch, those inside up to twice as wide; its edge falls somewhere in the last cell
 @pytest.mark.parametrize(("springs", "error"), [(16, 1.5e-3), (64, 1e-4), (256, 6e-6)])
 def test_the_virgin_curve(springs, error):
     driver = Driver(springs)
@@ -78,7 +78,7 @@ def test_reversal_and_loop():
 
 
 def test_a_straight_step_is_a_hundred():
-    """Along a line, with the grid doubling on the way: to rounding, undamped."""
+    """Along a line, with springs that merge on the way: to rounding, undamped."""
     rng = np.random.default_rng(3)
     one, hundred = Driver(32), Driver(32)
     for _ in range(40):
@@ -154,6 +154,19 @@ def test_without_friction_and_with_a_great_deal():
     driver.move(0.01)
     # all stick: T = 2 G* a s; the grid carries the edge of the patch to half a spring of 128 at least
     assert -driver.move(0.01, 1e-5).x == pytest.approx(2.0 * G_STAR * 0.1 * 1e-5, rel=0.5 / 128)
+
+
+@pytest.mark.parametrize("start", [0.0, 0.01])
+@pytest.mark.parametrize("overlap", [1e6, 1e40, math.inf])
+def test_a_step_to_an_absurd_overlap_ends(start, overlap):
+    """A run whose step is too large gets there before a guard stops it: the grid cannot follow without bound."""
+    driver = Driver(16)
+    driver.move(start)
+    load = Load(1.0, 1.0, 1.0, 1.0)
+    touch = Touch(overlap, RADIUS, 1.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)
+    answer, _ = mdr.springs(touch, load, driver.p, driver.h, driver.w, np.empty_like(driver.w))
+    mdr.springs_tangent(touch, load, driver.p, driver.h, driver.w)
+    assert not abs(answer.x) > 2.0 * G_STAR * 2.0**31 * 1e-3  # the grid ends at 2^30 radii, or at twice that
 
 
 def test_rolling_renews_the_material():

@@ -14,8 +14,9 @@ from thirdbody.laws.contract import Contact, Load
 E_STAR, G_STAR, RADIUS, MU = 1.0, 0.8, 1.0, 0.3
 OVERLAP = 0.01
 CRITICAL = MU * E_STAR / G_STAR * OVERLAP
-STEP = 1e-6
-"""Of the differences, over the overlap and the critical displacement: 1e-10 of rounding, 1e-12 of smooth curvature."""
+STEPS = (1e-6, 1e-7)
+"""Of the differences, over the overlap and the critical displacement: 1e-10 (1e-9) of rounding, 1e-12 of smooth curvature. The
+smaller one serves where a weak corner, of a spring with a small share of the force, lies within the other."""
 
 
 class Step(NamedTuple):
@@ -66,11 +67,11 @@ class Spot:
         return patch * np.array([1.0, 1.0, min(self.p.kappa, math.hypot(step.x, step.y) / step.overlap + 0.1)])
 
 
-def differences(spot: Spot, step: Step) -> tuple[np.ndarray, np.ndarray]:
-    """Central differences of the force, and how far the one-sided ones lie apart: at corners they do."""
+def differences(spot: Spot, step: Step, size: float) -> tuple[np.ndarray, np.ndarray]:
+    """Central differences of the force over steps of this size, and how far the one-sided ones lie apart: at corners they do."""
     central, apart, here = [], [], spot.force(step)
-    for name, size in (("x", min(spot.p.kappa, 1.0)), ("y", min(spot.p.kappa, 1.0)), ("overlap", 1.0)):
-        e = STEP * max(size, 1e-3) * step.overlap
+    for name, unit in (("x", min(spot.p.kappa, 1.0)), ("y", min(spot.p.kappa, 1.0)), ("overlap", 1.0)):
+        e = size * max(unit, 1e-3) * step.overlap
         ahead = spot.force(step._replace(**{name: getattr(step, name) + e}))
         behind = spot.force(step._replace(**{name: getattr(step, name) - e}))
         central.append((ahead - behind) / (2.0 * e))
@@ -80,10 +81,12 @@ def differences(spot: Spot, step: Step) -> tuple[np.ndarray, np.ndarray]:
 
 def compare(spot: Spot, step: Step) -> float:
     """Largest miss over the size of its column; NaN at a corner."""
-    expected, apart = differences(spot, step)
-    if np.any(apart > 1e-4 * spot.scales(step)):
-        return math.nan
-    return float((np.abs(expected - spot.tangent(step)) / spot.scales(step)).max())
+    misses = []
+    for size in STEPS:
+        expected, apart = differences(spot, step, size)
+        corner = np.any(apart > 1e-4 * spot.scales(step))
+        misses.append(math.nan if corner else float((np.abs(expected - spot.tangent(step)) / spot.scales(step)).max()))
+    return misses[0] if math.isnan(misses[0]) else float(np.nanmin(misses))
 
 
 def somewhere(rng, size: float, low: float, high: float, **more: float) -> Step:
@@ -95,7 +98,7 @@ KINDS = {
     "stick": (0.01, 0.95, 1.05),
     "partial slip": (0.3, 0.8, 1.2),
     "full slip": (5.0, 0.5, 2.0),
-    "growing, with doublings": (0.3, 1.2, 40.0),
+    "growing, with merges": (0.3, 1.2, 40.0),
     "growing and turning in full slip": (60.0, 2.0, 40.0),
     "shrinking": (0.3, 0.05, 0.7),
 }
@@ -149,7 +152,7 @@ def test_without_friction(step):
 
 
 def test_first_touch():
-    """A virgin contact doubles its grid some fifteen times within the step; the slip is shared over the overlap."""
+    """A virgin contact takes the grid of the overlap at once; the slip is shared over the overlap."""
     rng, misses = np.random.default_rng(4), []
     for size in (0.01, 0.3, 5.0):
         misses += [compare(Spot(springs), somewhere(rng, size, 0.1, 3.0)) for springs in (4, 16, 32) for _ in range(10)]
@@ -161,7 +164,7 @@ def test_after_a_gap():
     rng, misses = np.random.default_rng(6), []
     for _ in range(30):
         spot = Spot(16)
-        spot.h = (-0.5 * OVERLAP, 0.05 / 16, 0.0, 0.0, 0.0, 0.0, 0.0)
+        spot.h = (-0.5 * OVERLAP, 200.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         misses.append(compare(spot, somewhere(rng, 0.5, 0.1, 2.0)))
     agree(misses)
 

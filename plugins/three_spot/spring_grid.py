@@ -1,0 +1,79 @@
+"""The cells of the springs of the level `mdr` under a growing patch: the inner ones are two spacings wide, the others one.
+
+When the patch reaches the end of the grid, the innermost two narrow cells become one, and a cell is added outside. When these
+were the last two, all cells are wide, the added one too: the spacing doubles and all are narrow. So all cells are in use whatever
+the size of a growing patch, cells that become one lie wholly under it, and the grid depends on the number of merges alone.
+"""
+
+from __future__ import annotations
+
+import math
+
+from .differences import helper
+
+FIRST = 2.0**-20
+"""Half width of the smallest grid over the radius of curvature: an overlap of 1e-12 of it."""
+DOUBLINGS = 50
+"""Of the spacing, at most: to half widths of 1e9 radii, which only a run that is about to be stopped asks for."""
+ENDLESS = FIRST * 2.0**DOUBLINGS
+
+
+@helper
+def cells_of(merges, n, radius):
+    """(spacing, number of wide cells) of a grid of n cells after so many merges."""
+    doublings = merges // (n - 1)
+    return FIRST * radius / n * (1 << doublings), merges - doublings * (n - 1)
+
+
+@helper
+def end_of(n, wide, spacing, radius):
+    """The largest overlap whose patch the grid carries, m."""
+    half_width = (n + wide) * spacing
+    return half_width * half_width / radius if spacing * n < ENDLESS * radius else math.inf
+
+
+@helper
+def merges_for(overlap, n, radius):
+    """The fewest merges after which the grid carries the patch of an overlap."""
+    places = math.sqrt(max(overlap, 0.0) / radius) / FIRST
+    doublings = min(max(math.frexp(places)[1] - 1, 0), DOUBLINGS)
+    wide = int(math.ceil(n * math.ldexp(places, -doublings))) - n
+    return (n - 1) * doublings + min(max(wide, 0), n - 1)
+
+
+@helper
+def width_of(i, wide):
+    """Width of cell i, in spacings."""
+    return 2.0 if i < wide else 1.0
+
+
+@helper
+def mean_gap(i, wide, scale):
+    """Mean gap over cell i, with `scale` = spacing^2/R, m."""
+    place, scale = (i + 0.5, 4.0 * scale) if i < wide else (i + 0.5 + wide, scale)
+    return scale * (place * place + 1.0 / 12.0)
+
+
+@helper
+def merge(rows, count, n, wide):
+    """In each of `count` rows of n springs number `wide` and the next become their mean; a spring at rest is added outside."""
+    for row in range(count):
+        first, last = row * n + wide, row * n + n - 1
+        rows[first] = 0.5 * (rows[first] + rows[first + 1])
+        for i in range(first + 1, last):
+            rows[i] = rows[i + 1]
+        rows[last] = 0.0
+
+
+@helper
+def squares_lost(merges, n, spacing):
+    """What so many merges take off the sum of squares (`sums` in `mdr`) of a field w = R d - x^2 that grew with them, m4.
+
+    Two narrow cells at the distance x lose (2 spacing x)^2/2. The sum of that over all x is cubic in the number of cells, the sum
+    over all doublings a geometric series.
+    """
+    doublings = merges // (n - 1)
+    wide = float(merges - doublings * (n - 1))
+    all_wide = n - 1.0
+    before = all_wide * (4.0 * all_wide * all_wide - 1.0) * (1.0 - 0.03125**doublings) / 31.0
+    return 2.0 / 3.0 * spacing**4 * (wide * (4.0 * wide * wide - 1.0) + before)
