@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from .differences import helper
+from thirdbody.plugin import helper
 
 FIRST = 2.0**-20
 """Half width of the smallest grid over the radius of curvature: an overlap of 1e-12 of it."""
