@@ -37,7 +37,9 @@ RENEWAL = Option(
 )
 
 RENEWAL_OF_SPRINGS = replace(RENEWAL, default=0.0, doc=RENEWAL.doc + '; memory = "rescaled" has none')
-"""The same for laws with one spring, without renewal unless the scene names it: every contact would pay for it."""
+"""The same for laws with one spring, without renewal unless the scene names it. Every contact would pay for it with three more
+floats of history (88 bytes, no longer one line of the cache) and an exponential: an explicit step of 16 000 spheres takes 1.9 to
+2.3 times as long, of 2000 clumps twice."""
 
 KALKER = ((0.0, 3.40), (0.25, 4.12), (0.5, 5.20))
 """Poisson's ratio and C11 of a round patch (Kalker 1990, table of creepage coefficients)."""
