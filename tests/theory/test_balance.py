@@ -311,7 +311,6 @@ def test_collinear_spots_in_space_tip_sideways():
     assert states(result) == ["sticking", "rolling"] and result.points[0].reason == "indeterminate"
 
 
-@pytest.mark.slow  # half a minute: the particle is followed by half a radian
 def test_pressed_outside_its_base_without_friction_it_tips():
     spots = (spot("upper", 3e-6, 1e-6), *EVEN[1:])
     assert walk(spots, mu=0.0).stopped is not None

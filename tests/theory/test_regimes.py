@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import pytest
 from thirdbody_three_spot.computed import FRICTIONS, PLACES, computed_points
 from thirdbody_three_spot.regime_map import regime
 
 HALF = 0.5
 
 
-@pytest.mark.slow  # two minutes: particles that tip are followed by half a radian
 def test_every_computed_particle_does_what_the_map_says():
     points = computed_points(HALF)
     assert len(points) == len(PLACES) * len(FRICTIONS)

@@ -300,9 +300,7 @@ class QuasiStatic:
 
     def _search(self, trial: Trial, step: NDArray, plate: Array) -> Trial | None:
         """The first point on the way back from the full step with less unbalanced force."""
-        change = np.abs(self.rows @ step).max(axis=1)
-        reach = REACH * max(float(trial.overlap.max()), 0.0)
-        part = min(1.0, reach / change[0]) if change[0] > 0.0 and reach > 0.0 else 1.0
+        part = self.longest_part(trial, step)
         size = float(np.linalg.norm(trial.force))
         for _ in range(HALVINGS):
             tried = self.trial(trial.y + part * step, plate)
@@ -310,6 +308,19 @@ class QuasiStatic:
                 return tried
             part *= 0.5
         return None
+
+    def longest_part(self, trial: Trial, step: NDArray) -> float:
+        """The share of a Newton step, at most 1, up to which no spot changes its overlap by more than `REACH` allows.
+
+        A spot that is open, or opens, counts only for the part of its way on which it is loaded.
+        """
+        reach = REACH * float(trial.overlap.max())
+        if reach <= 0.0:
+            return 1.0
+        change = self.rows[0] @ step
+        counted = np.where((change < 0.0) & (trial.overlap <= reach), 0.0, np.abs(change))
+        allowed = reach + np.maximum(-trial.overlap, 0.0)
+        return float(np.min(allowed / np.maximum(counted, allowed)))
 
     def _free(self, trial: Trial, plate: Array) -> tuple[int, Array]:
         """How many motions meet no resistance, and the last of them."""

@@ -29,8 +29,8 @@ SLOWER, FASTER = 4.0, 3.0
 """Factors of the resistance after a step that failed, and after one that did not."""
 BENT, BENT_PATH = 0.5, 0.01
 """Shares of the largest overlap by which a step, and a path, may leave the circle that a spot moves on."""
-REACH = 0.5
-"""Largest change of an overlap in one Newton step, in parts of the largest overlap."""
+CAUTION = 0.8
+"""Share of the largest rotation of a step that the next one aims at."""
 STRONGEST, WEAKEST = 1e6, 1e-12
 """Bounds of the resistance, in parts of the stiffness."""
 
@@ -111,6 +111,8 @@ class _Relaxation:
         self.solver, self.plate, self.farthest = solver, plate, farthest
         self.turn = 0.0  # rad, from the start
         self.exhausted = False  # whether the search ended without an answer
+        # displacement of the coordinates in the last step, times its resistance: what the next step is expected to repeat
+        self.push = np.zeros(solver.rows.shape[2])
 
     def put(self, coordinates: Array, memory: Array) -> None:
         """Go on from here; the slip so far is kept."""
@@ -131,12 +133,13 @@ class _Relaxation:
                 if resistance > STRONGEST * stiff:
                     break
                 continue
+            self.push = resistance * (found.y - self.solver.now.coordinates)
             self.accept(found)
             if found.rest <= ACCEPTED:
                 return True
             if self.turn > self.farthest:
                 return False
-            resistance = max(resistance / FASTER, WEAKEST * stiff)
+            resistance = max(resistance / FASTER, self._least_resistance(found), WEAKEST * stiff)
         self.exhausted = True
         return False
 
@@ -154,7 +157,8 @@ class _Relaxation:
         solver = self.solver
         assert solver.now is not None
         start = solver.now.coordinates
-        trial = solver.trial(start, self.plate)
+        guesses = (solver.trial(y, self.plate) for y in (start, start + self.push / resistance))
+        trial = min(guesses, key=lambda guess: float(np.linalg.norm(guess.force - resistance * (guess.y - start))))
         for _ in range(NEWTON_STEPS):
             force = trial.force - resistance * (trial.y - start)
             if float(np.abs(force).max()) <= min(SOLVED, 0.1 * trial.rest) * trial.scale or trial.rest <= ACCEPTED:
@@ -168,11 +172,15 @@ class _Relaxation:
             trial = better
         return None
 
+    def _least_resistance(self, last: Trial) -> float:
+        """The resistance at which the next step is expected to turn no further than linear kinematics holds."""
+        part, arm = self.solver.rotations, self.solver.grip.arm
+        allowed = CAUTION * np.sqrt(BENT * float(last.overlap.max()) * arm)
+        return float(np.linalg.norm(self.push[part])) / allowed
+
     def _search(self, trial: Trial, step: NDArray, start: Array, resistance: float) -> Trial | None:
         """The first point on the way back from the full step with less unbalanced force."""
-        change = float(np.abs(self.solver.rows[0] @ step).max())
-        reach = REACH * max(float(trial.overlap.max()), 0.0)
-        part = min(1.0, reach / change) if change > 0.0 and reach > 0.0 else 1.0
+        part = self.solver.longest_part(trial, step)
         size = float(np.linalg.norm(trial.force - resistance * (trial.y - start)))
         for _ in range(HALVINGS):
             tried = self.solver.trial(trial.y + part * step, self.plate)

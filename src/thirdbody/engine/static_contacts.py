@@ -15,6 +15,8 @@ from .state import Array, Ints
 
 AT_REST = ("damping", "tangential_damping")
 """Stages that have nothing to say where nothing moves in time."""
+TANGENTS = 7
+"""Derivatives that `tangents` gives."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,10 @@ class Contacts:
         if not self.pairs.size:
             self.pairs = np.zeros((len(pairs), 1))
         self.radius, self.kind = np.asarray(radius, float), np.asarray(kind, np.int64)
+        # tables of the compiled laws, kept because those of a law with a long history take longer to allocate than to fill
+        history = len(chain.history)
+        self._inputs = np.zeros((at.I_HISTORY + history + at.J_COLS, at.TILE))
+        self._outputs = np.zeros((max(TANGENTS, at.O_HISTORY + history), at.TILE))
 
     def virgin(self) -> Array:
         """The memory (n, width) of spots that never touched."""
@@ -73,7 +79,7 @@ class Contacts:
 
     def stiffness(self, overlap: Array, slip: Array, memory: Array) -> Array:
         """(7, n): dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd of the step, N/m; 0 for open spots."""
-        return self._call(self.tangents, 7, overlap, slip, memory)
+        return self._call(self.tangents, TANGENTS, overlap, slip, memory)
 
     def hold(self, before: Array, overlap: Array, slip: Array, memory: Array, answer: Answer) -> Array:
         """(n,) tangential stiffness of the step along the force, over that of a spot that never slipped: 1 sticks, 0 slides.
@@ -93,12 +99,11 @@ class Contacts:
         answer = np.zeros((count, len(overlap)))
         loaded = np.flatnonzero(overlap > 0.0)
         history = len(self.chain.history)
-        width = at.I_HISTORY + history + at.J_COLS
+        inputs, outputs = self._inputs, self._outputs
         for first in range(0, len(loaded), at.TILE):
             part = loaded[first : first + at.TILE]
             n = len(part)
-            inputs = np.zeros((width, at.TILE))
-            outputs = np.zeros((max(count, at.O_HISTORY + history), at.TILE))
+            outputs[:, :n] = 0.0
             inputs[at.I_OVERLAP, :n], inputs[at.I_RADIUS, :n] = overlap[part], self.radius[part]
             inputs[at.I_MASS, :n], inputs[at.I_TYPE, :n] = 1.0, self.kind[part]
             inputs[at.I_SX, :n], inputs[at.I_SY, :n] = slip[part, 0], slip[part, 1]
