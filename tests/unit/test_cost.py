@@ -24,7 +24,7 @@ from thirdbody.studies.clock import Late, bare
 from thirdbody.studies.command import cost_command
 from thirdbody.studies.compare import Outcome, errors, label_difference, order, read_outcome, rms_error, turns
 from thirdbody.studies.convergence import convergence, falling, reference_error
-from thirdbody.studies.ladder import Base, Rung, ladder
+from thirdbody.studies.ladder import CURVES, Base, Rung, ladder
 from thirdbody.studies.process import Overdue, Worker, request
 from thirdbody.studies.reduce import FEWEST, WIDER, reduced, thinned
 from thirdbody.studies.spread import slower, timing
@@ -126,10 +126,29 @@ def test_a_finest_law_has_no_way_to_itself():
     assert not [rung for rung in rungs if rung.axis == "fine"] and len({rung.name for rung in rungs}) == len(rungs)
 
 
-def test_a_rung_takes_out_springs_that_its_level_does_not_know():
-    scene = Scene.parse(SCENE).with_settings({"contact.level": "mdr", "contact.springs": 24})
-    rung = next(rung for rung in ladder(scene, THREE_SPOT, IMPLICIT) if rung.level == "coulomb")
-    assert "springs" not in scene.with_settings(rung.changes).contact.options
+@pytest.mark.parametrize(
+    ("level", "options"),
+    [("coulomb", {"slip_scale": 1e-3}), ("mindlin", {"memory": "rescaled"}), ("mdr", {"springs": 24}), ("exact", {"nodes": 96})],
+)
+def test_a_rung_takes_out_options_that_its_level_does_not_know(level, options):
+    settings = {f"contact.{key}": value for key, value in options.items()}
+    scene = Scene.parse(SCENE).with_settings({"contact.level": level} | settings)
+    for rung in ladder(scene, THREE_SPOT, Base("implicit", level, options.get("springs"), 1e-10, 5e-4)):
+        changed = scene.with_settings(rung.changes).contact.options
+        known = {option.name for law in THREE_SPOT.levels[rung.level] for option in law.options}
+        assert set(changed) <= known
+        if rung.default:
+            assert changed == scene.contact.options
+
+
+@pytest.mark.parametrize(("base", "own"), [(EXPLICIT, {}), (Base("implicit", "exact", None, 1e-10, 5e-4), {"nodes": 96})])
+def test_the_reference_resolves_curved_slip_no_worse_than_any_other_rung(base, own):
+    """On curves 48 nodes of `exact` are right to 2e-4 of mu N, but 128 springs of `mdr` to 5e-5, as 96 nodes are."""
+    settings = {"contact.level": base.level} | {f"contact.{key}": value for key, value in own.items()}
+    scene = Scene.parse(SCENE).with_settings(settings)
+    rungs = ladder(scene, THREE_SPOT, base)
+    assert rungs[-1].reference and scene.with_settings(rungs[-1].changes).contact.options["nodes"] >= 96
+    assert {rung.changes.get("contact.nodes") for rung in rungs if rung.axis in ("fine", "reference")} == {CURVES["nodes"]}
 
 
 def test_equal_runs_have_no_error():
