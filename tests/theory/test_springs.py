@@ -246,11 +246,11 @@ CURVE = np.loadtxt(DATA / "maw_barber_fawcett_nu03.csv", delimiter=",", comments
 
 
 @pytest.mark.parametrize("row", range(len(CURVE)))
-@pytest.mark.parametrize(("level", "options", "error"), [("mdr", {"springs": 64}, 1e-3), ("exact", {}, 2e-4)])
+@pytest.mark.parametrize(("level", "options", "error"), [("mdr", {"springs": 64}, 4e-4), ("exact", {}, 2e-4)])
 def test_maw_barber_fawcett(make, row, level, options, error):
     """The rebound of a sphere over its angle of incidence."""
     psi, expected = CURVE[row, 2], CURVE[row, 3]
-    # 32 to 64 springs carry the patch (4e-4 of the limit); the patch rolls by 3e-5 of its radius; 1000 steps an impact
+    # 64 springs carry the patch (1e-4 of the limit); the patch rolls by 3e-5 of its radius; 1000 steps an impact
     assert impact(make, psi, level, **options)[0] == pytest.approx(expected, abs=error)
 
 
