@@ -300,7 +300,9 @@ class QuasiStatic:
 
     def _search(self, trial: Trial, step: NDArray, plate: Array) -> Trial | None:
         """The first point on the way back from the full step with less unbalanced force."""
-        part = self.longest_part(trial, step)
+        change = np.abs(self.rows @ step).max(axis=1)
+        reach = REACH * max(float(trial.overlap.max()), 0.0)
+        part = min(1.0, reach / change[0]) if change[0] > 0.0 and reach > 0.0 else 1.0
         size = float(np.linalg.norm(trial.force))
         for _ in range(HALVINGS):
             tried = self.trial(trial.y + part * step, plate)
@@ -312,7 +314,8 @@ class QuasiStatic:
     def longest_part(self, trial: Trial, step: NDArray) -> float:
         """The share of a Newton step, at most 1, up to which no spot changes its overlap by more than `REACH` allows.
 
-        A spot that is open, or opens, counts only for the part of its way on which it is loaded.
+        A spot that is open, or opens, counts only for the part of its way on which it is loaded. For steps whose rotation is
+        bounded otherwise: `_search` counts all spots, or it would find balances far beyond linear kinematics.
         """
         reach = REACH * float(trial.overlap.max())
         if reach <= 0.0:

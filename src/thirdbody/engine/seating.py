@@ -9,6 +9,7 @@ with the particle, are placed anew, and the rotation of linear kinematics starts
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -157,7 +158,9 @@ class _Relaxation:
         solver = self.solver
         assert solver.now is not None
         start = solver.now.coordinates
-        guesses = (solver.trial(y, self.plate) for y in (start, start + self.push / resistance))
+        guesses = [solver.trial(start, self.plate)]
+        if self.push.any():
+            guesses.append(solver.trial(start + self.push / resistance, self.plate))
         trial = min(guesses, key=lambda guess: float(np.linalg.norm(guess.force - resistance * (guess.y - start))))
         for _ in range(NEWTON_STEPS):
             force = trial.force - resistance * (trial.y - start)
@@ -174,9 +177,8 @@ class _Relaxation:
 
     def _least_resistance(self, last: Trial) -> float:
         """The resistance at which the next step is expected to turn no further than linear kinematics holds."""
-        part, arm = self.solver.rotations, self.solver.grip.arm
-        allowed = CAUTION * np.sqrt(BENT * float(last.overlap.max()) * arm)
-        return float(np.linalg.norm(self.push[part])) / allowed
+        allowed = CAUTION * math.sqrt(BENT * max(float(last.overlap.max()), 0.0) * self.solver.grip.arm)
+        return float(np.linalg.norm(self.push[self.solver.rotations])) / allowed if allowed > 0.0 else 0.0
 
     def _search(self, trial: Trial, step: NDArray, start: Array, resistance: float) -> Trial | None:
         """The first point on the way back from the full step with less unbalanced force."""
