@@ -12,10 +12,8 @@ import math
 
 import numpy as np
 import pytest
+from random_particles import clump, planar
 from thirdbody_three_spot.balance import balance
-
-from thirdbody.bodies.poses import settle
-from thirdbody.bodies.shapes import irregular
 
 pytestmark = pytest.mark.hard
 
@@ -27,18 +25,6 @@ TILTS = np.linspace(-FARTHEST, FARTHEST, 20_001)
 def pressed(particle, mu, level):
     tables = {"materials": MATERIALS, "friction": {"upper": mu, "lower": mu}, "particle": particle}
     return balance(tables | {"path": {"load": 1e-4}}, level)
-
-
-def planar(seed):
-    """One to three spots above and below, heights of 2 um up to .1 um apart; and a friction."""
-    draw = np.random.default_rng([21, seed])
-    above, below = (int(n) for n in draw.integers(1, 4, 2))
-    spots = []
-    for side, count, sign in (("upper", above, 1.0), ("lower", max(below, 3 - above), -1.0)):
-        for _ in range(count):
-            z, x, radius = 2e-6 + draw.uniform(-1e-7, 1e-7), draw.uniform(-2e-6, 2e-6), draw.uniform(0.5e-6, 2e-6)
-            spots.append({"side": side, "x": float(x), "z": float(sign * z), "radius": float(radius)})
-    return spots, float(draw.uniform(0.1, 0.6))
 
 
 def static_tilts(spots, mu):
@@ -77,11 +63,8 @@ def test_random_planar_particles_are_pressed_where_a_static_state_exists(level, 
 
 def test_random_clumps_are_pressed():
     for seed in range(80):
-        draw = np.random.default_rng([22, seed])
-        body = irregular(draw, int(draw.integers(4, 9)), (1.0, 0.8, 0.6), 10e-6)
-        quaternion, _ = settle(body, draw)
-        balls = [{"center": tuple(map(float, c)), "radius": float(r)} for c, r in zip(body.centers, body.radii, strict=True)]
-        mu = float(draw.uniform(0.1, 0.6))
-        result = pressed({"clump": balls, "quaternion": tuple(map(float, quaternion))}, mu, "mindlin")
+        centers, radii, mu = clump(seed)
+        balls = [{"center": tuple(map(float, c)), "radius": float(r)} for c, r in zip(centers, radii, strict=True)]
+        result = pressed({"clump": balls}, mu, "mindlin")
         assert result.stopped is None, seed
         assert math.isfinite(sum(result.points[0].N)) and "sticking" in result.forecast.possible, seed
