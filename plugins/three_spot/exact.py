@@ -40,6 +40,7 @@ from thirdbody.plugin import (
 
 from .differences import central
 from .exact_field import GAUSS, advance_field, field_energy, field_force, helper, piece_mean
+from .exact_rolling import carry_field, carry_springs, renewal_loss
 from .exact_springs import advance_springs, cell_means, spring_energy, spring_force
 
 
@@ -82,35 +83,32 @@ def energy_of(w, n):
 
 
 @helper
-def renewal_heat(c, w, n, step, slip, renewal):
-    """What renewal takes in the step beside (1 - kept^2) of the energy of the old springs, over G*, as `mdr.renewal_heat`.
-
-    Exact where all springs stick and where all slide one way throughout, as the springs of a row.
-    """
-    x, y = force_of(w, n)
-    work = c.slip_x * x + c.slip_y * y
-    if slip > 0.0:
-        lost = 1.0 - renewal.kept
-        return max(lost * lost * energy_of(w, n) + 2.0 * (1.0 - renewal.fill) * work, 0.0)
-    square = c.slip_x * c.slip_x + c.slip_y * c.slip_y
-    return 2.0 * (renewal.mixed * work + renewal.own * square * math.sqrt(min(step[2], step[3])))
+def rolled_field(w, n, kept, step):
+    """The field, or the springs where n is negative, that rolling has carried outward before the step, and its number."""
+    if kept >= 1.0 or n == 0:
+        return w, n
+    v = np.empty(len(w) + 6)
+    if n > 0:
+        return v, carry_field(w, n, kept, (step[2], step[3]), v)
+    carry_springs(w, -n - 1, kept, max(step[2], step[3]), v[: len(w)])
+    return v[: len(w)], n
 
 
 @helper
-def turn_of(w, h, w_new, kept, step):
-    """The springs after one step that turns, from a field or from springs: (number for the history, slip of the centre,
+def turn_of(w, n, w_new, step):
+    """The springs after one step that turns, from a field (w, n) or from springs: (number for the history, slip of the centre,
     loss/(2 G*)). Springs that all slid along one line are one straight field again, where what they lost in the step covers what
     the field holds more than its means."""
     sx, sy, d_old, d, k = step
-    n, loss = int(h[1]), 0.0
+    loss = 0.0
     if n >= 0:
         m = cell_means(w, n, max(d_old, d), w_new)
-        loss = 0.5 * kept * kept * max(field_energy(w, n, 0.0) - spring_energy(w_new, m), 0.0)
+        loss = 0.5 * max(field_energy(w, n, 0.0) - spring_energy(w_new, m), 0.0)
     else:
         m = -n - 1
-        for i in range(len(w)):
+        for i in range(len(w_new)):
             w_new[i] = w[i]
-    m, slip, lost, straight = advance_springs(w_new, m, kept, step)
+    m, slip, lost, straight = advance_springs(w_new, m, step)
     loss += lost
     if straight:
         length, bound = math.sqrt(sx * sx + sy * sy), k * d
@@ -123,6 +121,21 @@ def turn_of(w, h, w_new, kept, step):
     return -m - 1, slip, loss
 
 
+@helper
+def moved(w, n, w_new, step):
+    """The field (w, n), or the springs where n is negative, after one step: (number for the history, slip of the centre,
+    loss/(2 G*), nodes dropped)."""
+    turned = n < 0
+    if not turned:
+        count, slip, loss, dropped, turned = advance_field(w, n, w_new, step)
+        if not turned:
+            if step[3] < step[2]:
+                loss += 0.5 * field_energy(w, n, step[3])
+            return count, slip, loss, dropped
+    count, slip, loss = turn_of(w, n, w_new, step)
+    return count, slip, loss, 0
+
+
 @kernel
 def exact(c, load, p, h, w, w_new):
     """T = -2 G* int_0^a w dx, U = G* int_0^a |w|^2 dx.
@@ -133,7 +146,7 @@ def exact(c, load, p, h, w, w_new):
     Dissipated: by springs that slide, the mean of their bounds while they do times their way (exact at constant overlap, second
     order in the step else), and what rolling and the loss of contact area release. None of these is a difference of works, none
     is negative. The slip is that of the centre, which sticks while any spring does. Rolling: fresh material enters the patch
-    unloaded; the field decays with the way over fresh ground (`thirdbody.laws.renewal`), at the rate of Kalker's creep.
+    unloaded; the field is carried outward with the way over fresh ground (`exact_rolling`), at the rate of Kalker's creep.
     """
     limit, d = p.mu * load.force, c.overlap
     if not (d > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
@@ -141,22 +154,14 @@ def exact(c, load, p, h, w, w_new):
             w_new[i] = 0.0
         return Tangential(0.0, 0.0, limit, p.kappa * max(d, 0.0), 0.0, 0.0, 0.0), (max(d, 0.0),) + (0.0,) * 7
     step, _, ground, renewal = step_of(c, load, p, h)
-    kept = renewal.kept
     n = int(h[1])
     modulus = p.g_star * load.contact_radius / math.sqrt(d)
-    count, slip, loss, dropped, dissipated = n, 0.0, 0.0, 0, 0.0
-    if kept < 1.0:
-        dissipated = (1.0 - kept * kept) * modulus * energy_of(w, n)
-    turned = n < 0
-    if n >= 0:
-        count, slip, loss, dropped, turned = advance_field(w, n, w_new, kept, step)
-        if d < step[2] and not turned:
-            dissipated += kept * kept * modulus * field_energy(w, n, d)
-    if turned:
-        count, slip, loss = turn_of(w, h, w_new, kept, step)
-        dropped = 0
-    if kept < 1.0:
-        dissipated += modulus * renewal_heat(c, w, n, step, slip, renewal)
+    if renewal.kept < 1.0 and n != 0:
+        v, m = rolled_field(w, n, renewal.kept, step)
+        count, slip, loss, dropped = moved(v, m, w_new, step)
+        loss += 0.5 * renewal_loss(w, n, v, m, step, renewal, (c.slip_x, c.slip_y), slip > 0.0)
+    else:
+        count, slip, loss, dropped = moved(w, n, w_new, step)
     x, y = force_of(w_new, count)
     stored = modulus * energy_of(w_new, count)
     x, y = -2.0 * modulus * x, -2.0 * modulus * y
@@ -164,33 +169,40 @@ def exact(c, load, p, h, w, w_new):
     # a patch that slides one way has two nodes left: then the force is the limit to the last digit
     share = limit / max(size, 1e-300) if (slip > 0.0 and count == 2) or size > limit else 1.0
     x, y = share * x, share * y
-    answer = Tangential(x, y, limit, p.kappa * d, slip, stored, dissipated + 2.0 * modulus * loss)
+    answer = Tangential(x, y, limit, p.kappa * d, slip, stored, 2.0 * modulus * loss)
     return answer, (d, float(count), x, y, ground.x, ground.y, ground.reach, h[7] + dropped)
 
 
 @helper
-def trial_at(w, n, kept, step, q):
-    """Trial spring at q and its rate with the overlap by f: (x, y, f, df/dd); f is the share of the slip that it took."""
-    sx, sy, d_old, d, _ = step
-    if q > d_old:
-        f = (d - q) / (d - d_old)
-        return f * sx, f * sy, f, (1.0 - f) / (d - d_old)
+def spring_at(w, n, q):
+    """The old spring at q and its slope: (x, y, dx/dq, dy/dq)."""
     for i in range(3, 3 * n, 3):
         if q <= w[i]:
-            part = (q - w[i - 3]) / max(w[i] - w[i - 3], 1e-300)
-            x, y = w[i - 2] + part * (w[i + 1] - w[i - 2]), w[i - 1] + part * (w[i + 2] - w[i - 1])
-            return kept * x + sx, kept * y + sy, 1.0, 0.0
-    return sx, sy, 1.0, 0.0
+            length = max(w[i] - w[i - 3], 1e-300)
+            slope_x, slope_y = (w[i + 1] - w[i - 2]) / length, (w[i + 2] - w[i - 1]) / length
+            return w[i - 2] + (q - w[i - 3]) * slope_x, w[i - 1] + (q - w[i - 3]) * slope_y, slope_x, slope_y
+    return 0.0, 0.0, 0.0, 0.0
 
 
 @helper
-def spring_rates(w, n, kept, kept_rate, k_rate, after, after_rate, step, q):
-    """dw_x/ds_x, dw_x/ds_y, dw_y/ds_y, dw_x/dd, dw_y/dd of the spring at q after the step."""
-    sx, sy, _, d, k = step
-    x, y, f, f_rate = trial_at(w, n, kept, step, q)
-    old_rate = kept_rate / kept if kept > 0.0 else 0.0
-    x_rate = f_rate * sx + f * after_rate * sx + old_rate * (x - f * sx)
-    y_rate = f_rate * sy + f * after_rate * sy + old_rate * (y - f * sy)
+def spring_rates(w, n, rates, step, q):
+    """dw_x/ds_x, dw_x/ds_y, dw_y/ds_y, dw_x/dd, dw_y/dd of the spring at q after the step, from the field (w, n).
+
+    `rates` = (share of the slip that counts, its rate with the overlap; that of log `kept`, by which rolling has scaled the field
+    and carried it outward; that of the bound per compression).
+    """
+    sx, sy, d_old, d, k = step
+    after, after_rate, kept_rate, k_rate = rates
+    x, y, slope_x, slope_y = spring_at(w, n, q)
+    # d/dd of kept w(kept^2 q)
+    x_rate, y_rate = kept_rate * (x + 2.0 * q * slope_x), kept_rate * (y + 2.0 * q * slope_y)
+    f, f_rate = 1.0, 0.0
+    if q > d_old:
+        f = (d - q) / (d - d_old)
+        f_rate = (1.0 - f) / (d - d_old)
+    x, y = x + f * sx, y + f * sy
+    x_rate += (f_rate + f * after_rate) * sx
+    y_rate += (f_rate + f * after_rate) * sy
     size, bound = math.sqrt(x * x + y * y), k * (d - q)
     f *= after
     if size <= bound:
@@ -205,15 +217,16 @@ def spring_rates(w, n, kept, kept_rate, k_rate, after, after_rate, step, q):
 def tangent_of_field(c, load, p, h, w):
     """What `exact_tangent` returns, for an overlap above zero."""
     step, after, _, renewal = step_of(c, load, p, h)
-    kept, exponent = renewal.kept, (1.0 - renewal.kept) / renewal.fill
-    n, d = int(h[1]), c.overlap
+    d = c.overlap
     modulus = p.g_star * load.contact_radius / math.sqrt(d)
     k_rate = step[4] * (load.stiffness / load.force - 1.5 / d) if load.force > 0.0 else 0.0
-    kept_rate = 0.5 * kept * exponent / d
+    # the exponent of renewal goes as d^-0.5
+    kept_rate = 0.5 * (1.0 - renewal.kept) / renewal.fill / d
     after_rate = (1.0 / d - 1.0 / (d - h[0])) if h[0] < 0.0 else 0.0
-    after_rate += 0.5 * (1.0 - kept / renewal.fill) / d
+    after_rate += 0.5 * (1.0 - renewal.kept / renewal.fill) / d
     new = np.zeros(len(w))
-    count, _, _, _, _ = advance_field(w, n, new, kept, step)
+    v, n = rolled_field(w, int(h[1]), renewal.kept, step)
+    count, _, _, _, _ = advance_field(v, n, new, step)
     xx = xy = yy = x_d = y_d = 0.0
     for i in range(0, 3 * count - 3, 3):
         # the share of the slip has a corner at the old edge of the patch, also where the field has none
@@ -224,7 +237,7 @@ def tangent_of_field(c, load, p, h, w):
             for place, weight in GAUSS:
                 y = y_a + place * h_piece
                 q = min(y * y, d)
-                rates = spring_rates(w, n, kept, kept_rate, k_rate, after, after_rate, step, q)
+                rates = spring_rates(v, n, (after, after_rate, kept_rate, k_rate), step, q)
                 part = -2.0 * modulus * weight * h_piece
                 xx, xy, yy = xx + part * rates[0], xy + part * rates[1], yy + part * rates[2]
                 x_d, y_d = x_d + part * rates[3], y_d + part * rates[4]

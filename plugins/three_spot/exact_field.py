@@ -177,9 +177,10 @@ def slip_loss(q, size, x, y, step):
     after the share t of the step, at the bound b_t.
     """
     sx, sy, d_old, d, k = step
-    touched = 1.0 if q <= d_old else (d - q) / max(d - d_old, 1e-300)
+    touched = 1.0 if q <= d_old or d <= d_old else (d - q) / (d - d_old)
     x_0, y_0 = x - touched * sx, y - touched * sy
-    size_0 = math.sqrt(x_0 * x_0 + y_0 * y_0) if q <= d_old else 0.0
+    size_0 = math.sqrt(x_0 * x_0 + y_0 * y_0)
+    size_0 = size_0 if size_0 > ROUNDING * size else 0.0
     b_0, b_1 = max(k * (d_old - q), size_0), k * (d - q)
     far = max(size - b_1, 0.0)
     t = (b_0 - size_0) / max(b_0 - size_0 + far, 1e-300)
@@ -255,8 +256,8 @@ def is_straight(w, n, k, d):
 
 
 @helper
-def advance_field(w, n, new, kept, step):
-    """The field `new` after one step from (w, n), its old springs scaled by `kept`.
+def advance_field(w, n, new, step):
+    """The field `new` after one step from (w, n), which rolling may have carried beyond the old overlap (`exact_rolling`).
 
     Returns (nodes, slip of the centre, loss/(2 G*), nodes dropped for want of room, whether springs that slide turn). Of the last
     the answer is no field: see `exact_springs`. `step` = (slip x, y, overlap before and now, bound per compression k). Every
@@ -264,17 +265,20 @@ def advance_field(w, n, new, kept, step):
     is exact for a straight path of overlap and slip of any length. Source: Popov and Hess 2015; its 1-D case is the memory
     diagram of Aleshin, Bou Matar and Van Den Abeele 2015.
     """
-    sx, sy, _, d, k = step
+    sx, sy, d_old, d, k = step
+    per_rise = 1.0 / (d - d_old) if d > d_old else 0.0
     x, y, q = sx, sy, 0.0
     if n > 0:
-        x, y = kept * w[1] + sx, kept * w[2] + sy
+        x, y = w[1] + sx, w[2] + sy
     size, bound = math.sqrt(x * x + y * y), k * d
     far = size - bound
     back = 1.0 if far <= 0.0 else bound / size
     count = push(new, 0, 0.0, back * x, back * y)
     loss, turned = 0.0, False
     for i in range(3, 3 * n, 3):
-        q_b, bx, by = w[i], kept * w[i + 1] + sx, kept * w[i + 2] + sy
+        q_b = w[i]
+        touched = 1.0 - max(q_b - d_old, 0.0) * per_rise
+        bx, by = w[i + 1] + touched * sx, w[i + 2] + touched * sy
         if q_b >= d:
             part = (d - q) / max(q_b - q, 1e-300)
             q_b, bx, by = d, x + part * (bx - x), y + part * (by - y)

@@ -205,14 +205,14 @@ def drag(x, y, b_0, b_1, e_x, e_y, length):
 
 
 @helper
-def advance_springs(w, m, kept, step):
+def advance_springs(w, m, step):
     """Move the springs in place through one straight step; (new m, slip of the centre, loss/(2 G*), whether all slid along it).
 
-    `step` as for `exact_field.advance_field`. Before the step rolling keeps the share `kept` of every spring.
+    `step` as for `exact_field.advance_field`.
     """
     sx, sy, d_old, d, k = step
     m, merged = fit_cells(w, m, math.sqrt(max(d_old, d)))
-    n, loss = cells_of(w), 0.5 * kept * kept * merged
+    n, loss = cells_of(w), 0.5 * merged
     length = math.sqrt(sx * sx + sy * sy)
     e_x, e_y = (sx / length, sy / length) if length > 0.0 else (1.0, 0.0)
     per_rise = 1.0 / max(abs(d - d_old), 1e-300)
@@ -227,7 +227,7 @@ def advance_springs(w, m, kept, step):
             w[1 + i], w[1 + n + i] = 0.0, 0.0
             continue
         share = 1.0 if min(old, new) > 0.0 else min((old + new) * per_rise, 1.0)
-        x, y, part = kept * w[1 + i], kept * w[1 + n + i], share * length
+        x, y, part = w[1 + i], w[1 + n + i], share * length
         x_1, y_try, bound = x + part * e_x, y + part * e_y, k * new
         way = 0.0
         if x_1 * x_1 + y_try * y_try > bound * bound:

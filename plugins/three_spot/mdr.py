@@ -12,9 +12,9 @@ T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap e
   carry a growing patch, and the state depends on the path alone. A patch that shrinks keeps its coarse grid until the contact
   opens. The gap of a spring is the mean over its cell, so merging keeps every field that is linear in x^2, and the springs
   together never pass mu N (they fall short of it by 1.5 (spacing/2a)^2 at most: 4e-4 for 32 springs).
-* Springs that leave the patch forget. Where the patch moves on over fresh ground its material is renewed, exponentially in the
-  way and at the rate of Kalker's creep (`thirdbody.laws.renewal`), exactly for steps of any length where springs stick: a spot
-  that rolls without creep has lost two thirds of its force after two contact radii, one that sways keeps it.
+* Springs that leave the patch forget. Where the patch moves on over fresh ground its springs are carried outward and leave at the
+  edge, at the rate of Kalker's creep (`thirdbody.laws.renewal`), exactly for uniform springs that stick and steps of any length:
+  such a spot that rolls without creep has lost two thirds of its force after two contact radii, one that sways keeps it.
 """
 
 from __future__ import annotations
@@ -40,6 +40,7 @@ from thirdbody.plugin import (
 )
 
 from .differences import helper
+from .mdr_rolling import carry_outward, renewal_heat
 from .mdr_tangent import tangent_of_springs
 from .spring_grid import cells_of, end_of, mean_gap, merge, merges_for, squares_lost, width_of
 
@@ -62,29 +63,6 @@ def sums(w, n, wide):
         along, across = width * w[i], width * w[n + i]
         x, y, square = x + along, y + across, square + (along * w[i] + across * w[n + i])
     return x, y, square
-
-
-@helper
-def renewal_heat(w, w_new, grid, back, step, share):
-    """int (renewal rate) w^2 over the step, summed over the springs, m2: times the stiffness of a spring it is energy.
-
-    `grid` = (springs, wide cells, spacing^2/R), `step` = (overlap before, slip x, y); `share` is the `Renewal` of the step. Exact
-    for springs that stick and for those that slide one way throughout, of first order in the renewal of a step between.
-    """
-    (n, wide, scale), (before, slip_x, slip_y) = grid, step
-    total = 0.0
-    for i in range(n):
-        s_x, s_y = (slip_x, slip_y) if before > mean_gap(i, wide, scale) else (0.0, 0.0)
-        x, y = w[i], w[n + i]
-        if back[i] < 1.0:
-            lost_x = (1.0 - share.kept) * x - (1.0 - share.fill) * s_x
-            lost_y = (1.0 - share.kept) * y - (1.0 - share.fill) * s_y
-            heat = max(0.5 * (lost_x * (x + w_new[i]) + lost_y * (y + w_new[n + i])), 0.0)
-        else:
-            heat = 0.5 * (1.0 - share.kept * share.kept) * (x * x + y * y)
-            heat += share.own * (s_x * s_x + s_y * s_y) - share.mixed * (x * s_x + y * s_y)
-        total += width_of(i, wide) * heat
-    return total
 
 
 @helper
@@ -138,11 +116,16 @@ def springs(c, load, p, h, w, w_new):
     ground = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
     share = renewed(p.renewal * ground.way / max(load.contact_radius, 1e-300))
     slip_x, slip_y = share.fill * c.slip_x, share.fill * c.slip_y
-    energy, before_renewal = 0.0, 0.0
+    energy, before_renewal, renewed_part = 0.0, 0.0, 0.0
+    rolled = w
     if share.kept < 1.0:
         before_renewal = p.g_star * spacing * sums(w, n, wide)[2]
+        rolled = np.empty(2 * n)
+        carry_outward(w, rolled, (n, wide, spacing * spacing / c.radius), max(before, c.overlap), share.kept)
         for i in range(2 * n):
-            w_new[i] *= share.kept
+            w_new[i] = rolled[i]
+        after_renewal = p.g_star * spacing * sums(rolled, n, wide)[2]
+        renewed_part = (before_renewal - after_renewal) / max(before_renewal + after_renewal, 1e-300)
     done, slip, merged = before, 0.0, False
     end = end_of(n, wide, spacing, c.radius)
     while c.overlap > end:
@@ -168,10 +151,9 @@ def springs(c, load, p, h, w, w_new):
         energy += 0.5 * stiffness * slope * rate * squares_lost(merges, n, spacing) / (c.radius * c.radius)
     if share.kept < 1.0:
         if merged:  # springs before and after are not the same: int rate U by the trapezoid, exact without slip
-            left = share.kept * share.kept
-            energy += (1.0 - left) / (1.0 + left) * (before_renewal + stored)
+            energy += renewed_part * (before_renewal + stored)
         else:
-            energy += stiffness * renewal_heat(w, w_new, grid, scratch, (before, c.slip_x, c.slip_y), share)
+            energy += stiffness * renewal_heat(w, rolled, w_new, grid, scratch, (before, c.slip_x, c.slip_y), share)
     limit = p.mu * load.force
     x, y = stiffness * x, stiffness * y
     answer = Tangential(x, y, limit, p.kappa * c.overlap, slip + middle, stored, energy)

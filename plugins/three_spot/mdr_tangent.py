@@ -15,6 +15,7 @@ import math
 import numpy as np
 
 from .differences import helper
+from .mdr_rolling import carried_rate, carry_outward
 from .spring_grid import cells_of, end_of, mean_gap, merge, width_of
 
 ROWS = 8
@@ -22,13 +23,18 @@ ROWS = 8
 
 
 @helper
-def loaded(w, kept, kept_rate):
-    """The rows (8 n,) of springs of which rolling keeps this share; `kept_rate`: of its logarithm with the overlap, 1/m."""
-    size = len(w)
-    rows = np.zeros(ROWS // 2 * size)
-    for i in range(size):
-        rows[i] = kept * w[i]
-        rows[3 * size + i] = kept_rate * rows[i]
+def loaded(w, grid, overlap, kept, kept_rate):
+    """The rows (8 n,) of springs as rolling carries them outward; `kept_rate`: of log `kept` with the overlap, 1/m."""
+    n = len(w) // 2
+    rows = np.zeros(ROWS * n)
+    if kept >= 1.0:
+        for i in range(2 * n):
+            rows[i] = w[i]
+        return rows
+    carry_outward(w, rows, grid, overlap, kept)
+    for i in range(n):
+        x, y = carried_rate(w, i, grid, overlap, kept)
+        rows[6 * n + i], rows[7 * n + i] = kept_rate * kept * x, kept_rate * kept * y
     return rows
 
 
@@ -82,7 +88,8 @@ def tangent_of_springs(c, load, p, start, w):
     bound = (limit, p.kappa * load.stiffness / load.elastic - 1.5 * limit / c.overlap)
     # the renewal of a way goes as 1/a, so its exponent as d^-0.5
     exponent = (1.0 - renewal.kept) / renewal.fill
-    rows = loaded(w, renewal.kept, 0.5 * exponent / c.overlap)
+    grid = (n, wide, spacing * spacing / c.radius)
+    rows = loaded(w, grid, max(before, c.overlap), renewal.kept, 0.5 * exponent / c.overlap)
     fill, fill_rate = renewal.fill, 0.5 * (renewal.fill - renewal.kept) / c.overlap
     slip, share, done = (c.slip_x, c.slip_y), (fill, fill_rate), before
     end = end_of(n, wide, spacing, c.radius)

@@ -88,22 +88,59 @@ def compliance(nu: float, side: float, x: np.ndarray, y: np.ndarray) -> tuple[np
     return along / (2.0 * np.pi), across / (2.0 * np.pi)
 
 
-def creep_coefficient(nu: float, cells: int = 17) -> float:
-    """C11 = T/(G a^2 xi) by boundary elements: material enters the patch unloaded and then sticks, but for the creep (Kalker)."""
-    side = 2.0 / cells
-    line = (np.arange(cells) - 0.5 * (cells - 1)) * side
-    x, y = (part[np.hypot(*np.meshgrid(line, line)) < 1.0] for part in np.meshgrid(line, line))
+class Patch:
+    """A round patch of radius 1 in square boundary elements, `cells` over its diameter, G = 1."""
 
-    def displacement(ahead: float) -> np.ndarray:
+    def __init__(self, nu: float, cells: int = 17):
+        self.nu, self.side = nu, 2.0 / cells
+        line = (np.arange(cells) - 0.5 * (cells - 1)) * self.side
+        self.x, self.y = (part[np.hypot(*np.meshgrid(line, line)) < 1.0] for part in np.meshgrid(line, line))
+
+    def displacement(self, ahead: float) -> np.ndarray:
         """(2 N, 2 N) difference of the displacements of both bodies at places that lie so far ahead."""
-        dx, dy = x[:, None] + ahead - x, y[:, None] - y
-        xx, xy = compliance(nu, side, dx, dy)
-        yy, _ = compliance(nu, side, dy, dx)
+        dx, dy = self.x[:, None] + ahead - self.x, self.y[:, None] - self.y
+        xx, xy = compliance(self.nu, self.side, dx, dy)
+        yy, _ = compliance(self.nu, self.side, dy, dx)
         return 2.0 * np.block([[xx, xy], [xy, yy]])
 
-    creep = np.concatenate([np.full(len(x), side), np.zeros(len(x))])
-    tractions = np.linalg.solve(displacement(0.0) - displacement(side), creep)
-    return float(tractions[: len(x)].sum() * side**2)
+
+def creep_coefficient(nu: float, cells: int = 17) -> float:
+    """C11 = T/(G a^2 xi) by boundary elements: material enters the patch unloaded and then sticks, but for the creep (Kalker)."""
+    patch = Patch(nu, cells)
+    creep = np.concatenate([np.full(len(patch.x), patch.side), np.zeros(len(patch.x))])
+    tractions = np.linalg.solve(patch.displacement(0.0) - patch.displacement(patch.side), creep)
+    return float(tractions[: len(patch.x)].sum() * patch.side**2)
+
+
+def force_left(nu: float, ways: np.ndarray) -> np.ndarray:
+    """Of a Hertzian traction, the force left after these ways (contact radii) of rolling without creep, by boundary elements."""
+    patch = Patch(nu, 21)
+    here, ahead = patch.displacement(0.0), patch.displacement(patch.side)
+    traction = np.concatenate([np.sqrt(1.0 - patch.x**2 - patch.y**2), np.zeros(len(patch.x))])
+    forces = []
+    for _ in range(int(ways[-1] / patch.side) + 2):
+        forces.append(traction[: len(patch.x)].sum())
+        traction = np.linalg.solve(here, ahead @ traction)
+    return np.interp(ways, np.arange(len(forces)) * patch.side, forces) / forces[0]
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("nu", [0.0, 0.25, 0.5])
+def test_rolling_takes_first_what_the_edge_carries(level, nu):
+    """A field that falls to nothing at the edge, from loading at a constant angle, loses little at first, as in truth.
+
+    Beyond one contact radius the springs fall behind: 0.48 instead of 0.34 is left after two.
+    """
+    ways = np.array([0.1, 0.25, 0.5, 1.0])
+    spot, critical = Spot(level, pair(nu)), 0.0
+    spot.h, spot.w = (0.0,) * len(spot.h), np.zeros_like(spot.w)
+    critical = 0.3 * spot.e_star / spot.g_star * OVERLAP
+    start, forces = spot.move(0.3 * critical).x, []
+    for _ in range(100):
+        forces.append(spot.move(roll=0.01 * A).x / start)
+    found = np.interp(ways, np.arange(1, 101) / 100.0, forces)
+    # half the field's share that 21 cells miss, and what the mean of both sides of the patch cannot tell; 0.13 before
+    assert found == pytest.approx(force_left(nu, ways), abs=0.04)
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -180,8 +217,8 @@ def test_a_spot_that_sways_keeps_its_force(level):
 
 @pytest.mark.parametrize("level", EVERY)
 def test_a_spot_that_rolls_on_forgets(level):
-    """Whatever the direction; swaying on the way adds nothing."""
-    spots = [Spot(level, pair(0.3)) for _ in range(3)]
+    """Whatever the direction; swaying on the way adds nothing. All springs stick: a uniform field stays uniform."""
+    spots = [Spot(level, pair(0.3, friction=1e6)) for _ in range(3)]
     for spot in spots:
         start = spot.shear(0.3).x
     for _ in range(100):
@@ -197,7 +234,7 @@ def test_a_spot_that_rolls_on_forgets(level):
 @pytest.mark.parametrize("level", EVERY)
 def test_a_value_of_the_scene_overrides_the_rate(level):
     for rate in (0.0, 2.0):
-        spot = Spot(level, pair(0.3), renewal=rate)
+        spot = Spot(level, pair(0.3, friction=1e6), renewal=rate)
         start = spot.shear(0.3).x
         for _ in range(10):
             force = spot.move(roll=0.1 * A).x
@@ -257,6 +294,49 @@ def test_heat_takes_the_work_of_steady_rolling(level, creep):
     for _ in range(100):
         answer = spot.move(0.3 * creep * A, 0.3 * A)
     assert answer.dissipated == pytest.approx(-answer.x * 0.3 * creep * A, rel=1e-9)
+
+
+def random_steps(seed, corners, pieces):
+    """Straight pieces of a random path of overlap, slip along and aside, and rolled way, each cut into so many steps."""
+    rng, before = np.random.default_rng(seed), OVERLAP
+    for _ in range(corners):
+        overlap = rng.uniform(0.02, 2.0) * OVERLAP
+        slip, aside = rng.normal(size=2) * 0.5 * OVERLAP
+        roll, across = rng.normal(size=2) * 0.2 * A
+        for piece in range(1, pieces + 1):
+            now = before + (overlap - before) * piece / pieces
+            names = ("slip", "aside", "roll", "across")
+            yield {"overlap": now} | {name: way / pieces for name, way in zip(names, (slip, aside, roll, across), strict=True)}
+        before = overlap
+
+
+@pytest.mark.parametrize("level", EVERY)
+@pytest.mark.parametrize("friction", [0.3, 3.0])
+def test_rolling_makes_no_energy(level, friction):
+    """The work of the force at the end of every step, from rest, is never below what is stored; no step dissipates below 0."""
+    for seed in range(30):
+        spot, work = Spot(level, pair(0.3, friction=friction)), 0.0
+        for step in random_steps(seed, 12, 1):
+            answer = spot.move(**step)
+            work -= answer.x * step["slip"] + answer.y * step["aside"]
+            # rounding of the energy of a step
+            assert answer.dissipated >= -1e-12 * answer.limit * OVERLAP
+            assert work >= answer.stored - 1e-12 * answer.limit * OVERLAP
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("friction", [0.3, 3.0])
+def test_work_of_rolling_fields_is_stored_or_dissipated(level, friction):
+    """Over random paths that turn, grow, shrink and roll: the ledger closes with the step, at least to first order."""
+    missing = []
+    for pieces in (10, 80):
+        spot, work, heat, x, y = Spot(level, pair(0.3, friction=friction)), 0.0, 0.0, 0.0, 0.0
+        for step in random_steps(1, 12, pieces):
+            answer = spot.move(**step)
+            work -= 0.5 * ((x + answer.x) * step["slip"] + (y + answer.y) * step["aside"])
+            x, y, heat = answer.x, answer.y, heat + answer.dissipated
+        missing.append(abs(work - heat - answer.stored) / heat)
+    assert missing[1] < 2e-3 and missing[1] < 0.25 * missing[0]
 
 
 def test_cycles_of_load_and_sway_leave_the_rolling_springs_alone():

@@ -170,7 +170,7 @@ def test_a_step_to_an_absurd_overlap_ends(start, overlap):
 
 
 def test_rolling_renews_the_material():
-    driver = Driver(64)
+    driver = Driver(64, mu=1e6)  # all springs stick: a uniform row decays and stays uniform
     driver.move(0.01)
     force = -driver.move(0.01, 0.3 * CRITICAL).x
     energy, lost = None, 0.0

@@ -1,7 +1,14 @@
 """How a rolling patch forgets: fresh ground under a patch, and the rate at which it renews the tangential field.
 
-Where a patch moves over the surfaces, material that was never under it enters unloaded, and loaded material leaves. A law that
-`rolls` lets its field decay, dw = -ds - rate w dr/a, with the way dr over fresh ground, the contact radius a and the slip ds.
+Where a patch moves over the surfaces, material that was never under it enters unloaded, and loaded material leaves with what the
+trailing edge carries. A row of springs w(x), the mean of both sides of the patch, has a half that moves to either edge. So it is
+carried outward at a speed that goes as x: dw = -ds - (rate/a) d(x w)/dx dr, with the way dr over fresh ground, the contact radius
+a and the slip ds; in a step, w(x) -> kept w(kept x) - fill ds. The force lost is rate w(a) dr, what springs at the edge carry:
+a field that falls to nothing there loses of second order in dr. A uniform field stays uniform and decays, dw = -ds - rate w dr/a,
+and steady rolling ends at one. A law with one spring has that alone.
+
+What the mean of both sides cannot tell: a uniform field loses half of this at first in truth, and a patch that grows or shrinks
+faster than it moves has nothing replaced, while the field here changes its shape in first order of the way, not its force.
 
 Ground is fresh where the patch has not been. A contact remembers the offset of the patch from the middle of the ground that it
 knows, and how far from there it was: only way beyond counts, so a spot that sways by a nanometre stays on its ground after the

@@ -1,0 +1,151 @@
+"""What rolling does to the field of the level `exact`: springs are carried outward, w(x) -> kept w(kept x) (`laws.renewal`).
+
+In q = x^2/R that scales the nodes of a field, so it stays piecewise linear: the step is exact. Springs of fixed places
+(`exact_springs`) become means over what their cells then hold.
+"""
+
+from __future__ import annotations
+
+import math
+
+from .differences import helper
+from .exact_field import field_energy, field_force, piece_mean, piece_products
+from .exact_springs import cells_of, gap_of, lower_end, spring_energy, spring_force
+
+
+@helper
+def carry_field(w, n, kept, ends, new):
+    """Write the field (w, n) as rolling carries it outward; returns its nodes. `new` needs room for two nodes more.
+
+    `ends` = (overlap before and after the step): what passes the larger one is gone. Between the two stands a node at the first,
+    as springs beyond it touch within the step.
+    """
+    d_old, d = ends
+    stretch, end = 1.0 / (kept * kept), max(d_old, d)
+    new[0], new[1], new[2] = 0.0, kept * w[1], kept * w[2]
+    count = 3
+    for i in range(3, 3 * n, 3):
+        q, x, y = stretch * w[i], kept * w[i + 1], kept * w[i + 2]
+        for stop in (d_old, end):
+            q_0, x_0, y_0 = new[count - 3], new[count - 2], new[count - 1]
+            if q_0 < stop < q:
+                part = (stop - q_0) / (q - q_0)
+                new[count], new[count + 1], new[count + 2] = stop, x_0 + part * (x - x_0), y_0 + part * (y - y_0)
+                count += 3
+        if q > end:
+            break
+        new[count], new[count + 1], new[count + 2] = q, x, y
+        count += 3
+    return count // 3
+
+
+@helper
+def field_beyond(w, n, start):
+    """(int w_x dy, int w_y dy, int |w|^2 dy) over what lies beyond q = start."""
+    f_x = f_y = energy = 0.0
+    for i in range(0, 3 * n - 3, 3):
+        q_1, q_2 = w[i], w[i + 3]
+        if q_2 > start:
+            x_1, y_1, x_2, y_2 = w[i + 1], w[i + 2], w[i + 4], w[i + 5]
+            if q_1 < start:
+                part = (start - q_1) / (q_2 - q_1)
+                x_1, y_1, q_1 = x_1 + part * (x_2 - x_1), y_1 + part * (y_2 - y_1), start
+            h, phi = piece_mean(q_1, q_2)
+            f_x, f_y = f_x + h * (x_1 + phi * (x_2 - x_1)), f_y + h * (y_1 + phi * (y_2 - y_1))
+            c_11, c_12, c_22 = piece_products(q_1, q_2)
+            energy += c_11 * (x_1 * x_1 + y_1 * y_1) + c_22 * (x_2 * x_2 + y_2 * y_2) + 2.0 * c_12 * (x_1 * x_2 + y_1 * y_2)
+    return f_x, f_y, energy
+
+
+@helper
+def field_product(w, n, v, m):
+    """int w.v dy of two fields over the nodes of both, as far as the shorter one reaches."""
+    i = j = 3
+    q_1, a_x, a_y, b_x, b_y = 0.0, w[1], w[2], v[1], v[2]
+    total = 0.0
+    while i < 3 * n and j < 3 * m:
+        q_2 = min(w[i], v[j])
+        part, other = (q_2 - q_1) / max(w[i] - q_1, 1e-300), (q_2 - q_1) / max(v[j] - q_1, 1e-300)
+        a_x2, a_y2 = a_x + part * (w[i + 1] - a_x), a_y + part * (w[i + 2] - a_y)
+        b_x2, b_y2 = b_x + other * (v[j + 1] - b_x), b_y + other * (v[j + 2] - b_y)
+        c_11, c_12, c_22 = piece_products(q_1, q_2)
+        total += c_11 * (a_x * b_x + a_y * b_y) + c_22 * (a_x2 * b_x2 + a_y2 * b_y2)
+        total += c_12 * (a_x * b_x2 + a_y * b_y2 + a_x2 * b_x + a_y2 * b_y)
+        q_1, a_x, a_y, b_x, b_y = q_2, a_x2, a_y2, b_x2, b_y2
+        i, j = i + 3 if w[i] <= q_2 else i, j + 3 if v[j] <= q_2 else j
+    return total
+
+
+@helper
+def cell_at(y, m, h):
+    """Cell that holds the place y."""
+    wide = 2.0 * h * m
+    return int(y / (2.0 * h)) if y < wide else m + int((y - wide) / h)
+
+
+@helper
+def carry_springs(w, m, kept, overlap, new):
+    """Write the springs (w, m) as rolling carries them outward, as means over the cells.
+
+    Beyond the larger `overlap` of the step they are gone. A cell holds what came from `kept` times its ends, so no force is lost
+    but what passes the edge. That interval is no wider than any cell that it meets: two at most.
+    """
+    n, h = cells_of(w), w[0]
+    new[0] = h
+    for i in range(n):
+        new[1 + i], new[1 + n + i] = 0.0, 0.0
+        if gap_of(i, m, h) < overlap:
+            y_1, y_2 = lower_end(i, m, h), lower_end(i + 1, m, h)
+            first = min(cell_at(kept * y_1, m, h), i)
+            second = min(first + 1, n - 1)
+            far = min(max(kept * y_2 - lower_end(first + 1, m, h), 0.0) / (y_2 - y_1), kept)
+            near = kept - far
+            new[1 + i] = near * w[1 + first] + far * w[1 + second]
+            new[1 + n + i] = near * w[1 + n + first] + far * w[1 + n + second]
+
+
+@helper
+def springs_product(w, v, m):
+    """int w.v dy of two rows of springs in the same cells."""
+    n, total = cells_of(w), 0.0
+    for i in range(n):
+        width = lower_end(i + 1, m, w[0]) - lower_end(i, m, w[0])
+        total += width * (w[1 + i] * v[1 + i] + w[1 + n + i] * v[1 + n + i])
+    return total
+
+
+@helper
+def lost_by(w, n, v, kept, end):
+    """(int w_x dy, int w_y dy, int |w|^2 dy) of a field or of springs, and how much of each is lost where v is carried outward.
+
+    `end`: the larger overlap of the step.
+    """
+    if n >= 0:
+        x, y = field_force(w, n)
+        energy = field_energy(w, n, 0.0)
+        gone_x, gone_y, gone = field_beyond(w, n, kept * kept * end)
+        return x, y, energy, gone_x, gone_y, (1.0 - kept) * energy + kept * gone
+    m = -n - 1
+    x, y = spring_force(w, m)
+    x_new, y_new = spring_force(v, m)
+    energy = spring_energy(w, m)
+    return x, y, energy, x - x_new, y - y_new, energy - spring_energy(v, m)
+
+
+@helper
+def renewal_loss(w, n, v, m, step, renewal, slip, slides):
+    """What rolling takes in the step, over G*, of the field (w, n), which is (v, m) when carried outward; springs: n negative.
+
+    `slip` is that of the step, `step` as for `exact_field.advance_field`. Exact for a uniform field that sticks and for one that
+    slides one way throughout, of first order in the renewal of a step between.
+    """
+    s_x, s_y = slip
+    x, y, energy, gone_x, gone_y, loss = lost_by(w, n, v, renewal.kept, max(step[2], step[3]))
+    left, work = 1.0 - renewal.fill, s_x * x + s_y * y
+    if slides:
+        common = field_product(w, n, v, m) if n >= 0 else springs_product(w, v, -n - 1)
+        apart = 2.0 * (energy - common) - loss
+        return max(loss + apart + 2.0 * left * work, 0.0)
+    mixed = renewal.fill - left / (1.0 - renewal.kept)
+    own = renewal.own * (s_x * s_x + s_y * s_y) * math.sqrt(min(step[2], step[3]))
+    return max(loss + 2.0 * (left * work + mixed * (s_x * gone_x + s_y * gone_y) + own), 0.0)
