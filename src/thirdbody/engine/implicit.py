@@ -41,6 +41,9 @@ measured; and tries of each body in a call, at least."""
 FIRST, SHORTEST = 0.1, 1e-6
 """Length of the first step, and of the shortest one that is tried, in Rayleigh times."""
 
+WORK = 5.0
+"""Error of a step in the friction work of a body over `tolerance`, in parts of the energies in play (`kernels.friction_work`)."""
+
 UNLOADED = 0.01
 """Stands for the radius of the largest contact, in radii of the smallest sphere, until a body is loaded."""
 
@@ -93,6 +96,7 @@ class Implicit:
         self.memory[:, at.T_LIMIT] = limits.GROWTH
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
         self.memory[:, at.T_FIRM] = float(state.P[:, at.P_LOAD].max()) / overlap
+        self.memory[:, at.T_ENERGY] = UNLOADED * float(state.P[:, at.P_LOAD].max()) * overlap
         self.settings = self._settings(overlap)
         self.pace = PACE  # tries per second of the last call
         self._told, self._limit = self.memory.copy(), ""  # what `tell_limit` saw and said before
@@ -102,6 +106,7 @@ class Implicit:
         V[steps.V_TOLERANCE], V[steps.V_LONGEST], V[steps.V_RADII] = chosen.tolerance, chosen.largest_step, chosen.radii
         V[steps.V_SHORTEST], V[steps.V_INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
         V[steps.V_DEEP], V[steps.V_GROWTH] = overlap, chosen.growth
+        V[steps.V_WORK] = WORK * chosen.tolerance
         return V
 
     def start(self) -> None:
@@ -192,7 +197,8 @@ class Implicit:
             (slots.own, slots.partner, slots.kind, slots.edges, slots.incidence), (s.body, s.start, s.patch, s.offsets),
             (s.S, s.B, s.P, slots.H, slots.R, s.E),
             (physics.pairs, physics.effect_parameters, len(physics.history), physics.rolling,
-             at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels, physics.stored),
+             at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels, physics.stored,
+             *physics.remembered_forces),
         )  # fmt: skip
 
     def _summed(self) -> Array:

@@ -140,7 +140,9 @@ ONLY_LOWER, EVERYTHING, ONLY_UPPER = -1, 0, 1
 # coordinates (7), and changes of velocity (3), angular momentum (3), angular velocity (3) and of the velocity of the patch.
 # T_WAY: longest way that a point of the body can have gone since the start. T_FIRM: its stiffness, N/m.
 # T_LIMIT: what limits the length of the next step (`limits`); T_LIMITED: how many steps each cause has limited.
+# T_ENERGY: most that its spots could hold so far (`friction_work`), J.
 (T_DT, T_CUTS, T_HARD, T_TRIES, T_ITERATIONS, T_STORED, T_RADIUS, T_CODE, T_SLOT, T_LONGEST) = range(10)
 T_LAST, T_Y, T_DV, T_DL, T_DW, T_DRISE, T_WAY, T_FIRM = 10, 11, 18, 21, 24, 27, 28, 29
 T_LIMIT, T_LIMITED = 30, 31
-T_COLS = 39
+T_ENERGY = 39
+T_COLS = 40

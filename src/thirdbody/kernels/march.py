@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit, prange, types
 
 from .contacts import SUM_COLS
+from .friction_work import LEAST, work_error
 from .layout import (
     A_TIME,
     B_MASS,
@@ -51,6 +52,7 @@ from .steps import (
     V_DEEP,
     V_INERTIAL,
     V_SHORTEST,
+    V_WORK,
     advance_clock,
     at_corner,
     error_of,
@@ -68,7 +70,7 @@ from .steps import (
     stretch,
     take,
 )  # fmt: skip
-from .trial import E_COLS, FREEDOMS, TURN, Z_COLS, Z_PLATE, Z_PLATE_RISE, begin
+from .trial import E_COLS, FREEDOMS, TURN, Z_ARM, Z_COLS, Z_PLATE, Z_PLATE_RISE, begin
 
 BODIES = 8
 """Bodies per chunk: one workspace each, small enough to share the work of a few bodies among cores."""
@@ -132,6 +134,8 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
         T[T_TRIES] += 1.0
         T[T_ITERATIONS] += iterations
         error, turn = error_of(b, p, dt, Z, T, B, P, told, V), rotation_of(y, Z)
+        if how == FOUND and V[V_INERTIAL] != 0.0 and dt > LEAST * V[V_SHORTEST]:
+            error = max(error, work_error(b, m, dt, v_x, v_y, V[V_WORK], Z[Z_ARM], spots, state, known, work, T))
         if how == FOUND and error <= 1.0 and turn <= TURN:
             break
         cuts += 1
@@ -169,7 +173,7 @@ _I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
 SPOTS = types.UniTuple(_S1, 5)
 SHAPE = types.Tuple((_I1, _I1, _I1, _F2))
 STATE = types.UniTuple(_F2, 6)
-KNOWN = types.Tuple((_F1, _F1, types.int64, types.int64, types.int64, types.boolean, types.boolean, types.int64))
+KNOWN = types.Tuple((_F1, _F1, *(types.int64,) * 3, types.boolean, types.boolean, *(types.int64,) * 3))
 MARCH = types.void(
     types.int64, types.int64, types.float64, types.float64,  # first and last body, time to reach, most tries of a body
     SPOTS, SHAPE, STATE, KNOWN, types.int64,  # ... most slots of a body

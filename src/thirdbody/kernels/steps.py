@@ -9,6 +9,7 @@ from .bodies import judge_place, limits_of
 from .clock import pass_time
 from .contacts import SUM_COLS, SUM_LOW, SUM_UP, SUM_WORK
 from .four import load
+from .friction_work import energy_of_spots, weight_of_old
 from .gaps import separation
 from .layout import (
     A_DAMPING,
@@ -52,6 +53,7 @@ from .layout import (
     T_DT,
     T_DV,
     T_DW,
+    T_ENERGY,
     T_FIRM,
     T_HARD,
     T_LAST,
@@ -82,6 +84,7 @@ from .trial import (
     Z_LOAD,
     Z_MASS,
     Z_NOW,
+    Z_OLD,
     Z_PATCH,
     Z_PLATE,
     Z_PLATE_RISE,
@@ -99,8 +102,8 @@ GOING, UNSOLVED, TOO_DEEP, TOO_MANY, LEFT, NOT_A_NUMBER = range(6)
 """Codes of a body: what stopped it."""
 
 # V: settings of the integrator
-(V_TOLERANCE, V_LONGEST, V_SHORTEST, V_INERTIAL, V_DEEP, V_GROWTH, V_RADII) = range(7)
-V_COLS = 7
+(V_TOLERANCE, V_LONGEST, V_SHORTEST, V_INERTIAL, V_DEEP, V_GROWTH, V_RADII, V_WORK) = range(8)
+V_COLS = 8
 
 PULL, LOOSER = 1e-8, 100.0
 """Without inertia: the pull that holds a body back as a share of its stiffness, and how much looser the tolerance is, since no
@@ -237,8 +240,8 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, E, P, W, inertia
 
     The method works with the forces at the end of the step: what they do beyond the energy that laws store and lose, and beyond
     the kinetic energy, is the integrator's own loss. The plate's work and its impulse are taken with the mean of the forces at
-    both ends of the step, or, after a corner, where forces may jump, with those at its end; how much this work differs from
-    that of the method goes to the same line. What bodies and a common plate of their
+    both ends of the step, or, where forces jump (`weight_of_old`), with those at its end, as that of friction is (`accept`);
+    how much this work differs from that of the method goes to the same line. What bodies and a common plate of their
     own (`hub`) do to each other is nobody's work. Without inertia bodies and patches have no kinetic energy.
     """
     arm = 1.0 / Z[Z_ARM]
@@ -255,7 +258,7 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, E, P, W, inertia
         before += 0.5 * (mass * Z[Z_V + k] * Z[Z_V + k] + Z[Z_L + k] * Z[Z_W + k])
         after += 0.5 * (mass * B[b, B_V + k] * B[b, B_V + k] + E[b, E_L + k] * w)
     drag = (sums[0, SUM_UP] * v_x + sums[0, SUM_UP + 1] * v_y) * dt
-    old = 0.5 if T[T_LAST] > 0.0 else 0.0
+    old = Z[Z_OLD]
     plate = (1.0 - old) * drag - old * (W[A_UPPER] * v_x + W[A_UPPER + 1] * v_y) * dt
     lift, rise, damped, lost = sums[0, SUM_UP + 2] * y[6], P[p, P_V], told[E_POWER] * dt, plate - drag
     if P[p, P_FREE] != 0.0:
@@ -336,7 +339,8 @@ def take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
     for k in range(SUM_COLS):
         sums[0, k] = 0.0
     told[E_POWER] += recoil(b, m, dt, spots, state, work) / dt
-    accept(b, m, v_x, v_y, spots, state, known, work, sums)
+    Z[Z_OLD] = weight_of_old(m, dt, T[T_LAST], told[E_POWER], work)
+    accept(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums)
     E[b, E_L], E[b, E_L + 1], E[b, E_L + 2] = momentum_of(b, B, E)
     for k in range(3 if E.shape[1] > E_EF else 0):
         B[b, B_F + k] += E[b, E_EF + k]
@@ -345,6 +349,7 @@ def take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
     account(b, p, y, dt, v_x, v_y, told, sums, stored - T[T_STORED], Z, T, B, E, P, W, V[V_INERTIAL], hub)
     remember(b, p, y, dt, Z, T, B, E, P)
     T[T_STORED] = stored
+    T[T_ENERGY] = max(T[T_ENERGY], energy_of_spots(m, work[0], work[1]))
     if told[E_RADIUS] > 0.0:
         T[T_RADIUS], T[T_FIRM] = told[E_RADIUS], told[E_NORMAL] / told[E_DEEPEST]
 

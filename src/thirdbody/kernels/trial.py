@@ -7,7 +7,8 @@ Tables come in groups, named alike in all these kernels:
 | spots | own, partner, kind, edges, incidence: the candidates, which here are all pairs of a sphere and a plate |
 | shape | body, start, patch, offsets |
 | state | S, B, P, H, R, E |
-| known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels, stored (`held`) |
+| known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels, stored (`held`),
+          places of the remembered force and moment in the history |
 | work | I, O, K, G: the law's tile; slots: candidates in it; before: gaps at the start of the step; then see `march` |
 
 The coordinates y of a step are the displacement of the centre of mass (3, m), the rotation vector of the step times the arm of
@@ -23,7 +24,9 @@ import numpy as np
 from numba import njit
 
 from .bodies import place_body
+from .booking import book
 from .contacts import SUM_LOW, SUM_UP, SUM_WORK, record
+from .friction_work import dragged_off
 from .gaps import separation
 from .layout import (
     B_F,
@@ -101,7 +104,8 @@ Z_NOW, Z_BEFORE = 20, 21  # the formula of the step: rate of change = (NOW chang
 Z_PLATE_RISE, Z_PULL = 22, 23  # rise of the plate that a patch is sprung to; what holds a body without inertia back, N/m
 Z_MASS = 24  # share of its mass that a body without inertia keeps
 Z_LOAD = 25  # load of the patch as the step begins
-Z_COLS = 26
+Z_OLD = 26  # weight of the force at the start of the step in what the plate and friction take: a half, or 0
+Z_COLS = 27
 
 # what `balance` tells beside the unbalanced forces
 E_NORMAL, E_DEEPEST, E_RADIUS, E_RATIO, E_SLOT, E_POWER = range(6)
@@ -219,7 +223,7 @@ def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law
     """Unbalanced forces r (7) of body b and its patch, with m staged spots; `told` gets what else a step wants to know (E_*)."""
     own, partner, edges = spots[0], spots[1], spots[3]
     S, B, P, _, _, E = state
-    pairs, parameters, n_history, rolling, _, has_effects, _, _ = known
+    pairs, parameters, n_history, rolling, _, has_effects = known[:6]
     I, O, _, G, slots, before = work[0], work[1], work[2], work[3], work[4], work[5]  # noqa: E741
     law(I, O, m, pairs)
     for k in range(FREEDOMS):
@@ -335,15 +339,22 @@ def recoil(b, m, dt, spots, state, work):
 
 
 @njit(**INNER)
-def accept(b, m, v_x, v_y, spots, state, known, work, sums):
+def accept(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
     """Take the staged spots as the end of a step: history, friction work and slip, records; into `sums` work and the forces of
-    the plates on the body."""
+    the plates on the body.
+
+    Bodies exchange the work of the mean force of a step, so friction takes that (`booking`). Not where forces jump
+    (`steps.weight_of_old`): there laws tell what the force at the end of the step takes, as the plate's work is counted.
+    """
     own, partner, _, edges, incidence = spots
     S, B, P, H, R, _ = state
-    n_history, rolling = known[2], known[3]
+    n_history, rolling, moment = known[2], known[3], known[9]
+    force = known[8] if Z[Z_OLD] > 0.0 else np.int64(-1)
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
     push(m, I, O, G)
-    for i in range(m):
+    if force >= 0:
+        book(m, force, moment, known[7], n_history, I, O)
+    for i in range(m if force < 0 else 0):
         O[O_WORK * TILE + i] += emptied(i, slots[i], known[7], O, H)
     keep(m, slots, 0, O, G, H, n_history)
     q = np.int64(0)
@@ -361,6 +372,7 @@ def accept(b, m, v_x, v_y, spots, state, known, work, sums):
                 sums[0, side + d] += G[q + (G_F + d) * TILE]
             q += 1
         elif H[k, H_ON] != 0.0:
-            lost = release(k, known[7], H)
+            dragged = dragged_off(k, work[5][e - edges[b]], dt, v_x, v_y, spots, state, force) if force >= 0 else 0.0
+            lost = max(release(k, known[7], H) + dragged, 0.0)
             sums[0, SUM_WORK] += lost
             B[b, B_WORK] += lost
