@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .scene.build import Simulation
 
 FILE = "checkpoint.npz"
-VERSION = 5
+VERSION = 6
 NOTES = "notes"
 THE_VERSION = "the version"
 

@@ -54,7 +54,7 @@ class Course:
     contacts: set[tuple[bool, ...]]
 
 
-def follow(make, simulation, stops, kind="distance", load=LOAD):
+def follow(make, simulation, stops, kind="distance", load=LOAD, gained=1e-3):
     """The course of a run over its stops (m of drag, or s after settling), after the checks that every run must pass."""
     ledger, state = Ledger(simulation.state), simulation.state
     simulation.integrator.advance_to(time=simulation.settle, watch=lambda: ledger.watch(state))
@@ -71,7 +71,7 @@ def follow(make, simulation, stops, kind="distance", load=LOAD):
     # Newton's method leaves 1e-9 of the forces in a step, where laws have corners 1e-6
     assert ledger.relative_residual(state, ledger.lines(state)["residual"]) < 1e-6
     # truncation has either sign; a bad law returns 1e-2 and more
-    assert make.numerical_share(simulation) > -1e-3
+    assert make.numerical_share(simulation) > -gained
     force, work = np.array(rows).T
     return Course(labels, force, work, contacts)
 
@@ -164,12 +164,15 @@ def test_nearly_flat_clump_with_many_spots(make, level):
     assert course.force[-1] == pytest.approx(0.3, rel=1e-4)
 
 
-@pytest.mark.parametrize("level", LEVELS)
-def test_rocking_body_loses_and_finds_spots(make, level):
-    """A dumbbell with a bump rolls over: spots leave and touch again, also within one long step."""
+@pytest.mark.parametrize("level, tolerance, gained", [*((level, 5e-4, 5e-3) for level in LEVELS), ("mindlin", 8e-6, 1e-3)])
+def test_rocking_body_loses_and_finds_spots(make, level, tolerance, gained):
+    """A dumbbell with a bump rolls over: spots leave and touch again, also within one long step.
+
+    What `mindlin` makes is truncation: 2.0e-3, 1.3e-3, 8.6e-4, 4.8e-4, 2.6e-4 at a tolerance of 5e-4, 1.25e-4, 3e-5, 8e-6, 2e-6.
+    """
     body = clump(make, (-3, 0, 0, 3), (3, 0.5, 0, 3), (0, 1, 1, 3.2))
-    simulation = start(make, body, Motion(y=[ConstantVelocity(velocity=1e-3)]), level=level, friction=0.5)
-    course = follow(make, simulation, np.arange(1, 41) * 2.5e-7)
+    simulation = start(make, body, Motion(y=[ConstantVelocity(velocity=1e-3)]), level=level, friction=0.5, tolerance=tolerance)
+    course = follow(make, simulation, np.arange(1, 41) * 2.5e-7, gained=gained)
     assert len(course.contacts) > 2, "no spot came or went"
     # the history of an open spot is forgotten
     open_spots = simulation.state.slots.H[:, at.H_ON] == 0.0
@@ -230,8 +233,12 @@ def test_weight_and_drag_act_while_nothing_else_does(make):
     assert simulation.state.B[0, at.B_X] - PLACE[0] < 1e-8  # it stays with the lower plate
 
 
-def test_a_fast_drag_makes_no_energy(make):
-    """A clump that is pressed, dragged at 1 m/s and tips: inertia decides, and the plate's work is a trapezoid in long steps."""
+@pytest.mark.parametrize("tolerance, gained", [(5e-4, 5e-3), (3e-5, 1e-3)])
+def test_a_fast_drag_makes_no_energy(make, tolerance, gained):
+    """A clump that is pressed, dragged at 1 m/s and tips: inertia decides, and the plate's work is a trapezoid in long steps.
+
+    What is made is truncation: up to 5e-3 on the way, or 2e-3 at the end, at the default tolerance; 3e-4 at 3e-5.
+    """
     motion = Motion(x=[Ramp(ramp=1.0, duration=5e-7), ConstantVelocity(velocity=1.0)])
-    simulation = start(make, make.clump(make.LUMP), motion, restitution=0.3)
-    follow(make, simulation, 2.0 * WAY)
+    simulation = start(make, make.clump(make.LUMP), motion, restitution=0.3, tolerance=tolerance)
+    follow(make, simulation, 2.0 * WAY, gained=gained)

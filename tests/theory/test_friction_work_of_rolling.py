@@ -19,41 +19,56 @@ SLOW = {
     "pairs.0.friction": "0.8",
     "plates.upper.motion.x.velocity": "1 mm/s",
 }
+ROLLING = 3
 WAY = 0.3e-6
 """Some ten critical displacements, m: most bodies turn onto other spots within it."""
 
 
-def friction_work(**settings: str) -> tuple[np.ndarray, np.ndarray, float]:
-    """Friction work of every body in the drag, J; its label at the end; residual of the ledger over the plates' work."""
+def friction_work(way: float = WAY, **settings: str) -> tuple[np.ndarray, np.ndarray]:
+    """Friction work of every body in the drag, J, and its label at the end."""
     chosen = SLOW | {name.replace("__", "."): value for name, value in settings.items()}
     built = prepare(thirdbody.Scene.load(SCENE).with_settings(chosen))
     built.integrator.advance_to(time=built.settle)
     before = built.state.B[:, at.B_WORK].copy()
-    built.integrator.advance_to(distance=WAY)
-    return built.state.B[:, at.B_WORK] - before, built.integrator.label()[:, 0], float(built.state.A[at.A_NUMERICAL])
+    built.integrator.advance_to(distance=way)
+    return built.state.B[:, at.B_WORK] - before, built.integrator.label()[:, 0]
 
 
-@pytest.fixture(scope="module")
-def fine():
-    return friction_work(solver__tolerance="1e-5", solver__largest_step="0.5 nm")
+def fine_work(way: float = WAY, **settings: str) -> np.ndarray:
+    """The same friction work at a five hundredth of the tolerance, whose steps go 0.5 nm at most."""
+    return friction_work(way, solver__tolerance="1e-6", solver__largest_step="0.5 nm", **settings)[0]
 
 
-def test_friction_work_of_bodies_that_roll(fine):
-    """A body that rolls rubs where its load goes from spot to spot: a thousandth of the work of one that slides. Steps that the
-    error of the place alone chooses got it wrong by a fifth in the median, by a third at worst."""
-    work, labels, _ = friction_work()
-    rolls = labels == 3
-    assert np.count_nonzero(rolls) >= 12
-    error = np.abs(work - fine[0])[rolls] / fine[0][rolls]
-    # wanted of default settings; the fine steps themselves err by less than half a per cent in the median, two at worst
-    assert np.median(error) < 0.03
-    assert np.max(error) < 0.1
+def errors_of_rolling(way: float = WAY, **settings: str) -> np.ndarray:
+    """Relative error of the friction work of the bodies that roll at the end, at default settings."""
+    work, labels = friction_work(way, **settings)
+    return np.abs(work / fine_work(way, **settings) - 1.0)[labels == ROLLING]
 
 
-def test_error_of_friction_work_falls_with_the_tolerance(fine):
+def test_friction_work_of_bodies_that_roll():
+    """A body that rolls rubs where its load goes from spot to spot: a thousandth of the work of one that slides. Steps that only
+    the error of the place chooses get it wrong by a quarter in the median, by more than a half at worst."""
+    errors = errors_of_rolling()
+    assert len(errors) >= 12
+    # wanted of default settings (1.2 and 9 %); a tenfold tolerance of the fine steps changes them by 0.14 and 1 %
+    assert np.median(errors) < 0.03
+    assert np.max(errors) < 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", [WAY, 2e-6])
+def test_friction_work_of_many_bodies_that_roll(way):
+    """Of hundreds some can fall into either of two seats, or have just left a spot: those may err by more."""
+    errors = errors_of_rolling(way, debris__0__count="400")
+    assert len(errors) > 300
+    assert np.median(errors) < 0.03
+    assert np.quantile(errors, 0.8) < 0.1
+
+
+def test_error_of_friction_work_falls_with_the_tolerance():
     """The tolerance holds for the friction work too."""
-    errors = []
+    fine, medians = fine_work(), []
     for tolerance in ("2e-3", "1e-4"):
-        work, labels, _ = friction_work(solver__tolerance=tolerance)
-        errors.append(np.median(np.abs(work / fine[0] - 1.0)[labels == 3]))
-    assert errors[1] < 0.3 * errors[0]
+        work, labels = friction_work(solver__tolerance=tolerance)
+        medians.append(np.median(np.abs(work / fine - 1.0)[labels == ROLLING]))
+    assert medians[1] < 0.3 * medians[0]

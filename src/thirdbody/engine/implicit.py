@@ -44,6 +44,10 @@ FIRST, SHORTEST = 0.1, 1e-6
 WORK = 5.0
 """Error of a step in the friction work of a body over `tolerance`, in parts of the energies in play (`kernels.friction_work`)."""
 
+HELD = 0.1
+"""Energy that the springs of a body can hold at least under its load, over load times overlap: half of it at friction 0.3. Errors
+of friction work are measured in parts of it while the load still comes on."""
+
 UNLOADED = 0.01
 """Stands for the radius of the largest contact, in radii of the smallest sphere, until a body is loaded."""
 
@@ -96,7 +100,7 @@ class Implicit:
         self.memory[:, at.T_LIMIT] = limits.GROWTH
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
         self.memory[:, at.T_FIRM] = float(state.P[:, at.P_LOAD].max()) / overlap
-        self.memory[:, at.T_ENERGY] = UNLOADED * float(state.P[:, at.P_LOAD].max()) * overlap
+        self.memory[:, at.T_ENERGY] = HELD * float(state.P[:, at.P_LOAD].max()) * overlap
         self.settings = self._settings(overlap)
         self.pace = PACE  # tries per second of the last call
         self._told, self._limit = self.memory.copy(), ""  # what `tell_limit` saw and said before
