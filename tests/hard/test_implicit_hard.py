@@ -164,7 +164,11 @@ def test_nearly_flat_clump_with_many_spots(make, level):
     assert course.force[-1] == pytest.approx(0.3, rel=1e-4)
 
 
-@pytest.mark.parametrize("level, tolerance, gained", [*((level, 5e-4, 5e-3) for level in LEVELS), ("mindlin", 8e-6, 1e-3)])
+ROCKING = [(level, 5e-4, 4e-3 if level == "mindlin" else 1e-3) for level in LEVELS] + [("mindlin", 8e-6, 1e-3)]
+"""Level, tolerance, and the energy that may be made over the work."""
+
+
+@pytest.mark.parametrize("level, tolerance, gained", ROCKING)
 def test_rocking_body_loses_and_finds_spots(make, level, tolerance, gained):
     """A dumbbell with a bump rolls over: spots leave and touch again, also within one long step.
 
