@@ -45,7 +45,6 @@ from numba import njit
 
 from ..dimensions import DIMENSIONS
 from ..errors import nearest
-from ..kernels.options import HELPER
 
 STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling")
 STIFF = ("normal", "tangential", "rolling")
@@ -55,8 +54,9 @@ _LAW: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_w
 kernel = njit(**_LAW)
 """Decorator of every law kernel: IEEE arithmetic, inlined into the generated contact loop, which is all that C calls."""
 
-helper = njit(**HELPER)
-"""Decorator of functions that only kernels and labellers call: compiled without what Python needs to call them."""
+helper = njit(error_model="numpy")
+"""Decorator of functions that only kernels and labellers call. Conformance runs kernels in plain Python, which calls helpers:
+without a wrapper for Python that is a segmentation fault."""
 
 
 class Contact(NamedTuple):
