@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from steel import STEEL
 
-BALLS = 'title = "four balls"\n' + STEEL + """\
+BALLS = (
+    'title = "four balls"\n'
+    + STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheres"
@@ -27,3 +30,4 @@ settle = "1 us"
 [output]
 every = "0.05 um"
 """
+)

@@ -12,7 +12,7 @@ BEFORE = (
     ("ruff", ["-m", "ruff", "check", "."]),
     ("mypy", ["-m", "mypy"]),
     # the kernels that all scenes share, once: otherwise each process of the tests compiles them for itself
-    ("kernels", ["-c", "from thirdbody.engine import explicit, shared, timestep"]),
+    ("kernels", ["-c", "from thirdbody.engine import explicit, implicit_common_plate as shared, time_step as timestep"]),
 )
 TESTS = ["-m", "pytest", "-q", "-n", "2", "-m", QUICK]
 

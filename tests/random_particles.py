@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from thirdbody.bodies.poses import settle
-from thirdbody.bodies.shapes import irregular
+from thirdbody.bodies.irregular_clumps import irregular
+from thirdbody.bodies.resting_poses import settle
 
 
 def planar(seed):

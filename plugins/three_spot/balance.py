@@ -32,7 +32,7 @@ from thirdbody.plugin import (
     nearest,
 )
 
-from . import LABELLER, THREE_SPOT, conditions, hulls
+from . import LABELLER, THREE_SPOT, conditions, hull_conditions
 from .balance_file import BalanceFile, Spots
 from .balance_label import Observer
 from .balance_press import UNDECIDED, drag, press
@@ -246,8 +246,8 @@ def _forecast(told: BalanceFile, walk: _Walk) -> Forecast:
         required = max(low, -high, 0.0)
     else:
         ratio = 0.0
-        low, high = hulls.sliding_interval(above[:, :2], below[:, :2], h, heading)
-        required = hulls.required_friction(above[:, :2], below[:, :2], h)
+        low, high = hull_conditions.sliding_interval(above[:, :2], below[:, :2], h, heading)
+        required = hull_conditions.required_friction(above[:, :2], below[:, :2], h)
     limit = conditions.friction_limit(friction.upper, friction.lower, ratio)
     slack = conditions.ROUND_OFF * float(np.ptp(place[:, :2], axis=0).max()) / h
     possible = ["sticking"] if required <= limit + slack else []

@@ -1,6 +1,6 @@
 """The labeller: is a body free, sticking, sliding or rolling? Two kernels over flat arrays.
 
-`observe` (in `travel`) follows every body at a fixed stride of steps; `label` reads the memory it keeps when
+`observe` (in `motion_history`) follows every body at a fixed stride of steps; `label` reads the memory it keeps when
 a frame is written, so that nothing depends on the output interval. Motion is judged by travel, never by
 speed: on the elastic reference path the body turns with .65 of the drag while every spot still sticks.
 
@@ -49,40 +49,10 @@ import math
 
 from numba import njit
 
-from thirdbody.plugin import (
-    C_A,
-    C_CRITICAL,
-    C_FN,
-    C_LIMIT,
-    C_POINT,
-    C_SLIP,
-    C_T,
-    O_DRAG,
-    O_F,
-    O_LDOT,
-    O_MA,
-    O_T,
-)  # fmt: skip
+from thirdbody.plugin import C_A, C_CRITICAL, C_FN, C_LIMIT, C_POINT, C_SLIP, C_T, O_DRAG, O_F, O_LDOT, O_MA, O_T  # fmt: skip
 
-from .outlook import UNTOLD, write_outlook, write_plain_outlook
-from .posture import (
-    ABOVE,
-    BELOW,
-    BOTH,
-    NEITHER,
-    Array,
-    Posture,
-    Triple,
-    helper,
-    length,
-    patch_travel,
-    plain,
-    posture,
-    rotation_since,
-    side_of,
-    split,
-)  # fmt: skip
-from .travel import (
+from .forecast_output import UNTOLD, write_outlook, write_plain_outlook
+from .motion_history import (
     CHANGE,
     CHANGE_X,
     CHANGE_Y,
@@ -101,7 +71,24 @@ from .travel import (
     TRAVEL,
     WINDOWS,
     observe,
-)  # fmt: skip
+)
+from .support_geometry import (
+    ABOVE,
+    BELOW,
+    BOTH,
+    NEITHER,
+    Array,
+    Posture,
+    Triple,
+    helper,
+    length,
+    patch_travel,
+    plain,
+    posture,
+    rotation_since,
+    side_of,
+    split,
+)
 
 __all__ = ["CONTACT_MEMORY", "EXTRAS", "MARGINS", "MEMORY", "REASONS", "STATES", "label", "observe"]
 
@@ -296,7 +283,7 @@ def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
     instant.
 
     `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` (m) grows when a window closes; `forecast` is 0
-    for a body that can only roll, 1 can stick, 3 can stick or slide, 4 untold (`outlook`), with the ratios behind it.
+    for a body that can only roll, 1 can stick, 3 can stick or slide, 4 untold (`forecast_output`), with the ratios behind it.
     Reads only: the memories stay as they are. Every number is finite.
     """
     clear(m, out)

@@ -1,7 +1,7 @@
 """Partial slip without discretisation: the tangential law of the level `exact`.
 
 The springs of the method of dimensionality reduction as a field that is piecewise linear in q = x^2/R, moved in closed form
-(`exact_field`). On slip along one line, with any overlap and load, it is the Hertz-Mindlin contact itself: memory diagrams give
+(`spring_field`). On slip along one line, with any overlap and load, it is the Hertz-Mindlin contact itself: memory diagrams give
 the same force to rounding, and a straight path of any length may be one step. A smooth history of overlap and slip on a line has
 a piece for every step. The field keeps `nodes` - 10 of them, then drops the one that matters least and counts it (`dropped` in
 the history): 3e-4 of mu N with 32 nodes, falling with their square.
@@ -38,10 +38,10 @@ from thirdbody.plugin import (
     renewed,
 )
 
-from .differences import central
-from .exact_field import GAUSS, advance_field, field_energy, field_force, helper, piece_mean
 from .exact_rolling import carry_field, carry_springs, renewal_loss
 from .exact_springs import advance_springs, cell_means, spring_energy, spring_force
+from .numerical_tangent import central
+from .spring_field import GAUSS, advance_field, field_energy, field_force, helper, piece_mean
 
 
 class ExactParameters(NamedTuple):

@@ -1,4 +1,5 @@
-"""What rolling does to the field of the level `exact`: springs are carried outward, w(x) -> kept w(kept x) (`laws.renewal`).
+"""What rolling does to the field of the level `exact`: springs are carried outward, w(x) -> kept w(kept x)
+(`laws.patch_renewal`).
 
 In q = x^2/R that scales the nodes of a field, so it stays piecewise linear: the step is exact. Springs of fixed places
 (`exact_springs`) become means over what their cells then hold.
@@ -8,9 +9,9 @@ from __future__ import annotations
 
 import math
 
-from .differences import helper
-from .exact_field import field_energy, field_force, piece_mean, piece_products
 from .exact_springs import cells_of, gap_of, lower_end, spring_energy, spring_force
+from .numerical_tangent import helper
+from .spring_field import field_energy, field_force, piece_mean, piece_products
 
 
 @helper

@@ -17,8 +17,8 @@ from __future__ import annotations
 
 import math
 
-from .differences import helper
-from .exact_field import piece_mean
+from .numerical_tangent import helper
+from .spring_field import piece_mean
 
 ALIGNED = 1e-10
 """Sine of the angle to the slip up to which a spring lies along it."""

@@ -1,4 +1,4 @@
-"""The forecast of a body, compiled: can it stick, can it slide? The conditions of `hulls` without allocations.
+"""The forecast of a body, compiled: can it stick, can it slide? The conditions of `hull_conditions` without allocations.
 
 Another road to the same numbers: {q - p} meets the line of the drag where a slice of P and a slice of Q at the same distance
 across the drag face each other. The reach of the slices, max of Q less min of P, is concave and piecewise linear across, so its
@@ -17,7 +17,7 @@ from thirdbody.plugin import helper
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 1e-12  # of the largest |q - p|, as in `hulls`
+TOLERANCE = 1e-12  # of the largest |q - p|, as in `hull_conditions`
 
 
 @helper
@@ -83,7 +83,8 @@ def corner_distance(corners: Array, n: int, chords: Array, m: int) -> float:
 def forecast(
     upper: Array, n_upper: int, lower: Array, n_lower: int, h: float, ex: float, ey: float
 ) -> tuple[float, float, float]:
-    """(mu_required, t_min, t_max) of a body between parallel plates, no weight: `hulls`, and the values below instead of errors.
+    """(mu_required, t_min, t_max) of a body between parallel plates, no weight: `hull_conditions`, and the values below instead
+    of errors.
 
     `upper`, `lower` (>= n, >= 2): x, y of the loaded spots in their first rows and columns, m; `h` distance of the sides, m;
     (ex, ey) drag of the upper side, of any length. Sticking is possible iff mu >= mu_required, sliding along e iff t_min <= mu <=

@@ -48,6 +48,6 @@ def map_command(
 
 
 def _computed(half_width: float) -> tuple[MapPoint, ...]:
-    from .computed import computed_points
+    from .regime_points import computed_points
 
     return computed_points(half_width)

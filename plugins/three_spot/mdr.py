@@ -13,7 +13,8 @@ T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap e
   opens. The gap of a spring is the mean over its cell, so merging keeps every field that is linear in x^2, and the springs
   together never pass mu N (they fall short of it by 1.5 (spacing/2a)^2 at most: 4e-4 for 32 springs).
 * Springs that leave the patch forget. Where the patch moves on over fresh ground its springs are carried outward and leave at the
-  edge, at the rate of Kalker's creep (`thirdbody.laws.renewal`), exactly for uniform springs that stick and steps of any length:
+  edge, at the rate of Kalker's creep (`thirdbody.laws.patch_renewal`), exactly for uniform springs that stick and steps of any
+  length:
   such a spot that rolls without creep has lost two thirds of its force after two contact radii, one that sways keeps it.
 """
 
@@ -39,9 +40,9 @@ from thirdbody.plugin import (
     renewed,
 )
 
-from .differences import helper
 from .mdr_rolling import carry_outward, renewal_heat
 from .mdr_tangent import tangent_of_springs
+from .numerical_tangent import helper
 from .spring_grid import cells_of, end_of, mean_gap, merge, merges_for, squares_lost, width_of
 
 

@@ -1,8 +1,9 @@
-"""What rolling does to the springs of the level `mdr`: they are carried outward, w(x) -> kept w(kept x) (`laws.renewal`)."""
+"""What rolling does to the springs of the level `mdr`: they are carried outward, w(x) -> kept w(kept x)
+(`laws.patch_renewal`)."""
 
 from __future__ import annotations
 
-from .differences import helper
+from .numerical_tangent import helper
 from .spring_grid import mean_gap, width_of
 
 

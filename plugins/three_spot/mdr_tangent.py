@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
-from .differences import helper
 from .mdr_rolling import carried_rate, carry_outward
+from .numerical_tangent import helper
 from .spring_grid import cells_of, end_of, mean_gap, merge, width_of
 
 ROWS = 8

@@ -202,9 +202,7 @@ def sliding_weight_ratio(mu_upper: float, mu_lower: float) -> float:
     return mu_upper / mu_lower - 1.0
 
 
-def sliding_moment_without_tilt(
-    x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], delta: float
-) -> float:
+def sliding_moment_without_tilt(x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], delta: float) -> float:
     """mu h at which an untilted particle slides, m (Eq. 21).
 
     x_1 - (E*_2/E*_1) ((1-delta)/delta)^1.5 [x_2 sqrt(R_2/R_1) + x_3 sqrt(R_3/R_1)], `delta` from
@@ -312,9 +310,7 @@ def maw_gross_slip(psi: float, chi: float) -> float:
     Raises ValueError below, where the answer is no closed form.
     """
     if psi < 4.0 * chi - 1.0:
-        raise ValueError(
-            f"psi_1 = {psi} is below 4 chi - 1 = {4.0 * chi - 1.0}: the contact sticks for a while"
-        )
+        raise ValueError(f"psi_1 = {psi} is below 4 chi - 1 = {4.0 * chi - 1.0}: the contact sticks for a while")
     return psi - 4.0 * chi
 
 
@@ -361,9 +357,7 @@ def top_period(moments: Sequence[float], spin: Sequence[float]) -> float:
     square = sum((i * o) ** 2 for i, o in zip(moments, spin, strict=True))
     twice_energy = sum(i * o**2 for i, o in zip(moments, spin, strict=True))
     i_1, i_2, i_3 = moments
-    if (
-        square < twice_energy * i_2
-    ):  # circles the axis of least inertia: the formulas hold with 1 and 3 exchanged
+    if square < twice_energy * i_2:  # circles the axis of least inertia: the formulas hold with 1 and 3 exchanged
         i_1, i_3 = i_3, i_1
     fast = (i_3 - i_2) * (square - twice_energy * i_1)
     slow = (i_2 - i_1) * (twice_energy * i_3 - square)

@@ -13,25 +13,25 @@ from __future__ import annotations
 from importlib.metadata import EntryPoints, PackageNotFoundError, entry_points, version
 from typing import TYPE_CHECKING, Any
 
-from . import errors
+from thirdbody import errors
 
 if TYPE_CHECKING:
-    from .output.run import Run
-    from .output.run import open_run as open
-    from .scene.model import Scene
-    from .scene_check import check
-    from .simulate import run
-    from .take_up import resume
+    from thirdbody.report.scene_check import check
+    from thirdbody.runner.resume import resume
+    from thirdbody.runner.simulate import run
+    from thirdbody.scene.model import Scene
+    from thirdbody.trajectory.reader import Run
+    from thirdbody.trajectory.reader import open_run as open
 
 __all__ = ["Run", "Scene", "check", "errors", "open", "resume", "run"]
 
 _PLACES = {
     "Scene": ("scene.model", "Scene"),
-    "Run": ("output.run", "Run"),
-    "open": ("output.run", "open_run"),
-    "check": ("scene_check", "check"),
-    "resume": ("take_up", "resume"),
-    "run": ("simulate", "run"),
+    "Run": ("trajectory.reader", "Run"),
+    "open": ("trajectory.reader", "open_run"),
+    "check": ("report.scene_check", "check"),
+    "resume": ("runner.resume", "resume"),
+    "run": ("runner.simulate", "run"),
 }
 
 FUNCTION_GROUP = "thirdbody.functions"

@@ -1,5 +1,5 @@
 """`python -m thirdbody`, the same as the command `thirdbody`."""
 
-from .cli import main
+from thirdbody.cli.main import main
 
 main()

@@ -17,13 +17,13 @@ that is changed after the kernel was compiled: numba has taken its value; give s
 
 from __future__ import annotations
 
-from .bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
-from .engine.quasistatic import Balance, Grip, NoStaticState, QuasiStatic
-from .engine.seating import from_first_touch, in_present_posture, relax, seat
-from .engine.static_contacts import Contacts
-from .engine.static_labels import StaticLabels
-from .errors import Fault, InputError, OutputError, UsageError, nearest
-from .kernels.layout import (
+from thirdbody.bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
+from thirdbody.engine.quasistatic import Balance, Grip, NoStaticState, QuasiStatic
+from thirdbody.engine.relaxation import from_first_touch, in_present_posture, relax, seat
+from thirdbody.engine.static_contacts import Contacts
+from thirdbody.engine.static_labels import StaticLabels
+from thirdbody.errors import Fault, InputError, OutputError, UsageError, nearest
+from thirdbody.kernels.layout import (
     C_A,
     C_CRITICAL,
     C_CURVATURE,
@@ -59,7 +59,7 @@ from .kernels.layout import (
     O_X,
     UPPER,
 )
-from .laws.contract import (
+from thirdbody.laws.contract import (
     Adhesion,
     Body,
     BodyEffect,
@@ -81,20 +81,19 @@ from .laws.contract import (
     helper,
     kernel,
 )
-from .laws.coulomb import COULOMB
-from .laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
-from .laws.elasticity import dundurs_beta, e_star, g_star
-from .laws.hertz import HERTZ
-from .laws.mindlin import MINDLIN
-from .laws.renewal import RENEWAL, Renewal, fresh_ground, renewal_rate, renewed
-from .scene.debris.contract import DebrisKind, PlacedDebris
-from .scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
-from .scene.fields import Choice, Quantity, Whole, listing
-from .scene.part import Part, Wrong, one_of, wrongs_of
-from .scene.read import read_text, read_toml
-from .scene.sizes import Size
-from .scene.types import PositiveLength
-from .scene.units import pretty
+from thirdbody.laws.coulomb import COULOMB
+from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
+from thirdbody.laws.elasticity import dundurs_beta, e_star, g_star
+from thirdbody.laws.hertz import HERTZ
+from thirdbody.laws.mindlin import MINDLIN
+from thirdbody.laws.patch_renewal import RENEWAL, Renewal, fresh_ground, renewal_rate, renewed
+from thirdbody.scene.debris.contract import DebrisKind, PlacedDebris
+from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
+from thirdbody.scene.field_types import Choice, PositiveLength, Quantity, Whole, listing
+from thirdbody.scene.read import read_text, read_toml
+from thirdbody.scene.schema_base import Part, Wrong, one_of, wrongs_of
+from thirdbody.scene.size_distributions import Size
+from thirdbody.units import pretty
 
 __all__ = [
     "C_A", "C_CRITICAL", "C_CURVATURE", "C_FN", "C_IDENTITY", "C_LIMIT", "C_LOAD", "C_MEMORY", "C_NORMAL", "C_OVERLAP",

@@ -13,7 +13,7 @@ import numpy as np
 
 import thirdbody
 from thirdbody.kernels import layout as at
-from thirdbody.simulate import prepare, set_threads
+from thirdbody.runner.simulate import prepare, set_threads
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "sheared_debris.toml"
 

@@ -17,8 +17,8 @@ import numpy as np
 from machine import machine
 
 import thirdbody
-from thirdbody.output.schema import BLOCKS, Arrays, Frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.trajectory.schema import BLOCKS, Arrays, Frame
+from thirdbody.trajectory.writer import TrajectoryWriter
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 SMALL = {"debris.0.count": "8", "solver.distance": "0.05 um", "output.every": "0.05 um"}

@@ -53,21 +53,21 @@ class Cut(NamedTuple):
 
 CUTS = (
     # way over radius, numbers, domain; the longest way stays
-    Cut("kernels/drift.py", """\
+    Cut("kernels/explicit/drift.py", """\
     body = b if share > step else body
     bad, out = judge_place(b, x, share, limits, bad, out)
     return max(longest, way), max(step, share), body, bad, out
 """, """\
     return max(longest, way), step, body, bad, out
 """),
-    Cut("kernels/balls.py", """\
+    Cut("kernels/explicit/drift_spheres.py", """\
         max(fastest, square), max(farthest, square * lane(share, 2) * lane(share, 2)), strange + none * x,
         where_above(low, x, x, low), where_above(x, high, x, high),
 """, """\
         max(fastest, square), farthest, strange, low, high,
 """),
     # overlap over radius, forces; the sums stay
-    Cut("kernels/contacts.py", """\
+    Cut("kernels/explicit/contact_forces.py", """\
         r_i, r_j = get(G, q + G_RI * TILE), get(G, q + G_RJ * TILE)
         if below(spread(deepest) * where_above(r_i, r_j, r_j, r_i), get(I, q + I_OVERLAP * TILE)) != 0:  # few are the deepest
             deepest, slot = deeper(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
@@ -75,15 +75,16 @@ CUTS = (
         if not all_below(x * x + y * y + z * z, LARGEST):
             bad = last_bad(q, min(q + LANES, m), slots, first, G, bad)
 """),
-    Cut("kernels/step.py", """\
+    Cut("kernels/explicit/step_loop.py", """\
         code, who = guard(D, sums, moves)
         if code != DONE:
             return code, who, left
 """),
     # energy and quaternions; what the scene is at its start stays recorded
-    Cut("kernels/step.py", "record = sampled or last or step == budget - 1\n", "record = sampled or last or dt == 0.0\n"),
-    Cut("conduct.py", "self.looks.look(state, self.ledger.watch(state))\n", "pass\n"),
-    Cut("conduct.py", "self.looks.look(simulation.state, self.ledger.watch(simulation.state))\n", "pass\n"),
+    Cut("kernels/explicit/step_loop.py", "record = sampled or last or step == budget - 1\n",
+        "record = sampled or last or dt == 0.0\n"),
+    Cut("runner/run_loop.py", "self.looks.look(state, self.ledger.watch(state))\n", "pass\n"),
+    Cut("runner/run_loop.py", "self.looks.look(simulation.state, self.ledger.watch(simulation.state))\n", "pass\n"),
 )  # fmt: skip
 
 
@@ -114,9 +115,9 @@ class Engine:
         from ours import advance
         from peers_scenes import simulation_of
 
-        from thirdbody.conduct import Conduct
-        from thirdbody.run_folder import RunFolder
-        from thirdbody.simulate import set_threads
+        from thirdbody.runner.run_folder import RunFolder
+        from thirdbody.runner.run_loop import Conduct
+        from thirdbody.runner.simulate import set_threads
 
         set_threads(1)
         self.steps, self.looking = steps, 0.0
@@ -155,8 +156,9 @@ class Engine:
     def trip(self) -> dict[str, Any]:
         """Whether a limit that every body exceeds stops the run, and what a step saw: largest overlap and way over radius."""
         from thirdbody.errors import GuardStop
-        from thirdbody.kernels import bodies, contacts
         from thirdbody.kernels import layout as at
+        from thirdbody.kernels import rigid_body
+        from thirdbody.kernels.explicit import contact_forces
 
         self.go_back()
         limit, self.state.D[at.D_GUARD_TRAVEL] = float(self.state.D[at.D_GUARD_TRAVEL]), 0.0
@@ -167,7 +169,10 @@ class Engine:
             stopped = True
         self.state.D[at.D_GUARD_TRAVEL] = limit
         sums, moves = self.integrator.sums, self.integrator.moves
-        return {"stopped": stopped, "seen": [float(sums[:, contacts.SUM_OVERLAP].max()), float(moves[:, bodies.MOVE_STEP].max())]}
+        return {
+            "stopped": stopped,
+            "seen": [float(sums[:, contact_forces.SUM_OVERLAP].max()), float(moves[:, rigid_body.MOVE_STEP].max())],
+        }
 
     def bits(self) -> str:
         """A fingerprint of the state and its ledger. Of records only those of loaded contacts count: others are left over."""

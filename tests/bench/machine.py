@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-from thirdbody import cache
-from thirdbody.studies import machine as studies
+from thirdbody.jit import cache_dir
+from thirdbody.studies import machine_info as studies
 
 
 def machine() -> dict[str, Any]:
     """Processor, cores that this process may use, load when asked, and versions; `sources` names the compiled sources."""
     told = studies.machine()
     del told["threads"]  # every benchmark tells its own
-    told["versions"]["sources"] = cache.folder().name
+    told["versions"]["sources"] = cache_dir.folder().name
     return told

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit, types
 from numba.core import ir
 
-from thirdbody.kernels.four import LANES, crossed, four
+from thirdbody.jit.simd import LANES, crossed, four
 
 WIDTHS = {types.float64: 1, four: LANES}
 CROSSED = 3 * LANES  # two products and a difference

@@ -57,7 +57,7 @@ def measure(asked: argparse.Namespace) -> dict[str, Any]:
     # imported here: what the imports take is not the scene's memory
     from peers_scenes import count_contacts, generated, kinetic_energy, read, simulation_of, spheres_of, start_of, tiled
 
-    from thirdbody.simulate import set_threads
+    from thirdbody.runner.simulate import set_threads
 
     if asked.peers:
         start = read(Path(asked.peers) / "configs" / f"{asked.kind}_{asked.number}.npz", asked.tiles)
@@ -171,8 +171,10 @@ def show(told: dict[str, Any]) -> None:
     print(f"contacts             {touching}")
     print(f"steps per search     {', '.join(f'{n:.0f}' for n in told['rebuild_every'])}")
     print(f"kinetic energy       {told['ke_end']:.5g} J")
-    print(f"bytes per sphere     {told['bytes_per_sphere']['built']:.0f} built, {told['bytes_per_sphere']['run']:.0f} at most, "
-          f"{told['bytes_per_sphere']['stepping']:.0f} between searches")
+    print(
+        f"bytes per sphere     {told['bytes_per_sphere']['built']:.0f} built, {told['bytes_per_sphere']['run']:.0f} at most, "
+        f"{told['bytes_per_sphere']['stepping']:.0f} between searches"
+    )
     print(f"built in             {told['setup_s']:.2f} s")
 
 

@@ -18,13 +18,14 @@ import numpy as np
 from numba import njit
 
 from thirdbody.engine.state import table
-from thirdbody.kernels import balls, bodies, booking, contacts, gaps, gather, memory, opening, staging
-from thirdbody.kernels import drift as motion
+from thirdbody.jit.options import NO_COUNTS
+from thirdbody.kernels import contact_geometry, contact_history, narrow_phase, rigid_body
 from thirdbody.kernels import layout as at
-from thirdbody.kernels.bodies import BODIES, FLAT, PAIRED
-from thirdbody.kernels.contacts import GROUP
-from thirdbody.kernels.options import NO_COUNTS
-from thirdbody.kernels.work import effects_at, law_at
+from thirdbody.kernels.explicit import contact_dissipation, contact_forces, contact_tiles, drift_spheres, gather_forces
+from thirdbody.kernels.explicit import drift as motion
+from thirdbody.kernels.explicit.contact_forces import GROUP
+from thirdbody.kernels.explicit.passes import effects_at, law_at
+from thirdbody.kernels.rigid_body import BODIES, FLAT, PAIRED
 
 kernel = njit(error_model="numpy", **NO_COUNTS)
 
@@ -57,13 +58,13 @@ def over_slots(repeats, one, tiles, slots, arguments):
 def drift(c, start, near, beginning, offsets, S, B, E, D, moves, Z, staged, cuts, own, body):
     """The bodies of a chunk, by a step of no length."""
     motion.drift_chunk(c, start, near, beginning, False, offsets, S, B, E, D, 0.0, 1.0, moves, Z, staged)
-    bodies.forget_plates(cuts[FLAT, c], cuts[FLAT, c + 1], own, body, E)
+    rigid_body.forget_plates(cuts[FLAT, c], cuts[FLAT, c + 1], own, body, E)
 
 
 @kernel
 def kick(c, cuts, guests, F, B, E, effects, parameters, moves):
     """The bodies of a chunk, by a step of no length."""
-    gather.gather_chunk(c, cuts, guests, F, B, E, 0.0, 0.0, effects_at(effects), parameters, False, False, moves)
+    gather_forces.gather_chunk(c, cuts, guests, F, B, E, 0.0, 0.0, effects_at(effects), parameters, False, False, moves)
 
 
 @kernel
@@ -76,9 +77,9 @@ def ends(g, cuts, side):
 def measure(g, cuts, own, partner, S, P, l_x, l_y, c_x, c_y, found):
     """The gaps of a group."""
     first, last = ends(g, cuts, FLAT)
-    gaps.measure_plates(first, last, own, partner, S, P, found)
+    narrow_phase.measure_plates(first, last, own, partner, S, P, found)
     first, last = ends(g, cuts, PAIRED)
-    gaps.measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, found)
+    narrow_phase.measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, found)
 
 
 @kernel
@@ -86,7 +87,7 @@ def sort(g, cuts, found, closed, touching, opened):
     """Who touches in a group, by the gaps of another: the work does not depend on them."""
     for side in range(FLAT, PAIRED + 1):
         first, last = ends(g, cuts, side)
-        gaps.sort_out(first, last, found, closed, touching, opened)
+        narrow_phase.sort_out(first, last, found, closed, touching, opened)
 
 
 @kernel
@@ -98,13 +99,13 @@ def law(n, place, I, O, pairs):  # noqa: E741
 @kernel
 def tally(n, slots, first, O, I, G, sums):  # noqa: E741
     """The sums of a tile."""
-    contacts.tell(0, 0.0, 0.0, contacts.tally(n, slots, first, O, I, G, contacts.nothing()), sums)
+    contact_forces.tell(0, 0.0, 0.0, contact_forces.tally(n, slots, first, O, I, G, contact_forces.nothing()), sums)
 
 
 @kernel
 def push_flat(n, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
     """A tile of contacts with plates."""
-    contacts.push_flat(n, np.int64(0), slots, first, own, partner, body, S, O, G, B, E, sums)
+    contact_forces.push_flat(n, np.int64(0), slots, first, own, partner, body, S, O, G, B, E, sums)
 
 
 @dataclass(frozen=True)
@@ -133,12 +134,12 @@ class Tables:
         self.rows = self.B.nbytes + (0 if s.S is s.B else self.S.nbytes)
         self.sums, self.moves, self.closed = integrator.sums.copy(), integrator.moves.copy(), s.slots.closed.copy()
         self.room = table(*integrator.room.shape)
-        self.marks = np.empty((2, max(s.slots.count + staging.SPARE, BODIES)), np.int32)
+        self.marks = np.empty((2, max(s.slots.count + contact_geometry.SPARE, BODIES)), np.int32)
         self.overlaps = np.full(s.slots.n_plates, 1e-9)  # m; what a plate's contact costs does not depend on it
         self.h, self.groups = len(s.physics.history), len(s.slots.lowest)
         fields = (at.I_HISTORY + self.h + at.J_COLS, at.O_HISTORY + self.h + at.Q_COLS, at.G_COLS)
         self.I, self.O, self.G = (table(n, at.TILE).ravel() for n in fields)
-        behind = [max(s.slots.count - 1, 0)] * staging.SPARE  # as far as it is looked ahead
+        behind = [max(s.slots.count - 1, 0)] * contact_geometry.SPARE  # as far as it is looked ahead
         self.touching = np.append(np.flatnonzero(self.closed == 1), behind).astype(np.int32)
         self.flat, self.paired = self._tiles(FLAT), self._tiles(PAIRED)
         self.tiles = np.concatenate((self.flat, self.paired))
@@ -149,7 +150,7 @@ class Tables:
         """Where each tile begins in the list of those that touch, and how many it has: as a step cuts them, group by group."""
         found = []
         for g in range(self.groups):
-            first, last = np.searchsorted(self.touching[: -staging.SPARE], ends(g, self.slots.cuts, side))
+            first, last = np.searchsorted(self.touching[: -contact_geometry.SPARE], ends(g, self.slots.cuts, side))
             found += [(t, min(at.TILE, last - t)) for t in range(first, last, at.TILE)]
         return np.array(found, np.int64).reshape(-1, 2)
 
@@ -172,7 +173,7 @@ def drift_of(k: Tables) -> Pass:
         s.start, slots.near, slots.beginning, s.offsets, k.S, k.B, k.E, s.D, k.moves, k.room[0], k.marks[0], slots.cuts,
         slots.own, s.body,
     )  # fmt: skip
-    kernels = [(balls.drift_ball, many), (motion.move, clumps), (bodies.place_sphere, placed), (motion.judge, clumps)]
+    kernels = [(drift_spheres.drift_ball, many), (motion.move, clumps), (rigid_body.place_sphere, placed), (motion.judge, clumps)]
     return Pass("drift", lambda n: over_parts(n, drift, len(k.moves), given), len(k.moves), len(k.B), "bodies",
                 touched + slots.n_plates * (12 + 8), k.rows + s.offsets.nbytes, kernels)  # fmt: skip
 
@@ -186,7 +187,7 @@ def gaps_of(k: Tables) -> list[Pass]:
     return [
         Pass("measure", lambda n: over_parts(n, measure, k.groups, given), calls, slots.count, "candidates",
              flat * (8 + 8 * 4) + paired * (8 + 8 * 9), k.S.nbytes + 8 * slots.count,
-             [(gaps.plate_overlap, flat), (gaps.measure_pairs, paired)]),
+             [(narrow_phase.plate_overlap, flat), (narrow_phase.measure_pairs, paired)]),
         Pass("sort", lambda n: over_parts(n, sort, k.groups, sorts), calls, slots.count, "candidates",
              24 * slots.count, k.closed.nbytes, []),
     ]  # fmt: skip
@@ -199,10 +200,10 @@ def staging_of(k: Tables) -> list[Pass]:
     pairs = (slots.own, slots.partner, k.state.body, slots.kind)
     flat = (k.overlaps, 0, *listed, k.S, k.state.P, k.H, 0.0, 0.0, k.I, k.G, h)
     return [
-        slotted(k, "stage, plates", opening.stage_plates, k.flat, flat,
-                16 + 8 * (14 + 4 + 36 + 2 * h), kept, staging.stage_plate, 1),
-        slotted(k, "stage, pairs", staging.stage_pairs, k.paired, (*pairs, k.S, k.B, k.H, k.I, k.G, h),
-                16 + 8 * (40 + 4 + 30 + 2 * h), kept, staging.stage_pairs, 4),
+        slotted(k, "stage, plates", contact_tiles.stage_plates, k.flat, flat,
+                16 + 8 * (14 + 4 + 36 + 2 * h), kept, contact_geometry.stage_plate, 1),
+        slotted(k, "stage, pairs", contact_geometry.stage_pairs, k.paired, (*pairs, k.S, k.B, k.H, k.I, k.G, h),
+                16 + 8 * (40 + 4 + 30 + 2 * h), kept, contact_geometry.stage_pairs, 4),
     ]  # fmt: skip
 
 
@@ -210,13 +211,13 @@ def fields_of(k: Tables) -> list[Pass]:
     """What works on the fields of a tile alone, with the number of fields that each reads and writes."""
     dt, meeting, laws = k.state.dt, (k.state.dt, *k.periods, k.I, k.G), (k.at.law, k.I, k.O, k.physics.pairs)
     return [
-        tiled(k, "meet", staging.meet, k.paired, meeting, 10 + 11),
-        tiled(k, "turn frames", staging.turn_frames, k.tiles, (dt, k.G), 13 + 6),
-        tiled(k, "slide", staging.slide, k.tiles, (dt, k.I, k.G), 31 + 5),
+        tiled(k, "meet", contact_geometry.meet, k.paired, meeting, 10 + 11),
+        tiled(k, "turn frames", contact_geometry.turn_frames, k.tiles, (dt, k.G), 13 + 6),
+        tiled(k, "slide", contact_geometry.slide, k.tiles, (dt, k.I, k.G), 31 + 5),
         tiled(k, "law", law, k.tiles, laws, at.I_HISTORY + at.O_HISTORY + 2 * k.h, k.physics.law),
         *booking_of(k),
-        tiled(k, "push", staging.push, k.tiles, (k.I, k.O, k.G), 15 + 9),
-        slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * at.TILE, contacts.tally, 4),
+        tiled(k, "push", contact_geometry.push, k.tiles, (k.I, k.O, k.G), 15 + 9),
+        slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * at.TILE, contact_forces.tally, 4),
     ]
 
 
@@ -225,10 +226,12 @@ def booking_of(k: Tables) -> list[Pass]:
     along the normal, energies (no rolling moments)."""
     (force, moment), place, found = k.physics.remembered_forces, k.physics.dashpots, []
     if force >= 0 and moment < 0:
-        found.append(tiled(k, "book friction", booking.book, k.tiles, (force, moment, k.physics.stored, k.h, k.I, k.O), 11 + 1))
+        found.append(
+            tiled(k, "book friction", contact_dissipation.book, k.tiles, (force, moment, k.physics.stored, k.h, k.I, k.O), 11 + 1)
+        )
     if place >= 0 and moment < 0:
         dashpots = (place, k.h, k.state.dt, k.I, k.O, k.G)
-        found.append(tiled(k, "book dashpots", booking.book_dashpots, k.tiles, dashpots, 14 + 2))
+        found.append(tiled(k, "book dashpots", contact_dissipation.book_dashpots, k.tiles, dashpots, 14 + 2))
     return found
 
 
@@ -238,13 +241,40 @@ def pushes_of(k: Tables) -> list[Pass]:
     arms, listed = 16 + 8 * 8 if clumps else 0, slots.own.nbytes + slots.partner.nbytes
     tables = listed + (k.rows if clumps else k.B.nbytes)
     return [
-        slotted(k, "bodies, plates", push_flat, k.flat, (slots.own, slots.partner, s.body, k.S, k.O, k.G, k.B, k.E, k.sums),
-                20 + 8 * (8 + 4 + 9 + 9), tables, contacts.push_flat, 4),
-        slotted(k, "bodies, pairs", contacts.push_pairs, k.paired,
-                (slots.own, slots.partner, s.body, slots.outer, k.S, k.O, k.G, k.B, k.F),
-                16 + arms + 8 * (11 + 16 + 16), tables + k.F.nbytes + slots.outer.nbytes, contacts.push_pairs, 4),
-        slotted(k, "keep", memory.keep, k.tiles, (k.O, k.G, k.H, h), 4 + 8 * (6 + 5 + 2 * h), k.H.nbytes, memory.keep, 4),
-    ]  # fmt: skip
+        slotted(
+            k,
+            "bodies, plates",
+            push_flat,
+            k.flat,
+            (slots.own, slots.partner, s.body, k.S, k.O, k.G, k.B, k.E, k.sums),
+            20 + 8 * (8 + 4 + 9 + 9),
+            tables,
+            contact_forces.push_flat,
+            4,
+        ),
+        slotted(
+            k,
+            "bodies, pairs",
+            contact_forces.push_pairs,
+            k.paired,
+            (slots.own, slots.partner, s.body, slots.outer, k.S, k.O, k.G, k.B, k.F),
+            16 + arms + 8 * (11 + 16 + 16),
+            tables + k.F.nbytes + slots.outer.nbytes,
+            contact_forces.push_pairs,
+            4,
+        ),
+        slotted(
+            k,
+            "keep",
+            contact_history.keep,
+            k.tiles,
+            (k.O, k.G, k.H, h),
+            4 + 8 * (6 + 5 + 2 * h),
+            k.H.nbytes,
+            contact_history.keep,
+            4,
+        ),
+    ]
 
 
 def gather_of(k: Tables) -> Pass:
@@ -252,7 +282,7 @@ def gather_of(k: Tables) -> Pass:
     slots, n, guests = k.slots, len(k.B), len(k.slots.guests)
     given = (slots.cuts, slots.guests, k.F, k.B, k.E, k.at.effects, k.physics.effect_parameters, k.moves)
     return Pass("gather", lambda many: over_parts(many, kick, len(k.moves), given), len(k.moves), n, "bodies",
-                8 * len(k.moves) + (4 + 8 * 24) * guests, k.B.nbytes + k.F.nbytes, [(gather.collect, guests)])  # fmt: skip
+                8 * len(k.moves) + (4 + 8 * 24) * guests, k.B.nbytes + k.F.nbytes, [(gather_forces.collect, guests)])  # fmt: skip
 
 
 def tiled(k: Tables, name: str, one: Any, tiles: np.ndarray, given: tuple, fields: int, counted: Any = None) -> Pass:

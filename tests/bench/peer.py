@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from ensemble import WAY, Case, scene_of
 
-from thirdbody.engine.timestep import rayleigh_time
+from thirdbody.engine.time_step import rayleigh_time
 from thirdbody.kernels import layout as at
-from thirdbody.simulate import prepare
+from thirdbody.runner.simulate import prepare
 
 NAME, NS_PER_SPHERE_STEP, FRACTION = "LIGGGHTS 3.8.0", 58.0, 0.18
 

@@ -158,7 +158,7 @@ def part_profile(asked: argparse.Namespace, console: Console) -> dict[str, Any]:
     from breakdown import print_profile, profile  # the engine, which other parts run in processes of their own
     from peers_scenes import generated, read, simulation_of, start_of, tiled
 
-    from thirdbody.simulate import set_threads
+    from thirdbody.runner.simulate import set_threads
 
     limits = measure_limits()
     print_limits(limits, console)

@@ -21,15 +21,15 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from thirdbody.bodies.clump import Clump
+from thirdbody.build import simulation as building
+from thirdbody.build.simulation import Simulation
 from thirdbody.engine.energy import Ledger
+from thirdbody.engine.precompile import warm_up
 from thirdbody.engine.state import Placed
-from thirdbody.laws.catalogue import PLUGIN as CATALOGUE
+from thirdbody.laws.builtin import PLUGIN as CATALOGUE
 from thirdbody.laws.registry import Registry
-from thirdbody.output.frames import FrameMaker
-from thirdbody.scene import build as building
-from thirdbody.scene.build import Simulation
 from thirdbody.scene.model import Scene
-from thirdbody.warm import warm_up
+from thirdbody.trajectory.frame import FrameMaker
 
 LENGTH, MASS, TIME = 1e-6, 1e-15, 1e-6
 """um, pg and us in SI; a velocity in um/us is one in m/s."""

@@ -23,13 +23,13 @@ from ensemble import Case, scene_of, spread_of, warm_up
 
 from thirdbody.errors import GuardStop
 from thirdbody.kernels import layout as at
-from thirdbody.simulate import execute, prepare
+from thirdbody.runner.simulate import execute, prepare
 
 CLOCKED = {
-    "shapes": ("thirdbody.scene.populate", "make_bodies"),
-    "poses": ("thirdbody.scene.place", "settle_all"),
-    "places": ("thirdbody.scene.place", "place_layer"),
-    "populate": ("thirdbody.scene.build", "populate"),
+    "shapes": ("thirdbody.build.populate", "make_bodies"),
+    "poses": ("thirdbody.build.placement", "settle_all"),
+    "places": ("thirdbody.build.placement", "place_layer"),
+    "populate": ("thirdbody.build.simulation", "populate"),
 }
 """Parts of building a scene that are timed: the module that calls, and the name that it calls. `populate` holds the others."""
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from screen import screen
 
-from thirdbody.simulate import set_threads
+from thirdbody.runner.simulate import set_threads
 
 NUMBERS = (1, 10, 100, 1000)
 

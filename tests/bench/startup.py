@@ -19,7 +19,7 @@ SCENE = Path(__file__).resolve().parents[2] / "scenes" / "sheared_debris.toml"
 
 FIRST_STEP = """
 import sys, thirdbody
-from thirdbody.simulate import prepare
+from thirdbody.runner.simulate import prepare
 simulation = prepare(thirdbody.Scene.load(sys.argv[1]))
 simulation.integrator.advance_to(1e-12)
 """
@@ -44,7 +44,7 @@ def measure_startup(rounds: int) -> dict[str, Any]:
             environment = os.environ | {"THIRDBODY_CACHE": folder}
             told["cold"].append(_seconds(command, environment))
             told["warm"] += [_seconds(command, environment) for _ in range(-(-rounds // COLD))]
-    told["help"] = [_seconds([sys.executable, "-m", "thirdbody.cli", "--help"], dict(os.environ)) for _ in range(rounds)]
+    told["help"] = [_seconds([sys.executable, "-m", "thirdbody.cli.main", "--help"], dict(os.environ)) for _ in range(rounds)]
     return told
 
 

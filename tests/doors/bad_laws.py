@@ -95,9 +95,7 @@ def swirl(c, load, p):
     limit = p.mu * load.force
     e_x, e_y = c.slip_x / size, c.slip_y / size
     work = 0.8 * limit * math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
-    return Tangential(
-        -limit * (0.8 * e_x - 0.6 * e_y), -limit * (0.8 * e_y + 0.6 * e_x), limit, 0.0, size, 0.0, work
-    )
+    return Tangential(-limit * (0.8 * e_x - 0.6 * e_y), -limit * (0.8 * e_y + 0.6 * e_x), limit, 0.0, size, 0.0, work)
 
 
 @kernel

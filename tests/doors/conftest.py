@@ -42,7 +42,7 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     monkeypatch.chdir(tmp_path)
 
     def call(*arguments: object) -> Told:
-        from thirdbody.cli import main
+        from thirdbody.cli.main import main
 
         monkeypatch.setattr(sys, "argv", ["thirdbody", *map(str, arguments)])
         capsys.readouterr()

@@ -16,19 +16,21 @@ import numpy as np
 import pytest
 from steel import STEEL
 
+from thirdbody.build.simulation import Simulation, build
 from thirdbody.kernels import layout as at
-from thirdbody.laws.compose_tangents import tangent_module
+from thirdbody.laws.codegen.dependencies import plain, source_files
+from thirdbody.laws.codegen.tangents import tangent_module
 from thirdbody.laws.contract import Law
-from thirdbody.laws.dependencies import plain, source_files
 from thirdbody.laws.registry import Registry, discover
-from thirdbody.output.run import FILE_NAME
-from thirdbody.scene.build import Simulation, build
+from thirdbody.runner.simulate import execute
 from thirdbody.scene.model import Scene
-from thirdbody.simulate import execute
+from thirdbody.trajectory.reader import FILE_NAME
 
 DMT = Path(__file__).parents[2] / "plugins" / "dmt_adhesion.py"
 
-SCENE = STEEL + """\
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheres"
@@ -55,6 +57,7 @@ settle = "0.2 us"
 [output]
 every = "20 nm"
 """
+)
 
 EFFECTS = {
     "gravity": ["0 m/s2", "0 m/s2", "-9.81 m/s2"],

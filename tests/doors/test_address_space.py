@@ -9,8 +9,9 @@ import sys
 
 import pytest
 
-from thirdbody import address_space, cli
-from thirdbody.address_space import LEAST
+from thirdbody.cli import main
+from thirdbody.system import address_space
+from thirdbody.system.address_space import LEAST
 
 resource = pytest.importorskip("resource")
 
@@ -45,7 +46,7 @@ def test_memory_that_runs_out_is_no_bug(problem, command, monkeypatch):
     def fail(**_options):
         raise problem
 
-    monkeypatch.setattr(cli, "app", fail)
+    monkeypatch.setattr(main, "app", fail)
     told = command("laws")
     assert told.code == 5 and told.err.startswith("thirdbody: not enough memory") and told.err.count("\n") == 1
 

@@ -273,7 +273,6 @@ def test_a_file_that_cannot_be_read(kind, suffix, file, words, scene, command, t
     (tmp_path / f"locked.{suffix}").write_bytes(b"x")
     (tmp_path / f"device.{suffix}").symlink_to("/dev/zero")
     if "locked" in file:  # root may read what is locked, so the system's answer is played
-
         sound = Path.read_bytes
 
         def locked(path):

@@ -344,7 +344,7 @@ def test_a_guard_in_the_middle_keeps_the_frames_before_it(balls, command):
 def test_the_real_command_says_the_same(balls, tmp_path):
     """Once in a process of its own: the entry point, its exit code and its standard error."""
     balls(("density", "densty"))
-    call = [sys.executable, "-m", "thirdbody.cli", "run", "scene.toml"]
+    call = [sys.executable, "-m", "thirdbody.cli.main", "run", "scene.toml"]
     done = subprocess.run(call, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 3 and not done.stdout
     assert done.stderr == "thirdbody: scene.toml:6:1: materials.steel.densty: unknown key, did you mean 'density'?\n"
@@ -353,6 +353,6 @@ def test_the_real_command_says_the_same(balls, tmp_path):
 
 def test_a_bug_of_ours_asks_for_a_report(balls, command, monkeypatch):
     balls()
-    monkeypatch.setattr("thirdbody.scene.build.populate", lambda scene: 1 / 0)
+    monkeypatch.setattr("thirdbody.build.simulation.populate", lambda scene: 1 / 0)
     told = command("check", "scene.toml")
     assert told.code == 1 and "Traceback" in told.err and "please report it" in told.err

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from thirdbody.laws.conformance import Finding, check, report
+from thirdbody.laws.conformance.suite import Finding, check, report
 from thirdbody.laws.contract import Law
 from thirdbody.laws.registry import discover, load_file
 
@@ -15,10 +15,7 @@ TEMPLATE = HERE.parents[1] / "plugins" / "dmt_adhesion.py"
 
 OURS = discover([TEMPLATE]).laws
 BAD: dict[str, Law] = {
-    law.name: law
-    for family in load_file(HERE / "bad_laws.py").families
-    for laws in family.levels.values()
-    for law in laws
+    law.name: law for family in load_file(HERE / "bad_laws.py").families for laws in family.levels.values() for law in laws
 }
 
 # what each fault has to be found by, and by nothing else: a suite that fails everything proves nothing

@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 import thirdbody
-from thirdbody import child_process, warm
-from thirdbody.output import render
-from thirdbody.studies.process import Worker
+from thirdbody.engine import precompile
+from thirdbody.render import render
+from thirdbody.studies.worker_process import Worker
+from thirdbody.system import child_process
 
 SOURCE = Path(thirdbody.__file__).parent
 SHADOWED = ("json", "shutil", "selectors", "numpy", "numba", "h5py", "vtkmodules", "thirdbody")
@@ -40,7 +41,7 @@ def executed(folder: Path) -> list[str]:
 def test_the_processes_that_compile_first(planted):
     queue, end = os.pipe()
     os.close(end)  # nothing to compile: it starts, imports numba and ends
-    assert warm._helper(queue).wait() == 0
+    assert precompile._helper(queue).wait() == 0
     os.close(queue)
     assert executed(planted) == []
 
@@ -87,4 +88,4 @@ def test_python_is_started_in_one_place_only():
     """Whatever starts a process takes its command from `child_process`."""
     users = {path.name for path in SOURCE.rglob("*.py") if "sys.executable" in path.read_text(encoding="utf-8")}
     users |= {path.name for path in (SOURCE.parents[1] / "plugins").rglob("*.py") if "sys.executable" in path.read_text()}
-    assert users == {"child_process.py"}
+    assert users == {"system/child_process.py"}

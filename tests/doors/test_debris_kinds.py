@@ -83,7 +83,9 @@ def dumbbell(tmp_path) -> Path:
 
 
 def scene(keys: str) -> str:
-    return STEEL + f"""\
+    return (
+        STEEL
+        + f"""\
 [[debris]]
 material = "steel"
 kind = "dumbbell"
@@ -97,6 +99,7 @@ duration = "10 ns"
 [output]
 every = "5 ns"
 """
+    )
 
 
 GOOD = 'count = 5\nradius = "4 um"'

@@ -13,14 +13,16 @@ import pytest
 from steel import STEEL
 
 import thirdbody
-from thirdbody.kernels.bodies import BODIES
-from thirdbody.kernels.contacts import GROUP
+from thirdbody.build.simulation import build
+from thirdbody.kernels.explicit.contact_forces import GROUP
+from thirdbody.kernels.explicit.step_loop import FEW
 from thirdbody.kernels.layout import DEBRIS
-from thirdbody.kernels.step import FEW
-from thirdbody.scene.build import build
+from thirdbody.kernels.rigid_body import BODIES
 
 # Crowded, so that bodies collide; enough of them that the passes over contacts and bodies have several chunks.
-SCENE = STEEL + """\
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "irregular"
@@ -45,6 +47,7 @@ settle = "3 us"
 [output]
 every = "0.25 um"
 """
+)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +59,19 @@ def folder(tmp_path_factory) -> Path:
 
 def simulate(folder: Path, name: str, threads: int, *more: str) -> Path:
     """A run in a process of its own, in which two threads are allowed even where there is one core."""
-    command = [sys.executable, "-m", "thirdbody.cli", "run", "scene.toml", "-o", name, "-q", "--threads", str(threads), *more]
+    command = [
+        sys.executable,
+        "-m",
+        "thirdbody.cli.main",
+        "run",
+        "scene.toml",
+        "-o",
+        name,
+        "-q",
+        "--threads",
+        str(threads),
+        *more,
+    ]
     environment = os.environ | {"NUMBA_NUM_THREADS": "2"}
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

@@ -1,9 +1,10 @@
-"""The import rule and the size limits of the house, read from the source."""
+"""The import rules and the size limits of the house, read from the source."""
 
 from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -13,34 +14,65 @@ SOURCE, PLUGINS = ROOT / "src" / "thirdbody", ROOT / "plugins"
 OURS = sorted(SOURCE.rglob("*.py"))
 THEIRS = sorted(PLUGINS.rglob("*.py"))
 
-# each layer may import itself and those named; those of OPEN are for all
-BELOW = {
-    "kernels": set(),
-    "laws": {"kernels"},
-    "bodies": {"kernels"},
-    "engine": {"kernels", "laws", "bodies"},
-    "scene": {"kernels", "laws", "bodies", "engine"},
-    "output": {"kernels", "laws", "bodies", "engine"},
-    # studies run whole scenes, so they stand on what runs, checks and prints one
+GROUND = {"errors", "dimensions", "units", "quantity", "palette", "atomic_files"}
+"""Modules of the root that every room may import."""
+
+# what each room may import besides itself and the ground, at the head of a module or in a function, for type checkers too
+ROOMS = {
+    "system": set(),
+    "jit": {"system"},
+    "kernels": {"jit"},
+    "bodies": {"kernels", "jit", "system"},
+    "laws": {"kernels", "jit", "system"},
+    "engine": {"bodies", "laws", "kernels", "jit", "system"},
+    "scene": {"bodies", "laws"},
+    "build": {"scene", "engine", "bodies", "laws", "kernels"},
+    "trajectory": {"engine", "laws", "kernels"},
+    "export": {"trajectory"},
+    "plot": {"trajectory"},
+    "render": {"trajectory", "bodies", "system"},
+    "runner": {"export", "build", "trajectory", "scene", "engine", "bodies", "laws", "kernels", "jit", "system"},
+    "report": {
+        "runner", "render", "plot", "export", "build", "trajectory", "scene", "engine", "bodies", "laws", "kernels", "jit",
+        "system",
+    },
     "studies": {
-        "kernels", "laws", "bodies", "engine", "scene", "output",
-        "course", "lock", "report", "run_folder", "scene_check", "simulate",
-    },  # fmt: skip
+        "report", "runner", "render", "plot", "export", "build", "trajectory", "scene", "engine", "bodies", "laws", "kernels",
+        "jit", "system",
+    },
+}  # fmt: skip
+ROOMS["cli"] = set(ROOMS)
+
+# rooms within rooms, by the same rule
+INNER = {
+    "kernels": {"explicit": {""}, "implicit": {"explicit", ""}, "": set()},
+    "laws": {"codegen": {""}, "conformance": {"codegen", ""}, "": {"codegen"}},
+    "studies": {"robustness": {""}, "": set()},
 }
-OPEN = {"address_space", "errors", "cache", "child_process", "collector", "cores", "dimensions", "modules", "terminal"}
-# `plugin` is the facade of the contract: it may show what plug-ins need and nothing above it
-FACADE = {"bodies", "engine", "errors", "kernels", "laws", "scene"}
+
+# modules of the root that are no ground: what they may import
+ROOT_MODULES = {
+    "__init__": {"errors", "report", "runner", "scene", "trajectory"},
+    "__main__": {"cli"},
+    "plugin": {"bodies", "engine", "errors", "kernels", "laws", "scene", "units"},
+    "errors": set(),
+    "dimensions": set(),
+    "palette": set(),
+    "quantity": set(),
+    "units": {"dimensions", "errors"},
+    "atomic_files": {"errors"},
+}
+
+# the methods of a run that export and draw it (`Run.export`, `Run.plot`, `Run.render`), which import when they are called
+FACADES = {"trajectory.reader": {"export", "plot", "render"}}
 
 HEAVY = {"numba", "vtk", "vtkmodules", "pyvista", "matplotlib", "h5py", "scipy", "pint", "pandas"}
-LIGHT = ["__init__.py", "errors.py", "progress.py", "signals.py", "starters.py", "terminal.py", *(
-    f"cli{name}.py" for name in ("", "_completion", "_group", "_new", "_studies")
-), *(
-    f"scene/{name}.py" for name in (
-        "__init__", "crosscheck", "fields", "locate", "model", "part", "read", "settings", "tables", "template",
-        "types", "units", "write",
-    )
-), *(path.relative_to(SOURCE).as_posix() for path in (SOURCE / "scene" / "debris").rglob("*.py"))]  # fmt: skip
-COMPILED = {"kernels", "laws", "bodies", "engine"}
+LIGHT = [
+    "__init__.py", "errors.py", "dimensions.py", "units.py", "runner/progress.py",
+    *(path.relative_to(SOURCE).as_posix() for room in ("cli", "scene", "system") for path in (SOURCE / room).rglob("*.py")),
+]  # fmt: skip
+COMPILED = {"jit", "kernels", "laws", "bodies", "engine"}
+DRAWING = {"trajectory", "export", "plot", "render"}
 
 
 def imports(path: Path, root: Path = SOURCE, package: str = "thirdbody") -> Iterator[tuple[str, ast.stmt]]:
@@ -55,28 +87,77 @@ def imports(path: Path, root: Path = SOURCE, package: str = "thirdbody") -> Iter
             yield from ((f"{origin}.{alias.name}", node) for alias in node.names)
 
 
-def layer(name: str) -> str:
+def room_of(name: str) -> str:
     """`engine` for thirdbody.engine.state.State; empty for the package itself."""
     return (name.split(".") + [""])[1]
 
 
+def inner_room_of(name: str, room: str) -> str:
+    """`explicit` for thirdbody.kernels.explicit.drift; empty for a module that lies in the room itself."""
+    parts = name.split(".")
+    return parts[2] if len(parts) > 2 and parts[1] == room and parts[2] in INNER[room] else ""
+
+
+def statements_at_start(body: list[ast.stmt]) -> Iterator[ast.Import | ast.ImportFrom]:
+    """The imports that are executed when a module is imported itself: not in functions, not for type checkers."""
+    for node in body:
+        if isinstance(node, ast.Import | ast.ImportFrom):
+            yield node
+        elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.dump(node.test):
+            yield from statements_at_start(node.body + node.orelse)
+        elif isinstance(node, ast.Try):
+            inner = [statement for handler in node.handlers for statement in handler.body]
+            yield from statements_at_start(node.body + node.orelse + node.finalbody + inner)
+
+
 def at_start(path: Path) -> set[str]:
-    """First words of what a module imports when it is imported itself: not in functions, not for type checkers."""
-    found: set[str] = set()
+    """First words of what a module imports at its start."""
+    names: set[str] = set()
+    for node in statements_at_start(ast.parse(path.read_text(encoding="utf-8")).body):
+        if isinstance(node, ast.Import):
+            names.update(alias.name.split(".")[0] for alias in node.names)
+        elif not node.level and node.module:
+            names.add(node.module.split(".")[0])
+    return names
 
-    def look(body: list[ast.stmt]) -> None:
-        for node in body:
-            if isinstance(node, ast.Import):
-                found.update(alias.name.split(".")[0] for alias in node.names)
-            elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
-                found.add(node.module.split(".")[0])
-            elif isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.dump(node.test):
-                look(node.body + node.orelse)
-            elif isinstance(node, ast.Try):
-                look(node.body + node.orelse + node.finalbody + [s for h in node.handlers for s in h.body])
 
-    look(ast.parse(path.read_text(encoding="utf-8")).body)
-    return found
+def module_of(path: Path) -> str:
+    """`engine.state`; the name of the package for an `__init__`."""
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+@cache
+def graph() -> dict[str, set[str]]:
+    """Module -> modules of ours that it imports at its start."""
+    known = {module_of(path) for path in OURS}
+    edges: dict[str, set[str]] = {}
+    for path in OURS:
+        edges[module_of(path)] = own = set()
+        for node in statements_at_start(ast.parse(path.read_text(encoding="utf-8")).body):
+            names = [alias.name for alias in node.names]
+            if isinstance(node, ast.ImportFrom):
+                whole = [f"{node.module}.{name}" for name in names]
+                names = [name if name.partition(".")[2] in known else str(node.module) for name in whole]
+            own.update(name.partition(".")[2] for name in names if name.split(".")[0] == "thirdbody")
+    return edges
+
+
+def circle(edges: dict[str, set[str]]) -> list[str]:
+    """A path of modules that leads back to its first one; empty if there is none."""
+    done: set[str] = set()
+
+    def follow(name: str, trail: list[str]) -> list[str]:
+        if name in trail:
+            return [*trail[trail.index(name) :], name]
+        if name not in done:
+            for other in sorted(edges.get(name, ())):
+                if found := follow(other, [*trail, name]):
+                    return found
+            done.add(name)
+        return []
+
+    return next((found for name in sorted(edges) if (found := follow(name, []))), [])
 
 
 def name_of(path: Path) -> str:
@@ -87,16 +168,46 @@ def test_there_is_something_to_read():
     assert len(OURS) > 50 and len(THEIRS) >= 3
 
 
+def test_every_room_and_every_module_of_the_root_has_its_rule():
+    rooms = {path.name for path in SOURCE.iterdir() if path.is_dir() and (path / "__init__.py").is_file()}
+    assert rooms == set(ROOMS)
+    assert {path.stem for path in SOURCE.glob("*.py")} == set(ROOT_MODULES)
+    for room, inner in INNER.items():
+        assert {path.name for path in (SOURCE / room).iterdir() if (path / "__init__.py").is_file()} >= set(inner) - {""}
+
+
 @pytest.mark.parametrize("path", OURS, ids=name_of)
 def test_imports_point_down(path):
-    own = path.relative_to(SOURCE).parts[0]
-    found = {layer(name) for name, _ in imports(path) if name.split(".")[0] == "thirdbody"} - OPEN - {own, ""}
-    if own in BELOW:
-        assert found <= BELOW[own], f"{own} must not import {sorted(found - BELOW[own])}"
-    elif path.stem == "plugin":
-        assert found <= FACADE
-    elif path.stem in OPEN:
-        assert not found
+    parts = path.relative_to(SOURCE).with_suffix("").parts
+    used = {room_of(name) for name, _ in imports(path) if name.split(".")[0] == "thirdbody"} - {parts[0], "", "__version__"}
+    if len(parts) == 1:
+        allowed = ROOT_MODULES[parts[0]]
+    else:
+        allowed = ROOMS[parts[0]] | GROUND | FACADES.get(".".join(parts), set())
+    assert used <= allowed, f"{'.'.join(parts)} must not import {sorted(used - allowed)}"
+
+
+@pytest.mark.parametrize("path", [path for path in OURS if path.relative_to(SOURCE).parts[0] in INNER], ids=name_of)
+def test_imports_point_down_inside_rooms(path):
+    own = path.relative_to(SOURCE).with_suffix("").parts
+    room, inside = own[0], own[1] if len(own) > 2 and own[1] in INNER[own[0]] else ""
+    used = {inner_room_of(name, room) for name, _ in imports(path) if name.startswith(f"thirdbody.{room}.")} - {inside}
+    assert used <= INNER[room].get(inside, set()), f"{'.'.join(own)} must not import {sorted(used)}"
+
+
+def test_no_imports_go_round_in_a_circle():
+    assert not circle(graph()), " -> ".join(circle(graph()))
+
+
+def test_a_circle_is_found():
+    assert circle({"a": {"b"}, "b": {"c"}, "c": {"b"}}) == ["b", "c", "b"]
+    assert circle({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == []
+
+
+@pytest.mark.parametrize("path", OURS, ids=name_of)
+def test_imports_are_absolute(path):
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        assert not (isinstance(node, ast.ImportFrom) and node.level), f"line {node.lineno}"
 
 
 @pytest.mark.parametrize("path", OURS, ids=name_of)
@@ -135,12 +246,12 @@ def test_what_starts_with_the_command_is_light(name):
 
 
 @pytest.mark.parametrize("path", OURS, ids=name_of)
-def test_numba_stays_in_compiled_layers_and_drawing_in_output(path):
-    own, found = path.relative_to(SOURCE).parts[0], at_start(path)
+def test_numba_stays_in_compiled_rooms_and_drawing_in_its_own(path):
+    own, used = path.relative_to(SOURCE).parts[0], at_start(path)
     if own not in COMPILED:
-        assert "numba" not in found
-    if own != "output":
-        assert not found & {"vtk", "vtkmodules", "pyvista", "matplotlib", "h5py"}
+        assert "numba" not in used
+    if own not in DRAWING:
+        assert not used & {"vtk", "vtkmodules", "pyvista", "matplotlib", "h5py"}
 
 
 def test_pictures_are_drawn_through_pyvista():
@@ -150,7 +261,7 @@ def test_pictures_are_drawn_through_pyvista():
     assert used == {"vtkmodules.vtkRenderingOpenGL2.vtkOpenGLSphereMapper"}
 
 
-@pytest.mark.parametrize("path", sorted((SOURCE / "output").glob("*.py")), ids=name_of)
+@pytest.mark.parametrize("path", [path for path in OURS if path.relative_to(SOURCE).parts[0] in DRAWING], ids=name_of)
 def test_no_function_of_output_takes_more_than_eight_arguments(path):
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):

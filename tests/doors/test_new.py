@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from thirdbody import starters
+from thirdbody.cli import starter_files
 from thirdbody.laws.registry import load_file
 from thirdbody.scene.model import Scene
 
@@ -63,9 +63,9 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path, monkeypatch):
             raise OSError(28, "No space left on device")
         path.write_bytes(content)
 
-    monkeypatch.setattr(starters, "write_whole", full)
-    with pytest.raises(starters.OutputError, match="debris_particle.stl: cannot be written .No space left"):
-        starters.copy_scene("scanned_debris", tmp_path / "x.toml")
+    monkeypatch.setattr(starter_files, "write_whole", full)
+    with pytest.raises(starter_files.OutputError, match="debris_particle.stl: cannot be written .No space left"):
+        starter_files.copy_scene("scanned_debris", tmp_path / "x.toml")
     assert list(tmp_path.iterdir()) == []
 
 

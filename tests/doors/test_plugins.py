@@ -54,7 +54,7 @@ every = "1 us"
 
 def fly(folder: Path, out: str, installed: Path | None = None) -> float:
     """Speed along x after 1 us under the push, simulated in a process of its own, with a folder of installed packages."""
-    command = [sys.executable, "-m", "thirdbody.cli", "run", "flight.toml", "-o", out, "-q", "--plugin", "push.py"]
+    command = [sys.executable, "-m", "thirdbody.cli.main", "run", "flight.toml", "-o", out, "-q", "--plugin", "push.py"]
     paths = os.pathsep.join(filter(None, [str(installed or ""), os.environ.get("PYTHONPATH")]))
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, env=os.environ | {"PYTHONPATH": paths})
     assert done.returncode == 0, done.stderr
@@ -130,7 +130,7 @@ def installed(monkeypatch):
             return [*real(group=group), *(points if group == wanted else [])]
 
         monkeypatch.setattr(registry, "entry_points", found)
-        monkeypatch.setattr("thirdbody.cli_group.entry_points", found)
+        monkeypatch.setattr("thirdbody.cli.command_group.entry_points", found)
 
     return put
 

@@ -99,7 +99,9 @@ def test_no_line_names_a_file_that_is_gone():
 
 def test_every_command_that_the_readme_names_is_there():
     shown = re.findall(r"`thirdbody ([a-z]+)", README) + re.findall(r"^thirdbody ([a-z]+)", "".join(blocks("sh")), re.MULTILINE)
-    listed = subprocess.run([sys.executable, "-m", "thirdbody.cli", "--help"], capture_output=True, text=True, check=True).stdout
+    listed = subprocess.run(
+        [sys.executable, "-m", "thirdbody.cli.main", "--help"], capture_output=True, text=True, check=True
+    ).stdout
     commands = {line.split()[0] for line in listed.partition("Commands:")[2].splitlines() if line.strip()}
     contract = {"new", "check", "run", "resume", "states", "render", "plot", "export", "laws", "cost", "balance", "map"}
     assert contract <= commands and set(shown) <= commands

@@ -12,7 +12,7 @@ from portable import PATIENCE
 
 import thirdbody
 
-PROGRAM = [sys.executable, "-c", "from thirdbody.cli import main; main()"]
+PROGRAM = [sys.executable, "-c", "from thirdbody.cli.main import main; main()"]
 FULL = Path("/dev/full")
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="needs /dev/full")
 

@@ -15,7 +15,7 @@ import pytest
 from portable import PATIENCE
 
 import thirdbody
-from thirdbody.checkpoint import FILE as CHECKPOINT
+from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 
 HEAVY = ("numba", "vtk", "vtkmodules", "pyvista", "matplotlib", "h5py", "pint", "scipy", "pandas")
 
@@ -30,11 +30,12 @@ def python(*arguments: str, **options) -> subprocess.CompletedProcess[str]:
         "import thirdbody",
         "import thirdbody.scene.model",
         "import thirdbody; thirdbody.Scene",
-        "import thirdbody.errors, thirdbody.progress, thirdbody.cache",
-        "import sys; sys.argv = ['thirdbody', '--help']\ntry:\n from thirdbody.cli import main; main()\nexcept SystemExit: pass",
-        "import sys; sys.argv = ['thirdbody', 'run', '--help']\ntry:\n from thirdbody.cli import main; main()\n"
+        "import thirdbody.errors, thirdbody.runner.progress, thirdbody.jit.cache_dir",
+        "import sys; sys.argv = ['thirdbody', '--help']\ntry:\n from thirdbody.cli.main import main; main()\n"
         "except SystemExit: pass",
-        "import sys; sys.argv = ['thirdbody', 'new', '/nowhere/x']\ntry:\n from thirdbody.cli import main; main()\n"
+        "import sys; sys.argv = ['thirdbody', 'run', '--help']\ntry:\n from thirdbody.cli.main import main; main()\n"
+        "except SystemExit: pass",
+        "import sys; sys.argv = ['thirdbody', 'new', '/nowhere/x']\ntry:\n from thirdbody.cli.main import main; main()\n"
         "except SystemExit: pass",
     ],
 )
@@ -46,7 +47,7 @@ def test_starting_imports_nothing_heavy(start):
 def test_help_is_instant():
     """Budget of the design: 0.3 s on a free core; here the processor time, for the machine may be shared."""
     before = os.times()
-    assert python("-m", "thirdbody.cli", "--help").returncode == 0
+    assert python("-m", "thirdbody.cli.main", "--help").returncode == 0
     after = os.times()
     assert after.children_user + after.children_system - before.children_user - before.children_system < 0.6
 
@@ -103,8 +104,8 @@ def test_json_of_a_time_step_that_a_guard_stops(balls, command):
 
 def test_planned_frames_are_those_of_the_targets(balls, command, tmp_path):
     """`check` computes the number; for a run by distance or by time it must be what `targets` yields."""
-    from thirdbody.course import planned_frames, targets
-    from thirdbody.scene.build import build
+    from thirdbody.build.simulation import build
+    from thirdbody.runner.output_schedule import planned_frames, targets
 
     for changes in (
         [],
@@ -160,7 +161,7 @@ def test_an_interrupted_run_keeps_its_frames(number, code, balls, tmp_path):
     """An hour's run, asked to end after its first progress lines."""
     balls(('"0.1 um"', '"1 mm"'), ('"0.05 um"', '"0.1 um"'))
     process = subprocess.Popen(
-        [sys.executable, "-m", "thirdbody.cli", "run", "scene.toml", "-o", "run"],
+        [sys.executable, "-m", "thirdbody.cli.main", "run", "scene.toml", "-o", "run"],
         cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=hear_hangups,
     )  # fmt: skip
     assert process.stderr is not None
@@ -224,7 +225,7 @@ def test_a_run_under_nohup_outlives_a_hangup(balls, tmp_path):
 def test_a_killed_run_keeps_its_frames(balls, tmp_path):
     balls(('"0.1 um"', '"1 mm"'), ('"0.05 um"', '"0.1 um"'))
     process = subprocess.Popen(
-        [sys.executable, "-m", "thirdbody.cli", "run", "scene.toml", "-o", "run", "-q"],
+        [sys.executable, "-m", "thirdbody.cli.main", "run", "scene.toml", "-o", "run", "-q"],
         cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
     )  # fmt: skip
     wait_for_frames(tmp_path / "run", 4)
@@ -233,7 +234,7 @@ def test_a_killed_run_keeps_its_frames(balls, tmp_path):
     with thirdbody.open(tmp_path / "run") as run:
         assert run.frames >= 4 and not run.summary()["finished"]
         run.bodies(-1)
-    done = python("-m", "thirdbody.cli", "states", "run", cwd=tmp_path)
+    done = python("-m", "thirdbody.cli.main", "states", "run", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
 
 
@@ -254,7 +255,7 @@ def wait_for_frames(folder, count: int) -> None:
 def test_a_reader_that_goes_away_is_no_fault(balls, tmp_path):
     """`thirdbody laws | head -1`."""
     done = subprocess.run(
-        f"{sys.executable} -m thirdbody.cli laws | head -1", shell=True, cwd=tmp_path, capture_output=True, text=True
+        f"{sys.executable} -m thirdbody.cli.main laws | head -1", shell=True, cwd=tmp_path, capture_output=True, text=True
     )
     assert "Traceback" not in done.stderr and "rror" not in done.stderr
 
@@ -263,7 +264,7 @@ def test_runs_that_are_empty_or_unlabelled(tmp_path, command):
     """A run killed before its first frame, and one without labels: told, not a crash."""
     import numpy as np
 
-    from thirdbody.output.vtkhdf import Frame, TrajectoryWriter
+    from thirdbody.trajectory.writer import Frame, TrajectoryWriter
 
     header = {"scene_text": "", "state_names": ["unlabelled"], "reason_names": ["none"], "units": {}}
     static = {"spheres": {"radius": np.ones(1), "clump": np.zeros(1, int)}, "clumps": {"id": np.zeros(1, int)}}

@@ -18,7 +18,7 @@ import pytest
 from portable import PATIENCE
 
 from thirdbody.errors import OutputError, printable
-from thirdbody.terminal import PrintableStream, printable_output
+from thirdbody.system.terminal import PrintableStream, printable_output
 
 HOSTILE = "A\x1b[31mB\x1b]0;mine\x07C\x9b2JD\u202eE\rF\nforged: G[red]H[link=http://x]I[/link]:skull:$\\frac$"
 TOML = json.dumps(HOSTILE)[1:-1]

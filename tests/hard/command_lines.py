@@ -270,7 +270,7 @@ def _become(words: list[str], folder: Path, out: Path, err: Path) -> None:
         for name, number in (("stdout", 1), ("stderr", 2)):
             setattr(sys, name, open(number, "w", encoding="utf-8", closefd=False))
         sys.argv = ["thirdbody", *words]
-        from thirdbody.cli import main
+        from thirdbody.cli.main import main
 
         try:
             main()
@@ -284,8 +284,8 @@ def _become(words: list[str], folder: Path, out: Path, err: Path) -> None:
 
 def serve(folder: Path) -> None:
     """Answer each line of standard input."""
-    import thirdbody.output.export
-    import thirdbody.report  # noqa: F401  what all lines need, without numba's threads
+    import thirdbody.export.export_run
+    import thirdbody.report.tables  # noqa: F401  what all lines need, without numba's threads
 
     answers = os.fdopen(os.dup(1), "w", encoding="ascii")
     for line in sys.stdin:

@@ -265,7 +265,7 @@ def hostile_npz(data: bytes, rng: Random) -> bytes:
 def read_run(path: Path) -> None:
     """Everything that the reader of a run gives."""
     import thirdbody
-    from thirdbody.output.csv_export import export_csv
+    from thirdbody.export.csv_tables import export_csv
 
     with thirdbody.open(path) as run:
         repr(run), run.scene_text, run.summary(), run.times, run.series, run.units, run.static_arrays()
@@ -281,9 +281,9 @@ def read_run(path: Path) -> None:
 
 def read_scene(path: Path) -> None:
     """The bodies, or the motion, that a scene has from the file."""
+    from thirdbody.build.populate import populate
+    from thirdbody.build.schedule import schedule
     from thirdbody.scene.model import Scene
-    from thirdbody.scene.populate import populate
-    from thirdbody.scene.schedule import schedule
 
     scene = Scene.load(path)
     schedule(scene, 0.0)

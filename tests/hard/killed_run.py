@@ -1,6 +1,6 @@
 """A run for `test_kills.py`, in a process of its own: starts or takes up the run in a folder, and dies by its own hand.
 
-    python killed_run.py FOLDER SCENE SETTINGS(JSON) N     N: which of the calls that touch the disk is its last; 0: none
+python killed_run.py FOLDER SCENE SETTINGS(JSON) N     N: which of the calls that touch the disk is its last; 0: none
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import h5py
 import numpy as np
 
 import thirdbody
-from thirdbody.checkpoint import FILE
-from thirdbody.output.block import Block
-from thirdbody.output.sink import Sink
-from thirdbody.simulate import execute, prepare
-from thirdbody.take_up import prepare_resume
+from thirdbody.runner.checkpoint import FILE
+from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.simulate import execute, prepare
+from thirdbody.trajectory.crash_safe_file import Sink
+from thirdbody.trajectory.polydata_block import Block
 
 OFTEN = 0.05
 """Seconds between checkpoints: a run of some seconds writes dozens."""

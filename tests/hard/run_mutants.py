@@ -147,7 +147,7 @@ COMMANDS: dict[str, list[str]] = {
 
 def _drawn_here(job: dict, windows: list[str | None], report: object = None) -> None:
     """What `render` has drawn by a second process, which would cost seconds; windows are chosen when the worker starts."""
-    from thirdbody.output.worker import draw_run
+    from thirdbody.render.worker import draw_run
 
     draw_run(json.loads(json.dumps(job)))
 
@@ -156,9 +156,9 @@ def answer(folder: str, target: str, command: str) -> tuple[int, str]:
     """Exit code of a command, and what it told of a fault."""
     import traceback
 
-    from thirdbody.cli import app
+    from thirdbody.cli.main import app
     from thirdbody.errors import ThirdbodyError
-    from thirdbody.output import render
+    from thirdbody.render import render
 
     render.draw_elsewhere = _drawn_here
     words = [command.split()[0], folder, *(word.format(target) for word in COMMANDS[command])]

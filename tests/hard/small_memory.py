@@ -28,7 +28,7 @@ def run(words: list[str]) -> None:
     sys.argv = ["thirdbody", *words]
     code = 70
     try:
-        from thirdbody.cli import main
+        from thirdbody.cli.main import main
 
         main()
         code = 0
@@ -57,9 +57,9 @@ def answer(words: list[str]) -> tuple[int, str]:
 
 
 if __name__ == "__main__":
-    import thirdbody.cli  # noqa: F401
-    import thirdbody.output.run  # noqa: F401
-    import thirdbody.scene.build  # noqa: F401
+    import thirdbody.build.simulation  # noqa: F401
+    import thirdbody.cli.main  # noqa: F401
+    import thirdbody.trajectory.reader  # noqa: F401
 
     for line in sys.stdin:
         print(json.dumps(answer(json.loads(line))), flush=True)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
+from thirdbody.build.simulation import build
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels import layout as at
-from thirdbody.output.run import open_run
-from thirdbody.scene.build import build
+from thirdbody.runner.simulate import run
 from thirdbody.scene.model import ConstantVelocity, Contact, Domain, Motion, Scene, UpperPlate
-from thirdbody.simulate import run
+from thirdbody.trajectory.reader import open_run
 
 SCENES = Path(__file__).parents[2] / "scenes"
 RADIUS = 1e-3

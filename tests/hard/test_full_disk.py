@@ -22,12 +22,12 @@ import h5py
 import pytest
 
 import thirdbody
-from thirdbody import checkpoint
-from thirdbody.checkpoint import FILE, read_checkpoint
 from thirdbody.errors import Interrupted, OutputError
-from thirdbody.output import vtkhdf
-from thirdbody.simulate import execute, prepare
-from thirdbody.take_up import prepare_resume
+from thirdbody.runner import checkpoint
+from thirdbody.runner.checkpoint import FILE, read_checkpoint
+from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.simulate import execute, prepare
+from thirdbody.trajectory import writer
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 SHORT = {"debris.0.count": "20", "solver.distance": "0.2 um", "output.every": "0.05 um"}
@@ -166,7 +166,7 @@ def test_a_disk_that_fills_up_under_a_resumed_run(runs, cut, monkeypatch):
         return USAGE(10**10, 10**10, 10**10 if asked[0] <= 4 else 1000)
 
     with monkeypatch.context() as patch:
-        patch.setattr(vtkhdf.shutil, "disk_usage", usage)
+        patch.setattr(writer.shutil, "disk_usage", usage)
         with pytest.raises(OutputError, match="disk is full") as told:
             take_up(cut)
     refused(told.value, cut / "run.vtkhdf")

@@ -28,7 +28,9 @@ SECONDS = 30.0  # of the processor
 BATCH = 60  # of CI
 MANY = int(os.environ.get("FUZZ_FILES", "1000"))
 
-SCENE = STEEL + """\
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 {debris}
@@ -48,6 +50,7 @@ settle = "20 ns"
 [output]
 every = "{every}"
 """
+)
 BALLS = 'kind = "spheres"\nradius = "5 um"\ncount = 3'
 MOVING = 'motion = {x = {velocity = "0.5 m/s"}}'
 

@@ -22,7 +22,7 @@ from steel import STEEL
 
 import thirdbody
 from thirdbody.errors import Interrupted
-from thirdbody.simulate import execute, prepare
+from thirdbody.runner.simulate import execute, prepare
 
 HERE = Path(__file__).parent
 SECONDS = 30.0  # of the processor
@@ -43,7 +43,9 @@ def loaded(name: str) -> ModuleType:
 
 F, M = loaded("file_mutants"), loaded("run_mutants")
 
-SCENE = STEEL + """\
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 kind = "spheres"
 material = "steel"
@@ -68,6 +70,7 @@ integrator = "{}"
 [output]
 every = "0.01 um"
 """
+)
 KINDS = ("explicit", "implicit")
 
 
@@ -123,7 +126,7 @@ class Worker:
 
 def draws() -> bool:
     """Whether pictures can be drawn here."""
-    from thirdbody.output.render import LIBRARIES, _loads
+    from thirdbody.render.render import LIBRARIES, _loads
 
     return not sys.platform.startswith("linux") or any(_loads(name) for names in LIBRARIES.values() for name in names)
 
@@ -152,9 +155,7 @@ def asked(kind: str, rng: Random) -> list[str]:
 
 def bytes_of(folder: Path) -> dict[str, bytes | None]:
     """All that is in a folder; None for what is no readable file."""
-    return {
-        str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))
-    }
+    return {str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))}
 
 
 def faults_of(worker: Worker, folder: Path, target: Path, command: str) -> tuple[int | None, list[str]]:

@@ -20,9 +20,9 @@ import pytest
 from numba.core.event import Event, Listener, install_listener
 
 from thirdbody.errors import InputError
+from thirdbody.runner.simulate import default_folder, prepare
 from thirdbody.scene.model import Scene
 from thirdbody.scene.read import MOST_BYTES
-from thirdbody.simulate import default_folder, prepare
 
 SECONDS = 30  # of the processor: what a machine with other work gives in ten seconds is not known
 PATIENCE = 600  # s on the clock, for what waits without working

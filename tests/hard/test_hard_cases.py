@@ -8,20 +8,20 @@ from dataclasses import replace
 import pytest
 
 from thirdbody.errors import UsageError
-from thirdbody.studies import hard
-from thirdbody.studies.hard_cases import CASES, LEVELS, Case
-from thirdbody.studies.trial import Finding, Setting, Trial
+from thirdbody.studies.robustness import time_steps
+from thirdbody.studies.robustness.case import Finding, Setting, Trial
+from thirdbody.studies.robustness.cases import CASES, LEVELS, Case
 
 
 def ways(quick):
-    found = [(case, setting) for case in CASES for setting in hard.settings_of(case, quick)]
+    found = [(case, setting) for case in CASES for setting in time_steps.settings_of(case, quick)]
     return [pytest.param(*way, id=f"{way[0].name}-{way[1].integrator}-{way[1].level}") for way in found]
 
 
 @pytest.mark.parametrize("case, setting", ways(quick=True))
 def test_hard_case(case, setting):
     """The reasons for the tolerances stand beside the invariants."""
-    row = hard.run_case(case, setting, sweep=False)
+    row = time_steps.run_case(case, setting, sweep=False)
     assert row.holds, "\n".join(row.broken)
 
 
@@ -29,16 +29,16 @@ def test_hard_case(case, setting):
 @pytest.mark.parametrize("case, setting", ways(quick=False))
 def test_hard_case_in_full(case, setting):
     """Every level, the long versions, and the largest stable step between 1.2 and 10 times the automatic one."""
-    row = hard.run_case(case, setting)
+    row = time_steps.run_case(case, setting)
     assert row.holds, f"{row.factor} {row.beyond}\n" + "\n".join(row.broken)
     assert (row.factor is not None) == (case.swept and setting.integrator == "explicit")
 
 
 @pytest.mark.parametrize("name", ["symmetric_spots", "rigid_plane"])
 def test_automatic_step_has_a_margin_and_wastes_little(name):
-    (case,) = hard.chosen([name])
-    row = hard.run_case(case, Setting("explicit", "mindlin"))
-    assert hard.LEAST <= row.factor <= hard.MOST
+    (case,) = time_steps.chosen([name])
+    row = time_steps.run_case(case, Setting("explicit", "mindlin"))
+    assert time_steps.LEAST <= row.factor <= time_steps.MOST
     assert "energy" in row.beyond  # what gives way first in both
 
 
@@ -46,12 +46,12 @@ def test_cases_have_names_of_their_own_and_known_levels():
     assert len({case.name for case in CASES}) == len(CASES)
     assert all(set(case.levels) <= set(LEVELS) and case.integrators for case in CASES)
     with pytest.raises(UsageError, match="did you mean 'lost_contact'"):
-        hard.chosen(["lost_contac"])
+        time_steps.chosen(["lost_contac"])
 
 
 def made(course):
     """A row of a case with this course."""
-    return hard.run_case(Case("made_up", "", course, ("explicit",), ("mindlin",)), Setting("explicit", "mindlin"))
+    return time_steps.run_case(Case("made_up", "", course, ("explicit",), ("mindlin",)), Setting("explicit", "mindlin"))
 
 
 def test_a_broken_invariant_fails_a_case():
@@ -63,7 +63,7 @@ def test_a_broken_invariant_fails_a_case():
 
 def test_a_step_that_is_never_stable_or_always_is_fails_a_case():
     row = made(lambda trial: trial.steps.append(1.0))
-    assert row.factor == hard.FACTORS[-1] and not row.holds
+    assert row.factor == time_steps.FACTORS[-1] and not row.holds
     assert not replace(row, factor=1.0).holds and replace(row, factor=1.2).holds and replace(row, factor=10.0).holds
 
 

@@ -17,12 +17,12 @@ from portable import PATIENCE, processor_seconds
 from trajectories import contents
 
 import thirdbody
-from thirdbody.checkpoint import FILE
 from thirdbody.engine import implicit
 from thirdbody.errors import Interrupted
 from thirdbody.kernels import layout as at
-from thirdbody.simulate import execute, prepare
-from thirdbody.take_up import prepare_resume
+from thirdbody.runner.checkpoint import FILE
+from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.simulate import execute, prepare
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 ALONE = {"contact.debris_contact": "none", "solver.integrator": "implicit"}
@@ -80,7 +80,7 @@ def test_a_batch_of_many_bodies_hears_a_signal(tmp_path, number, code):
     """512 bodies that all have a millimetre to go: most of a minute of work between two outputs."""
     folder = tmp_path / "run"
     settings = {"debris.0.count": "512", "solver.distance": "1 mm", "output.every": "1 mm"} | ALONE
-    command = [sys.executable, "-c", "from thirdbody.cli import main; main()", "run", str(SCENE), "-o", str(folder), "-q"]
+    command = [sys.executable, "-c", "from thirdbody.cli.main import main; main()", "run", str(SCENE), "-o", str(folder), "-q"]
     command += [word for key, value in settings.items() for word in ("--set", f"{key}={value}")]
     before = children_seconds()
     child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=os.environ)

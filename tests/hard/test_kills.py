@@ -18,8 +18,8 @@ import h5py
 import pytest
 
 import thirdbody
-from thirdbody.checkpoint import FILE
 from thirdbody.errors import InputError
+from thirdbody.runner.checkpoint import FILE
 
 PROGRAM = Path(__file__).with_name("killed_run.py")
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
@@ -40,9 +40,11 @@ def arrays(folder: Path) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     with h5py.File(folder / "run.vtkhdf") as file:
         file.visititems(
-            lambda name, item: found.update({name: item[()].tobytes()})
-            if isinstance(item, h5py.Dataset) and not name.startswith("scene/")
-            else None
+            lambda name, item: (
+                found.update({name: item[()].tobytes()})
+                if isinstance(item, h5py.Dataset) and not name.startswith("scene/")
+                else None
+            )
         )
     return found
 
@@ -78,7 +80,7 @@ def opens(folder: Path) -> None:
                 assert len(run.bodies(frame)["state"]) and len(run.spheres(frame)["position"])
     except InputError:
         # killed before its first frame: then there is nothing to read, and the checkpoint says so
-        from thirdbody.checkpoint import read_checkpoint
+        from thirdbody.runner.checkpoint import read_checkpoint
 
         assert not (folder / FILE).exists() or read_checkpoint(folder).frames == 0
 

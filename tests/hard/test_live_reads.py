@@ -12,7 +12,9 @@ from steel import STEEL
 import thirdbody
 from thirdbody.errors import InputError
 
-SCENE = STEEL + """\
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 kind = "spheres"
 material = "steel"
@@ -34,6 +36,7 @@ integrator = "explicit"
 [output]
 every = "20 ns"
 """
+)
 READS = 100
 
 

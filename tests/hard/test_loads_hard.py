@@ -10,7 +10,7 @@ import pytest
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels import layout as at
-from thirdbody.scene.loads import Load
+from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause
 
 FIRST, LAST, MU = 1e-5, 1e-1, 0.3

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import thirdbody
+from thirdbody.build.simulation import Simulation
 from thirdbody.engine.energy import Ledger
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import Simulation
+from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
-from thirdbody.simulate import prepare
 
 SCENES = Path(__file__).parents[2] / "scenes"
 LOOKS = 20

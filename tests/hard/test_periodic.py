@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from thirdbody.build.simulation import build
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import build
 from thirdbody.scene.model import Domain
 
 RADIUS, LENGTH, WIDTH, COUNT = 1e-3, 8e-3, 6e-3, 14

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.endings import ending_warnings
 from thirdbody.errors import GuardStop, InputError
-from thirdbody.simulate import prepare
+from thirdbody.runner.accuracy_warnings import ending_warnings
+from thirdbody.runner.simulate import prepare
 
 pytestmark = pytest.mark.hard
 

@@ -15,9 +15,9 @@ import pytest
 
 import thirdbody
 from thirdbody.errors import GuardStop, InputError, Interrupted
+from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
-from thirdbody.scene.write import toml_text
-from thirdbody.simulate import execute, prepare
+from thirdbody.scene.toml_writer import toml_text
 
 SCENES = int(os.environ.get("RANDOM_SCENES", "200"))
 WALL_LIMIT = 20.0  # s; a scene takes about one on an idle core; what is cut off must say what limits its steps

@@ -20,11 +20,11 @@ import pytest
 from portable import PATIENCE, processor_seconds
 
 import thirdbody
-from thirdbody.checkpoint import FILE
-from thirdbody.take_up import prepare_resume
+from thirdbody.runner.checkpoint import FILE
+from thirdbody.runner.resume import prepare_resume
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
-PROGRAM = [sys.executable, "-c", "from thirdbody.cli import main; main()"]
+PROGRAM = [sys.executable, "-c", "from thirdbody.cli.main import main; main()"]
 CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 HEARD = 3.0
 """Seconds from a signal to the end of the process: a call of a second, a frame, a checkpoint, the summary. By the clock, or where
@@ -104,9 +104,11 @@ def arrays(folder: Path) -> dict[str, bytes]:
     found: dict[str, bytes] = {}
     with h5py.File(folder / "run.vtkhdf") as file:
         file.visititems(
-            lambda name, item: found.update({name: item[()].tobytes()})
-            if isinstance(item, h5py.Dataset) and not name.startswith("scene/")
-            else None
+            lambda name, item: (
+                found.update({name: item[()].tobytes()})
+                if isinstance(item, h5py.Dataset) and not name.startswith("scene/")
+                else None
+            )
         )
     return found
 

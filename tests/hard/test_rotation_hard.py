@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
+from thirdbody.build.simulation import build
 from thirdbody.engine.state import angular_momentum, rotation_matrices
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import build
 
 RADIUS = 1e-3
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from scalar_bodies import E_PUSH
 
 from thirdbody.kernels import layout as at
-from thirdbody.kernels import motion
+from thirdbody.kernels import schedule as motion
 
 Schedule = list[list[float]]
 

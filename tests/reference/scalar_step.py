@@ -21,8 +21,8 @@ from scalar_laws import Effects, Laws
 from scalar_plates import Patches, Plan
 
 from thirdbody.kernels import layout as at
-from thirdbody.kernels import motion
-from thirdbody.kernels.rolling import MOMENTS
+from thirdbody.kernels import schedule as motion
+from thirdbody.kernels.rolling_kinematics import MOMENTS
 
 Pair = tuple[int, int]
 

@@ -6,10 +6,10 @@ import numpy as np
 import peers_scenes
 from thirdbody_three_spot import PLUGIN as THREE_SPOT
 
+from thirdbody.build.simulation import Simulation, build
 from thirdbody.kernels import layout as at
-from thirdbody.laws.catalogue import PLUGIN as CATALOGUE
+from thirdbody.laws.builtin import PLUGIN as CATALOGUE
 from thirdbody.laws.registry import Registry
-from thirdbody.scene.build import Simulation, build
 from thirdbody.scene.model import Scene
 
 TEXT = """\
@@ -90,9 +90,7 @@ def scene(debris: str, size: str, upper: str = LOADED, settle: str = "0.02 us", 
 def clumps(steel: int, brass: int = 0, seed: int = 4, placement: str = "") -> str:
     """Irregular debris of one or two materials."""
     both = (("steel", steel), ("brass", brass))
-    return "".join(
-        CLUMPS.format(material=m, count=n, seed=seed + k, placement=placement) for k, (m, n) in enumerate(both) if n
-    )
+    return "".join(CLUMPS.format(material=m, count=n, seed=seed + k, placement=placement) for k, (m, n) in enumerate(both) if n)
 
 
 def balls(steel: int, brass: int, velocity: float = 1.0, seed: int = 1, placement: str = "") -> str:

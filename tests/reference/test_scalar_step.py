@@ -25,18 +25,19 @@ import scalar_step
 import small_scenes
 from scalar_step import Reference
 
-from thirdbody.engine import explicit, pace
+from thirdbody.build.simulation import Simulation
+from thirdbody.engine import explicit, thread_tuner
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import Physics, Slots, rotation_matrices
+from thirdbody.jit.packed_arguments import known
 from thirdbody.kernels import layout as at
-from thirdbody.kernels import motion, step
-from thirdbody.kernels.bodies import BODIES
-from thirdbody.kernels.contacts import GROUP
-from thirdbody.kernels.context import known
-from thirdbody.kernels.rolling import MOMENTS
+from thirdbody.kernels import schedule
+from thirdbody.kernels.explicit import step_loop
+from thirdbody.kernels.explicit.contact_forces import GROUP
+from thirdbody.kernels.explicit.passes import work
+from thirdbody.kernels.rigid_body import BODIES
+from thirdbody.kernels.rolling_kinematics import MOMENTS
 from thirdbody.kernels.signatures import KINDS, WORK, Context
-from thirdbody.kernels.work import work
-from thirdbody.scene.build import Simulation
 
 SCENES = {
     "layer": (150, 10),
@@ -101,12 +102,12 @@ def follow(simulation: Simulation, steps: int) -> list[Event]:
     while left > 0:
         before = int(state.A[at.A_STEPS])
         code, _ = engine._advance(left, math.inf, math.inf, state.dt)  # type: ignore[union-attr]
-        assert code in (step.SEARCH, step.BUDGET)
-        if code == step.SEARCH:
+        assert code in (step_loop.SEARCH, step_loop.BUDGET)
+        if code == step_loop.SEARCH:
             search(state)
             engine._tables()  # type: ignore[union-attr]
         made = int(state.A[at.A_STEPS]) - before
-        events.append((made, state.slots if code == step.SEARCH else None))
+        events.append((made, state.slots if code == step_loop.SEARCH else None))
         left -= made
     return events
 
@@ -239,8 +240,8 @@ def two_threads(monkeypatch) -> Iterator[None]:
     before = numba.get_num_threads()
     numba.set_num_threads(min(2, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]
     monkeypatch.setattr(numba, "get_num_threads", lambda: 2)
-    monkeypatch.setattr(pace, "STARVED", 0.0)  # on a busy machine, too,
-    monkeypatch.setattr(pace, "SHORT", 0.0)  # and one thread is not tried
+    monkeypatch.setattr(thread_tuner, "STARVED", 0.0)  # on a busy machine, too,
+    monkeypatch.setattr(thread_tuner, "SHORT", 0.0)  # and one thread is not tried
     yield
     numba.set_num_threads(before)
 
@@ -259,7 +260,7 @@ def test_two_threads_have_the_bits_of_one(name, two_threads):
 def test_threads_may_change_on_the_way(two_threads, monkeypatch):
     """As they do where others use the cores."""
     turns = itertools.cycle((2, 1))
-    monkeypatch.setattr(pace.Pace, "threads", lambda *_: next(turns))
+    monkeypatch.setattr(thread_tuner.Pace, "threads", lambda *_: next(turns))
     assert differing_bits(engine_alone("swarm"), both("swarm").engine) == set()
 
 
@@ -317,7 +318,9 @@ def test_the_scenes_are_hard_enough():
         assert np.count_nonzero(hosts != guests) > 10
     assert layer.simulation.state.S is layer.simulation.state.B and swarm.simulation.state.S is not swarm.simulation.state.B
     assert set(zip(hosts, guests, strict=True)) >= {(0, 1), (1, 2), (2, 3)}
-    assert swarm.simulation.state.n_bodies > 3 * GROUP * BODIES > step.FEW * GROUP * BODIES  # fewer are not shared out to threads
+    assert (
+        swarm.simulation.state.n_bodies > 3 * GROUP * BODIES > step_loop.FEW * GROUP * BODIES
+    )  # fewer are not shared out to threads
     assert swarm.reference.opened > 0 and swarm.reference.closed > 0
     assert any(slots is not None for found in (layer, crowd, springs, rolled) for _, slots in found.events)
     for found in (crowd, springs, rolled):  # unlike materials in one tile
@@ -329,7 +332,7 @@ def test_the_scenes_are_hard_enough():
     assert springs.simulation.state.slots.n_plates == springs.simulation.state.slots.count
     assert springs.simulation.state.n_bodies > BODIES and len(springs.reference.P) == springs.simulation.state.n_bodies
     assert len(foundation.reference.P) == foundation.simulation.state.n_bodies + 1
-    assert foundation.reference.plan.rows[motion.LOAD] and foundation.reference.plan.rows[motion.Y]
+    assert foundation.reference.plan.rows[schedule.LOAD] and foundation.reference.plan.rows[schedule.Y]
     clock, settled = rolled.engine["A"][at.A_TIME], rolled.simulation.settle  # what ends with settling ends on the way
     assert clock - SCENES["rolled"][1] * rolled.simulation.state.dt < settled < clock
     assert torn.reference.opened > 50 and torn.reference.lost > SEEN * OF_FORCES * torn.engine["A"][at.A_FRICTION]
@@ -411,6 +414,7 @@ def end_normal(frame: Any, moved: Any, _: Any) -> Any:
 
 
 RIGHT_SLIP, RIGHT_CARRY = scalar_contact.slipping, scalar_contact.carry
+
 
 def instead(where: Any, name: str, wrong: Any) -> Spoil:
     """Something wrong in place of what has this name."""

@@ -17,7 +17,7 @@ import pytest
 import thirdbody
 from thirdbody.engine.state import refresh_spheres
 from thirdbody.kernels import layout as at
-from thirdbody.simulate import prepare
+from thirdbody.runner.simulate import prepare
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 WAY, STOPS = 20e-6, 20

@@ -13,17 +13,17 @@ import numpy as np
 import pytest
 
 from thirdbody.bodies.clump import Clump
+from thirdbody.build.physics import choose
 from thirdbody.engine.explicit import Explicit
-from thirdbody.engine.plates import Schedule, Segment, UpperPlate
 from thirdbody.engine.state import Placed, World, assemble
+from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate
 from thirdbody.kernels import layout as at
-from thirdbody.kernels import motion
+from thirdbody.kernels import schedule
 from thirdbody.laws.contract import LawFamily, Plugin
 from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.mindlin import MINDLIN
 from thirdbody.laws.registry import Registry
-from thirdbody.scene.choose import choose
 from thirdbody.scene.model import Contact, Domain, Material, Output, Pair, Plates, Scene, Solver, Spheres
 
 HERE = Path(__file__).parent
@@ -99,8 +99,8 @@ def shear(layer: dict[str, np.ndarray], level: str, time_step: float | None) -> 
     family = LawFamily(name="peer", levels=LAWS, default_level="full")
     choice = choose(scene(level), Registry((Plugin(name="peer", families=(family,)),)))
     n, one = len(layer["bm"]), np.ones(1)
-    x = (Segment(0.0, motion.POLYNOMIAL, 0.0, LAMMPS["speed"]),)
-    gap = (Segment(0.0, motion.POLYNOMIAL, float(layer["H"]) * LENGTH),)
+    x = (Segment(0.0, schedule.POLYNOMIAL, 0.0, LAMMPS["speed"]),)
+    gap = (Segment(0.0, schedule.POLYNOMIAL, float(layer["H"]) * LENGTH),)
     heights = one * gap[0].a
     patch = np.zeros(n, np.int64)
     plate = UpperPlate(1, heights, one, 0.0 * one, 0.0 * one, False, patch, Schedule(x=x, gap=gap))

@@ -27,9 +27,7 @@ def dragged(tmp_path_factory):
 
 
 def test_friction_is_what_a_sliding_particle_resists_with(dragged):
-    found = [
-        dragged(pairs__0__friction=mu, pairs__1__friction=mu)["friction_coefficient"][-1] for mu in ("0.15", "0.30")
-    ]
+    found = [dragged(pairs__0__friction=mu, pairs__1__friction=mu)["friction_coefficient"][-1] for mu in ("0.15", "0.30")]
     # it slides on all its spots by then; the upper one sets the coefficient exactly
     assert found == pytest.approx([0.15, 0.30], rel=1e-6)
 

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.foretold import WATCHED, forecast_against_fact, forecasts
-from thirdbody.output.foretold_plot import check_format, draw_forecasts, pooled
+from thirdbody.plot.forecast_plot import check_format, draw_forecasts, pooled
+from thirdbody.report.forecast_check import WATCHED, forecast_against_fact, forecasts
 
 SCENE = """
 scene = 1

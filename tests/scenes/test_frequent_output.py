@@ -14,10 +14,12 @@ from trajectories import contents
 import thirdbody
 from thirdbody.engine import explicit
 from thirdbody.errors import Interrupted
-from thirdbody.simulate import execute, prepare
-from thirdbody.take_up import prepare_resume
+from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.simulate import execute, prepare
 
-BALLS = STEEL + """\
+BALLS = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheres"
@@ -40,6 +42,7 @@ integrator = "explicit"
 [output]
 every = "150 nm"
 """
+)
 """A step is some .9 nm of sliding."""
 
 TOGETHER = {"plates.upper.support": "rigid", "solver.integrator": "implicit", "contact.debris_contact": "none"}

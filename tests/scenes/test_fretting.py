@@ -10,7 +10,7 @@ import pytest
 
 import thirdbody
 from thirdbody.errors import InputError
-from thirdbody.simulate import prepare
+from thirdbody.runner.simulate import prepare
 
 SCENES = Path(__file__).parents[2] / "scenes"
 MU, LOAD, AMPLITUDE, FREQUENCY = 0.2, 2e-4, 40e-9, 1e5

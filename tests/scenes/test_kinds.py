@@ -95,7 +95,9 @@ def test_a_dense_bed_carries_the_plate_and_shears(dense):
     assert run.series["gap"][-1] > run.series["gap"][1]
 
 
-SPHEROIDS = STEEL + """\
+SPHEROIDS = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheroid"
@@ -129,6 +131,7 @@ distance = "4 um"
 [output]
 every = "0.5 um"
 """
+)
 
 
 def test_flat_spheroids_slide_and_round_ones_roll(tmp_path):

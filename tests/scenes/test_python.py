@@ -14,7 +14,7 @@ import pytest
 
 import thirdbody
 from thirdbody.errors import Fault, InputError, Interrupted, OutputError
-from thirdbody.progress import Progress
+from thirdbody.runner.progress import Progress
 
 BALLS = {
     "title": "two balls",

@@ -17,12 +17,12 @@ from steel import STEEL
 from trajectories import contents
 
 import thirdbody
-from thirdbody.checkpoint import FILE, NOTES, Checkpoint, read_checkpoint
 from thirdbody.engine.snapshot import Snapshot
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.kernels import layout as at
-from thirdbody.simulate import execute, prepare
-from thirdbody.take_up import prepare_resume
+from thirdbody.runner.checkpoint import FILE, NOTES, Checkpoint, read_checkpoint
+from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.simulate import execute, prepare
 
 SCENES = Path(__file__).parents[2] / "scenes"
 ALONE = {"contact.debris_contact": "none"}
@@ -100,9 +100,7 @@ def test_a_finished_run_goes_further(tmp_path, name):
     every = {"output.every": f"{0.25e6 * whole.solver.distance} um"}
     thirdbody.run(whole.with_settings(every), tmp_path / "whole", progress=False)
     thirdbody.run(half.with_settings(every), tmp_path / "half", progress=False)
-    thirdbody.resume(
-        tmp_path / "half", progress=False, settings={"solver.distance": f"{1e6 * whole.solver.distance} um"}
-    )
+    thirdbody.resume(tmp_path / "half", progress=False, settings={"solver.distance": f"{1e6 * whole.solver.distance} um"})
     first, second = contents(tmp_path / "whole"), contents(tmp_path / "half")
     assert [key for key in first if first[key] != second[key]] == []
     with thirdbody.open(tmp_path / "half") as run:
@@ -314,7 +312,9 @@ def test_forged_clocks_of_bodies_are_refused(tmp_path, table, column, lie):
         execute(simulation, folder, kept=kept)
 
 
-RESTING = STEEL + """\
+RESTING = (
+    STEEL
+    + """\
 [[debris]]
 kind = "spheres"
 material = "steel"
@@ -330,6 +330,7 @@ integrator = "explicit"
 [output]
 every = "0.5 us"
 """
+)
 
 
 def test_a_run_in_which_nothing_touches_goes_on(tmp_path):

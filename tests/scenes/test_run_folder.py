@@ -13,15 +13,18 @@ import pytest
 from steel import STEEL
 
 import thirdbody
-from thirdbody import run_folder, take_up
-from thirdbody.checkpoint import FILE as CHECKPOINT
 from thirdbody.errors import InputError, Interrupted, OutputError
-from thirdbody.output.vtkhdf import TrajectoryWriter
-from thirdbody.run_folder import FILES, REPLACEMENT
-from thirdbody.simulate import execute, prepare
-from thirdbody.take_up import prepare_resume
+from thirdbody.runner import resume as take_up
+from thirdbody.runner import run_folder
+from thirdbody.runner.checkpoint import FILE as CHECKPOINT
+from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.run_folder import FILES, REPLACEMENT
+from thirdbody.runner.simulate import execute, prepare
+from thirdbody.trajectory.writer import TrajectoryWriter
 
-SCENE = STEEL + """\
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 kind = "spheres"
 material = "steel"
@@ -36,6 +39,7 @@ duration = "1 us"
 [output]
 every = "0.5 us"
 """
+)
 LINK = "is a symbolic link; a run goes on only in regular files of its own"
 
 
@@ -200,7 +204,7 @@ def test_a_checkpoint_that_cannot_be_written_names_the_folder_of_the_run(old, mo
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("thirdbody.checkpoint.np.savez", full)
+    monkeypatch.setattr("thirdbody.runner.checkpoint.np.savez", full)
     with pytest.raises(OutputError) as told:
         start(old, overwrite=True)
     assert str(told.value).startswith(f"{old / CHECKPOINT}: cannot be written") and REPLACEMENT not in str(told.value)
@@ -270,10 +274,10 @@ KILLED = """\
 import os, signal, sys
 from pathlib import Path
 import thirdbody
-from thirdbody import run_folder
-from thirdbody.output.vtkhdf import TrajectoryWriter
-from thirdbody.simulate import execute, prepare
-from thirdbody.take_up import prepare_resume
+from thirdbody.runner import run_folder
+from thirdbody.trajectory.writer import TrajectoryWriter
+from thirdbody.runner.simulate import execute, prepare
+from thirdbody.runner.resume import prepare_resume
 
 folder, text, last = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
 simulation, calls = prepare(thirdbody.Scene.parse(text)), 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import thirdbody
-from thirdbody.kernels.limits import CAUSES, WORDS
+from thirdbody.kernels.implicit.step_limits import CAUSES, WORDS
 
 SCENE = """
 scene = 1

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from thirdbody import cache
-from thirdbody.laws import generated
-from thirdbody.modules import import_file
+from thirdbody.jit import cache_dir
+from thirdbody.laws.codegen import module_cache
+from thirdbody.system.module_import import import_file
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sliding_flakes.toml"
 FIRST_RUNS = """
@@ -41,12 +41,12 @@ def test_first_runs_in_threads_of_one_process_give_the_same_bits(tmp_path):
 
 
 def test_a_thread_waits_until_another_has_imported_the_same_generated_module(tmp_path, monkeypatch):
-    monkeypatch.setattr(cache, "folder", lambda: tmp_path)
+    monkeypatch.setattr(cache_dir, "folder", lambda: tmp_path)
     text = "import time\ntime.sleep(0.3)\nlaw = 1\n"
     found: list[object] = []
 
     def load() -> None:
-        found.append(getattr(generated.load("slow", text, [])[0], "law", "was not there yet"))
+        found.append(getattr(module_cache.load("slow", text, [])[0], "law", "was not there yet"))
 
     threads = [threading.Thread(target=load) for _ in range(2)]
     for thread in threads:

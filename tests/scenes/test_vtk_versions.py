@@ -20,13 +20,13 @@ import pytest
 from portable import PATIENCE
 
 import thirdbody
-from thirdbody.output.pack import pack_run
-from thirdbody.output.palette import rgb, state_colors
-from thirdbody.output.paraview import write_sidecars
-from thirdbody.output.pvd import export_pvd
-from thirdbody.output.run import Run
-from thirdbody.output.schema import BLOCKS, Frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.export.compress import pack_run
+from thirdbody.export.paraview import write_sidecars
+from thirdbody.export.pvd import export_pvd
+from thirdbody.palette import rgb, state_colors
+from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.schema import BLOCKS, Frame
+from thirdbody.trajectory.writer import TrajectoryWriter
 
 VERSIONS = ["9.4", "9.5", "9.6", "9.7"]
 CONTACTS = (0, 4, 0, 0, 7, 2, 0)  # none at the start, between, twice in a row, and at the end
@@ -34,7 +34,7 @@ SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
 SHORT = {"debris.0.count": "16", "solver.distance": "0.5 um", "output.every": "0.1 um"}
 
 # Runs where neither h5py nor thirdbody is: what VTK gives, against arrays that were laid down beside the files.
-CHECK = r'''
+CHECK = r"""
 import sys
 import numpy as np
 import vtk
@@ -79,7 +79,7 @@ for path in sys.argv[4:]:
             assert "position" in wanted
             compared += same(data, wanted, name, (path, name, step))
 print(vtk.VTK_VERSION, compared)
-'''
+"""
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody.build.simulation import Simulation, build
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import Simulation, build
 from thirdbody.scene.model import (
     Contact,
     Domain,

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from thirdbody_three_spot import conditions, cones, hulls, theory
+from thirdbody_three_spot import conditions, friction_cones, hull_conditions, theory
 
 ROUND = {"rel": 1e-13, "abs": 1e-14}  # closed forms of a few operations on numbers of order 1
 SOLVER = 1e-6  # the residual of 1e-8 that counts as balance, times the ratio of arms that occur below
@@ -43,42 +43,46 @@ def random_cases(seed, count, most=6):
     ],
 )
 def test_required_friction(case, mu):
-    assert hulls.required_friction(*case) == pytest.approx(mu, **ROUND)
+    assert hull_conditions.required_friction(*case) == pytest.approx(mu, **ROUND)
 
 
 @pytest.mark.parametrize(
     "case, direction, interval",
     [
         (TRIANGLE, (-1.0, 0.0), (4.0 / 15.0, 14.0 / 15.0)),  # Q at y = .4 reaches from -2/3 to 2/3
-        (TRIANGLE, (0.0, 1.0), hulls.NEVER),
+        (TRIANGLE, (0.0, 1.0), hull_conditions.NEVER),
         # (1.2 - 3 s, .4 + s) meets the sides of Q at s = .64/2.6 and 2.24/4.6; t = s sqrt(10)/2
         (TRIANGLE, (-3.0, 1.0), (0.389203404328415918, 0.769945865084474968)),
         (CROSSED, (1.0, 0.0), (0.4, 1.4 / 1.5)),
         (CROSSED, (-1.0, 0.0), (-1.4 / 1.5, -0.4)),
         (CROSSED, (2.0, 2.0), (0.6 * math.sqrt(2.0) / 1.5, math.sqrt(2.0) / 1.5)),  # {q - p} = [.6, 1.4] x [-1, 1]
-        (CROSSED, (0.0, 1.0), hulls.NEVER),
+        (CROSSED, (0.0, 1.0), hull_conditions.NEVER),
         (SEGMENT, (1.0, 0.0), (0.5, 0.5)),  # {q - p} is the segment x = 1, |y| <= .5: one friction only
         (SEGMENT, (2.0, 1.0), (math.sqrt(5.0) / 4.0, math.sqrt(5.0) / 4.0)),  # its end
-        (SEGMENT, (2.0, 1.01), hulls.NEVER),
-        (SEGMENT, (0.0, 1.0), hulls.NEVER),
+        (SEGMENT, (2.0, 1.01), hull_conditions.NEVER),
+        (SEGMENT, (0.0, 1.0), hull_conditions.NEVER),
         (PAIR, (-3.0, -4.0), (0.25, 0.25)),
-        (PAIR, (-1.0, 0.0), hulls.NEVER),
+        (PAIR, (-1.0, 0.0), hull_conditions.NEVER),
     ],
 )
 def test_sliding_interval(case, direction, interval):
-    assert hulls.sliding_interval(*case, direction) == pytest.approx(interval, **ROUND)
+    assert hull_conditions.sliding_interval(*case, direction) == pytest.approx(interval, **ROUND)
 
 
 def test_can_stick_and_can_slide_hold_at_the_ends():
-    assert hulls.can_stick(*CROSSED, 0.4) and not hulls.can_stick(*CROSSED, 0.4 - 1e-9)
-    assert hulls.can_slide(*CROSSED, 0.4, (1.0, 0.0)) and not hulls.can_slide(*CROSSED, 0.4 - 1e-9, (1.0, 0.0))
-    assert hulls.can_slide(*SEGMENT, 0.5, (1.0, 0.0)) and not hulls.can_slide(*SEGMENT, 0.5 + 1e-9, (1.0, 0.0))
+    assert hull_conditions.can_stick(*CROSSED, 0.4) and not hull_conditions.can_stick(*CROSSED, 0.4 - 1e-9)
+    assert hull_conditions.can_slide(*CROSSED, 0.4, (1.0, 0.0)) and not hull_conditions.can_slide(
+        *CROSSED, 0.4 - 1e-9, (1.0, 0.0)
+    )
+    assert hull_conditions.can_slide(*SEGMENT, 0.5, (1.0, 0.0)) and not hull_conditions.can_slide(
+        *SEGMENT, 0.5 + 1e-9, (1.0, 0.0)
+    )
 
 
 def test_three_spots_are_those_of_the_plane():
     x, h = (0.2, -2.0, 1.5), 4.0
     case = ([(x[0], 0.0)], [(x[1], 0.0), (x[2], 0.0)], h)
-    ours = hulls.sliding_interval(*case, (-1.0, 0.0))
+    ours = hull_conditions.sliding_interval(*case, (-1.0, 0.0))
     assert ours == pytest.approx(theory.sliding_interval(x, h), **ROUND)
     assert conditions.planar_interval(x[:1], x[1:], h) == theory.sliding_interval(x, h) == pytest.approx((-0.325, 0.55), **ROUND)
 
@@ -92,9 +96,9 @@ LINE = np.array([0.6, 0.8])
 def test_places_in_line(scale):
     upper, lower = np.outer([0.1, 0.2, 0.35], LINE) * scale, np.outer([0.7, 1.3, 0.9, 1.0], LINE) * scale
     # P from .1 to .35, Q from .7 to 1.3 along one line; round-off of the products leaves slivers
-    assert hulls.required_friction(upper, lower, scale) == pytest.approx(0.35, rel=1e-12)
-    assert hulls.sliding_interval(upper, lower, scale, LINE) == pytest.approx((0.35, 1.2), rel=1e-12)
-    assert hulls.sliding_interval(upper, lower, scale, (0.6, 0.81)) == hulls.NEVER
+    assert hull_conditions.required_friction(upper, lower, scale) == pytest.approx(0.35, rel=1e-12)
+    assert hull_conditions.sliding_interval(upper, lower, scale, LINE) == pytest.approx((0.35, 1.2), rel=1e-12)
+    assert hull_conditions.sliding_interval(upper, lower, scale, (0.6, 0.81)) == hull_conditions.NEVER
 
 
 def test_slivers_that_round_off_leaves_are_no_area():
@@ -102,16 +106,19 @@ def test_slivers_that_round_off_leaves_are_no_area():
     for angle in np.linspace(0.0, 6.2, 500):
         way = np.array([math.cos(angle), math.sin(angle)])
         upper, lower = np.outer([0.1, 0.2, 0.35], way), np.outer([0.7, 1.3, 0.9, 1.0], way)
-        assert hulls.required_friction(upper, lower, 1.0) == pytest.approx(0.35, rel=1e-12)
-        assert hulls.sliding_interval(upper, lower, 1.0, way) == pytest.approx((0.35, 1.2), rel=1e-12)
+        assert hull_conditions.required_friction(upper, lower, 1.0) == pytest.approx(0.35, rel=1e-12)
+        assert hull_conditions.sliding_interval(upper, lower, 1.0, way) == pytest.approx((0.35, 1.2), rel=1e-12)
 
 
 def test_coincident_spots_count_once():
     upper, lower, h = TRIANGLE
-    assert hulls.required_friction(upper * 3, lower * 2, h) == hulls.required_friction(*TRIANGLE)
-    assert hulls.required_friction([(0.1, 0.2)] * 2, [(0.1, 0.2)], 1.0) == 0.0
-    assert hulls.sliding_interval([(0.1, 0.2)] * 2, [(0.1, 0.2)], 1.0, (1.0, 0.0)) == (0.0, 0.0)
-    assert len(hulls.convex_hull([(0.0, 0.0)] * 3)) == 1 and len(hulls.convex_hull([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)])) == 2
+    assert hull_conditions.required_friction(upper * 3, lower * 2, h) == hull_conditions.required_friction(*TRIANGLE)
+    assert hull_conditions.required_friction([(0.1, 0.2)] * 2, [(0.1, 0.2)], 1.0) == 0.0
+    assert hull_conditions.sliding_interval([(0.1, 0.2)] * 2, [(0.1, 0.2)], 1.0, (1.0, 0.0)) == (0.0, 0.0)
+    assert (
+        len(hull_conditions.convex_hull([(0.0, 0.0)] * 3)) == 1
+        and len(hull_conditions.convex_hull([(0.0, 0.0), (1.0, 1.0), (2.0, 2.0)])) == 2
+    )
 
 
 @pytest.mark.parametrize(
@@ -121,7 +128,7 @@ def test_coincident_spots_count_once():
 )  # fmt: skip
 def test_what_is_no_particle_is_refused(upper, lower, h, direction):
     with pytest.raises(ValueError):
-        hulls.sliding_interval(upper, lower, h, direction)
+        hull_conditions.sliding_interval(upper, lower, h, direction)
 
 
 # -- hulls: invariance --
@@ -134,7 +141,7 @@ def test_answers_do_not_depend_on_frame_order_or_unit(case):
     angle, shift, e = 0.7, np.array([3.0, -5.0]), np.array([0.8, -0.6])
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     mirror = np.array([-1.0, 1.0])
-    mu, interval = hulls.required_friction(*case), hulls.sliding_interval(*case, e)
+    mu, interval = hull_conditions.required_friction(*case), hull_conditions.sliding_interval(*case, e)
     for other, way in (
         ((upper + shift, lower + shift, h), e),
         ((upper @ turn.T, lower @ turn.T, h), turn @ e),
@@ -144,16 +151,16 @@ def test_answers_do_not_depend_on_frame_order_or_unit(case):
         ((lower, upper, h), -e),  # turned upside down, the upper side drags the other way
     ):
         # the shift is eight times the particle: it takes a digit
-        assert hulls.required_friction(*other) == pytest.approx(mu, rel=1e-11, abs=1e-14)
-        assert hulls.sliding_interval(*other, way) == pytest.approx(interval, rel=1e-11, abs=1e-13)
+        assert hull_conditions.required_friction(*other) == pytest.approx(mu, rel=1e-11, abs=1e-14)
+        assert hull_conditions.sliding_interval(*other, way) == pytest.approx(interval, rel=1e-11, abs=1e-13)
 
 
 def test_required_friction_is_the_nearest_point_of_the_interval_over_all_directions():
     angles = np.linspace(0.0, 2.0 * math.pi, 7200, endpoint=False)
-    ends = [hulls.sliding_interval(*TRIANGLE, (math.cos(a), math.sin(a)))[0] for a in angles]
+    ends = [hull_conditions.sliding_interval(*TRIANGLE, (math.cos(a), math.sin(a)))[0] for a in angles]
     nearest = min(t for t in ends if t > 0.0)  # each line is met twice, once backwards
     # a minimum met within half a step of 8.7e-4: relative error below its square
-    assert nearest == pytest.approx(hulls.required_friction(*TRIANGLE), rel=2e-7)
+    assert nearest == pytest.approx(hull_conditions.required_friction(*TRIANGLE), rel=2e-7)
 
 
 # -- hulls against cones --
@@ -162,12 +169,12 @@ def test_required_friction_is_the_nearest_point_of_the_interval_over_all_directi
 @pytest.mark.parametrize("seed", range(6))
 def test_hulls_do_not_contradict_linear_programs_on_sticking(seed):
     for upper, lower, h in random_cases(10 + seed, 50):
-        mu = hulls.required_friction(upper, lower, h)
-        held = cones.between_plates(upper, lower, h, 1.0, 1.0)
+        mu = hull_conditions.required_friction(upper, lower, h)
+        held = friction_cones.between_plates(upper, lower, h, 1.0, 1.0)
         # the inscribed pyramid of mu/cos(pi/K) contains the cone of mu; that of a smaller mu lies within it
-        assert cones.can_balance(held, mu / math.cos(math.pi / K) * (1.0 + SOLVER) + SOLVER, K)
+        assert friction_cones.can_balance(held, mu / math.cos(math.pi / K) * (1.0 + SOLVER) + SOLVER, K)
         if mu > SOLVER:
-            assert not cones.can_balance(held, mu * (1.0 - SOLVER) - SOLVER, K)
+            assert not friction_cones.can_balance(held, mu * (1.0 - SOLVER) - SOLVER, K)
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -178,10 +185,10 @@ def test_hulls_do_not_contradict_linear_programs_on_sliding(seed):
         middle = lower.mean(axis=0) - upper.mean(axis=0)
         e = middle / np.hypot(*middle) if random.random() < 0.7 else np.array([0.6, 0.8])
         pulls = np.repeat([[*e, 0.0], [*-e, 0.0]], [len(upper), len(lower)], axis=0)
-        low, high = hulls.sliding_interval(upper, lower, h, e)
+        low, high = hull_conditions.sliding_interval(upper, lower, h, e)
 
         def slides(mu, case=(upper, lower, h), pulls=pulls):
-            return cones.can_slide(cones.between_plates(*case, mu, mu), pulls)
+            return friction_cones.can_slide(friction_cones.between_plates(*case, mu, mu), pulls)
 
         width = 1e-4 * (high - low)
         if high > 0.0 and width > 0.0:
@@ -192,8 +199,8 @@ def test_hulls_do_not_contradict_linear_programs_on_sliding(seed):
         elif high < low:
             mu = random.uniform(0.0, 2.0)
             # the solver's residual may reach a line that passes the set closely: only clear cases count
-            nearby = [hulls.sliding_interval(upper, lower, h, e + d * np.array([-e[1], e[0]])) for d in (-1e-3, 1e-3)]
-            assert not slides(mu) or min(nearby) != hulls.NEVER
+            nearby = [hull_conditions.sliding_interval(upper, lower, h, e + d * np.array([-e[1], e[0]])) for d in (-1e-3, 1e-3)]
+            assert not slides(mu) or min(nearby) != hull_conditions.NEVER
     assert met > 15  # the test compares something
 
 
@@ -201,61 +208,63 @@ def test_hulls_do_not_contradict_linear_programs_on_sliding(seed):
 
 
 def test_brackets_close_in_like_the_cosine():
-    mu = hulls.required_friction(*TRIANGLE)
-    held = cones.between_plates(*TRIANGLE, 1.0, 1.0)
+    mu = hull_conditions.required_friction(*TRIANGLE)
+    held = friction_cones.between_plates(*TRIANGLE, 1.0, 1.0)
     for edges in (3, 5, 8, 16, 64):
-        lower, upper = cones.required_scale(held, edges)
+        lower, upper = friction_cones.required_scale(held, edges)
         assert lower * (1.0 - SOLVER) <= mu <= upper * (1.0 + SOLVER)
         # the bisection stops at 1e-7 absolute
         assert lower / upper == pytest.approx(math.cos(math.pi / edges), rel=1e-6)
 
 
 def test_frictions_that_differ_scale_together():
-    held = cones.between_plates(*PAIR, 0.5, 0.2)
-    low, high = cones.required_scale(held)
+    held = friction_cones.between_plates(*PAIR, 0.5, 0.2)
+    low, high = friction_cones.required_scale(held)
     assert low <= 0.25 / 0.2 * (1.0 + SOLVER) and 0.25 / 0.2 <= high * (1.0 + SOLVER)  # the weaker side decides
-    assert cones.required_scale(cones.between_plates(*PAIR, 0.0, 0.2)) == (math.inf, math.inf)
-    assert cones.required_scale(cones.between_plates([(0.0, 0.0)], [(0.0, 0.0)], 1.0, 0.0, 0.0)) == (0.0, 0.0)
+    assert friction_cones.required_scale(friction_cones.between_plates(*PAIR, 0.0, 0.2)) == (math.inf, math.inf)
+    assert friction_cones.required_scale(friction_cones.between_plates([(0.0, 0.0)], [(0.0, 0.0)], 1.0, 0.0, 0.0)) == (0.0, 0.0)
 
 
 def test_a_block_on_a_slope_and_a_wedge():
     slope = math.tan(0.4)
     feet = [(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]
     weight = (math.sin(0.4), 0.0, -math.cos(0.4))
-    held = cones.grasp(feet, [(0.0, 0.0, 1.0)] * 4, 0.5, [True] * 4, math.cos(0.4), weight)
-    low, high = cones.required_scale(held, 64)
+    held = friction_cones.grasp(feet, [(0.0, 0.0, 1.0)] * 4, 0.5, [True] * 4, math.cos(0.4), weight)
+    low, high = friction_cones.required_scale(held, 64)
     assert low * (1.0 - SOLVER) <= slope / 0.5 <= high * (1.0 + SOLVER)
     # a moment of the weight about the lower edge: centre of mass at height z tips it once z tan > 1, whatever the friction
     for z, held_fast in ((0.9 / slope, True), (1.1 / slope, False)):
-        turned = cones.grasp(feet, held.normals, 5.0, held.pressed, held.load, weight, np.cross((0.0, 0.0, z), weight))
-        assert cones.can_balance(turned, 1.0, 64) == held_fast
+        turned = friction_cones.grasp(feet, held.normals, 5.0, held.pressed, held.load, weight, np.cross((0.0, 0.0, z), weight))
+        assert friction_cones.can_balance(turned, 1.0, 64) == held_fast
     # two walls that lean by 2 gamma hold what is between them without weight iff mu >= tan gamma
     gamma = 0.3
     walls = [(math.cos(gamma), 0.0, -math.sin(gamma)), (-math.cos(gamma), 0.0, -math.sin(gamma))]
-    wedge = cones.grasp([(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)], walls, 1.0, [True, False], axis=(0.0, 0.0, 1.0))
+    wedge = friction_cones.grasp([(-1.0, 0.0, 0.0), (1.0, 0.0, 0.0)], walls, 1.0, [True, False], axis=(0.0, 0.0, 1.0))
     assert wedge.axis is not None
-    pinched = cones.grasp(wedge.points, walls, 1.0, wedge.pressed)
-    low, high = cones.required_scale(pinched, 64)
+    pinched = friction_cones.grasp(wedge.points, walls, 1.0, wedge.pressed)
+    low, high = friction_cones.required_scale(pinched, 64)
     assert low * (1.0 - SOLVER) <= math.tan(gamma) <= high * (1.0 + SOLVER)
 
 
 def test_shift_of_the_reference_point_takes_its_moment_along():
     force, arm = np.array([0.05, 0.1, -0.3]), np.array([0.2, -0.3, 0.1])
-    held = cones.between_plates(*TRIANGLE, 0.5, 0.5)
-    first = cones.grasp(held.points, held.normals, held.mu, held.pressed, 1.0, force, (0.0, 0.02, 0.03))
-    moved = cones.grasp(held.points - arm, held.normals, held.mu, held.pressed, 1.0, force, first.moment - np.cross(arm, force))
+    held = friction_cones.between_plates(*TRIANGLE, 0.5, 0.5)
+    first = friction_cones.grasp(held.points, held.normals, held.mu, held.pressed, 1.0, force, (0.0, 0.02, 0.03))
+    moved = friction_cones.grasp(
+        held.points - arm, held.normals, held.mu, held.pressed, 1.0, force, first.moment - np.cross(arm, force)
+    )
     # both bisect to 1e-7
-    assert cones.required_scale(first) == pytest.approx(cones.required_scale(moved), abs=1e-6)
-    assert math.isfinite(cones.required_scale(first)[1])
+    assert friction_cones.required_scale(first) == pytest.approx(friction_cones.required_scale(moved), abs=1e-6)
+    assert math.isfinite(friction_cones.required_scale(first)[1])
 
 
 @pytest.mark.parametrize("change", [{"load": 0.0}, {"mu": -0.1}, {"normals": [(0.0, 0.0, 2.0)]}, {"pressed": [True, True]}])
 def test_what_is_no_grasp_is_refused(change):
     good = {"points": [(0.0, 0.0, 0.0)], "normals": [(0.0, 0.0, 1.0)], "mu": 0.1, "pressed": [True], "load": 1.0}
     with pytest.raises(ValueError):
-        cones.grasp(**(good | change))
+        friction_cones.grasp(**(good | change))
     with pytest.raises(ValueError, match="edges"):
-        cones.required_scale(cones.grasp(**good), 2)
+        friction_cones.required_scale(friction_cones.grasp(**good), 2)
 
 
 # -- the plane, with weight --
@@ -268,9 +277,9 @@ def test_plane_with_weight_against_linear_programs(seed):
     h, mus, w = random.uniform(0.5, 2.0), random.uniform(0.05, 1.0, 2), random.choice([0.0, 0.3, 1.0])
     scale = conditions.required_scale(upper, lower, h, *mus, w)
     sides = [np.column_stack([x, np.zeros(len(x))]) for x in (upper, lower)]
-    held = cones.between_plates(*sides, h, *mus, w, axis=(1.0, 0.0, 0.0))
-    assert cones.required_scale(held) == pytest.approx((scale, scale), rel=SOLVER, abs=SOLVER)
-    assert cones.can_balance(held) == (scale <= 1.0) or scale == pytest.approx(1.0, rel=SOLVER)
+    held = friction_cones.between_plates(*sides, h, *mus, w, axis=(1.0, 0.0, 0.0))
+    assert friction_cones.required_scale(held) == pytest.approx((scale, scale), rel=SOLVER, abs=SOLVER)
+    assert friction_cones.can_balance(held) == (scale <= 1.0) or scale == pytest.approx(1.0, rel=SOLVER)
 
 
 def test_weight_moves_the_interval():
@@ -383,7 +392,7 @@ def test_a_spot_that_lifts_off_is_told():
 # -- imports --
 
 
-@pytest.mark.parametrize("module", [conditions, hulls, cones])
+@pytest.mark.parametrize("module", [conditions, hull_conditions, friction_cones])
 def test_theory_imports_nothing_of_ours(module):
     text = open(module.__file__, encoding="utf-8").read()
     assert "thirdbody" not in text.replace("three-body", "") and "\nfrom ." not in text

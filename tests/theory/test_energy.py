@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
+from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.scene.build import build
 from thirdbody.scene.model import Scene
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -32,6 +32,7 @@ SHORT = {
     "fretting_rig.toml": {"debris.0.count": "4", "solver.duration": "20 ms"},
     "dense_layer.toml": {"debris.0.count": "60", "domain.size": ["50 um", "50 um"], "solver.distance": "2 um"},
 }  # fmt: skip
+
 
 def test_every_shipped_scene_is_here():
     assert {path.name for path in SCENES.glob("*.toml")} == set(SHORT)

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from numba import njit
 
+from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels import booking
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import build
+from thirdbody.kernels.explicit import contact_dissipation
 from thirdbody.scene.model import Scene
 
 CLOSED = 1e-3
@@ -112,7 +112,7 @@ def test_friction_that_jumps_is_booked_as_it_acts_at_every_level(tmp_path, level
 @njit(error_model="numpy")
 def booked(I, O):  # noqa: E741
     """Two contacts whose history is a force and an energy, without moments."""
-    booking.book(2, 0, -1, 2, 3, I, O)
+    contact_dissipation.book(2, 0, -1, 2, 3, I, O)
 
 
 def test_a_law_that_makes_energy_stays_visible():

@@ -12,8 +12,8 @@ import pytest
 from numba import njit
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.exact import NODES, ExactParameters, exact, exact_tangent
-from thirdbody_three_spot.exact_field import SPARE
 from thirdbody_three_spot.exact_springs import cells_of, gap_of
+from thirdbody_three_spot.spring_field import SPARE
 
 from thirdbody.laws.contract import Contact, Load
 

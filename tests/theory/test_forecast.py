@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from thirdbody_three_spot import hulls
+from thirdbody_three_spot import hull_conditions
 from thirdbody_three_spot.forecast import forecast
 
 # differences of places of order 1, divided by crossing angles that may be small; h is .3 or more
@@ -20,7 +20,7 @@ def ask(upper, lower, h, e):
 
 
 def expect(upper, lower, h, e):
-    return hulls.required_friction(upper, lower, h), *hulls.sliding_interval(upper, lower, h, e)
+    return hull_conditions.required_friction(upper, lower, h), *hull_conditions.sliding_interval(upper, lower, h, e)
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -10,9 +10,9 @@ import pytest
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.balance import balance
 
+from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import build
 from thirdbody.scene.model import Constant, ConstantVelocity, Effects, Irregular, Motion, Ramp, Scene, Spots, Stroke
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -21,6 +21,7 @@ MICRO, LOAD, MIDDLE = 5e-6, 1e-4, 1e-4
 
 CLOSED = 1e-6
 """Largest residual of the ledger: Newton's method leaves 1e-9 of the forces unbalanced in a step, corners of the laws 1e-6."""
+
 
 def drag(speed):
     """A plate that moves along x at one speed (m/s)."""
@@ -380,6 +381,7 @@ def test_neither_repetition_nor_the_order_of_bodies_changes_a_bit(make):
 
 
 # -- effects --
+
 
 @pytest.mark.parametrize(
     "effects",

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
+from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import build
 from thirdbody.scene.model import Effects, Solver
 
 RADIUS, GRAVITY, DROP = 1e-3, 1e4, 1e-3

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
+from thirdbody.build.simulation import build
 from thirdbody.engine.state import angular_momentum, rotation_matrices
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import build
 from thirdbody.scene.model import Constant, Effects, Irregular, Spheres
 
 MOMENTS, SPIN = (1.0, 2.0, 3.0), (0.05, 1.0, 0.05)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.endings import patches_not_carried
+from thirdbody.build.inertial_number import FAST, SLOW, inertial_number
+from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.made_energy import MADE_GUARD
-from thirdbody.engine.plates import Segment, mean_value
+from thirdbody.engine.numerical_energy_guard import MADE_GUARD
+from thirdbody.engine.upper_plate import Segment, mean_value
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import build
-from thirdbody.scene.inertia import FAST, SLOW, inertial_number
+from thirdbody.runner.accuracy_warnings import patches_not_carried
 from thirdbody.scene.model import ConstantVelocity, Motion, Scene, Stroke
 
 SCENES = Path(__file__).parents[2] / "scenes"

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from thirdbody_three_spot.computed import FRICTIONS, PLACES, computed_points
 from thirdbody_three_spot.regime_map import regime
+from thirdbody_three_spot.regime_points import FRICTIONS, PLACES, computed_points
 
 HALF = 0.5
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import exact, mdr, theory
 
+from thirdbody.build.physics import _value
 from thirdbody.kernels import layout as at
 from thirdbody.laws.contract import Contact, Load, Material, Pair
 from thirdbody.laws.coulomb import COULOMB, COULOMB_ROLLING
 from thirdbody.laws.mindlin import MINDLIN, MINDLIN_ROLLING
-from thirdbody.laws.renewal import RENEWAL, fresh_ground, renewed
-from thirdbody.scene.choose import _value
+from thirdbody.laws.patch_renewal import RENEWAL, fresh_ground, renewed
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 
 LEVELS = {"mdr": (mdr.MDR, 64), "exact": (exact.EXACT, exact.width({"nodes": 48}))}

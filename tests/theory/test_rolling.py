@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
+from thirdbody.build.simulation import build
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import build
 from thirdbody.scene.model import ConstantVelocity, Motion, UpperPlate
 
 RADIUS = 1e-3

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
+from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.timestep import bound
+from thirdbody.engine.time_step import bound
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import build
 from thirdbody.scene.model import Effects
 
 RADIUS, GRAVITY = 1e-3, 9.81

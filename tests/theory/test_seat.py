@@ -104,7 +104,7 @@ def test_a_particle_that_its_contacts_hold_has_no_seat():
 
 
 def test_a_search_that_ends_without_an_answer_is_undecided(monkeypatch):
-    monkeypatch.setattr("thirdbody.engine.seating.STEPS", 1)
+    monkeypatch.setattr("thirdbody.engine.relaxation.STEPS", 1)
     stopped = pressed().stopped
     assert stopped is not None and stopped.label == "undecided" and "no static state" not in stopped.message
 

@@ -11,10 +11,10 @@ from scipy.optimize import brentq
 from thirdbody_three_spot import theory
 
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.shared import Shared
+from thirdbody.engine.implicit_common_plate import Shared
 from thirdbody.errors import GuardStop
-from thirdbody.kernels import hub, steps
 from thirdbody.kernels import layout as at
+from thirdbody.kernels.implicit import common_plate, step_control
 from thirdbody.scene import model
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -202,11 +202,11 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, way, level):
         one._bodies(True, dt, rise, one._velocity(simulation.state.time, dt))
         told.append(one.told.copy())
         one._stay()
-    assert all(part[:, hub.H_FOUND].all() for part in told)
-    quotient = (told[2][:, hub.H_PUSH] - told[0][:, hub.H_PUSH]) / (2.0 * h)
+    assert all(part[:, common_plate.H_FOUND].all() for part in told)
+    quotient = (told[2][:, common_plate.H_PUSH] - told[0][:, common_plate.H_PUSH]) / (2.0 * h)
     assert np.all(quotient < -1e4)
     # the push is curved: a fourth of h^2 over the square of an overlap of some nm, and its rounding of 1e-9 N/m over h
-    assert told[1][:, hub.H_SLOPE] == pytest.approx(quotient, rel=2e-5)
+    assert told[1][:, common_plate.H_SLOPE] == pytest.approx(quotient, rel=2e-5)
     moved = np.abs(simulation.state.B - start)[:, [*range(at.B_X, at.B_W), *range(at.B_Q, at.B_Q + 4)]]
     assert moved[:, :3].max() < 1e-15 and moved.max() < 1e-12, "bodies were not put back"
 
@@ -274,7 +274,6 @@ def test_without_inertia_the_speed_is_nothing(make):
     assert rows[0] == pytest.approx(np.array(rows[1]), abs=1e-6)
 
 
-
 @pytest.mark.parametrize("step", [5e-8, 5e-9])
 @pytest.mark.parametrize("speed", [1e-3, 1.0])
 def test_without_inertia_a_ball_rolls_at_half_any_speed(make, speed, step):
@@ -325,7 +324,7 @@ def test_a_body_that_cannot_be_solved(make, choice):
     one = simulation.integrator
     one.advance_to(time=simulation.settle)
     assert one.summary()["unsolved"] == {}
-    one.memory[1, at.T_CODE] = steps.UNSOLVED
+    one.memory[1, at.T_CODE] = step_control.UNSOLVED
     if choice == "stop":
         with pytest.raises(GuardStop, match="no step of body 1 at"):
             one.advance_to(distance=1e-7)

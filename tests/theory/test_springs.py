@@ -11,7 +11,7 @@ from numba import njit
 from thirdbody_three_spot import mdr, theory
 
 from thirdbody.kernels import layout as at
-from thirdbody.kernels.rolling import travel
+from thirdbody.kernels.rolling_kinematics import travel
 from thirdbody.laws.contract import Contact as Touch
 from thirdbody.laws.contract import Load
 from thirdbody.scene.model import Contact

@@ -196,10 +196,7 @@ def test_mindlin_reversal_closes_the_loop():
 def test_loop_work_is_the_integral_of_the_two_branches():
     limit, s_c, turn, n = 1.0, 1.0, 1.0 - 0.1 ** (2.0 / 3.0), 2000  # T* = .9 mu N
     s = [-turn + 2.0 * turn * (i + 0.5) / n for i in range(n)]
-    area = sum(
-        -theory.mindlin_reversal(-x, turn, limit, s_c) - theory.mindlin_reversal(x, turn, limit, s_c)
-        for x in s
-    )
+    area = sum(-theory.mindlin_reversal(-x, turn, limit, s_c) - theory.mindlin_reversal(x, turn, limit, s_c) for x in s)
     # midpoint rule with an end where the slope is finite: error of order 1/n^2
     assert area * 2.0 * turn / n == pytest.approx(theory.mindlin_loop_work(0.9), rel=1e-5)
 
@@ -229,9 +226,7 @@ def test_impact_constant():
     constant = theory.impact_duration(mass, radius, e, v) / (mass**2 / (radius * e**2 * v)) ** 0.2
     assert constant == pytest.approx(2.86826569919533138, rel=1e-13)
     kinetic = 0.5 * mass * v**2
-    assert theory.hertz_energy(e, radius, theory.impact_overlap(mass, radius, e, v)) == pytest.approx(
-        kinetic, rel=1e-13
-    )
+    assert theory.hertz_energy(e, radius, theory.impact_overlap(mass, radius, e, v)) == pytest.approx(kinetic, rel=1e-13)
 
 
 def test_gross_slip_keeps_angular_momentum_about_the_contact():
@@ -249,9 +244,7 @@ def test_gross_slip_keeps_angular_momentum_about_the_contact():
 def test_restitution_with_pull():
     # exact for a contact that may pull: e = .5 needs less than .5708137, the value for a force clipped at
     # zero
-    assert theory.damping_with_pull(0.5) == pytest.approx(
-        math.sqrt(5.0) * math.log(2.0) / math.hypot(math.log(2.0), math.pi)
-    )
+    assert theory.damping_with_pull(0.5) == pytest.approx(math.sqrt(5.0) * math.log(2.0) / math.hypot(math.log(2.0), math.pi))
     assert theory.damping_with_pull(0.5) < 0.5708137
     assert theory.damping_with_pull(1.0) == 0.0
 
@@ -280,9 +273,7 @@ def test_two_spots_are_the_limit_of_three():
 def test_symmetric_particle_slides_only_without_friction():
     assert theory.sliding_moment_weightless((0.0, -1e-6, 1e-6), 1e-6, 1e-6) == 0.0
     # Fig. 2: another H shifts zeta_2 by dH/n_2
-    assert theory.third_spot_place(0.3, 0.7 + 0.2 / 0.3, 0.8) == pytest.approx(
-        theory.third_spot_place(0.3, 0.7, 0.6)
-    )
+    assert theory.third_spot_place(0.3, 0.7 + 0.2 / 0.3, 0.8) == pytest.approx(theory.third_spot_place(0.3, 0.7, 0.6))
 
 
 def test_eq_21_becomes_eq_22_without_weight():
@@ -295,13 +286,9 @@ def test_top_near_its_stable_axes_nods_like_an_oscillator():
     # small oscillation about axis 3 (and 1): omega^2 = Omega^2 (I3-I1)(I3-I2)/(I1 I2); error of order
     # (.001)^2
     rate = math.sqrt((3.0 - 1.0) * (3.0 - 2.0) / (1.0 * 2.0))
-    assert theory.top_period((1.0, 2.0, 3.0), (1e-3, 1e-3, 1.0)) == pytest.approx(
-        2.0 * math.pi / rate, rel=1e-5
-    )
+    assert theory.top_period((1.0, 2.0, 3.0), (1e-3, 1e-3, 1.0)) == pytest.approx(2.0 * math.pi / rate, rel=1e-5)
     rate = math.sqrt((2.0 - 1.0) * (3.0 - 1.0) / (2.0 * 3.0))
-    assert theory.top_period((1.0, 2.0, 3.0), (1.0, 1e-3, 1e-3)) == pytest.approx(
-        2.0 * math.pi / rate, rel=1e-5
-    )
+    assert theory.top_period((1.0, 2.0, 3.0), (1.0, 1e-3, 1e-3)) == pytest.approx(2.0 * math.pi / rate, rel=1e-5)
     with pytest.raises(ValueError, match="separatrix"):
         theory.top_period((1.0, 2.0, 3.0), (0.0, 1.0, 0.0))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thirdbody.kernels.stability import stable_step
+from thirdbody.kernels.explicit.critical_time_step import stable_step
 
 
 def growth(omega: float, rate: float, dt: float) -> float:

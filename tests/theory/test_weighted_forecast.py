@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from thirdbody_three_spot import classify, conditions, cones
+from thirdbody_three_spot import classify, conditions, friction_cones
 
 from thirdbody import plugin as k
 
@@ -56,10 +56,10 @@ def programme(upper, lower, heights, wrench, frictions, drag):
     above = np.arange(len(upper) + len(lower)) < len(upper)
     points = np.column_stack([np.concatenate([upper, lower]), np.where(above, *heights)])
     normals = np.outer(np.where(above, -1.0, 1.0), (0.0, 0.0, 1.0))
-    held = cones.grasp(points, normals, np.where(above, *frictions), above, 1.0, wrench[:3], wrench[3:])
+    held = friction_cones.grasp(points, normals, np.where(above, *frictions), above, 1.0, wrench[:3], wrench[3:])
     pulls = np.outer(np.where(above, 1.0, -1.0), (*drag, 0.0))
-    slides = any(cones.can_slide(held, pulls, side, 256) for side in (above, ~above))
-    return np.array(cones.required_scale(held, EDGES, 1e-5)) * min(frictions), slides
+    slides = any(friction_cones.can_slide(held, pulls, side, 256) for side in (above, ~above))
+    return np.array(friction_cones.required_scale(held, EDGES, 1e-5)) * min(frictions), slides
 
 
 @pytest.mark.parametrize("wrench", WRENCHES)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from thirdbody.errors import MissingLibrary
-from thirdbody.output import render as render_module
-from thirdbody.output.palette import STATE_COLORS, rgb
-from thirdbody.output.schema import Frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.palette import STATE_COLORS, rgb
+from thirdbody.render import render as render_module
+from thirdbody.trajectory.schema import Frame
+from thirdbody.trajectory.writer import TrajectoryWriter
 
 R = 11e-6
 

@@ -7,7 +7,7 @@ import pytest
 
 from thirdbody.bodies.asperities import Asperities, sphere_points, summit_radii, touched, with_asperities
 from thirdbody.bodies.clump import Clump, clump
-from thirdbody.bodies.shapes import irregular, population
+from thirdbody.bodies.irregular_clumps import irregular, population
 from thirdbody.errors import InputError
 
 SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, "max": 2e-5}

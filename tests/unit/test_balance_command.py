@@ -173,7 +173,7 @@ def test_the_package_offers_the_function():
 
 
 def test_the_command_line_knows_it(write, monkeypatch, capsys):
-    from thirdbody.cli import main
+    from thirdbody.cli.main import main
 
     monkeypatch.setattr("sys.argv", ["thirdbody", "balance", str(write(("steps = 24", "step = 24"))), "--json"])
     with pytest.raises(SystemExit) as end:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from thirdbody import cache
 from thirdbody.errors import OutputError
+from thirdbody.jit import cache_dir
 
 OTHER_USER = 54321
 needs_modes = pytest.mark.skipif(os.name == "nt", reason="needs the users and modes of POSIX")
@@ -21,11 +21,11 @@ def surroundings(tmp_path, monkeypatch) -> Path:
     """A home, a folder for temporary files, a current folder, none of the variables, and a place not yet chosen."""
     for name in ("home", "temporary", "current"):
         (tmp_path / name).mkdir()
-    monkeypatch.setenv(cache.VARIABLE, "")  # restored afterwards, also where the code sets it
+    monkeypatch.setenv(cache_dir.VARIABLE, "")  # restored afterwards, also where the code sets it
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
-    monkeypatch.setattr(cache, "_place", None)
+    monkeypatch.setattr(cache_dir, "_place", None)
     monkeypatch.chdir(tmp_path / "current")
     return tmp_path
 
@@ -48,13 +48,13 @@ def mode(path: Path) -> int:
 def test_a_cache_home_that_names_no_folder_counts_as_unset(value, surroundings, monkeypatch):
     if value is not None:
         monkeypatch.setenv("XDG_CACHE_HOME", value)
-    assert cache.place().parent == surroundings / "home" / ".cache" / "thirdbody"
+    assert cache_dir.place().parent == surroundings / "home" / ".cache" / "thirdbody"
     assert list((surroundings / "current").iterdir()) == []
 
 
 def test_an_absolute_cache_home_is_used(surroundings, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(surroundings / "caches"))
-    assert cache.place().parent == surroundings / "caches" / "thirdbody"
+    assert cache_dir.place().parent == surroundings / "caches" / "thirdbody"
 
 
 @pytest.mark.parametrize("home", [None, "", "relative"])
@@ -69,20 +69,20 @@ def test_without_a_home_compiled_code_goes_to_temporary_files(home, surroundings
         monkeypatch.delenv("HOME")
     else:
         monkeypatch.setenv("HOME", home)
-    assert cache.place().parent.parent == surroundings / "temporary"
+    assert cache_dir.place().parent.parent == surroundings / "temporary"
     assert list((surroundings / "current").iterdir()) == []
 
 
 def test_the_variable_names_the_parent(surroundings, monkeypatch):
-    monkeypatch.setenv(cache.VARIABLE, "here")
-    assert cache.place().parent == surroundings / "current" / "here"
+    monkeypatch.setenv(cache_dir.VARIABLE, "here")
+    assert cache_dir.place().parent == surroundings / "current" / "here"
 
 
 def test_a_named_folder_that_cannot_be_written_is_refused(surroundings, monkeypatch):
     (surroundings / "file").write_text("")
-    monkeypatch.setenv(cache.VARIABLE, str(surroundings / "file" / "folder"))
+    monkeypatch.setenv(cache_dir.VARIABLE, str(surroundings / "file" / "folder"))
     with pytest.raises(OutputError, match="compiled code cannot be written") as told:
-        cache.place()
+        cache_dir.place()
     assert str(surroundings / "file") in str(told.value) and "\n" not in str(told.value)
 
 
@@ -91,8 +91,8 @@ def test_the_folder_in_the_home_is_closed_to_others(surroundings):
     parent = surroundings / "home" / ".cache" / "thirdbody"
     parent.mkdir(parents=True)
     parent.chmod(0o775)
-    assert cache.place().parent == parent
-    assert mode(parent) & 0o022 == 0 and mode(cache.place()) == 0o700
+    assert cache_dir.place().parent == parent
+    assert mode(parent) & 0o022 == 0 and mode(cache_dir.place()) == 0o700
 
 
 @needs_modes
@@ -100,15 +100,15 @@ def test_a_home_of_another_user_is_not_used(surroundings, monkeypatch):
     """As with `sudo`, which may keep HOME."""
     parent = surroundings / "home" / ".cache" / "thirdbody"
     parent.mkdir(parents=True)
-    real = cache._probe
+    real = cache_dir._probe
 
     def owned_by_other(path):
         found = list(real(path))
         found[stat.ST_UID] = OTHER_USER
         return os.stat_result(found)
 
-    monkeypatch.setattr(cache, "_probe", owned_by_other)
-    assert not cache._usable(parent)
+    monkeypatch.setattr(cache_dir, "_probe", owned_by_other)
+    assert not cache_dir._usable(parent)
 
 
 # the fallback -------------------------------------------------------------------------------------------------------------
@@ -116,10 +116,10 @@ def test_a_home_of_another_user_is_not_used(surroundings, monkeypatch):
 
 @needs_modes
 def test_the_fallback_is_private_and_used_again(fallback, monkeypatch):
-    first = cache.place()
+    first = cache_dir.place()
     assert first.parent == fallback and mode(fallback) == 0o700
-    monkeypatch.setattr(cache, "_place", None)
-    assert cache.place() == first
+    monkeypatch.setattr(cache_dir, "_place", None)
+    assert cache_dir.place() == first
 
 
 def plant_a_link(path: Path) -> None:
@@ -163,9 +163,9 @@ def test_a_fallback_of_another_user_is_not_used(fallback, monkeypatch):
 
 def check_fresh(planted: Path) -> None:
     """A new folder that only this user can enter, which the processes started by this one find too."""
-    parent = cache.place().parent
+    parent = cache_dir.place().parent
     assert parent != planted and parent.parent == planted.parent and not parent.is_symlink()
-    assert mode(parent) == 0o700 and os.environ[cache.VARIABLE] == str(parent)
+    assert mode(parent) == 0o700 and os.environ[cache_dir.VARIABLE] == str(parent)
     assert not planted.is_dir() or list(planted.iterdir()) == []
 
 
@@ -175,10 +175,10 @@ def check_fresh(planted: Path) -> None:
 @pytest.fixture
 def version(surroundings, monkeypatch) -> Path:
     """The path of the folder that the next call of `place` gives, not yet made."""
-    monkeypatch.setenv(cache.VARIABLE, str(surroundings / "named"))
-    path = cache.place()
-    cache.shutil.rmtree(path)
-    monkeypatch.setattr(cache, "_place", None)
+    monkeypatch.setenv(cache_dir.VARIABLE, str(surroundings / "named"))
+    path = cache_dir.place()
+    cache_dir.shutil.rmtree(path)
+    monkeypatch.setattr(cache_dir, "_place", None)
     return path
 
 
@@ -186,14 +186,14 @@ def version(surroundings, monkeypatch) -> Path:
 def test_a_folder_into_which_others_could_write_is_made_anew(version):
     plant_an_open_folder(version)
     (version / "thirdbody_law_0.py").write_text("print('not ours')")
-    assert cache.place() == version and mode(version) == 0o700
-    assert [path.name for path in version.iterdir()] == [cache.TAG]
+    assert cache_dir.place() == version and mode(version) == 0o700
+    assert [path.name for path in version.iterdir()] == [cache_dir.TAG]
 
 
 @needs_modes
 def test_a_link_in_place_of_the_folder_is_replaced(version):
     plant_a_link(version)
-    assert cache.place() == version and not version.is_symlink()
+    assert cache_dir.place() == version and not version.is_symlink()
 
 
 @needs_modes
@@ -208,7 +208,7 @@ def test_the_folder_of_another_user_is_refused(version, monkeypatch):
 
     monkeypatch.setattr(Path, "lstat", lstat)
     with pytest.raises(OutputError, match="belongs to another user"):
-        cache.place()
+        cache_dir.place()
 
 
 @needs_modes
@@ -216,15 +216,15 @@ def test_a_folder_that_lost_its_rights_gets_them_back(version):
     version.mkdir(mode=0o700)
     (version / "kept").write_text("")
     version.chmod(0)
-    assert cache.place() == version and mode(version) == 0o700
+    assert cache_dir.place() == version and mode(version) == 0o700
     assert (version / "kept").exists()
 
 
 @pytest.mark.parametrize("spoil", [Path.mkdir, lambda path: path.write_bytes(b"")], ids=["a folder", "an empty file"])
 def test_a_damaged_mark_is_written_anew(spoil, version):
     version.mkdir(mode=0o700)
-    spoil(version / cache.TAG)
-    assert (cache.place() / cache.TAG).read_bytes() == cache.TAG_TEXT
+    spoil(version / cache_dir.TAG)
+    assert (cache_dir.place() / cache_dir.TAG).read_bytes() == cache_dir.TAG_TEXT
 
 
 def test_a_full_disk_is_told_in_one_line(version, monkeypatch):
@@ -233,7 +233,7 @@ def test_a_full_disk_is_told_in_one_line(version, monkeypatch):
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(OutputError, match="cannot be written .No space left on device.; THIRDBODY_CACHE names") as told:
-        cache.place()
+        cache_dir.place()
     assert told.value.exit_code == 5 and "\n" not in str(told.value)
 
 
@@ -248,11 +248,11 @@ def test_only_folders_that_bear_our_mark_are_deleted(tmp_path):
     for k, folder in enumerate(theirs + unmarked + other_mark + ours):
         folder.mkdir()
         if folder in ours + theirs:
-            (folder / cache.TAG).write_bytes(cache.TAG_TEXT)
+            (folder / cache_dir.TAG).write_bytes(cache_dir.TAG_TEXT)
         if folder in other_mark:
-            (folder / cache.TAG).write_bytes(cache.TAG_TEXT.splitlines(keepends=True)[0])
+            (folder / cache_dir.TAG).write_bytes(cache_dir.TAG_TEXT.splitlines(keepends=True)[0])
         os.utime(folder, (k, k))
     (tmp_path / f"{16:016x}").symlink_to(ours[0])
-    cache._prune(tmp_path)
+    cache_dir._prune(tmp_path)
     assert all(folder.is_dir() for folder in theirs + unmarked + other_mark)
-    assert [folder.is_dir() for folder in ours] == [False] * 3 + [True] * cache.KEPT
+    assert [folder.is_dir() for folder in ours] == [False] * 3 + [True] * cache_dir.KEPT

@@ -13,10 +13,10 @@ from pathlib import Path
 import numba
 import pytest
 
-from thirdbody import modules
 from thirdbody.errors import OutputError
-from thirdbody.kernels import cache_files  # noqa: F401  (what is tested is in place once kernels are imported)
-from thirdbody.laws import generated
+from thirdbody.jit import cache_files  # noqa: F401  (what is tested is in place once kernels are imported)
+from thirdbody.laws.codegen import module_cache
+from thirdbody.system import module_import
 
 TEXT = "from numba import njit\n@njit('f8(f8)', cache=True)\ndef twice(x):\n    return 2.0 * x\n"
 HIT, MISS = 1, 0
@@ -29,7 +29,7 @@ def load(tmp_path, monkeypatch) -> Callable[[], int]:
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
 
     def call() -> int:
-        twice = modules.import_file("law_with_a_cache", tmp_path / "law.py").twice
+        twice = module_import.import_file("law_with_a_cache", tmp_path / "law.py").twice
         del sys.modules["law_with_a_cache"]
         assert twice(1.5) == 3.0
         return sum(twice.stats.cache_hits.values())
@@ -120,14 +120,14 @@ def test_a_full_disk_is_told_in_one_line(load, monkeypatch, tmp_path):
 
 def generated_value(text: str) -> tuple[int, Path]:
     """The value of a generated module, imported as a new process does."""
-    module, path = generated.load("damaged", text, [])
+    module, path = module_cache.load("damaged", text, [])
     del sys.modules[module.__name__]
     return module.value, path
 
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
 def test_a_damaged_generated_module_is_written_anew(damage, monkeypatch, tmp_path):
-    monkeypatch.setattr(generated.cache, "_folder", tmp_path)
+    monkeypatch.setattr(module_cache.cache, "_folder", tmp_path)
     text = "value = 31 + 11  # as a law\n"
     path = generated_value(text)[1]
     damage(path)
@@ -136,7 +136,7 @@ def test_a_damaged_generated_module_is_written_anew(damage, monkeypatch, tmp_pat
 
 
 def test_a_generated_module_that_cannot_be_written_is_told(monkeypatch, tmp_path):
-    monkeypatch.setattr(generated.cache, "_folder", tmp_path / "gone")
+    monkeypatch.setattr(module_cache.cache, "_folder", tmp_path / "gone")
     with pytest.raises(OutputError, match="compiled code cannot be written"):
         generated_value("value = 1\n")
 

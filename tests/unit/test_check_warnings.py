@@ -9,19 +9,21 @@ from pathlib import Path
 import pytest
 from steel import STEEL
 
-from thirdbody import scene_check as check
+from thirdbody.build.simulation import build
 from thirdbody.errors import InputError
 from thirdbody.laws.contract import Material
-from thirdbody.laws.yielding import yield_limit
-from thirdbody.output.run import open_run
-from thirdbody.run_warnings import run_warnings
-from thirdbody.scene.build import build
+from thirdbody.laws.first_yield import yield_limit
+from thirdbody.quantity import duration, size
+from thirdbody.report import scene_check as check
+from thirdbody.runner.run_warnings import run_warnings
+from thirdbody.runner.simulate import run
 from thirdbody.scene.model import Scene
-from thirdbody.scene.spans import duration, size
-from thirdbody.simulate import run
+from thirdbody.trajectory.reader import open_run
 
 # one ball of 10 um between steel plates: 0.01 mN gives a peak pressure of 1.45 GPa, below first yield
-BALL = STEEL + """\
+BALL = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "irregular"
@@ -45,8 +47,10 @@ integrator = "explicit"
 [output]
 every = "10 nm"
 """
+)
 BED = (
-    ("count = 1", 'count = 40\nplacement = "dense"'), ('["60 um", "60 um"]', '["30 um", "30 um"]'),
+    ("count = 1", 'count = 40\nplacement = "dense"'),
+    ('["60 um", "60 um"]', '["30 um", "30 um"]'),
     ('support = "load_per_particle"', 'support = "rigid"'),
 )
 
@@ -203,7 +207,7 @@ def test_the_softer_material_yields_first():
 
 
 def test_a_run_tells_its_peak_pressure_against_first_yield(tmp_path, capsys):
-    from thirdbody.report import run_report
+    from thirdbody.report.tables import run_report
 
     with run(scene(("0.01 mN", "2 mN")), tmp_path / "hard", threads=1, progress=False) as result:
         told = result.summary()
@@ -218,7 +222,7 @@ def test_a_run_tells_its_peak_pressure_against_first_yield(tmp_path, capsys):
 
 
 def test_a_gentle_run_is_not_warned(tmp_path, capsys):
-    from thirdbody.report import run_report
+    from thirdbody.report.tables import run_report
 
     run(scene(), tmp_path / "soft", threads=1, progress=False).close()
     run_report(tmp_path / "soft", json=False)

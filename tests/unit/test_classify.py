@@ -152,9 +152,7 @@ def upper(x, y=0.0, **more):
 
 def three_spot(view, **more):
     """Held body: two spots below, 1.8 apart along the drag, one above; plates at rest at first."""
-    return Rig([lower(-1.0, **more), lower(0.8, 0.3, **more), upper(0.2, load=2.0, **more)], view).move(
-        dt=0.0
-    )
+    return Rig([lower(-1.0, **more), lower(0.8, 0.3, **more), upper(0.2, load=2.0, **more)], view).move(dt=0.0)
 
 
 def ball(view):
@@ -199,9 +197,7 @@ def ball_rolls(view):
     assert rig.label() == ("sticking", "indeterminate")
     # rotation about in-plane axes times D/2 is half the drag since its first stride, which only tells of the
     # start
-    assert rig.frames[-1]["rolled_distance"] / view.unit == pytest.approx(
-        0.5 * (3 * 0.019 + 100 * 0.097) * A, rel=1e-9
-    )
+    assert rig.frames[-1]["rolled_distance"] / view.unit == pytest.approx(0.5 * (3 * 0.019 + 100 * 0.097) * A, rel=1e-9)
     return rig
 
 
@@ -229,10 +225,7 @@ def slides_below(view):
     slide(rig, 0.4 * S_C, [0, 1])
     assert rig.label() == ("sliding", "friction_limit")
     assert rig.frames[-1]["sliding_side"] == BELOW
-    assert (
-        rig.frames[-1]["friction_lower"] == pytest.approx(0.0, abs=1e-15)
-        and rig.frames[-1]["friction_upper"] == 1.0
-    )
+    assert rig.frames[-1]["friction_lower"] == pytest.approx(0.0, abs=1e-15) and rig.frames[-1]["friction_upper"] == 1.0
     slide(rig, 0.05, [0, 1], 3)  # 0.15 of drag closed a window, in this one nothing slips yet
     assert rig.label() == ("sliding", "friction_limit")
     slide(rig, 0.05, [0, 1], 2)
@@ -270,9 +263,7 @@ def turns_a_little_in_every_window(view):
         for _ in range(20):
             rig.move(0.01, turn=(0.0, share * 0.01 / 2.0, 0.0))
         assert rig.label() == expected
-        assert rig.frames[-1]["rotation"] == pytest.approx(
-            1.0 - share / 0.05, rel=0.1
-        )  # D is 2 but for the tilt
+        assert rig.frames[-1]["rotation"] == pytest.approx(1.0 - share / 0.05, rel=0.1)  # D is 2 but for the tilt
     return rig
 
 
@@ -470,10 +461,7 @@ def between_plate_and_debris(view):
 
 
 def pinched_sideways(view):
-    spots = [
-        Spot(k.DEBRIS, (x, 0.0, 0.0), (-x, 0.0, 0.0), force=(0.0, 0.0, 1.0), surface=(0.0, 0.0, 9.0))
-        for x in (-1.0, 1.0)
-    ]
+    spots = [Spot(k.DEBRIS, (x, 0.0, 0.0), (-x, 0.0, 0.0), force=(0.0, 0.0, 1.0), surface=(0.0, 0.0, 9.0)) for x in (-1.0, 1.0)]
     rig = Rig(spots, view).move(0.01, dt=0.0, moving=1.0)
     rig.move(0.5, slip=[0.01, 0.01], moving=1.0)
     assert rig.label() == ("sliding", "friction_limit")
@@ -563,11 +551,7 @@ def test_frames_do_not_depend_on_the_view(history, view):
 
 # a start or stop counts from the observation that sees it, so that finer observation loses less of the first
 # stride: histories built to sit within one stride of a threshold are left out
-COARSE = [
-    h
-    for h in HISTORIES
-    if h not in (ball_rolls, slides_below, slides_on_both_sides_then_stops, stroke_reverses)
-]
+COARSE = [h for h in HISTORIES if h not in (ball_rolls, slides_below, slides_on_both_sides_then_stops, stroke_reverses)]
 
 
 def test_both_quaternions_of_an_orientation_are_the_same():

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from thirdbody.errors import InputError
-from thirdbody.output.closeup_data import read_close_up
-from thirdbody.output.coloring import Coloring, Legend
-from thirdbody.output.force_tubes import force_tubes, nearest_image
-from thirdbody.output.palette import STATE_COLORS, rgb
-from thirdbody.output.render import render
-from thirdbody.output.run import open_run
+from thirdbody.palette import STATE_COLORS, rgb
+from thirdbody.render.closeup_data import read_close_up
+from thirdbody.render.coloring import Coloring, Legend
+from thirdbody.render.force_tubes import force_tubes, nearest_image
+from thirdbody.render.render import render
+from thirdbody.trajectory.reader import open_run
 
 
 def _layer():
@@ -69,7 +69,7 @@ def test_the_nearest_image_is_never_farther_than_half_the_domain():
 
 def test_contacts_bring_their_own_colours_to_the_tubes(layer):
     with open_run(layer) as run:
-        from thirdbody.output.picture_data import read_picture_data
+        from thirdbody.render.picture_data import read_picture_data
 
         by_state = read_picture_data(run, 0, "state", forces=True).tubes
         by_use = read_picture_data(run, 0, "utilisation", forces=True).tubes

@@ -7,8 +7,8 @@ import pytest
 
 import thirdbody.bodies.clump as module
 from thirdbody.bodies.clump import clump, clump_with_frame, matrix_from_quaternion
+from thirdbody.bodies.union_moments import quadrature
 from thirdbody.errors import InputError
-from thirdbody.kernels.union import quadrature
 
 
 def random_rotation(rng):

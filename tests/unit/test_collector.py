@@ -7,7 +7,7 @@ import weakref
 
 import pytest
 
-from thirdbody.collector import resting
+from thirdbody.jit.gc_pause import resting
 
 
 class Cycle:

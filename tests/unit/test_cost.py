@@ -15,21 +15,23 @@ from thirdbody_three_spot import THREE_SPOT
 
 from thirdbody.errors import OutputError, UsageError
 from thirdbody.kernels import layout as at
+from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
-from thirdbody.simulate import prepare
 from thirdbody.studies import cost, cost_plot, cost_table, worker
-from thirdbody.studies.budget import Budget, Costs, Overheads, fitting, repeats_of, whole
-from thirdbody.studies.climb import LEFT_OUT, ROUNDS, Climb
-from thirdbody.studies.clock import Late, bare
-from thirdbody.studies.command import cost_command
 from thirdbody.studies.compare import Outcome, errors, label_difference, order, read_outcome, rms_error, turns
 from thirdbody.studies.convergence import convergence, falling, reference_error
-from thirdbody.studies.ladder import CURVES, Base, Rung, ladder
-from thirdbody.studies.process import Overdue, Worker, request
-from thirdbody.studies.reduce import FEWEST, WIDER, reduced, thinned
-from thirdbody.studies.spread import slower, timing
+from thirdbody.studies.cost_command import cost_command
+from thirdbody.studies.reduced_scene import FEWEST, WIDER, reduced, thinned
+from thirdbody.studies.stopwatch import Late, bare
+from thirdbody.studies.time_budget import Budget, Costs, Overheads, fitting, repeats_of, whole
+from thirdbody.studies.timing_statistics import slower, timing
+from thirdbody.studies.variant_runs import LEFT_OUT, ROUNDS, Climb
+from thirdbody.studies.variants import CURVES, Base, Rung, ladder
+from thirdbody.studies.worker_process import Overdue, Worker, request
 
-SCENE = STEEL + """\
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheres"
@@ -51,6 +53,7 @@ distance = "20 nm"
 [output]
 every = "4 nm"
 """
+)
 EXPLICIT = Base("explicit", "mindlin", None, 1e-10, 5e-4)
 IMPLICIT = Base("implicit", "mdr", 24, 1e-10, 5e-4)
 
@@ -438,7 +441,7 @@ class MadeUpWorker:
     def __init__(self, monkeypatch, seconds, slow=lambda asked: 1.0, noise=lambda asked: 1.0):
         self.now, self.asked, self.seconds, self.slow, self.noise, self.log = 0.0, 0, seconds, slow, noise, []
         monkeypatch.setattr(time, "perf_counter", lambda: self.now)
-        monkeypatch.setattr("thirdbody.studies.climb.read_outcome", lambda folder: outcome())
+        monkeypatch.setattr("thirdbody.studies.variant_runs.read_outcome", lambda folder: outcome())
 
     @property
     def pace(self):

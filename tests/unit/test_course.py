@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from thirdbody.course import SETTLING, planned_frames, targets
+from thirdbody.runner.output_schedule import SETTLING, planned_frames, targets
 
 
 @dataclass

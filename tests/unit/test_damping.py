@@ -64,9 +64,7 @@ def test_published_values(restitution):
 @pytest.mark.parametrize("restitution", [0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8, 0.9, 0.95, 0.99])
 def test_against_an_integrated_impact(restitution):
     # the integrator's tolerance is 1e-11 a step; the root at x -> 0 costs it some digits
-    assert integrated_restitution(damping_number(restitution)) == pytest.approx(
-        restitution, rel=1e-7, abs=0.0
-    )
+    assert integrated_restitution(damping_number(restitution)) == pytest.approx(restitution, rel=1e-7, abs=0.0)
 
 
 def test_the_number_and_the_restitution_are_inverse():
@@ -103,9 +101,7 @@ def test_force_of_the_dashpots():
     assert force == pytest.approx(expected, rel=1e-6, abs=0.0)  # seven decimals of the table
     viscosity = plain(TANGENTIAL_DAMPING.kernel)(c, Load(1.0, 1.0, a, 0.0), mix_tangential_damping(pair, {}))
     # the normal dashpot is alpha sqrt(2/3 m k_n) with k_n = 2 E* a; here with k_t = 2 G* a
-    assert viscosity == pytest.approx(
-        TABLE[0.5] * math.sqrt(2.0 / 3.0 * mass * 2.0 * g * a), rel=1e-6, abs=0.0
-    )
+    assert viscosity == pytest.approx(TABLE[0.5] * math.sqrt(2.0 / 3.0 * mass * 2.0 * g * a), rel=1e-6, abs=0.0)
 
 
 def test_elastic_pairs_have_no_dashpot():

@@ -9,18 +9,20 @@ import pytest
 from steel import STEEL
 
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
-from thirdbody.bodies.table import load_bodies
+from thirdbody.bodies.clumps_from_table import load_bodies
+from thirdbody.build.populate import populate, sphere_centres
+from thirdbody.build.simulation import build
 from thirdbody.engine.state import Placed
 from thirdbody.errors import InputError
 from thirdbody.kernels import layout as at
 from thirdbody.laws.registry import discover
-from thirdbody.scene.build import build
 from thirdbody.scene.debris.kinds.file import File
 from thirdbody.scene.model import Scene
-from thirdbody.scene.populate import populate, sphere_centres
-from thirdbody.scene.units import parse
+from thirdbody.units import parse
 
-TEXT = STEEL + """\
+TEXT = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "file"
@@ -35,6 +37,7 @@ duration = "1 us"
 [output]
 every = "1 us"
 """
+)
 # a dumbbell of unequal balls, a ball, and a crooked body of three; rows of a body need not stand together
 SPHERES = [(3, 10, 20, 9, 5), (1, 60, 60, 40, 7), (9, 90, 30, 12, 6), (3, 16, 22, 9, 4), (9, 97, 30, 12, 4), (9, 90, 36, 14, 3)]
 PLAIN = "clump,x [um],y [um],z [um],radius [um]\n" + "".join(",".join(map(str, row)) + "\n" for row in SPHERES)

@@ -7,12 +7,12 @@ import pytest
 from steel import STEEL
 
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
-from thirdbody.bodies.dense import pack
-from thirdbody.bodies.shapes import population
+from thirdbody.bodies.dense_packing import pack
+from thirdbody.bodies.irregular_clumps import population
+from thirdbody.build.placement import spheres_of
+from thirdbody.build.populate import populate
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
-from thirdbody.scene.place import spheres_of
-from thirdbody.scene.populate import populate
 
 SIZE = (45e-6, 40e-6)
 
@@ -86,7 +86,9 @@ def test_a_bed_lower_than_a_sphere_is_refused():
         pack([clump([[0, 0, 0]], [0.5])] * 2, 0.5, (3.0, 3.0), True, np.random.default_rng(0))
 
 
-TEXT = STEEL + """\
+TEXT = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheres"
@@ -108,6 +110,7 @@ duration = "1 us"
 [output]
 every = "1 us"
 """
+)
 
 
 def built(first, second, side="25 um"):

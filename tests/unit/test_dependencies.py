@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thirdbody.laws.dependencies import source_files, sources
+from thirdbody.laws.codegen.dependencies import source_files, sources
 
 
 def forget(*packages: str) -> None:
@@ -93,7 +93,7 @@ READ = """\
 import sys
 sys.path.insert(0, sys.argv[1])
 import law
-from thirdbody.laws.dependencies import sources
+from thirdbody.laws.codegen.dependencies import sources
 for name in sys.argv[2:]:
     print(name, sources([getattr(law, name)]))
 """

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
-from thirdbody.bodies.dilute import scatter
-from thirdbody.bodies.shapes import population
+from thirdbody.bodies.irregular_clumps import population
+from thirdbody.bodies.random_sequential import scatter
 from thirdbody.errors import InputError
 
 SIZE, HEIGHT = (60e-6, 50e-6), 70e-6

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import thirdbody
+from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels import layout as at
 from thirdbody.kernels.layout import DEBRIS
-from thirdbody.scene.build import build
 from thirdbody.scene.model import Scene
 
 TEXT = """\

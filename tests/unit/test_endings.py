@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from thirdbody.endings import ending_warnings, step_words
+from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from thirdbody.output.energy_verdict import energy_verdict
+from thirdbody.trajectory.energy_check import energy_verdict
 
 SOUND = {
     "integrator": "explicit", "time_step": 2e-9, "time_step_limit": {"smallest": 1e-9}, "energy_residual": 4e-3,

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from thirdbody.errors import InputError, OutputError, UsageError
-from thirdbody.output.export import export_run
-from thirdbody.output.run import open_run
-from thirdbody.output.schema import BLOCKS, Frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.export.export_run import export_run
+from thirdbody.trajectory.reader import open_run
+from thirdbody.trajectory.schema import BLOCKS, Frame
+from thirdbody.trajectory.writer import TrajectoryWriter
 
 STATES = [[0, 1, 2], [1, 1, 2], [1, 1, 2], [1, 3, 0]]
 CONTACTS = (0, 4, 0, 3)
@@ -121,7 +121,7 @@ def test_a_run_without_states_has_no_file_of_transitions(tmp_path):
 
 def test_csv_needs_no_pandas(path, tmp_path):
     block = "import sys; sys.modules['pandas'] = None\n"
-    code = block + "from pathlib import Path; from thirdbody.output.export import export_run\n"
+    code = block + "from pathlib import Path; from thirdbody.export.export_run import export_run\n"
     code += "print(len(list(export_run(Path(sys.argv[1]), Path(sys.argv[2]), None, None))))"
     done = subprocess.run([sys.executable, "-c", code, str(path), str(tmp_path / "csv")], capture_output=True, text=True)
     assert done.stdout.strip() == "4", done.stderr
@@ -305,7 +305,7 @@ FULL = """
 import resource, sys
 from pathlib import Path
 from thirdbody.errors import OutputError
-from thirdbody.output.export import export_run
+from thirdbody.export.export_run import export_run
 resource.setrlimit(resource.RLIMIT_FSIZE, (600, resource.RLIM_INFINITY))
 targets = {name: None for name in ("csv", "pvd", "pack")} | {sys.argv[1]: Path(sys.argv[3])}
 try:

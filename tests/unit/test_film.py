@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from thirdbody.errors import InputError, MissingLibrary
-from thirdbody.output.coloring import LegendScale
-from thirdbody.output.film import frame_numbers, gif, mp4
-from thirdbody.output.film_progress import film_bar
-from thirdbody.output.layout import compute_layout
-from thirdbody.output.palette import STATE_COLORS
-from thirdbody.output.picture_data import read_picture_data
-from thirdbody.output.render import render
-from thirdbody.output.run import open_run
+from thirdbody.palette import STATE_COLORS
+from thirdbody.render.coloring import LegendScale
+from thirdbody.render.film import frame_numbers, gif, mp4
+from thirdbody.render.film_progress import film_bar
+from thirdbody.render.layout import compute_layout
+from thirdbody.render.picture_data import read_picture_data
+from thirdbody.render.render import render
+from thirdbody.trajectory.reader import open_run
 
 
 def _layer():

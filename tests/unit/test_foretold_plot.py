@@ -11,15 +11,15 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from thirdbody import cli
+from thirdbody.cli import main as cli
 from thirdbody.errors import InputError, OutputError, UsageError
-from thirdbody.foretold import forecast_against_fact, forecasts
-from thirdbody.output import foretold_plot
-from thirdbody.output.foretold_plot import BAND, NEVER, Forecasts, agreement, draw_forecasts, draw_into, pooled, swarm
-from thirdbody.output.palette import STATE_COLORS
-from thirdbody.output.run import open_run
-from thirdbody.output.schema import Frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.palette import STATE_COLORS
+from thirdbody.plot import forecast_plot
+from thirdbody.plot.forecast_plot import BAND, NEVER, Forecasts, agreement, draw_forecasts, draw_into, pooled, swarm
+from thirdbody.report.forecast_check import forecast_against_fact, forecasts
+from thirdbody.trajectory.reader import open_run
+from thirdbody.trajectory.schema import Frame
+from thirdbody.trajectory.writer import TrajectoryWriter
 
 # body, friction, t_min, t_max, told that it can slide, fact, margin
 ROWS = [
@@ -59,7 +59,7 @@ def test_margins_are_relative_distances_from_the_nearer_end():
 
 def test_every_body_is_one_point_at_its_margin_in_the_colour_of_what_it_did(axes):
     found = {}
-    for fact, label in foretold_plot.FACTS.items():
+    for fact, label in forecast_plot.FACTS.items():
         members = [row for row in ROWS if row[5] == fact]
         where = points(axes, label)
         np.testing.assert_allclose(where[:, 0], [NEVER if row[2] > row[3] else row[6] for row in members], rtol=1e-12)
@@ -75,7 +75,7 @@ def test_disagreements_outside_the_band_are_ringed_and_named(axes):
     rings = points(axes, "other than told")
     np.testing.assert_allclose(rings[:, 0], [0.2, -0.5, -1.0], rtol=1e-12)
     # a ring stands around a point, not beside it
-    drawn = np.concatenate([points(axes, label) for label in foretold_plot.FACTS.values()])
+    drawn = np.concatenate([points(axes, label) for label in forecast_plot.FACTS.values()])
     assert all((np.abs(drawn - ring).max(axis=1) == 0.0).any() for ring in rings)
     assert [text.get_text() for text in axes.texts if text.get_text().isdigit()] == ["1", "3", "6"]
 
@@ -86,25 +86,25 @@ def test_of_many_disagreements_only_numbers_that_can_be_read_are_written():
     margins = random.uniform(0.03, 0.9, 150)
     rows = [(k, 0.3, 0.3 * (1.0 + margins[k]), 0.9, False, "sliding") for k in range(100)]  # mu - t_min = -margin mu
     rows += [(k, 0.3, 0.3 * (1.0 - margins[k]), 0.9, True, "rolling") for k in range(100, 150)]
-    figure = Figure(figsize=(foretold_plot.WIDTH, 6.0))
+    figure = Figure(figsize=(forecast_plot.WIDTH, 6.0))
     axes = figure.subplots()
     draw_into(axes, cloud(rows))
     figure.draw_without_rendering()
     numbers = [text for text in axes.texts if text.get_text().isdigit()]
-    assert 4 <= len(numbers) <= foretold_plot.NAMED
+    assert 4 <= len(numbers) <= forecast_plot.NAMED
     boxes = [text.get_window_extent() for text in numbers]
     assert not any(one.overlaps(other) for k, one in enumerate(boxes) for other in boxes[k + 1 :])
     named = [int(text.get_text()) for text in numbers]
     assert int(np.argmax(margins[:100])) in named and 100 + int(np.argmax(margins[100:])) in named
     legend = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "other than told (150)" in legend and f"the {len(named)} of these farthest from the band" in legend
-    dark = [c for c in axes.collections if to_hex(c.get_edgecolor()[0]) == foretold_plot.INK and len(c.get_facecolor())]
+    dark = [c for c in axes.collections if to_hex(c.get_edgecolor()[0]) == forecast_plot.INK and len(c.get_facecolor())]
     assert sum(len(c.get_offsets()) for c in dark) == 150
 
 
 def test_a_crowded_row_is_higher():
-    few, many = (foretold_plot.rows_height(np.full(count, 0.3)) for count in (50, 2000))
-    assert few == foretold_plot.ROW * foretold_plot.LEAST and many == foretold_plot.TALLEST
+    few, many = (forecast_plot.rows_height(np.full(count, 0.3)) for count in (50, 2000))
+    assert few == forecast_plot.ROW * forecast_plot.LEAST and many == forecast_plot.TALLEST
 
 
 def test_without_disagreement_there_is_no_ring():
@@ -122,7 +122,7 @@ def test_the_band_is_shaded_and_the_title_counts_outside_it(axes):
 def test_a_long_title_is_broken_into_lines():
     axes = Figure().subplots()
     draw_into(axes, cloud(), "word " * 30)
-    assert max(map(len, axes.get_title().splitlines())) <= foretold_plot.LETTERS
+    assert max(map(len, axes.get_title().splitlines())) <= forecast_plot.LETTERS
 
 
 def test_agreement_of_nothing_outside_the_band():
@@ -136,7 +136,7 @@ def test_pooled_runs_are_one_cloud():
 
 def test_points_at_one_place_are_stacked_within_their_row():
     across = swarm(np.full(200, 0.3), np.zeros(200, int), 0.1)
-    assert len(np.unique(across)) == 200 and np.abs(across).max() <= foretold_plot.SPREAD + 1e-12  # rounding
+    assert len(np.unique(across)) == 200 and np.abs(across).max() <= forecast_plot.SPREAD + 1e-12  # rounding
     assert swarm(np.array([0.3, 0.6]), np.zeros(2, int), 0.1).tolist() == [0.0, 0.0]
     np.testing.assert_allclose(swarm(np.array([0.3, 0.3]), np.zeros(2, int), 0.1), [-0.05, 0.05])
     assert swarm(np.array([0.3, 0.3]), np.array([0, 1]), 0.1).tolist() == [0.0, 0.0]

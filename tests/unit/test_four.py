@@ -7,7 +7,7 @@ import pytest
 from numba import njit
 from numba.core.errors import TypingError
 
-from thirdbody.kernels.four import (
+from thirdbody.jit.simd import (
     above,
     all_below,
     at_least,

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.output.average import change_and_error
-from thirdbody.output.csv_export import export_csv
-from thirdbody.output.html import run_html
-from thirdbody.output.picture_data import read_picture_data
-from thirdbody.output.plot import page
-from thirdbody.report import run_report
+from thirdbody.export.csv_tables import export_csv
+from thirdbody.plot.summary_page import page
+from thirdbody.render.notebook import run_html
+from thirdbody.render.picture_data import read_picture_data
+from thirdbody.report.tables import run_report
+from thirdbody.trajectory.statistics import change_and_error
 
 from .layer import write_layer
 from .test_plot import LOAD, stroke, write

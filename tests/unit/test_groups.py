@@ -12,13 +12,13 @@ import pytest
 
 import thirdbody
 from thirdbody.errors import InputError
-from thirdbody.output.csv_export import export_csv
-from thirdbody.output.groups import states_by_group
-from thirdbody.output.picture_data import read_picture_data
-from thirdbody.output.plot import page
-from thirdbody.output.schema import Frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
-from thirdbody.report import run_report, states_report
+from thirdbody.export.csv_tables import export_csv
+from thirdbody.plot.summary_page import page
+from thirdbody.render.picture_data import read_picture_data
+from thirdbody.report.tables import run_report, states_report
+from thirdbody.trajectory.schema import Frame
+from thirdbody.trajectory.state_groups import states_by_group
+from thirdbody.trajectory.writer import TrajectoryWriter
 
 SCENES = Path(__file__).parents[2] / "scenes"
 SCENE = """

@@ -6,18 +6,18 @@ import math
 
 import pytest
 
-from thirdbody.conduct import Conduct
+from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import Looks
 from thirdbody.errors import GuardStop
 from thirdbody.kernels import layout as at
-from thirdbody.output.run import open_run
-from thirdbody.run_folder import RunFolder
-from thirdbody.scene.build import build
+from thirdbody.runner.run_folder import RunFolder
+from thirdbody.runner.run_loop import Conduct
+from thirdbody.runner.simulate import execute
 from thirdbody.scene.model import Domain
-from thirdbody.simulate import execute
-from thirdbody.studies import hard_scenes as make
-from thirdbody.studies.trial import Setting, Trial
+from thirdbody.studies.robustness import scenes as make
+from thirdbody.studies.robustness.case import Setting, Trial
+from thirdbody.trajectory.reader import open_run
 
 
 def pressed(integrator="explicit", **keys):

@@ -7,10 +7,10 @@ import json
 import pytest
 from portable import drawn
 
-from thirdbody import cli, hard_report
+from thirdbody.cli import main as cli
 from thirdbody.errors import InputError, UsageError
-from thirdbody.output import stability_plot as plot
-from thirdbody.studies.hard import Row
+from thirdbody.studies.robustness import plot, report
+from thirdbody.studies.robustness.time_steps import Row
 
 SOUND = Row("rigid_plane", "a stiff one", "explicit", "mindlin", 1e-3, 0.5, (), 5.0, "at 7: energy")
 LEFT = Row("rigid_plane", "a stiff one", "implicit", "exact", 1e-10, 0.5)
@@ -51,7 +51,7 @@ def test_json(command):
 
 @pytest.mark.parametrize("found, told", [(BROKEN, "shear force: 1"), (TIGHT, "is 1 times the automatic one, not 1.2 to 10")])
 def test_a_case_that_fails_ends_with_exit_code_4(command, monkeypatch, found, told):
-    monkeypatch.setattr(hard_report, "rows", lambda *_, **__: iter([SOUND, found]))
+    monkeypatch.setattr(report, "rows", lambda *_, **__: iter([SOUND, found]))
     code, out, err = command("rigid_plane", "-q")
     assert code == 4
     assert "1 of 2 hold" in out and "5 x" in out and "FAILS" in out
@@ -59,7 +59,7 @@ def test_a_case_that_fails_ends_with_exit_code_4(command, monkeypatch, found, to
 
 
 def test_faults_of_the_call_come_before_the_work(command, monkeypatch):
-    monkeypatch.setattr(hard_report, "rows", lambda *_, **__: pytest.fail("the cases were run"))
+    monkeypatch.setattr(report, "rows", lambda *_, **__: pytest.fail("the cases were run"))
     code, _, err = command("rigid_plane", "-o", "table.bmp")
     assert code == 2 and "table.bmp: a picture ends in .png, .pdf, .svg" in err
     code, _, err = command("rigid_plain")
@@ -67,7 +67,7 @@ def test_faults_of_the_call_come_before_the_work(command, monkeypatch):
 
 
 def test_the_picture_shows_every_row():
-    figure = plot.picture([hard_report.as_json(row) for row in (SOUND, LEFT, BROKEN)], (1.2, 10.0))
+    figure = plot.picture([report.as_json(row) for row in (SOUND, LEFT, BROKEN)], (1.2, 10.0))
     energy, step = figure.axes
     assert [text.get_text() for text in energy.get_yticklabels()] == ["rigid plane", "no friction"]
     points = {float(line.get_xdata()[0]) for line in energy.lines}
@@ -84,7 +84,7 @@ def test_nothing_to_draw(tmp_path):
 
 
 def test_equal_tables_give_equal_pictures(tmp_path):
-    rows = [hard_report.as_json(row) for row in (SOUND, LEFT)]
+    rows = [report.as_json(row) for row in (SOUND, LEFT)]
     for name in ("a.png", "b.png"):
         plot.draw_stability(rows, tmp_path / name, (1.2, 10.0))
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()

@@ -12,12 +12,14 @@ import pytest
 from steel import STEEL
 
 import thirdbody
+from thirdbody.build.simulation import build
 from thirdbody.errors import GuardStop, InputError
-from thirdbody.scene.build import build
+from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
-from thirdbody.simulate import prepare
 
-BALLS = STEEL + """\
+BALLS = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheres"
@@ -42,6 +44,7 @@ settle = "1 us"
 [output]
 every = "0.05 um"
 """
+)
 
 NONE = ('debris_contact = "auto"', 'debris_contact = "none"')
 ALONE = ("count = 2", "count = 1")
@@ -71,7 +74,7 @@ def command(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
 
     def call(changes, *arguments):
-        from thirdbody.cli import main
+        from thirdbody.cli.main import main
 
         (tmp_path / "scene.toml").write_text(text(*changes), encoding="utf-8")
         monkeypatch.setattr(sys, "argv", ["thirdbody", arguments[0], "scene.toml", *arguments[1:]])
@@ -275,7 +278,7 @@ def test_threads_and_processes_change_no_bit(tmp_path):
     (tmp_path / "scene.toml").write_text(text(*CLUMPS), encoding="utf-8")
     found = []
     for threads in (1, 2):
-        command = [sys.executable, "-m", "thirdbody.cli", "run", "scene.toml", "-q"]
+        command = [sys.executable, "-m", "thirdbody.cli.main", "run", "scene.toml", "-q"]
         command += ["-o", f"run{threads}", "--threads", str(threads)]
         environment = os.environ | {"NUMBA_NUM_THREADS": "2"}
         done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)

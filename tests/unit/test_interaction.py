@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from thirdbody.scene.model import Scene
-from thirdbody.studies import interaction as study
-from thirdbody.studies.interaction import Spots, far_field, interaction, solved
+from thirdbody.studies import contact_interaction as study
+from thirdbody.studies.contact_interaction import Spots, far_field, interaction, solved
 from thirdbody.studies.worker import measured
 
 SCENES = Path(__file__).parents[2] / "scenes"

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from steel import STEEL
 
-from thirdbody.bodies.table import load_bodies
-from thirdbody.checkpoint import read_checkpoint
+from thirdbody import units
+from thirdbody.bodies.clumps_from_table import load_bodies
+from thirdbody.build.csv_series import rows_of
 from thirdbody.errors import InputError
-from thirdbody.scene import units
+from thirdbody.runner.checkpoint import read_checkpoint
 from thirdbody.scene.model import Scene
-from thirdbody.scene.timetable import rows_of
 
 TAIL = """
 [domain]

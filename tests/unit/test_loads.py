@@ -5,11 +5,13 @@ from __future__ import annotations
 import pytest
 from steel import STEEL
 
+from thirdbody.build.schedule import schedule
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
-from thirdbody.scene.schedule import schedule
 
-TEXT = STEEL + """\
+TEXT = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheres"
@@ -27,6 +29,7 @@ duration = "1 us"
 [output]
 every = "1 us"
 """
+)
 
 
 def read(loading: str, held: str = 'load = "2 mN"') -> Scene:

@@ -8,8 +8,8 @@ import pytest
 from numba import njit, prange, types
 from numba.core.runtime import _nrt_python, rtsys
 
-from thirdbody.kernels.context import expected, known, told
-from thirdbody.kernels.options import CHUNK, NO_COUNTS, OPTIONS, OTHERS
+from thirdbody.jit.options import CHUNK, NO_COUNTS, OPTIONS, OTHERS
+from thirdbody.jit.packed_arguments import expected, known, told
 
 NUMBERS = np.array([3.5, -1.0, 0.0, -0.0, math.nan, math.inf, 7.25, -2.5])
 
@@ -222,7 +222,6 @@ def test_parallel_loops_are_shared_out(options):
 
 
 KINDS = {"table": types.Array(types.float64, 2, "C"), "places": types.Array(types.int32, 1, "C"), "number": types.int64}
-
 
 
 def test_a_context_tells_of_tables_and_numbers():

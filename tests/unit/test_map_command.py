@@ -12,8 +12,9 @@ import pytest
 from thirdbody_three_spot import regime_map
 from thirdbody_three_spot.regime_map import COLORS, MapPoint, draw_map, map_numbers, regime
 
-from thirdbody import cli, cli_group
-from thirdbody.output.palette import STATE_COLORS
+from thirdbody.cli import command_group
+from thirdbody.cli import main as cli
+from thirdbody.palette import STATE_COLORS
 
 PROJECT = Path(__file__).parents[2] / "pyproject.toml"
 GROUP = "thirdbody.commands"
@@ -24,7 +25,7 @@ def command(monkeypatch, capsys, tmp_path):
     """Run `thirdbody map` as pyproject.toml declares it, installed or not; gives exit code, out and err."""
     declared = tomllib.loads(PROJECT.read_text(encoding="utf-8"))["project"]["entry-points"][GROUP]
     points = [EntryPoint(name, value, GROUP) for name, value in declared.items()]
-    monkeypatch.setattr(cli_group, "entry_points", lambda group: points if group == GROUP else [])
+    monkeypatch.setattr(command_group, "entry_points", lambda group: points if group == GROUP else [])
     monkeypatch.chdir(tmp_path)
 
     def run(*words):

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from thirdbody.bodies.closeness import distance_to_union, distances, local_radii, union_samples
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
-from thirdbody.bodies.fit import clump_from_mesh
 from thirdbody.bodies.mesh import Mesh, checked_mesh, load_mesh, mass_properties
+from thirdbody.bodies.mesh_fit_quality import distance_to_union, distances, local_radii, union_samples
+from thirdbody.bodies.mesh_to_clump import clump_from_mesh
 from thirdbody.errors import InputError
 
 ELLIPSOID, FLAKE = (1.0, 0.8, 0.6), (1.0, 0.8, 0.3)

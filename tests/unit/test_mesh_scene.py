@@ -7,17 +7,19 @@ import pytest
 import trimesh
 from steel import STEEL
 
-from thirdbody.bodies.fit import clump_from_mesh
 from thirdbody.bodies.mesh import Mesh, load_mesh
+from thirdbody.bodies.mesh_to_clump import clump_from_mesh
+from thirdbody.build.clumps import shapes_of
+from thirdbody.build.simulation import build
 from thirdbody.errors import InputError
 from thirdbody.kernels import layout as at
 from thirdbody.laws.registry import discover
-from thirdbody.scene.build import build
-from thirdbody.scene.make import shapes_of
 from thirdbody.scene.model import Scene
-from thirdbody.studies.stage import save
+from thirdbody.studies.study_setup import save
 
-TEXT = STEEL + """\
+TEXT = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "mesh"
@@ -35,6 +37,7 @@ duration = "1 us"
 [output]
 every = "1 us"
 """
+)
 
 
 @pytest.fixture

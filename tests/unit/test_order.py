@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from thirdbody.engine.order import FEWEST, WIDTH, in_columns
-from thirdbody.kernels.bodies import BODIES
-from thirdbody.kernels.contacts import GROUP
+from thirdbody.engine.spatial_order import FEWEST, WIDTH, in_columns
+from thirdbody.kernels.explicit.contact_forces import GROUP
+from thirdbody.kernels.rigid_body import BODIES
 
 DIAMETER = 2e-5
 

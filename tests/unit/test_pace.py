@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from thirdbody.engine.pace import LEAST, LONGEST, PAUSE, SHORT, STARVED, Pace
+from thirdbody.engine.thread_tuner import LEAST, LONGEST, PAUSE, SHORT, STARVED, Pace
 
 CALL = 0.03
 assert CALL > LEAST

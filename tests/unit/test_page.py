@@ -16,13 +16,14 @@ import numpy as np
 import pytest
 from portable import PATIENCE
 
-from thirdbody.output.page import write_page
-from thirdbody.output.palette import STATE_COLORS
-from thirdbody.output.picture_data import read_picture_data
-from thirdbody.output.render import render
-from thirdbody.output.run import open_run
+from thirdbody.palette import STATE_COLORS
+from thirdbody.render.picture_data import read_picture_data
+from thirdbody.render.render import render
+from thirdbody.render.web_viewer import write_page
+from thirdbody.trajectory.reader import open_run
 
 BROWSER = next((found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None)
+
 
 def _layer():
     spec = importlib.util.spec_from_file_location("layer", Path(__file__).with_name("layer.py"))

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from thirdbody.parts import neighbours, part_warnings, parts
-from thirdbody.scene.build import build
+from thirdbody.build.simulation import build
+from thirdbody.report.active_components import neighbours, part_warnings, parts
 from thirdbody.scene.model import Scene
 
 SCENES = Path(__file__).parents[2] / "scenes"

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
-from thirdbody.bodies.placement import overlaps, place_layer, projected_area
-from thirdbody.bodies.poses import settle
-from thirdbody.bodies.shapes import population
+from thirdbody.bodies.irregular_clumps import population
+from thirdbody.bodies.layer_packing import overlaps, place_layer, projected_area
+from thirdbody.bodies.resting_poses import settle
 from thirdbody.errors import InputError
 
 COUNT = 30

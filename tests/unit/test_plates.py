@@ -9,17 +9,19 @@ import numpy as np
 import pytest
 from steel import STEEL
 
-from thirdbody.engine.plates import Schedule, Segment
+from thirdbody.build.schedule import schedule
+from thirdbody.build.simulation import build
+from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.kernels import layout as at
-from thirdbody.kernels.motion import POLYNOMIAL, SINE, TRIANGLE
+from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin
-from thirdbody.scene.build import build
+from thirdbody.report.scene_check import check_report, print_check
 from thirdbody.scene.model import Scene
-from thirdbody.scene.schedule import schedule
-from thirdbody.scene_check import check_report, print_check
 
-PLATES = STEEL + """\
+PLATES = (
+    STEEL
+    + """\
 {debris}
 [domain]
 size = ["100 um", "100 um"]
@@ -33,13 +35,11 @@ material = "steel"
 [output]
 every = "1 us"
 """
+)
 
 
 def ball(radius: str, x: str) -> str:
-    return (
-        f'[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "{radius}"\n'
-        f'positions = [["{x}", "50 um", "{radius}"]]\n'
-    )
+    return f'[[debris]]\nmaterial = "steel"\nkind = "spheres"\nradius = "{radius}"\npositions = [["{x}", "50 um", "{radius}"]]\n'
 
 
 THREE = ball("5 um", "20 um") + ball("5.01 um", "50 um") + ball("5.03 um", "80 um")

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_hex
 
-from thirdbody import cli
+from thirdbody.cli import main as cli
 from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
-from thirdbody.output import html as html_module
-from thirdbody.output import render as render_module
-from thirdbody.output.average import mean_and_error, running_mean
-from thirdbody.output.palette import STATE_COLORS
-from thirdbody.output.panels_friction import loop_area, stretches
-from thirdbody.output.panels_series import ledger
-from thirdbody.output.plot import NAMES, page, plot
-from thirdbody.output.quantities import percent, scaled, told, with_error
-from thirdbody.output.run import open_run
-from thirdbody.output.schema import Frame
-from thirdbody.output.sheet import Sheet
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.palette import STATE_COLORS
+from thirdbody.plot.panels_friction import loop_area, stretches
+from thirdbody.plot.panels_series import ledger
+from thirdbody.plot.run_data import Sheet
+from thirdbody.plot.summary_page import NAMES, page, plot
+from thirdbody.quantity import percent, scaled, told, with_error
+from thirdbody.render import notebook as html_module
+from thirdbody.render import render as render_module
+from thirdbody.trajectory.reader import open_run
+from thirdbody.trajectory.schema import Frame
+from thirdbody.trajectory.statistics import mean_and_error, running_mean
+from thirdbody.trajectory.writer import TrajectoryWriter
 
 STATES = list(STATE_COLORS)
 SCENE = """

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from thirdbody.bodies.clump import Clump, clump, matrix_from_quaternion
-from thirdbody.bodies.poses import resting_poses, settle, settle_all
-from thirdbody.bodies.shapes import irregular
+from thirdbody.bodies.irregular_clumps import irregular
+from thirdbody.bodies.resting_poses import resting_poses, settle, settle_all
 
 
 def height(body, u):
@@ -31,9 +31,7 @@ def test_triangle_of_spheres_lies_flat():
     # On its three spheres, on either face. On an edge (two spheres) it stands with the third above: unstable.
     assert heights == pytest.approx([0.9, 0.9], rel=1e-12)
     ups = [matrix_from_quaternion(q)[2] for q in quaternions]
-    assert np.abs(ups) @ [0, 0, 1] == pytest.approx(
-        [1, 1], rel=1e-12
-    )  # the thin axis has the largest inertia
+    assert np.abs(ups) @ [0, 0, 1] == pytest.approx([1, 1], rel=1e-12)  # the thin axis has the largest inertia
 
 
 def test_square_pad_rests_on_four():

@@ -15,14 +15,14 @@ import pytest
 from PIL import Image
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError
-from thirdbody.output import render as render_module
-from thirdbody.output.coloring import LegendScale
-from thirdbody.output.force_tubes import TUBE
-from thirdbody.output.palette import CATEGORY_COLORS, SOFT_INK, STATE_COLORS, category_colors, field_colors, rgb, state_colors
-from thirdbody.output.picture_data import close_up_window, read_picture_data
-from thirdbody.output.quantity import prefixed, round_length, ticks, with_unit
-from thirdbody.output.render import PictureOptions, render
-from thirdbody.output.run import Run, open_run
+from thirdbody.palette import CATEGORY_COLORS, SOFT_INK, STATE_COLORS, category_colors, field_colors, rgb, state_colors
+from thirdbody.quantity import prefixed, round_length, ticks, with_unit
+from thirdbody.render import render as render_module
+from thirdbody.render.coloring import LegendScale
+from thirdbody.render.force_tubes import TUBE
+from thirdbody.render.picture_data import close_up_window, read_picture_data
+from thirdbody.render.render import PictureOptions, render
+from thirdbody.trajectory.reader import Run, open_run
 
 
 def _layer():
@@ -220,9 +220,7 @@ def test_bodies_are_wrapped_whole_into_the_domain(tmp_path):
     size = last.high[:2]
     assert np.all(last.bodies[:, :2] >= 0.0) and np.all(last.bodies[:, :2] <= size)
     # Spheres keep their place in their body; rel 1e-9 of a radius: two subtractions of 1e-4 m in float64.
-    np.testing.assert_allclose(
-        last.centers - last.bodies[last.body], first.centers - first.bodies[first.body], atol=1e-9 * R
-    )
+    np.testing.assert_allclose(last.centers - last.bodies[last.body], first.centers - first.bodies[first.body], atol=1e-9 * R)
     assert np.any(last.bodies[:, 0] < first.bodies[:, 0]), "some bodies must have come round"
     np.testing.assert_allclose(last.drag, [1.0, 0.0], atol=1e-12)
 

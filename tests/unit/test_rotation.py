@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from thirdbody.kernels.four import load, of, store
+from thirdbody.jit.simd import load, of, store
 from thirdbody.kernels.rotation import NEARLY_UNIT, turned
 
 

@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from thirdbody.errors import InputError
-from thirdbody.output import open_file
-from thirdbody.output.run import open_run
-from thirdbody.output.schema import Frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.trajectory import open_file
+from thirdbody.trajectory.reader import open_run
+from thirdbody.trajectory.schema import Frame
+from thirdbody.trajectory.writer import TrajectoryWriter
 
 HEADER = {
     "scene_text": "scene = 1\n", "title": "", "state_names": ["free", "sticking"], "reason_names": ["none"],

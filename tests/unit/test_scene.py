@@ -15,7 +15,6 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from thirdbody.errors import InputError, OutputError
-from thirdbody.scene.locate import locate
 from thirdbody.scene.model import (
     Constant,
     ConstantVelocity,
@@ -34,6 +33,7 @@ from thirdbody.scene.model import (
     Spheres,
     UpperPlate,
 )
+from thirdbody.scene.toml_positions import locate
 
 GOOD = (Path(__file__).parent / "good_scene.toml").read_text(encoding="utf-8")
 
@@ -209,9 +209,7 @@ toml_value = st.recursive(
     lambda inner: st.lists(inner, max_size=3) | st.dictionaries(name, inner, max_size=3),
     max_leaves=6,
 )
-free_key = name.filter(
-    lambda key: key not in {"law", "level", "debris_contact", "gravity", "options", "named"}
-)
+free_key = name.filter(lambda key: key not in {"law", "level", "debris_contact", "gravity", "options", "named"})
 sizes = st.one_of(
     st.builds(Constant, value=positive),
     st.builds(Lognormal, median=positive, sigma=positive),
@@ -293,9 +291,7 @@ def test_any_damaged_scene_is_read_or_told_as_input_error(data):
 
 
 def test_the_model_starts_without_the_slow_libraries():
-    code = (
-        "import json, sys, thirdbody.scene.model; print(json.dumps([m for m in sys.modules if '.' not in m]))"
-    )
+    code = "import json, sys, thirdbody.scene.model; print(json.dumps([m for m in sys.modules if '.' not in m]))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     slow = {"numba", "h5py", "vtk", "vtkmodules", "pyvista", "pint", "matplotlib", "scipy", "pandas"}
     assert not slow & set(json.loads(done.stdout))

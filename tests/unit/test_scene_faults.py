@@ -7,10 +7,7 @@ from pathlib import Path
 import pytest
 
 from thirdbody.errors import InputError
-from thirdbody.scene.model import (
-    Scene,
-    Spheres,
-)
+from thirdbody.scene.model import Scene, Spheres
 
 GOOD = (Path(__file__).parent / "good_scene.toml").read_text(encoding="utf-8")
 PAIR = '[[pairs]]\nbetween = ["steel", "steel"]\nfriction = 0.30\nrestitution = 0.60\n'
@@ -151,8 +148,7 @@ ONE_FAULT = [
     ),
     (
         [('"lognormal"', '"weibull"')],
-        "16:9: debris[0].size.distribution: "
-        "'weibull' is not one of 'constant', 'lognormal', 'normal', 'uniform'",
+        "16:9: debris[0].size.distribution: 'weibull' is not one of 'constant', 'lognormal', 'normal', 'uniform'",
     ),
     (
         [('"load_per_particle"', '"foo"')],
@@ -211,13 +207,11 @@ ONE_FAULT = [
     ),
     (
         [('"0.5 um"', '"1 ns"'), ('"1 m/s"', '"0 m/s"')],
-        "39:1: solver.distance: a distance needs an upper plate that moves: "
-        "add plates.upper.motion, or give duration instead",
+        "39:1: solver.distance: a distance needs an upper plate that moves: add plates.upper.motion, or give duration instead",
     ),
     (
         [('distance = "20 um"', 'duration = "1 us"'), ('"1 m/s"', '"0 m/s"')],
-        "42:1: output.every: a length of sliding needs an upper plate that moves: "
-        "add plates.upper.motion, or give a time",
+        "42:1: output.every: a length of sliding needs an upper plate that moves: add plates.upper.motion, or give a time",
     ),
     # not TOML
     (
@@ -255,9 +249,7 @@ def test_all_faults_are_told_at_once_in_the_order_of_the_file():
 def test_no_debris_at_all(text):
     start, end = GOOD.index("[[debris]]"), GOOD.index("[domain]")
     found = faults_of(text + "\n" + GOOD[:start] + GOOD[end:])
-    assert [fault.partition(": ")[2] for fault in found] == [
-        "debris: at least one [[debris]] table is needed"
-    ]
+    assert [fault.partition(": ")[2] for fault in found] == ["debris: at least one [[debris]] table is needed"]
 
 
 def test_an_empty_file_names_all_that_is_missing():
@@ -332,12 +324,7 @@ BRASS = '[materials.brass]\nshear_modulus = "40 GPa"\npoisson_ratio = 0.3\ndensi
 def missing_pairs(debris: str, contact: str = "auto") -> set[str]:
     """Who lacks a pair, for brass debris between steel plates of which only the steel pair is given."""
     start, end = GOOD.index("[[debris]]"), GOOD.index("[domain]")
-    text = (
-        GOOD[:start]
-        + BRASS
-        + debris
-        + GOOD[end:].replace('debris_contact = "auto"', f'debris_contact = "{contact}"')
-    )
+    text = GOOD[:start] + BRASS + debris + GOOD[end:].replace('debris_contact = "auto"', f'debris_contact = "{contact}"')
     return {fault.split("(")[1].split(")")[0] for fault in faults_of(text)}
 
 

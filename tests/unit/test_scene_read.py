@@ -7,8 +7,8 @@ import tomllib
 import pytest
 
 from thirdbody.errors import InputError
-from thirdbody.scene.locate import locate
 from thirdbody.scene.model import Scene
+from thirdbody.scene.toml_positions import locate
 
 
 def test_positions_inside_every_form_of_toml():

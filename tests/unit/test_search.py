@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from thirdbody.kernels import layout as at
-from thirdbody.kernels.search import pair_candidates
+from thirdbody.kernels.neighbour_search import pair_candidates
 
 SKIN = 0.1
 LARGEST = 0.5

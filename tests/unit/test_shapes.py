@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from thirdbody.bodies.clump import clump
-from thirdbody.bodies.shapes import diameters, irregular, population
+from thirdbody.bodies.irregular_clumps import diameters, irregular, population
 from thirdbody.errors import InputError
 
 SIZE = {"distribution": "lognormal", "median": 1e-5, "sigma": 0.2, "min": 5e-6, "max": 2e-5}
@@ -23,9 +23,7 @@ def test_population_is_the_same_for_the_same_seed_whatever_the_count():
         assert not np.array_equal(other.radii, few[0].radii)
 
 
-@pytest.mark.parametrize(
-    "n, aspect", [(2, [1, 1, 1]), (4, [1, 0.8, 0.6]), (8, [1, 1, 0.2]), (12, [1, 0.5, 0.5])]
-)
+@pytest.mark.parametrize("n, aspect", [(2, [1, 1, 1]), (4, [1, 0.8, 0.6]), (8, [1, 1, 0.2]), (12, [1, 0.5, 0.5])])
 def test_irregular_clump(n, aspect):
     for seed in range(3):
         body = irregular(np.random.default_rng(seed), n, aspect, 1e-5)
@@ -67,9 +65,7 @@ def test_one_sphere_is_a_sphere():
     assert body.radii.tolist() == [1.0] and body.error == 0.0
 
 
-@pytest.mark.parametrize(
-    "n, aspect, d", [(0, [1, 1, 1], 1.0), (4, [1, 0, 1], 1.0), (4, [1, 1], 1.0), (4, [1, 1, 1], -1.0)]
-)
+@pytest.mark.parametrize("n, aspect, d", [(0, [1, 1, 1], 1.0), (4, [1, 0, 1], 1.0), (4, [1, 1], 1.0), (4, [1, 1, 1], -1.0)])
 def test_impossible_clumps_are_refused(n, aspect, d):
     with pytest.raises(InputError):
         irregular(np.random.default_rng(0), n, aspect, d)
@@ -82,16 +78,11 @@ def test_population_refuses_a_wrong_range():
 
 def test_cut_lognormal_has_the_moments_of_theory():
     count, sigma, low, high = 20_000, 0.5, 0.6, 1.8
-    drawn = diameters(
-        np.random.default_rng(1), count, "lognormal", median=1.0, sigma=sigma, min=low, max=high
-    )
+    drawn = diameters(np.random.default_rng(1), count, "lognormal", median=1.0, sigma=sigma, min=low, max=high)
     phi = NormalDist().cdf
     a, b = math.log(low) / sigma, math.log(high) / sigma
     # moments of a truncated lognormal, P(k) = Phi(b - k s) - Phi(a - k s), E x^k = exp(k^2 s^2/2) P(k) / P(0)
-    moment = [
-        math.exp(k * k * sigma**2 / 2.0) * (phi(b - k * sigma) - phi(a - k * sigma)) / (phi(b) - phi(a))
-        for k in (1, 2)
-    ]
+    moment = [math.exp(k * k * sigma**2 / 2.0) * (phi(b - k * sigma) - phi(a - k * sigma)) / (phi(b) - phi(a)) for k in (1, 2)]
     spread = math.sqrt(moment[1] - moment[0] ** 2)
     assert drawn.mean() == pytest.approx(moment[0], abs=4.0 * spread / math.sqrt(count))  # four sigma
     assert drawn.std() == pytest.approx(spread, rel=0.03)  # four sigma of a standard deviation is 0.02

@@ -10,12 +10,14 @@ import pytest
 import trimesh
 from steel import STEEL
 
-from thirdbody.cli import main
+from thirdbody.build.clumps import shapes_of
+from thirdbody.cli.main import main
 from thirdbody.errors import OutputError
-from thirdbody.scene.make import shapes_of
 from thirdbody.scene.model import Scene
 
-SCENE = STEEL + """\
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "irregular"
@@ -46,6 +48,7 @@ duration = "1 us"
 [output]
 every = "1 us"
 """
+)
 
 
 @pytest.fixture

@@ -10,13 +10,15 @@ from scipy.integrate import quad
 from steel import STEEL
 
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
-from thirdbody.bodies.poses import resting_poses
+from thirdbody.bodies.resting_poses import resting_poses
+from thirdbody.build.populate import populate
 from thirdbody.errors import InputError
 from thirdbody.scene.debris.kinds.spheroid import corrugation, layout, number_of_spheres, spheres_in_rings
 from thirdbody.scene.model import Scene
-from thirdbody.scene.populate import populate
 
-SCENE = STEEL + """\
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spheroid"
@@ -32,6 +34,7 @@ duration = "1 us"
 [output]
 every = "1 us"
 """
+)
 
 
 def parsed(more: str, size: str = '"10 um"') -> Scene:
@@ -159,10 +162,12 @@ def test_sizes_are_those_of_the_spheroid():
         ("axial_ratio = 0.5\nsphers = 10", "debris[0].sphers: unknown key, did you mean 'spheres'?"),
         ("axial_ratio = 0.2\nspheres = 6", "spheres: 6 spheres of a prolate spheroid of axial_ratio 0.2 do not hang together:"),
         ('axial_ratio = 0.6\nform = "oblate"\nspheres = 6', "debris[0].spheres: 6 must be at least 7 in an oblate body"),
-        ('axial_ratio = 0.35\nform = "oblate"\nspheres = 20', "19 spheres of an oblate spheroid of axial_ratio 0.35 do not hang"
-         " together: at least 37"),
+        (
+            'axial_ratio = 0.35\nform = "oblate"\nspheres = 20',
+            "19 spheres of an oblate spheroid of axial_ratio 0.35 do not hang together: at least 37",
+        ),
         ('axial_ratio = 0.1\nform = "oblate"\nspheres = 100', "debris[0].axial_ratio: 91 spheres of an oblate spheroid of"),
-        ("axial_ratio = 0.5\nheight = \"1 um\"", "debris[0].height: needs placement = 'dilute' or 'dense'"),
+        ('axial_ratio = 0.5\nheight = "1 um"', "debris[0].height: needs placement = 'dilute' or 'dense'"),
     ],
 )
 def test_faults(more, told):

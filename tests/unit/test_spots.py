@@ -7,13 +7,15 @@ import pytest
 from steel import STEEL
 
 from thirdbody.bodies.spots import rows, spot_body
+from thirdbody.build.simulation import build
 from thirdbody.errors import InputError
 from thirdbody.kernels import layout as at
-from thirdbody.scene.build import build
 from thirdbody.scene.model import Scene
-from thirdbody.scene.write import toml_text
+from thirdbody.scene.toml_writer import toml_text
 
-SCENE = STEEL + """\
+SCENE = (
+    STEEL
+    + """\
 [[debris]]
 material = "steel"
 kind = "spots"
@@ -33,6 +35,7 @@ distance = "20 nm"
 [output]
 every = "1 nm"
 """
+)
 SPOTS = """spots = [
   {side = "upper", x = "0.2 um", z = "2 um", radius = "2 um"},
   {side = "lower", x = "-2 um", z = "-2 um", radius = "1 um"},

@@ -11,13 +11,13 @@ from numba import njit
 from scipy.linalg import eigh
 
 from thirdbody.engine.state import rotation_matrices
-from thirdbody.engine.timestep import DAMPING_FRACTION, STABILITY_FRACTION, _found, bound
+from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _found, bound
+from thirdbody.jit.function_pointers import address
+from thirdbody.jit.simd import load
 from thirdbody.kernels import layout as at
-from thirdbody.kernels.four import load
-from thirdbody.kernels.pointers import address
-from thirdbody.kernels.search import incidences
+from thirdbody.kernels.explicit.critical_time_step import ceiling
+from thirdbody.kernels.neighbour_search import incidences
 from thirdbody.kernels.signatures import LAW
-from thirdbody.kernels.stability import ceiling
 
 NEAR = 0.3
 """Spheres are candidates when they are not farther apart than this."""

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from thirdbody.errors import OutputError
-from thirdbody.studies import command
-from thirdbody.studies.command import cost_command
+from thirdbody.studies import cost_command as command
+from thirdbody.studies.cost_command import cost_command
 from thirdbody.studies.study_folder import new_study_folder
 
 NAMES = ("scene.toml", "cost.json", "cost.png", "cost.pdf", "rungs/mdr_8/run.vtkhdf", "rungs/mdr_8/checkpoint.npz",

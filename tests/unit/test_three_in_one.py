@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from thirdbody.kernels.three_in_one import three_in_one, three_of
+from thirdbody.kernels.packed_triple import three_in_one, three_of
 
 
 @njit(error_model="numpy")

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from thirdbody.kernels.union import break_heights, longest_links, union_of_discs
+from thirdbody.bodies.union_moments import break_heights, longest_links, union_of_discs
 
 
 def moments(centers, radii):

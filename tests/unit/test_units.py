@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from thirdbody.scene import units
+from thirdbody import units
 
 PREFIXES = ("", "f", "p", "n", "u", "µ", "μ", "m", "c", "d", "h", "k", "M", "G", "T")
 # pattern with a place for the prefix, the same for pint, our dimension
@@ -66,16 +66,12 @@ def test_agrees_with_pint_for_every_prefix(registry, ours, theirs, dimension):
     for prefix in PREFIXES:
         expected = pint_value(registry, 2.5, theirs.format("u" if prefix in "µμ" and prefix else prefix))
         # pint multiplies a few floats: some units in the last place, 2.2e-16 each
-        assert units.parse(f"2.5 {ours.format(prefix)}", dimension) == pytest.approx(
-            expected, rel=3e-15, abs=0
-        )
+        assert units.parse(f"2.5 {ours.format(prefix)}", dimension) == pytest.approx(expected, rel=3e-15, abs=0)
 
 
 @pytest.mark.parametrize(("ours", "theirs", "dimension"), PLAIN)
 def test_agrees_with_pint_without_prefix(registry, ours, theirs, dimension):
-    assert units.parse(f"7 {ours}", dimension) == pytest.approx(
-        pint_value(registry, 7, theirs), rel=3e-15, abs=0
-    )
+    assert units.parse(f"7 {ours}", dimension) == pytest.approx(pint_value(registry, 7, theirs), rel=3e-15, abs=0)
 
 
 @given(
@@ -103,9 +99,7 @@ def test_spellings_of_one_length(text):
     assert units.parse(text, "length") == 5e-6
 
 
-@pytest.mark.parametrize(
-    "text", ["1 m/s2", "1 m/s^2", "1 m/s**2", "1 m/s/s", "1 m s-2", "1 m s⁻²", "1 m/(s s)", "1 N/kg"]
-)
+@pytest.mark.parametrize("text", ["1 m/s2", "1 m/s^2", "1 m/s**2", "1 m/s/s", "1 m s-2", "1 m s⁻²", "1 m/(s s)", "1 N/kg"])
 def test_spellings_of_one_acceleration(text):
     assert units.parse(text, "acceleration") == 1.0
 

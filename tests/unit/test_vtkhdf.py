@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 from thirdbody.errors import InputError, OutputError
-from thirdbody.output import block, vtkhdf
-from thirdbody.output.paraview import write_paraview_files, write_sidecars
-from thirdbody.output.run import open_run
-from thirdbody.output.schema import BLOCKS, Frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.export.paraview import write_paraview_files, write_sidecars
+from thirdbody.trajectory import polydata_block
+from thirdbody.trajectory import writer as vtkhdf
+from thirdbody.trajectory.reader import open_run
+from thirdbody.trajectory.schema import BLOCKS, Frame
+from thirdbody.trajectory.writer import TrajectoryWriter
 
 CONTACT_COUNTS = (0, 4, 0, 7, 2)
 SPHERES_PER_CLUMP = (1, 2, 3)
@@ -99,10 +100,7 @@ def expected(block: str, number: int) -> dict[str, np.ndarray]:
     arrays = {**make_frame(number).block(block), **STATIC.get(block, {})}
     narrow = block == "spheres"
     # Spheres keep float32 but for positions and static arrays; the expected value is rounded the same way.
-    return {
-        name: np.float32(values) if narrow and name == "velocity" else np.asarray(values)
-        for name, values in arrays.items()
-    }
+    return {name: np.float32(values) if narrow and name == "velocity" else np.asarray(values) for name, values in arrays.items()}
 
 
 def assert_same_as_vtk(data, block: str, number: int) -> None:
@@ -216,7 +214,7 @@ import resource, sys
 sys.path[:0] = [{tests!r}]
 from test_vtkhdf import HEADER, STATIC, make_frame
 from thirdbody.errors import OutputError
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.trajectory.writer import TrajectoryWriter
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
 try:
     with TrajectoryWriter(sys.argv[1], HEADER, STATIC) as writer:
@@ -291,7 +289,7 @@ def test_a_failing_write_becomes_an_output_error(tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(block.Column, "extend", fail)
+    monkeypatch.setattr(polydata_block.Column, "extend", fail)
     with pytest.raises(OutputError, match="No space left.*the frame written before is kept"):
         writer.append(make_frame(1))
     with open_run(path) as run:

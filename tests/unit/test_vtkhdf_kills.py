@@ -14,10 +14,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from thirdbody.output import sink, vtkhdf
-from thirdbody.output.run import open_run
-from thirdbody.output.schema import BLOCKS, Frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.trajectory import crash_safe_file
+from thirdbody.trajectory import writer as vtkhdf
+from thirdbody.trajectory.reader import open_run
+from thirdbody.trajectory.schema import BLOCKS, Frame
+from thirdbody.trajectory.writer import TrajectoryWriter
 
 TRIAL = runpy.run_path(str(Path(__file__).with_name("test_vtkhdf.py")))
 HEADER, STATIC, make_frame, vtk_blocks, assert_same_as_vtk = (
@@ -31,7 +32,7 @@ BODIES = 16
 """So many that a chunk holds four frames, and the index of chunks, 64 to a node, grows by a node at frame 256 and at some 490."""
 
 
-class Journal(sink.Sink):
+class Journal(crash_safe_file.Sink):
     """Notes every write and every change of size with the number of frames that were committed by then."""
 
     notes: list[tuple] = []
@@ -150,7 +151,7 @@ WRITE_FOR_EVER = """
 import sys
 sys.path[:0] = [{tests!r}]
 from test_vtkhdf import HEADER, STATIC, make_frame
-from thirdbody.output.vtkhdf import TrajectoryWriter
+from thirdbody.trajectory.writer import TrajectoryWriter
 writer = TrajectoryWriter(sys.argv[1], HEADER, STATIC)
 for number in range(100000):
     writer.append(make_frame(number))
@@ -164,9 +165,7 @@ def test_a_killed_writer_leaves_its_committed_frames(tmp_path, delay):
     path = tmp_path / "run.vtkhdf"
     code = WRITE_FOR_EVER.format(tests=os.path.dirname(__file__))
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    with subprocess.Popen(
-        [sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, env=environment
-    ) as process:
+    with subprocess.Popen([sys.executable, "-c", code, str(path)], stdout=subprocess.PIPE, env=environment) as process:
         assert process.stdout is not None
         for _ in range(10):
             process.stdout.readline()

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thirdbody.bodies.stacks import alike
+from thirdbody.bodies.size_batches import alike
+from thirdbody.bodies.union_moments import MOMENTS, break_heights, longest_links, quadrature, union_moments
+from thirdbody.bodies.vectors import cross, dot
 from thirdbody.errors import Fault, InputError
-from thirdbody.kernels.union import MOMENTS, break_heights, longest_links, quadrature, union_moments
-from thirdbody.kernels.vectors import cross, dot
 
 # Spheres that touch in one point belong together although rounding may part them by this much.
 _TOUCH = 1e-9
@@ -67,7 +67,7 @@ def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
     """Clump, centroid (3,) m and quaternion (4,) of its principal frame in the frame of the centers given.
 
     Given center = centroid + rotate(quaternion, clump center), row by row. Every sphere counts once, however
-    many share its volume (mass properties of the union, Green's theorem per slice, see `kernels.union`).
+    many share its volume (mass properties of the union, Green's theorem per slice, see `bodies.union_moments`).
     Axes whose order or sign the shape leaves open are those nearest to the axes given.
     InputError: wrong shapes, radii not positive, or spheres that are not connected.
     """
@@ -152,9 +152,7 @@ def _checked(centers, radii) -> tuple[np.ndarray, np.ndarray]:
     centers = np.array(centers, dtype=np.float64, order="C")
     radii = np.array(radii, dtype=np.float64, order="C")
     if centers.ndim != 2 or centers.shape[1] != 3 or radii.shape != centers.shape[:1] or not len(radii):
-        raise InputError(
-            f"a clump needs centers (k, 3) and radii (k,), not {centers.shape} and {radii.shape}"
-        )
+        raise InputError(f"a clump needs centers (k, 3) and radii (k,), not {centers.shape} and {radii.shape}")
     faults = []
     for i, (center, radius) in enumerate(zip(centers, radii, strict=True)):
         if not np.isfinite(center).all():
@@ -179,8 +177,7 @@ def _refuse_parts(centers: np.ndarray, radii: np.ndarray) -> None:
     while (grown := together[part].any(axis=0)).sum() > part.sum():
         part = grown
     raise InputError(
-        Fault(f"spheres[{i}]", "not connected to sphere 0: a rigid body must be in one piece")
-        for i in np.flatnonzero(~part)
+        Fault(f"spheres[{i}]", "not connected to sphere 0: a rigid body must be in one piece") for i in np.flatnonzero(~part)
     )
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from thirdbody.bodies.bounded_read import LARGEST, SMALLEST, read_bytes
 from thirdbody.bodies.clump import principal_axes
-from thirdbody.bodies.files import LARGEST, SMALLEST, read_bytes
 from thirdbody.errors import Fault, InputError
 
 SUFFIXES = (".stl", ".obj", ".ply")

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thirdbody.bodies.files import MOST_ROWS
-from thirdbody.bodies.sheet import PER_BODY, Sheet, refuse
+from thirdbody.bodies.bounded_read import MOST_ROWS
+from thirdbody.bodies.sphere_table import PER_BODY, Sheet, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
 Parse = Callable[[str, str], float]

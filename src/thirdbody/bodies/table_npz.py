@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from thirdbody.bodies.files import MOST_ROWS
-from thirdbody.bodies.sheet import PER_BODY, SHOWN, Sheet, refuse
+from thirdbody.bodies.bounded_read import MOST_ROWS
+from thirdbody.bodies.sphere_table import PER_BODY, SHOWN, Sheet, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
 _NEEDED = ("center", "radius", "clump")

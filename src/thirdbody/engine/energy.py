@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import layout as at
-from .state import State
+from thirdbody.engine.state import State
+from thirdbody.kernels import layout as at
 
 LINES = (
     "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical",
@@ -40,7 +40,8 @@ class Ledger:
 
     The residual is divided by max(sum of |plate work increments|, largest stored plus kinetic energy). Velocity Verlet has
     no loss of its own that could be told apart from truncation: its `numerical` is zero, and truncation is the residual. What
-    friction takes there is the work of the mean force of each step (`kernels.booking`), so that the residual tells of springs and
+    friction takes there is the work of the mean force of each step (`kernels.explicit.contact_dissipation`), so that the
+    residual tells of springs and
     dashpots in the normal direction, of rotations, and of laws that make energy.
     Backward Euler damps; what it loses is computed in every step and stands on the line `numerical`.
     """

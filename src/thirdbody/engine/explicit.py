@@ -10,23 +10,23 @@ from typing import Any
 import numba
 import numpy as np
 
-from ..errors import GuardStop
-from ..kernels import bodies as body_pass
-from ..kernels import contacts as contact_pass
-from ..kernels import layout as at
-from ..kernels import step
-from ..kernels.context import expected, told
-from ..kernels.drift import Z_COLS
-from ..kernels.pointers import address
-from ..kernels.signatures import EFFECTS, KINDS, LAW, OBSERVE, WORK, Context
-from ..kernels.work import work
-from ..laws.contract import Material
-from .guards import Guards
-from .labels import labels
-from .neighbours import search
-from .pace import Pace, clocks
-from .state import Array, State, refresh_spheres, table, unite
-from .timestep import Bound, bound
+from thirdbody.engine.guards import Guards
+from thirdbody.engine.labels import labels
+from thirdbody.engine.neighbours import search
+from thirdbody.engine.state import Array, State, refresh_spheres, table, unite
+from thirdbody.engine.thread_tuner import Pace, clocks
+from thirdbody.engine.time_step import Bound, bound
+from thirdbody.errors import GuardStop
+from thirdbody.jit.function_pointers import address
+from thirdbody.jit.packed_arguments import expected, told
+from thirdbody.kernels import layout as at
+from thirdbody.kernels import rigid_body as body_pass
+from thirdbody.kernels.explicit import contact_forces as contact_pass
+from thirdbody.kernels.explicit import step_loop
+from thirdbody.kernels.explicit.drift import Z_COLS
+from thirdbody.kernels.explicit.passes import work
+from thirdbody.kernels.signatures import EFFECTS, KINDS, LAW, OBSERVE, WORK, Context
+from thirdbody.laws.contract import Material
 
 BUDGET = 64
 """Steps between two evaluations of the time step, counted from the start of the run, so that output cannot shift them."""
@@ -95,19 +95,19 @@ class Explicit:
         while state.time < time and state.distance < distance:
             budget = min(BUDGET - int(state.A[at.A_STEPS]) % BUDGET, max(1, int(CALL / self.seconds)))
             code, number = self._advance(budget, time, distance, state.dt)
-            if code == step.RECORD:  # no step was made
+            if code == step_loop.RECORD:  # no step was made
                 state.slots.R = table(state.slots.count, state.slots.R.shape[1])
                 continue
-            if code in (step.SEARCH, step.DONE) and number == 1:
-                search(state, code == step.DONE)
+            if code in (step_loop.SEARCH, step_loop.DONE) and number == 1:
+                search(state, code == step_loop.DONE)
                 self._tables()
-            elif code not in (step.SEARCH, step.BUDGET, step.DONE):
+            elif code not in (step_loop.SEARCH, step_loop.BUDGET, step_loop.DONE):
                 raise GuardStop(self._explain(code, number))
             if int(state.A[at.A_STEPS]) % BUDGET == 0:
                 self._choose_step()
-            if code == step.BUDGET:  # here the run could be put away and taken up again
+            if code == step_loop.BUDGET:  # here the run could be put away and taken up again
                 (watch if int(state.A[at.A_STEPS]) % BUDGET == 0 else between)()
-            if code == step.DONE:
+            if code == step_loop.DONE:
                 return
 
     def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -130,7 +130,7 @@ class Explicit:
 
     def _scratch(self, threads: int) -> None:
         """Room to work in for every part of a pass: the kernels themselves make no arrays."""
-        slots, physics, parts = self.state.slots, self.state.physics, step.SHARES * threads
+        slots, physics, parts = self.state.slots, self.state.physics, step_loop.SHARES * threads
         chunks = slots.cuts.shape[1] - 1
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
         longest = int(np.diff(slots.cuts[: body_pass.GUESTS, ends], axis=1).max(initial=0))
@@ -144,9 +144,9 @@ class Explicit:
         s, physics, (began, worked) = self.state, self.state.physics, clocks()
         before = s.A[at.A_STEPS]
         threads = self.pace.threads(numba.get_num_threads(), began)
-        if len(self.room) < step.SHARES * threads:
+        if len(self.room) < step_loop.SHARES * threads:
             self._scratch(threads)
-        answer = step.advance(
+        answer = step_loop.advance(
             budget, time, distance, dt, threads, self._context(), s.X0, s.patch, s.schedule, s.first, physics.stride,
             physics.labels,
         )  # fmt: skip
@@ -220,9 +220,9 @@ class Explicit:
         s = self.state
         when = f"stopped at t = {s.time:.6g} s (step {int(s.A[at.A_STEPS])}, time step {s.dt:.3g} s)"
         laws = ", ".join(sorted({name.split(".")[0] for name in s.physics.history})) or "contact laws"
-        if code in (step.OVERLAP, step.BAD_CONTACT):
+        if code in (step_loop.OVERLAP, step_loop.BAD_CONTACT):
             body, partner = self._who(number)
-            if code == step.BAD_CONTACT:
+            if code == step_loop.BAD_CONTACT:
                 return f"{when}: the force between {body} and {partner} is not a number ({laws})"
             ratio = float(self.sums[:, contact_pass.SUM_OVERLAP].max())
             return (
@@ -231,14 +231,11 @@ class Explicit:
             )
         where = ", ".join(f"{x:.4g}" for x in s.B[number, at.B_X : at.B_X + 3])
         body = f"body {s.order[number]} at ({where}) m"
-        if code == step.BAD_BODY:
+        if code == step_loop.BAD_BODY:
             return f"{when}: the position of body {s.order[number]} is not a number; the time step is too large"
-        if code == step.LEFT:
+        if code == step_loop.LEFT:
             return f"{when}: {body} left the domain"
-        return (
-            f"{when}: {body} moves more than {s.D[at.D_GUARD_TRAVEL]:g} of a radius in one step; "
-            "a smaller time step is needed"
-        )
+        return f"{when}: {body} moves more than {s.D[at.D_GUARD_TRAVEL]:g} of a radius in one step; a smaller time step is needed"
 
     def _explain_step(self, limit: Bound) -> str:
         s = self.state

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import GuardStop
-from ..kernels import layout as at
-from .energy import Ledger, Stored
-from .state import State
+from thirdbody.engine.energy import Ledger, Stored
+from thirdbody.engine.state import State
+from thirdbody.errors import GuardStop
+from thirdbody.kernels import layout as at
 
 OVERLAP_GUARD = 0.3
 """Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape mean nothing."""

@@ -16,20 +16,20 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import GuardStop
-from ..kernels import layout as at
-from ..kernels import limits, steps
-from ..kernels import march as kernel
-from ..laws.contract import Material
-from .guards import Guards
-from .labels import labels
-from .limited import in_words, limited_by, limiting_body
-from .made_energy import MADE_GUARD, held_energy, made_share
-from .nearness import Nearness
-from .neighbours import search
-from .plates import Schedule, at_time
-from .state import Array, State
-from .timestep import rayleigh_time
+from thirdbody.engine.guards import Guards
+from thirdbody.engine.labels import labels
+from thirdbody.engine.neighbours import search
+from thirdbody.engine.numerical_energy_guard import MADE_GUARD, held_energy, made_share
+from thirdbody.engine.proximity_guard import Nearness
+from thirdbody.engine.state import Array, State
+from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
+from thirdbody.engine.time_step import rayleigh_time
+from thirdbody.engine.upper_plate import Schedule, at_time
+from thirdbody.errors import GuardStop
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.implicit import bdf2 as kernel
+from thirdbody.kernels.implicit import step_control, step_limits
+from thirdbody.laws.contract import Material
 
 BATCH = 512
 """Bodies per compiled call."""
@@ -42,7 +42,8 @@ FIRST, SHORTEST = 0.1, 1e-6
 """Length of the first step, and of the shortest one that is tried, in Rayleigh times."""
 
 WORK = 5.0
-"""Error of a step in the friction work of a body over `tolerance`, in parts of the energies in play (`kernels.friction_work`)."""
+"""Error of a step in the friction work of a body over `tolerance`, in parts of the energies in play
+(`kernels.implicit.friction_work`)."""
 
 HELD = 0.1
 """Energy that the springs of a body can hold at least under its load, over load times overlap: half of it at friction 0.3. Errors
@@ -97,7 +98,7 @@ class Implicit:
         self.memory = np.zeros((state.n_bodies, at.T_COLS))
         smallest = np.minimum.reduceat(state.S[:, at.S_R], state.start[:-1])
         self.memory[:, at.T_DT], self.memory[:, at.T_RADIUS] = FIRST * self.rayleigh, UNLOADED * smallest
-        self.memory[:, at.T_LIMIT] = limits.GROWTH
+        self.memory[:, at.T_LIMIT] = step_limits.GROWTH
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
         self.memory[:, at.T_FIRM] = float(state.P[:, at.P_LOAD].max()) / overlap
         self.memory[:, at.T_ENERGY] = HELD * float(state.P[:, at.P_LOAD].max()) * overlap
@@ -106,11 +107,15 @@ class Implicit:
         self._told, self._limit = self.memory.copy(), ""  # what `tell_limit` saw and said before
 
     def _settings(self, overlap: float) -> Array:
-        V, chosen = np.zeros(steps.V_COLS), self.accuracy
-        V[steps.V_TOLERANCE], V[steps.V_LONGEST], V[steps.V_RADII] = chosen.tolerance, chosen.largest_step, chosen.radii
-        V[steps.V_SHORTEST], V[steps.V_INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
-        V[steps.V_DEEP], V[steps.V_GROWTH] = overlap, chosen.growth
-        V[steps.V_WORK] = WORK * chosen.tolerance
+        V, chosen = np.zeros(step_control.V_COLS), self.accuracy
+        V[step_control.V_TOLERANCE], V[step_control.V_LONGEST], V[step_control.V_RADII] = (
+            chosen.tolerance,
+            chosen.largest_step,
+            chosen.radii,
+        )
+        V[step_control.V_SHORTEST], V[step_control.V_INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
+        V[step_control.V_DEEP], V[step_control.V_GROWTH] = overlap, chosen.growth
+        V[step_control.V_WORK] = WORK * chosen.tolerance
         return V
 
     def start(self) -> None:
@@ -165,7 +170,7 @@ class Implicit:
 
     def _waiting(self, first: int, last: int, until: float) -> int:
         """How many of the bodies have not come to a time, s; of a run that was put away some have."""
-        going = self.memory[first:last, at.T_CODE] == steps.GOING
+        going = self.memory[first:last, at.T_CODE] == step_control.GOING
         return int(np.count_nonzero(going & (self.totals[first:last, at.A_TIME] < until)))
 
     def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -195,7 +200,7 @@ class Implicit:
         self._judge()
 
     def _groups(self) -> tuple[tuple, tuple, tuple, tuple]:
-        """The tables in the groups of `kernels.trial`: spots, shape, state, known."""
+        """The tables in the groups of `kernels.implicit.residual`: spots, shape, state, known."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
         return (
             (slots.own, slots.partner, slots.kind, slots.edges, slots.incidence), (s.body, s.start, s.patch, s.offsets),
@@ -232,9 +237,9 @@ class Implicit:
     def _judge(self) -> None:
         """Raise GuardStop for the first body that was stopped; one without a solution is left behind where the scene says so."""
         codes = self.memory[:, at.T_CODE]
-        stopped = np.flatnonzero(codes != steps.GOING)
+        stopped = np.flatnonzero(codes != step_control.GOING)
         if self.accuracy.go_on:
-            stopped = stopped[codes[stopped] != steps.UNSOLVED]
+            stopped = stopped[codes[stopped] != step_control.UNSOLVED]
         if len(stopped):
             raise GuardStop(self._explain(int(stopped[0])))
 
@@ -260,7 +265,7 @@ class Implicit:
         """What the summary of a run tells of its integration; steps are those of single bodies."""
         taken, T, state = self.totals[:, at.A_STEPS], self.memory, self.state
         total = max(float(taken.sum()), 1.0)
-        lost = np.flatnonzero(T[:, at.T_CODE] == steps.UNSOLVED)
+        lost = np.flatnonzero(T[:, at.T_CODE] == step_control.UNSOLVED)
         return {
             "integrator": "implicit",
             "steps": int(taken.sum()),
@@ -293,20 +298,21 @@ class Implicit:
         s, totals = self.state, self.totals[body]
         code, when = int(self.memory[body, at.T_CODE]), f"stopped at t = {totals[at.A_TIME]:.6g} s"
         who = self._who(body)
-        if code == steps.TOO_DEEP:
+        if code == step_control.TOO_DEEP:
             slot = int(self.memory[body, at.T_SLOT])
             plate = "lower" if s.slots.partner[slot] == -1 else "upper"
             ratio = s.slots.R[slot, at.R_OVERLAP] / s.S[s.slots.own[slot], at.S_R]
             limit = s.D[at.D_GUARD_OVERLAP]
             deep = f"sinks into the {plate} plate by {ratio:.2f} of the radius (guard: {limit:g})"
             return f"{when}: {who} {deep}; a lower load is needed"
-        if code == steps.LEFT:
+        if code == step_control.LEFT:
             return f"{when}: {who} left the domain"
-        if code == steps.TOO_MANY:
+        if code == step_control.TOO_MANY:
             return f"{when}: {who} has more than {at.TILE} loaded spots, which the implicit integrator cannot hold"
-        if code == steps.NOT_A_NUMBER:
+        if code == step_control.NOT_A_NUMBER:
             return f"{when}: the position of body {s.order[body]} is not a number"
-        return f"{when}: no step of {who} could be solved, down to {self.settings[steps.V_SHORTEST]:.2g} s; {self._spots(body)}"
+        shortest = self.settings[step_control.V_SHORTEST]
+        return f"{when}: no step of {who} could be solved, down to {shortest:.2g} s; {self._spots(body)}"
 
     def _who(self, body: int) -> str:
         """A body by its number in the scene, and where it is."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import layout as at
-from .state import Array, State
+from thirdbody.engine.state import Array, State
+from thirdbody.kernels import layout as at
 
 
 def labels(state: State, drag: tuple[float, float]) -> Array:
@@ -13,7 +13,7 @@ def labels(state: State, drag: tuple[float, float]) -> Array:
 
     `drag`: direction of the planned motion of the upper plate.
     """
-    from ..kernels.label import label_bodies
+    from thirdbody.kernels.label_bodies import label_bodies
 
     slots, physics = state.slots, state.physics
     out = np.zeros((state.n_bodies, physics.outputs))

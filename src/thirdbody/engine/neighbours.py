@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import layout as at
-from ..kernels import search as passes
-from ..kernels.bodies import BODIES
-from ..kernels.contacts import GROUP
-from .state import Array, Ints, Numbers, Slots, State, table
+from thirdbody.engine.state import Array, Ints, Numbers, Slots, State, table
+from thirdbody.kernels import layout as at
+from thirdbody.kernels import neighbour_search as passes
+from thirdbody.kernels.explicit.contact_forces import GROUP
+from thirdbody.kernels.rigid_body import BODIES
 
 
 def search(state: State, recorded: bool = True) -> None:
@@ -77,9 +77,7 @@ def _between_groups(host: Ints, guest: Ints, n_bodies: int) -> tuple[Numbers, Nu
 
 def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Slots, source: Array, target: Array) -> None:
     passes.carry_history(0, n_plates, own, partner, target, 0, old.n_plates, old.own, old.partner, source)
-    passes.carry_history(
-        n_plates, len(own), own, partner, target, old.n_plates, old.count, old.own, old.partner, source
-    )
+    passes.carry_history(n_plates, len(own), own, partner, target, old.n_plates, old.count, old.own, old.partner, source)
 
 
 def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
@@ -102,9 +100,7 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
         if world.debris_meets:
             low, size, count, periodic = grid(state, state.skin)
             l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
-            n = passes.pair_candidates(
-                state.S, state.body, l_x, l_y, state.skin, low, size, count, periodic, n, own, partner
-            )
+            n = passes.pair_candidates(state.S, state.body, l_x, l_y, state.skin, low, size, count, periodic, n, own, partner)
         if n <= capacity:
             return n_plates, own[:n].copy(), partner[:n].copy()
         capacity = int(1.2 * n)

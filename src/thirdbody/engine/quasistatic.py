@@ -4,7 +4,7 @@ The lower plate is fixed; the upper one is lowered by its closing (or pressed do
 dragged sideways. Kinematics is linear, as in Willert's theory (Eqs. 1, 6, 11): a spot at r from the centre of mass moves by
 t + theta x r, with the translation t and the rotation vector theta of the particle since first touch. Its normal part changes
 the overlap, its tangential part against the plate is the slip. That is the theory itself for a planar particle, and holds in
-3-D as long as |theta| is small; where it is not, `seating` places the spots anew and goes on from there.
+3-D as long as |theta| is small; where it is not, `relaxation` places the spots anew and goes on from there.
 
 Nothing is known of the laws but their compiled `law` and `tangents`. A step takes the history from the last point in balance and
 commits it only when the new one is found: a law that is exact for straight paths of overlap and slip is used as such.
@@ -18,8 +18,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .state import Array
-from .static_contacts import Answer, Contacts
+from thirdbody.engine.state import Array
+from thirdbody.engine.static_contacts import Answer, Contacts
 
 CONVERGED = 1e-12
 """Largest unbalanced force, or moment over the arm, as a share of all normal forces, weight and load."""

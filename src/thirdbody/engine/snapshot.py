@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..kernels import layout as at
-from .energy import Ledger
-from .neighbours import slots_of
-from .state import Array, Slots, State
+from thirdbody.engine.energy import Ledger
+from thirdbody.engine.neighbours import slots_of
+from thirdbody.engine.state import Array, Slots, State
+from thirdbody.kernels import layout as at
 
 if TYPE_CHECKING:
-    from .explicit import Explicit
-    from .implicit import Implicit
+    from thirdbody.engine.explicit import Explicit
+    from thirdbody.engine.implicit import Implicit
 
 FIXED = ("S", "B", "E", "P", "A", "M", "X0")
 """Tables of a state whose shape follows from the scene; of S and B only one where they are the same."""

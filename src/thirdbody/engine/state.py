@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bodies.clump import Clump
-from ..kernels import bodies as body_pass
-from ..kernels import layout as at
-from ..kernels.pointers import address
-from ..kernels.rolling import MOMENTS
-from ..kernels.signatures import LAW
-from .plates import Schedule, UpperPlate
+from thirdbody.bodies.clump import Clump
+from thirdbody.engine.upper_plate import Schedule, UpperPlate
+from thirdbody.jit.function_pointers import address
+from thirdbody.kernels import layout as at
+from thirdbody.kernels import rigid_body as body_pass
+from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.signatures import LAW
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -80,7 +80,8 @@ class World:
 @dataclass(frozen=True)
 class Physics:
     """Compiled laws and effects with their parameters; `kinds[a, b]` is the row of `pairs` for two materials, -1 if none.
-    `rolling`: what contacts need of the relative rotation (`kernels.rolling`). `remembered_forces`, `stored`, `dashpots`: see
+    `rolling`: what contacts need of the relative rotation (`kernels.rolling_kinematics`). `remembered_forces`, `stored`,
+    `dashpots`: see
     `Chain`."""
 
     law: Callable
@@ -105,7 +106,7 @@ class Physics:
 
     @cached_property
     def stiffness_at(self) -> int:
-        """The address of `stiffness`, as `kernels.stability` wants it. Raises AttributeError without."""
+        """The address of `stiffness`, as `kernels.explicit.critical_time_step` wants it. Raises AttributeError without."""
         return address(self.stiffness, LAW)
 
     @property
@@ -121,7 +122,7 @@ class Slots:
     `closed` (n,): 1: it touches; 2: it did a step ago. `edges` (n_bodies + 1,): where the slots of a body begin in `incidence`
     (2 slot, +1 for its partner). `near`: spheres that have slots, body by body from `beginning` (n_bodies + 1,). `outer` (n,):
     the row of F in which a contact leaves what it does to its partner's body, which is that of `guests`; -1: both bodies are of
-    one group of chunks. `cuts` (3, chunks + 1): `kernels.bodies`. `lowest` (groups,): the first group whose contacts act on
+    one group of chunks. `cuts` (3, chunks + 1): `kernels.rigid_body`. `lowest` (groups,): the first group whose contacts act on
     bodies of a group. `needs`: where the list of the other groups whose bodies its contacts need begins (groups + 1,), then
     these lists.
     """
@@ -339,4 +340,3 @@ def angular_momentum(B: Array, E: Array) -> Array:
 def refresh_spheres(state: State) -> None:
     """Sphere positions, arms and velocities of now, of all spheres, from the bodies."""
     body_pass.place_all(state.start, state.offsets, state.S, state.B, state.E)
-

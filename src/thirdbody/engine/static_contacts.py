@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ..kernels import layout as at
-from ..laws.compose import Chain, compose
-from ..laws.contract import Law, Pair
-from .state import Array, Ints
+from thirdbody.engine.state import Array, Ints
+from thirdbody.kernels import layout as at
+from thirdbody.laws.codegen.laws import Chain, compose
+from thirdbody.laws.contract import Law, Pair
 
 AT_REST = ("damping", "tangential_damping")
 """Stages that have nothing to say where nothing moves in time."""

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..kernels import layout as at
-from ..laws.compose_bodies import compose_labeller
-from ..laws.contract import Labeller
-from .quasistatic import Balance, Grip
-from .state import Array
+from thirdbody.engine.quasistatic import Balance, Grip
+from thirdbody.engine.state import Array
+from thirdbody.kernels import layout as at
+from thirdbody.laws.codegen.effects import compose_labeller
+from thirdbody.laws.contract import Labeller
 
 STEP = 1.0
 """Time from one balance to the next, s: nothing in a balance depends on it, and rates are increments."""

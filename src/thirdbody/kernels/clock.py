@@ -4,8 +4,8 @@ import math
 
 from numba import njit
 
-from .layout import A_DISTANCE, A_DX, A_DY, A_ELAPSED, A_HEADING, A_SPEED, A_STEPS, A_TIME
-from .options import BARE
+from thirdbody.jit.options import BARE
+from thirdbody.kernels.layout import A_DISTANCE, A_DX, A_DY, A_ELAPSED, A_HEADING, A_SPEED, A_STEPS, A_TIME
 
 
 @njit(**BARE)

@@ -3,8 +3,8 @@
 import numpy as np
 from numba import njit
 
-from .four import rounded, spread
-from .options import BARE
+from thirdbody.jit.options import BARE
+from thirdbody.jit.simd import rounded, spread
 
 
 @njit(**BARE)

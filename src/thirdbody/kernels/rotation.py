@@ -4,8 +4,8 @@ import math
 
 from numba import njit
 
-from .four import lane, round_axis, splat, spread
-from .options import BARE
+from thirdbody.jit.options import BARE
+from thirdbody.jit.simd import lane, round_axis, splat, spread
 
 NEARLY_UNIT = 5e-6
 """By so much at most the square of a length may differ from 1 where its root is taken from a series: the next term, 5/16 of the

@@ -4,7 +4,7 @@ from collections import namedtuple
 
 from numba import types
 
-from .context import Kinds
+from thirdbody.jit.packed_arguments import Kinds
 
 _TABLE = types.Array(types.float64, 2, "C")
 _ROW = types.Array(types.float64, 1, "C")

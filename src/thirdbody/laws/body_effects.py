@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from .contract import BodyEffect, Option, Options, Wrench, kernel
+from thirdbody.laws.contract import BodyEffect, Option, Options, Wrench, kernel
 
 
 class GravityParameters(NamedTuple):

@@ -29,7 +29,8 @@ friction limit leaves; the same for the viscous part of a rolling moment. It com
 and moments that really acted, and in explicit runs remembers these, as energies are then those of the mean force. `dissipated`
 belongs to the force at the end of the step. A tangential law that remembers its force under the names `force_x, force_y` (a
 rolling law its moment, `moment_x, moment_y`) lets the explicit integrator book friction with the mean of the forces at both
-ends, which is what bodies exchange there (`kernels.booking`); without these names the ledger of an explicit run closes to first
+ends, which is what bodies exchange there (`kernels.explicit.contact_dissipation`); without these names the ledger of an
+explicit run closes to first
 order in the step where friction jumps. A tangential or rolling law that remembers what it answers as `stored` names that number
 `energy`: if it is the only one with a spring, the engine keeps no column of its own for it. A moment acts on i, and turned round
 on j; `turn` is the rotation of i relative to j about the two tangential axes, so that the work of the pair is moment times turn.
@@ -43,8 +44,8 @@ from typing import Any, NamedTuple
 
 from numba import njit
 
-from ..dimensions import DIMENSIONS
-from ..errors import nearest
+from thirdbody.dimensions import DIMENSIONS
+from thirdbody.errors import nearest
 
 STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling")
 STIFF = ("normal", "tangential", "rolling")

@@ -6,10 +6,19 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
-from .contract import Law, Option, Options, Pair, Tangential, kernel
-from .elasticity import g_star
-from .friction import MEMORY, forgets, friction_tangent, keeps, rolled, rolled_tangent, stretched, stretched_tangent
-from .renewal import RENEWAL_OF_SPRINGS, fresh_ground, renewal_rate, renewed
+from thirdbody.laws.contract import Law, Option, Options, Pair, Tangential, kernel
+from thirdbody.laws.elasticity import g_star
+from thirdbody.laws.patch_renewal import RENEWAL_OF_SPRINGS, fresh_ground, renewal_rate, renewed
+from thirdbody.laws.radial_return import (
+    MEMORY,
+    forgets,
+    friction_tangent,
+    keeps,
+    rolled,
+    rolled_tangent,
+    stretched,
+    stretched_tangent,
+)
 
 
 class CoulombParameters(NamedTuple):
@@ -62,7 +71,7 @@ class RollingCoulombParameters(NamedTuple):
 
 @kernel
 def coulomb_rolling(c, load, p, h):
-    """`coulomb` for a patch that renews its material where it rolls over fresh ground (`thirdbody.laws.renewal`)."""
+    """`coulomb` for a patch that renews its material where it rolls over fresh ground (`thirdbody.laws.patch_renewal`)."""
     limit, a = p.mu * load.force, load.contact_radius
     stiffness = min(limit / (p.slip_scale * c.radius), 2.0 * p.g_star * a)
     ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])

@@ -11,8 +11,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from .contract import Law, Options, Pair, kernel
-from .elasticity import e_star, g_star
+from thirdbody.laws.contract import Law, Options, Pair, kernel
+from thirdbody.laws.elasticity import e_star, g_star
 
 
 class DampingParameters(NamedTuple):

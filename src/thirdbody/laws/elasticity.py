@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .contract import Material
+from thirdbody.laws.contract import Material
 
 
 def e_star(a: Material, b: Material) -> float:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from .contract import Law, Normal, Options, Pair, kernel
-from .elasticity import e_star
+from thirdbody.laws.contract import Law, Normal, Options, Pair, kernel
+from thirdbody.laws.elasticity import e_star
 
 
 class HertzParameters(NamedTuple):

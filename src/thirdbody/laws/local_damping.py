@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from .contract import BodyEffect, Option, Options, Wrench, kernel
+from thirdbody.laws.contract import BodyEffect, Option, Options, Wrench, kernel
 
 
 class LocalParameters(NamedTuple):

@@ -5,10 +5,19 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import NamedTuple
 
-from .contract import Law, Options, Pair, Tangential, kernel
-from .elasticity import e_star, g_star
-from .friction import MEMORY, forgets, friction_tangent, keeps, rolled, rolled_tangent, stretched, stretched_tangent
-from .renewal import RENEWAL_OF_SPRINGS, fresh_ground, renewal_rate, renewed
+from thirdbody.laws.contract import Law, Options, Pair, Tangential, kernel
+from thirdbody.laws.elasticity import e_star, g_star
+from thirdbody.laws.patch_renewal import RENEWAL_OF_SPRINGS, fresh_ground, renewal_rate, renewed
+from thirdbody.laws.radial_return import (
+    MEMORY,
+    forgets,
+    friction_tangent,
+    keeps,
+    rolled,
+    rolled_tangent,
+    stretched,
+    stretched_tangent,
+)
 
 
 class MindlinParameters(NamedTuple):
@@ -52,7 +61,7 @@ class RollingMindlinParameters(NamedTuple):
 
 @kernel
 def mindlin_rolling(c, load, p, h):
-    """`mindlin` for a patch that renews its material where it rolls over fresh ground (`thirdbody.laws.renewal`)."""
+    """`mindlin` for a patch that renews its material where it rolls over fresh ground (`thirdbody.laws.patch_renewal`)."""
     limit, a = p.mu * load.force, load.contact_radius
     ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
     share = renewed(p.renewal * ground.way / max(a, 1e-300))
@@ -99,7 +108,7 @@ MINDLIN = Law(
     history=("force_x", "force_y", "energy"),
     options=(MEMORY, RENEWAL_OF_SPRINGS),
     variant=forgetting_mindlin,
-    source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.friction",
+    source="Mindlin 1949; loss of area: Walton and Braun 1986, Thornton and Randall 1988; memory: thirdbody.laws.radial_return",
 )
 
 MINDLIN_ROLLING = replace(

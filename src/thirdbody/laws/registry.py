@@ -11,9 +11,9 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 
-from ..errors import UsageError
-from ..modules import import_file, import_lock
-from .contract import BodyEffect, Law, LawFamily, Plugin
+from thirdbody.errors import UsageError
+from thirdbody.laws.contract import BodyEffect, Law, LawFamily, Plugin
+from thirdbody.system.module_import import import_file, import_lock
 
 GROUP = "thirdbody.plugins"
 
@@ -52,7 +52,7 @@ def discover(files: Sequence[str | Path] = ()) -> Registry:
     A broken installed plug-in is told in `failures`; a broken file, which the user asked for, raises UsageError, as do two
     plug-ins that bring the same name.
     """
-    from .catalogue import PLUGIN
+    from thirdbody.laws.builtin import PLUGIN
 
     plugins, failures = [PLUGIN], {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from .contract import Law, Option, Options, Pair, Rolling, kernel
-from .elasticity import e_star
-from .friction import friction_tangent
+from thirdbody.laws.contract import Law, Option, Options, Pair, Rolling, kernel
+from thirdbody.laws.elasticity import e_star
+from thirdbody.laws.radial_return import friction_tangent
 
 STIFFNESS = 2.25
 """k_r over k_n (mu_r R*)^2 (Iwashita and Oda 1998; Wensrich and Katterfeld 2012, Eq. 10)."""

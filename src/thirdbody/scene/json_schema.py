@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from thirdbody.scene import units
+from thirdbody import units
 
 Schema = dict[str, Any]
 

@@ -18,34 +18,22 @@ from typing import Annotated, Any
 from pydantic import PrivateAttr, ValidationError
 
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene import crosscheck
+from thirdbody.scene import cross_checks
 from thirdbody.scene.debris.kinds.file import File
 from thirdbody.scene.debris.kinds.irregular import Irregular
 from thirdbody.scene.debris.kinds.mesh import Mesh
 from thirdbody.scene.debris.kinds.spheres import Ball, Spheres
 from thirdbody.scene.debris.kinds.spots import Spot, Spots
 from thirdbody.scene.debris.registry import Debris, DebrisKinds, kinds_of
-from thirdbody.scene.drives import Constant as ConstantVelocity
-from thirdbody.scene.drives import Motion, Pause, Ramp, Stroke, Table
-from thirdbody.scene.fields import Whole, listing, plain
-from thirdbody.scene.part import MISSING, Part, Place, Wrong, bundle, key_path, wrongs_of
+from thirdbody.scene.field_types import MOST_SPHERES, Text, Whole, listing, plain
+from thirdbody.scene.motion import Constant as ConstantVelocity
+from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
+from thirdbody.scene.overrides import apply_settings
 from thirdbody.scene.read import Source, read_text, read_toml
-from thirdbody.scene.settings import apply_settings
-from thirdbody.scene.sizes import Constant, Lognormal, Normal, Uniform
-from thirdbody.scene.tables import (
-    Contact,
-    Domain,
-    Effects,
-    LowerPlate,
-    Material,
-    Output,
-    Pair,
-    Plates,
-    Solver,
-    UpperPlate,
-)
-from thirdbody.scene.types import MOST_SPHERES, Text
-from thirdbody.scene.write import save_text, toml_text
+from thirdbody.scene.schema_base import MISSING, Part, Place, Wrong, bundle, key_path, wrongs_of
+from thirdbody.scene.size_distributions import Constant, Lognormal, Normal, Uniform
+from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Output, Pair, Plates, Solver, UpperPlate
+from thirdbody.scene.toml_writer import save_text, toml_text
 
 __all__ = [
     "Ball", "Constant", "ConstantVelocity", "Contact", "Debris", "Domain", "Effects", "File", "Irregular", "Lognormal",
@@ -89,9 +77,7 @@ class Scene(Part):
         return cls.parse(read_text(path), os.fspath(path), plugins=plugins)
 
     @classmethod
-    def of(
-        cls, given: Scene | str | os.PathLike[str] | Mapping[str, Any], plugins: Iterable[str | Path] = ()
-    ) -> Scene:
+    def of(cls, given: Scene | str | os.PathLike[str] | Mapping[str, Any], plugins: Iterable[str | Path] = ()) -> Scene:
         """Return the scene itself, the one in a TOML file, or the one that a dictionary of tables describes.
 
         Numbers of a dictionary are in SI, or text with a unit. Raises InputError with every fault, TypeError for anything else.
@@ -153,24 +139,26 @@ class Scene(Part):
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Faults between tables, as far as they can be read."""
-        if too_many := crosscheck.number_faults(raw):  # told alone, for reading them all would take too long
+        if too_many := cross_checks.number_faults(raw):  # told alone, for reading them all would take too long
             raise bundle(too_many)
         wrongs: list[Wrong] = []
         if isinstance(raw.get("materials", {}), Mapping) and not raw.get("materials"):
             wrongs.append((("materials",), "at least one [materials.NAME] table is needed"))
         if isinstance(raw.get("debris", []), list | tuple) and not raw.get("debris"):
             wrongs.append((("debris",), "at least one [[debris]] table is needed"))
-        wrongs += crosscheck.material_faults(raw) + crosscheck.pair_faults(raw, kinds_of(context))
-        wrongs += crosscheck.rolling_faults(raw)
+        wrongs += cross_checks.material_faults(raw) + cross_checks.pair_faults(raw, kinds_of(context))
+        wrongs += cross_checks.rolling_faults(raw)
         plates = _sound(Plates, raw.get("plates", {}), context)
         output = _sound(Output, raw.get("output"), context)
         # Plates that are wrong themselves may be meant to move.
         moving = plates is None or plates.moving()
-        return wrongs + crosscheck.sliding_faults(raw, moving, output.every_kind if output else "")
+        return wrongs + cross_checks.sliding_faults(raw, moving, output.every_kind if output else "")
 
     def checks(self) -> list[Wrong]:
         """Faults between tables that are right by themselves."""
-        return self._too_many() + self._out_of_plane() + self._same_names() + crosscheck.interval_faults(self.solver, self.output)
+        return (
+            self._too_many() + self._out_of_plane() + self._same_names() + cross_checks.interval_faults(self.solver, self.output)
+        )
 
     def _same_names(self) -> list[Wrong]:
         """Two populations of one name could not be told apart in any table."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from thirdbody.errors import SETTINGS, Fault, InputError
-from thirdbody.scene.locate import locate
-from thirdbody.scene.part import Place, Wrong, key_path
+from thirdbody.scene.schema_base import Place, Wrong, key_path
+from thirdbody.scene.toml_positions import locate
 
 MOST_BYTES = 4_000_000
 """Bytes of the largest scene file: larger tables of bodies belong into files of their own."""

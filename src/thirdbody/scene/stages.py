@@ -8,8 +8,8 @@ from typing import Any
 
 from pydantic import ValidationError, ValidationInfo, ValidatorFunctionWrapHandler, WrapValidator
 
-from thirdbody.scene.fields import show
-from thirdbody.scene.part import MISSING, Part, Wrong, bundle, wrongs_of
+from thirdbody.scene.field_types import show
+from thirdbody.scene.schema_base import MISSING, Part, Wrong, bundle, wrongs_of
 
 Kinds = Mapping[str, type[Part]]
 

@@ -7,14 +7,10 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import SerializerFunctionWrapHandler, model_serializer
 
-from thirdbody.scene import units
-from thirdbody.scene.drives import Motion
-from thirdbody.scene.fields import Choice, Quantity, listing, show
-from thirdbody.scene.json_schema import quantity_schema
-from thirdbody.scene.loads import Loading
-from thirdbody.scene.part import MISSING, Part, Wrong, bundle, one_of
-from thirdbody.scene.types import (
+from thirdbody import units
+from thirdbody.scene.field_types import (
     AccelerationVector,
+    Choice,
     Damping,
     Flag,
     Force,
@@ -26,9 +22,16 @@ from thirdbody.scene.types import (
     PositivePressure,
     PositiveStiffness,
     PositiveTime,
+    Quantity,
     Speed,
     Text,
+    listing,
+    show,
 )
+from thirdbody.scene.json_schema import quantity_schema
+from thirdbody.scene.load_history import Loading
+from thirdbody.scene.motion import Motion
+from thirdbody.scene.schema_base import MISSING, Part, Wrong, bundle, one_of
 
 
 class Material(Part):
@@ -112,7 +115,7 @@ class UpperPlate(Part):
         if "loading" in raw and "gap" in raw:
             wrongs.append((("loading",), "changes a load, and a plate at a gap has none"))
         if raw.get("support") == "foundation" and "stiffness" not in raw:
-            wrongs.append((("stiffness",), f"{MISSING}: the stiffness of each particle's patch, such as \"1e4 N/m\""))
+            wrongs.append((("stiffness",), f'{MISSING}: the stiffness of each particle\'s patch, such as "1e4 N/m"'))
         if raw.get("support") != "foundation":
             wrongs += [((key,), "belongs to support = 'foundation'") for key in ("stiffness", "preload") if key in raw]
         return wrongs
@@ -205,9 +208,7 @@ class Output(Part):
     """
 
     every: Annotated[float, Quantity(gt=0)]
-    every_kind: Annotated[Literal["distance", "time"], Choice()] = (
-        "time"  # `rules`: never left to the default
-    )
+    every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: never left to the default
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """The scene that `thirdbody new` writes."""
 
-TEMPLATE = '''# How does a small layer of irregular steel debris move between two sheared steel plates?
+TEMPLATE = """# How does a small layer of irregular steel debris move between two sheared steel plates?
 # Expect most particles to stick while they are pressed, then to slide or to roll once the drag begins.
 scene = 1
 title = "steel debris between steel plates"
@@ -43,4 +43,4 @@ distance = "5 um"
 
 [output]
 every = "0.5 um"
-'''
+"""

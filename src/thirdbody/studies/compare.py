@@ -33,7 +33,7 @@ class Outcome:
 
 def read_outcome(folder: Path) -> Outcome | None:
     """The outcome of a run; None when it wrote no frame. Raises InputError for what is no run."""
-    from thirdbody.output.run import open_run
+    from thirdbody.trajectory.reader import open_run
 
     with open_run(folder) as run:
         if not run.frames:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from .compare import errors, order
-from .cost import Row, Study, figure_of_merit, percent
+from thirdbody.studies.compare import errors, order
+from thirdbody.studies.cost import Row, Study, figure_of_merit, percent
 
 FLOOR = 1e-9
 """Smaller errors than this are rounding and tell no order."""

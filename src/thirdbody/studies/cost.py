@@ -11,14 +11,13 @@ from typing import Any
 
 from thirdbody.errors import UsageError
 from thirdbody.scene.model import Scene
-
-from .budget import BUDGET, Budget
-from .climb import Climb
-from .compare import errors
-from .process import Worker
-from .row import Row
-from .spread import slower
-from .stage import staged
+from thirdbody.studies.compare import errors
+from thirdbody.studies.study_setup import staged
+from thirdbody.studies.time_budget import BUDGET, Budget
+from thirdbody.studies.timing_statistics import slower
+from thirdbody.studies.variant_result import Row
+from thirdbody.studies.variant_runs import Climb
+from thirdbody.studies.worker_process import Worker
 
 REPEATS = 3
 JSON_FILE, PICTURE = "cost.json", "cost.png"
@@ -66,7 +65,7 @@ def study(
     say so. Errors are against the last rung, or, where that one failed, against the slowest other one that came to its end.
     Raises UsageError for a budget that cannot hold the scene's own rung and the reference.
     """
-    from .machine import machine
+    from thirdbody.studies.machine_info import machine
 
     if repeats < 2:
         raise UsageError(f"--repeats {repeats}: at least 2, or nothing tells how much times spread")

@@ -7,11 +7,10 @@ import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from thirdbody.output.palette import LINE_COLORS
-
-from .convergence import reference_error
-from .cost import Row, Study, efficient, figure_of_merit, percent, recommended
-from .cost_table import stopped
+from thirdbody.palette import LINE_COLORS
+from thirdbody.studies.convergence import reference_error
+from thirdbody.studies.cost import Row, Study, efficient, figure_of_merit, percent, recommended
+from thirdbody.studies.cost_table import stopped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,7 +28,7 @@ NOTHING = 1e-12
 
 def draw_study(made: Study, *paths: Path) -> None:
     """Write the picture (.png, .pdf or .svg), drawn once. Raises OutputError when it cannot be written."""
-    from thirdbody.output.plot import save
+    from thirdbody.plot.summary_page import save
 
     figure = picture(made)
     for path in paths:

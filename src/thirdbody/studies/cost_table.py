@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 
-from thirdbody.report import table
-from thirdbody.terminal import say
-
-from .climb import LEFT_OUT
-from .cost import Row, Study, efficient, possible, recommended
+from thirdbody.report.tables import table
+from thirdbody.studies.cost import Row, Study, efficient, possible, recommended
+from thirdbody.studies.variant_runs import LEFT_OUT
+from thirdbody.system.terminal import say
 
 HEADINGS = ("", "rung", "step", "seconds", "runs", "ratio", "friction", "load|gap", "position", "turn, rad", "labels",
             "dissipated", "residual")  # fmt: skip

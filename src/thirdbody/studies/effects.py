@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 from thirdbody.laws.contract import BodyEffect, Law
 from thirdbody.scene.model import Scene
-
-from .compare import errors, read_outcome
-from .cost import percent
-from .machine import machine
-from .process import RUNGS, SCENE_FILE, in_process
-from .reduce import reduced
-from .stage import save
+from thirdbody.studies.compare import errors, read_outcome
+from thirdbody.studies.cost import percent
+from thirdbody.studies.machine_info import machine
+from thirdbody.studies.reduced_scene import reduced
+from thirdbody.studies.study_setup import save
+from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, in_process
 
 if TYPE_CHECKING:
-    from thirdbody.scene.build import Simulation
+    from thirdbody.build.simulation import Simulation
 
 SECONDS = 2.0
 """Of integration that one run of the copy may take: some six effects, each in five pairs or, where a run is long, in two."""
@@ -96,8 +95,8 @@ def _compared(
 
 def print_effects(told: dict[str, Any]) -> None:
     """Print what `effects_study` found."""
-    from thirdbody.report import table
-    from thirdbody.terminal import say
+    from thirdbody.report.tables import table
+    from thirdbody.system.terminal import say
 
     say(f"{told['title'] or told['scene']}: each effect against the scene as it is")
     say(f"reduced: {'; '.join(told['reduction']) or 'nothing'}")

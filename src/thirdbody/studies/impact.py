@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from thirdbody.scene.model import Scene
-
-from .compare import order
-from .cost import Study, percent
-from .ladder import SPRINGS, springs_option
+from thirdbody.studies.compare import order
+from thirdbody.studies.cost import Study, percent
+from thirdbody.studies.variants import SPRINGS, springs_option
 
 RADIUS, SPEED, FRICTION, RESTITUTION = 2.5e-3, 3.9, 0.092, 0.98
 STEEP, SHALLOW = 60.0, 15.0
@@ -78,7 +77,7 @@ def _deepest(normal: float) -> float:
 def rebound(law: str, level: str, springs: int | None, degrees: float, steps: int, plugins: Sequence[str | Path]) -> float:
     """Tangential velocity of the centre after the impact over that before; `steps` time steps in its duration."""
     from thirdbody.kernels import layout as at
-    from thirdbody.simulate import prepare
+    from thirdbody.runner.simulate import prepare
 
     angle, step = math.radians(degrees), duration() / steps
     along, normal = SPEED * math.sin(angle), SPEED * math.cos(angle)
@@ -139,7 +138,7 @@ def _series(sizes: list[int], errors: list[float]) -> dict[str, Any]:
 
 def print_impact(told: dict[str, Any]) -> None:
     """Print what `impact_table` found."""
-    from thirdbody.report import table
+    from thirdbody.report.tables import table
 
     rows = [
         (row["level"], str(row["springs"] or ""), percent(row["gross_slip_error"]), percent(row["partial_slip_error"]))

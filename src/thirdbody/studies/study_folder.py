@@ -14,10 +14,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from thirdbody.errors import OutputError
-from thirdbody.lock import held
-from thirdbody.run_folder import FILES, NAMED, PARTS, REPLACEMENT
-
-from .process import RUNGS, SCENE_FILE
+from thirdbody.runner.folder_lock import held
+from thirdbody.runner.run_folder import FILES, NAMED, PARTS, REPLACEMENT
+from thirdbody.studies.worker_process import RUNGS, SCENE_FILE
 
 RESULTS = ("cost.json", "cost.png", "cost.pdf", "effects.json")
 REPLACED = "replaced"

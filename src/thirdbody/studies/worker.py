@@ -23,8 +23,7 @@ from typing import Any
 
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError
 from thirdbody.scene.model import Scene
-
-from .clock import Late, attach, bare
+from thirdbody.studies.stopwatch import Late, attach, bare
 
 BATCH, ENOUGH = 9, 0.1
 """A timing of a short run is up to so many, until they take so many seconds together, and their median: the first ones find the
@@ -36,7 +35,7 @@ def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -
 
     Raises ThirdbodyError for what cannot be built.
     """
-    from thirdbody.simulate import execute, prepare
+    from thirdbody.runner.simulate import execute, prepare
 
     built = prepare(scene, plugins)
     clock, message = attach(built.integrator), ""
@@ -58,7 +57,7 @@ def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -
 
 def timed(scene: Scene, plugins: Sequence[str], limit: float) -> dict[str, Any]:
     """Seconds of integrating a rung: medians of a batch. Raises GuardStop, Late and ThirdbodyError."""
-    from thirdbody.simulate import prepare, set_threads
+    from thirdbody.runner.simulate import prepare, set_threads
 
     set_threads(1)
     times: list[tuple[float, float]] = []
@@ -70,7 +69,7 @@ def timed(scene: Scene, plugins: Sequence[str], limit: float) -> dict[str, Any]:
 
 def answer(request: Mapping[str, Any]) -> dict[str, Any]:
     """What came of a request; one that failed has a `message` and is not `stable`. `compile_s`: of its first, empty run."""
-    from .stage import make_copy
+    from thirdbody.studies.study_setup import make_copy
 
     began, folder, limit = time.process_time(), Path(request["folder"]), float(request["limit"])
     found: dict[str, Any] = {"stable": False, "message": ""}
@@ -98,7 +97,7 @@ def serve() -> None:
     """Answer requests on standard input until it ends; whatever else is printed goes to standard error."""
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
-    import thirdbody.simulate  # noqa: F401  (before it is ready: the start is what takes long)
+    import thirdbody.runner.simulate  # noqa: F401  (before it is ready: the start is what takes long)
 
     print(json.dumps({"ready": True}), file=replies, flush=True)
     for line in sys.stdin:

@@ -11,9 +11,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
-from thirdbody.scene.fields import Choice
-from thirdbody.scene.part import Part, Place, Wrong, entry
-from thirdbody.scene.types import REST, AngularVelocity, Count, Fraction, PositiveLength, Seed, Text, Velocity
+from thirdbody.scene.field_types import REST, AngularVelocity, Choice, Count, Fraction, PositiveLength, Seed, Text, Velocity
+from thirdbody.scene.schema_base import Part, Place, Wrong, entry
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from thirdbody.bodies.clump import Clump
-    from thirdbody.scene.sizes import SizeDistribution
+    from thirdbody.scene.size_distributions import SizeDistribution
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
 """The quaternion (w, x, y, z) of no rotation."""
@@ -31,7 +31,7 @@ class RandomStreams:
 
     def diameters(self, size: SizeDistribution, count: int) -> list[float]:
         """Return a diameter [m] for each body: the first number that its stream gives. Raises InputError."""
-        from thirdbody.bodies.shapes import Streams, diameters
+        from thirdbody.bodies.irregular_clumps import Streams, diameters
 
         streams = Streams([self.stream(k) for k in range(count)])
         return diameters(streams, count, **size.parameters()).tolist()

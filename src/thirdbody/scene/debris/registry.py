@@ -16,7 +16,7 @@ from pydantic_core import core_schema
 from thirdbody.errors import UsageError
 from thirdbody.scene.debris import kinds as built_in_kinds
 from thirdbody.scene.debris.contract import DebrisKind
-from thirdbody.scene.part import chosen_kind
+from thirdbody.scene.schema_base import chosen_kind
 
 GROUP = "thirdbody.debris_kinds"
 """Entry points by the name of the kind: each is its class."""
@@ -48,9 +48,7 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
     def including(self, kinds: Iterable[type[DebrisKind]]) -> DebrisKinds:
         """Return these kinds and others, those of tables that were made from their classes."""
         found = DebrisKinds()
-        found.of_files = self.of_files | {
-            name: (kind.__module__, kind) for kind in kinds if (name := name_of(kind)) not in self
-        }
+        found.of_files = self.of_files | {name: (kind.__module__, kind) for kind in kinds if (name := name_of(kind)) not in self}
         return found
 
     def source(self, name: str) -> str:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from thirdbody import units
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene import units
 from thirdbody.scene.debris.contract import Placement, VolumeKeys
 from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps, PopulationContext
-from thirdbody.scene.part import Place, Wrong, entry
-from thirdbody.scene.sizes import Size
-from thirdbody.scene.types import AngularVelocity, Count, Seed, Text, Velocity
+from thirdbody.scene.field_types import AngularVelocity, Count, Seed, Text, Velocity
+from thirdbody.scene.schema_base import Place, Wrong, entry
+from thirdbody.scene.size_distributions import Size
 
 if TYPE_CHECKING:
-    from thirdbody.bodies.table import Bodies
+    from thirdbody.bodies.clumps_from_table import Bodies
 
 
 class File(VolumeKeys):
@@ -58,7 +58,7 @@ class File(VolumeKeys):
 
     def read(self, context: PopulationContext) -> Bodies:
         """Return the bodies of the table; warn of orientations and velocities that a placement does not use."""
-        from thirdbody.bodies.table import load_bodies
+        from thirdbody.bodies.clumps_from_table import load_bodies
 
         try:
             table = load_bodies(context.path(self.file), units.parse)

@@ -8,15 +8,26 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import BeforeValidator, ValidationInfo
 from pydantic_core import core_schema
 
+from thirdbody import units
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene import units
 from thirdbody.scene.debris.contract import Placement, VolumeKeys
 from thirdbody.scene.debris.population import RandomStreams
-from thirdbody.scene.fields import Quantity, Whole, listing
+from thirdbody.scene.field_types import (
+    REST,
+    THREE,
+    AngularVelocity,
+    Count,
+    Fraction,
+    Quantity,
+    Seed,
+    Text,
+    Velocity,
+    Whole,
+    listing,
+)
 from thirdbody.scene.json_schema import ShortForm, quantity_schema
-from thirdbody.scene.part import Part, Wrong
-from thirdbody.scene.sizes import Size
-from thirdbody.scene.types import REST, THREE, AngularVelocity, Count, Fraction, Seed, Text, Velocity
+from thirdbody.scene.schema_base import Part, Wrong
+from thirdbody.scene.size_distributions import Size
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump
@@ -109,7 +120,7 @@ class Irregular(VolumeKeys):
 
     def clumps(self, random: RandomStreams) -> list[Clump]:
         """Return the bodies at unit density. Raises InputError."""
-        from thirdbody.bodies import asperities, shapes
+        from thirdbody.bodies import asperities, irregular_clumps
 
         thin = min(range(3), key=lambda axis: self.aspect[axis])
         if self.aspect[thin] < THINNEST:
@@ -120,7 +131,7 @@ class Irregular(VolumeKeys):
             relative = None if isinstance(named.radius, str) else named.radius
             summits = asperities.Asperities(named.count, named.length, relative)
         shape = (self.spheres, self.aspect, self.angularity or 0.0, summits)
-        return shapes.population(random.seed, random.population, self.count, *shape, **self.size.parameters())
+        return irregular_clumps.population(random.seed, random.population, self.count, *shape, **self.size.parameters())
 
 
 KIND = Irregular

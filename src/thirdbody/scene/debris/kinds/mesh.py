@@ -10,18 +10,17 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple
 from pydantic import ValidationInfo
 from pydantic_core import core_schema
 
+from thirdbody import units
 from thirdbody.errors import Fault, InputError
-from thirdbody.scene import units
 from thirdbody.scene.debris.contract import Placement, VolumeKeys
 from thirdbody.scene.debris.population import PlacedClumps, PopulationContext
-from thirdbody.scene.fields import Whole, show
-from thirdbody.scene.sizes import Size
-from thirdbody.scene.types import REST, AngularVelocity, Count, PositiveLength, Seed, Text, Velocity
+from thirdbody.scene.field_types import REST, AngularVelocity, Count, PositiveLength, Seed, Text, Velocity, Whole, show
+from thirdbody.scene.size_distributions import Size
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump
-    from thirdbody.bodies.fit import Fit
     from thirdbody.bodies.mesh import Mesh as Surface
+    from thirdbody.bodies.mesh_to_clump import Fit
 
 
 @dataclass(frozen=True)
@@ -88,8 +87,8 @@ class Mesh(VolumeKeys):
 
     def mesh_shapes(self, context: PopulationContext) -> list[MeshShape]:
         """Return the shapes; body k has shape k modulo their number. Raises InputError with all faults."""
-        from thirdbody.bodies.fit import clump_from_mesh
         from thirdbody.bodies.mesh import load_mesh
+        from thirdbody.bodies.mesh_to_clump import clump_from_mesh
 
         files = self._files(context)
         if len(files) > self.count:

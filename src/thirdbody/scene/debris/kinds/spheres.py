@@ -11,9 +11,8 @@ from pydantic import AfterValidator
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene.debris.contract import MAX_SPHERES_PER_BODY, Placement, VolumeKeys
 from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps, PopulationContext
-from thirdbody.scene.fields import listing
-from thirdbody.scene.part import MISSING, Part, Place, Wrong, one_of
-from thirdbody.scene.types import REST, AngularVelocity, Count, Number, Point, PositiveLength, Seed, Text, Velocity
+from thirdbody.scene.field_types import REST, AngularVelocity, Count, Number, Point, PositiveLength, Seed, Text, Velocity, listing
+from thirdbody.scene.schema_base import MISSING, Part, Place, Wrong, one_of
 
 if TYPE_CHECKING:
     import numpy as np

@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple
 
 from thirdbody.scene.debris.contract import MAX_SPHERES_PER_BODY, PlacedDebris
 from thirdbody.scene.debris.population import RandomStreams
-from thirdbody.scene.fields import Choice, Quantity, Whole
-from thirdbody.scene.part import Wrong
-from thirdbody.scene.sizes import Size
+from thirdbody.scene.field_types import Choice, Quantity, Whole
+from thirdbody.scene.schema_base import Wrong
+from thirdbody.scene.size_distributions import Size
 
 if TYPE_CHECKING:
     import numpy as np

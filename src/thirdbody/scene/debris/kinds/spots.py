@@ -9,21 +9,24 @@ from pydantic import BeforeValidator, ValidationInfo
 
 from thirdbody.scene.debris.contract import CLEARANCE, DebrisKind
 from thirdbody.scene.debris.population import PlacedClumps, PopulationContext
-from thirdbody.scene.fields import Choice, Quantity, listing, plain
-from thirdbody.scene.json_schema import ShortForm, quantity_schema
-from thirdbody.scene.part import Part, Place, Wrong
-from thirdbody.scene.types import (
+from thirdbody.scene.field_types import (
     REST,
     THREE,
     AngularVelocity,
+    Choice,
     Count,
     Flag,
     Length,
     PositiveLength,
     PositiveMass,
+    Quantity,
     Text,
     Velocity,
+    listing,
+    plain,
 )
+from thirdbody.scene.json_schema import ShortForm, quantity_schema
+from thirdbody.scene.schema_base import Part, Place, Wrong
 
 _INERTIA = Quantity(dimension="inertia", gt=0)
 

@@ -1,0 +1,124 @@
+"""The forecast of a body between the plates: which states without rolling are possible, from geometry and friction alone.
+
+Sticking is possible while the required friction (distance of the hulls of the upper and the lower spots over their height) is
+there; sliding along the drag while the friction lies in [t_min, t_max] (`forecast`). A body that can neither stick nor slide
+rolls; one that can stick but not slide tips over when the drag goes on. Feasible is not realised: the label beside it tells
+what the body does. Body forces (weight and other effects) enter by linear programmes (`weighted_forecast`) where they move the
+line of action by `NEGLIGIBLE` contact radii or more: programmes cost 0.1 ms and more per body, closed forms a microsecond.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from thirdbody.plugin import C_LIMIT, C_LOAD, C_POINT, O_DRAG, O_EF
+
+from .forecast import forecast
+from .support_geometry import ABOVE, BELOW, BOTH, NEITHER, Array, Posture, helper, load_mean, only_plates, plain, side_of
+from .weighted_forecast import body_size, weighted_forecast
+
+CAN_STICK, CAN_SLIDE, UNTOLD = 1.0, 2.0, 4.0
+"""Bits of `forecast`; UNTOLD where there is none: not held from both plates."""
+
+FARTHEST = 1e9
+"""Stands for an infinite ratio: outputs stay finite."""
+
+NEGLIGIBLE = 0.01
+"""Contact radii by which body forces may move the line of action and be left out: the patch itself is no better known."""
+
+HEAVIEST = 1e6
+"""Body force over load beyond which there is no forecast."""
+
+POINT = plain(C_POINT)
+
+
+@helper
+def friction_coefficient(C: Array, n: int, sides: int) -> float:
+    """Least friction coefficient of the loaded spots on `sides` (bits; NEITHER: all)."""
+    least = FARTHEST
+    for i in range(n):
+        if C[i, C_LOAD] > 0.0 and (sides == NEITHER or side_of(C, i) == sides):
+            least = min(least, C[i, C_LIMIT] / C[i, C_LOAD])
+    return least
+
+
+@helper
+def upper_load(C: Array, n: int) -> float:
+    """Normal force of the upper spots, N."""
+    total = 0.0
+    for i in range(n):
+        if side_of(C, i) == ABOVE:
+            total += max(C[i, C_LOAD], 0.0)
+    return total
+
+
+@helper
+def side_places(C: Array, n: int, side: int) -> Array:
+    """(m, 2): x, y of the spots of a side from the centre of mass, m."""
+    m = 0
+    for i in range(n):
+        if side_of(C, i) == side:
+            m += 1
+    places = np.empty((m, 2))
+    m = 0
+    for i in range(n):
+        if side_of(C, i) == side:
+            places[m, 0], places[m, 1] = C[i, C_POINT], C[i, C_POINT + 1]
+            m += 1
+    return places
+
+
+@helper
+def body_force_share(wrench: Array, load: float, size: float) -> float:
+    """Distance over `size` by which body forces move the line of action, of force or moment; inf without load."""
+    force = max(abs(wrench[0]), abs(wrench[1]), abs(wrench[2]))
+    moment = max(abs(wrench[3]), abs(wrench[4]), abs(wrench[5]))
+    if force == 0.0 and moment == 0.0:
+        return 0.0
+    return max(force / load, moment / load / size) if load > 0.0 and size > 0.0 else math.inf
+
+
+@helper
+def write_ratios(C: Array, n: int, required: float, low: float, high: float, out: Array, first: int) -> None:
+    """Write the forecast that follows from mu_required, t_min and t_max, and these, into out[first:]."""
+    mu = friction_coefficient(C, n, NEITHER)
+    out[first] = (CAN_STICK if mu >= required else 0.0) + (CAN_SLIDE if low <= mu <= high else 0.0)
+    out[first + 1] = math.copysign(min(abs(required), FARTHEST), required)
+    out[first + 2] = math.copysign(min(abs(low), FARTHEST), low)
+    out[first + 3] = math.copysign(min(abs(high), FARTHEST), high)
+
+
+@helper
+def write_plain_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: int) -> None:
+    """`write_outlook` of a body without body forces."""
+    out[first] = UNTOLD
+    if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
+        return
+    upper, lower = side_places(C, n, ABOVE), side_places(C, n, BELOW)
+    required, low, high = forecast(upper, len(upper), lower, len(lower), pose[2], b[O_DRAG], b[O_DRAG + 1])
+    write_ratios(C, n, required, low, high, out, first)
+
+
+@helper
+def write_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: int) -> None:
+    """Write forecast, mu_required, t_min, t_max into out[first:]; zeros and UNTOLD where the theory does not speak."""
+    out[first] = UNTOLD
+    if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
+        return
+    upper, lower = side_places(C, n, ABOVE), side_places(C, n, BELOW)
+    load, wrench = upper_load(C, n), np.empty(6)
+    for k in range(6):
+        wrench[k] = b[O_EF + k]
+    heights = load_mean(C, n, ABOVE, POINT)[2], load_mean(C, n, BELOW, POINT)[2]
+    size = body_size(upper, lower, heights)
+    share = body_force_share(wrench, load, size)
+    if share * size < NEGLIGIBLE * pose[1]:
+        write_plain_outlook(C, n, b, pose, out, first)
+    elif share <= HEAVIEST and heights[0] > heights[1]:
+        # a side may carry a contact that presses nothing at this instant
+        frictions = min(friction_coefficient(C, n, ABOVE), HEAVIEST), min(friction_coefficient(C, n, BELOW), HEAVIEST)
+        drag = b[O_DRAG], b[O_DRAG + 1]
+        required, low, high = weighted_forecast(upper, lower, heights, wrench, load, frictions, drag)
+        write_ratios(C, n, required, low, high, out, first)

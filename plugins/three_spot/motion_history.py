@@ -1,0 +1,253 @@
+"""What the labeller remembers of a body, and the kernel that keeps it up to date.
+
+The rules are told in `classify`.
+"""
+
+from __future__ import annotations
+
+from numba import njit
+
+from thirdbody.plugin import C_LOAD, C_MEMORY, C_SLIP, O_DRAG, O_ELAPSED, O_MASS, O_Q, O_SHIFT, O_SPEED, O_V, O_W
+
+from .support_geometry import (
+    BOTH,
+    Array,
+    Posture,
+    Triple,
+    drag,
+    helper,
+    length,
+    patch_travel,
+    plain,
+    posture,
+    rotation_since,
+    split,
+)
+
+CONTACT_MEMORY = ("slip_at_reference", "slip_last_window", "stamp")
+SLIP_REFERENCE, SLIP_LAST, STAMP = range(C_MEMORY, C_MEMORY + 3)
+
+MEMORY = (
+    "reference_w",
+    "reference_x",
+    "reference_y",
+    "reference_z",
+    "change_w",
+    "change_x",
+    "change_y",
+    "change_z",
+    "travel",
+    "change_drag_x",
+    "change_drag_y",
+    "windows",
+    "roll_ratio",
+    "pivoted",
+    "slip_over_travel",
+    "heading_x",
+    "heading_y",
+    "way_back",
+    "rest_time",
+    "rest_path",
+    "rolled_distance",
+    "lifted",
+    "loaded_count",
+    "serial",
+    "plate_direction_x",
+    "plate_direction_y",
+    "plates_moving",
+    "turned_free",
+)
+TRAVEL, CHANGE_X, CHANGE_Y = 8, 9, 10
+# from WINDOWS up to ROLLED: what a stop or a reversal wipes out
+WINDOWS, ROLL_RATIO, PIVOTED, SLIP_RATIO, HEADING_X, HEADING_Y, WAY_BACK, REST_TIME, REST_PATH = range(11, 20)
+ROLLED, LIFTED, COUNT, SERIAL, PLATE_X, PLATE_Y, MOVING, TURNED_FREE = range(20, 28)
+REFERENCE, CHANGE = plain(0), plain(4)
+
+WINDOW = 4.0  # contact radii of travel
+EPS_ROLL = 0.05
+LEAST_TRAVEL = 0.02  # contact radii
+WHOLE_TURN = 1.0  # rad
+REST_SPAN = 50.0
+
+
+@helper
+def keep_orientation(b: Array, m: Array, k: int) -> None:
+    """Store the present orientation at m[k:k+4]."""
+    for j in range(4):
+        m[k + j] = b[O_Q + j]
+
+
+@helper
+def anchor_change(b: Array, m: Array) -> None:
+    """Begin here what the rule for bodies that are not held looks at."""
+    keep_orientation(b, m, CHANGE)
+    m[CHANGE_X] = 0.0
+    m[CHANGE_Y] = 0.0
+
+
+@helper
+def note_plates(b: Array, m: Array) -> bool:
+    """Whether the plates stopped, started or reversed since the last observation."""
+    moving = 1.0 if b[O_SPEED] > 0.0 else 0.0
+    along = b[O_DRAG] * m[PLATE_X] + b[O_DRAG + 1] * m[PLATE_Y]
+    broke = moving != m[MOVING] or along < 0.0
+    m[MOVING] = moving
+    m[PLATE_X] = b[O_DRAG]
+    m[PLATE_Y] = b[O_DRAG + 1]
+    return broke
+
+
+@helper
+def note_spots(C: Array, n: int, b: Array, m: Array) -> None:
+    """Compare the set of loaded spots with the last one by stamps, whatever their order; note a lift-off."""
+    kept = 0
+    for i in range(n):
+        if m[SERIAL] > 0.0 and C[i, STAMP] == m[SERIAL]:
+            kept += 1
+        C[i, STAMP] = m[SERIAL] + 1.0
+    m[SERIAL] += 1.0
+    if kept < m[COUNT]:
+        m[LIFTED] = 1.0
+    if kept < m[COUNT] or kept < n:
+        anchor_change(b, m)
+    m[COUNT] = n
+
+
+@helper
+def turned_back(m: Array, a: float, x: float, y: float) -> bool:
+    """Whether a one-sided body has come back by .02 a against its heading; follows the heading."""
+    size = length(m[HEADING_X], m[HEADING_Y], 0.0)
+    if size > 0.0:
+        m[WAY_BACK] = max(0.0, m[WAY_BACK] - (x * m[HEADING_X] + y * m[HEADING_Y]) / size)
+    m[HEADING_X] += x
+    m[HEADING_Y] += y
+    return m[WAY_BACK] > LEAST_TRAVEL * a
+
+
+@helper
+def rested(C: Array, n: int, b: Array, m: Array, a: float, path: float) -> bool:
+    """Whether the body did not travel during the span in which its load could have moved it far."""
+    m[REST_TIME] += b[O_ELAPSED]
+    m[REST_PATH] += path
+    load = 0.0
+    for i in range(n):
+        load += max(C[i, C_LOAD], 0.0)
+    if m[REST_TIME] * m[REST_TIME] * load < REST_SPAN * REST_SPAN * b[O_MASS] * a or load <= 0.0:
+        return False
+    still = m[REST_PATH] < LEAST_TRAVEL * a
+    m[REST_TIME] = 0.0
+    m[REST_PATH] = 0.0
+    return still
+
+
+@helper
+def was_loaded(m: Array) -> bool:
+    """Whether the body has a reference: it was loaded before, and nothing ended its history since then."""
+    return m[REFERENCE] != 0.0 or m[REFERENCE + 1] != 0.0 or m[REFERENCE + 2] != 0.0 or m[REFERENCE + 3] != 0.0
+
+
+@helper
+def follow_free(b: Array, m: Array, broke: bool) -> None:
+    """Count how far a free body turns (rad), and the drag meanwhile: of the plates, or its own path where they rest."""
+    if broke:
+        for k in range(WINDOWS, ROLLED):
+            m[k] = 0.0
+        for k in range(REFERENCE, REFERENCE + 4):
+            m[k] = 0.0
+        m[TRAVEL] = m[TURNED_FREE] = 0.0
+    elif was_loaded(m):
+        m[TURNED_FREE] += length(b[O_W], b[O_W + 1], b[O_W + 2]) * b[O_ELAPSED]
+        if b[O_SPEED] > 0.0:
+            m[TRAVEL] += length(b[O_SHIFT], b[O_SHIFT + 1], 0.0)
+        else:
+            m[TRAVEL] += length(b[O_V], b[O_V + 1], 0.0) * b[O_ELAPSED]
+
+
+@helper
+def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Triple, broke: bool) -> bool:
+    """Whether a stop, a start, a reversal or rest ends what was seen so far."""
+    if pose[0] == BOTH:
+        m[HEADING_X] = m[HEADING_Y] = m[WAY_BACK] = 0.0
+        if broke:
+            return True
+        if b[O_SPEED] > 0.0:
+            m[REST_TIME] = m[REST_PATH] = 0.0
+            return False
+    elif turned_back(m, pose[1], step[0], step[1]):
+        return True
+    return rested(C, n, b, m, pose[1], step[2])
+
+
+@helper
+def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, turn: Triple, complete: bool) -> None:
+    """End the window here and begin the next; store its ratios if it is complete, else forget all.
+
+    Adds the length rolled in it, rotation about in-plane axes times D/2, unless the rotation was elastic; a body that was free
+    for a time rolled by what it did not turn then.
+    """
+    a = pose[1]
+    tilt, twist = split(turn, pose[3], pose[4], pose[5])
+    travel = max(m[TRAVEL], WINDOW * a)  # shorter only when a whole turn closed it
+    ratio = m[ROLL_RATIO]
+    if complete:
+        ratio = max(length(tilt, twist, 0.0), m[TURNED_FREE]) * pose[2] / travel  # whole turns are lost to quaternions only
+    if ratio >= EPS_ROLL or patch_travel(C, n, turn) >= a:
+        m[ROLLED] += 0.5 * pose[2] * max(tilt - m[TURNED_FREE], 0.0)
+    slip = 0.0
+    for i in range(n):
+        C[i, SLIP_LAST] = C[i, C_SLIP] - C[i, SLIP_REFERENCE] if complete else 0.0
+        slip = max(slip, C[i, SLIP_LAST])
+    if not complete:
+        for k in range(WINDOWS, ROLLED):
+            m[k] = 0.0
+        return
+    m[WINDOWS] += 1.0
+    m[ROLL_RATIO] = ratio
+    m[PIVOTED] = 1.0 if twist > tilt else 0.0
+    m[SLIP_RATIO] = slip / travel
+    size = length(m[HEADING_X], m[HEADING_Y], 0.0)
+    if size > 0.0:  # the heading follows a curved path with a memory of about one window
+        m[HEADING_X] *= a / size
+        m[HEADING_Y] *= a / size
+
+
+@njit(error_model="numpy")
+def observe(C: Array, n: int, b: Array, m: Array) -> None:
+    """Follow one body: bring its memory `m` and that of its loaded contacts `C[:n]` to the present instant.
+
+    `C` (n or more, C_MEMORY + len(CONTACT_MEMORY)), `b` (O_COLS,), `m` (len(MEMORY),) as in the contract of
+    labellers. To be called for unloaded bodies too (n = 0). The memory of a contact between two debris must
+    be kept once for each of them.
+    """
+    landed = m[COUNT] == 0.0
+    broke = note_plates(b, m)
+    note_spots(C, n, b, m)
+    if n == 0:
+        follow_free(b, m, broke)
+        return
+    fresh = not was_loaded(m)
+    pose = posture(C, n)
+    step = drag(C, n, b, pose)
+    ends = history_ends(C, n, b, m, pose, step, broke)
+    closes = False
+    if landed:  # spots that closed just now
+        for i in range(n):
+            C[i, SLIP_REFERENCE], C[i, SLIP_LAST] = C[i, C_SLIP], 0.0
+    if not fresh:
+        if not ends:
+            m[TRAVEL] += step[2]
+            m[CHANGE_X] += step[0]
+            m[CHANGE_Y] += step[1]
+        turn = rotation_since(b, m, REFERENCE)
+        far = max(length(turn[0], turn[1], turn[2]), m[TURNED_FREE])
+        closes = m[TRAVEL] >= WINDOW * pose[1] or far > WHOLE_TURN
+        if ends or closes:
+            finish_window(C, n, b, m, pose, turn, not ends)
+    if fresh or ends or closes:
+        keep_orientation(b, m, REFERENCE)
+        m[TRAVEL] = m[LIFTED] = m[TURNED_FREE] = 0.0
+        for i in range(n):
+            C[i, SLIP_REFERENCE] = C[i, C_SLIP]
+    turn = rotation_since(b, m, CHANGE)
+    if landed or ends or length(turn[0], turn[1], turn[2]) > WHOLE_TURN:
+        anchor_change(b, m)

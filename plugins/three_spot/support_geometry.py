@@ -1,0 +1,158 @@
+"""Where a body is held and how it moves: sides, lever, drag, rotation. The geometry under `classify`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thirdbody.plugin import (
+    C_A,
+    C_CURVATURE,
+    C_LOAD,
+    C_NORMAL,
+    C_PARTNER,
+    C_POINT,
+    C_V,
+    DEBRIS,
+    LOWER,
+    O_ELAPSED,
+    O_Q,
+    O_SHIFT,
+    O_V,
+    helper,
+)
+
+Array = NDArray[np.float64]
+Triple = tuple[float, float, float]
+Posture = tuple[int, float, float, float, float, float]  # of `posture`
+
+LATERAL = 0.3  # |n_z| below which a contact between debris is on neither side
+TINY = 1e-300
+
+
+def plain(value: int) -> int:
+    """The same number from numpy: a Python one is a type to numba, and helpers compile anew for each."""
+    return np.int64(value)  # type: ignore[return-value]
+
+
+# sides are bits, so that their sum names both
+NEITHER, BELOW, ABOVE, BOTH = (plain(side) for side in range(4))
+ARM, NORMAL, SURFACE = plain(C_POINT), plain(C_NORMAL), plain(C_V)
+
+
+@helper
+def side_of(C: Array, i: int) -> int:
+    """BELOW, ABOVE or NEITHER: by the plate or, between debris, by the vertical part of the normal."""
+    if C[i, C_PARTNER] < DEBRIS:
+        return BELOW if C[i, C_PARTNER] == LOWER else ABOVE
+    if abs(C[i, C_NORMAL + 2]) < LATERAL:
+        return NEITHER
+    return BELOW if C[i, C_NORMAL + 2] > 0.0 else ABOVE
+
+
+@helper
+def length(x: float, y: float, z: float) -> float:
+    """Length of a vector."""
+    return math.sqrt(x * x + y * y + z * z)
+
+
+@helper
+def load_mean(C: Array, n: int, sides: int, k: int) -> Triple:
+    """Load-weighted mean of C[:, k:k+3] over the spots on `sides` (bits; NEITHER: all); zero without load."""
+    total = x = y = z = 0.0
+    for i in range(n):
+        if sides == NEITHER or (side_of(C, i) & sides) != 0:
+            load = max(C[i, C_LOAD], 0.0)
+            total += load
+            x += load * C[i, k]
+            y += load * C[i, k + 1]
+            z += load * C[i, k + 2]
+    if total <= 0.0:
+        return 0.0, 0.0, 0.0
+    return x / total, y / total, z / total
+
+
+@helper
+def posture(C: Array, n: int) -> Posture:
+    """Sides that carry load (bits), largest contact radius a (m, never zero), lever D (m), unit axis."""
+    sides = NEITHER
+    a = TINY
+    for i in range(n):
+        sides |= side_of(C, i)
+        a = max(a, C[i, C_A])
+    if sides == BOTH:
+        apart = load_mean(C, n, ABOVE, ARM)[2] - load_mean(C, n, BELOW, ARM)[2]
+        return sides, a, abs(apart), 0.0, 0.0, 1.0
+    x, y, z = load_mean(C, n, sides, ARM)
+    nx, ny, nz = load_mean(C, n, sides, NORMAL)
+    size = length(nx, ny, nz)
+    if size < LATERAL:  # pinched from opposite directions: there is no mean normal
+        return sides, a, 2.0 * length(x, y, z), 0.0, 0.0, 1.0
+    return sides, a, 2.0 * length(x, y, z), nx / size, ny / size, nz / size
+
+
+@helper
+def only_plates(C: Array, n: int) -> bool:
+    """Whether no debris takes part in a side."""
+    for i in range(n):
+        if C[i, C_PARTNER] >= DEBRIS and side_of(C, i) != NEITHER:
+            return False
+    return True
+
+
+@helper
+def drag(C: Array, n: int, b: Array, pose: Posture) -> Triple:
+    """Drag since the last observation: its x and y parts and the length of its path, m."""
+    if pose[0] == BOTH:
+        if only_plates(C, n):
+            x, y = b[O_SHIFT], b[O_SHIFT + 1]
+        else:
+            up = load_mean(C, n, ABOVE, SURFACE)
+            low = load_mean(C, n, BELOW, SURFACE)
+            x, y = b[O_ELAPSED] * (up[0] - low[0]), b[O_ELAPSED] * (up[1] - low[1])
+        return x, y, length(x, y, 0.0)
+    u, v, w = load_mean(C, n, pose[0], SURFACE)
+    u, v, w = b[O_V] - u, b[O_V + 1] - v, b[O_V + 2] - w
+    away = u * pose[3] + v * pose[4] + w * pose[5]
+    x, y, z = u - away * pose[3], v - away * pose[4], w - away * pose[5]
+    return b[O_ELAPSED] * x, b[O_ELAPSED] * y, b[O_ELAPSED] * length(x, y, z)
+
+
+@helper
+def rotation_since(b: Array, m: Array, k: int) -> Triple:
+    """Rotation vector (rad, world axes) from the orientation stored at m[k:k+4] to the present one."""
+    w, x, y, z = b[O_Q], b[O_Q + 1], b[O_Q + 2], b[O_Q + 3]
+    p, q, r, s = m[k], -m[k + 1], -m[k + 2], -m[k + 3]
+    real = w * p - x * q - y * r - z * s
+    i = w * q + x * p + y * s - z * r
+    j = w * r - x * s + y * p + z * q
+    h = w * s + x * r - y * q + z * p
+    if real < 0.0:  # q and -q are the same orientation
+        real, i, j, h = -real, -i, -j, -h
+    size = length(i, j, h)
+    factor = 2.0 if size < 1e-12 else 2.0 * math.atan2(size, real) / size
+    return factor * i, factor * j, factor * h
+
+
+@helper
+def split(turn: Triple, nx: float, ny: float, nz: float) -> tuple[float, float]:
+    """Rotation about in-plane axes and about the normal, both as magnitudes, rad."""
+    about = turn[0] * nx + turn[1] * ny + turn[2] * nz
+    return length(turn[0] - about * nx, turn[1] - about * ny, turn[2] - about * nz), abs(about)
+
+
+@helper
+def patch_travel(C: Array, n: int, turn: Triple) -> float:
+    """Largest distance p that a patch has moved over the body's surface by the rotation `turn`, m."""
+    cx, cy, cz = load_mean(C, n, NEITHER, ARM)
+    p = 0.0
+    for i in range(n):
+        nx, ny, nz = C[i, C_NORMAL], C[i, C_NORMAL + 1], C[i, C_NORMAL + 2]
+        tilt, twist = split(turn, nx, ny, nz)
+        x, y, z = C[i, C_POINT] - cx, C[i, C_POINT + 1] - cy, C[i, C_POINT + 2] - cz
+        height = x * nx + y * ny + z * nz
+        arm = length(x - height * nx, y - height * ny, z - height * nz)
+        p = max(p, C[i, C_CURVATURE] * tilt, arm * twist)
+    return p

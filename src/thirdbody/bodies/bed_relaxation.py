@@ -1,0 +1,197 @@
+"""Bodies in a volume: random places that are free, and the removal of overlaps of rigid bodies in a crowded box.
+
+Poses X (n, 3) are centroids, Q (n, 4) quaternions (w, x, y, z; body to world); the spheres of body b are the rows
+starts[b]..starts[b + 1] of `rel` (n, 3: centres in the body's frame) and `radii`. The box is 0..box (3,), periodic in
+x and y or walled all round. Everything is serial, so the bits do not depend on threads.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from thirdbody.bodies.overlap_grid import enter, free
+from thirdbody.jit.options import CHUNK, OPTIONS
+from thirdbody.jit.simd import load, of, store
+from thirdbody.kernels.layout import S_R, S_X, S_Y, S_Z
+from thirdbody.kernels.periodic import nearest_image
+from thirdbody.kernels.rotation import matrix, turned
+
+DT, ALPHA, DOWNHILL = 0, 1, 2  # slots of the relaxation's memory
+RELAXED, MOVED, JAMMED, SPENT = 0, 1, 2, 3
+
+# Guenole et al. 2020, table 1, except for the steps: a body of mass 1 touched at some 20 spots of stiffness 1 swings at
+# sqrt(20), and explicit steps blow up from 2/sqrt(20) = 0.45 on.
+_DT_MAX, _DT_MIN, _GROW, _SHRINK, _DELAY, _ALPHA, _CALM = 0.3, 0.003, 1.1, 0.5, 20, 0.25, 0.99
+# A minimum with overlaps: the pull on no body exceeds this part of the deepest overlap.
+_BALANCED = 1e-3
+
+
+@njit(**OPTIONS)
+def enter_all(spheres, placed, heads, following, size, periodic):
+    """Puts spheres (n, 4) into the empty grid."""
+    for t in range(spheres.shape[0]):
+        enter(spheres[t, 0], spheres[t, 1], spheres[t, 2], spheres[t, 3], t, placed, heads, following, size, periodic)
+
+
+@njit(**OPTIONS)
+def place_turned(tries, rel, radii, count, placed, heads, following, box, periodic, clearance, turned_spheres):
+    """Index of the first try at which the body lies free in the box, entered into the grid; -1 if none does.
+
+    tries (t, 7): unit quaternion, then x, y, z in 0..1 of the room that the turned body has; turned_spheres (k, 4) is
+    left with the spheres of the last try; the grid is that of `packing.place_body`. In a periodic box x, y may be anywhere.
+    """
+    k = radii.shape[0]
+    for t in range(tries.shape[0]):
+        a, b, c, d, e, f, g, h, i = matrix(tries[t, 0], tries[t, 1], tries[t, 2], tries[t, 3])
+        for s in range(k):
+            x, y, z = rel[s, 0], rel[s, 1], rel[s, 2]
+            turned_spheres[s, 0] = a * x + b * y + c * z
+            turned_spheres[s, 1] = d * x + e * y + f * z
+            turned_spheres[s, 2] = g * x + h * y + i * z
+            turned_spheres[s, 3] = radii[s]
+        fits = True
+        for axis in range(3):
+            low, high = 0.0, box[axis]
+            if axis == 2 or not periodic:
+                for s in range(k):
+                    reach = radii[s] * (1.0 + clearance)
+                    low = max(low, reach - turned_spheres[s, axis])
+                    high = min(high, box[axis] - reach - turned_spheres[s, axis])
+            fits = fits and low < high
+            at = low + (high - low) * tries[t, 4 + axis]
+            for s in range(k):
+                turned_spheres[s, axis] += at
+        if fits and free(0.0, 0.0, turned_spheres, 0, k, placed, heads, following, box, periodic, clearance):
+            for s in range(k):
+                x, y, z, r = turned_spheres[s, 0], turned_spheres[s, 1], turned_spheres[s, 2], turned_spheres[s, 3]
+                enter(x, y, z, r, count + s, placed, heads, following, box, periodic)
+            return t
+    return -1
+
+
+@njit(**OPTIONS)
+def pose(X, Q, rel, radii, starts, scale, arms, S):
+    """Arms (n, 3) from the centroids and spheres S (n, 4: centre, radius) of the bodies shrunk by `scale`."""
+    for b in range(X.shape[0]):
+        a, e, i, d, f, j, g, h, k = matrix(Q[b, 0], Q[b, 1], Q[b, 2], Q[b, 3])
+        for s in range(starts[b], starts[b + 1]):
+            x, y, z = scale * rel[s, 0], scale * rel[s, 1], scale * rel[s, 2]
+            arms[s, 0], arms[s, 1], arms[s, 2] = a * x + e * y + i * z, d * x + f * y + j * z, g * x + h * y + k * z
+            S[s, S_X], S[s, S_Y], S[s, S_Z] = X[b, 0] + arms[s, 0], X[b, 1] + arms[s, 1], X[b, 2] + arms[s, 2]
+            S[s, S_R] = scale * radii[s]
+
+
+@njit(**CHUNK)
+def _push(b, arm, s, f_x, f_y, f_z, lever, F):
+    """Adds a force at the centre of sphere s to its body; torques over the body's lever, so that both are alike."""
+    F[b, 0] += f_x
+    F[b, 1] += f_y
+    F[b, 2] += f_z
+    F[b, 3] += (arm[s, 1] * f_z - arm[s, 2] * f_y) / lever[b]
+    F[b, 4] += (arm[s, 2] * f_x - arm[s, 0] * f_z) / lever[b]
+    F[b, 5] += (arm[s, 0] * f_y - arm[s, 1] * f_x) / lever[b]
+
+
+@njit(**CHUNK)
+def _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F):
+    """Forces of the energy sum(overlap^2)/2 into F (n, 6); returns the deepest overlap and the deepest over its radii."""
+    F[:] = 0.0
+    deepest, worst = 0.0, 0.0
+    l_x, l_y = (box[0], box[1]) if periodic else (0.0, 0.0)
+    for k in range(own.shape[0]):
+        i, j = own[k], partner[k]
+        d_x = nearest_image(S[i, S_X] - S[j, S_X], l_x)
+        d_y = nearest_image(S[i, S_Y] - S[j, S_Y], l_y)
+        d_z = S[i, S_Z] - S[j, S_Z]
+        sum_r = S[i, S_R] + S[j, S_R]
+        reach = sum_r * (1.0 + clearance)
+        square = d_x * d_x + d_y * d_y + d_z * d_z
+        if square < reach * reach:
+            distance = math.sqrt(square)
+            overlap = reach - distance
+            deepest, worst = max(deepest, overlap), max(worst, overlap / sum_r)
+            w = overlap / max(distance, 1e-12)
+            _push(body[i], arms, i, w * d_x, w * d_y, w * d_z, lever, F)
+            _push(body[j], arms, j, -w * d_x, -w * d_y, -w * d_z, lever, F)
+    for i in range(S.shape[0]):
+        reach = S[i, S_R] * (1.0 + clearance)
+        for axis in range(2 if periodic else 0, 3):
+            inward = max(reach - S[i, axis], 0.0) - max(S[i, axis] + reach - box[axis], 0.0)
+            if inward != 0.0:
+                deepest, worst = max(deepest, abs(inward)), max(worst, abs(inward) / S[i, S_R])
+                f_x, f_y = inward if axis == 0 else 0.0, inward if axis == 1 else 0.0
+                _push(body[i], arms, i, f_x, f_y, inward if axis == 2 else 0.0, lever, F)
+    return deepest, worst
+
+
+@njit(**CHUNK)
+def _advance(X, Q, V, step, lever, longest):
+    """Moves and turns every body along V (n, 6) by the step, none further than `longest`."""
+    for b in range(X.shape[0]):
+        length = abs(step) * math.sqrt((V[b] * V[b]).sum())
+        part = step * min(1.0, longest / length) if length > 0.0 else 0.0
+        for axis in range(3):
+            X[b, axis] += part * V[b, axis]
+        turn = part / lever[b]
+        store(Q, b, 0, turned(load(Q, b, 0), of(turn * V[b, 3], turn * V[b, 4], turn * V[b, 5], 0.0)))
+
+
+@njit(**CHUNK)
+def _far(S, S0, room):
+    """Whether a sphere has moved by more than the room."""
+    for i in range(S.shape[0]):
+        d_x, d_y, d_z = S[i, 0] - S0[i, 0], S[i, 1] - S0[i, 1], S[i, 2] - S0[i, 2]
+        if d_x * d_x + d_y * d_y + d_z * d_z > room * room:
+            return True
+    return False
+
+
+@njit(**OPTIONS)
+def relax(X, Q, V, rel, radii, body, starts, scale, lever, own, partner, box, periodic, clearance, skin, memory, arms, S, limit):
+    """Push rigid bodies apart (FIRE with both corrections: Guenole et al. 2020); returns why it ended and after how many steps.
+
+    RELAXED: no overlap of the spheres, wider by clearance, exceeds half of it, so nothing touches. MOVED: the candidates
+    own, partner (found with `skin`) are stale. JAMMED: a minimum with overlaps. SPENT: after `limit` steps. Lengths are in
+    units of a typical radius; V (n, 6) and memory carry on from call to call, `memory` starts as (0.1, 0.25, 0).
+    """
+    n = X.shape[0]
+    F = np.empty((n, 6))
+    pose(X, Q, rel, radii, starts, scale, arms, S)
+    S0 = S.copy()
+    for step in range(limit):
+        deepest, worst = _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F)
+        if worst <= 0.5 * clearance:
+            return RELAXED, step
+        power, speed, force, pull = 0.0, 0.0, 0.0, 0.0
+        for b in range(n):
+            here = 0.0
+            for c in range(6):
+                power += F[b, c] * V[b, c]
+                speed += V[b, c] * V[b, c]
+                here += F[b, c] * F[b, c]
+            force += here
+            pull = max(pull, here)
+        if math.sqrt(pull) < _BALANCED * deepest:
+            return JAMMED, step
+        if power > 0.0:
+            memory[DOWNHILL] += 1.0
+            if memory[DOWNHILL] > _DELAY:
+                memory[DT] = min(_DT_MAX, memory[DT] * _GROW)
+                memory[ALPHA] *= _CALM
+        else:
+            if memory[DOWNHILL] > 0.0:
+                memory[DT] = max(_DT_MIN, memory[DT] * _SHRINK)
+            memory[DOWNHILL], memory[ALPHA] = 0.0, _ALPHA
+            _advance(X, Q, V, -0.5 * memory[DT], lever, 0.1)
+            V[:] = 0.0
+            speed = 0.0
+        mixed = memory[ALPHA] * math.sqrt(speed / force)
+        for b in range(n):
+            for c in range(6):
+                V[b, c] = (1.0 - memory[ALPHA]) * (V[b, c] + memory[DT] * F[b, c]) + mixed * F[b, c]
+        _advance(X, Q, V, memory[DT], lever, 0.1)
+        pose(X, Q, rel, radii, starts, scale, arms, S)
+        if _far(S, S0, 0.5 * skin):
+            return MOVED, step + 1
+    return SPENT, limit

@@ -1,0 +1,169 @@
+"""Dense beds: rigid bodies grown in a box of given solid fraction while their overlaps are pushed apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from thirdbody.bodies import bed_relaxation as kernels
+from thirdbody.bodies.clump import Clump
+from thirdbody.bodies.random_sequential import refuse_long, scatter
+from thirdbody.errors import Fault, InputError
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.neighbour_search import pair_candidates
+
+# Least gap aimed at over the sum of radii; a state counts as free of overlap at half of it, so that pushing apart, which
+# takes for ever to end at zero overlap, ends.
+_CLEARANCE = 1e-3
+# Random addition starts the growth from this solid fraction: so dilute that even long bodies find a place at once.
+_START = 0.08
+# Steps of ln(size): the first, and the one at which the growth gives up (0.3 % of the solid fraction).
+_STEP, _LEAST = 0.08, 1e-3
+# Steps of pushing per growth step: free states mostly take some hundred, states close to jamming some thousand.
+_LIMIT = 4000
+_SKIN = 0.25  # of the typical radius: a search costs some ten steps
+
+
+@dataclass(frozen=True)
+class Bed:
+    """Centroids (n, 3) in m, quaternions (n, 4), solid fraction and height (m) up to the highest point."""
+
+    positions: np.ndarray
+    quaternions: np.ndarray
+    solid_fraction: float
+    height: float
+
+
+def pack(
+    clumps: Sequence[Clump], fraction: float, domain_size: tuple[float, float], periodic: bool, rng: np.random.Generator
+) -> Bed:
+    """A bed of the bodies on z = 0 with this solid fraction (volume of the bodies over that up to the highest point).
+
+    The bodies, shrunk, are scattered in the final box and grow to their true size in steps; after each step FIRE removes the
+    overlaps of the rigid bodies (soft repulsion, as O'Hern et al. 2003, who find jamming this way). A step that does not get
+    free is taken back and halved. No spheres of different bodies touch at the end: gaps are at least 5e-4 of the sum of radii.
+    In a domain that is not periodic the box has walls. The bed ends a little denser than asked for, by its gaps.
+    InputError: the box is lower than the largest sphere, or the growth jams before; it tells the fraction reached.
+    """
+    size = np.array(domain_size, dtype=np.float64)
+    refuse_long(clumps, size, periodic)
+    volume = sum(body.volume for body in clumps)
+    height = volume / (fraction * float(size.prod()))
+    _refuse_low(clumps, height)
+    unit = float(np.mean([body.radii.mean() for body in clumps]))
+    box = np.array([*size, height]) / unit
+    growing = _Growing([body.scaled(1.0 / unit) for body in clumps], box, periodic)
+    grown = growing.grow(growing.start(fraction, rng))
+    if grown < 1.0:
+        reached = fraction * grown**3
+        raise InputError(
+            Fault(
+                "solid_fraction",
+                f"the bodies jam: a solid fraction of about {reached:.3f} is reached, {fraction:.3f} wanted (a bed "
+                f"{height:.3g} m high)",
+            )
+        )
+    x, q = growing.X * unit, growing.Q.copy()
+    z, r = growing.S[:, 2] * unit, np.concatenate([body.radii for body in clumps])
+    floor = float((z - r).min())
+    x[:, 2] -= floor
+    top = float((z + r).max()) - floor
+    x[:, :2] -= np.floor(x[:, :2] / size) * size if periodic else 0.0
+    return Bed(x, q, volume / (float(size.prod()) * top), top)
+
+
+class _Growing:
+    """The bodies and their poses while they grow; lengths in units of the mean radius."""
+
+    def __init__(self, clumps: Sequence[Clump], box: np.ndarray, periodic: bool) -> None:
+        self.clumps, self.box, self.periodic = clumps, box, periodic
+        counts = [len(body.radii) for body in clumps]
+        self.starts = np.cumsum([0, *counts])
+        self.body = np.repeat(np.arange(len(clumps)), counts)
+        self.rel = np.concatenate([body.centers for body in clumps])
+        self.radii = np.concatenate([body.radii for body in clumps])
+        # the arm at which a force turns a body as much as it moves it: its outermost centre, so that no turn is stiffer
+        arms = np.maximum.reduceat(np.linalg.norm(self.rel, axis=1), self.starts[:-1])
+        self.lever = np.where(arms > 0.0, arms, 1.0)
+        self.X, self.Q = np.empty((len(clumps), 3)), np.empty((len(clumps), 4))
+        self.S, self.arms = np.empty((len(self.radii), 4)), np.empty((len(self.radii), 3))
+        # the search reads the engine's wide table, the pushing a narrow one that stays in the cache
+        self.wide = np.zeros((len(self.radii), at.S_COLS))
+        self.wide[:, at.S_SIDE] = at.EVERYTHING
+
+    def start(self, fraction: float, rng: np.random.Generator) -> float:
+        """Scatter the bodies, shrunk; returns their size over the true one. Raises InputError when none is small enough."""
+        x, y, _ = self.box
+        height, shrunk = float(self.box[2]), min(1.0, (_START / fraction) ** (1.0 / 3.0))
+        while True:
+            try:
+                bodies = [body.scaled(shrunk) for body in self.clumps]
+                self.X, self.Q = scatter(bodies, height, (float(x), float(y)), self.periodic, rng)
+                return shrunk
+            except InputError:
+                if shrunk < 0.1:
+                    raise
+                shrunk *= 0.7
+
+    def grow(self, size: float) -> float:
+        """Grow from this size on; returns 1, or the largest size that got free of overlap."""
+        step = _STEP
+        while True:
+            x, q = self.X.copy(), self.Q.copy()
+            trial = min(1.0, size * math.exp(step))
+            if self._relax(trial):
+                if trial == 1.0:
+                    return 1.0
+                size, step = trial, min(1.5 * step, _STEP)
+                continue
+            self.X, self.Q, step = x, q, 0.5 * step
+            if step < _LEAST:
+                return size
+
+    def _relax(self, size: float) -> bool:
+        """Whether the bodies of this size get free of overlap."""
+        velocity, memory, left = np.zeros((len(self.X), 6)), np.array([0.1, 0.25, 0.0]), _LIMIT
+        while left > 0:
+            own, partner = self._search(size)
+            code, done = kernels.relax(
+                self.X, self.Q, velocity, self.rel, self.radii, self.body, self.starts, size, self.lever, own, partner,
+                self.box, self.periodic, _CLEARANCE, _SKIN, memory, self.arms, self.S, left,
+            )  # fmt: skip
+            if code != kernels.MOVED:
+                return bool(code == kernels.RELAXED)
+            left -= done
+        return False
+
+    def _search(self, size: float) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of spheres that come within the skin of each other."""
+        kernels.pose(self.X, self.Q, self.rel, self.radii, self.starts, size, self.arms, self.S)
+        self.wide[:, :4] = self.S
+        skin = _SKIN + 2.0 * _CLEARANCE * float(self.S[:, 3].max())
+        reach = 2.0 * float(self.S[:, 3].max()) + skin
+        # no more cells than twice the root of the spheres along any axis: a low bed of small bodies must not blow the grid up
+        most = 2 * math.ceil(math.sqrt(len(self.S)))
+        count = np.clip((self.box / reach).astype(np.int64), 1, most)
+        periodic = np.array([self.periodic, self.periodic])
+        l_x, l_y = self.box[:2] if self.periodic else (0.0, 0.0)
+        capacity = 16 * len(self.S)
+        while True:
+            own, partner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
+            n = pair_candidates(
+                self.wide, self.body, l_x, l_y, skin, np.zeros(3), self.box / count, count, periodic, 0, own, partner
+            )
+            if n <= capacity:
+                return own[:n].copy(), partner[:n].copy()
+            capacity = int(1.2 * n)
+
+
+def _refuse_low(clumps: Sequence[Clump], height: float) -> None:
+    largest = 2.0 * max(float(body.radii.max()) for body in clumps)
+    if height < largest * (1.0 + 2.0 * _CLEARANCE):
+        message = (
+            f"the bed would be {height:.3g} m high, lower than its largest sphere, {largest:.3g} m: raise count or lower "
+            'solid_fraction or domain.size, or lay the bodies with placement = "layer"'
+        )
+        raise InputError(Fault("solid_fraction", message))

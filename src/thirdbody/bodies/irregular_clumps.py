@@ -1,0 +1,335 @@
+"""Random debris: irregular clumps and size distributions, reproducible body by body."""
+
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+
+from thirdbody.bodies.asperities import Asperities, sphere_points, with_asperities
+from thirdbody.bodies.clump import Clump, clump, clumps
+from thirdbody.bodies.size_batches import alike
+from thirdbody.bodies.union_moments import longest_links
+from thirdbody.bodies.vectors import dot
+from thirdbody.errors import Fault, InputError
+
+# Neighbours overlap until their centers are this fraction of the sum of radii apart: less looks like a
+# string of beads, more hides the single spheres.
+_NECK = (0.55, 0.8)
+_NECK_FLAT = 0.9
+# Smallest radius over largest, before chance.
+_UNEQUAL = 0.6
+# Least part of a sphere's surface that the other spheres leave free.
+_EXPOSED = 0.08
+_TRIES = 200
+# Of the sharpest clump: the part of the sum of radii that centers are apart (a small sphere must stand farther off to
+# stand out), and the least radius of a corner over that of the core.
+_NECK_SHARP = 0.95
+_CORNER = 0.2
+# Twice the times that the caps of all corners cover the sphere before chance leaves no gap that shows the core (the
+# thinnest covering takes 2.4).
+_COVER = 4.0
+# Fewer spheres cannot surround a core.
+_CORED = 5
+# Bodies whose random streams are open at a time, and room for a stack of them: with 1e5 its tables stay in the cache.
+_BLOCK = 4096
+_ROOM = 100_000
+
+
+_SURFACE = sphere_points(48)
+
+
+def irregular(rng: np.random.Generator, n_spheres: int, aspect, diameter: float, angularity: float = 0.0) -> Clump:
+    """Connected clump of unequal spheres filling an envelope with the axis ratios aspect (3,).
+
+    angularity (0 to 1): how strongly the spheres shrink towards the corners of the hull, so that summits get sharper
+    (`asperities.summit_radii`). The sphere nearest the middle becomes a core, the others move out onto the hull and
+    shrink, at 1 to the size at which planes still touch them and not the core (0.2 of it at least); links lengthen to
+    0.95 of the sum of radii. Fewer than 5 spheres cannot surround a core: only their links lengthen. Where corners
+    would lose touch with the core (flat or long envelopes), the body is only as angular as keeps its aspect.
+
+    The volume-equivalent diameter (m) holds to a third of the clump's stated error. Every sphere keeps at
+    least 8 % of its surface free. A flat envelope needs many spheres: with few, the clump is as flat as
+    connected spheres can be. One sphere is a sphere, whatever the aspect.
+    InputError: n_spheres < 1, aspect or diameter not positive, angularity out of range, or too many spheres to leave
+    each one free.
+    """
+    return _irregulars([rng], n_spheres, aspect, np.array([diameter]), angularity)[0]
+
+
+def _irregulars(rngs: list[np.random.Generator], n_spheres: int, aspect, diameters: np.ndarray, angularity: float) -> list[Clump]:
+    """As `irregular`, one body for each stream and diameter; what one becomes does not depend on the others."""
+    envelope = _checked_envelope(n_spheres, aspect, diameters)
+    if not 0.0 <= angularity <= 1.0:
+        raise InputError(Fault("angularity", f"{angularity:g} must be 0 to 1"))
+    if n_spheres == 1:
+        return [clump(np.zeros((1, 3)), [0.5 * diameter]) for diameter in diameters]
+    centers, radii = np.empty((len(rngs), n_spheres, 3)), np.empty((len(rngs), n_spheres))
+    left = np.arange(len(rngs))
+    for _ in range(_TRIES):
+        centers[left], radii[left] = _grown([rngs[k] for k in left], n_spheres, envelope, angularity)
+        left = left[~_all_exposed(centers[left], radii[left])]
+        if not len(left):
+            break
+    else:
+        raise InputError(
+            f"no irregular clump of {n_spheres} spheres with aspect {list(aspect)} in {_TRIES} tries leaves "
+            "every sphere partly free; take fewer spheres or a longer aspect"
+        )
+    made = clumps(centers, radii)
+    return [body.scaled(diameter / body.diameter) for body, diameter in zip(made, diameters.tolist(), strict=True)]
+
+
+def population(
+    seed: int,
+    population_index: int,
+    count: int,
+    spheres: tuple[int, int],
+    aspect,
+    angularity: float = 0.0,
+    asperities: Asperities | None = None,
+    **size,
+) -> list[Clump]:
+    """Clumps of one population; size: the keywords of `diameters`, spheres: least and most per body.
+
+    Body k draws from its own stream, so it is the same for every count; asperities draw last, so that the body under
+    them has the shape that it has without. InputError: as `irregular`, `diameters` and `Asperities.fraction`.
+    """
+    least, most = spheres
+    if not 1 <= least <= most:
+        raise InputError(Fault("spheres", f"[{least}, {most}] must be 1 or more, the lesser first"))
+    bodies: list[Clump] = []
+    for first in range(0, count, _BLOCK):
+        block = range(first, min(count, first + _BLOCK))
+        rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k))) for k in block]
+        n_spheres = np.array([rng.integers(least, most + 1) for rng in rngs])
+        wide = diameters(Streams(rngs), len(rngs), **size)
+        made: dict[int, Clump] = {}
+        for n, members in alike(n_spheres, _ROOM):
+            shapes = _irregulars([rngs[k] for k in members], n, aspect, wide[members], angularity)
+            made.update(zip(members.tolist(), shapes, strict=True))
+        for k, rng in enumerate(rngs):
+            body, diameter = made[k], float(wide[k])
+            if asperities is not None:
+                body = with_asperities(rng, body, asperities.count, asperities.fraction(diameter))
+            bodies.append(body)
+    return bodies
+
+
+class Streams:
+    """Several random streams, of which each gives one number: bodies are drawn together and stay independent."""
+
+    def __init__(self, rngs: list[np.random.Generator]) -> None:
+        self.rngs = rngs
+
+    def random(self, count: int) -> np.ndarray:
+        """One uniform number in [0, 1) from each stream, (count,); count is their number."""
+        return np.array([rng.random() for rng in self.rngs])
+
+
+def diameters(
+    rng: np.random.Generator | Streams,
+    count: int,
+    distribution: str,
+    *,
+    median: float | None = None,
+    mean: float | None = None,
+    sigma: float | None = None,
+    value: float | None = None,
+    min: float | None = None,
+    max: float | None = None,
+) -> np.ndarray:
+    """Diameters (count,) in m from a distribution cut off (not clipped) at min and max.
+
+    lognormal: median (m), sigma (of the logarithm); normal: mean, sigma (m); uniform: min, max;
+    constant: value. The cut is exact: a uniform number between the cumulative values of the limits is
+    inverted. InputError: a parameter that is missing, not used, or out of range, an unknown distribution.
+    """
+    given = {"median": median, "mean": mean, "sigma": sigma, "value": value, "min": min, "max": max}
+    _check_size(distribution, given)
+    low, high = min or 0.0, math.inf if max is None else max
+    if value is not None:
+        return np.full(count, value)
+    if distribution == "uniform":
+        return low + (high - low) * rng.random(count)
+    if median is not None:
+        normal = NormalDist(math.log(median), sigma or 0.0)
+        low, high = math.log(low) if low > 0.0 else -math.inf, math.log(high)
+        return np.exp(_cut_normal(rng, count, normal, low, high))
+    return _cut_normal(rng, count, NormalDist(mean or 0.0, sigma or 0.0), low, high)
+
+
+def _cut_normal(rng: np.random.Generator | Streams, count: int, normal: NormalDist, low: float, high: float) -> np.ndarray:
+    # The far tail above the mean loses its digits in 1 - tail: mirror it to the side below.
+    if low > normal.mean:
+        mirrored = NormalDist(-normal.mean, normal.stdev)
+        return -_cut_normal(rng, count, mirrored, -high, -low)
+    first, last = normal.cdf(low), normal.cdf(high)
+    if not last - first > 0.0:
+        raise InputError(Fault("size", "the distribution has nothing between min and max"))
+    # 1 - random() lies in (0, 1]; the open end at 1 is closed by the limit itself.
+    levels = first + (last - first) * rng.random(count)
+    smallest = np.nextafter(first, 1.0)
+    drawn = [normal.inv_cdf(level) for level in np.maximum(levels, smallest).tolist()]
+    return np.clip(drawn, low, high)  # rounding of the inversion only
+
+
+_SIZE_KEYS = {
+    "lognormal": ({"median", "sigma"}, {"min", "max"}),
+    "normal": ({"mean", "sigma"}, {"min", "max"}),
+    "uniform": ({"min", "max"}, set()),
+    "constant": ({"value"}, set()),
+}
+
+
+def _check_size(distribution: str, given: dict[str, float | None]) -> None:
+    if distribution not in _SIZE_KEYS:
+        known = ", ".join(_SIZE_KEYS)
+        raise InputError(Fault("size.distribution", f"'{distribution}' is not known; known: {known}"))
+    needed, optional = _SIZE_KEYS[distribution]
+    faults = []
+    for key, number in given.items():
+        if number is None:
+            if key in needed:
+                faults.append(Fault(f"size.{key}", f"a {distribution} distribution needs it"))
+        elif key not in needed | optional:
+            faults.append(Fault(f"size.{key}", f"a {distribution} distribution does not use it"))
+        elif not (math.isfinite(number) and number > 0.0):
+            faults.append(Fault(f"size.{key}", f"{number:g} must be positive and finite"))
+    low, high = given["min"], given["max"]
+    if not faults and low is not None and high is not None and low > high:
+        faults.append(Fault("size.min", f"{low:g} m is more than max = {high:g} m"))
+    if faults:
+        raise InputError(faults)
+
+
+def _checked_envelope(n_spheres: int, aspect, diameters: np.ndarray) -> np.ndarray:
+    """Half axes (3,) of the envelope, the longest 1."""
+    axes = np.array(aspect, dtype=np.float64)
+    faults = []
+    if n_spheres < 1:
+        faults.append(Fault("spheres", f"{n_spheres} must be 1 or more"))
+    if axes.shape != (3,) or not np.isfinite(axes).all() or not (axes > 0.0).all():
+        faults.append(Fault("aspect", f"{axes.tolist()} must be three positive numbers"))
+    for diameter in diameters[~(np.isfinite(diameters) & (diameters > 0.0))]:
+        faults.append(Fault("size", f"diameter {diameter:g} m must be positive and finite"))
+    if faults:
+        raise InputError(faults)
+    return axes / axes.max()
+
+
+def _grown(rngs: list[np.random.Generator], n: int, envelope: np.ndarray, angularity: float) -> tuple[np.ndarray, np.ndarray]:
+    """Centers (b, n, 3) and radii (b, n) of connected trial clumps inside the envelope, one for each stream."""
+    seeds, weights, neck = _drawn(rngs, n, envelope)
+    thinnest = envelope.min()
+    inset = np.ones_like(weights)
+    if angularity > 0.0:
+        seeds, weights, inset, neck = _sharpened(seeds, weights, neck, envelope, angularity)
+
+    def stretched(radius: np.ndarray) -> np.ndarray:
+        return _reach(seeds, weights, inset, envelope, radius) / neck
+
+    # The larger the spheres, the smaller the room for their centers: the least radius that connects them.
+    low, high = np.full(len(rngs), 0.02 * thinnest), np.full(len(rngs), thinnest)
+    excess = stretched(high)
+    flat = excess > 1.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        apart = stretched(middle) > 1.0
+        low, high = np.where(apart, middle, low), np.where(apart, high, middle)
+    high[flat] = thinnest
+    centers = seeds * (envelope - high[:, None, None] * inset[:, :, None])
+    # Too flat for this many spheres: drawn together in the plane until they connect, and no closer than they must, or it
+    # would not look flat.
+    centers[flat] /= (excess * neck / _NECK_FLAT)[flat, None, None]
+    return centers, high[:, None] * weights
+
+
+def _drawn(rngs: list[np.random.Generator], n: int, envelope: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Seeds (b, n, 3), weights (b, n) and necks (b,) of trial clumps."""
+    candidates, numbers = np.empty((len(rngs), n, 12, 3)), np.empty((len(rngs), 13 * n + 1))
+    for k, rng in enumerate(rngs):
+        rng.standard_normal(out=candidates[k])
+        rng.random(out=numbers[k])
+    seeds = _spread(candidates, numbers[:, : 12 * n].reshape(-1, n, 12), envelope)
+    weights = _UNEQUAL + (1.0 - _UNEQUAL) * numbers[:, 12 * n : -1]
+    return seeds, weights, _NECK[0] + (_NECK[1] - _NECK[0]) * numbers[:, -1]
+
+
+def _reach(seeds, weights: np.ndarray, inset, envelope: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Largest distance over sum of radii among the links (b,) of trial clumps whose largest radius is `radius` (b,)."""
+    reach = np.empty(len(weights))
+    longest_links(seeds * (envelope - radius[:, None, None] * inset[:, :, None]), radius[:, None] * weights, reach)
+    return reach
+
+
+def _sharpened(
+    seeds: np.ndarray, weights: np.ndarray, neck: np.ndarray, envelope: np.ndarray, angularity: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Seeds (b, n, 3), weights (b, n), insets (b, n) and necks (b,) of sharper trial clumps.
+
+    Aspect goes first: where the corners would be too small to reach the core, the angularity is lowered until they do.
+    """
+    thinnest = np.full(len(neck), envelope.min())
+    plain = _reach(seeds, weights, np.ones_like(weights), envelope, thinnest)
+    low, high = np.zeros_like(neck), np.full_like(neck, angularity)
+    for step in range(8):
+        trial = high if step == 0 else 0.5 * (low + high)
+        made = _cored(seeds, weights, neck, trial)
+        connects = _reach(*made[:3], envelope, thinnest) <= np.maximum(plain, made[3])
+        low, high = np.where(connects, trial, low), np.where(connects, high, trial)
+    return _cored(seeds, weights, neck, low)
+
+
+def _cored(
+    seeds: np.ndarray, weights: np.ndarray, neck: np.ndarray, angularity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The seed nearest the middle as core, the others as corners that stand on the hull: as `_sharpened`.
+
+    A plane between corners that surround a core of radius 1 evenly, at the distance s (1 + rho), clears it if
+    s (1 + rho) cos t + rho > 1; m caps of the angle t have m (1 - cos t) / 2 times the area of the sphere.
+    """
+    n = weights.shape[1]
+    neck = neck + angularity * (_NECK_SHARP - neck)
+    if n < _CORED:
+        return seeds, weights, np.ones_like(weights), neck
+    cosine = _NECK_SHARP * max(0.0, 1.0 - _COVER / (n - 1))
+    corner = max(_CORNER, (1.0 - cosine) / (1.0 + cosine))
+    far, sharp = np.sqrt(dot(seeds, seeds)), angularity[:, None]
+    core = np.arange(n) == far.argmin(axis=1)[:, None]
+    moved = np.where(core, 1.0 - sharp, 1.0 - sharp + sharp / far)
+    shrunk = np.where(core, 1.0, 1.0 - sharp * (1.0 - corner))
+    full = np.where(core, weights + sharp * (1.0 - weights), weights * shrunk)
+    return seeds * moved[:, :, None], full, shrunk, neck
+
+
+def _spread(candidates: np.ndarray, levels: np.ndarray, envelope: np.ndarray) -> np.ndarray:
+    """Points (b, n, 3) in the unit ball, far apart once stretched to the envelope (best candidate of 12).
+
+    candidates (b, n, 12, 3): normal numbers, levels (b, n, 12): uniform ones.
+    """
+    candidates = candidates / np.sqrt(dot(candidates, candidates))[..., None]
+    candidates *= (levels ** (1.0 / 3.0))[..., None]
+    bodies, n = np.arange(len(candidates)), candidates.shape[1]
+    points = np.empty((len(candidates), n, 3))
+    points[:, 0] = candidates[:, 0, 0]
+    for k in range(1, n):
+        gaps = (candidates[:, k, :, None] - points[:, None, :k]) * envelope
+        points[:, k] = candidates[bodies, k, dot(gaps, gaps).min(axis=2).argmax(axis=1)]
+    if n >= 4:
+        # Filled to the envelope's sides, or few spheres would not show the aspect.
+        low, high = points.min(axis=1, keepdims=True), points.max(axis=1, keepdims=True)
+        points = (2.0 * points - low - high) / (high - low)
+    return points
+
+
+def _all_exposed(centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
+    """Whether (b,) every sphere of a body shows at least the part _EXPOSED of its surface."""
+    n = radii.shape[1]
+    arm = centers[:, :, None] - centers[:, None]
+    # A point r u of sphere i lies in sphere j if (arm + r u)^2 < r_j^2.
+    reach = (radii**2)[:, None] - (radii**2)[:, :, None] - dot(arm, arm)
+    reach[:, np.arange(n), np.arange(n)] = -np.inf
+    inside = 2.0 * radii[:, :, None, None] * arm @ _SURFACE.T < reach[..., None]
+    return ((~inside.any(axis=2)).mean(axis=2) >= _EXPOSED).all(axis=1)

@@ -1,0 +1,114 @@
+"""Overlaps of spheres on a grid of columns over the x-y plane: random placement and its check."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
+
+
+@njit(**BARE)
+def column(at, size, cells):
+    """Index along one axis of the grid's column that holds the coordinate."""
+    return min(cells - 1, max(0, np.int64(at / size * cells)))
+
+
+@njit(**BARE)
+def apart(d, size, periodic):
+    """The difference of two coordinates, to the nearest image if periodic."""
+    return d - size * math.floor(d / size + 0.5) if periodic else d
+
+
+@njit(**BARE_CHUNK)
+def free(px, py, spheres, n_first, n_last, placed, heads, following, size, periodic, clearance):
+    """Whether the spheres n_first..n_last, moved by (px, py), keep clear of all that stand in the grid."""
+    nx, ny = heads.shape
+    for s in range(n_first, n_last):
+        x, y, z, r = spheres[s, 0] + px, spheres[s, 1] + py, spheres[s, 2], spheres[s, 3]
+        if periodic:
+            x -= size[0] * math.floor(x / size[0])
+            y -= size[1] * math.floor(y / size[1])
+        cx, cy = column(x, size[0], nx), column(y, size[1], ny)
+        for gx in range(cx - 1, cx + 2):
+            for gy in range(cy - 1, cy + 2):
+                if not periodic and (gx < 0 or gy < 0 or gx >= nx or gy >= ny):
+                    continue
+                t = heads[gx % nx, gy % ny]
+                while t >= 0:
+                    dx = apart(placed[t, 0] - x, size[0], periodic)
+                    dy = apart(placed[t, 1] - y, size[1], periodic)
+                    dz = placed[t, 2] - z
+                    reach = (r + placed[t, 3]) * (1.0 + clearance)
+                    if dx * dx + dy * dy + dz * dz < reach * reach:
+                        return False
+                    t = following[t]
+    return True
+
+
+@njit(**BARE_CHUNK)
+def enter(x, y, z, r, t, placed, heads, following, size, periodic):
+    """Puts sphere t into the grid."""
+    if periodic:
+        x -= size[0] * math.floor(x / size[0])
+        y -= size[1] * math.floor(y / size[1])
+    cx, cy = column(x, size[0], heads.shape[0]), column(y, size[1], heads.shape[1])
+    placed[t, 0], placed[t, 1], placed[t, 2], placed[t, 3] = x, y, z, r
+    following[t] = heads[cx, cy]
+    heads[cx, cy] = t
+
+
+@njit(**DIRECT, **NO_COUNTS)
+def place_body(tries, spheres, first, last, count, placed, heads, following, size, periodic, clearance):
+    """Index of the first try (x, y) at which the body fits, entered into the grid; -1 if none does.
+
+    tries: (t, 2) m; spheres (n, 4): x, y relative to the body, z, radius; the body's are first..last;
+    placed (n, 4), heads (nx, ny), following (n,): the grid with count spheres in it, columns at least one
+    largest diameter wide. Spheres closer than (1 + clearance) times the sum of radii do not fit.
+    """
+    for k in range(tries.shape[0]):
+        px, py = tries[k, 0], tries[k, 1]
+        if free(px, py, spheres, first, last, placed, heads, following, size, periodic, clearance):
+            for s in range(first, last):
+                x, y = spheres[s, 0] + px, spheres[s, 1] + py
+                t = count + s - first
+                enter(x, y, spheres[s, 2], spheres[s, 3], t, placed, heads, following, size, periodic)
+            return k
+    return -1
+
+
+@njit(**DIRECT, **NO_COUNTS)
+def overlapping(spheres, body, placed, heads, following, size, periodic, pairs, depth):
+    """Number of pairs of spheres of different bodies that overlap; the first of them into pairs and depth.
+
+    spheres (n, 4): x, y, z, radius; body (n,); the grid as in `place_body`, empty at first. The number may
+    be larger than pairs (m, 2) is long: call again with more room. In a grid of less than three columns a
+    pair may be told twice.
+    """
+    nx, ny = heads.shape
+    m = 0
+    for s in range(spheres.shape[0]):
+        x, y, z, r = spheres[s, 0], spheres[s, 1], spheres[s, 2], spheres[s, 3]
+        enter(x, y, z, r, s, placed, heads, following, size, periodic)
+    for s in range(spheres.shape[0]):
+        x, y, z, r = placed[s, 0], placed[s, 1], placed[s, 2], placed[s, 3]
+        cx, cy = column(x, size[0], nx), column(y, size[1], ny)
+        for gx in range(cx - 1, cx + 2):
+            for gy in range(cy - 1, cy + 2):
+                if not periodic and (gx < 0 or gy < 0 or gx >= nx or gy >= ny):
+                    continue
+                t = heads[gx % nx, gy % ny]
+                while t >= 0:
+                    if t < s and body[t] != body[s]:
+                        dx = apart(placed[t, 0] - x, size[0], periodic)
+                        dy = apart(placed[t, 1] - y, size[1], periodic)
+                        dz = placed[t, 2] - z
+                        overlap = r + placed[t, 3] - math.sqrt(dx * dx + dy * dy + dz * dz)
+                        if overlap > 0.0:
+                            if m < depth.size:
+                                pairs[m, 0], pairs[m, 1], depth[m] = t, s, overlap
+                            m += 1
+                    t = following[t]
+    return m

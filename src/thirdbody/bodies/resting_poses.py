@@ -1,0 +1,298 @@
+"""Poses in which a clump can rest on a horizontal plane under gravity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from thirdbody.bodies.clump import Clump
+from thirdbody.bodies.size_batches import alike
+from thirdbody.bodies.union_moments import triples
+from thirdbody.bodies.vectors import cross, dot
+
+# In units of the largest radius: spheres this near to the plane count as contacts, and a centroid this near
+# to the edge of the support as on it. Poses come out of closed forms, good to some 1e-15 of the body.
+_TOLERANCE = 1e-9
+# Angle by which a support may miss the half turn and still be an edge: _TOLERANCE over a short branch.
+_EDGE = 1e-7
+# Poses whose up-vectors differ by less are one: a pad of four contacts is found by each of its triples.
+_SAME = 1e-6
+# Directions that differ by less stand on the same spheres: all triples of a flat sheet of a hundred spheres are one direction.
+_EQUAL = 1e-11
+# Room for a stack of bodies (`stacks.alike`): with 6e4, tables of triples of spheres stay in the cache; and the most
+# candidates that are measured at once, and numbers in a table of pairs of them: a hundred spheres have 300 000 candidates.
+_ROOM, _MEASURED, _PAIRED = 60_000, 8192, 2_000_000
+# Directions tried where the height does not depend on the direction (a ball, a rod rolling on its axis).
+_TURNED = [(math.cos(k * math.pi / 4.0), math.sin(k * math.pi / 4.0)) for k in range(8)]
+
+
+def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
+    """Stable static equilibria on a plane below: quaternions (p, 4) and heights of the centroid (p,) in m.
+
+    They are the local minima of h(u) = max_i(r_i - u.c_i) over unit up-vectors u of the body; the quaternion
+    turns u to +z by the shortest way. Lowest first. Where a ball or rod rests at any turn about itself, one
+    pose stands for all.
+    """
+    quaternions, heights = _poses_of(clump.centers[None], clump.radii[None])
+    return quaternions[0], heights[0]
+
+
+def settle(clump: Clump, rng: np.random.Generator) -> tuple[np.ndarray, float]:
+    """Quaternion (4,) and height (m) of the resting pose nearest to a random direction, turned at random."""
+    quaternions, heights = settle_all([clump], rng)
+    return quaternions[0], float(heights[0])
+
+
+def settle_all(clumps: Sequence[Clump], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """As `settle`, one body after the other from one stream: quaternions (n, 4) and heights (n,) in m."""
+    drawn = [(*rng.standard_normal(3), rng.uniform(0.0, math.pi)) for _ in clumps]
+    up, half = np.split(np.array(drawn).reshape(-1, 4), [3], axis=1)
+    q, height = np.empty((len(clumps), 4)), np.empty(len(clumps))
+    for _, members in alike([len(body.radii) for body in clumps], _ROOM):
+        centers = np.array([clumps[b].centers for b in members])
+        quaternions, heights = _poses_of(centers, np.array([clumps[b].radii for b in members]))
+        w, x, y, z = np.moveaxis(quaternions, 2, 0)
+        # Body up-vector of each pose: third row of its rotation matrix.
+        ups = np.stack((2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)), axis=2)
+        near = np.where(np.isfinite(heights), dot(ups, up[members][:, None]), -np.inf)
+        rows, k = np.arange(len(members)), near.argmax(axis=1)
+        q[members], height[members] = quaternions[rows, k], heights[rows, k]
+    return _yawed(q, half[:, 0]), height
+
+
+def _yawed(q: np.ndarray, half: np.ndarray) -> np.ndarray:
+    """Quaternions (n, 4) turned further about z by twice the angles (n,)."""
+    c, s = np.cos(half), np.sin(half)
+    w, x, y, z = q.T
+    return np.column_stack((c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w))
+
+
+def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As `resting_poses` for a stack (b, n, 3), (b, n): quaternions (b, p, 4), heights (b, p), infinite after the last."""
+    scale = radii.max(axis=1)
+    c, r = centers / scale[:, None, None], radii / scale[:, None]
+    exposed = _exposed(c, r)
+    count = exposed.sum(axis=1)
+    stacks = []
+    for n in np.unique(count):
+        members = np.flatnonzero(count == n)
+        inner = exposed[members]
+        stacks.append((members, _minima(c[members][inner].reshape(-1, n, 3), r[members][inner].reshape(-1, n))))
+    # One row per body: its poses, then NaN.
+    rows = np.full((len(radii), max(ups.shape[1] for _, ups in stacks), 3), np.nan)
+    for members, ups in stacks:
+        rows[members, : ups.shape[1]] = ups
+    heights = (radii[:, None] - rows @ centers.transpose(0, 2, 1)).max(axis=2)
+    heights[np.isnan(heights)] = np.inf
+    order = np.argsort(heights, axis=1, kind="stable")[:, : int(np.isfinite(heights).sum(axis=1).max())]
+    return _turned_up(np.take_along_axis(rows, order[:, :, None], axis=1)), np.take_along_axis(heights, order, axis=1)
+
+
+def _exposed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Which spheres (b, n) stick out of every other sphere; of those that nearly coincide the largest, or the first."""
+    bodies, exposed = np.arange(len(r)), np.zeros(r.shape, np.bool_)
+    for sphere in np.argsort(-r, axis=1, kind="stable").T:
+        arm = c - c[bodies, sphere][:, None]
+        within = np.sqrt(dot(arm, arm)) + r[bodies, sphere][:, None] <= r + _TOLERANCE
+        exposed[bodies, sphere] = np.logical_not((within & exposed).any(axis=1))
+    return exposed
+
+
+def _minima(c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Up-vectors (b, p, 3) of the resting poses of a stack (b, n, 3), (b, n) in units of the largest radius, or NaN."""
+    directions, touches, families = _candidates(c, r)
+    body, place = np.nonzero(_on_own_sphere(directions, touches, c, r))
+    ups, family = directions[body, place], families[body, place]
+    first = _first_of_equal(body, family, ups)
+    body, ups, family = body[first], ups[first], family[first]
+    resting = np.zeros(len(body), np.bool_)
+    size = max(1, _PAIRED // r.shape[1])
+    for begin in range(0, len(body), size):
+        block = slice(begin, begin + size)
+        resting[block] = _rests(ups[block], c[body[block]], r[body[block]])
+    # The lowest direction of all is a minimum, also where contacts are so near to each other that rounding hides it.
+    alone = np.flatnonzero(np.bincount(body[resting], minlength=len(r)) == 0)
+    lowest = _lowest(directions[alone], c[alone], r[alone])
+    body, ups, family = body[resting], ups[resting], family[resting]
+    count = np.bincount(body, minlength=len(r))
+    place = np.arange(len(body)) - (np.cumsum(count) - count)[body]
+    rows, families = np.full((len(r), max(count.max(), 1), 3), np.nan), np.full((len(r), max(count.max(), 1)), -1)
+    rows[body, place], families[body, place] = ups, family
+    rows[~_distinct(rows, families)] = np.nan
+    rows[alone, 0] = lowest
+    return rows
+
+
+def _lowest(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Of the candidates (b, m, 3) of every body the one (b, 3) with the lowest centroid."""
+    heights = np.empty(ups.shape[:2])
+    turned = c.transpose(0, 2, 1)
+    for block in _blocks(ups.shape[1]):
+        heights[:, block] = (r[:, None] - ups[:, block] @ turned).max(axis=2)
+    heights[np.isnan(heights)] = np.inf
+    return ups[np.arange(len(r)), heights.argmin(axis=1)]
+
+
+def _first_of_equal(body: np.ndarray, family: np.ndarray, ups: np.ndarray) -> np.ndarray:
+    """Places, rising, of the first of the candidates (m,) of one body and family whose directions (m, 3) are equal."""
+    keys = np.column_stack((body, family, np.rint(ups / _EQUAL).astype(np.int64)))
+    order = np.lexsort(keys.T)
+    fresh = np.ones(len(body), np.bool_)
+    fresh[1:] = (keys[order[1:]] != keys[order[:-1]]).any(axis=1)
+    return np.sort(order[fresh])
+
+
+def _blocks(count: int) -> Iterator[slice]:
+    """Slices of so many candidates that are measured at once."""
+    return (slice(first, first + _MEASURED) for first in range(0, count, _MEASURED))
+
+
+def _turned_up(ups: np.ndarray) -> np.ndarray:
+    """Quaternions (..., 4) that turn the unit vectors (..., 3) to +z by the shortest way."""
+    quaternions = np.stack((1.0 + ups[..., 2], ups[..., 1], -ups[..., 0], np.zeros(ups.shape[:-1])), axis=-1)
+    # Straight down has no shortest way: half a turn about x.
+    quaternions[quaternions[..., 0] < 1e-14] = (0.0, 1.0, 0.0, 0.0)
+    return quaternions / np.linalg.norm(quaternions, axis=-1)[..., None]
+
+
+def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Which candidates (b, m) no other sphere keeps off the plane: most fail here already, and so does NaN."""
+    kept = np.empty(ups.shape[:2], np.bool_)
+    turned = c.transpose(0, 2, 1)
+    for block in _blocks(ups.shape[1]):
+        bottom = ups[:, block] @ turned - r[:, None]
+        own = np.take_along_axis(bottom, touches[None, block, None], axis=2)[:, :, 0]
+        kept[:, block] = own <= bottom.min(axis=2) + _TOLERANCE
+    return kept
+
+
+def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:
+    """The first (b, m) of those that are the same direction or belong to the same family."""
+    bodies, m = family.shape
+    distinct, size = np.empty((bodies, m), np.bool_), max(1, _PAIRED // (bodies * m))
+    for begin in range(0, m, size):
+        block, before = slice(begin, begin + size), slice(0, begin + size)
+        apart = ups[:, block, None] - ups[:, None, before]
+        same = dot(apart, apart) < _SAME**2
+        same |= (family[:, block, None] == family[:, None, before]) & (family >= 0)[:, block, None]
+        distinct[:, block] = np.logical_not(np.tril(same, begin - 1).any(axis=2))
+    return distinct
+
+
+def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Whether (m,) the bodies c (m, n, 3), r (m, n), up along ups (m, 3), are at a local minimum of the centroid's height.
+
+    Equilibrium: the origin lies in the hull of the contacts' projections (multipliers >= 0). Well inside, any
+    tilt raises the height at first order. On a corner or edge of the hull the second order decides: u.w >= 0
+    with w the supporting combination of the contact centers.
+    """
+    m, n = r.shape
+    rows = np.arange(m)
+    up = dot(ups[:, None], c)
+    bottom = up - r
+    a, b = _tangents(ups)
+    p, q = dot(a[:, None], c), dot(b[:, None], c)
+    arm = np.hypot(p, q)
+    touching = bottom <= bottom.min(axis=1)[:, None] + _TOLERANCE
+    below = touching & (arm <= _TOLERANCE)
+    around = touching & ~below
+    count = around.sum(axis=1)
+    angle = np.where(around, np.arctan2(q, p), np.inf)
+    order = np.argsort(angle, axis=1)
+    angle = np.column_stack((np.take_along_axis(angle, order, axis=1), np.full(m, np.inf)))
+    angle[rows, count] = angle[:, 0] + 2.0 * math.pi
+    # Behind the last contact there is nothing to measure.
+    angle[np.isinf(angle)] = 0.0
+    gaps = np.where(np.arange(n) < count[:, None], angle[:, 1:] - angle[:, :-1], 0.0)
+    widest = gaps.argmax(axis=1)
+    gap = gaps[rows, widest]
+    first = order[rows, widest]
+    last = order[rows, (widest + 1) % np.maximum(count, 1)]
+    lever = arm[rows, last] * up[rows, first] + arm[rows, first] * up[rows, last]
+    edge = (np.abs(gap - math.pi) <= _EDGE) & (lever >= -_TOLERANCE * (arm[rows, first] + arm[rows, last]))
+    corner = (below & (up >= -_TOLERANCE)).any(axis=1)
+    return corner | ((count > 0) & ((gap < math.pi - _EDGE) | edge))
+
+
+def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Up-vectors (b, m, 3) that may be resting poses, one sphere (m,) that each must touch with, families (b, m).
+
+    One sphere: u = c/|c|. Two: u = alpha d + beta e, d along c_i - c_j, e the part of c_i normal to d. Three:
+    u.(c_i - c_j) = r_i - r_j and the same for k. Of a family >= 0 one that rests is enough. For a stack (b, n, 3),
+    (b, n) in units of the largest radius; NaN where there is no such direction.
+    """
+    n = r.shape[1]
+    i, j = np.triu_indices(n, 1)
+    d, r_i, r_j = c[:, i] - c[:, j], r[:, i], r[:, j]
+    length = np.sqrt(dot(d, d))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        d = np.where((length > np.abs(r_i - r_j) + _TOLERANCE)[:, :, None], d / length[:, :, None], np.nan)
+        alpha = ((r_i - r_j) / length)[:, :, None]
+        beta = np.sqrt(1.0 - alpha * alpha)
+        e = c[:, i] - dot(c[:, i], d)[:, :, None] * d
+        off = np.sqrt(dot(e, e))[:, :, None]
+        # Where the centroid lies on the line of the centers all e are equal: a few turns stand for all, and
+        # pairs on one line with one u.d are one family.
+        free = off[:, :, 0] <= _TOLERANCE
+        e = np.where(off > _TOLERANCE, e / off, _tangents(d)[0])
+        f = cross(d, e)
+        label = _families(alpha * d, d, free)
+        ups, touches = [_single(c, r), alpha * d + beta * e], [np.arange(n), i]
+        triple = _triple(c, r, d, e, f, alpha, beta)
+        ups, touches = [*ups, *triple], [*touches, *[triples(n)[0][0]] * 2]
+        none = np.full(triple[0].shape[:2], -1)
+        family = [np.full(r.shape, -1), label, none, none]
+        for x, y in _TURNED if free.any() else ():
+            ups.append(np.where(free[:, :, None], alpha * d + beta * (x * e + y * f), np.nan))
+            touches.append(i)
+            family.append(label)
+    return np.concatenate(ups, axis=1), np.concatenate(touches), np.concatenate(family, axis=1)
+
+
+def _single(c: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Up-vectors (b, n, 3) of bodies that stand on one sphere."""
+    far = np.sqrt(dot(c, c))
+    bottom = c[:, :, 2] - r
+    # A sphere round the centroid rolls freely, here on -z; with a second one there it is a pair's matter.
+    alone = (bottom <= bottom.min(axis=1, keepdims=True) + _TOLERANCE).sum(axis=1) == 1
+    rolling = np.where(alone[:, None], (0.0, 0.0, 1.0), np.nan)[:, None]
+    return np.where(far[:, :, None] > _TOLERANCE, c / np.maximum(far, _TOLERANCE)[:, :, None], rolling)
+
+
+def _triple(c, r, d, e, f, alpha, beta) -> tuple[np.ndarray, np.ndarray]:
+    """Both up-vectors (b, m, 3) of bodies that stand on three spheres, from the frames and slopes of the pairs."""
+    (h, _, k), pair = triples(r.shape[1])
+    d, e, f, alpha, beta = d[:, pair], e[:, pair], f[:, pair], alpha[:, pair], beta[:, pair]
+    g = c[:, h] - c[:, k]
+    g_e, g_f = dot(g, e)[:, :, None], dot(g, f)[:, :, None]
+    square = g_e * g_e + g_f * g_f
+    near = ((r[:, h] - r[:, k])[:, :, None] - alpha * dot(g, d)[:, :, None]) / square
+    side = np.sqrt(beta * beta / square - near * near)
+    middle = alpha * d + near * (g_e * e + g_f * f)
+    out = side * (g_e * f - g_f * e)
+    return middle - out, middle + out
+
+
+def _families(shift: np.ndarray, d: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """For each pair (b, p) -1, or for a free one the first of the body's free with the same line d and the same u.d d."""
+    label = np.full(free.shape, -1)
+    for body in np.flatnonzero(free.any(axis=1)):
+        left = np.flatnonzero(free[body])
+        line = d[body, left]
+        kind = np.column_stack((shift[body, left], (line[:, :, None] * line[:, None]).reshape(-1, 9)))
+        while len(left):
+            alike = ((kind - kind[0]) ** 2).sum(axis=1) < _SAME**2
+            label[body, left[alike]] = left[0]
+            left, kind = left[~alike], kind[~alike]
+    return label
+
+
+def _tangents(ups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vectors (..., 3) normal to the unit vectors given and to each other."""
+    x, y, z = np.moveaxis(ups, -1, 0)
+    none = np.zeros_like(x)
+    a = np.where(np.abs(ups[..., 2:]) < 0.7, np.stack((-y, x, none), axis=-1), np.stack((none, -z, y), axis=-1))
+    a /= np.sqrt(dot(a, a))[..., None]
+    return a, cross(ups, a)

@@ -1,0 +1,68 @@
+"""From the populations of a scene to their bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+from thirdbody.bodies.clump import Clump
+from thirdbody.errors import InputError, UsageError
+from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
+from thirdbody.scene.model import Scene
+from thirdbody.scene.schema_base import key_place
+
+
+def population_context(scene: Scene, index: int, warnings: list[str]) -> PopulationContext:
+    """What the scene passes to one of its populations."""
+    debris = scene.debris[index]
+    random = RandomStreams(getattr(debris, "seed", 1), index)
+    density = scene.materials[debris.material].density
+    return PopulationContext(index, random, density, scene.domain.size, scene.beside, warnings)
+
+
+def read_populations(scene: Scene, warnings: list[str]) -> list[PopulationContext]:
+    """The contexts of all populations, with the files that they read. Raises InputError with the faults of all of them."""
+    contexts, faults = [], []
+    for index, debris in enumerate(scene.debris):
+        context = population_context(scene, index, warnings)
+        try:
+            with _faults_of(scene, index):
+                context = replace(context, content=debris.read(context))
+        except InputError as error:
+            faults += error.faults
+        contexts.append(context)
+    if faults:
+        raise InputError(faults)
+    return contexts
+
+
+def make_bodies(scene: Scene, context: PopulationContext) -> PlacedClumps:
+    """The bodies of one population. Raises InputError when they cannot be made, UsageError for a kind that gives no bodies."""
+    debris = scene.debris[context.index]
+    with _faults_of(scene, context.index):
+        made = debris.bodies(context)
+    clumps, most = made.clumps, debris.max_spheres()
+    if not clumps or not all(isinstance(body, Clump) for body in clumps):
+        raise UsageError(f"the kind of debris '{debris.kind}' gave no list of Clump for debris[{context.index}]")
+    if debris.count is not None and len(clumps) != debris.count:
+        raise UsageError(f"the kind of debris '{debris.kind}' gave {len(clumps)} bodies for the count {debris.count}")
+    if most > 1 and (spheres := max(len(body.radii) for body in clumps)) > most:
+        raise UsageError(f"the kind of debris '{debris.kind}' gave a body of {spheres} spheres, and its max_spheres is {most}")
+    context.warnings.extend(f"debris[{context.index}]: {note}" for note in debris.notes())
+    return made
+
+
+def shapes_of(scene: Scene, index: int, warnings: list[str]) -> list[Clump]:
+    """The bodies of one population, at unit density. Raises InputError when they cannot be made."""
+    return make_bodies(scene, read_populations(scene, warnings)[index]).clumps
+
+
+@contextmanager
+def _faults_of(scene: Scene, index: int) -> Iterator[None]:
+    """Give faults that a population tells by its own keys their places in the scene."""
+    try:
+        yield
+    except InputError as error:
+        found = [(key_place(fault.key), fault.message) for fault in error.faults]
+        raise InputError(scene.fault(("debris", index, *place), message) for place, message in found) from None

@@ -1,0 +1,93 @@
+"""Whether a scene without inertia (`solver.inertia = false`) may do without it: its inertial number."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from thirdbody.engine.upper_plate import Schedule, ends_of
+from thirdbody.errors import InputError
+from thirdbody.kernels import layout as at
+from thirdbody.kernels import schedule as motion
+from thirdbody import units
+
+if TYPE_CHECKING:
+    from thirdbody.engine.state import State
+    from thirdbody.scene.model import Scene
+
+SLOW, FAST = 0.03, 0.3
+"""Inertial number above which a quasi-static run is warned of, and above which it is refused. The forces that accelerate a body
+are of the order of its square, in parts of the load: 1e-3 and a tenth."""
+
+
+class Inertial(NamedTuple):
+    """Largest inertial number of the bodies, that body by its place in the tables, and the largest sideways speed, m/s."""
+
+    number: float
+    body: int
+    speed: float
+
+
+def inertial_number(state: State) -> Inertial | None:
+    """I = v sqrt((m + M)/(W L)): the time in which the load moves a body by its size, over the time of the drag for that way.
+
+    v: largest speed of the drag; m, M: masses of body and patch; W: least load on the body; L: its diameter, or the stroke if
+    that is shorter. None where no load is prescribed. Source: inertial number of GDR MiDi, Eur. Phys. J. E 14, 2004, 341, with
+    the shear rate v/L and the pressure W/L^2.
+    """
+    upper = state.world.upper
+    if upper is None:
+        return None
+    mass, load = _per_body(state)
+    if not (load > 0.0).all():
+        return None
+    length = np.minimum(_diameters(state), _shortest_stroke(upper.schedule))
+    speed = upper.schedule.top_speed()
+    numbers = speed * np.sqrt(mass / (load * length))
+    body = int(np.argmax(numbers))
+    return Inertial(float(numbers[body]), body, speed)
+
+
+def examine_inertia(scene: Scene, state: State) -> list[str]:
+    """Warnings of a quasi-static scene that is too fast to be one. Raises InputError where inertia is as large as the load."""
+    found = inertial_number(state) if scene.solver.inertia is False else None
+    if found is None or found.number <= SLOW:
+        return []
+    number = f"the inertial number v sqrt((m + M)/(W L)) of body {state.order[found.body]} is {found.number:.2g}"
+    allowed = lambda limit: units.pretty(found.speed * limit / found.number, "velocity")  # noqa: E731
+    if found.number > FAST:
+        message = (
+            f"false is for slow motion, and {number} (at most {FAST:g}: {allowed(FAST)} here): inertial forces are no small "
+            "share of the load; leave solver.inertia out, or lower the speed"
+        )
+        raise InputError(scene.fault(("solver", "inertia"), message))
+    return [
+        f"solver.inertia = false: {number} (quasi-static: below {SLOW:g}, {allowed(SLOW)} here): friction and labels may differ "
+        "from those with inertia; leave solver.inertia out, or lower the speed"
+    ]
+
+
+def _per_body(state: State) -> tuple[np.ndarray, np.ndarray]:
+    """Mass that moves with each body (n,), kg, and its least load (n,), N: its patch's, or an equal part of the plate's."""
+    upper, n = state.world.upper, state.n_bodies
+    assert upper is not None
+    pieces = [min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(upper.schedule.load)]
+    least, B, f = min(pieces, default=1.0), state.B[:, at.B_MASS], upper.foundation
+    if f is not None:
+        return B + upper.mass + f.mass / n, np.full(n, least * f.load / n)
+    if len(upper.heights) == n:
+        return B + upper.mass[upper.patch], least * upper.load[upper.patch]
+    return B + float(upper.mass.sum()) / n, np.full(n, least * float(upper.load.sum()) / n)
+
+
+def _diameters(state: State) -> np.ndarray:
+    """Twice the distance of each body's farthest surface from its centre (n,), m."""
+    centre = np.repeat(state.B[:, at.B_X : at.B_X + 3], np.diff(state.start), axis=0)
+    far = np.linalg.norm(state.S[:, at.S_X : at.S_X + 3] - centre, axis=1) + state.S[:, at.S_R]
+    return 2.0 * np.maximum.reduceat(far, state.start[:-1])
+
+
+def _shortest_stroke(schedule: Schedule) -> float:
+    """Shortest stroke, peak to peak, m; infinite without strokes."""
+    return min((abs(s.b) for s in (*schedule.x, *schedule.y) if s.kind != motion.POLYNOMIAL), default=np.inf)

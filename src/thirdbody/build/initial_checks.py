@@ -1,0 +1,74 @@
+"""Refusing bodies that cannot start where they are: overlapping, outside the domain, or of the wrong unit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thirdbody.bodies.layer_packing import overlaps
+from thirdbody.engine.state import Placed
+from thirdbody.errors import Fault, InputError
+from thirdbody.kernels.layout import EVERYTHING, ONLY_UPPER
+from thirdbody import units
+from thirdbody.scene.model import Scene
+from thirdbody.build.placement import spheres_of
+
+TINY = 1e-11
+"""Least radius of a sphere over the size of the domain: overlaps of a thousandth of it are then still numbers of two digits."""
+
+
+def refuse_start(scene: Scene, placed: Placed) -> None:
+    """Raise InputError for bodies that overlap each other or the lower plate by more than rounding, or start outside."""
+    centres, radii, body = spheres_of(placed.clumps, placed.positions, placed.quaternions)
+    sides = placed.sides()
+    faults: list[Fault] = _tiny(scene, placed) + _outside(scene, placed)
+    if scene.contact.debris_contact != "none":
+        free = sides == EVERYTHING
+        found = overlaps(centres[free], radii[free], body[free], scene.domain.size, scene.domain.periodic)
+        deep = [(a, b, depth) for a, b, depth in found if depth > 1e-9 * radii.min()]
+        if deep:
+            a, b, depth = deep[0]
+            more = f" ({len(deep)} pairs overlap)" if len(deep) > 1 else ""
+            how_much = units.pretty(depth, "length")
+            message = f"bodies {a} and {b} overlap by {how_much} at the start{more}; initial_overlap = 'refuse'"
+            faults.append(scene.fault(_place_of(scene, placed, b), message))
+    if scene.plates.lower is not None:
+        depth_below = np.where(sides == ONLY_UPPER, -np.inf, radii - centres[:, 2])
+        deepest = int(np.argmax(depth_below))
+        if depth_below[deepest] > 1e-9 * radii[deepest]:
+            how_much = units.pretty(float(depth_below[deepest]), "length")
+            message = f"body {body[deepest]} starts {how_much} deep in the lower plate (z = 0); initial_overlap = 'refuse'"
+            faults.append(scene.fault(_place_of(scene, placed, int(body[deepest])), message))
+    if faults:
+        raise InputError(faults)
+
+
+def _place_of(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
+    """Where the scene says the position of a body: its entry in `positions`, a file, or its population."""
+    population = int(placed.populations[body])
+    first = int(np.searchsorted(placed.populations, population))
+    return ("debris", population, *scene.debris[population].position_key(body - first))
+
+
+def _tiny(scene: Scene, placed: Placed) -> list[Fault]:
+    """The first body whose spheres are too small for places in the domain to be told apart: a wrong unit."""
+    least = np.array([clump.radii.min() for clump in placed.clumps])
+    small = np.flatnonzero(least < TINY * max(scene.domain.size))
+    if not len(small):
+        return []
+    size, extent = units.pretty(float(least[small[0]]), "length"), units.pretty(max(scene.domain.size), "length")
+    message = f"a sphere of body {small[0]} has the radius {size}, less than {TINY:g} of the domain, {extent}; is the unit right?"
+    return [scene.fault(_place_of(scene, placed, int(small[0])), message)]
+
+
+def _outside(scene: Scene, placed: Placed) -> list[Fault]:
+    """The first body whose centre is given outside a domain that is not periodic."""
+    if scene.domain.periodic or scene.plates.lower is None:
+        return []
+    x = placed.positions[:, :2]
+    beyond = np.flatnonzero(((x < 0.0) | (x > np.array(scene.domain.size))).any(axis=1))
+    if not len(beyond):
+        return []
+    where = ", ".join(units.pretty(float(v), "length") for v in x[beyond[0]])
+    width, depth = (units.pretty(v, "length") for v in scene.domain.size)
+    message = f"body {beyond[0]} starts at x, y = {where}, outside the domain (0 to {width}, 0 to {depth}; not periodic)"
+    return [scene.fault(_place_of(scene, placed, int(beyond[0])), message)]

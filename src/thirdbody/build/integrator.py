@@ -1,0 +1,131 @@
+"""Which integrator a scene gets, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.engine.upper_plate import ends_of
+from thirdbody.engine.state import State
+from thirdbody.errors import InputError
+from thirdbody.kernels import layout as at
+from thirdbody.build.physics import Choice
+from thirdbody.scene.model import Scene
+from thirdbody.scene.tables import IMPLICIT_KEYS
+from thirdbody.build.upper_plate import Upper
+
+if TYPE_CHECKING:
+    from thirdbody.engine.implicit import Implicit
+
+LARGEST_FRICTION = 1e4
+"""Friction coefficient above which friction counts as this in the implicit integrator. Newton's method finds forces to 1e-9 of
+all that act, and the limit of a spot that its dashpot is about to release follows the normal force this many times: above 1e6
+the limit jumps by all that the spot holds within the error of its load, and steps shrink without end. What slips below that is
+a spot that carries less than 1e-4 of its tangential force."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The integrator of a scene, `explicit` or `implicit`, and the reason in words."""
+
+    kind: str
+    reason: str
+
+
+def plan(scene: Scene, choice: Choice, state: State) -> Plan:
+    """The integrator that the scene asks for, or, if it leaves the choice, the one that serves it. Raises InputError."""
+    wanted = scene.solver.integrator
+    if wanted == "explicit":
+        return Plan("explicit", "the scene asks for it")
+    _refuse_leaving_behind(scene, state)
+    _refuse_unloading(scene, state)
+    obstacle = _obstacle(scene, choice, state)
+    if wanted == "implicit":
+        if obstacle:
+            raise InputError(scene.fault(("solver", "integrator"), f"'implicit' cannot run this scene: {obstacle}"))
+        return Plan("implicit", "the scene asks for it")
+    if not obstacle and state.world.debris_meets:
+        obstacle = "bodies may meet each other; contact.debris_contact = \"none\" would declare that they do not"
+    if not obstacle and scene.solver.time_step != "auto":
+        obstacle = "the scene gives a time step"
+    if not obstacle:
+        return Plan("implicit", "bodies meet only the plates")
+    given = [key for key in IMPLICIT_KEYS if getattr(scene.solver, key) is not None]
+    if given:
+        message = f"is for the implicit integrator, and this scene needs the explicit one: {obstacle}"
+        raise InputError([scene.fault(("solver", key), message) for key in given])
+    return Plan("explicit", obstacle)
+
+
+def _refuse_leaving_behind(scene: Scene, state: State) -> None:
+    """Raise InputError where no body can be left behind, for all carry one plate."""
+    if scene.solver.on_failure == "continue" and _carried_together(state):
+        message = "'continue' leaves a body behind, but here all bodies carry one plate together"
+        raise InputError(scene.fault(("solver", "on_failure"), message))
+
+
+def _refuse_unloading(scene: Scene, state: State) -> None:
+    """Raise InputError where nothing would hold the bodies: no load, and no inertia."""
+    upper = state.world.upper
+    loads = () if upper is None else upper.schedule.load
+    least = min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(loads)), default=1.0)
+    if scene.solver.inertia is False and least <= 0.0:
+        message = "false needs a load at all times: without load and inertia nothing tells where a body is"
+        raise InputError(scene.fault(("solver", "inertia"), message))
+
+
+def _obstacle(scene: Scene, choice: Choice, state: State) -> str:
+    """Why the implicit integrator cannot run a scene, or nothing."""
+    bare = choice.chain.without_tangent
+    late = [effect.name for effect in choice.effects if effect.sees_forces]
+    upper = state.world.upper
+    if upper is None:
+        return "no upper plate holds the bodies"
+    if bare:
+        return f"{', '.join(bare)} has no tangent"
+    if late:
+        return f"{', '.join(late)} acts on unbalanced forces, which an implicit step does not have"
+    return ""
+
+
+def implicit(scene: Scene, choice: Choice, state: State, upper: Upper, warnings: list[str]) -> Implicit:
+    """The implicit integrator of a scene, started; `warnings` is added to."""
+    tangents = choice.chain.tangents
+    assert tangents is not None  # `plan`
+    # imported where it is used: an explicit run compiles none of it
+    from thirdbody.engine.implicit import Accuracy
+
+    if any(pair.friction > LARGEST_FRICTION for pair in choice.pairs):
+        choice.limit_friction(LARGEST_FRICTION)
+        most = f"{LARGEST_FRICTION:g}"
+        warnings.append(f"friction coefficients above {most} count as {most} in the implicit integrator")
+    solver = scene.solver
+    given = {"tolerance": solver.tolerance, "largest_step": solver.largest_step, "inertia": solver.inertia}
+    options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
+    chosen = Accuracy(**options, go_on=solver.on_failure == "continue")
+    smallest = float(np.min(state.S[:, at.S_R]))
+    made = _kind(state)(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
+    made.start()
+    return made
+
+
+def _kind(state: State) -> type[Implicit]:
+    from thirdbody.engine.implicit import Implicit
+
+    if not _carried_together(state):
+        return Implicit
+    from thirdbody.engine.implicit_common_plate import Shared
+
+    return Shared
+
+
+def _carried_together(state: State) -> bool:
+    """Whether all bodies carry one free plate: a rigid one under a load, or that of a foundation."""
+    upper = state.world.upper
+    if upper is None:
+        return False
+    if upper.foundation is not None:
+        return upper.foundation.free
+    return upper.free and len(upper.heights) == 1 and state.n_bodies > 1

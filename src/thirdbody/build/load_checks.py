@@ -1,0 +1,103 @@
+"""How hard debris will be pressed: loads that no Hertz contact can carry are refused; deep contacts and yield are warned of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from thirdbody.engine.guards import OVERLAP_GUARD
+from thirdbody.engine.static_response import overlap_at, response
+from thirdbody.errors import InputError
+from thirdbody.laws.contract import Material
+from thirdbody.laws.first_yield import YieldLimit, yield_limit
+from thirdbody.build.physics import Choice
+from thirdbody.scene.model import Scene
+from thirdbody.units import pretty
+
+DEEP = 0.1
+"""Overlap over the sphere's radius above which Hertz' theory of small contacts is a rough guide: the contact is as wide as 0.3 of
+the radius there."""
+
+
+@dataclass(frozen=True)
+class Pressing:
+    """Contacts under the largest load to come: load (n,) N, sphere's radius (n,) m, row of the pair (n,)."""
+
+    load: np.ndarray
+    radius: np.ndarray
+    kind: np.ndarray
+
+    def overlap(self, choice: Choice) -> np.ndarray:
+        """Overlap (n,) m, at most the radius."""
+        return overlap_at(choice.physics, self.load, self.radius, self.kind)
+
+    def most(self, choice: Choice) -> np.ndarray:
+        """Load (n,) N at which the overlap reaches its guard."""
+        return response(choice.physics, OVERLAP_GUARD * self.radius, self.radius, self.kind)[0]
+
+
+def refuse_crushing(scene: Scene, choice: Choice, pressing: Pressing, load: float, shared: int = 1) -> None:
+    """Raise InputError if even the strongest of these contacts would be pressed in beyond the guard's overlap.
+
+    `load` (N) is what the scene gives; `shared` bodies carry it together at best.
+    """
+    allowed = float(pressing.most(choice).min()) if shared == 1 else float(pressing.most(choice).mean()) * shared
+    if load <= allowed:
+        return
+    place = _loading_key(scene)
+    on = "each body" if shared == 1 else f"all {shared} bodies together"
+    message = (
+        f"{pretty(load, 'force')} on {on} would press contacts in by more than {OVERLAP_GUARD:g} of the radius, where the "
+        f"overlap guard stops a run; allowed: at most {pretty(allowed, 'force')} on {on}, or stiffer or larger bodies"
+    )
+    raise InputError(scene.fault(place, message))
+
+
+def _loading_key(scene: Scene) -> tuple[str, ...]:
+    """Where the scene gives the largest load."""
+    plate = scene.plates.upper
+    assert plate is not None
+    key = next(key for key in ("load", "pressure", "gap") if getattr(plate, key) is not None)
+    return ("plates", "upper", key)
+
+
+def pressing_warnings(choice: Choice, pressing: Pressing) -> list[str]:
+    """Warnings of contacts that are deep, and, for each pair of materials, of pressures above first yield."""
+    found, overlap = [], pressing.overlap(choice)
+    depth = overlap / pressing.radius
+    deepest = int(np.argmax(depth))
+    if depth[deepest] > DEEP:
+        found.append(
+            f"expected overlap {depth[deepest]:.2g} of the radius under {pretty(float(pressing.load[deepest]), 'force')}: Hertz' "
+            f"theory is for small contacts (below {DEEP:g}), and a run stops at {OVERLAP_GUARD:g}; lower the load or use stiffer "
+            "bodies"
+        )
+    pressure = 1.5 * pressing.load / (math.pi * pressing.radius * overlap)
+    for k, pair in enumerate(choice.pairs):
+        here = np.flatnonzero(pressing.kind == k)
+        if not len(here):
+            continue
+        worst = here[np.argmax(pressure[here])]
+        limit = yield_limit(pair.a, pair.b)
+        if pressure[worst] > limit.pressure:
+            found.append(_yield_warning(pair.a, pair.b, limit, float(pressure[worst]), float(pressing.load[worst])))
+    return found
+
+
+def _yield_warning(a: Material, b: Material, limit: YieldLimit, pressure: float, load: float) -> str:
+    ratio = pressure / limit.pressure
+    allowed = load / ratio**3  # Hertz: the peak pressure goes as the cube root of the load
+    where = limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)
+    return (
+        f"{a.name}/{b.name}: expected peak pressure {pretty(pressure, 'pressure')}, {ratio:.2g} times {where}; contacts "
+        f"are computed as elastic all the same; below it: at most {pretty(allowed, 'force')} on such a contact"
+    )
+
+
+def limit_words(material: str, pressure: float, strength: float, assumed: bool) -> str:
+    """First yield of a material at this peak pressure (Pa) in words, with the yield strength (Pa) that it follows from."""
+    source = f"assumed as E/100: materials.{material}.yield_strength is not given" if assumed else "given"
+    shown = pretty(strength, "pressure")
+    return f"first yield of {material} at {pretty(pressure, 'pressure')} (yield strength {shown}, {source})"

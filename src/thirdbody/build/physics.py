@@ -1,0 +1,278 @@
+"""From the names in a scene to compiled physics: which laws and effects, with which parameters, and where they come from."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from thirdbody.engine.state import Physics
+from thirdbody.errors import Fault, InputError, UsageError, nearest
+from thirdbody.laws.null_labeller import NO_LABELS
+from thirdbody.laws.codegen.compile_errors import compile_error, foreign
+from thirdbody.laws.codegen.laws import Chain, compose
+from thirdbody.laws.codegen.effects import compose_effects, compose_labeller
+from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair
+from thirdbody.laws.registry import Registry
+from thirdbody import units
+from thirdbody.scene.field_types import as_float, show
+from thirdbody.scene.model import Scene
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The physics of a scene in words and in code. `rows[k]` are the parameters of `pairs[k]`, law by law."""
+
+    physics: Physics
+    chain: Chain
+    family: LawFamily
+    level: str
+    labeller: Labeller | None
+    effects: tuple[BodyEffect, ...]
+    materials: tuple[Material, ...]
+    pairs: tuple[Pair, ...]
+    rows: tuple[tuple[Any, ...], ...]
+    off: tuple[str, ...]
+    options: dict[str, dict[str, Any]]
+
+    def limit_friction(self, largest: float) -> None:
+        """Mix the parameters of all pairs anew, with friction coefficients of at most `largest`."""
+        pairs = [replace(pair, friction=min(pair.friction, largest)) for pair in self.pairs]
+        rows = [[x for law in self.chain.laws for x in _mixed(law, pair, self.options[law.name])] for pair in pairs]
+        self.physics.pairs[:] = np.array(rows, float).ravel()
+
+
+def choose(scene: Scene, registry: Registry) -> Choice:
+    """Select, check and compile. Raises InputError with all faults of names and options."""
+    faults: list[Fault] = []
+    family, level, laws = _family(scene, registry, faults)
+    contact_effects, effects, values = _effects(scene, registry, faults)
+    materials, pairs = _materials(scene)
+    chosen = tuple(law for law in (*laws, *contact_effects) if law.wanted(pairs))
+    off = tuple(law.name for law in laws if not law.wanted(pairs))
+    law_values = _law_options(scene, family, laws, faults)
+    if faults:
+        raise InputError(faults)
+    try:
+        chain = compose(law.sized(values.get(law.name, law_values.get(law.name, {}))) for law in chosen)
+    except ValueError as problem:
+        raise InputError(scene.fault(("contact", "law"), str(problem))) from None
+    except Exception as problem:
+        raise _not_compiled(chosen, problem) from problem
+    options = {law.name: values.get(law.name, law_values.get(law.name, {})) for law in chain.laws}
+    rows = tuple(tuple(_mixed(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
+    effect_row = [x for effect in effects for x in _mixed(effect, values[effect.name])]
+    if any(effect.settling for effect in effects):
+        effect_row.append(math.inf)  # the end of settling: `build` knows it
+    labeller = family.labeller or _any_labeller(registry)
+    try:
+        physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
+    except Exception as problem:
+        raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
+    return Choice(physics, chain, family, level, labeller, effects, materials, pairs, rows, off, options)
+
+
+PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
+
+
+def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
+    """The parameters that a law mixes. Raises UsageError for whatever its rule raises: it may be a plug-in's."""
+    try:
+        row = law.mix(*arguments)
+    except Exception as problem:
+        raise UsageError(f"the mixing rule of '{law.name}' failed: {type(problem).__name__}: {problem}") from problem
+    wrong = [name for name, value in zip(type(row)._fields, row, strict=True) if math.isnan(value)]
+    if wrong:
+        raise UsageError(f"the mixing rule of '{law.name}' gives no number for {', '.join(wrong)}")
+    return row
+
+
+def _not_compiled(parts: Sequence[Law | BodyEffect | Labeller], problem: Exception) -> Exception:
+    """Return the UsageError for laws of which one is no valid kernel. Other problems are returned as they are."""
+    reason, names = compile_error(problem), foreign(parts)
+    return UsageError(f"{', '.join(names)}: {reason}") if reason and names else problem
+
+
+def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawFamily, str, tuple[Law, ...]]:
+    families = registry.families
+    name = scene.contact.law
+    if name not in families:
+        hint = nearest(name, families)
+        broken = "".join(f"; plug-in {plugin} did not load: {why}" for plugin, why in registry.failures.items())
+        raise InputError(scene.fault(("contact", "law"), f"no law '{name}' is installed, {hint}; {PLUGIN_FILE}{broken}"))
+    family = families[name]
+    level = scene.contact.level or family.default_level
+    if level not in family.levels:
+        message = f"'{level}' is not a level of '{name}', {nearest(level, family.levels)}"
+        faults.append(scene.fault(("contact", "level"), message))
+        return family, level, ()
+    return family, level, family.levels[level]
+
+
+def _any_labeller(registry: Registry) -> Labeller | None:
+    """A labeller for a family that brings none: labels look at forces and motion, whatever law made them."""
+    return next((family.labeller for family in registry.families.values() if family.labeller), None)
+
+
+def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
+    materials = tuple(
+        Material(name, m.shear(), m.poisson_ratio, m.density, m.yield_strength) for name, m in scene.materials.items()
+    )
+    by_name = {material.name: material for material in materials}
+    pairs = tuple(
+        Pair(by_name[p.between[0]], by_name[p.between[1]], p.friction, p.restitution, p.rolling_friction)
+        for p in scene.pairs
+    )
+    return materials, pairs
+
+
+def _law_options(scene: Scene, family: LawFamily, laws: Sequence[Law], faults: list[Fault]) -> dict[str, dict[str, Any]]:
+    known = {option.name for law in laws for option in law.options}
+    given = scene.contact.options
+    for key in given:
+        if key in known:
+            continue
+        owners = [level for level, laws in family.levels.items() if any(o.name == key for law in laws for o in law.options)]
+        if owners:
+            message = "belongs to level = " + " or ".join(f'"{owner}"' for owner in owners)
+        else:
+            message = f"unknown key for this law and level, {nearest(key, known | {'law', 'level', 'debris_contact'})}"
+        faults.append(scene.fault(("contact", key), message))
+    return {law.name: _values(scene, law.options, given, ("contact",), faults) for law in laws}
+
+
+def _effects(
+    scene: Scene, registry: Registry, faults: list[Fault]
+) -> tuple[list[Law], tuple[BodyEffect, ...], dict[str, dict[str, Any]]]:
+    """Contact effects, body effects (gravity first, then by name) and the option values of each."""
+    known = registry.effects
+    named: dict[str, Any] = dict(scene.effects.named)
+    contact_effects: list[Law] = []
+    body_effects: list[BodyEffect] = []
+    values: dict[str, dict[str, Any]] = {}
+    if scene.effects.gravity is not None:
+        body_effects += [effect for name, effect in known.items() if name == "gravity" and isinstance(effect, BodyEffect)]
+        values["gravity"] = {"acceleration": scene.effects.gravity}
+    for name in sorted(named):
+        place = ("effects", name)
+        if name not in known:
+            faults.append(scene.fault(place, f"no effect '{name}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
+            continue
+        effect, given = known[name], named[name]
+        values[name] = _effect_values(scene, effect, given, place, faults)
+        if isinstance(effect, Law):
+            contact_effects.append(effect)
+        else:
+            body_effects.append(effect)
+    return contact_effects, tuple(body_effects), values
+
+
+def _effect_values(
+    scene: Scene, effect: Law | BodyEffect, given: Any, place: tuple[str, ...], faults: list[Fault]
+) -> dict[str, Any]:
+    """Option values of one effect: a table, the value of its only option, or `true` for one that has none."""
+    names = [option.name for option in effect.options]
+    if not isinstance(given, Mapping):
+        if len(names) != 1 and given is not True:
+            what = f"a table with {', '.join(names)}" if names else "true, or leave it out: it has no options"
+            faults.append(scene.fault(place, f"expected {what}"))
+            return {}
+        given = {names[0]: given} if len(names) == 1 else {}
+    unknown = [key for key in given if key not in names]
+    for key in unknown:
+        hint = nearest(key, names) or "it has none"
+        faults.append(scene.fault((*place, key), f"unknown key, {hint}"))
+    # one that was misspelt is not told as missing too
+    return {} if unknown else _values(scene, effect.options, given, place, faults)
+
+
+def _values(
+    scene: Scene, options: Sequence[Option], given: Mapping[str, Any], place: tuple[str, ...], faults: list[Fault]
+) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for option in options:
+        raw = given.get(option.name, option.default)
+        if raw is None:
+            faults.append(scene.fault(place, f"required key '{option.name}' is missing: {option.doc}"))
+            continue
+        try:
+            values[option.name] = _value(option, raw, option.name in given)
+        except ValueError as problem:
+            faults.append(scene.fault((*place, option.name), str(problem)))
+    return values
+
+
+def _value(option: Option, raw: Any, given: bool) -> float | str | tuple[float, ...]:
+    if option.words:
+        if raw in option.words:
+            return raw
+        if not option.or_number or isinstance(raw, str):
+            also = f" or a number from {option.low:g} to {option.high:g}" if option.or_number else ""
+            raise ValueError(f"expected {' or '.join(repr(word) for word in option.words)}{also}, got {show(raw)}")
+    if option.size == 1:
+        return _number(option, raw, given)
+    if not isinstance(raw, list | tuple) or len(raw) != option.size:
+        raise ValueError(f"expected a list of {option.size} values")
+    return tuple(_number(option, x, given) for x in raw)
+
+
+def _number(option: Option, raw: Any, given: bool) -> float:
+    """A number of the option's dimension in SI; a bare one needs no unit only if it is dimensionless or the default."""
+    if isinstance(raw, str):
+        value = units.parse(raw, option.dimension)
+    elif isinstance(raw, bool) or not isinstance(raw, int | float):
+        raise ValueError(f"expected a number or a text with a unit, got {show(raw)}")
+    elif given and option.dimension != "dimensionless":
+        value = units.parse(str(as_float(raw)), option.dimension)
+    else:
+        value = as_float(raw)
+    if not option.low <= value <= option.high:
+        raise ValueError(f"{show(raw).strip(chr(39))} must {_range(option)}")
+    units.refuse_absurd(value, option.dimension, show(raw))
+    return value
+
+
+def _range(option: Option) -> str:
+    """The allowed range in words, in SI units of the option's dimension."""
+    unit = "" if option.dimension == "dimensionless" else f" (SI, {option.dimension})"
+    if math.isinf(option.high):
+        return f"be at least {option.low:g}{unit}"
+    if math.isinf(option.low):
+        return f"be at most {option.high:g}{unit}"
+    return f"lie between {option.low:g} and {option.high:g}{unit}"
+
+
+def _physics(chain, rows, pairs, materials, effects, effect_row, labeller) -> Physics:
+    index = {material.name: k for k, material in enumerate(materials)}
+    kinds = np.full((len(materials), len(materials)), -1, np.int64)
+    for k, pair in enumerate(pairs):
+        a, b = index[pair.a.name], index[pair.b.name]
+        kinds[a, b] = kinds[b, a] = k
+    parameters = np.array([[x for values in row for x in values] for row in rows], float)
+    if parameters.size == 0:
+        parameters = np.zeros((1, chain.width))
+    observe, label = compose_labeller(labeller or NO_LABELS, bool(effects))
+    return Physics(
+        law=chain.law,
+        stiffness=chain.stiffness,
+        history=chain.history,
+        rolling=chain.rolling,
+        remembered_forces=chain.remembered_forces,
+        stored=chain.stored,
+        dashpots=chain.dashpots,
+        pairs=np.ascontiguousarray(parameters.ravel()),
+        kinds=kinds,
+        effects=compose_effects(effects),
+        effect_parameters=np.array(effect_row or [0.0]),
+        has_effects=bool(effects),
+        observe=observe,
+        label=label,
+        memory=len(labeller.memory) if labeller else 0,
+        contact_memory=len(labeller.contact_memory) if labeller else 0,
+        stride=labeller.stride if labeller else 1,
+        labels=labeller is not None,
+        outputs=2 + len(labeller.margins) + len(labeller.extras) if labeller else 2,
+    )

@@ -1,0 +1,195 @@
+"""Places and poses of debris: a resting layer, a dilute cloud, or a dense bed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thirdbody.bodies.clump import Clump
+from thirdbody.bodies.dense_packing import pack
+from thirdbody.bodies.random_sequential import scatter
+from thirdbody.bodies.layer_packing import place_layer
+from thirdbody.bodies.resting_poses import settle_all
+from thirdbody.engine.state import rotation_matrices
+from thirdbody.errors import Fault, InputError
+from thirdbody import units
+from thirdbody.scene.debris.contract import CLEARANCE
+from thirdbody.scene.debris.population import PopulationContext
+from thirdbody.scene.model import Scene
+
+LAYER_STREAM, DILUTE_STREAM, DENSE_STREAM = 1_000_003, 1_000_033, 1_000_037
+"""Spawn keys of the random streams that pose and place bodies, apart from those of the populations."""
+
+COVERAGE = 4.0
+"""Bodies of one layer whose equal-volume spheres would cover the domain this often cannot all rest on it, however they nest."""
+
+SOLID_FRACTION = {"dilute": 0.05, "dense": 0.5}
+"""Solid fractions of a scene that gives neither height nor solid_fraction."""
+
+
+def place(scene: Scene, clumps: list[Clump], populations: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
+    """Poses and places, into x (n, 3) and q (n, 4), of all bodies whose population (n,) names a placement.
+
+    All layers are laid together, each body in a stable pose; then all dilute populations are scattered together, free of
+    what already stands; or all dense ones packed together, mixed. Warnings say the solid fraction. Raises InputError.
+    """
+    how = np.array([debris.placement_name or "given" for debris in scene.debris])[populations]
+    for placement, placing in (("layer", _lay), ("dilute", _scatter), ("dense", _pack)):
+        members = np.flatnonzero(how == placement)
+        if len(members):
+            placing(scene, clumps, members, x, q, warnings)
+
+
+def refuse_placements(scene: Scene, contexts: Sequence[PopulationContext]) -> None:
+    """Raise InputError for placements that contradict each other, need a plate that is missing, or are far too crowded."""
+    how = [debris.placement_name for debris in scene.debris]
+    for i, placement in enumerate(how):
+        if placement in ("layer", "dense") and scene.plates.lower is None:
+            verb = "lays" if placement == "layer" else "builds a bed of"
+            message = f'placement = "{placement}" {verb} bodies on [plates.lower], which is missing'
+            raise InputError(scene.fault(("debris", i), message))
+    faults = []
+    if "dense" in how:
+        for i, placement in enumerate(how):
+            if placement in ("layer", "dilute"):
+                other = f"debris[{how.index('dense')}]"
+                message = f'"{placement}" and the "dense" of {other} want the same place: make all of them "dense"'
+                faults.append(scene.fault(("debris", i, "placement"), message))
+    for placement in ("dilute", "dense"):
+        faults += _disagreements(scene, placement)
+    faults = faults or _crowds(scene, contexts)
+    if faults:
+        raise InputError(faults)
+
+
+def _wishes(scene: Scene, placement: str) -> list[tuple[int, str, float]]:
+    """Population, key and value of all that the scene says of the volume that its dilute or dense bodies share."""
+    return [
+        (i, key, value)
+        for i, debris in enumerate(scene.debris)
+        if debris.placement_name == placement
+        for key in ("height", "solid_fraction")
+        if (value := getattr(debris, key, None)) is not None
+    ]
+
+
+def _disagreements(scene: Scene, placement: str) -> list[Fault]:
+    wishes = _wishes(scene, placement)
+    return [
+        scene.fault(
+            ("debris", i, key),
+            f'all "{placement}" bodies share one volume, of which debris[{wishes[0][0]}] says another {wishes[0][1]}',
+        )
+        for i, key, value in wishes
+        if (key, value) != wishes[0][1:]
+    ]
+
+
+def _crowds(scene: Scene, contexts: Sequence[PopulationContext]) -> list[Fault]:
+    """Counts out of all proportion, told before hours are spent on making and placing them."""
+    faults = []
+    width, depth = scene.domain.size
+    for i, (debris, context) in enumerate(zip(scene.debris, contexts, strict=True)):
+        placement = debris.placement_name
+        if placement is None:
+            continue
+        (diameter, share), count = debris.typical_diameter(context), debris.number_of_bodies(context)
+        cover = share * count * 0.25 * np.pi * diameter**2 / (width * depth)
+        what = f"{count} bodies of {units.pretty(diameter, 'length')} would"
+        place = f"({units.pretty(width, 'length')} by {units.pretty(depth, 'length')})"
+        wishes = _wishes(scene, placement)
+        if placement == "layer" and cover > COVERAGE:
+            less = "a layer covers it less than once: lower count or enlarge domain.size"
+            faults.append(scene.fault(("debris", i, "count"), f"{what} cover the domain {place} {cover:.3g} times; {less}"))
+        elif wishes and wishes[0][1] == "height" and (fraction := cover * diameter / 1.5 / wishes[0][2]) > 1.0:
+            less = "lower count, or raise height or domain.size"
+            message = f"{what} fill the domain {place} up to this height {fraction:.3g} times; {less}"
+            faults.append(scene.fault(("debris", i, "count"), message))
+    return faults
+
+
+def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
+    """Give the bodies of the layer a stable pose, a height and a place."""
+    rng = np.random.default_rng(np.random.SeedSequence(getattr(scene.debris[0], "seed", 1), spawn_key=(LAYER_STREAM,)))
+    laid = [clumps[b] for b in members]
+    q[members], heights = settle_all(laid, rng)
+    x[members, 2] = heights + CLEARANCE * np.array([body.diameter for body in laid])
+    try:
+        x[members, :2] = place_layer(laid, q[members], scene.domain.size, scene.domain.periodic, rng)
+    except InputError as error:
+        raise InputError([scene.fault(("domain", "size"), fault.message) for fault in error.faults]) from None
+
+
+def _scatter(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
+    """Put the dilute bodies at random places, in random turns, up to their common height."""
+    bodies = [clumps[b] for b in members]
+    height, fraction = _volume(scene, "dilute", bodies)
+    # a given particle's spots meet plates only, and nothing can stand in their way
+    standing = np.array([b for b, body in enumerate(clumps) if body.sides is None and np.isfinite(x[b]).all()], np.int64)
+    spheres = None
+    if len(standing):
+        centres, radii, _ = spheres_of([clumps[b] for b in standing], x[standing], q[standing])
+        spheres = np.column_stack((centres, radii))
+    rng = _stream(scene, "dilute", DILUTE_STREAM)
+    try:
+        x[members], q[members] = scatter(bodies, height, scene.domain.size, scene.domain.periodic, rng, spheres)
+    except InputError as error:
+        raise _told(scene, "dilute", error) from None
+    warnings.append(
+        f"dilute: {len(bodies)} bodies fill {fraction:.4g} of the volume up to {units.pretty(height, 'length')} (solid fraction)"
+    )
+
+
+def _pack(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
+    """Pack the dense bodies, mixed, into one bed on the lower plate."""
+    bodies = [clumps[b] for b in members]
+    _, fraction = _volume(scene, "dense", bodies)
+    try:
+        bed = pack(bodies, fraction, scene.domain.size, scene.domain.periodic, _stream(scene, "dense", DENSE_STREAM))
+    except InputError as error:
+        raise _told(scene, "dense", error) from None
+    x[members], q[members] = bed.positions, bed.quaternions
+    x[members, 2] += CLEARANCE * max(body.diameter for body in bodies)
+    warnings.append(
+        f"dense bed: {len(bodies)} bodies fill {bed.solid_fraction:.4g} of the volume up to the highest point at "
+        f"{units.pretty(bed.height, 'length')} (solid fraction)"
+    )
+
+
+def _volume(scene: Scene, placement: str, bodies: list[Clump]) -> tuple[float, float]:
+    """Height, m, of the volume that the bodies share, and their solid fraction in it. Raises InputError above 1."""
+    solid = sum(body.volume for body in bodies) / (scene.domain.size[0] * scene.domain.size[1])
+    wishes = _wishes(scene, placement)
+    if not wishes:
+        return solid / SOLID_FRACTION[placement], SOLID_FRACTION[placement]
+    i, key, value = wishes[0]
+    if key == "solid_fraction":
+        return solid / value, value
+    if solid / value > 1.0:
+        message = f"the bodies would fill {solid / value:.3g} times the volume up to {units.pretty(value, 'length')}"
+        raise InputError(scene.fault(("debris", i, key), message))
+    return value, solid / value
+
+
+def _stream(scene: Scene, placement: str, key: int) -> np.random.Generator:
+    first = next(debris for debris in scene.debris if debris.placement_name == placement)
+    return np.random.default_rng(np.random.SeedSequence(getattr(first, "seed", 1), spawn_key=(key,)))
+
+
+def _told(scene: Scene, placement: str, error: InputError) -> InputError:
+    """The faults of the placing at their places in the scene: the domain, or what it says of the common volume."""
+    first = next(i for i, debris in enumerate(scene.debris) if debris.placement_name == placement)
+    wishes = _wishes(scene, placement)
+    where = ("debris", wishes[0][0], wishes[0][1]) if wishes else ("debris", first, "placement")
+    return InputError(
+        scene.fault(("domain", "size") if fault.key == "domain.size" else where, fault.message) for fault in error.faults
+    )
+
+
+def spheres_of(clumps: Sequence[Clump], x: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres (n, 3), m, radii (n,), m, and body (n,) of every sphere of the bodies at x (b, 3) with quaternions q (b, 4)."""
+    body = np.repeat(np.arange(len(clumps)), [len(clump.radii) for clump in clumps])
+    offsets = np.concatenate([clump.centers for clump in clumps])
+    centres = x[body] + np.einsum("nij,nj->ni", rotation_matrices(q)[body], offsets)
+    return centres, np.concatenate([clump.radii for clump in clumps]), body

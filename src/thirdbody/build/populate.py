@@ -1,0 +1,59 @@
+"""From the debris of a scene to bodies in their places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from thirdbody.engine.state import Placed
+from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps
+from thirdbody.build.clumps import make_bodies, read_populations
+from thirdbody.scene.model import Scene
+from thirdbody.build.placement import place, refuse_placements, spheres_of
+from thirdbody.build.initial_checks import refuse_start
+from thirdbody.scene.field_types import REST
+
+UNPLACED = (float("nan"),) * 3
+"""The position of a body that a placement puts somewhere."""
+
+
+def populate(scene: Scene, warnings: list[str]) -> Placed:
+    """All bodies of the scene, in the order of its populations. Raises InputError when they cannot be made or placed.
+
+    Where the scene does not say the places, `place` finds them.
+    """
+    contexts = read_populations(scene, warnings)
+    refuse_placements(scene, contexts)
+    made = [make_bodies(scene, context) for context in contexts]
+    clumps = [body for population in made for body in population.clumps]
+    populations = np.repeat(np.arange(len(made)), [len(population.clumps) for population in made])
+    names = list(scene.materials)
+    materials = np.array([names.index(debris.material) for debris in scene.debris])[populations]
+    densities = np.array([material.density for material in scene.materials.values()])
+    motions = [(debris.velocity or REST, debris.angular_velocity or REST) for debris in scene.debris]
+    each = list(zip(made, motions, strict=True))
+    placed = Placed(
+        clumps=clumps,
+        densities=densities[materials],
+        materials=materials,
+        populations=populations,
+        positions=np.concatenate([_rows(bodies, bodies.positions, UNPLACED) for bodies in made]),
+        quaternions=np.concatenate([_rows(bodies, bodies.quaternions, UPRIGHT) for bodies in made]),
+        velocities=np.concatenate([_rows(bodies, bodies.velocity, v) for bodies, (v, _) in each]),
+        angular_velocities=np.concatenate([_rows(bodies, bodies.angular_velocity, w) for bodies, (_, w) in each]),
+    )
+    place(scene, clumps, populations, placed.positions, placed.quaternions, warnings)
+    refuse_start(scene, placed)
+    return placed
+
+
+def _rows(bodies: PlacedClumps, given: np.ndarray | None, otherwise: Sequence[float]) -> np.ndarray:
+    """A row for each body of a population: what is given, else the same for all."""
+    row = np.asarray(otherwise if given is None else given, float)
+    return np.broadcast_to(row, (len(bodies.clumps), row.shape[-1]))
+
+
+def sphere_centres(placed: Placed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Centres (n, 3), radii (n,) and body of every sphere."""
+    return spheres_of(placed.clumps, placed.positions, placed.quaternions)

@@ -1,0 +1,279 @@
+"""Scene -> running simulation: the only file that knows all parts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from thirdbody.engine.spatial_order import in_columns
+from thirdbody.engine.upper_plate import Schedule
+from thirdbody.engine.state import Placed, State, World, assemble
+from thirdbody.errors import InputError
+from thirdbody.kernels import layout as at
+from thirdbody.laws.contract import Labeller
+from thirdbody.laws.elasticity import dundurs_beta
+from thirdbody.laws.registry import Registry, discover
+from thirdbody import units
+from thirdbody.build.physics import Choice, choose
+from thirdbody.scene.cross_checks import too_long, too_long_message
+from thirdbody.build.inertial_number import examine_inertia
+from thirdbody.build.integrator import Plan, implicit, plan
+from thirdbody.scene.model import Scene
+from thirdbody.scene.plausibility import unusual_values
+from thirdbody.build.populate import populate
+from thirdbody.build.upper_plate import Upper, upper_plate
+
+if TYPE_CHECKING:
+    from thirdbody.engine.explicit import Explicit
+    from thirdbody.engine.implicit import Implicit
+
+SKIN = 0.12
+"""Search skin over the mean sphere radius: rare searches, few idle candidates (measured optimum .1 to .2)."""
+
+STEPS = 1e13
+"""Steps after which the clock would soon not notice such a step at all."""
+
+SPHERE_STEP, PATIENCE = 1e-7, 90 * 86400.0
+"""Seconds per sphere and step, roughly; and the longest run (s) that is started without --force."""
+
+MOST_FRAMES = 1_000_000
+"""Outputs of a run: more would fill any disk."""
+
+MISMATCH = 0.02
+"""Dundurs' beta above which the decoupling of normal and tangential contact is told to be an approximation."""
+
+
+@dataclass
+class Simulation:
+    """A scene ready to run, and what `check` prints of it."""
+
+    scene: Scene
+    choice: Choice
+    labeller: Labeller | None
+    state: State
+    integrator: Explicit | Implicit
+    plan: Plan
+    upper: Upper
+    warnings: list[str]
+    force: bool = False
+
+    @property
+    def settle(self) -> float:
+        """Time under load before the motion starts, s."""
+        return self.upper.settle
+
+    @property
+    def schedule(self) -> Schedule:
+        """What is prescribed of the upper plate."""
+        return Schedule() if self.upper.plate is None else self.upper.plate.schedule
+
+    @property
+    def end_time(self) -> float:
+        """Time at which a run by duration ends, s; infinite for a run by distance."""
+        duration = self.scene.solver.duration
+        return math.inf if duration is None else self.settle + duration
+
+    @property
+    def end_distance(self) -> float:
+        """Sliding distance at which a run by distance ends, m; infinite for a run by duration."""
+        distance = self.scene.solver.distance
+        return math.inf if distance is None else distance
+
+    @cached_property
+    def planned_time(self) -> float:
+        """Simulated time of the whole run, s; infinite if the motion ends before the distance is reached."""
+        return self.end_time if math.isfinite(self.end_time) else self.schedule.time_of(self.end_distance, self.settle)
+
+    @cached_property
+    def planned_distance(self) -> float:
+        """Sliding distance of the whole run, m."""
+        return self.end_distance if math.isfinite(self.end_distance) else self.schedule.path(self.settle, self.end_time)
+
+    @property
+    def shortest_interval(self) -> float:
+        """Output interval below which frames are one time step apart: s, or m of sliding; 0 where steps end at every output."""
+        if not self.integrator.divisible:
+            return 0.0
+        by_time, drag = self.scene.output.every_kind == "time", self.planned_time - self.settle
+        return self.state.dt if by_time else self.planned_distance * self.state.dt / drag
+
+
+def build(
+    scene: Scene, registry: Registry | None = None, force: bool = False, ready: Callable[[], None] = lambda: None
+) -> Simulation:
+    """Everything of the scene, compiled and in place at time zero. Raises InputError with what cannot work.
+
+    `force` lets a fixed time step exceed its bound; `ready` is called when the bodies are there, before the step loop is
+    compiled, as its import does.
+    """
+    registry = registry or discover()
+    choice = choose(scene, registry)
+    labeller = choice.labeller
+    warnings = [*unusual_values(scene), *_similarity_warnings(choice)]
+    if choice.physics.stiffness is None:
+        bare = ", ".join(choice.chain.without_tangent)
+        warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
+    placed = populate(scene, warnings)
+    meets = scene.contact.debris_contact == "auto" and _meeting(placed) > 1
+    order = in_columns(placed.positions, _diameter(placed)) if meets else np.arange(len(placed.clumps))
+    placed = placed.taken(order)
+    ready()
+    upper = upper_plate(scene, choice, placed, warnings)
+    _end_settling(scene, choice, upper)
+    names = list(scene.materials)
+    lower = None if scene.plates.lower is None else names.index(scene.plates.lower.material)
+    bounded = not scene.domain.periodic and lower is not None
+    world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, meets)
+    radii = np.concatenate([clump.radii for clump in placed.clumps])
+    state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order)
+    _refuse_narrow_domain(scene, state)
+    fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
+    chosen = plan(scene, choice, state)
+    warnings += [*_bed_warnings(scene, state, chosen), *examine_inertia(scene, state)]
+    if chosen.kind == "implicit":
+        slow = implicit(scene, choice, state, upper, warnings)
+        simulation = Simulation(scene, choice, labeller, state, slow, chosen, upper, warnings, force)
+        _refuse_unreached(simulation)
+        _examine_interval(simulation)
+        return simulation
+    from thirdbody.engine.explicit import Explicit
+
+    integrator = Explicit(state, list(choice.materials), fixed, force=force)
+    integrator.start()
+    if fixed is not None and not force:
+        _refuse_large_step(scene, integrator, fixed)
+    simulation = Simulation(scene, choice, labeller, state, integrator, chosen, upper, warnings, force)
+    _refuse_unreached(simulation)
+    _examine_interval(simulation)
+    _refuse_endless(simulation, integrator, force)
+    return simulation
+
+
+def _diameter(placed: Placed) -> float:
+    """Mean diameter of balls of the bodies' volumes, m."""
+    return float(np.mean(np.cbrt([6.0 / math.pi * clump.volume for clump in placed.clumps])))
+
+
+def _meeting(placed: Placed) -> int:
+    """Number of bodies that can meet other debris: those of given spots meet plates only."""
+    return sum(clump.sides is None or bool(np.any(clump.sides == at.EVERYTHING)) for clump in placed.clumps)
+
+
+def _end_settling(scene: Scene, choice: Choice, upper: Upper) -> None:
+    """Tell effects that are for settling when it ends. Raises InputError for a scene that has no such phase."""
+    passing = [effect.name for effect in choice.effects if effect.settling]
+    if not passing:
+        return
+    if upper.settle <= 0.0:
+        message = 'acts while the debris settles, and this scene has no such phase: give solver.settle, such as "20 us"'
+        raise InputError([scene.fault(("effects", name), message) for name in passing])
+    choice.physics.effect_parameters[-1] = upper.settle
+
+
+def _similarity_warnings(choice: Choice) -> list[str]:
+    warnings = []
+    for pair in choice.pairs:
+        beta = dundurs_beta(pair.a, pair.b)
+        if abs(beta) > MISMATCH:
+            warnings.append(
+                f"{pair.a.name}/{pair.b.name} are not elastically similar (Dundurs beta {beta:+.3f}): "
+                "normal and tangential contact are coupled there, which Hertz-Mindlin theory neglects"
+            )
+    return warnings
+
+
+def _bed_warnings(scene: Scene, state: State, chosen: Plan) -> list[str]:
+    """Warnings of a packed bed whose bodies have no contact with each other."""
+    packed = [debris for debris in scene.debris if getattr(debris, "placement", None) == "dense"]
+    if not packed or state.n_bodies < 2:
+        return []
+    bed = f'{state.n_bodies} bodies, packed by placement = "dense",'
+    if scene.contact.debris_contact == "none":
+        return [f'{bed} have no contact with each other (contact.debris_contact = "none"), so they pass through one another and '
+                'carry no load from plate to plate; contact.debris_contact = "auto" lets them meet']  # fmt: skip
+    if chosen.kind == "implicit":
+        return [f'{bed} have no contact with each other in the implicit integrator, which stops where two come near: here '
+                'at once; solver.integrator = "explicit" has that contact']  # fmt: skip
+    return []
+
+
+def _refuse_narrow_domain(scene: Scene, state: State) -> None:
+    """Nearest images are unique only if a period is wider than twice the longest reach."""
+    if not scene.domain.periodic or not state.world.debris_meets:
+        return
+    reach = 2.0 * float(state.S[:, at.S_R].max()) + state.skin
+    if min(scene.domain.size) < 2.0 * reach:
+        message = f"a periodic side must be at least {units.pretty(2.0 * reach, 'length')}, twice the reach of the largest sphere"
+        raise InputError(scene.fault(("domain", "size"), message))
+
+
+def _refuse_large_step(scene: Scene, integrator: Explicit, step: float) -> None:
+    bound = integrator.bound
+    assert bound is not None
+    limit = min(bound.rayleigh, bound.stability)
+    if step > limit:
+        what = "Rayleigh time" if limit == bound.rayleigh else "stability limit"
+        message = (
+            f"{units.pretty(step, 'time')} is above the bound {units.pretty(limit, 'time')} ({what} of body {bound.body}); "
+            f'"auto" would take {units.pretty(bound.step, "time")}'
+        )
+        fault = scene.fault(("solver", "time_step"), message)
+        remedy = " runs it all the same"
+        raise InputError(replace(fault, python=f"; force=True{remedy}", command=f"; --force{remedy}"))
+
+
+def _refuse_unreached(simulation: Simulation) -> None:
+    """Raise InputError for a distance that is never reached."""
+    if math.isinf(simulation.planned_time):
+        message = f"{units.pretty(simulation.end_distance, 'length')} is never reached: the motion ends before"
+        raise InputError(simulation.scene.fault(("solver", "distance"), message))
+
+
+def _examine_interval(simulation: Simulation) -> None:
+    """Raise InputError for an interval that makes more frames than are ever written; warn of one that is longer than the run.
+
+    (A longer one than a given distance is refused when the scene is read.)
+    """
+    scene = simulation.scene
+    every, by_time = scene.output.every, scene.output.every_kind == "time"
+    whole = simulation.planned_time if by_time else simulation.planned_distance
+    kind = "time" if by_time else "length"
+    if whole > 0.0 and too_long(every, whole):
+        told = too_long_message(every, whole, kind)
+        simulation.warnings.append(f"output.every: {told}; only the start and the end are written")
+    if every < simulation.shortest_interval:
+        step = units.pretty(simulation.shortest_interval, kind)
+        simulation.warnings.append(
+            f"output.every: {units.pretty(every, kind)} is less than one time step, {step}{'' if by_time else ' of sliding'}: "
+            "there is one frame after every step, and no more"
+        )
+    if whole > MOST_FRAMES * every:
+        message = (
+            f"{units.pretty(every, kind)} makes {whole / every:.3g} frames of {units.pretty(whole, kind)}, "
+            f"at most {MOST_FRAMES:g} are written"
+        )
+        raise InputError(scene.fault(("output", "every"), message))
+
+
+def _refuse_endless(simulation: Simulation, integrator: Explicit, force: bool) -> None:
+    """Raise InputError for a run that would take months."""
+    scene, state, planned = simulation.scene, simulation.state, simulation.planned_time
+    steps = planned / state.dt
+    wall = steps * state.n_spheres * SPHERE_STEP
+    if steps < STEPS and (wall < PATIENCE or force):
+        return
+    bound = integrator.bound
+    assert bound is not None
+    years = f"about {wall / (365.25 * 86400.0):.2g} years" if wall > PATIENCE else f"about {wall / 86400.0:.2g} days"
+    message = (
+        f"{units.pretty(state.dt, 'time')} would take {steps:.2g} steps for {units.pretty(planned, 'time')}, {years} of "
+        f'explicit integration; "auto" would take {units.pretty(bound.step, "time")}'
+    )
+    if simulation.scene.solver.integrator == "auto":
+        message += f" (explicit, because {simulation.plan.reason})"
+    raise InputError(scene.fault(("solver", "time_step"), message))

@@ -1,0 +1,273 @@
+"""The upper plate of a scene with its defaults: patches, foundation, schedule, settling time, and what can be expected."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from thirdbody.engine.upper_plate import Foundation, UpperPlate
+from thirdbody.engine.static_response import overlap_at, response
+from thirdbody.engine.state import Placed
+from thirdbody.errors import InputError
+from thirdbody.kernels.layout import ONLY_LOWER
+from thirdbody import units
+from thirdbody.build.physics import Choice
+from thirdbody.scene.model import Scene
+from thirdbody.build.placement import CLEARANCE
+from thirdbody.build.populate import sphere_centres
+from thirdbody.build.load_checks import Pressing, pressing_warnings, refuse_crushing
+from thirdbody.build.schedule import first_load, schedule
+
+HANDFUL = 3
+"""So few loaded bodies of a larger layer are worth a warning: a parallel rigid plate on stiff bodies rests on one of them."""
+
+
+TAKEN = 0.1
+"""Force of the patches' dashpots at the speed of the drag, over the load, from which their share of the work is warned of: at
+0.07 and friction 0.8, where most bodies roll, friction takes 0.79 of the plate's work, at 0.7 it takes 0.51."""
+
+RELAXED = 12.0
+"""Relaxation times (dashpot over spring of a patch) that a foundation is given to share the load: some are spent in coming down,
+the others leave less than 1e-3."""
+
+
+@dataclass(frozen=True)
+class Upper:
+    """The plate, the settling time (s), and how many bodies carry load at once.
+
+    Overlaps over the radius: `overlap` with the whole load on the tallest body, as it comes down on it; `expected` with the
+    load on those that carry it at once.
+    """
+
+    plate: UpperPlate | None
+    settle: float = 0.0
+    overlap: float = 0.0
+    loaded: int = 0
+    expected: float = 0.0
+
+
+@dataclass(frozen=True)
+class Crown:
+    """Highest point of each body: height (n,), radius of its sphere (n,), row of the pair with the plate (n,), mass (n,)."""
+
+    top: np.ndarray
+    radius: np.ndarray
+    kind: np.ndarray
+    mass: np.ndarray
+
+
+def upper_plate(scene: Scene, choice: Choice, placed: Placed, warnings: list[str]) -> Upper:
+    """The upper plate of a scene, if it has one. Raises InputError for a gap that is too small or a table that is wrong."""
+    plate = scene.plates.upper
+    if plate is None:
+        return Upper(None, 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle)
+    material = list(scene.materials).index(plate.material)
+    top, radius = _tops(placed)
+    masses = placed.densities * np.array([clump.volume for clump in placed.clumps])
+    crown = Crown(top, radius, choice.physics.kinds[placed.materials, material], masses)
+    if plate.support == "foundation":
+        return _on_foundation(scene, choice, placed, crown, material, warnings)
+    if plate.gap is not None:
+        return _at_gap(scene, crown, material, plate.gap, warnings)
+    if plate.support == "load_per_particle":
+        return _each_loaded(scene, choice, placed, crown, material, warnings)
+    return _rigid(scene, choice, placed, crown, material, warnings)
+
+
+def _at_gap(scene: Scene, crown: Crown, material: int, gap: float, warnings: list[str]) -> Upper:
+    """A rigid plate at a prescribed height."""
+    tallest = int(np.argmax(crown.top))
+    if crown.top[tallest] > gap * (1.0 + 2.0 * CLEARANCE):
+        message = (
+            f"{units.pretty(gap, 'length')} is smaller than body {tallest}, which is "
+            f"{units.pretty(float(crown.top[tallest]), 'length')} tall: it would start inside the plate; "
+            "initial_overlap = 'refuse'"
+        )
+        raise InputError(scene.fault(("plates", "upper", "gap"), message))
+    if scene.plates.moving():
+        warnings.append("at constant gap a tipping particle wedges and its normal force has no bound; a load lets it tip")
+    settle = 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle
+    patch, zero = np.zeros(len(crown.top), np.int64), np.zeros(1)
+    made = UpperPlate(material, np.array([gap]), np.ones(1), zero, zero, False, patch, schedule(scene, settle))
+    return Upper(made, settle)
+
+
+def _each_loaded(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
+    """Every body under its own free patch."""
+    n, load = len(crown.top), first_load(scene)
+    loads = np.full(n, load)
+    mass = np.full(n, scene.plates.upper.mass or crown.mass.mean())  # type: ignore[union-attr]
+    overlap, dashpot = _pressed(scene, choice, crown, np.arange(n), loads, mass)
+    most = load * _largest(scene)
+    pressing = Pressing(np.full(n, most), crown.radius, crown.kind)
+    refuse_crushing(scene, choice, pressing, most)
+    warnings += pressing_warnings(choice, pressing)
+    settle = _settle(scene, placed, crown, mass, dashpot, load)
+    _warn_dashpot(scene, settle, dashpot, load, warnings)
+    heights = crown.top + CLEARANCE * crown.radius
+    made = UpperPlate(material, heights, mass, dashpot, loads, True, np.arange(n), schedule(scene, settle))
+    deepest = float(np.max(overlap / crown.radius))
+    return Upper(made, settle, deepest, n, deepest)
+
+
+def _rigid(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
+    """One free plate, kept parallel; it comes down on the tallest body, which carries the load at first."""
+    load, tallest = first_load(scene), np.array([int(np.argmax(crown.top))])
+    mass = np.full(1, scene.plates.upper.mass or crown.mass.sum())  # type: ignore[union-attr]
+    loads = np.full(1, load)
+    overlap, dashpot = _pressed(scene, choice, crown, tallest, loads, mass)
+    most = load * _largest(scene)
+    refuse_crushing(scene, choice, Pressing(np.full(len(crown.top), most), crown.radius, crown.kind), most, len(crown.top))
+    pressing = _shared(choice, crown, most)
+    warnings += pressing_warnings(choice, pressing)
+    settle = _settle(scene, placed, crown, mass, dashpot, load)
+    loaded = _carrying(lambda z: _layer_force(choice, crown, z), crown, load)
+    if loaded <= HANDFUL < len(crown.top):
+        warnings.append(
+            f"a rigid flat plate, kept parallel, rests on about {loaded} of {len(crown.top)} bodies: they are stiff and of "
+            'different height; support = "foundation" or "load_per_particle" shares the load'
+        )
+    _warn_dashpot(scene, settle, dashpot, load, warnings)
+    height = crown.top[tallest] + CLEARANCE * crown.radius[tallest]
+    patch = np.zeros(len(crown.top), np.int64)
+    made = UpperPlate(material, height, mass, dashpot, loads, True, patch, schedule(scene, settle))
+    expected = float(np.max(pressing.overlap(choice) / pressing.radius))
+    return Upper(made, settle, float(overlap[0] / crown.radius[tallest[0]]), loaded, expected)
+
+
+def _shared(choice: Choice, crown: Crown, load: float) -> Pressing:
+    """The bodies that carry a rigid plate's load (N) together, if they did not move."""
+    force = _layer_force(choice, crown, _level(lambda z: _layer_force(choice, crown, z), crown, load))
+    on = np.flatnonzero(force > 0.0) if np.any(force > 0.0) else np.array([int(np.argmax(crown.top))])
+    share = force[on] * (load / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, load)
+    return Pressing(share, crown.radius[on], crown.kind[on])
+
+
+def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
+    """Every body under its own patch, sprung to a common plate that has a load or a height."""
+    plate = scene.plates.upper
+    assert plate is not None and plate.stiffness is not None
+    n, stiffness, preload = len(crown.top), plate.stiffness, plate.preload or 0.0
+    load = first_load(scene)
+    highest = float(crown.top.max())
+    height = plate.gap if plate.gap is not None else highest
+    # a patch without a body hangs preload/stiffness below the plate
+    springs = lambda z: np.maximum(stiffness * (crown.top - z) + preload, 0.0)  # noqa: E731
+    level = height if plate.gap is not None else _level(springs, crown, load + n * preload)
+    carried = springs(level)
+    loaded = int(np.count_nonzero(carried))
+    largest = np.array([int(np.argmax(carried))])
+    mass = np.full(n, plate.mass or crown.mass.mean())
+    expected = np.maximum(carried[largest], 1e-300)
+    overlap, dashpot = _pressed(scene, choice, crown, largest, expected, mass[:1])
+    pressing = Pressing(expected * _largest(scene), crown.radius[largest], crown.kind[largest])
+    refuse_crushing(scene, choice, pressing, float(pressing.load[0]))
+    if loaded:
+        on = np.flatnonzero(carried)
+        warnings += pressing_warnings(choice, Pressing(carried[on] * _largest(scene), crown.radius[on], crown.kind[on]))
+    total = float(mass.sum())
+    common = Foundation(
+        stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None
+    )
+    touches = loaded > 0 and carried[largest[0]] > 0.0
+    if not touches and isinstance(scene.solver.settle, str):
+        settle = 0.0  # a plate that is yet to come down presses nobody
+    else:
+        settle = _settle(scene, placed, crown, mass, dashpot, float(expected[0]))
+    if isinstance(scene.solver.settle, str) and settle > 0.0:
+        settle = max(settle, RELAXED * float(dashpot[0]) / stiffness)
+    heights = np.maximum(height, crown.top) + CLEARANCE * crown.radius
+    made = UpperPlate(
+        material, heights, mass, np.full(n, dashpot[0]), np.full(n, preload), True, np.arange(n), schedule(scene, settle), common
+    )
+    deepest = float(overlap[0] / crown.radius[largest[0]])
+    return Upper(made, settle, deepest, loaded, deepest)
+
+
+def _largest(scene: Scene) -> float:
+    """Largest load to come over the first one, at least 1."""
+    return max(schedule(scene, 0.0).largest_load(), 1.0)
+
+
+def _pressed(
+    scene: Scene, choice: Choice, crown: Crown, who: np.ndarray, loads: np.ndarray, mass: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Overlap (m) of these bodies' highest spots under the largest loads to come, and the dashpots (kg/s), by default critical
+    with the spots under these first loads."""
+    plate, radius, kind = scene.plates.upper, crown.radius[who], crown.kind[who]
+    assert plate is not None
+    overlap = overlap_at(choice.physics, loads, radius, kind)
+    largest = _largest(scene)
+    deepest = overlap if largest <= 1.0 else overlap_at(choice.physics, largest * loads, radius, kind)
+    if plate.damping is not None:
+        return deepest, np.full(len(who), plate.damping)
+    stiffness = response(choice.physics, overlap, radius, kind)[1]
+    if not np.all(np.isfinite(stiffness)):
+        message = "needs a value: the normal law has no tangent to find the critical damping from"
+        raise InputError(scene.fault(("plates", "upper", "damping"), message))
+    return deepest, 2.0 * np.sqrt(stiffness * mass)
+
+
+def _layer_force(choice: Choice, crown: Crown, z: float) -> np.ndarray:
+    """Normal force on each body of a plate at height z, if bodies did not move, N."""
+    overlap = np.maximum(crown.top - z, 0.0)
+    force = response(choice.physics, overlap, crown.radius, crown.kind)[0]
+    return np.where(overlap > 0.0, force, 0.0)
+
+
+def _level(force, crown: Crown, load: float) -> float:
+    """Height of the plate at which the bodies together carry the load, by bisection; below zero where even soft springs must."""
+    low, high = 0.0, float(crown.top.max())
+    while float(np.sum(force(low))) < load and low > -1e6 * high:
+        low = 2.0 * low - high
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if float(np.sum(force(middle))) > load else (low, middle)
+    return high
+
+
+def _carrying(force, crown: Crown, load: float) -> int:
+    """How many bodies carry the load at once."""
+    return max(1, int(np.count_nonzero(force(_level(force, crown, load)))))
+
+
+def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
+    """Height of the highest point of each body and the radius of its sphere there, m."""
+    centres, radii, body = sphere_centres(placed)
+    meets = placed.sides() != ONLY_LOWER
+    centres, radii, body = centres[meets], radii[meets], body[meets]
+    order = np.lexsort((centres[:, 2] + radii, body))
+    last = np.append(np.flatnonzero(np.diff(body[order])), len(body) - 1)
+    highest = order[last]
+    return centres[highest, 2] + radii[highest], radii[highest]
+
+
+def _settle(scene: Scene, placed: Placed, crown: Crown, mass: np.ndarray, dashpot: np.ndarray, load: float) -> float:
+    """Time under load before the drag, s. Automatic: what a patch needs to fall by a quarter of the largest body's size.
+
+    A body that is pressed off its balance tips into a new seat, and its patch comes down by about that much; a bed of several
+    layers is compacted by about a tenth of its height.
+    """
+    if not isinstance(scene.solver.settle, str):
+        return scene.solver.settle
+    if not scene.plates.driven():
+        return 0.0
+    way = max(0.25 * max(clump.diameter for clump in placed.clumps), 0.1 * float(crown.top.max()))
+    return math.sqrt(2.0 * way * (crown.mass.max() + mass.max()) / load) + float(dashpot.max()) * way / load
+
+
+def _warn_dashpot(scene: Scene, settle: float, dashpot: np.ndarray, load: float, warnings: list[str]) -> None:
+    share = float(dashpot.max()) * schedule(scene, settle).top_speed() / load
+    if share > 1.0:
+        warnings.append(
+            f"the patches' dashpot carries up to {share:.1f} of the load when they rise or fall at the drag speed: the motion is "
+            "not quasi-static, and what bodies that roll should rub the dashpots take; lower plates.upper.damping or the speed"
+        )
+    elif share > TAKEN:
+        warnings.append(
+            f"the patches' dashpot carries up to {share:.2f} of the load when they rise or fall at the drag speed: where bodies "
+            "roll, dashpots may take more than a tenth of the plate's work (the summary of a run tells how much), which friction "
+            "work then lacks; lower plates.upper.damping or the speed where that matters"
+        )

@@ -1,0 +1,105 @@
+"""How commands are listed, found and described: our own, and those of installed plug-ins, imported only when called."""
+
+from __future__ import annotations
+
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from thirdbody.errors import UsageError, nearest
+
+COMMAND_GROUP = "thirdbody.commands"
+
+METAVARS = {
+    "TIME": ("budget", "every", "wall_limit"),
+    "LENGTH": ("unit",),
+    "FILE": ("check", "plugin"),
+    "PATH": ("out",),
+    "N": ("body", "fps", "frame", "repeats", "seed", "spheres", "threads"),
+    "NAME": ("camera", "color", "level", "view"),
+    "NUMBER": ("big_h", "half_width", "zoom"),
+    "PIXELS": ("height", "width"),
+}
+"""What stands in help for the value of an option that names no metavar; for all others its own name in capitals."""
+
+_METAVAR = {name: metavar for metavar, names in METAVARS.items() for name in names}
+
+
+class Command(TyperCommand):
+    """A command whose help lists arguments and options by their metavars, without the types of Python."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        for parameter in self.params:
+            if parameter.param_type_name == "option" and not getattr(parameter, "is_flag", False) and parameter.metavar is None:
+                name = str(parameter.name)
+                parameter.metavar = _METAVAR.get(name, name.upper())
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command. Raises MemoryShortage if this process may use too little memory for it."""
+        from thirdbody.system.address_space import require_address_space
+
+        require_address_space()
+        return super().invoke(ctx)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        rows: dict[str, list[tuple[str, str]]] = {"argument": [], "option": []}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None:
+                kind = parameter.param_type_name
+                rows[kind].append((str(parameter.metavar or parameter.name), record[1]) if kind == "argument" else record)
+        for title, entries in (("Arguments", rows["argument"]), ("Options", rows["option"])):
+            if entries:
+                with formatter.section(title):
+                    formatter.write_dl(entries)
+
+
+class PluginCommand(Command):
+    """A plug-in's command that `--help` can list without importing it: it becomes the real one when it is called."""
+
+    def __init__(self, point: EntryPoint) -> None:
+        super().__init__(point.name, help=f"Command of the plug-in {point.module.split('.')[0]}.")
+        self.point = point
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        try:
+            function = self.point.load()
+            plugged = typer.Typer(rich_markup_mode=None, add_completion=False)
+            plugged.command(name=self.point.name, cls=Command)(function)
+            real = typer.main.get_command(plugged)
+        except Exception as problem:  # whatever a plug-in raises when it is imported is no fault of ours
+            message = f"{self.point.name}: this command of {self.point.module} does not load: {type(problem).__name__}: {problem}"
+            raise UsageError(message) from problem
+        return real.make_context(*args, **kwargs)
+
+
+class Group(TyperGroup):
+    """Our commands and those of installed plug-ins."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        return [*super().list_commands(ctx), *sorted(point.name for point in entry_points(group=COMMAND_GROUP))]
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        own = super().get_command(ctx, cmd_name)
+        if own is not None:
+            return own
+        return next((PluginCommand(point) for point in entry_points(group=COMMAND_GROUP) if point.name == cmd_name), None)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command that the first word names. Raises UsageError, with the commands that exist, if there is none."""
+        name = args[0]
+        if not name.startswith("-") and not ctx.resilient_parsing and self.get_command(ctx, name) is None:
+            raise UsageError(f"no command '{name}', {nearest(name, self.list_commands(ctx))}")
+        return super().resolve_command(ctx, args)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the options that stand before the command. Raises UsageError and OutputError for completion."""
+        if ctx.resilient_parsing or not {"--install-completion", "--show-completion"} & set(args[:1]):
+            return super().parse_args(ctx, args)
+        from thirdbody.cli.completion import checked_completion
+
+        with checked_completion():
+            return super().parse_args(ctx, args)

@@ -1,0 +1,345 @@
+"""The command line. Heavy modules are imported inside the commands that need them: `--help` stays instant."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from thirdbody.cli.command_group import Command, Group
+from thirdbody.cli.new import new
+from thirdbody.cli.overrides import override_pairs
+from thirdbody.cli.studies import cost, hard
+from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
+from thirdbody.system.signals import stop_on_signal
+from thirdbody.system.standard_streams import guarded_streams
+from thirdbody.system.terminal import printable_output, say
+
+app = typer.Typer(
+    cls=Group,
+    name="thirdbody",
+    help="Wear debris between two surfaces: sticking, sliding or rolling, and why.",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    no_args_is_help=True,
+)
+
+SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="scene file (TOML)")]
+RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="run folder or its run.vtkhdf")]
+Json = Annotated[bool, typer.Option("--json", help="print JSON")]
+Plugins = Annotated[list[Path] | None, typer.Option("--plugin", help="Python file with a PLUGIN; may be repeated")]
+Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the scene")]
+Threads = Annotated[int | None, typer.Option("--threads", min=1, help="cores to use (same bits for any number)")]
+
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress")]
+CheckpointEvery = Annotated[str | None, typer.Option("--checkpoint-every", help="wall time between checkpoints [30 s]")]
+WallLimit = Annotated[str | None, typer.Option("--wall-limit", help="wall time after which to stop with a checkpoint")]
+
+
+@app.callback(invoke_without_command=True)
+def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the version and exit")] = False) -> None:
+    """Options that need no command."""
+    if version:
+        from thirdbody import __version__
+
+        say(f"thirdbody {__version__}")
+        raise typer.Exit
+
+
+app.command(cls=Command)(new)
+
+
+@app.command(cls=Command)
+def check(
+    scene: SceneFile,
+    settings: Settings = None,
+    plugin: Plugins = None,
+    force: Annotated[bool, typer.Option("--force", help="accept a time step above its bound")] = False,
+    json: Json = False,
+) -> None:
+    """Print the resolved scene: defaults, laws and their sources, time step and what limits it, cost."""
+    from thirdbody.engine.precompile import begin
+
+    begin()
+    from thirdbody.report.scene_check import check_report, print_check
+    from thirdbody.report.tables import print_json
+    from thirdbody.runner.simulate import prepare
+
+    built = prepare(_load(scene, settings, plugin), plugin or (), force)
+    told = check_report(built)
+    if json:
+        print_json(told)
+    else:
+        print_check(told)
+
+
+@app.command(cls=Command)
+def run(
+    scene: SceneFile,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="run folder [runs/<scene name>]")] = None,
+    settings: Settings = None,
+    threads: Threads = None,
+    plugin: Plugins = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing run")] = False,
+    force: Annotated[bool, typer.Option("--force", help="accept a time step above its bound")] = False,
+    every: CheckpointEvery = None,
+    wall_limit: WallLimit = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Run a scene and write its trajectory, labels and series."""
+    from thirdbody.engine.precompile import begin
+
+    limits = _limits(every, wall_limit)
+    begin()
+    from thirdbody.report.tables import print_warnings
+    from thirdbody.runner.run_folder import refuse_existing
+    from thirdbody.runner.simulate import check_threads, default_folder, prepare
+
+    loaded = _load(scene, settings, plugin)
+    folder = out or default_folder(loaded)
+    refuse_existing(folder, overwrite)
+    notes = check_threads(threads)
+    built = prepare(loaded, plugin or (), force)
+    print_warnings([*notes, *built.warnings])
+    _execute(built, folder, quiet, json, threads=threads, overwrite=overwrite, **limits)
+
+
+@app.command(cls=Command)
+def resume(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder")],
+    settings: Settings = None,
+    threads: Threads = None,
+    plugin: Plugins = None,
+    every: CheckpointEvery = None,
+    wall_limit: WallLimit = None,
+    quiet: Quiet = False,
+    json: Json = False,
+) -> None:
+    """Go on with a run that was interrupted or killed, or, with --set solver.distance=..., with one that came to its end."""
+    from thirdbody.report.tables import print_warnings
+    from thirdbody.runner.resume import prepare_resume
+    from thirdbody.runner.simulate import check_threads
+
+    limits = _limits(every, wall_limit)
+    notes = check_threads(threads)
+    built, kept = prepare_resume(run, override_pairs(settings), plugin or ())
+    print_warnings([*notes, *built.warnings])
+    _execute(built, run, quiet, json, threads=threads, kept=kept, **limits)
+
+
+@app.command(cls=Command)
+def states(
+    run: RunPath,
+    frame: Annotated[int | None, typer.Option("--frame", help="one frame [all: a table over frames]")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="picture file: forecast against fact")] = None,
+    json: Json = False,
+) -> None:
+    """Table of the states with their reasons, over the frames or body by body for one frame."""
+    from thirdbody.report.tables import states_report
+
+    if out is not None:
+        from thirdbody.plot.forecast_plot import check_format
+        from thirdbody.report.forecast_check import draw_forecast
+
+        check_format(out)  # before the tables
+    states_report(run, frame, json)
+    if out is not None:
+        draw_forecast(run, out)
+        say(out, err=json)
+
+
+@app.command(cls=Command)
+def render(
+    run: RunPath,
+    out: Annotated[Path, typer.Option("--out", "-o", help=".png, .html, or a film: .gif, .mp4")] = Path("picture.png"),
+    frame: Annotated[int | None, typer.Option("--frame", help="frame number, negative from the end [the last]")] = None,
+    color: Annotated[str, typer.Option("--color", help="state, reason, population, material, speed, or any array")] = "state",
+    view: Annotated[str, typer.Option("--view", help="iso, side, front or top")] = "iso",
+    forces: Annotated[bool, typer.Option("--forces", help="contact forces as tubes")] = False,
+    body: Annotated[int | None, typer.Option("--body", min=0, help="one body close up: spots, forces, friction cones")] = None,
+    zoom: Annotated[float | None, typer.Option("--zoom", help="share of the domain that is shown, 0.0001 to 1")] = None,
+    frames: Annotated[str | None, typer.Option("--frames", metavar="A:B:C", help="film: from A, before B, each C-th")] = None,
+    fps: Annotated[int, typer.Option("--fps", help="film: frames a second")] = 12,
+    camera: Annotated[str | None, typer.Option("--camera", help="film of a body: fixed or follow [follow]")] = None,
+    width: Annotated[int, typer.Option("--width", min=200, max=8192)] = 1600,
+    height: Annotated[int, typer.Option("--height", min=200, max=8192)] = 900,
+) -> None:
+    """Draw the debris between its plates: a picture, a film, or a page to turn it in a browser."""
+    from thirdbody.render.render import render as draw
+
+    drawn = draw(
+        run, out, progress=True, frame=frame, color=color, size=(width, height), zoom=zoom, view=view, forces=forces, body=body,
+        frames=frames, fps=fps, camera=camera,
+    )  # fmt: skip
+    say(drawn)
+
+
+@app.command(cls=Command)
+def plot(
+    run: RunPath,
+    out: Annotated[Path, typer.Option("--out", "-o", help="picture file: .png, .pdf or .svg")] = Path("plot.png"),
+    panel: Annotated[list[str] | None, typer.Option("--panel", metavar="NAME", help="panel [all]; may be repeated")] = None,
+    frame: Annotated[int, typer.Option("--frame", help="frame of the contacts, negative from the end")] = -1,
+) -> None:
+    """Draw the page that tells what happened: friction, states, gap or load, energy, contacts."""
+    from thirdbody.plot.summary_page import plot as draw
+
+    say(draw(run, out, panel, frame))
+
+
+@app.command(cls=Command)
+def export(
+    run: RunPath,
+    csv: Annotated[Path | None, typer.Option("--csv", metavar="DIR", help="tables with units")] = None,
+    pvd: Annotated[Path | None, typer.Option("--pvd", metavar="DIR", help="PVD and VTP, for ParaView before 5.12")] = None,
+    pack: Annotated[Path | None, typer.Option("--pack", metavar="FILE", help="a compressed copy of the run")] = None,
+    frame: Annotated[int | None, typer.Option("--frame", help="one frame, negative from the end [all]")] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is there")] = False,
+) -> None:
+    """Write a run for other tools: tables, files of older versions of ParaView, a compressed copy."""
+    from thirdbody.export.export_run import export_run
+
+    for path in export_run(run, csv, pvd, pack, frame, overwrite):
+        say(path)
+
+
+@app.command(cls=Command)
+def shapes(
+    path: Annotated[
+        Path | None,
+        typer.Argument(metavar="SCENE|MESH", help="scene (TOML), surface mesh (.stl, .obj, .ply), or folder of meshes"),
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="PNG file: a picture of the bodies")] = None,
+    settings: Settings = None,
+    plugin: Plugins = None,
+    listed: Annotated[bool, typer.Option("--list", help="list the kinds of debris; with a kind as argument, its keys")] = False,
+    unit: Annotated[str | None, typer.Option("--unit", help="mesh: length of one unit of the file, such as '1 um'")] = None,
+    spheres: Annotated[int | None, typer.Option("--spheres", help="mesh: spheres that stand for it [12]")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="mesh: seed of the fit [1]")] = None,
+    json: Json = False,
+) -> None:
+    """Describe and draw the bodies of a scene, or how well spheres follow a mesh; or list the kinds of debris."""
+    if listed:
+        from thirdbody.report.debris_kinds import kinds_report
+
+        kinds_report(str(path) if path else None, plugin or (), json)
+        return
+    if path is None:
+        raise UsageError("give a scene, a mesh or a folder of meshes, or --list")
+    from thirdbody.report.clump_shapes import draw_shapes, read_shapes, shapes_report
+
+    found = read_shapes(path, unit, spheres, seed, override_pairs(settings), plugin or ())
+    shapes_report(found, json)
+    if out is not None:
+        draw_shapes(found, path.name, out)
+        say(out, err=json)
+
+
+app.command(cls=Command)(cost)
+app.command(cls=Command)(hard)
+
+
+@app.command(cls=Command)
+def laws(
+    check: Annotated[list[Path] | None, typer.Option("--check", help="plug-in file to put through the conformance suite")] = None,
+    code: Annotated[Path | None, typer.Option("--show-code", help="scene whose generated code is printed")] = None,
+    plugin: Plugins = None,
+    json: Json = False,
+) -> None:
+    """List laws, levels and effects with their sources, check those of a file, or show the code compiled for a scene."""
+    from thirdbody.laws.registry import discover
+    from thirdbody.report.tables import conformance_report, laws_report
+
+    if code and check:
+        raise UsageError("give --check or --show-code, not both")
+    if code:
+        from thirdbody.report.generated_code import print_code
+
+        print_code(_load(code, None, plugin), discover(plugin or ()), json)
+    elif check:
+        conformance_report(check, json)
+    else:
+        laws_report(discover(plugin or ()), json)
+
+
+def _limits(every: str | None, wall_limit: str | None) -> dict[str, float]:
+    """The wall times that were given, s. Raises UsageError for what is no time."""
+    from thirdbody import units
+
+    found = {}
+    for option, key, text in (("--checkpoint-every", "every", every), ("--wall-limit", "wall_limit", wall_limit)):
+        if text is not None:
+            try:
+                found[key] = units.parse(text, "time")
+            except ValueError as error:
+                raise UsageError(f"{option}: {error}") from None
+            if found[key] < 0.0:
+                raise UsageError(f"{option}: {text} must be at least 0 s")
+    return found
+
+
+def _execute(built: Any, folder: Path, quiet: bool, json: bool, **options: Any) -> None:
+    """Run what is built, report it, and raise what stopped it."""
+    from contextlib import nullcontext
+
+    from thirdbody.report.tables import run_report
+    from thirdbody.runner.progress import reporter_for_terminal
+    from thirdbody.runner.simulate import execute
+
+    problem: GuardStop | Interrupted | None = None
+    with stop_on_signal() as stop:
+        try:
+            with nullcontext() if quiet else reporter_for_terminal(built.scene.title) as report:
+                execute(built, folder, report=report, stop=stop, **options)
+        except (GuardStop, Interrupted) as error:
+            problem = error
+        if getattr(problem, "advanced", True):
+            run_report(folder, json)
+        if problem is not None:
+            raise problem
+
+
+def _load(path: Path, settings: list[str] | None, plugins: list[Path] | None) -> Any:
+    from thirdbody.scene.model import Scene
+
+    scene = Scene.load(path, plugins or ())
+    return scene.with_settings(override_pairs(settings)) if settings else scene
+
+
+def main() -> None:
+    """Entry point: every error becomes one message and its exit code, and no text steers the terminal."""
+    with guarded_streams(), printable_output():
+        _main()
+
+
+def _main() -> None:
+    """Run the command that the arguments name."""
+    try:
+        app(prog_name="thirdbody")
+    except ThirdbodyError as error:
+        text = error.for_command_line()
+        print(text if "\n" in text else f"thirdbody: {text}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except Exception as error:
+        from thirdbody.system.address_space import memory_shortage
+
+        shortage = memory_shortage(error)
+        if shortage is not None:
+            print(f"thirdbody: {shortage}", file=sys.stderr)
+            sys.exit(shortage.exit_code)
+        import traceback
+
+        traceback.print_exc()
+        print("thirdbody: this is a bug in thirdbody; please report it with the lines above and the scene", file=sys.stderr)
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

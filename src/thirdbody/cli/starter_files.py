@@ -1,0 +1,93 @@
+"""Files to start from: the scenes and the plug-in template that are installed with the program, and copies of them."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from thirdbody.atomic_files import write_whole
+from thirdbody.errors import MissingLibrary, OutputError, UsageError, nearest
+
+SCENES = "thirdbody_scenes"
+TEMPLATE, TEMPLATE_FILE = "thirdbody_template", "dmt_adhesion.py"
+
+
+def questions() -> dict[str, str]:
+    """Return the shipped scenes by name, each with the question in its first line; those in folders come last."""
+    folder = _folder(SCENES)
+    files = sorted(folder.glob("**/*.toml"), key=lambda file: (len(file.relative_to(folder).parts), file))
+    return {file.relative_to(folder).with_suffix("").as_posix(): _first_line(file) for file in files}
+
+
+def copy_scene(name: str, path: Path) -> list[Path]:
+    """Copy a shipped scene to `path`, and the files that it names beside it; returns what was written.
+
+    Raises UsageError for an unknown name, and OutputError, with nothing written, where another file is in the way.
+    """
+    name = name.removesuffix(".toml")
+    if name not in questions():
+        raise UsageError(f"--from {name}: no such scene, {nearest(name, questions())}")
+    source = _folder(SCENES) / f"{name}.toml"
+    text = source.read_text(encoding="utf-8")
+    copies = {path: text.encode()}
+    for word in _words(tomllib.loads(text)):
+        if (source.parent / word).is_file():
+            copies[path.parent / word] = (source.parent / word).read_bytes()
+    return write_new(copies)
+
+
+def copy_template(path: Path) -> list[Path]:
+    """Copy the plug-in template to `path`. Raises OutputError."""
+    return write_new({path: (_folder(TEMPLATE) / TEMPLATE_FILE).read_bytes()})
+
+
+def write_new(files: dict[Path, bytes]) -> list[Path]:
+    """Write files that must not exist yet, all or none; those that are there with the same content may stay.
+
+    Returns what was written. Raises OutputError.
+    """
+    first = next(iter(files))
+    missing = {path: content for path, content in files.items() if not _is_there(path, content) or path == first}
+    for path in missing:
+        if os.path.lexists(path):
+            raise OutputError(f"{path}: exists already")
+    written: list[Path] = []
+    try:
+        for path, content in missing.items():
+            write_whole(path, content)
+            written.append(path)
+    except OSError as error:
+        for done in written:
+            done.unlink(missing_ok=True)
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error
+    return written
+
+
+def _is_there(path: Path, content: bytes) -> bool:
+    return os.path.isfile(path) and path.read_bytes() == content
+
+
+def _folder(package: str) -> Path:
+    """Return the folder of a package that holds files only. Raises MissingLibrary if it is not installed."""
+    spec = find_spec(package)
+    for place in (spec.submodule_search_locations if spec else None) or ():
+        if Path(place).is_dir():  # an editable install names a place that does not exist, too
+            return Path(place)
+    raise MissingLibrary(f"{package} is not installed with this copy of thirdbody; install it again, such as by pip install .")
+
+
+def _first_line(file: Path) -> str:
+    with open(file, encoding="utf-8") as lines:
+        return lines.readline().lstrip("# ").rstrip()
+
+
+def _words(value: Any) -> Iterator[str]:
+    """Every text among the values of a document."""
+    if isinstance(value, str):
+        yield value
+    for entry in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        yield from _words(entry)

@@ -1,0 +1,297 @@
+"""The implicit integrator under a plate that all bodies carry together: a rigid one under a load, or a foundation's.
+
+All bodies take the same step. Each is solved for a trial rise of the plate; the plate then has one equation of its own, for
+its load against the sum of their pushes, whose slope is the Schur complement of the whole system. Newton's method on it, kept
+inside a bracket, for the push falls with the rise but has corners.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from thirdbody.engine.implicit import BATCH, Implicit
+from thirdbody.engine.state import Array, State
+from thirdbody.engine.upper_plate import held_until
+from thirdbody.errors import GuardStop
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.implicit import common_plate as kernel
+from thirdbody.kernels.implicit import step_control, step_limits
+from thirdbody.kernels.implicit.residual import TURN, Z_COLS
+
+CONVERGED, ROUNDS = 1e-8, 30
+"""Unbalanced force on the plate as a share of its load and of what bodies push, and how often its rise is corrected."""
+
+
+@dataclass
+class Rise:
+    """The plate's part of a step: rise, velocity and acceleration at the end, and the unbalanced force on it."""
+
+    way: float
+    velocity: float
+    acceleration: float
+
+
+class Shared(Implicit):
+    """`Implicit` for a state whose last patch is a free plate of all bodies."""
+
+    def __init__(self, state: State, *arguments, **options) -> None:
+        _one_plate(state)
+        super().__init__(state, *arguments, **options)
+        n = state.n_bodies
+        self.starts, self.ends, self.told = np.zeros((n, Z_COLS)), np.zeros((n, 7)), np.zeros((n, kernel.H_COLS))
+        self.plate = np.zeros(at.A_COLS)  # energy that is the plate's alone
+        self.length, self.last = float(self.memory[0, at.T_DT]), 0.0
+        self.moved, self.change = 0.0, 0.0  # rise and change of velocity of the plate in its last step
+
+    together = True
+
+    def trial(self, bodies: int, until: float) -> None:
+        """As in `Implicit`, but all bodies move, whatever their number."""
+        self._reach(until, lambda: None, lambda: None)
+
+    def start(self) -> None:
+        """As `Implicit.start`."""
+        super().start()
+        self.gone = np.zeros(self.state.slots.count)
+
+    def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
+        """As `Implicit.keep`; where a step begins and ends is found anew in every step."""
+        arrays, notes = super().keep()
+        plate = {"length": self.length, "last": self.last, "moved": self.moved, "change": self.change}
+        return arrays | {"plate": self.plate}, notes | plate
+
+    def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
+        """As `Implicit.restore`."""
+        super().restore(arrays, notes)
+        self.plate[:] = arrays["plate"]
+        self.length, self.last, self.moved, self.change = (float(notes[name]) for name in ("length", "last", "moved", "change"))
+
+    def _reach(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
+        while self.totals[0, at.A_TIME] < until:
+            self._step(until)
+            self._judge()
+            # counted from the start of the run, so that a run that was put away looks at the same instants
+            noted = int(self.totals[0, at.A_STEPS]) % max(1, BATCH // self.state.n_bodies) == 0
+            (watch if noted else between)()
+
+    def _step(self, until: float) -> None:
+        """One step of all bodies and the plate, cut until it is good. Raises GuardStop if none is."""
+        time = float(self.totals[0, at.A_TIME])
+        end = self._stretch(time, until)
+        if end - time < self.settings[step_control.V_SHORTEST]:
+            # a stop that misses a corner by rounding: no step is that short
+            self.totals[:, at.A_TIME], self.memory[:, at.T_LAST], self.last = end, 0.0, 0.0
+            return
+        (dt, cause), cuts, load = self._length(time, end), 0, float(self.state.P[-1, at.P_LOAD])
+        asked, body = self.length, 0
+        while True:
+            whole = dt >= step_control.NEARLY * (end - time)
+            dt = end - time if whole else dt
+            velocity = self._velocity(time, dt)
+            self._load(time, dt)
+            rise, found = self._solve(dt, velocity)
+            error, turn = self._error(rise, dt), float(self.told[:, kernel.H_TURN].max())
+            if found and error <= 1.0 and turn <= TURN:
+                break
+            cuts += 1
+            body, cause = self._why(found, error, turn)
+            self._stay()
+            dt *= 0.5 if not found else max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), 0.9 * TURN / max(turn, 1e-30)))
+            if dt < self.settings[step_control.V_SHORTEST] or self.told[:, kernel.H_CROWDED].any():
+                self._give_up()
+        self._take(dt, end, whole, velocity, rise, load)
+        body = body if cuts else int(np.argmax(self.told[:, kernel.H_ERROR]))
+        self.memory[body, at.T_LIMITED + cause] += 1.0
+        self.memory[:, at.T_CUTS] += cuts
+        self.memory[:, at.T_HARD] += float(cuts > step_control.HARD)
+        self.memory[:, at.T_LONGEST] = np.maximum(self.memory[:, at.T_LONGEST], math.hypot(*velocity) * dt)
+        grown = min(self.accuracy.growth, 0.9 / math.sqrt(max(error, 1e-30)))
+        if cuts or self.told[:, kernel.H_ITERATIONS].max() > 2 * step_control.EASY:
+            grown = min(grown, 1.0)
+        if cuts:
+            self.memory[:, at.T_LIMIT] = cause
+        elif grown < 1.0 or dt * grown >= asked:
+            self.memory[:, at.T_LIMIT] = self._why_not_longer(grown)
+        self.length = max(dt * grown, asked) if not cuts and grown >= 1.0 else dt * grown
+        if whole and kernel.corner_at(self.state.schedule, self.state.first, time, end):
+            self.memory[:, at.T_LAST], self.last = 0.0, 0.0
+
+    def _why(self, found: bool, error: float, turn: float) -> tuple[int, int]:
+        """The body that asks for a shorter step, and why (`kernels.implicit.step_limits`, as
+        `kernels.implicit.step_control.why_cut`)."""
+        lost = self.told[:, kernel.H_FOUND] == 0.0
+        turning = found and not (error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30))
+        body = int(np.argmax(lost if lost.any() else self.told[:, kernel.H_TURN if turning else kernel.H_ERROR]))
+        if self.told[body, kernel.H_LANDS] > 0.0:
+            return body, step_limits.LANDING
+        return body, step_limits.TURNING if turning else (step_limits.ERROR if found else step_limits.NEWTON)
+
+    def _why_not_longer(self, grown: float) -> int:
+        """What limits the step after one that was not cut (`kernels.implicit.step_limits`)."""
+        if grown == self.accuracy.growth:
+            return step_limits.GROWTH
+        return (
+            step_limits.NEWTON
+            if self.told[:, kernel.H_ITERATIONS].max() > 2 * step_control.EASY and grown == 1.0
+            else step_limits.ERROR
+        )
+
+    def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[Rise, bool]:
+        """The rise at which the plate is in balance, and whether it was found."""
+        row, fresh = self.state.P[-1], True
+        way, low, high = float(row[at.P_V]) * dt, -math.inf, math.inf
+        for _ in range(ROUNDS):
+            self._bodies(fresh, dt, way, velocity)
+            fresh = False
+            rise = self._rise(way, dt)
+            if not self.told[:, kernel.H_FOUND].all():
+                return rise, False
+            push, slope = float(self.told[:, kernel.H_PUSH].sum()), float(self.told[:, kernel.H_SLOPE].sum())
+            rate = self._now(dt) / dt
+            force = push - row[at.P_LOAD] - row[at.P_DAMPING] * rise.velocity - row[at.P_MASS] * rise.acceleration
+            scale = abs(push) + max(row[at.P_LOAD], row[at.P_LOAD0]) + row[at.P_MASS] * abs(rise.acceleration)
+            scale += row[at.P_DAMPING] * abs(rise.velocity)
+            if abs(force) <= CONVERGED * scale:
+                return rise, True
+            low, high = (way, high) if force > 0.0 else (low, way)
+            slope -= row[at.P_DAMPING] * rate + float(self.accuracy.inertia) * row[at.P_MASS] * rate * rate
+            # never down by more than the bodies can be expected to yield: their push grows faster than its slope tells
+            change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
+            way = way + change if low < way + change < high else 0.5 * (low + high)
+            if not math.isfinite(way) or high - low <= 1e-15 * abs(way):
+                return rise, abs(force) <= 1e-5 * scale
+        return rise, False
+
+    def _yielding(self) -> float:
+        """Largest fall of the plate in one correction, m: half the deepest overlap, or half of the one to expect."""
+        H, R = self.state.slots.H, self.state.slots.R
+        deepest = float(np.max(R[:, at.R_OVERLAP], where=H[:, at.H_ON] > 0.0, initial=0.0))
+        return 0.5 * max(deepest, float(self.settings[step_control.V_DEEP]))
+
+    def _now(self, dt: float) -> float:
+        """Weight of the change of this step in the formula of its end velocity (`kernels.implicit.step_control.formula`)."""
+        if self.last == 0.0 or not self.accuracy.inertia:
+            return 1.0
+        ratio = dt / self.last
+        return (1.0 + 2.0 * ratio) / (1.0 + ratio)
+
+    def _before(self, dt: float) -> float:
+        """Weight of the change of the last step in it."""
+        if self.last == 0.0 or not self.accuracy.inertia:
+            return 0.0
+        ratio = dt / self.last
+        return ratio * ratio / (1.0 + ratio)
+
+    def _rise(self, way: float, dt: float) -> Rise:
+        now, before = self._now(dt), self._before(dt)
+        velocity = (now * way - before * self.moved) / dt
+        change = now * (velocity - self._plate_velocity) - before * self.change
+        return Rise(way, velocity, change / dt if self.accuracy.inertia else 0.0)
+
+    @property
+    def _plate_velocity(self) -> float:
+        return float(self.state.P[-1, at.P_V])
+
+    def _error(self, rise: Rise, dt: float) -> float:
+        """Largest error of the step over what is allowed, of bodies and plate (`kernels.implicit.step_control.error_of`)."""
+        first = self.last == 0.0 or not self.accuracy.inertia
+        ratio = 0.0 if first else dt / self.last
+        change = abs(rise.velocity - self._plate_velocity - ratio * self.change)
+        radius = float(self.memory[:, at.T_RADIUS].max())
+        allowed = self.accuracy.tolerance if self.accuracy.inertia else min(1.0, step_control.LOOSER * self.accuracy.tolerance)
+        own = (0.5 if first else 2.0 / 9.0) * dt * change / (allowed * radius)
+        return max(own, float(self.told[:, kernel.H_ERROR].max()))
+
+    def _length(self, time: float, end: float) -> tuple[float, int]:
+        """Length of the next step, s, and what limits it (`kernels.implicit.step_limits`)."""
+        left = end - time
+        dt, cause = min(self.length, left), int(self.memory[0, at.T_LIMIT])
+        loaded = self.memory[:, at.T_STORED] > 0.0
+        radii = self.memory[loaded, at.T_RADIUS] if loaded.any() else self.memory[:, at.T_RADIUS]
+        longest = min(self.accuracy.largest_step, self.accuracy.radii * float(radii.min()))
+        for _ in range(3):
+            way = math.hypot(*self._velocity(time, dt)) * dt
+            if way > longest:
+                dt *= longest / way
+                cause = step_limits.LARGEST
+        if dt <= 0.5 * left:
+            return dt, cause
+        ends = step_limits.REVERSAL if kernel.corner_at(self.state.schedule, self.state.first, time, end) else step_limits.OUTPUT
+        return (left if dt >= step_control.NEARLY * left else 0.5 * left), ends
+
+    def _load(self, time: float, dt: float) -> None:
+        """The load of the plate at the end of a step that passes no corner, if a schedule changes it."""
+        if self.schedule.load:
+            row = self.state.P[-1]
+            row[at.P_LOAD] = row[at.P_LOAD0] * held_until(self.schedule.load, time, time + dt)
+
+    def _take(self, dt: float, end: float, whole: bool, velocity: tuple[float, float], rise: Rise, load: float) -> None:
+        """All bodies and the plate take the step; the plate's own energy. `load`: its load as the step begins, N."""
+        s, physics, row = self.state, self.state.physics, self.state.P[-1]
+        kernel.take_all(
+            dt, end, whole, *velocity, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, self.starts,
+            self.ends, self.gone, self.drag, physics.law, physics.effects, physics.observe,
+        )  # fmt: skip
+        before = self._plate_velocity
+        old = 0.5 if self.last > 0.0 else 0.0
+        carried = (1.0 - old) * float(row[at.P_LOAD]) + old * load
+        mass, work = float(row[at.P_MASS]), -carried * rise.way
+        kinetic = 0.5 * mass * (rise.velocity**2 - before**2) * float(self.accuracy.inertia)
+        self.plate[at.A_PLATE_WORK] += work
+        self.plate[at.A_PLATE_ABS] += abs(work)
+        felt = float(row[at.P_DAMPING]) * rise.velocity * rise.way
+        self.plate[at.A_DAMPING] += max(felt, 0.0)
+        lost = min(felt, 0.0) + (float(row[at.P_LOAD]) - carried) * rise.way
+        self.plate[at.A_NUMERICAL] += mass * rise.acceleration * rise.way - kinetic + lost
+        self.moved, self.change, self.last = rise.way, rise.velocity - before, dt
+        row[at.P_Z] += rise.way
+        row[at.P_V] = rise.velocity
+
+    def _bodies(self, fresh: bool, dt: float, rise: float, velocity: tuple[float, float]) -> None:
+        s, physics = self.state, self.state.physics
+        kernel.solve(
+            fresh, dt, rise, float(s.P[-1, at.P_Z]), *velocity, *self._groups(), self.most, self.settings, self.totals,
+            self.memory,
+            self.starts, self.ends, self.gone, self.told, physics.law, self.tangents, physics.effects,
+        )  # fmt: skip
+
+    def _stay(self) -> None:
+        groups = self._groups()
+        kernel.stay_all(groups[1], groups[2], self.memory, self.starts)
+
+    def _give_up(self) -> None:
+        """Raise GuardStop for the first body that could not be solved, else for the plate."""
+        lost = np.flatnonzero(self.told[:, kernel.H_FOUND] == 0.0)
+        if not len(lost):
+            when = f"stopped at t = {self.totals[0, at.A_TIME]:.6g} s"
+            raise GuardStop(f"{when}: no balance was found for the upper plate, which all bodies carry together")
+        crowded = self.told[lost[0], kernel.H_CROWDED] > 0.0
+        self.memory[lost[0], at.T_CODE] = step_control.TOO_MANY if crowded else step_control.UNSOLVED
+        raise GuardStop(self._explain(int(lost[0])))
+
+    def _velocity(self, time: float, dt: float) -> tuple[float, float]:
+        """Mean sideways velocity of the plate over a step, m/s."""
+        return kernel.plate_velocity_of(self.state.schedule, self.state.first, time, dt)
+
+    def _stretch(self, time: float, until: float) -> float:
+        """Where the stretch ends in which the motion has no corner, s."""
+        return kernel.stretch_of(self.state.schedule, self.state.first, time, until)
+
+    def _summed(self) -> Array:
+        return super()._summed() + self.plate
+
+
+def _one_plate(state: State) -> None:
+    """A rigid plate becomes the last row of the patches; every body gets a copy of it, which has no motion of its own."""
+    if len(state.P) > 1 or state.world.upper is None or state.world.upper.foundation is not None:
+        return
+    copies = np.repeat(state.P, state.n_bodies, axis=0)
+    for column in (at.P_FREE, at.P_MASS, at.P_DAMPING, at.P_LOAD, at.P_LOAD0):
+        copies[:, column] = 0.0
+    state.P = np.concatenate([copies, state.P])
+    state.patch = np.arange(state.n_bodies)

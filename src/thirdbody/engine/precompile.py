@@ -1,0 +1,175 @@
+"""The first start of a version: compile in several processes at once, since numba itself compiles on one core.
+
+The others start first, with what every scene needs. The main process reads its scene, compiles the laws and the geometry that
+this one names, makes the bodies, and then joins them; whoever is done takes the next unit of work, and all of it goes into the
+same cache. Afterwards all of it is loaded.
+"""
+
+from __future__ import annotations
+
+import atexit
+import gc
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from thirdbody.jit import cache_dir
+from thirdbody.jit.gc_pause import resting
+from thirdbody.system.child_process import python_command, python_environment
+from thirdbody.system.cpu_count import cores
+
+MARK = "warm"
+PATIENCE = 300.0
+"""Seconds to wait for the other processes; whatever they have not finished the main process compiles itself."""
+
+PROCESSES = 4
+"""At most: the passes of a step alone take longer than a fourth of the rest."""
+
+COLD = 1
+"""LLVM's level for all but the passes of a step: compiles in 0.8 of the time, and no bit of a result depends on it."""
+
+_begun: tuple[int, list[subprocess.Popen[bytes]]] | None = None
+_usual: Any = None
+"""numba's own level, while ours is set."""
+
+
+def begin() -> None:
+    """Let other processes start to compile what is not compiled yet, while this one still reads its scene."""
+    global _begun
+    if _begun is not None or (cache_dir.place() / MARK).exists():
+        return
+    queue, end = os.pipe()  # one byte per unit: reading one takes it, whoever reads
+    os.write(end, bytes(range(len(UNITS))))
+    os.close(end)
+    _begun = queue, [_helper(queue) for _ in range(min(cores(), PROCESSES) - 1)]
+    atexit.register(_end)
+    _quickly()
+
+
+def tell() -> None:
+    """Say at a terminal why the start takes longer than it will the next time, and anywhere why it always will."""
+    if _begun is not None and cache_dir.note:
+        print(f"warning: {cache_dir.note}", file=sys.stderr, flush=True)
+        return
+    if _begun is not None and sys.stderr.isatty():
+        print("thirdbody: first start of this version, compiling ...", file=sys.stderr, flush=True)
+
+
+def warm_up() -> None:
+    """Compile what is not compiled yet. A failure costs time only: numba then compiles where a function is first called."""
+    begin()
+    if _begun is None:
+        return
+    queue, others = _begun
+    try:
+        with resting("compiler"):
+            work_off(queue)
+        if _all_done(others):
+            (cache_dir.folder() / MARK).touch()
+    finally:
+        _end()
+
+
+def work_off(queue: int) -> None:
+    """Compile the units that the queue still holds."""
+    _quickly()
+    while taken := os.read(queue, 1):
+        unit = UNITS[taken[0]]
+        if unit is _work:
+            _thoroughly()
+        unit()
+        _quickly()
+
+
+def _quickly() -> None:
+    """From now on numba compiles in little time."""
+    global _usual
+    cache_dir.folder()
+    import numba
+    from numba.core.registry import cpu_target
+
+    if _usual is None:
+        cpu_target.target_context.codegen()  # made now, it writes machine code at the usual level for ever
+        _usual = numba.config.OPT  # type: ignore[attr-defined]
+        numba.config.OPT = type(_usual)(min(COLD, _usual))  # type: ignore[attr-defined]
+
+
+def _thoroughly() -> None:
+    """From now on numba compiles as it does by itself."""
+    global _usual
+    if _usual is not None:
+        import numba
+
+        numba.config.OPT, _usual = _usual, None  # type: ignore[attr-defined]
+
+
+def _end() -> None:
+    """Stop the other processes; whatever they have compiled so far stays."""
+    global _begun
+    if _begun is None:
+        return
+    _thoroughly()
+    queue, others = _begun
+    _begun = None
+    os.close(queue)
+    for other in others:
+        if other.poll() is None:
+            other.terminate()
+
+
+def _helper(queue: int) -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        python_command("thirdbody.engine.precompile"), env=python_environment(),
+        stdin=queue, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+
+
+def _all_done(others: list[subprocess.Popen[bytes]]) -> bool:
+    """Whether all others have ended well within our patience."""
+    last = time.monotonic() + PATIENCE
+    try:
+        return all([other.wait(max(last - time.monotonic(), 0.0)) == 0 for other in others])
+    except subprocess.TimeoutExpired:
+        return False
+
+
+def _work() -> None:
+    from thirdbody.kernels import label_bodies  # noqa: F401  (imported to be compiled; they have functions in common)
+    from thirdbody.kernels.explicit import passes  # noqa: F401  (imported to be compiled; they have functions in common)
+
+
+def _step() -> None:
+    from thirdbody.kernels.explicit import step_loop  # noqa: F401  (imported to be compiled)
+
+
+def _stability() -> None:
+    from thirdbody.kernels.explicit import critical_time_step  # noqa: F401  (imported to be compiled)
+
+
+def _search() -> None:
+    import numpy as np
+
+    from thirdbody.kernels import layout as at
+    from thirdbody.kernels import neighbour_search
+    from thirdbody.kernels.rigid_body import place_all
+
+    S, P, H = np.zeros((1, at.S_COLS)), np.zeros((1, at.P_COLS)), np.zeros((0, 1))
+    body, own, count = np.zeros(1, np.int64), np.zeros(0, np.int32), np.ones(3, np.int64)
+    periodic = np.array([True, True])
+    neighbour_search.plate_candidates(S, P, body, body, True, True, 0.0, own, own)
+    neighbour_search.pair_candidates(S, body, 1.0, 1.0, 0.0, np.zeros(3), np.ones(3), count, periodic, 0, own, own)
+    neighbour_search.carry_history(0, 0, own, own, H, 0, 0, own, own, H)
+    neighbour_search.incidences(0, own, own, 1)
+    place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], np.zeros((0, at.B_COLS)), np.zeros((0, at.E_COLS)))
+
+
+UNITS: tuple[Callable[[], None], ...] = (_work, _step, _stability, _search)
+"""Units of work, the longest first."""
+
+if __name__ == "__main__":
+    gc.disable()
+    work_off(sys.stdin.fileno())
+    os._exit(0)  # all is written: to take millions of objects apart first costs a second

@@ -1,0 +1,38 @@
+"""Asking the compiled laws of a scene about single contacts at rest: force and stiffness at an overlap, overlap at a load."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thirdbody.engine.state import Array, Ints, Physics
+from thirdbody.kernels import layout as at
+
+
+def response(physics: Physics, overlap: Array, radius: Array, kind: Ints) -> tuple[Array, Array]:
+    """Normal force (n,) N and normal stiffness (n,) N/m of virgin contacts at rest; the stiffness is NaN without tangents."""
+    force, stiffness = np.empty(len(overlap)), np.full(len(overlap), np.nan)
+    width, answers = at.I_HISTORY + len(physics.history), at.O_HISTORY + len(physics.history) + at.Q_COLS
+    if physics.rolling:
+        width += at.J_COLS
+    for first in range(0, len(overlap), at.TILE):
+        part = slice(first, min(first + at.TILE, len(overlap)))
+        n = part.stop - part.start
+        inputs, outputs = np.zeros((width, at.TILE)), np.zeros((answers, at.TILE))
+        inputs[at.I_OVERLAP, :n], inputs[at.I_RADIUS, :n] = overlap[part], radius[part]
+        inputs[at.I_MASS], inputs[at.I_TYPE, :n] = 1.0, kind[part]
+        physics.law(inputs.ravel(), outputs.ravel(), n, physics.pairs)
+        force[part] = outputs[at.O_FN, :n]
+        if physics.stiffness is not None:
+            physics.stiffness(inputs.ravel(), outputs.ravel(), n, physics.pairs)
+            stiffness[part] = outputs[0, :n]
+    return force, stiffness
+
+
+def overlap_at(physics: Physics, load: Array, radius: Array, kind: Ints) -> Array:
+    """Overlap (n,) m at which virgin contacts at rest carry `load` (n,) N, by bisection; at most the radius."""
+    low, high = np.zeros_like(load), radius.astype(float)
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        below = response(physics, middle, radius, kind)[0] < load
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return high

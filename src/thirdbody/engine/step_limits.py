@@ -1,0 +1,39 @@
+"""What limits the steps of the implicit integrator, from the counters that it keeps per body (`kernels.implicit.step_limits`)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from thirdbody.engine.state import Array
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.implicit.step_limits import CAUSES, OF_A_BODY, WORDS
+
+
+def _counts(memory: Array) -> Array:
+    """Steps that each cause has limited, over all bodies."""
+    return memory[:, at.T_LIMITED : at.T_LIMITED + len(CAUSES)].sum(axis=0)
+
+
+def limited_by(memory: Array) -> dict[str, int]:
+    """Steps of single bodies by what has limited them: the causes that did, most frequent first."""
+    counts = _counts(memory)
+    return {CAUSES[k]: int(counts[k]) for k in np.argsort(-counts, kind="stable") if counts[k] > 0.0}
+
+
+def limiting_body(memory: Array, order: np.ndarray) -> dict[str, int]:
+    """The body that has limited most steps, by its number in the scene, and how many."""
+    steps = memory[:, at.T_LIMITED : at.T_LIMITED + OF_A_BODY].sum(axis=1)
+    body = int(np.argmax(steps))
+    return {"body": int(order[body]), "steps": int(steps[body])}
+
+
+def in_words(memory: Array, order: np.ndarray) -> str:
+    """The most frequent cause with its share, and the body that it concerns most; empty where no step was taken."""
+    counts = _counts(memory)
+    if not counts.sum() > 0.0:
+        return ""
+    k = int(np.argmax(counts))
+    share = f"{100.0 * counts[k] / counts.sum():.0f} % of steps limited by {WORDS[k]}"
+    if len(memory) == 1 or k >= OF_A_BODY:
+        return share
+    return f"{share}, most of them of body {order[int(np.argmax(memory[:, at.T_LIMITED + k]))]}"

@@ -1,0 +1,1 @@
+"""A run in other formats: CSV, VTP, compressed copies, files for ParaView."""

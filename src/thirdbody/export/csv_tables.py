@@ -1,0 +1,68 @@
+"""Writes the tables of a run as CSV: comma, UTF-8, units in the header (`time [s]`), every digit of every number.
+
+Names come from users and from runs made by others: one that begins like a formula gets an apostrophe in front.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from thirdbody.atomic_files import new_folder
+from thirdbody.errors import printable
+from thirdbody.trajectory.columns import BODIES, CONTACTS, CYCLES, TABLES, TRANSITIONS, Column, table, tables_by_frame
+from thirdbody.trajectory.reader import Run
+
+CSV_FILES = tuple(f"{name}.csv" for name in TABLES)
+FORMULA = ("=", "+", "-", "@")
+"""How a cell begins that spreadsheets compute instead of showing it."""
+
+
+def export_csv(run: Run, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
+    """Write series, bodies, contacts, cycles and transitions into a new folder; returns the files.
+
+    Bodies and contacts of one frame, or of all. Without states in the run there is no file of transitions, without a stroke
+    none of cycles. Raises
+    IndexError for a frame that the run has not, OutputError; then nothing is written.
+    """
+    run.frame_number(-1 if frame is None else frame)
+    written = []
+    with new_folder(folder, overwrite, CSV_FILES) as part:
+        for name, file in zip(TABLES, CSV_FILES, strict=True):
+            if (name == TRANSITIONS and not run.has_states) or (name == CYCLES and not run.drag.stroke):
+                continue
+            _write(part / file, tables_by_frame(run, name, frame) if name in (BODIES, CONTACTS) else [table(run, name)])
+            written.append(folder / file)
+    return written
+
+
+def _write(path: Path, parts: Iterable[list[Column]]) -> None:
+    """One header, then the rows of all parts."""
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        for number, columns in enumerate(parts):
+            if not number:
+                writer.writerow([heading(column) for column in columns])
+            writer.writerows(zip(*map(_cells, columns), strict=True))
+
+
+def _cells(column: Column) -> list[Any]:
+    """Python's own numbers, as `repr` of a float gives back the same bits, and texts that no spreadsheet computes."""
+    values = column.values.tolist()
+    return [as_text(value) if isinstance(value, str) else value for value in values] if column.values.dtype == object else values
+
+
+def as_text(text: str) -> str:
+    """A text that spreadsheets show in one cell: an apostrophe stands before those that they would take for a formula.
+
+    Line breaks and other control characters are written out: a carriage return would begin a row.
+    """
+    return f"'{printable(text)}" if text.startswith(FORMULA) else printable(text)
+
+
+def heading(column: Column) -> str:
+    """`time [s]`; products of units with a blank, as spreadsheets may not read a raised dot."""
+    name = as_text(column.name)
+    return f"{name} [{column.unit.replace('·', ' ')}]" if column.unit else name

@@ -1,0 +1,94 @@
+"""Writes a run as PVD + VTP, the old files of VTK, for ParaView before 5.12 (and anything else that reads VTP).
+
+spheres.pvd, clumps.pvd, contacts.pvd, plates.pvd   the times and the files of each block
+spheres/0000.vtp, ...                               one file per block and frame, compressed by zlib
+open_in_paraview.py                                 sets up the view
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thirdbody.atomic_files import new_folder
+from thirdbody.export.paraview import SCRIPT_NAME, write_script
+from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.schema import BLOCKS, POSITION
+
+PVD_FILES = (*(f"{block}.pvd" for block in BLOCKS), SCRIPT_NAME)
+PVD_PATTERNS = (*PVD_FILES, *(f"{block}/[0-9]*.vtp" for block in BLOCKS))
+CORNERS = 4  # of a plate
+
+
+def export_pvd(run: Run, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
+    """Write all blocks of all frames, or of one, into a new folder; returns the PVD files and the script.
+
+    Raises IndexError for a frame that the run has not, OutputError; then nothing is written.
+    """
+    numbers = [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1)
+    width = max(4, len(str(run.frames - 1)))
+    with new_folder(folder, overwrite, PVD_PATTERNS) as part:
+        for block in BLOCKS:
+            (part / block).mkdir()
+        for number in numbers:
+            for block in BLOCKS:
+                write_vtp(part / block / f"{number:0{width}d}.vtp", run.block(block, number), block)
+        for block in BLOCKS:
+            entries = [(float(run.times[number]), f"{block}/{number:0{width}d}.vtp") for number in numbers]
+            (part / f"{block}.pvd").write_text(_collection(entries), encoding="utf-8")
+        write_script(part / SCRIPT_NAME, run.state_names, "{name}.pvd")
+    return [folder / name for name in PVD_FILES]
+
+
+def write_vtp(path: Path, arrays: dict[str, np.ndarray], block: str) -> None:
+    """Write the arrays of one frame of a block as PolyData. Raises OSError."""
+    # not `vtk`, which loads what draws and needs system libraries
+    from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
+
+    writer = vtkXMLPolyDataWriter()
+    writer.SetInputData(_polydata(arrays, block))
+    writer.SetDataModeToAppended()  # in base64, so that the file is a text
+    # Python writes the file: VTK takes every fault for a full disk and prints two paragraphs.
+    writer.WriteToOutputStringOn()
+    writer.Write()
+    path.write_text(writer.GetOutputString(), encoding="ascii")
+
+
+def _polydata(arrays: dict[str, np.ndarray], block: str) -> Any:
+    from vtkmodules.util.numpy_support import numpy_to_vtk
+    from vtkmodules.vtkCommonCore import vtkPoints
+    from vtkmodules.vtkCommonDataModel import vtkPolyData
+
+    data, points = vtkPolyData(), vtkPoints()
+    points.SetData(numpy_to_vtk(arrays[POSITION], deep=True))
+    data.SetPoints(points)
+    if block == "plates":
+        data.SetPolys(_cells(len(arrays[POSITION]), CORNERS))
+    else:
+        data.SetVerts(_cells(len(arrays[POSITION]), 1))
+    for name, values in arrays.items():
+        if name != POSITION:
+            array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+            array.SetName(name)
+            data.GetPointData().AddArray(array)
+    return data
+
+
+def _cells(points: int, per_cell: int) -> Any:
+    """Cells of `per_cell` consecutive points each."""
+    from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
+    from vtkmodules.vtkCommonDataModel import vtkCellArray
+
+    cells = vtkCellArray()
+    offsets, ids = np.arange(0, points + 1, per_cell, dtype=np.int64), np.arange(points, dtype=np.int64)
+    cells.SetData(numpy_to_vtkIdTypeArray(offsets, deep=True), numpy_to_vtkIdTypeArray(ids, deep=True))
+    return cells
+
+
+def _collection(entries: list[tuple[float, str]]) -> str:
+    """The PVD file: time and file of each frame."""
+    lines = [f'    <DataSet timestep="{time!r}" part="0" file="{file}"/>' for time, file in entries]
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
+    return head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n"

@@ -1,0 +1,1 @@
+"""Compiling with numba: options, the cache of compiled code, vector types, packed arguments."""

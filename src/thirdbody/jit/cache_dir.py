@@ -1,0 +1,231 @@
+"""Where compiled code lives between processes: one folder per version of all our sources and of numba.
+
+numba's cache notices a change only in the file of the compiled function itself, not in the functions it inlines; a folder
+named by a hash of everything can never serve stale machine code. Must be called before any compiled module is imported.
+
+What lies in the folder is executed, so only this user may be able to write there: a folder of another user is not used.
+"""
+
+from __future__ import annotations
+
+import atexit
+import hashlib
+import os
+import re
+import shutil
+import stat
+import sys
+import tempfile
+from contextlib import suppress
+from importlib.metadata import version
+from pathlib import Path
+
+from thirdbody.errors import OutputError
+from thirdbody.jit.gc_pause import resting
+
+VARIABLE = "THIRDBODY_CACHE"
+"""The environment variable that names the parent of the cache folders; whoever sets it trusts what lies there."""
+
+KEPT = 4
+"""Folders of earlier versions that stay, so that switching between two checkouts does not recompile each time."""
+
+TAG = "CACHEDIR.TAG"
+"""The file that marks our folders, as bford.info/cachedir tells: backups leave them out, and pruning deletes no other."""
+
+TAG_TEXT = b"Signature: 8a477f597d28d172789f06886806bc55\n# This file is a cache directory tag created by thirdbody.\n"
+
+note = ""
+"""What the user is told of the folder when something is compiled into it."""
+
+_place: Path | None = None
+_folder: Path | None = None
+
+
+def place() -> Path:
+    """Return the cache folder, made if needed; `THIRDBODY_CACHE` overrides its parent. Imports nothing heavy.
+
+    Raises OutputError if it cannot be made, or if another user could have written what lies there.
+    """
+    global _place
+    if _place is None:
+        parent = _parent()
+        path = parent / _fingerprint(version("numba"))
+        try:
+            _make_private(path)
+            _mark(path)
+            with suppress(PermissionError):  # a folder that may not be listed keeps what it has
+                _prune(parent)
+        except OSError as error:
+            raise cannot_write(path, error) from error
+        _place = path
+    return _place
+
+
+def folder() -> Path:
+    """Return the cache folder, set as numba's. Raises OutputError as `place` does."""
+    global _folder
+    if _folder is None:
+        found = place()
+        # OpenMP's threads otherwise spin while they wait: with a busy neighbour a step took 12 ms instead of 0.5
+        os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+        with resting("numba"):
+            import numba
+
+        numba.config.CACHE_DIR = str(found)  # type: ignore[attr-defined]
+        _folder = found  # last: another thread that sees it takes numba's to be set
+    return _folder
+
+
+def cannot_write(path: Path, error: OSError) -> OutputError:
+    """Return the error for compiled code that cannot be kept."""
+    reason = error.strerror or str(error)
+    return OutputError(f"{path}: compiled code cannot be written ({reason}); {VARIABLE} names another folder for it")
+
+
+def _parent() -> Path:
+    """Return the folder that holds the folders of all versions: the named one, the user's own, or one for temporary files."""
+    named = os.environ.get(VARIABLE)
+    if named:
+        path = Path(named).absolute()
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            _probe(path)
+        except OSError as error:
+            raise cannot_write(path, error) from error
+        return path
+    home = _user_cache()
+    return home / "thirdbody" if home is not None and _usable(home / "thirdbody") else _temporary()
+
+
+def _user_cache() -> Path | None:
+    """Return the folder for caches of this user; None without a home. A variable that is empty or relative counts as unset."""
+    named = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if named.is_absolute():
+        return named
+    home = Path(os.path.expanduser("~")) if os.environ.get("HOME", "~") else Path()
+    return home / ".cache" if home.is_absolute() else None
+
+
+def _usable(path: Path) -> bool:
+    """Return whether the folder can be made and written, belongs to this user, and can be closed to all others."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.mkdir(mode=0o700, exist_ok=True)
+        user, status = _probe(path).st_uid, path.stat()
+        if status.st_uid == user and status.st_mode & 0o022:
+            path.chmod(status.st_mode & 0o755)
+            status = path.stat()
+    except OSError:
+        return False
+    return status.st_uid == user and not _open_to_others(status)
+
+
+def _temporary() -> Path:
+    """Return a private folder of this user among temporary files; if its name is taken, one that ends with this process."""
+    try:
+        path = Path(tempfile.gettempdir()) / f"thirdbody-{os.geteuid() if hasattr(os, 'geteuid') else 'user'}"
+        try:
+            path.mkdir(mode=0o700)
+        except FileExistsError:
+            status = path.lstat()
+            if not stat.S_ISDIR(status.st_mode) or _foreign(status) or (os.name != "nt" and status.st_mode & 0o077):
+                return _fresh(path)
+        return path
+    except OSError as error:
+        raise cannot_write(Path(error.filename or "temporary files"), error) from error
+
+
+def _fresh(taken: Path) -> Path:
+    """Return a new private folder; the processes that this one starts share it, and it goes when this one ends."""
+    global note
+    path, owner = tempfile.mkdtemp(prefix="thirdbody-"), os.getpid()
+    os.environ[VARIABLE] = path
+    note = f"{taken} is no private folder of this user: compiled code is kept until this process ends"
+
+    def remove() -> None:
+        if os.getpid() == owner:  # not in a fork
+            shutil.rmtree(path, ignore_errors=True)
+
+    atexit.register(remove)
+    return Path(path)
+
+
+def _probe(path: Path) -> os.stat_result:
+    """Write into a folder; return what the file system tells of a file that is ours: some give all files to one user."""
+    with tempfile.TemporaryFile(dir=path) as file:
+        return os.fstat(file.fileno())
+
+
+def _foreign(status: os.stat_result) -> bool:
+    return hasattr(os, "geteuid") and status.st_uid != os.geteuid()
+
+
+def _open_to_others(status: os.stat_result) -> bool:
+    return os.name != "nt" and bool(status.st_mode & 0o022)
+
+
+def _make_private(path: Path) -> None:
+    """Make a folder into which only this user can write; one into which others could have written is made anew.
+
+    Raises OutputError for one that belongs to another user, OSError if it cannot be made.
+    """
+    try:
+        path.mkdir(mode=0o700)
+        return
+    except FileExistsError:
+        status = path.lstat()
+    if status.st_uid != _probe(path.parent).st_uid:
+        raise OutputError(f"{path}: belongs to another user; {VARIABLE} names another folder for compiled code")
+    if not stat.S_ISDIR(status.st_mode):
+        path.unlink()
+        path.mkdir(mode=0o700)
+        return
+    if status.st_mode & 0o777 != 0o700:
+        path.chmod(0o700)
+    if _open_to_others(status) and not _open_to_others(path.lstat()):  # a file system without modes would keep them
+        shutil.rmtree(path)
+        path.mkdir(mode=0o700)
+
+
+def _mark(path: Path) -> None:
+    """Mark a folder as ours and as used last."""
+    tag = path / TAG
+    if not _is_ours(path):
+        if tag.is_dir() and not tag.is_symlink():
+            shutil.rmtree(tag)
+        tag.unlink(missing_ok=True)
+        tag.write_bytes(TAG_TEXT)
+    os.utime(path)
+
+
+def _is_ours(path: Path) -> bool:
+    """Return whether a folder bears our mark."""
+    tag = path / TAG
+    try:
+        return not tag.is_symlink() and tag.read_bytes() == TAG_TEXT
+    except OSError:
+        return False
+
+
+def _fingerprint(numba_version: str) -> str:
+    digest = hashlib.sha256(f"{numba_version} {sys.version}".encode())
+    root = Path(__file__).parents[1]
+    for layer in ("jit", "kernels", "laws", "bodies", "engine"):
+        for file in sorted((root / layer).rglob("*.py")):
+            digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _prune(parent: Path) -> None:
+    """Delete all folders that bear our mark but those used last; that another process has deleted one already is no fault."""
+    named = [path for path in parent.iterdir() if re.fullmatch("[0-9a-f]{16}", path.name)]
+    ours = [(_last_used(path), path) for path in named if not path.is_symlink() and _is_ours(path)]
+    for _, path in sorted(ours, reverse=True)[KEPT:]:
+        shutil.rmtree(path, ignore_errors=True)
+
+
+def _last_used(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0

@@ -1,0 +1,94 @@
+"""numba's files of compiled code, each with a digest at its end: a damaged one is compiled anew, never loaded.
+
+numba takes for granted that its files are whole: a truncated index ends in a traceback, and altered machine code is executed.
+It also looks for another folder, beside the source, where it cannot write into ours; there, stale code could be loaded.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from numba.core import caching, dispatcher
+
+from thirdbody.jit.cache_dir import cannot_write
+
+SIZE = hashlib.sha256().digest_size
+
+
+class _Files(caching.IndexDataCacheFile):  # type: ignore[misc]
+    """The index and the files of code of one function."""
+
+    def _load_index(self) -> Any:
+        return super()._load_index() if _is_whole(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        path = self._data_path(name)
+        if not _is_whole(path):
+            raise OSError(f"{path}: damaged")  # to numba the same as a file that is not there
+        return super()._load_data(name)
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[Any]:
+        if os.path.isdir(filepath):
+            shutil.rmtree(filepath)
+        with super()._open_for_write(filepath) as file:
+            yield file
+            file.flush()
+            file.write(hashlib.sha256(Path(file.name).read_bytes()).digest())
+
+
+def _is_whole(path: str) -> bool:
+    """Return whether a file can be read and ends with the digest of all before it."""
+    try:
+        content = memoryview(Path(path).read_bytes())
+    except OSError:
+        return False
+    return hashlib.sha256(content[:-SIZE]).digest() == content[-SIZE:]
+
+
+class _Folder(caching.UserProvidedCacheLocator):  # type: ignore[misc]
+    """The folder for the functions of a file, within ours."""
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder; what stands in its place is removed. Raises OutputError if it cannot be made."""
+        path = Path(self.get_cache_path())
+        try:
+            if not path.is_dir():
+                path.unlink(missing_ok=True)
+                path.mkdir(parents=True, exist_ok=True)
+            if not os.access(path, os.R_OK | os.W_OK | os.X_OK):
+                path.chmod(0o700)
+        except OSError as error:
+            raise cannot_write(path, error) from error
+
+
+class _Implementation(caching.CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = [_Folder, *caching.CacheImpl._locator_classes]
+
+
+class CheckedCache(caching.FunctionCache):  # type: ignore[misc]
+    """numba's cache of one function, with checked files."""
+
+    _impl_class = _Implementation
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file = _Files(self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Write compiled code. Raises OutputError if there is no room for it."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            raise cannot_write(Path(self.cache_path), error) from error
+
+
+def install() -> None:
+    """Let numba use it for every function that it caches from now on."""
+    dispatcher.FunctionCache = CheckedCache  # type: ignore[attr-defined]

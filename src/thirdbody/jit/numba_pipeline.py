@@ -1,0 +1,187 @@
+"""A shorter way through numba for our kernels: what of its work they never need is left out, what it finds is remembered.
+
+Numba asks all templates of an operator anew wherever it is used, which is a third of its time; it compares two sets of compiler
+options by making dictionaries of them; and it treats every function like one that Python may call: it generates machine code for
+it and runs passes for closures, `with` blocks and array expressions. Callers take over the intermediate code only, so no bit of
+a result depends on any of this. It leans on the inside of numba, so it is taken with the versions that it was tested with only:
+with any other our kernels go numba's own, longer way.
+"""
+
+import operator
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import numba
+from numba import types
+from numba.core import codegen, compiler, compiler_machinery, targetconfig, typed_passes, untyped_passes
+from numba.core.typing import signature
+
+from thirdbody.jit.numba_lowering import ShortLowering, plain_extreme
+
+TESTED = ("0.68.",)
+"""Beginnings of the versions of numba whose inside is known."""
+
+UNTYPED = (
+    "TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune", "GenericRewrites",
+    "ReconstructSSA",
+)  # fmt: skip
+TYPED = ("NopythonTypeInference", "PreLowerStripPhis", "IRLegalization", "AnnotateTypes", "NativeLowering", "NoPythonBackend")
+PLAIN = {operator.add, operator.sub, operator.mul, operator.truediv, operator.lt, operator.le, operator.gt, operator.ge}
+"""Operators to which a literal number is like any other of its type."""
+
+_ask = types.BaseFunction.get_call_type
+_answers: dict[Any, tuple[Any, Any]] = {}
+
+
+def _get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
+    """`BaseFunction.get_call_type` with a memory; numbers that index a table are all alike."""
+    if kws or not args:
+        return _ask(self, context, args, kws)
+    if plain_extreme(self, args) and isinstance(targetconfig.ConfigStack.top_or_none(), _Flags):
+        return signature(types.float64, *args)
+    alike = isinstance(args[0], types.Array) or self.typing_key in PLAIN and all(isinstance(a, types.Number) for a in args)
+    seen = tuple(types.unliteral(a) for a in args) if alike else tuple(args)
+    key = id(self), id(context), seen, targetconfig.ConfigStack.top_or_none()
+    found = _answers.get(key)
+    if found is None:
+        found = _answers[key] = (_ask(self, context, args, kws), self)  # `self` kept, or another could have its id
+    return found[0]
+
+
+@contextmanager
+def _remembering() -> Iterator[None]:
+    """Types of calls are remembered; numba holds a lock while it compiles."""
+    before = types.BaseFunction.get_call_type
+    setattr(types.BaseFunction, "get_call_type", _get_call_type)  # noqa: B010
+    try:
+        yield
+    finally:
+        setattr(types.BaseFunction, "get_call_type", before)  # noqa: B010
+
+
+class _Flags(compiler.Flags):  # type: ignore[misc]
+    """Compiler options that compare what is set: the same answers as numba's, and the same hash, which is that of their names."""
+
+    __slots__ = ()
+    SAME = hash(compiler.Flags())
+
+    def __hash__(self) -> int:
+        return self.SAME
+
+    def __eq__(self, other: object) -> Any:
+        return (isinstance(other, _Flags) and self._values == other._values) or super().__eq__(other)
+
+
+class _Unbound:
+    """Numba's code generator for a library that is never loaded: there is no place for an environment in it."""
+
+    def __init__(self, own: Any) -> None:
+        self.own = own
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.own, name)
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Nothing: whoever takes the code over has a place of its own."""
+
+
+class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """Optimised intermediate code for callers to take over, without machine code."""
+
+    @property
+    def codegen(self) -> Any:
+        return _Unbound(self._codegen)
+
+    def get_pointer_to_function(self, name: str) -> int:
+        self._ensure_finalized()
+        return 0
+
+    def _optimize_functions(self, ll_module: Any) -> None:
+        # as numba does, but with one pass manager for all functions of the module
+        ll_module.data_layout = self._codegen._data_layout
+        manager, builder = self._codegen._function_pass_manager()
+        for function in ll_module.functions:
+            if not function.is_declaration:
+                manager.run(function, builder)
+
+    def _optimize_final_module(self) -> None:
+        # whatever takes it over is optimised as a whole; the step loop alone is the faster for both
+        if numba.config.OPT > 1:  # type: ignore[attr-defined]
+            super()._optimize_final_module()
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+def _whole(state: Any) -> list[Any]:
+    """All that numba knows of Python, and the short lowering."""
+    manager = compiler.DefaultPassBuilder.define_nopython_pipeline(state)
+    plain = typed_passes.NativeLowering
+    manager.passes[:] = [(ShortLowering if one is plain else one, about) for one, about in manager.passes]
+    return [manager]
+
+
+class Own(compiler.CompilerBase):  # type: ignore[misc]
+    """Compiles our kernels, which are plain loops over tables."""
+
+    def _compile_core(self) -> Any:
+        self.state.flags = _Flags(self.state.flags)
+        with _remembering():
+            return super()._compile_core()
+
+    def define_pipelines(self) -> list[Any]:
+        if self.state.flags.auto_parallel.enabled:
+            return _whole(self.state)
+        manager = compiler_machinery.PassManager("own")
+        for module, names in ((untyped_passes, UNTYPED), (typed_passes, TYPED)):
+            for name in names:
+                own = ShortLowering if name == "NativeLowering" else None
+                manager.add_pass(own or getattr(module, name, None) or getattr(compiler, name), name)
+        manager.finalize()
+        return [manager]
+
+
+class Inner(Own):
+    """The same for kernels that only kernels call."""
+
+    def compile_extra(self, func: Any) -> Any:
+        self.state.library = _Library(self.state.targetctx.codegen(), func.__qualname__)
+        return super().compile_extra(func)
+
+
+class Whole(Own):
+    """Compiles the functions of others."""
+
+    def define_pipelines(self) -> list[Any]:
+        return _whole(self.state)
+
+
+class Taken(Inner):
+    """The same for those that only kernels call."""
+
+    def define_pipelines(self) -> list[Any]:
+        return _whole(self.state)
+
+
+def _trust_scipy() -> None:
+    """Let numba take for granted that SciPy has a BLAS, as we depend on it: to look takes a fifth of a start, and whatever needs
+    the BLAS looks again."""
+    from numba.np import linalg
+
+    look = linalg.ensure_blas
+    linalg.ensure_blas = lambda: None
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = look
+
+
+if numba.__version__.startswith(TESTED):
+    _trust_scipy()
+
+
+def way(pipeline: type[compiler.CompilerBase]) -> dict[str, Any]:
+    """Options that compile by this pipeline, if this version of numba is one that it was tested with."""
+    return {"pipeline_class": pipeline} if numba.__version__.startswith(TESTED) else {}

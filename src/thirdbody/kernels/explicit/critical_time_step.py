@@ -1,0 +1,385 @@
+"""Bounds of the explicit time step: the largest natural frequency and the largest damping rate of every body and patch, with
+the contacts as they will be when the bound is asked for next.
+
+What the contacts of a body add up to is kept in vectors of four and in world axes. Its trace and norm tell which few bodies can
+have the shortest step, and only these get matrices and what stands for their eigenvalues (in a dense layer of spheres 3 ns a
+step and sphere, not 12).
+"""
+
+import math
+
+import numpy as np
+from numba import njit, types
+
+from thirdbody.jit.function_pointers import pointed
+from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
+from thirdbody.jit.simd import crossed, lane, load, of, splat, spread, store, transposed, with_last
+from thirdbody.kernels.layout import (
+    B_F,
+    B_MASS,
+    B_Q,
+    E_I,
+    I_HISTORY,
+    I_MASS,
+    I_OVERLAP,
+    I_RADIUS,
+    I_TYPE,
+    I_VN,
+    P_F,
+    P_FREE,
+    P_LOAD,
+    P_MASS,
+    P_SPRING,
+    P_V,
+    S_MASS,
+    S_R,
+    S_V,
+    S_X,
+    S_Y,
+    S_Z,
+    TILE,
+)
+from thirdbody.kernels.narrow_phase import separation
+from thirdbody.kernels.periodic import image, inverse
+from thirdbody.kernels.rigid_body import arm_of
+from thirdbody.kernels.rotation import matrix
+from thirdbody.kernels.signatures import LAW
+
+# a contact that counts: its normal, partner to owner; k_n - k_t, k_t, k_r; the same of the dashpots
+N_N, N_K, N_C = 0, 4, 8
+N_TWICE, N_PATCH = 7, 11  # 2 if the partner moves, too; the patch that it presses, -1: none
+N_COLS = 12
+
+SAFE = 1.0 + 1e-9
+"""Factor on norms, so that rounding excludes no body, not even one that is as stiff as another."""
+
+
+@njit(**BARE)
+def stable_step(square, rate):
+    """Longest stable step, s, of oscillators x'' + rate x' + square x = 0; infinite without both.
+
+    Velocity Verlet with the velocity of the dashpot predicted from the force before: its amplification has the eigenvalue -1
+    where (omega dt)^2/4 + rate dt = 1.
+    """
+    return 2.0 / (rate + math.sqrt(rate * rate + square))
+
+
+@njit(**BARE)
+def approach(i, j, body, S, B, P, n_x, n_y, n_z, horizon):
+    """How much deeper a contact can get within the horizon (s), from its speed and the forces of now; never negative."""
+    b = body[i]
+    v = S[i, S_V] * n_x + S[i, S_V + 1] * n_y + S[i, S_V + 2] * n_z
+    a = (B[b, B_F] * n_x + B[b, B_F + 1] * n_y + B[b, B_F + 2] * n_z) / S[i, S_MASS]
+    if j >= 0:
+        b = body[j]
+        v -= S[j, S_V] * n_x + S[j, S_V + 1] * n_y + S[j, S_V + 2] * n_z
+        a -= (B[b, B_F] * n_x + B[b, B_F + 1] * n_y + B[b, B_F + 2] * n_z) / S[j, S_MASS]
+    elif j < -1:
+        p = -j - 2
+        v -= P[p, P_V] * n_z
+        a -= P[p, P_FREE] * (P[p, P_F] - P[p, P_LOAD]) / P[p, P_MASS] * n_z
+    # a contact that is being stopped is deepest when it stands still; no branch: nobody can foretell it
+    stop = -v / a
+    t = min(horizon, stop) if (a > 0.0) & (v < 0.0) else horizon
+    return max(-v * t - 0.5 * a * t * t, 0.0)
+
+
+@njit(**BARE)
+def keep_tile(m, first, told, answer, P, rows, patches):
+    """Write the stiffness of a tile of m contacts into their rows from `first` on, and add it to that of the patches."""
+    for t in range(m):
+        r = first + t
+        k_n, k_t, k_r = answer[t], answer[t + TILE], answer[t + 2 * TILE]
+        c_n, c_t, c_r = answer[t + 3 * TILE], answer[t + 4 * TILE], answer[t + 5 * TILE]
+        twice, p = rows[r, N_TWICE], np.int64(rows[r, N_PATCH])
+        if p >= 0:
+            patches[p, 0] += 2.0 * k_n / P[p, P_MASS]
+            patches[p, 1] += 2.0 * c_n / P[p, P_MASS]
+        store(rows, r, np.int64(N_K), spread(twice) * of(k_n - k_t, k_t, k_r, 0.0))
+        store(rows, r, np.int64(N_C), spread(twice) * of(c_n - c_t, c_t, c_r, 0.0))
+
+
+@njit(**BARE_CHUNK)
+def list_near(n_plates, n, own, partner, S, l_x, l_y, near, place):
+    """List the candidates with plates, and those between spheres that touch; returns how many. `place`: -1 for all."""
+    m, c_x, c_y = np.int64(n_plates), inverse(l_x), inverse(l_y)
+    for k in range(n_plates):
+        near[k], place[k] = k, -1
+    for p in range(n - n_plates):
+        k = p + n_plates
+        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
+        d_x, d_y, d_z = S[i, S_X] - S[j, S_X], S[i, S_Y] - S[j, S_Y], S[i, S_Z] - S[j, S_Z]
+        d_x, d_y = image(d_x, l_x, c_x), image(d_y, l_y, c_y)
+        reach = S[i, S_R] + S[j, S_R]
+        near[m], place[k] = k, -1
+        m += np.int64(d_x * d_x + d_y * d_y + d_z * d_z < reach * reach)
+    return m
+
+
+@njit(**BARE)
+def find_contacts(n, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, limit, stiffness, patches, told, answer,
+                  rows, place):  # fmt: skip
+    """Rows of the n candidates `near` that touch, or will within the horizon; their row of each candidate into `place`, or -1."""
+    m, first = np.int64(0), np.int64(0)
+    for e in range(n):
+        k = near[e]
+        overlap, n_x, n_y, n_z = separation(k, own, partner, S, P, l_x, l_y)
+        i, j = own[k], partner[k]
+        overlap = max(overlap, min(overlap + approach(i, j, body, S, B, P, n_x, n_y, n_z, horizon), limit * S[i, S_R]))
+        if overlap > 0.0:
+            radius, mass, twice, patch = S[i, S_R], S[i, S_MASS], 1.0, -1.0
+            if j >= 0:
+                radius, mass = radius * S[j, S_R] / (radius + S[j, S_R]), mass * S[j, S_MASS] / (mass + S[j, S_MASS])
+                twice = 2.0
+            elif j < -1 and P[-j - 2, P_FREE] != 0.0:
+                twice, patch = 2.0, float(-j - 2)
+            told[m + I_OVERLAP * TILE], told[m + I_RADIUS * TILE], told[m + I_MASS * TILE] = overlap, radius, mass
+            told[m + I_TYPE * TILE], told[m + I_VN * TILE] = kind[k], -1.0
+            r = first + m
+            place[k] = r
+            rows[r, N_N], rows[r, N_N + 1], rows[r, N_N + 2], rows[r, N_N + 3] = n_x, n_y, n_z, 0.0
+            rows[r, N_TWICE], rows[r, N_PATCH] = twice, patch
+            m += 1
+        if m == TILE or (e == n - 1 and m > 0):
+            stiffness(told, answer, m, pairs)
+            keep_tile(m, first, told, answer, P, rows, patches)
+            first += m
+            m = np.int64(0)
+
+
+@njit(**BARE)
+def total(v):
+    """Sum of the first three numbers of v."""
+    return lane(v, 0) + lane(v, 1) + lane(v, 2)
+
+
+@njit(**BARE)
+def shifted(v):
+    """The numbers y, z, x of v."""
+    return of(lane(v, 1), lane(v, 2), lane(v, 0), 0.0)
+
+
+@njit(**BARE)
+def levers(n, arm, reach):
+    """What the stiffness of a contact is a sum of: its normal is n, it acts at r = arm + reach n from the centre of mass.
+
+    Products of n and w = r x n: n n^T, w w^T, n w^T; and r^2 1 - r r^T, r. Symmetric ones: diagonal and yz, zx, xy; others:
+    diagonal, those, and zy, xz, yx.
+    """
+    r, w = with_last(arm + spread(reach) * n, n), crossed(arm, n)
+    n_1, w_1, r_1 = shifted(n), shifted(w), shifted(r)
+    n_2, w_2, r_2 = shifted(n_1), shifted(w_1), shifted(r_1)
+    rr = r * r
+    square = total(rr)
+    return (
+        n * n, n_1 * n_2, w * w, w_1 * w_2, n * w, n_1 * w_2, n_2 * w_1, of(square, square, square, 0.0) - rr, r_1 * r_2, r
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def added(s, k, g):
+    """The sum s and J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T), J = (1, -[r]x), of a contact with `levers` g: forces
+    per displacement, moments per turn, forces per turn; the third part resists all turns but those about n."""
+    d, t, r, one = splat(k, 0), splat(k, 1), splat(k, 2), of(1.0, 1.0, 1.0, 0.0)
+    return (
+        s[0] + (t * one + d * g[0]), s[1] + d * g[1],
+        s[2] + (t * g[7] + d * g[2] + r * (one - g[0])), s[3] + (d * g[3] - t * g[8] - r * g[1]),
+        s[4] + d * g[4], s[5] + (d * g[5] + t * g[9]), s[6] + (d * g[6] - t * g[9]),
+    )  # fmt: skip
+
+
+@njit(**BARE_CHUNK)
+def gathered(b, own, partner, edges, incidence, place, near, rows, S):
+    """Sums of stiffness and damping over the contacts of body b (`added`). near: room for a list of them."""
+    z, m = spread(0.0), np.int64(0)
+    for e in range(edges[b], edges[b + 1]):
+        near[m] = incidence[e]
+        m += place[incidence[e] >> 1] >= 0
+    K, C = (z, z, z, z, z, z, z), (z, z, z, z, z, z, z)
+    for e in range(m):
+        k, back = np.uint64(near[e] >> 1), near[e] & 1
+        i, r = np.uint64(partner[k] if back else own[k]), np.uint64(place[k])
+        g = levers(load(rows, r, np.int64(N_N)), arm_of(i, S), S[i, S_R] * (2.0 * back - 1.0))
+        K, C = added(K, load(rows, r, np.int64(N_K)), g), added(C, load(rows, r, np.int64(N_C)), g)
+    return K, C
+
+
+@njit(**BARE)
+def ceiling(s, u, v):
+    """No less than `eigenvalue` of a sum over a mass 1/u and moments of inertia 1/v, or over larger ones.
+
+    From the trace t and the Frobenius norm f: eigenvalues do not exceed l = t/6 + (5/6 (f^2 - t^2/6))^(1/2) (Wolkowicz and Styan
+    1980, theorem 2.1), so their powers sum to t l^15 at most; its root is concave in t, hence below its tangent at 3 l.
+    """
+    two = spread(2.0)
+    forces, moments = s[0] * s[0] + two * s[1] * s[1], s[2] * s[2] + two * s[3] * s[3]
+    both = s[4] * s[4] + s[5] * s[5] + s[6] * s[6]
+    square = total(spread(u * u) * forces + spread(2.0 * u * v) * both + spread(v * v) * moments)
+    trace = total(spread(u) * s[0] + spread(v) * s[2])
+    largest = trace / 6.0 + math.sqrt(max(square - trace * trace / 6.0, 0.0) * (5.0 / 6.0))
+    return SAFE * min(math.sqrt(square), 3.0 ** (1.0 / 16.0) * (45.0 * largest + trace) / 48.0)
+
+
+@njit(**BARE)
+def symmetric(s, o):
+    """Rows of a symmetric matrix from its diagonal and yz, zx, xy."""
+    return (
+        of(lane(s, 0), lane(o, 2), lane(o, 1), 0.0), of(lane(o, 2), lane(s, 1), lane(o, 0), 0.0),
+        of(lane(o, 1), lane(o, 0), lane(s, 2), 0.0),
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def times(v, X):
+    """The row v times the matrix of rows X."""
+    return splat(v, 0) * X[0] + splat(v, 1) * X[1] + splat(v, 2) * X[2]
+
+
+@njit(**BARE)
+def frame(b, B, E):
+    """Rows of the matrix that turns moments and turns of body b into its own axes and divides them by the roots of its moments of
+    inertia."""
+    q = matrix(B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
+    i = of(1.0 / math.sqrt(E[b, E_I]), 1.0 / math.sqrt(E[b, E_I + 1]), 1.0 / math.sqrt(E[b, E_I + 2]), 0.0)
+    return of(q[0], q[1], q[2], 0.0) * i, of(q[3], q[4], q[5], 0.0) * i, of(q[6], q[7], q[8], 0.0) * i
+
+
+@njit(**BARE)
+def write(M, row, left, right, scale):
+    """A row of a matrix of six, scaled; columns 3 and 7 are void."""
+    store(M, np.int64(row), np.int64(0), spread(scale) * left)
+    store(M, np.int64(row), np.int64(4), spread(scale) * right)
+
+
+@njit(**BARE_CHUNK)
+def normalise(s, mass, X, M):
+    """Write a sum into M (6, 8), divided by mass and inertias (X: `frame`) and then by its trace; returns the traces of its
+    translations and rotations."""
+    z, root, d, up, low = spread(0.0), spread(1.0 / math.sqrt(mass)), s[4], s[5], s[6]
+    A, D, Y = symmetric(s[0], s[1]), symmetric(s[2], s[3]), transposed(X[0], X[1], X[2], z)
+    x = root * times(of(lane(d, 0), lane(up, 2), lane(low, 1), 0.0), X)
+    y = root * times(of(lane(low, 2), lane(d, 1), lane(up, 0), 0.0), X)
+    w = root * times(of(lane(up, 1), lane(low, 0), lane(d, 2), 0.0), X)
+    D = times(D[0], X), times(D[1], X), times(D[2], X)
+    D = times(Y[0], D), times(Y[1], D), times(Y[2], D)
+    along, around = total(s[0]) / mass, lane(D[0], 0) + lane(D[1], 1) + lane(D[2], 2)
+    scale, u, T = 1.0 / max(along + around, 1e-300), spread(1.0 / mass), transposed(x, y, w, z)
+    write(M, 0, u * A[0], x, scale)
+    write(M, 1, u * A[1], y, scale)
+    write(M, 2, u * A[2], w, scale)
+    write(M, 3, T[0], D[0], scale)
+    write(M, 4, T[1], D[1], scale)
+    write(M, 5, T[2], D[2], scale)
+    return along, around
+
+
+@njit(**BARE_CHUNK)
+def squared(M, to):
+    """Write the square of M into `to`; returns the sum of the squares of its numbers, which is the trace of M^4."""
+    size = spread(0.0)
+    for p in range(6):
+        left, right = spread(0.0), spread(0.0)
+        for r in range(6):
+            x = spread(M[p, r + (r > 2)])
+            left, right = left + x * load(M, r, np.int64(0)), right + x * load(M, r, np.int64(4))
+        store(to, p, np.int64(0), left)
+        store(to, p, np.int64(4), right)
+        size = size + (left * left + right * right)
+    return total(size)
+
+
+@njit(**BARE)
+def eigenvalue(M, square):
+    """An upper bound of the largest eigenvalue of a positive semidefinite matrix, at most 12 % high: tr(M^16)^(1/16).
+    `square`: of M; both are scratch."""
+    squared(square, M)
+    return squared(M, square) ** (1.0 / 16.0)
+
+
+@njit(**BARE_CHUNK)
+def examine(b, sums, B, E, room, m, number, bodies, shortest):
+    """Row m of `bodies` for body b, if it can have the `shortest` steps, by frequency and by both; returns how many rows there
+    are then, and the shortest steps."""
+    by_frequency, by_both = shortest
+    X, mass, K, K_2, C, C_2 = frame(b, B, E), B[b, B_MASS], room[0], room[1], room[2], room[3]
+    along, around = normalise(sums[0], mass, X, K)
+    c_along, c_around = normalise(sums[1], mass, X, C)
+    scale, c_scale = along + around, c_along + c_around
+    most, worst = SAFE * scale * squared(K, K_2) ** 0.25, SAFE * c_scale * squared(C, C_2) ** 0.25  # from traces of fourth powers
+    if stable_step(most, 0.0) > by_frequency and stable_step(most, worst) > by_both:
+        return m, by_frequency, by_both
+    every, rate = scale * eigenvalue(K, K_2), c_scale * eigenvalue(C, C_2)
+    number[m], bodies[m, 0], bodies[m, 1] = b, along, around
+    bodies[m, 2], bodies[m, 3] = stable_step(every, 0.0), stable_step(every, rate)
+    return m + 1, min(by_frequency, bodies[m, 2]), min(by_both, bodies[m, 3])
+
+
+@njit(**BARE)
+def judge_patches(P, patches):
+    """Add the springs to the stiffness of the patches, and write their steps."""
+    plate = P.shape[0] - 1
+    for p in range(plate):
+        patches[p, 0] += 2.0 * P[p, P_SPRING] / P[p, P_MASS]
+        patches[plate, 0] += 2.0 * P[p, P_SPRING] / P[plate, P_MASS] * P[plate, P_FREE]
+    for p in range(plate + 1):
+        patches[p, 2], patches[p, 3] = stable_step(patches[p, 0], 0.0), stable_step(patches[p, 0], patches[p, 1])
+
+
+_F3, _F2, _F1 = (types.Array(types.float64, n, "C") for n in (3, 2, 1))
+_I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
+stiffness_at = pointed(LAW)
+STIFFNESS = types.int64(
+    types.int64, types.int64, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F1, types.float64, types.float64,
+    types.float64, types.float64, types.int64, _F2, _I1, _F2, _F1, _F1, _F2, _S1, _S1, _F2, _F3
+)  # fmt: skip
+
+
+@njit(STIFFNESS, **DIRECT, **NO_COUNTS)
+def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body, S, B, E, P, pairs, l_x, l_y, horizon, limit,
+                   stiffness, patches, number, bodies, told, answer, rows, near, place, least, room):  # fmt: skip
+    """The longest stable steps, all bounds from below, of the patches and of those bodies that may have the shortest.
+
+    `bodies` (m, 4): squared frequencies (traces) of translation and of rotation only, 1/s^2; longest step by the frequency alone
+    and by the damping rate, too, s; of the m bodies `number`, in order. Returns m, at least 1. `patches` (n, 4), zero at first:
+    squared frequency, 1/s^2, and damping rate, 1/s, and the same steps.
+    Contacts are taken as deep as they can get within the `horizon` (s), but no new depth beyond `limit` times the radius.
+    `stiffness` comes as an address.
+    A contact between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
+    """
+    law = stiffness_at(stiffness)
+    m = list_near(n_plates, n, own, partner, S, l_x, l_y, near, place)
+    find_contacts(m, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, limit, law, patches, told, answer,
+                  rows, place)  # fmt: skip
+    judge_patches(P, patches)
+    first, by_frequency, by_both = (np.int64(0), np.int64(0)), np.inf, np.inf
+    many = np.int64(B.shape[0]) if n > 0 else np.int64(0)
+    for b in range(many):
+        K, C = gathered(b, own, partner, edges, incidence, place, near, rows, S)
+        u, v = 1.0 / B[b, B_MASS], 1.0 / min(E[b, E_I], E[b, E_I + 1], E[b, E_I + 2])
+        most = ceiling(K, u, v)
+        least[b, 0], least[b, 1] = stable_step(most, 0.0), stable_step(most, ceiling(C, u, v))
+        if least[b, 0] < by_frequency:
+            first, by_frequency = (np.int64(b), first[1]), least[b, 0]
+        if least[b, 1] < by_both:
+            first, by_both = (first[0], np.int64(b)), least[b, 1]
+    number[0], bodies[0, 0], bodies[0, 1], bodies[0, 2], bodies[0, 3] = 0, 0.0, 0.0, np.inf, np.inf
+    m, by_frequency, by_both = np.int64(0), np.inf, np.inf
+    for t in range(many + 2 if many > 0 else 0):
+        one = first[t] if t < 2 else np.int64(t - 2)
+        # so put that what is not a number comes through
+        if least[one, 1] != np.inf and not (least[one, 0] > by_frequency and least[one, 1] > by_both):
+            sums = gathered(one, own, partner, edges, incidence, place, near, rows, S)
+            found, by_frequency, by_both = examine(one, sums, B, E, room, m, number, bodies, (by_frequency, by_both))
+            if t > 1:  # the first two come again in their place
+                m = found
+    return max(m, 1)
+
+
+def scratch(n_bodies, n_slots):
+    """Room for `shortest_steps`, made here since each array made there would be compiled for 0.1 s: `number`, `bodies` and what
+    follows. Only what is used is ever touched."""
+    return (
+        np.empty(n_bodies, np.int64), np.empty((n_bodies, 4)), np.zeros((I_HISTORY + 1) * TILE), np.empty(6 * TILE),
+        np.empty((n_slots, N_COLS)), np.empty(n_slots + 1, np.int32), np.empty(n_slots, np.int32), np.empty((n_bodies, 2)),
+        np.empty((4, 6, 8)),
+    )  # fmt: skip

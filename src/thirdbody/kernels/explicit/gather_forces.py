@@ -1,0 +1,66 @@
+"""The forces that contacts of other groups left for a body, and the closing half kick."""
+
+import numpy as np
+from numba import njit
+
+from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.jit.simd import AHEAD, above, fetch, lane, load, of, splat, spread, store, with_last
+from thirdbody.kernels.explicit.contact_forces import push_body
+from thirdbody.kernels.layout import B_F, B_T, B_V, B_W, E_EF, E_ET, E_L, F_F, F_T  # fmt: skip
+from thirdbody.kernels.rigid_body import BODIES, GUESTS, MOVE_POWER, RESTING_MOMENTUM, RESTING_SPEED, RESTING_SPIN, spin_body
+
+
+@njit(**BARE)
+def kick_body(b, B, E, force, torque, dt):
+    """Half kick of body b by a force and a torque, fours whose last number is something else."""
+    v, w, half, none = load(B, b, B_V), load(B, b, B_W), 0.5 * dt, spread(0.0)
+    turning = lane(w, 3)  # the moment of inertia of a ball
+    share = spread(half) / of(lane(v, 3), turning, 1.0, 1.0)
+    push, turn = with_last(force, none), with_last(torque, none)
+    store(B, b, B_V, above(v + splat(share, 0) * push, RESTING_SPEED))
+    if turning != 0.0:
+        store(B, b, B_W, above(w + splat(share, 1) * turn, RESTING_SPIN))
+    else:
+        store(E, b, E_L, above(load(E, b, E_L) + spread(half) * turn, RESTING_MOMENTUM))
+
+
+@njit(**BARE_CHUNK)
+def act(c, first, last, B, E, dt, time, effects, effect_parameters, moves):
+    """Body effects on the bodies of chunk c, which see velocities at the end of the step."""
+    effects(B, E, first, last, time, dt, effect_parameters)
+    for b in range(first, last):
+        kick_body(b, B, E, load(E, b, E_EF), load(E, b, E_ET), dt)
+        spin_body(b, B, E)
+        for k in range(3):
+            B[b, B_F + k] += E[b, E_EF + k]
+            B[b, B_T + k] += E[b, E_ET + k]
+            moves[c, MOVE_POWER] += E[b, E_EF + k] * B[b, B_V + k] + E[b, E_ET + k] * B[b, B_W + k]
+
+
+@njit(**BARE)
+def collect(first, last, guests, F, B):
+    """Add what the contacts of other groups did to their partners, rows first to last of F, in that order."""
+    for f in range(first, last):
+        fetch(B, np.uint64(guests[min(f + AHEAD, last - 1)]), np.int64(B_F))
+        push_body(np.uint64(guests[f]), B, load(F, f, F_F), load(F, f, F_T))
+
+
+@njit(**BARE_CHUNK)
+def gather_chunk(c, cuts, guests, F, B, E, dt, time, effects, effect_parameters, has_effects, record, moves):
+    """Forces on the bodies of chunk c. Their closing half kick, and their spins, only where somebody looks (`record`) or acts on
+    them: elsewhere the drift of the next step makes it, which has the forces at hand."""
+    first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
+    collect(cuts[GUESTS, c], cuts[GUESTS, c + 1], guests, F, B)
+    moves[c, MOVE_POWER] = 0.0
+    if has_effects or record:
+        close(first, last, B, E, dt)
+    if has_effects:
+        act(c, first, last, B, E, dt, time, effects, effect_parameters, moves)
+
+
+@njit(**BARE_CHUNK)
+def close(first, last, B, E, dt):
+    """Closing half kick of bodies, and their spins."""
+    for b in range(first, last):
+        kick_body(b, B, E, load(B, b, B_F), load(B, b, B_T), dt)
+        spin_body(b, B, E)

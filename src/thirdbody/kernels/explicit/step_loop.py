@@ -1,0 +1,235 @@
+"""The step loop: velocity Verlet of bodies and plate patches, many steps in one compiled call.
+
+It returns to Python only for events: a target reached, a new search, a new time step, a guard.
+"""
+
+import numpy as np
+from numba import njit, prange, types
+
+from thirdbody.jit.function_pointers import pointed
+from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
+from thirdbody.jit.packed_arguments import known
+from thirdbody.jit.simd import lane, load, spread
+from thirdbody.kernels.clock import pass_time
+from thirdbody.kernels.explicit.contact_forces import (
+    SUM_BAD,
+    SUM_DAMPED,
+    SUM_LOW,
+    SUM_OVERLAP,
+    SUM_SLOT,
+    SUM_STORED_N,
+    SUM_STORED_T,
+    SUM_UP,
+    SUM_WORK,
+)
+from thirdbody.kernels.explicit.gather_forces import close
+from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patches, kick_patches, load_patches, patch_power
+from thirdbody.kernels.layout import (
+    A_DAMPING,
+    A_DISTANCE,
+    A_DX,
+    A_DY,
+    A_EFFECTS,
+    A_ELAPSED,
+    A_FAR,
+    A_FRICTION,
+    A_IMPULSE,
+    A_IMPULSE_LOW,
+    A_LOWER,
+    A_PLATE_ABS,
+    A_PLATE_WORK,
+    A_POWER_EFFECTS,
+    A_POWER_LOAD,
+    A_POWER_PATCH,
+    A_STEPS,
+    A_STORED_N,
+    A_STORED_T,
+    A_TIME,
+    A_UPPER,
+    D_GUARD_OVERLAP,
+    D_GUARD_TRAVEL,
+    D_SKIN,
+)
+from thirdbody.kernels.rigid_body import MOVE_BAD, MOVE_BODY, MOVE_OUT, MOVE_POWER, MOVE_STEP, MOVE_WAY, farthest
+from thirdbody.kernels.schedule import X, Y, mean_rate
+from thirdbody.kernels.signatures import EARLY, KINDS, LATE, LOOK, WORK, Context
+
+DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT, RECORD = range(9)
+"""Why `advance` returned."""
+
+NEARLY = 1.000001
+"""A target that is missed by rounding only is reached: the run must not add a step for it."""
+
+SHARES = 2
+"""Parts of a pass per thread: one that is held up leaves its last part to others."""
+
+FEW = 2
+"""Groups below which one thread does it alone: some 100 us of work. To wake the others takes 5 us, and milliseconds where
+something else holds their cores."""
+
+
+@njit(**BARE)
+def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
+    """Add the step to the energy ledger, to impulses and distances, in a fixed order.
+
+    Contacts give energies; other powers are integrated by the trapezoidal rule.
+    In an observed step (`record`) also sum the energy that contacts store.
+    """
+    work, damped = 0.0, 0.0
+    for c in range(sums.shape[0]):
+        work += sums[c, SUM_WORK]
+        damped += sums[c, SUM_DAMPED]
+    upper, lower, effects = spread(0.0), spread(0.0), 0.0
+    for c in range(sums.shape[0]):
+        upper, lower = upper - load(sums, c, SUM_UP), lower - load(sums, c, SUM_LOW)
+    for c in range(moves.shape[0]):
+        effects += moves[c, MOVE_POWER]
+    half = 0.5 * dt
+    A[A_FRICTION] += work
+    A[A_DAMPING] += damped + half * (A[A_POWER_PATCH] + patch_damping)
+    A[A_EFFECTS] += half * (A[A_POWER_EFFECTS] + effects)
+    drag = -half * ((A[A_UPPER] + lane(upper, 0)) * v_x + (A[A_UPPER + 1] + lane(upper, 1)) * v_y)
+    plate = drag + half * (A[A_POWER_LOAD] + lifted)
+    A[A_PLATE_WORK] += plate
+    A[A_PLATE_ABS] += abs(plate)
+    up, low = (lane(upper, 0), lane(upper, 1), lane(upper, 2)), (lane(lower, 0), lane(lower, 1), lane(lower, 2))
+    for k in range(3):
+        A[A_IMPULSE + k] += half * (A[A_UPPER + k] + up[k])
+        A[A_IMPULSE_LOW + k] += half * (A[A_LOWER + k] + low[k])
+        A[A_UPPER + k], A[A_LOWER + k] = up[k], low[k]
+    A[A_POWER_PATCH], A[A_POWER_EFFECTS], A[A_POWER_LOAD] = patch_damping, effects, lifted
+    pass_time(A, dt, v_x, v_y)
+    if record:
+        A[A_STORED_N] = A[A_STORED_T] = 0.0
+        for c in range(sums.shape[0]):
+            A[A_STORED_N] += sums[c, SUM_STORED_N]
+            A[A_STORED_T] += sums[c, SUM_STORED_T]
+
+
+@njit(**BARE)
+def guard(D, sums, moves):
+    """(code, number) of the first guard that trips, or (DONE, -1)."""
+    for g in range(moves.shape[0]):
+        if moves[g, MOVE_BAD] > 0.0:
+            return BAD_BODY, np.int64(moves[g, MOVE_BAD]) - 1
+    for c in range(sums.shape[0]):
+        if sums[c, SUM_BAD] > 0.0:
+            return BAD_CONTACT, np.int64(sums[c, SUM_BAD]) - 1
+    for c in range(sums.shape[0]):
+        if sums[c, SUM_OVERLAP] > D[D_GUARD_OVERLAP]:
+            return OVERLAP, np.int64(sums[c, SUM_SLOT])
+    for g in range(moves.shape[0]):
+        if moves[g, MOVE_OUT] > 0.0:
+            return LEFT, np.int64(moves[g, MOVE_OUT]) - 1
+        if moves[g, MOVE_STEP] > D[D_GUARD_TRAVEL]:
+            return TRAVEL, np.int64(moves[g, MOVE_BODY])
+    return DONE, -1
+
+
+@njit(**BARE)
+def reached(far, way, far_patch, skin):
+    """Whether two things could have covered the skin between them by the end of the next step (10 % for acceleration)."""
+    return 1.1 * (far + way + max(far + way, far_patch)) > 0.9 * skin
+
+
+@njit(**BARE)
+def search_due(A, X0, B, E, moves, far_patch, skin):
+    """Whether a search must come before the next step. How far the bodies are is measured only where it could matter."""
+    way = 0.0
+    for c in range(moves.shape[0]):
+        way = max(way, moves[c, MOVE_WAY])
+    A[A_FAR] += way
+    if reached(A[A_FAR], way, far_patch, skin):
+        A[A_FAR] = farthest(X0, B, E)
+        return reached(A[A_FAR], way, far_patch, skin)
+    return False
+
+
+@njit(**BARE)
+def pushed(sums):
+    """Upward force of all debris on the upper plate, N."""
+    push = 0.0
+    for c in range(sums.shape[0]):
+        push -= sums[c, SUM_UP + 2]
+    return push
+
+
+context_of, work_at = known(KINDS, Context), pointed(WORK)
+
+_F2, _I1, _I = types.Array(types.float64, 2, "C"), types.Array(types.int64, 1, "C"), types.int64
+ADVANCE = types.Tuple((_I, _I))(
+    _I, types.float64, types.float64, types.float64, _I, _I1,  # budget, targets of time and distance, dt, threads; context
+    _F2, _I1, _F2, _I1, _I, types.boolean,  # X0, patch; schedule, first; stride, labels
+)  # fmt: skip
+
+
+@njit(**CHUNK_OF_THREADS)
+def share_out(parts, task, count, number, record, time, v_x, v_y, dt, left, context, work):
+    """The groups of one pass in as many parts, on all threads."""
+    for p in prange(parts):
+        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, number, record, time, v_x, v_y, dt, left, context)
+
+
+@njit(**BARE_CHUNK)
+def run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
+    """The steps of `advance`; also returns whether the last one left its closing kick to the next (1, else 0)."""
+    k = context_of(context)
+    P, D, A, sums, moves = k.P, k.D, k.A, k.sums, k.moves
+    work = work_at(k.work)
+    groups = k.lowest.shape[0]
+    parts = min(groups, SHARES * threads) if threads > 1 and groups >= FEW else 1
+    whole = parts == 1 or k.guests.shape[0] == 0
+    k.moved[:] = 0
+    left = 0.0
+    for step in range(budget):
+        v_x = mean_rate(schedule, first, np.int64(X), A[A_TIME], dt)
+        v_y = mean_rate(schedule, first, np.int64(Y), A[A_TIME], dt)
+        speed = (v_x * v_x + v_y * v_y) ** 0.5
+        last = A[A_TIME] + NEARLY * dt >= until or A[A_DISTANCE] + NEARLY * speed * dt >= distance
+        if last and k.R.shape[0] < k.own.shape[0]:
+            return RECORD, -1, left
+        sampled = labels and (np.int64(A[A_STEPS]) + 1) % stride == 0
+        record = sampled or last or step == budget - 1
+        time = A[A_TIME] + dt
+        drive_patches(P, schedule, first, A[A_TIME], dt)
+        far_patch = drift_patches(P, dt)
+        for task in range(EARLY, LOOK + 1):
+            if task == LOOK:
+                load_patches(P, schedule, first, time)
+                lifted, damping = kick_patches(P, k.E, patch, pushed(sums), dt)
+                account(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping, record)
+            if (task == LOOK and not sampled) or (whole and (task == EARLY or task == LATE)):
+                continue
+            number = np.int64(step + 1)
+            if parts == 1:
+                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), number, record, time, v_x, v_y, dt, left,
+                     context)  # fmt: skip
+            else:
+                share_out(np.int64(parts), np.int64(task), np.int64(groups), number, record, time, v_x, v_y, dt, left, context,
+                          work)  # fmt: skip
+        left = 0.0 if record or k.has_effects != 0 else 1.0
+        if sampled:
+            A[A_ELAPSED], A[A_DX], A[A_DY] = 0.0, 0.0, 0.0
+        code, who = guard(D, sums, moves)
+        if code != DONE:
+            return code, who, left
+        due = search_due(A, X0, k.B, k.E, moves, far_patch, D[D_SKIN])
+        if last:
+            return DONE, np.int64(due), left
+        if due:
+            return SEARCH, 1, left
+    return BUDGET, -1, left
+
+
+@njit(ADVANCE, **DIRECT, **NO_COUNTS)
+def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
+    """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
+
+    `context` tells of the step's `Context`. Returns the code and the slot or body that a guard names, or whether a search is due;
+    before a step that reaches its target RECORD, if there is no table for its records. State is synchronised on return.
+    """
+    k = context_of(context)
+    code, who, left = run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels)
+    if left != 0.0:
+        close(np.int64(0), np.int64(k.B.shape[0]), k.B, k.E, dt)
+    return code, who

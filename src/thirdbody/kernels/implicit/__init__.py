@@ -1,0 +1,1 @@
+"""Kernels of the implicit integrator (BDF2 with Newton's method)."""

@@ -1,0 +1,214 @@
+"""BDF2, body by body: every body between the first bodies takes steps of its own to a common time.
+
+A step is tried, cut when Newton's method or the error asks for it, and grows again. The error is measured in parts of the radius
+of the largest contact; so steps are short where a spot starts to slip or a body tips, and long where it slides or rolls on. No
+step passes a corner of the driven motion. BDF2 damps what is faster than the step, as backward Euler does, and is of second
+order: at 1 m/s, where inertia decides how fast a body slides, the same error costs a tenth of the steps.
+
+The group `work` is a workspace for one body: I, O, K, G, slots, before (`residual`); y, r, x, tried, J (`newton`), told (E_*),
+sums
+of the law's answers, what a labeller sees of a body and of its contacts.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange, types
+
+from thirdbody.jit.options import CHUNK, INNER, OPTIONS
+from thirdbody.kernels.explicit.contact_forces import SUM_COLS
+from thirdbody.kernels.implicit.friction_work import LEAST, work_error
+from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton
+from thirdbody.kernels.implicit.residual import E_COLS, FREEDOMS, TURN, Z_ARM, Z_COLS, Z_PLATE, Z_PLATE_RISE, begin
+from thirdbody.kernels.implicit.step_control import (
+    GOING,
+    NEARLY,
+    TOO_MANY,
+    UNSOLVED,
+    V_DEEP,
+    V_INERTIAL,
+    V_SHORTEST,
+    V_WORK,
+    advance_clock,
+    at_corner,
+    error_of,
+    formula,
+    gaps,
+    guess,
+    look,
+    next_length,
+    next_try,
+    plate_velocity,
+    rotation_of,
+    shorter,
+    stay,
+    stopped,
+    stretch,
+    take,
+)
+from thirdbody.kernels.implicit.step_limits import lands, why_cut
+from thirdbody.kernels.layout import (
+    A_TIME,
+    B_MASS,
+    G_COLS,
+    I_HISTORY,
+    J_COLS,
+    K_ROLLING_COLS,
+    O_COLS,
+    O_HISTORY,
+    P_FREE,
+    P_LOAD,
+    P_LOAD0,
+    P_SPRING,
+    P_Z,
+    Q_COLS,
+    T_CODE,
+    T_DT,
+    T_ITERATIONS,
+    T_LAST,
+    T_SLOT,
+    T_TRIES,
+    TILE,
+)
+from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, segment, value, value_of
+from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
+
+BODIES = 8
+"""Bodies per chunk: one workspace each, small enough to share the work of a few bodies among cores."""
+
+
+@njit(**CHUNK)
+def workspace(n_history, width, most):
+    """The group `work`."""
+    tile = np.empty((I_HISTORY + n_history + J_COLS) * TILE)
+    answer = np.empty((O_HISTORY + n_history + Q_COLS) * TILE)
+    return (
+        tile, answer, np.empty(K_ROLLING_COLS * TILE), np.empty(G_COLS * TILE), np.zeros(TILE, np.int64), np.zeros(most),
+        np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.empty((FREEDOMS, FREEDOMS)),
+        np.zeros(E_COLS), np.zeros((1, SUM_COLS)), np.zeros(O_COLS), np.empty((most, width)),
+    )  # fmt: skip
+
+
+@njit(**INNER)
+def prescribed(p, P, t, dt, schedule, first, Z):
+    """Rise of the patch over the step if its height is prescribed; notes the height of the plate that it is sprung to."""
+    driven = first[GAP + 1] > first[GAP]
+    rise = mean_rate(schedule, first, np.int64(GAP), t, dt) * dt if driven else 0.0
+    if P[p, P_SPRING] != 0.0:
+        Z[Z_PLATE] = value(schedule, first, np.int64(GAP), t + dt) if driven else P[P.shape[0] - 1, P_Z]
+        Z[Z_PLATE_RISE] = rise
+    return 0.0 if P[p, P_FREE] != 0.0 else rise
+
+
+@njit(**INNER)
+def loaded(p, P, t, dt, schedule, first):
+    """The load of the patch at the end of a step that passes no corner, if a schedule changes it."""
+    if first[LOAD + 1] > first[LOAD] and P[p, P_LOAD0] != 0.0:
+        P[p, P_LOAD] = P[p, P_LOAD0] * value_of(schedule, segment(schedule, first, np.int64(LOAD), t), t + dt)
+
+
+@njit(**INNER)
+def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents, effects,
+         observe):  # fmt: skip
+    """One step of body b, cut until it is good; a body that cannot go on gets its code."""
+    (_, B, P, _, _, _), y, told = state, work[6], work[11]
+    begin(b, p, shape, state, Z)
+    gaps(b, spots, state, work[5])
+    time = W[A_TIME]
+    end = stretch(time, schedule, first, until)
+    if end - time < V[V_SHORTEST]:
+        # a stop that misses a corner by rounding: no step is that short
+        W[A_TIME], T[T_LAST] = end, 0.0
+        return
+    (dt, limit), asked, cuts = next_length(T, W, V, schedule, first, end), T[T_DT], 0
+    while True:
+        whole = dt >= NEARLY * (end - time)
+        dt = end - time if whole else dt
+        v_x, v_y = plate_velocity(schedule, first, time, dt)
+        formula(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, B[b, B_MASS], T, Z, V)
+        loaded(p, P, time, dt, schedule, first)
+        guess(p, y, dt, Z, P, prescribed(p, P, time, dt, schedule, first, Z))
+        how, m, iterations = newton(
+            b,
+            p,
+            dt,
+            V[V_DEEP],
+            time + dt,
+            V[V_INERTIAL],
+            v_x,
+            v_y,
+            spots,
+            shape,
+            state,
+            known,
+            work,
+            Z,
+            T,
+            law,
+            tangents,
+            effects,
+        )
+        T[T_TRIES] += 1.0
+        T[T_ITERATIONS] += iterations
+        error, turn = error_of(b, p, dt, Z, T, B, P, told, V), rotation_of(y, Z)
+        if how == FOUND and V[V_INERTIAL] != 0.0 and dt > LEAST * V[V_SHORTEST]:
+            error = max(error, work_error(b, m, dt, v_x, v_y, V[V_WORK], Z[Z_ARM], spots, state, known, work, T))
+        if how == FOUND and error <= 1.0 and turn <= TURN:
+            break
+        cuts += 1
+        limit = why_cut(lands(b, m, spots, work), how == FOUND, error, turn)
+        dt *= shorter(how == FOUND, error, turn)
+        if how == CROWDED or dt < V[V_SHORTEST]:
+            T[T_CODE] = TOO_MANY if how == CROWDED else UNSOLVED
+            stay(b, p, Z, T, shape, state)
+            return
+    take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, False)
+    advance_clock(W, dt, end, whole, v_x, v_y)
+    if whole and at_corner(time, end, schedule, first):
+        T[T_LAST] = 0.0  # what was learnt before a corner says nothing
+    next_try(T, W, V, dt, asked, error, iterations, cuts, limit)
+    if known[6]:
+        look(b, spots, state, M, W, known, drag, observe, work[13], work[14])
+    T[T_CODE], T[T_SLOT] = stopped(b, told, B, D)
+
+
+@njit(**CHUNK)
+def march_chunk(low, high, until, tries, spots, shape, state, known, most, M, D, V, totals, memory, schedule, first, drag, law,
+                tangents, effects, observe):  # fmt: skip
+    """The bodies from low to high, one after the other, in one workspace."""
+    work, Z, patch = workspace(known[2], known[4], most), np.zeros(Z_COLS), shape[2]
+    for b in range(low, high):
+        T, W = memory[b], totals[b]
+        last = T[T_TRIES] + tries
+        while T[T_CODE] == GOING and W[A_TIME] < until and T[T_TRIES] < last:
+            step(b, patch[b], until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents,
+                 effects, observe)  # fmt: skip
+
+
+_F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
+_I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
+SPOTS = types.UniTuple(_S1, 5)
+SHAPE = types.Tuple((_I1, _I1, _I1, _F2))
+STATE = types.UniTuple(_F2, 6)
+KNOWN = types.Tuple((_F1, _F1, *(types.int64,) * 3, types.boolean, types.boolean, *(types.int64,) * 3))
+MARCH = types.void(
+    types.int64, types.int64, types.float64, types.float64,  # first and last body, time to reach, most tries of a body
+    SPOTS, SHAPE, STATE, KNOWN, types.int64,  # ... most slots of a body
+    _F2, _F1, _F1, _F2, _F2,  # M, D, V, totals, memory
+    _F2, _I1, types.UniTuple(types.float64, 2),  # schedule, first; drag direction
+    types.FunctionType(LAW), types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE),
+)  # fmt: skip
+
+
+@njit(MARCH, parallel=True, **OPTIONS)
+def march(low, high, until, tries, spots, shape, state, known, most, M, D, V, totals, memory, schedule, first, drag, law,
+          tangents, effects, observe):  # fmt: skip
+    """Bring the bodies from `low` to `high` (excluded) to the time `until`, each by steps of its own.
+
+    A body that has tried its last step of this call (`tries`) waits for the next one, which goes on with the same bits. A body
+    that was stopped carries its code in `memory` (T_CODE) and stays at the end of its last step.
+    """
+    for c in prange((high - low + BODIES - 1) // BODIES):
+        begin_at = low + c * BODIES
+        march_chunk(begin_at, min(begin_at + BODIES, high), until, tries, spots, shape, state, known, most, M, D, V, totals,
+                    memory, schedule, first, drag, law, tangents, effects, observe)  # fmt: skip

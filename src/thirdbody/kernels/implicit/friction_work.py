@@ -1,0 +1,137 @@
+"""Friction work of a body in an implicit step: of contacts that open within it, and the error of all of it.
+
+A body that rolls rubs only while a load goes from one spot to the next: over some nanometres, with a work far below that of a
+body that slides, and below what the error of its place tells. So the length of a step also follows an error of energy.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from thirdbody.jit.options import INNER
+from thirdbody.kernels.layout import (
+    B_MASS,
+    B_V,
+    B_W,
+    B_WORK,
+    H_E,
+    H_LAW,
+    H_ON,
+    I_HISTORY,
+    I_OVERLAP,
+    I_SX,
+    I_SY,
+    O_CRITICAL,
+    O_FN,
+    O_HISTORY,
+    O_LIMIT,
+    O_LOST,
+    O_STORED_T,
+    O_TX,
+    O_TY,
+    S_R,
+    S_U,
+    S_W,
+    T_ENERGY,
+    TILE,
+)
+from thirdbody.kernels.narrow_phase import separation
+
+FLOOR = 0.02
+"""Friction work, in parts of limit times critical displacement of all spots, below which its error is no longer judged by the
+work itself: a tenth of what one change of the loaded spots takes."""
+
+LEAST = 1e5
+"""No step is cut for this error below so many shortest steps."""
+
+GROWN = 0.75
+"""Error of the tangential force of a spot whose patch changes by a share of its radius within the step, over that share times
+limit times slip over critical displacement: laws take the stiffness 2 G* a at the end of the step, 1.5 limit/critical; the mean
+would be nearer by half the change."""
+
+CALM = 0.01
+"""Share of the work of tangential forces that dashpots may take in a step after a corner that counts as one without jump."""
+
+
+@njit(**INNER)
+def weight_of_old(m, dt, last, power, work):
+    """Weight of the force at the start of a step in the work of the plate and of friction: a half, but 0 after a corner of the
+    motion (`last` 0) where dashpots take more than a share (CALM) of what springs and friction take: with the velocity their
+    forces jump. `power`: of the dashpots of m staged spots, W."""
+    I, O, taken = work[0], work[1], 0.0  # noqa: E741
+    for q in range(m):
+        taken += abs(O[O_TX * TILE + q] * I[I_SX * TILE + q]) + abs(O[O_TY * TILE + q] * I[I_SY * TILE + q])
+    return 0.5 if last > 0.0 or power * dt <= CALM * taken else 0.0
+
+
+@njit(**INNER)
+def dragged_off(k, before, dt, v_x, v_y, spots, state, force):
+    """Work, J, that the spring force of slot k, which opened within the step, takes from the slip until then: it falls to zero.
+
+    `before`: its overlap as the step began; `force`: place of the force in the history.
+    """
+    own, partner = spots[0], spots[1]
+    S, P, H = state[0], state[2], state[3]
+    i, up = own[k], 1.0 if partner[k] < -1 else 0.0
+    n, r = 1.0 - 2.0 * up, S[i, S_R]
+    x = S[i, S_U] - r * n * S[i, S_W + 1] - up * v_x
+    y = S[i, S_U + 1] + r * n * S[i, S_W] - up * v_y
+    f_1, f_2, e_x, e_y = H[k, H_LAW + force], H[k, H_LAW + force + 1], H[k, H_E], H[k, H_E + 1]
+    share = before / max(before - separation(k, own, partner, S, P, 0.0, 0.0)[0], 1e-300)
+    return -0.5 * share * dt * ((f_1 * e_x - f_2 * n * e_y) * x + (f_1 * e_y + f_2 * n * e_x) * y)
+
+
+@njit(**INNER)
+def energy_of_spots(m, I, O):  # noqa: E741
+    """Limit times critical displacement of m staged spots, J; where friction is large, normal force times overlap."""
+    total = 0.0
+    for q in range(m):
+        pressed = abs(O[q + O_FN * TILE]) * I[q + I_OVERLAP * TILE]
+        total += min(O[q + O_LIMIT * TILE] * O[q + O_CRITICAL * TILE], pressed)
+    return total
+
+
+@njit(**INNER)
+def differing(m, force, stored, before, b, spots, work):
+    """Sum over m staged spots of what the error of their friction work may be, J: what the mean force of the step takes beyond
+    the force at its end, and what the growth of the patch leaves open (`GROWN`)."""
+    first, I, O, slots = spots[3][b], work[0], work[1], work[4]  # noqa: E741
+    total = 0.0
+    for q in range(m):
+        old, new = (I_HISTORY + force) * TILE + q, (O_HISTORY + force) * TILE + q
+        s_x, s_y = I[q + I_SX * TILE], I[q + I_SY * TILE]
+        taken = (I[old] + O[new]) * s_x + (I[old + TILE] + O[new + TILE]) * s_y
+        lost = I[(I_HISTORY + stored) * TILE + q] - 0.5 * taken - O[q + O_STORED_T * TILE]
+        slip = min(math.sqrt(s_x * s_x + s_y * s_y), O[q + O_CRITICAL * TILE])
+        share = math.sqrt(max(before[slots[q] - first], 0.0) / I[q + I_OVERLAP * TILE])
+        total += abs(lost - O[q + O_LOST * TILE]) + GROWN * min(abs(1.0 - share), 1.0) * O[q + O_LIMIT * TILE] * slip
+    return total
+
+
+@njit(**INNER)
+def kinetic(b, B, arm):
+    """About the kinetic energy of body b, J; `arm`: that of the body."""
+    total = 0.0
+    for k in range(3):
+        total += B[b, B_V + k] ** 2 + (arm * B[b, B_W + k]) ** 2
+    return 0.5 * B[b, B_MASS] * total
+
+
+@njit(**INNER)
+def work_error(b, m, dt, v_x, v_y, allowed, arm, spots, state, known, work, T):
+    """Error of the friction work of the step over what is `allowed`, a part of the energies in play: the body's friction work so
+    far, its kinetic energy, and a share of what its spots can hold (the largest seen, T_ENERGY, J)."""
+    force, edges, incidence, B, H = known[8], spots[3], spots[4], state[1], state[3]
+    O, slots, before = work[1], work[4], work[5]  # noqa: E741
+    if force < 0:
+        return 0.0
+    error, q = differing(m, force, known[7], before, b, spots, work), np.int64(0)
+    for e in range(edges[b], edges[b + 1]):
+        k = incidence[e] >> 1
+        if q < m and slots[q] == k:
+            q += 1
+        elif H[k, H_ON] != 0.0:
+            error += abs(dragged_off(k, before[e - edges[b]], dt, v_x, v_y, spots, state, force))
+    held = max(T[T_ENERGY], energy_of_spots(m, work[0], O))
+    return error / max(allowed * (B[b, B_WORK] + FLOOR * (held + kinetic(b, B, arm))), 1e-300)

@@ -1,0 +1,258 @@
+"""Newton's method for one step of one body: clipped, with a line search. It moves the body; nothing is remembered."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from thirdbody.jit.options import CHUNK, INNER
+from thirdbody.kernels.implicit.jacobian import linearise
+from thirdbody.kernels.implicit.residual import (
+    E_DEEPEST,
+    E_NORMAL,
+    FREEDOMS,
+    TURN,
+    Z_ARM,
+    Z_MASS,
+    Z_NOW,
+    Z_PLATE,
+    Z_PULL,
+    balance,
+    loaded_spots,
+    place,
+)
+from thirdbody.kernels.layout import (
+    B_MASS,
+    B_X,
+    E_EF,
+    G_ARM_I,
+    G_D,
+    G_E,
+    G_N,
+    I_SX,
+    I_SY,
+    O_CRITICAL,
+    O_LIMIT,
+    O_TX,
+    O_TY,
+    P_DAMPING,
+    P_FREE,
+    P_LOAD,
+    P_LOAD0,
+    P_MASS,
+    P_SPRING,
+    P_V,
+    P_Z,
+    S_ARM,
+    T_RADIUS,
+    TILE,
+)
+from thirdbody.kernels.narrow_phase import separation
+
+CONVERGED, ACCEPTED = 1e-9, 1e-6
+"""Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners.
+In a direction in which all slips only inertia resists, so what is left unbalanced there moves the body: 1e-9 keeps that below the
+error of a step."""
+
+ROUNDING = 1e-15
+"""Rounding of a height, in parts of it: what it changes in the forces of the spots does not count as unbalanced."""
+
+ITERATIONS, HALVINGS, LEAPS = 16, 2, 4
+"""Most corrections of a try (a step that needs more is cheaper in two halves), halvings of one correction, and corrections that
+are kept although the unbalanced force grows: spots change between sticking and slipping, and Newton's method then has to
+overshoot once before it finds the other branch."""
+
+REACH = 0.5
+"""Largest growth of an overlap in one iteration, in parts of the deepest one, or of the one that the load lets expect."""
+
+AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
+"""A spot whose squared force reaches this share of its limit slips; part of the critical displacement by which it turns back."""
+
+FOUND, LOST, CROWDED = range(3)
+"""How `newton` ends: a balance, none, or more loaded spots than the law's tile holds."""
+
+
+@njit(**CHUNK)
+def solved(J, r, n):
+    """Overwrite r with the solution x of J x = -r by elimination with row pivots; False for a singular matrix.
+
+    Not `numpy.linalg.solve`, which allocates, calls LAPACK for six unknowns, and raises where the matrix is singular.
+    """
+    for c in range(n):
+        best, row = abs(J[c, c]), c
+        for i in range(c + 1, n):
+            if abs(J[i, c]) > best:
+                best, row = abs(J[i, c]), i
+        if not best > 0.0 or not best < 1e300:
+            return False
+        if row != c:
+            for j in range(c, n):
+                J[c, j], J[row, j] = J[row, j], J[c, j]
+            r[c], r[row] = r[row], r[c]
+        inverse = 1.0 / J[c, c]
+        for i in range(c + 1, n):
+            factor = J[i, c] * inverse
+            if factor != 0.0:
+                for j in range(c + 1, n):
+                    J[i, j] -= factor * J[c, j]
+                r[i] -= factor * r[c]
+    for c in range(n - 1, -1, -1):
+        x = r[c]
+        for j in range(c + 1, n):
+            x -= J[c, j] * r[j]
+        r[c] = x / J[c, c]
+    for c in range(n):
+        r[c] = -r[c]
+    return True
+
+
+@njit(**INNER)
+def size_of(r):
+    """Euclidean norm of the unbalanced forces, N."""
+    total = 0.0
+    for k in range(FREEDOMS):
+        total += r[k] * r[k]
+    return math.sqrt(total)
+
+
+@njit(**INNER)
+def scale_of(b, p, y, dt, Z, B, E, P, told):
+    """Sum of all forces at work, N: what the unbalanced ones are compared with."""
+    move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
+    weight = abs(E[b, E_EF]) + abs(E[b, E_EF + 1]) + abs(E[b, E_EF + 2]) if E.shape[1] > E_EF else 0.0
+    free = P[p, P_FREE]
+    square = 1.0 / (dt * dt)
+    # of a patch that touches nothing too: its spring pulls, its dashpot holds; without load, what it was loaded with counts
+    patch = max(P[p, P_LOAD], P[p, P_LOAD0]) + P[p, P_MASS] * abs(y[6]) * square + P[p, P_DAMPING] * abs(P[p, P_V])
+    patch += P[p, P_SPRING] * abs(P[p, P_Z] - Z[Z_PLATE])
+    return told[E_NORMAL] + weight + B[b, B_MASS] * move * square + free * patch
+
+
+@njit(**INNER)
+def resolved(b, p, B, P, Z, told):
+    """Force, N, below which the unbalanced one is rounding: overlaps are small differences of heights."""
+    if told[E_DEEPEST] <= 0.0:
+        return 0.0
+    height = max(abs(B[b, B_X + 2]) + Z[Z_ARM], abs(P[p, P_Z]))
+    return ROUNDING * height * 1.5 * told[E_NORMAL] / told[E_DEEPEST]  # Hertz: dN/dd = 1.5 N/d
+
+
+@njit(**INNER)
+def massless_at_rest(b, dt, share, r, Z, T, B, E, told, least):
+    """Whether the forces on a body without inertia balance to this share of the forces on the body itself.
+
+    Those on its patch do not count: a body that both plates have left carries none of them, and would otherwise be taken for
+    balanced at any velocity. What may be left over then moves it by this share of a contact radius. `least`: rounding, N.
+    """
+    square = 0.0
+    for k in range(6):
+        square += r[k] * r[k]
+    weight = abs(E[b, E_EF]) + abs(E[b, E_EF + 1]) + abs(E[b, E_EF + 2]) if E.shape[1] > E_EF else 0.0
+    held = (Z[Z_PULL] + Z[Z_MASS] * B[b, B_MASS] / (dt * dt)) * T[T_RADIUS]
+    return math.sqrt(square) <= max(share * (told[E_NORMAL] + weight + held), least)
+
+
+@njit(**INNER)
+def clipped(b, x, deep, spots, state, Z):
+    """Share of the change x of the coordinates that lets no spot sink in, or lose its side, by more than REACH of `deep`."""
+    (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
+    arm = 1.0 / Z[Z_ARM]
+    turn = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]) * arm
+    share = min(1.0, TURN / turn) if turn > 0.0 else 1.0
+    most_up, most_low, change_up, change_low = 0.0, 0.0, 0.0, 0.0
+    for e in range(edges[b], edges[b + 1]):
+        k = incidence[e] >> 1
+        i, up = own[k], partner[k] < -1
+        overlap, _, _, n_z = separation(k, own, partner, S, P, 0.0, 0.0)
+        rise = x[2] + (x[3] * S[i, S_ARM + 1] - x[4] * S[i, S_ARM]) * arm - (x[6] if up else 0.0)
+        change = -n_z * rise
+        if change > 0.0:
+            room = REACH * deep + max(-overlap, 0.0)
+            if change * share > room:
+                share = room / change
+        if up and overlap > most_up:
+            most_up, change_up = overlap, change
+        if not up and overlap > most_low:
+            most_low, change_low = overlap, change
+    # the deepest spot of a side stays closed, or the next iteration would know nothing of the plate
+    for most, change in ((most_up, change_up), (most_low, change_low)):
+        if -change * share > REACH * max(most, deep):
+            share = REACH * max(most, deep) / -change
+    return share
+
+
+@njit(**INNER)
+def turned_back(x, m, own, S, work, Z, share):
+    """Share of the change x, at most `share`, that brings no spot from slipping one way to slipping the other.
+
+    In between it sticks. Where all other spots slip, that is often the answer, and a whole step jumps over it.
+    """
+    I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
+    arm = 1.0 / Z[Z_ARM]
+    for q in range(m):
+        limit, t_x, t_y = O[O_LIMIT * TILE + q], O[O_TX * TILE + q], O[O_TY * TILE + q]
+        if t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit:
+            continue
+        i = own[slots[q]]
+        s_x, s_y = I[I_SX * TILE + q], I[I_SY * TILE + q]
+        r_x, r_y, r_z = S[i, S_ARM], S[i, S_ARM + 1], S[i, S_ARM + 2] - G[q + G_ARM_I * TILE] * G[q + (G_N + 2) * TILE]
+        d_x = x[0] + (x[4] * r_z - x[5] * r_y) * arm
+        d_y = x[1] + (x[5] * r_x - x[3] * r_z) * arm
+        along_1 = d_x * G[q + G_E * TILE] + d_y * G[q + (G_E + 1) * TILE]
+        along_2 = d_x * G[q + G_D * TILE] + d_y * G[q + (G_D + 1) * TILE]
+        size = math.sqrt(s_x * s_x + s_y * s_y)
+        back = -(along_1 * s_x + along_2 * s_y)
+        # just inside what it can bear
+        room = size * (size + BACK * O[O_CRITICAL * TILE + q])
+        if back * share > room > 0.0:
+            share = room / back
+    return share
+
+
+@njit(**INNER)
+def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects):
+    """Find the end y of a step from the guess that it holds; (how it ended, number of staged spots, iterations)."""
+    y, r, x, tried, J, told = work[6], work[7], work[8], work[9], work[10], work[11]
+    S, B, P, _, _, E = state
+    size, part, whole, halvings, leaps, iterations, m = 1e300, 0.0, 0.0, 0, 0, 0, np.int64(0)
+    for k in range(FREEDOMS):
+        x[k] = 0.0
+    while True:
+        for k in range(FREEDOMS):
+            tried[k] = y[k] + part * x[k]
+        place(b, p, tried, dt, Z, T, shape, state)
+        m = loaded_spots(b, dt, Z[Z_NOW] / dt, v_x, v_y, spots, shape, state, known, work)
+        if m < 0:
+            return CROWDED, m, iterations
+        balance(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told)
+        now, scale = size_of(r), scale_of(b, p, tried, dt, Z, B, E, P, told)
+        least = resolved(b, p, B, P, Z, told)
+        enough = max(CONVERGED * scale, least)
+        if not now < 1e300:
+            return LOST, m, iterations
+        better = now < (1.0 - 1e-4 * part) * size
+        if not better and halvings < HALVINGS:
+            halvings, part = halvings + 1, 0.5 * part
+            continue
+        if not better and halvings == HALVINGS and leaps < LEAPS and now > enough:
+            # at the border between stick and slip no part of the step helps, and the whole one changes sides
+            halvings, leaps, part = halvings + 1, leaps + 1, whole
+            continue
+        better = better or halvings > HALVINGS
+        for k in range(FREEDOMS):
+            y[k] = tried[k]
+        if now <= enough and (inertial != 0.0 or massless_at_rest(b, dt, CONVERGED, r, Z, T, B, E, told, least)):
+            return FOUND, m, iterations
+        if not better or iterations == ITERATIONS:
+            # the last digits of a law with corners do not settle
+            found = now <= ACCEPTED * scale
+            found = found and (inertial != 0.0 or massless_at_rest(b, dt, ACCEPTED, r, Z, T, B, E, told, least))
+            return (FOUND if found else LOST), m, iterations
+        size, halvings, iterations = now, 0, iterations + 1
+        linearise(b, p, m, dt, spots, state, known, work, Z, tangents, False, J)
+        for k in range(FREEDOMS):
+            x[k] = r[k]
+        if not solved(J, x, FREEDOMS):
+            return LOST, m, iterations
+        part = clipped(b, x, max(deep, told[E_DEEPEST]), spots, state, Z)
+        part = whole = turned_back(x, m, spots[0], S, work, Z, part)

@@ -1,0 +1,47 @@
+"""The labels of all bodies, computed only where somebody wants them: apart, so that the step loop compiles without."""
+
+import numpy as np
+from numba import njit, types
+
+from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
+from thirdbody.kernels.contact_history import behind
+from thirdbody.kernels.labeller_input import body_contacts, body_row
+from thirdbody.kernels.layout import A_ELAPSED, C_FN, C_LOAD
+from thirdbody.kernels.signatures import LABEL, OBSERVE
+
+_F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
+_I1 = types.Array(types.int32, 1, "C")
+LABEL_BODIES = types.void(
+    _I1, _I1, _I1, _I1, _F2, _F2, _F2, _F2, _F1, _F2, types.UniTuple(types.float64, 2), types.float64,
+    types.int64, types.int64, types.FunctionType(OBSERVE), types.FunctionType(LABEL), _F2, _F1, _F2,
+)  # fmt: skip
+
+
+@njit(**BARE)
+def keep_loaded(C, n):
+    """Move the rows of contacts that carry a load to the front of the contact table C; returns how many they are.
+
+    Where a sphere leaves a plate its dashpot can cancel the elastic force: the contact is closed, but carries nothing.
+    """
+    m = np.int64(0)
+    for i in range(n):
+        if C[i, C_FN] != 0.0 or C[i, C_LOAD] > 0.0:
+            for k in range(C.shape[1]):
+                C[m, k] = C[i, k]
+            m += 1
+    return m
+
+
+@njit(LABEL_BODIES, **DIRECT, **NO_COUNTS)
+def label_bodies(edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, label, out, O, table):  # noqa: E741
+    """State, reason, margins and extras of every body at this instant, from the contacts that carry a load.
+
+    M: a copy of the labeller's memory. Scratch: O (O_COLS,), table (most contacts of a body, width).
+    """
+    for b in range(B.shape[0]):
+        n = body_contacts(b, edges, incidence, own, partner, H, R, width, behind(n_history), table)
+        body_row(b, B, E, A, drag, speed, O)
+        if A[A_ELAPSED] > 0.0:
+            observe(table[:n], n, O, M[b])
+        n = keep_loaded(table, n)
+        label(table[:n], n, O, M[b], out[b])

@@ -1,0 +1,223 @@
+"""Which pairs can touch before the next search: spheres near a plate, and spheres of different bodies near each other.
+
+Candidates come out sorted (plates by sphere, then pairs by owner and partner; the sphere with the lower id owns a pair), so
+history is carried over by one merge and nothing depends on threads.
+"""
+
+import numpy as np
+from numba import njit
+
+from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
+from thirdbody.jit.simd import LANES, below, load, spread
+from thirdbody.kernels.layout import EVERYTHING, ONLY_LOWER, ONLY_UPPER, P_Z, S_R, S_SIDE, S_X, S_Y, S_Z
+from thirdbody.kernels.periodic import images, inverse
+
+
+@njit(**DIRECT, **NO_COUNTS)
+def plate_candidates(S, P, body, patch, has_lower, has_upper, skin, own, partner):
+    """Fill own and partner with the spheres within `skin` of a plate; returns how many (also beyond the capacity)."""
+    n = 0
+    for i in range(S.shape[0]):
+        if has_lower and S[i, S_SIDE] != ONLY_UPPER and S[i, S_Z] - S[i, S_R] < skin:
+            if n < own.shape[0]:
+                own[n], partner[n] = i, -1
+            n += 1
+        if has_upper and S[i, S_SIDE] != ONLY_LOWER:
+            p = patch[body[i]]
+            if P[p, P_Z] - S[i, S_Z] - S[i, S_R] < skin:
+                if n < own.shape[0]:
+                    own[n], partner[n] = i, -2 - p
+                n += 1
+    return n
+
+
+@njit(**BARE)
+def cell_of(x, low, size, count, periodic):
+    """Cell number along one axis: wrapped if periodic, else clipped to the range."""
+    c = np.int64(np.floor((x - low) / size))
+    if periodic:
+        return c % count
+    return min(max(c, 0), count - 1)
+
+
+@njit(**BARE)
+def fill_cells(S, body, low, size, count, periodic, edges, cells, Q):
+    """The spheres that meet others in the order of their cells, z fastest, then of their numbers: centre, radius, number and body
+    into Q (6, n and some), and where each cell begins, one further on, into `edges`, which is zero at first."""
+    for i in range(S.shape[0]):
+        a = cell_of(S[i, S_X], low[0], size[0], count[0], periodic[0])
+        b = cell_of(S[i, S_Y], low[1], size[1], count[1], periodic[1])
+        c = cell_of(S[i, S_Z], low[2], size[2], count[2], np.bool_(False))
+        cells[i] = (a * count[1] + b) * count[2] + c
+        edges[cells[i] + 2] += S[i, S_SIDE] == EVERYTHING
+    for h in range(2, edges.shape[0]):
+        edges[h] += edges[h - 1]
+    for i in range(S.shape[0]):
+        if S[i, S_SIDE] == EVERYTHING:
+            at = edges[cells[i] + 1]
+            edges[cells[i] + 1] += 1
+            Q[0, at], Q[1, at], Q[2, at], Q[3, at] = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R]
+            Q[4, at], Q[5, at] = i, body[i]
+
+
+@njit(**BARE)
+def neighbour(c, step, count, periodic):
+    """Cell number one step along an axis, or -1 if there is none or it was visited already (fewer than three cells)."""
+    if count == 1:
+        return 0 if step == 0 else -1
+    if count == 2 and step == -1 and periodic:
+        return -1
+    n = c + step
+    if 0 <= n < count:
+        return n
+    return n - step * count if periodic else -1
+
+
+@njit(**BARE)
+def sort_in(j, begin, end, found):
+    """Put j into the sorted numbers found[begin:end]."""
+    p = end
+    while p > begin and found[p - 1] > j:
+        found[p] = found[p - 1]
+        p -= 1
+    found[p] = j
+
+
+@njit(**BARE)
+def near(p, k, skin, l_x, l_y, c_x, c_y, Q):
+    """Which of the four spheres from place k on are within `skin` of that in place p, and of another body, as bits."""
+    d_x, d_y, d_z = spread(Q[0, p]) - load(Q, 0, k), spread(Q[1, p]) - load(Q, 1, k), spread(Q[2, p]) - load(Q, 2, k)
+    d_x, d_y = images(d_x, l_x, c_x), images(d_y, l_y, c_y)
+    reach, other = spread(Q[3, p] + skin) + load(Q, 3, k), spread(Q[5, p]) - load(Q, 5, k)
+    return below(d_x * d_x + d_y * d_y + d_z * d_z, reach * reach) & below(spread(0.0), other * other)
+
+
+@njit(**BARE)
+def scan(p, first, end, skin, l_x, l_y, c_x, c_y, Q, pairs, m):
+    """Append the pairs of the sphere in place p with those near it in places first to end to the m that there are, as far as
+    there is room; returns how many there are then. c = 1/l, 0 if not periodic. Few are near: four are asked at once."""
+    for k in range(first, end, LANES):
+        bits = near(p, np.int64(k), skin, l_x, l_y, c_x, c_y, Q)
+        if bits != 0:
+            for t in range(min(LANES, end - k)):
+                one, other, at = Q[4, p], Q[4, k + t], min(m, pairs.shape[1] - 1)
+                pairs[0, at], pairs[1, at] = min(one, other), max(one, other)
+                m += bits >> t & 1
+    return m
+
+
+@njit(**BARE)
+def list_columns(a, b, count, periodic, columns):
+    """The cells at the bottom of the columns around column (a, b) that come behind it, into `columns`; returns how many. So every
+    pair of columns is seen once."""
+    n = np.int64(0)
+    for step in range(9):
+        cell_x = neighbour(np.int64(a), step // 3 - 1, count[0], periodic[0])
+        cell_y = neighbour(np.int64(b), step % 3 - 1, count[1], periodic[1])
+        column = cell_x * count[1] + cell_y
+        columns[n] = column * count[2]
+        n += np.int64((cell_x >= 0) & (cell_y >= 0) & (column > a * count[1] + b))
+    return n
+
+
+@njit(**BARE)
+def collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs):
+    """All pairs of spheres of different bodies within `skin`, the lower number first, into `pairs` as far as there is room;
+    returns how many there are."""
+    m, c_x, c_y = np.int64(0), inverse(l_x), inverse(l_y)
+    for a in range(count[0]):
+        for b in range(count[1]):
+            base, beside = (a * count[1] + b) * count[2], list_columns(a, b, count, periodic, columns)
+            for c in range(count[2]):
+                low, high = max(c - 1, 0), min(c + 1, count[2] - 1) + 1
+                for p in range(edges[base + c], edges[base + c + 1]):
+                    m = scan(p, np.int64(p + 1), np.int64(edges[base + high]), skin, l_x, l_y, c_x, c_y, Q, pairs, m)
+                    for e in range(beside):
+                        first, end = np.int64(edges[columns[e] + low]), np.int64(edges[columns[e] + high])
+                        m = scan(p, first, end, skin, l_x, l_y, c_x, c_y, Q, pairs, m)
+    return m
+
+
+@njit(**BARE)
+def put_in_order(m, pairs, at, n, own, partner):
+    """Put m pairs, by owner and then by partner, behind the n slots that there are; `at` (spheres + 1,): zero at first."""
+    for e in range(m):
+        at[pairs[0, e] + 1] += 1
+    for i in range(1, at.shape[0]):
+        at[i] += at[i - 1]
+    for e in range(m):
+        i = pairs[0, e]
+        own[n + at[i]], partner[n + at[i]] = i, pairs[1, e]
+        at[i] += 1  # in the end where the next one begins
+    begin = n
+    for i in range(at.shape[0] - 1):
+        end = n + at[i]
+        for e in range(begin + 1, end):
+            sort_in(partner[e], begin, e, partner)
+        begin = end
+
+
+@njit(**DIRECT, **NO_COUNTS)
+def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, columns, cells, Q, pairs, at, n, own, partner):
+    """`pair_candidates` with room for the cells and for pairs in any order."""
+    fill_cells(S, body, low, size, count, periodic, edges, cells, Q)
+    m = collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs)
+    if n + m <= own.shape[0]:
+        put_in_order(m, pairs, at, n, own, partner)
+    return n + m
+
+
+def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own, partner):
+    """Append the sphere pairs within `skin` from slot n on; returns the number of slots (also beyond the capacity)."""
+    # made here, since a kernel would compile each of these calls
+    many = len(S)
+    edges, columns, cells = np.zeros(int(np.prod(count)) + 2, np.int32), np.empty(10, np.int64), np.empty(many, np.int32)
+    Q, pairs, at = np.full((6, many + LANES), np.inf), np.empty((2, len(own) + 1), np.int32), np.zeros(many + 1, np.int32)
+    room = edges, columns, cells, Q, pairs, at
+    return search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, *room, n, own, partner)
+
+
+@njit(**BARE)
+def rank(j):
+    """Order of partners of one owner within the plates' or the pairs' part."""
+    return j if j >= 0 else (0 if j == -1 else 1)
+
+
+@njit(**DIRECT, **NO_COUNTS)
+def carry_history(first, last, own, partner, H, old_first, old_last, old_own, old_partner, old_H):
+    """Copy the memory of candidates that were candidates before, within one sorted part of the list."""
+    o = old_first
+    for k in range(first, last):
+        while o < old_last and (old_own[o] < own[k] or (old_own[o] == own[k] and rank(old_partner[o]) < rank(partner[k]))):
+            o += 1
+        if o < old_last and old_own[o] == own[k] and rank(old_partner[o]) == rank(partner[k]):
+            for h in range(H.shape[1]):
+                H[k, h] = old_H[o, h]
+
+
+def incidences(n, own, partner, n_spheres):
+    """For each sphere the slots it takes part in, in their order: (edges, 2 slot + 1 if it is the partner)."""
+    edges = np.zeros(n_spheres + 1, np.int32)
+    incidence = np.empty(n + np.count_nonzero(partner[:n] >= 0), np.int32)
+    list_slots(n, own, partner, edges, np.empty(n_spheres, np.int32), incidence)
+    return edges, incidence
+
+
+@njit(**DIRECT, **NO_COUNTS)
+def list_slots(n, own, partner, edges, at, incidence):
+    """Fill the tables of `incidences`; edges: zero at first, `at`: room."""
+    for k in range(n):
+        edges[own[k] + 1] += 1
+        if partner[k] >= 0:
+            edges[partner[k] + 1] += 1
+    for s in range(at.shape[0]):
+        at[s] = edges[s]
+        edges[s + 1] += edges[s]
+    for k in range(n):
+        s = own[k]
+        incidence[at[s]] = 2 * k
+        at[s] += 1
+        if partner[k] >= 0:
+            s = partner[k]
+            incidence[at[s]] = 2 * k + 1
+            at[s] += 1

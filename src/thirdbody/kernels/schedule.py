@@ -1,0 +1,90 @@
+"""Where a driven body is at a time: piecewise schedules, one list of segments per axis.
+
+Rows of a schedule are sorted by axis and start; `first[axis]` to `first[axis + 1]` are the rows of an axis. From its start on,
+until the next one begins, a row gives with tau = t - start:
+
+| kind | value |
+|---|---|
+| POLYNOMIAL | a + b tau + c tau^2/2 |
+| SINE | a + (b/2) (1 - cos(c tau)): strokes of length b from rest at one end, c = 2 pi frequency |
+| TRIANGLE | a + b tri(c tau): strokes of length b at constant speed, c = frequency |
+
+Before its first row an axis rests at zero.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from thirdbody.jit.options import BARE
+
+X, Y, GAP, LOAD = range(4)
+"""Axes of a schedule: sideways motion of the upper plate, its height, and its load over the first one."""
+
+START, KIND, A, B, C = range(5)
+COLUMNS = 5
+
+POLYNOMIAL, SINE, TRIANGLE = range(3)
+
+
+@njit(**BARE)
+def segment(schedule, first, axis, t):
+    """Row that holds at time t, or -1 before the first."""
+    low, high = first[axis] - 1, first[axis + 1] - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if schedule[middle, START] <= t:
+            low = middle
+        else:
+            high = middle - 1
+    return low if low >= first[axis] else -1
+
+
+@njit(**BARE)
+def value(schedule, first, axis, t):
+    """Value of an axis at time t."""
+    return value_of(schedule, segment(schedule, first, axis, t), t)
+
+
+@njit(**BARE)
+def value_of(schedule, row, t):
+    """Value of a row at time t, whether it holds then or not; 0 for none."""
+    if row < 0:
+        return 0.0
+    tau, a, b, c = t - schedule[row, START], schedule[row, A], schedule[row, B], schedule[row, C]
+    if schedule[row, KIND] == SINE:
+        return a + 0.5 * b * (1.0 - math.cos(c * tau))
+    if schedule[row, KIND] == TRIANGLE:
+        phase = c * tau - math.floor(c * tau)
+        return a + b * (2.0 * phase if phase < 0.5 else 2.0 - 2.0 * phase)
+    return a + tau * (b + 0.5 * c * tau)
+
+
+@njit(**BARE)
+def mean_rate(schedule, first, axis, t, dt):
+    """Mean rate of change of an axis from t to t + dt."""
+    row = segment(schedule, first, axis, t)
+    if row == segment(schedule, first, axis, t + dt):
+        if row < 0:
+            return 0.0
+        if schedule[row, KIND] == POLYNOMIAL:
+            # the difference of two places would lose the digits of a slow motion
+            return schedule[row, B] + schedule[row, C] * (t - schedule[row, START] + 0.5 * dt)
+    return (value(schedule, first, axis, t + dt) - value(schedule, first, axis, t)) / dt if dt > 0.0 else 0.0
+
+
+@njit(**BARE)
+def next_corner(schedule, first, axis, t):
+    """The next time after t at which the motion of an axis turns or changes its kind; infinite if it never does."""
+    corner = np.inf
+    row = segment(schedule, first, axis, t)
+    following = row + 1 if row >= 0 else first[axis]
+    if following < first[axis + 1]:
+        corner = schedule[following, START]
+    if row >= 0 and schedule[row, KIND] != POLYNOMIAL:
+        half = math.pi / schedule[row, C] if schedule[row, KIND] == SINE else 0.5 / schedule[row, C]
+        # a corner that was reached but for rounding lies behind
+        count = math.floor((t - schedule[row, START]) / half + 1e-6) + 1.0
+        corner = min(corner, schedule[row, START] + count * half)
+    return corner

@@ -1,0 +1,25 @@
+"""Velocities of surfaces at a contact."""
+
+from numba import njit
+
+from thirdbody.jit.options import BARE
+from thirdbody.kernels.layout import P_V
+
+
+@njit(**BARE)
+def surface_velocity(S, i, v, w, r_x, r_y, r_z):
+    """Velocity of sphere i's surface at the arm r from its centre, from the velocity columns v and w of the table."""
+    o_x, o_y, o_z = S[i, w], S[i, w + 1], S[i, w + 2]
+    return (
+        S[i, v] + o_y * r_z - o_z * r_y, S[i, v + 1] + o_z * r_x - o_x * r_z, S[i, v + 2] + o_x * r_y - o_y * r_x,
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def partner_velocity(S, P, j, v, w, r_x, r_y, r_z, v_x, v_y):
+    """Velocity of the partner's surface: a plate (the upper one moves with v_x, v_y) or a sphere."""
+    if j == -1:
+        return 0.0, 0.0, 0.0
+    if j < -1:
+        return v_x, v_y, P[-j - 2, P_V]
+    return surface_velocity(S, j, v, w, r_x, r_y, r_z)

@@ -1,0 +1,24 @@
+"""Parameters of the laws for a tile of contacts, field by field, so that the law's loop can become vector instructions."""
+
+from numba import njit
+
+from thirdbody.jit.options import CHUNK
+from thirdbody.kernels.layout import I_TYPE, TILE
+
+
+@njit(**CHUNK)
+def spread(I, n_contacts, P, width, U):  # noqa: E741
+    """Copy row `type` of P, `width` long, to each contact's place in U, stride TILE; mostly all contacts are of one type."""
+    first, alike = I[I_TYPE * TILE], True
+    for q in range(n_contacts):
+        alike &= I[q + I_TYPE * TILE] == first
+    if alike:
+        for f in range(width):
+            value = P[int(first) * width + f]
+            for q in range(n_contacts):
+                U[f * TILE + q] = value
+    else:
+        for q in range(n_contacts):
+            o = int(I[q + I_TYPE * TILE]) * width
+            for f in range(width):
+                U[f * TILE + q] = P[o + f]

@@ -1,0 +1,1 @@
+"""Generated modules: contact laws, effects and labellers composed into compiled code."""

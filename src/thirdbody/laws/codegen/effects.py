@@ -1,0 +1,97 @@
+"""Body effects and labellers composed into generated, compiled modules, as `compose` does with contact laws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from thirdbody.kernels import layout as at
+from thirdbody.laws.codegen.dependencies import plain
+from thirdbody.laws.codegen.fragments import HEAD, field_names, imports_of
+from thirdbody.laws.codegen.module_cache import load
+from thirdbody.laws.contract import BodyEffect, Labeller
+
+
+def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
+    """Compile the loop over bodies that applies these effects, each with its own parameters, in their order.
+
+    Effects that see forces come last. Behind all parameters stands the end of settling, s, if any effect asks for it.
+    """
+    lines: list[str] = []
+    imports: list[str] = []
+    counts = [len(field_names(effect.parameters)) for effect in effects]
+    first = [k for k, effect in enumerate(effects) if not effect.sees_forces]
+    for k, effect in sorted(enumerate(effects), key=lambda entry: entry[1].sees_forces):
+        imports += imports_of(k, effect.kernel, effect.parameters)
+        values = ", ".join(f"P[{sum(counts[:k]) + i}]" for i in range(counts[k]))
+        seen = f"{_late(first)}, {_total(first)}" if effect.sees_forces else "b"
+        call = f"kernel_{k}({seen}, parameters_{k}({values}))"
+        until = f" if time < P[{sum(counts)}] else Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)" if effect.settling else ""
+        lines.append(f"        e{k} = {call}{until}")
+    sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
+    columns = (*range(at.E_EF, at.E_EF + 3), *range(at.E_ET, at.E_ET + 3))
+    lines += [f"        E[i, {column}] = {total or 0.0}" for column, total in zip(columns, sums, strict=True)]
+    body = f"""@njit(EFFECTS, **OPTIONS)
+def effects(B, E, first, last, time, dt, P):
+    for i in range(first, last):
+        mean = (E[i, {at.E_I}] + E[i, {at.E_I + 1}] + E[i, {at.E_I + 2}]) / 3.0
+        b = Body(B[i, {at.B_MASS}], B[i, {at.B_X}], B[i, {at.B_X + 1}], B[i, {at.B_X + 2}],
+                 B[i, {at.B_V}], B[i, {at.B_V + 1}], B[i, {at.B_V + 2}],
+                 B[i, {at.B_W}], B[i, {at.B_W + 1}], B[i, {at.B_W + 2}], mean, time)
+""" + "\n".join(lines)
+    title = " + ".join(effect.name for effect in effects)
+    text = HEAD.format(title=title, imports="\n".join(imports)) + body + "\n"
+    module, _ = load("effects", text, [effect.kernel for effect in effects])
+    return module.effects
+
+
+def _sum(effects: Sequence[int], component: int) -> str:
+    return "".join(f" + e{k}[{component}]" for k in effects)
+
+
+def _total(effects: Sequence[int]) -> str:
+    """Force and torque of the contacts, which the table holds when effects are asked, and of these effects."""
+    columns = (*range(at.B_F, at.B_F + 3), *range(at.B_T, at.B_T + 3))
+    parts = [f"B[i, {column}]{_sum(effects, k)}" for k, column in enumerate(columns)]
+    return f"Wrench({', '.join(parts)})"
+
+
+def _late(effects: Sequence[int]) -> str:
+    """The body with the closing half kick of these effects: without it the sign of the velocity has a bias of g dt/2, and what
+    opposes the motion would keep a body trembling instead of bringing it to rest."""
+    kicks = [f"b[{4 + k}] + 0.5 * dt / {'mean' if k > 2 else 'b.mass'} * (0.0{_sum(effects, k)})" for k in range(6)]
+    return f"Body(b.mass, b.x, b.y, b.z, {', '.join(kicks)}, mean, time)"
+
+
+OWN = """
+from types import FunctionType
+from numba import njit
+from thirdbody.jit.options import OTHERS
+from thirdbody.kernels.signatures import LABEL, OBSERVE
+from thirdbody.laws.codegen.dependencies import plain
+
+
+def own(function, name):
+    # as one of this module to numba's cache, which goes by file and name
+    function = plain(function)
+    copy = FunctionType(function.__code__.replace(co_filename=__file__), function.__globals__, name)
+    copy.__module__, copy.__qualname__ = __name__, name
+    return copy
+
+
+"""
+
+
+def compose_labeller(labeller: Labeller, effects: bool = True) -> tuple[Callable, Callable]:
+    """Compile `observe` and `label` behind the engine's signatures; `effects`: whether some may act on bodies.
+
+    The generated module takes their code over as its own: behind wrappers that call them all of it would be compiled twice.
+    """
+    text = "# generated: " + labeller.name + OWN
+    chosen = labeller.label if effects else labeller.label_without_effects or labeller.label
+    for name, kernel in (("observe", labeller.observe), ("label", chosen)):
+        function = plain(kernel)
+        text += f"from {function.__module__} import {function.__name__} as {name}_kernel\n"
+    for name in ("observe", "label"):
+        text += f'{name} = njit({name.upper()}, **OTHERS)(own({name}_kernel, "{name}"))\n'
+    module, _ = load("labeller", text, [labeller.observe, chosen])
+    return module.observe, module.label

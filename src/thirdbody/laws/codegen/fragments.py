@@ -1,0 +1,154 @@
+"""Pieces of the modules that are generated from laws: how a tile is read, how a law is called, what it remembers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from thirdbody.kernels import layout as at
+from thirdbody.laws.codegen.dependencies import plain
+from thirdbody.laws.contract import Law
+
+HEAD = """# generated: {title}
+import math
+import numpy as np
+from numba import njit
+from thirdbody.jit.options import OPTIONS
+from thirdbody.kernels.tile_parameters import spread
+from thirdbody.kernels.signatures import EFFECTS, LAW
+from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
+from thirdbody.laws.codegen.module_cache import taken
+{imports}
+
+"""
+
+STILL = "Turn(0.0, 0.0, 0.0, 0.0)"
+
+CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {VN}],
+                    I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}], {roll})
+"""
+
+
+def field_names(parameters: Any) -> tuple[str, ...]:
+    """Names of a law's parameters, which are a NamedTuple class."""
+    return tuple(parameters._fields)
+
+
+def width_of(chain: Sequence[Law]) -> int:
+    """Parameters per material pair; at least one, so that the table is never empty."""
+    return max(sum(len(field_names(law.parameters)) for law in chain), 1)
+
+
+def imports_of(k: int, kernel: Callable, parameters: type) -> list[str]:
+    """Lines that import a kernel and its parameters under numbered names."""
+    function = plain(kernel)
+    return [
+        f"from {function.__module__} import {function.__name__} as kernel_{k}",
+        f"kernel_{k} = taken(kernel_{k})",
+        f"from {parameters.__module__} import {parameters.__name__} as parameters_{k}",
+    ]
+
+
+def head_of(chain: Sequence[Law]) -> str:
+    """The imports of a module about these laws."""
+    imports: list[str] = []
+    for k, law in enumerate(chain):
+        imports += imports_of(k, law.kernel, law.parameters)
+        if law.tangent is not None:
+            function = plain(law.tangent)
+            imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
+            imports.append(f"tangent_{k} = taken(tangent_{k})")
+    return HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports))
+
+
+def memory_names(chain: Sequence[Law]) -> tuple[str, ...]:
+    """Names of all floats kept per contact: those of the laws, fields included, the stored energy where none of these is it, then
+    the forces of the dashpots."""
+    laws = tuple(f"{law.name}.{name}" for law in chain for name in law.memory())
+    return laws + (("springs.energy",) if stored_of(chain) == len(laws) else ()) + viscous_names(chain)
+
+
+def stored_of(chain: Sequence[Law]) -> int:
+    """Place in the history of the energy that tangential and rolling springs store; -1: the chain has no such springs.
+
+    It is the law's own `energy` where one law has all the springs, else a column behind the histories of all laws.
+    """
+    springs = [k for k, law in enumerate(chain) if law.stage in ("tangential", "rolling")]
+    if not springs:
+        return -1
+    law = chain[springs[0]]
+    if len(springs) == 1 and "energy" in law.history:
+        return history_of(chain, springs[0])[0] + law.history.index("energy")
+    return sum(len(law.memory()) for law in chain)
+
+
+def viscous_names(chain: Sequence[Law]) -> tuple[str, ...]:
+    """Names of what is kept of the dashpots for the energy that they take: their normal and tangential force in one number
+    (`kernels.packed_triple`), and their moment in another where there is a law of the rolling stage."""
+    stages = {law.stage for law in chain}
+    if "rolling" in stages:
+        return ("viscous.force", "viscous.moment")
+    return ("viscous.force",) if stages & {"damping", "tangential_damping"} else ()
+
+
+def field_of(offset: int) -> str:
+    return f"q + {offset * at.TILE}" if offset else "q"
+
+
+def contact_of(chain: Sequence[Law], still: bool = False) -> str:
+    names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY")
+    behind = at.I_HISTORY + len(memory_names(chain))
+    told = not still and any(law.rolls for law in chain)
+    places = (behind + at.J_TRAVEL_X, behind + at.J_TRAVEL_Y)
+    roll = ", ".join(f"I[{field_of(place)}]" if told else "0.0" for place in places)
+    return CONTACT.format(roll=roll, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
+
+
+def parameters_of(chain: Sequence[Law], k: int) -> str:
+    offset = sum(len(field_names(law.parameters)) for law in chain[:k])
+    values = ", ".join(f"U[{field_of(offset + i)}]" for i in range(len(field_names(chain[k].parameters))))
+    return f"parameters_{k}({values})"
+
+
+def history_of(chain: Sequence[Law], k: int) -> tuple[int, int]:
+    return sum(len(law.memory()) for law in chain[:k]), len(chain[k].history)
+
+
+def remembered_of(chain: Sequence[Law], k: int) -> tuple[list[str], str]:
+    """Lines that read the field of law k, and the arguments for its memory."""
+    start, count = history_of(chain, k)
+    if not count:
+        return [], ""
+    read = ", ".join(f"I[{field_of(at.I_HISTORY + start + i)}]" for i in range(count))
+    size = len(chain[k].memory()) - count
+    if not size:
+        return [], f", ({read},)"
+    lines = [f"        for f in range({size}):", f"            w[f] = I[q + (f + {at.I_HISTORY + start + count}) * {at.TILE}]"]
+    return lines, f", ({read},), w"
+
+
+def scratch_of(chain: Sequence[Law]) -> str:
+    """Arrays for the field of the law that has one."""
+    size = max((len(law.memory()) - len(law.history) for law in chain), default=0)
+    return f"    w, w_new = np.zeros({size}), np.zeros({size})\n" if size else ""
+
+
+def tile_function(name: str, chain: Sequence[Law], contact: str, lines: Sequence[str]) -> str:
+    width = width_of(chain)
+    head = f"@njit(LAW, **OPTIONS)\ndef {name}(I, O, n_contacts, P):\n"
+    head += f"    U = np.empty({width * at.TILE})\n    spread(I, n_contacts, P, {width}, U)\n"
+    return head + scratch_of(chain) + "    for q in range(n_contacts):\n" + contact + "\n".join(lines) + "\n"
+
+
+def virgin(chain: Sequence[Law], k: int) -> str:
+    """Arguments for the memory of law k when there is none yet."""
+    count = history_of(chain, k)[1]
+    field = ", w" if len(chain[k].memory()) > count else ""
+    return ", (" + "0.0, " * count + ")" + field if count else ""
+
+
+def virgin_call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
+    """Lines that call law k without any history."""
+    first = "[0]" if history_of(chain, k)[1] else ""
+    call = f"kernel_{k}({arguments}, p{k}{virgin(chain, k)}){first}"
+    return [f"        p{k} = {parameters_of(chain, k)}", f"        {answer} = {call}"]

@@ -1,0 +1,292 @@
+"""Contact laws composed into one generated, compiled module per scene.
+
+The module's name carries a hash of its text and of every source file it is made from, because numba's own cache watches only
+the file of the compiled function: an edited law gives another module, never a stale result (design: generated module with
+a source hash behind a function pointer; same speed as hand-inlined, the engine is compiled once for all laws).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from thirdbody.kernels import layout as at
+from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.laws.codegen.fragments import (
+    STILL,
+    contact_of,
+    field_of,
+    head_of,
+    history_of,
+    memory_names,
+    parameters_of,
+    remembered_of,
+    stored_of,
+    tile_function,
+    virgin,
+    virgin_call,
+    viscous_names,
+    width_of,
+)
+from thirdbody.laws.codegen.module_cache import load
+from thirdbody.laws.contract import STAGES, STIFF, Law
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The compiled laws of one scene. `law`, `stiffness` and `tangents` work on tiles; `width` is the number of parameters per
+    pair; `history` names all floats that are kept per contact, fields included."""
+
+    laws: tuple[Law, ...]
+    law: Callable
+    stiffness: Callable | None
+    history: tuple[str, ...]
+    width: int
+    path: Path
+
+    @cached_property
+    def tangents(self) -> Callable | None:
+        """Tangents with history, dashpots included (`tangents`).
+
+        Compiled when first asked for: the explicit integrator never does. None if a law has no tangent.
+        """
+        if self.stiffness is None:
+            return None
+        from thirdbody.laws.codegen.tangents import tangent_module
+
+        return load("tangents", tangent_module(self.laws), _functions(self.laws))[0].tangents
+
+    @property
+    def without_tangent(self) -> tuple[str, ...]:
+        """Names of the laws that lack the tangent which their stage needs: they run in the explicit integrator only."""
+        return tuple(law.name for law in self.laws if law.tangent is None and law.stage in STIFF)
+
+    @property
+    def remembered_forces(self) -> tuple[int, int]:
+        """Places in the history of the tangential force and of the rolling moment; moment -1: no law of that stage. Force -1:
+        there is a law of these stages that does not name what it remembers `force_x, force_y` (`moment_x, moment_y`)."""
+        stages = {law.stage: k for k, law in enumerate(self.laws)}
+        places = []
+        for stage, names in (("tangential", ("force_x", "force_y")), ("rolling", ("moment_x", "moment_y"))):
+            if stage not in stages:
+                places.append(-1)
+                continue
+            law = self.laws[stages[stage]]
+            found = [i for i in range(len(law.history)) if law.history[i : i + 2] == names]
+            if not found:
+                return -1, -1
+            places.append(history_of(self.laws, stages[stage])[0] + found[0])
+        return places[0], places[1]
+
+    @property
+    def stored(self) -> int:
+        """Place in the history of the energy that tangential and rolling springs store; -1 without any."""
+        return stored_of(self.laws)
+
+    @property
+    def dashpots(self) -> int:
+        """Place of the forces of the dashpots in the history; -1 without any."""
+        count = len(viscous_names(self.laws))
+        return len(self.history) - count if count else -1
+
+    @property
+    def rolling(self) -> int:
+        """What the laws need of the relative rotation: `kernels.rolling_kinematics.MOMENTS`, 1 for the travel of the patch
+        only, or 0."""
+        if any(law.stage == "rolling" for law in self.laws):
+            return MOMENTS
+        return int(any(law.rolls for law in self.laws))
+
+
+def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
+    """Laws in the order of their stages; a stage may hold one law, adhesion any number.
+
+    Raises ValueError when the normal stage is empty or a stage is taken twice.
+    """
+    chain = tuple(sorted(laws, key=lambda law: STAGES.index(law.stage)))
+    for stage in STAGES:
+        names = [law.name for law in chain if law.stage == stage]
+        if len(names) > 1 and stage != "adhesion":
+            raise ValueError(f"two laws for the {stage} stage: {', '.join(names)}")
+        if stage == "normal" and not names:
+            raise ValueError("no law for the normal stage")
+    return chain
+
+
+def compose(laws: Iterable[Law]) -> Chain:
+    """Compile the chain of contact laws; raises ValueError as `ordered` does."""
+    chain = ordered(laws)
+    text = _contact_module(chain)
+    module, path = load("law", text, _functions(chain))
+    return Chain(chain, module.law, getattr(module, "stiffness", None), memory_names(chain), width_of(chain), path)
+
+
+def _functions(chain: Sequence[Law]) -> list[Callable]:
+    """Everything that a module generated from these laws depends on."""
+    return [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent]
+
+
+def _contact_module(chain: Sequence[Law]) -> str:
+    text = head_of(chain) + _law_function(chain)
+    if all(law.tangent is not None for law in chain if law.stage in STIFF):
+        text += "\n\n" + _stiffness_function(chain)
+    return text
+
+
+def _call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
+    """Lines that call law k and, if it has a memory, read and write it."""
+    start, count = history_of(chain, k)
+    lines = [f"        p{k} = {parameters_of(chain, k)}"]
+    if not count:
+        return lines + [f"        {answer} = kernel_{k}({arguments}, p{k})"]
+    before, memory = remembered_of(chain, k)
+    size = len(chain[k].memory()) - count
+    lines += [*before, f"        {answer}, h{k} = kernel_{k}({arguments}, p{k}{memory}{', w_new' if size else ''})"]
+    lines += [f"        O[{field_of(at.O_HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
+    if size:
+        to = f"q + (f + {at.O_HISTORY + start + count}) * {at.TILE}"
+        lines += [f"        for f in range({size}):", f"            O[{to}] = w_new[f]"]
+    return lines
+
+
+def _law_function(chain: Sequence[Law]) -> str:
+    stages = {law.stage: k for k, law in enumerate(chain)}
+    lines = _call(chain, stages["normal"], "c", "n")
+    lines.append("        elastic, stored, work, lost = n.force, n.stored, n.dissipated, 0.0")
+    if "damping" in stages:
+        lines += _call(chain, stages["damping"], "c, n", "viscous")
+        # clipped: a dashpot may unload the contact but never pull
+        lines += ["        force = max(elastic + viscous, 0.0)", "        power = -(force - elastic) * c.v_n"]
+    else:
+        lines += ["        force = elastic", "        power = 0.0"]
+    lines += ["        viscous_n, tv_x, tv_y, mv_x, mv_y = force - elastic, 0.0, 0.0, 0.0, 0.0"]
+    lines.append("        load = Load(force, elastic, n.contact_radius, 0.0)")
+    for k, law in enumerate(chain):
+        if law.stage == "adhesion":
+            lines += _call(chain, k, "c, n", f"a{k}")
+            lines += [f"        force += a{k}.force", f"        stored += a{k}.stored"]
+    lines += _tangential_lines(chain, stages)
+    if "rolling" in stages:
+        lines += _rolling_lines(chain, stages["rolling"])
+    outputs = {
+        "FN": "force",
+        "TX": "t_x",
+        "TY": "t_y",
+        "LOAD": "load.force",
+        "LIMIT": "limit",
+        "CRITICAL": "critical",
+        "SLIP": "slip",
+        "A": "n.contact_radius",
+        "STORED_N": "stored",
+        "STORED_T": "stored_t",
+        "WORK": "work",
+        "LOST": "lost",
+        "POWER": "power",
+    }
+    lines += [f"        O[{field_of(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
+    own = sum(len(law.memory()) for law in chain)
+    if stored_of(chain) == own:
+        lines.append(f"        O[{field_of(at.O_HISTORY + own)}] = stored_t")
+    return tile_function("law", chain, contact_of(chain), lines + _viscous_lines(chain))
+
+
+def _viscous_lines(chain: Sequence[Law]) -> list[str]:
+    """Forces and moment of the dashpots behind the history; what is kept of them is left to whoever needs it, zero here."""
+    history, kept = len(memory_names(chain)), len(viscous_names(chain))
+    outputs = {at.Q_VISCOUS_N: "viscous_n", at.Q_VISCOUS_X: "tv_x", at.Q_VISCOUS_Y: "tv_y"} if kept else {}
+    outputs |= {at.Q_VISCOUS_MX: "mv_x", at.Q_VISCOUS_MY: "mv_y"} if kept > 1 else {}
+    lines = [f"        O[{field_of(at.O_HISTORY + history - kept + i)}] = 0.0" for i in range(kept)]
+    return lines + [f"        O[{field_of(at.O_HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
+
+
+def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
+    if "tangential" not in stages:
+        return [
+            "        t_x, t_y, limit, critical, stored_t = 0.0, 0.0, 0.0, 0.0, 0.0",
+            "        slip = math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)",
+        ]
+    lines = _call(chain, stages["tangential"], "c, load", "t")
+    lines.append("        t_x, t_y, limit, critical, slip, stored_t = t.x, t.y, t.limit, t.critical, t.slip, t.stored")
+    lines.append("        work, lost = work + t.dissipated, t.dissipated")
+    if "tangential_damping" in stages:
+        k = stages["tangential_damping"]
+        lines += _call(chain, k, "c, load", "viscosity")
+        lines += _fitted("t_x", "t_y", "viscosity", "c.v", "limit", "t")
+    return lines
+
+
+def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
+    """The moment; its spring and its losses join those of friction. Its columns stand behind the history."""
+    history = len(memory_names(chain))
+    turn = ", ".join(f"I[{field_of(at.I_HISTORY + history + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
+    lines = [f"        turn = Turn({turn})", *_call(chain, k, "c, turn, load", "r")]
+    lines += _fitted("r.x", "r.y", "r.viscosity", "turn.w", "r.limit", "m")
+    lines += ["        stored_t += r.stored", "        work, lost = work + r.dissipated, lost + r.dissipated"]
+    outputs = {at.Q_X: "m_x", at.Q_Y: "m_y", at.Q_LIMIT: "r.limit"}
+    return lines + [f"        O[{field_of(at.O_HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
+
+
+def _fitted(x: str, y: str, viscosity: str, rate: str, limit: str, name: str) -> list[str]:
+    """`name`_x, `name`_y: (x, y) plus the largest share s in [0, 1] of the viscous part d that keeps |t + s d| in the limit."""
+    return [
+        f"        {name}_x, {name}_y = {x}, {y}",
+        f"        d_x, d_y = -{viscosity} * {rate}_x, -{viscosity} * {rate}_y",
+        f"        dd, td = d_x * d_x + d_y * d_y, {name}_x * d_x + {name}_y * d_y",
+        f"        room = max({limit} * {limit} - {name}_x * {name}_x - {name}_y * {name}_y, 0.0)",
+        "        share = min(max((math.sqrt(td * td + dd * room) - td) / max(dd, 1e-300), 0.0), 1.0)",
+        f"        {name}v_x, {name}v_y = share * d_x, share * d_y",
+        f"        {name}_x += {name}v_x",
+        f"        {name}_y += {name}v_y",
+        f"        power -= {name}v_x * {rate}_x + {name}v_y * {rate}_y",
+    ]
+
+
+def _stiffness_function(chain: Sequence[Law]) -> str:
+    """Normal, virgin tangential and rolling stiffness, then the dashpots, of a tile: what the time step is bounded by.
+
+    The tile is asked for an approach at 1 m/s, so the viscous force is the coefficient of the dashpot.
+    """
+    stages = {law.stage: k for k, law in enumerate(chain)}
+    k = stages["normal"]
+    zeros = "(" + "0.0, " * history_of(chain, k)[1] + ")" if history_of(chain, k)[1] else ""
+    lines = [f"        p{k} = {parameters_of(chain, k)}"]
+    arguments = f"c, p{k}" + (f", {zeros}" if zeros else "")
+    lines.append(f"        k_n = tangent_{k}({arguments})")
+    lines.append(f"        n = kernel_{k}({arguments})" + ("[0]" if zeros else ""))
+    lines.append("        c_n, c_t, c_r = 0.0, 0.0, 0.0")
+    lines.append("        load = Load(n.force, n.force, n.contact_radius, k_n)")
+    if "damping" in stages:
+        lines += virgin_call(chain, stages["damping"], "c, n", "c_n")
+    if "tangential_damping" in stages:
+        lines += virgin_call(chain, stages["tangential_damping"], "c, load", "c_t")
+    if "rolling" in stages:
+        lines += virgin_call(chain, stages["rolling"], f"c, {STILL}, load", "r") + ["        c_r = r.viscosity"]
+    for stage, name, moved in (("tangential", "k_t", "c"), ("rolling", "k_r", f"c, {STILL}")):
+        if stage not in stages:
+            lines.append(f"        {name} = 0.0")
+            continue
+        k = stages[stage]
+        lines += [*_pressed(chain, k, moved), f"        t = tangent_{k}({moved}, load, p{k}{_settled(chain, k)})"]
+        lines.append(f"        {name} = max(-t[0], -t[3])")
+    names = ("k_n", "k_t", "k_r", "c_n", "c_t", "c_r")
+    lines += [f"        O[{field_of(i)}] = {name}" for i, name in enumerate(names)]
+    return tile_function("stiffness", chain, contact_of(chain, still=True), lines)
+
+
+def _pressed(chain: Sequence[Law], k: int, moved: str) -> list[str]:
+    """Lines that close a spot without slip, so that its stiffness is that of the whole patch: one that closes in the step itself
+    takes a part of the slip only."""
+    lines = [f"        p{k} = {parameters_of(chain, k)}"]
+    if not history_of(chain, k)[1]:
+        return lines
+    field = ", w_new" if len(chain[k].memory()) > len(chain[k].history) else ""
+    return [*lines, f"        pressed, h{k} = kernel_{k}({moved}, load, p{k}{virgin(chain, k)}{field})"]
+
+
+def _settled(chain: Sequence[Law], k: int) -> str:
+    """Arguments for the memory that `_pressed` leaves."""
+    if not history_of(chain, k)[1]:
+        return ""
+    return f", h{k}" + (", w_new" if len(chain[k].memory()) > len(chain[k].history) else "")

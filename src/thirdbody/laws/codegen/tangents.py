@@ -1,0 +1,89 @@
+"""The tangents of a chain of laws as generated text: what implicit solvers ask beside the forces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from thirdbody.kernels import layout as at
+from thirdbody.laws.codegen.fragments import (
+    STILL,
+    contact_of,
+    field_of,
+    head_of,
+    memory_names,
+    parameters_of,
+    remembered_of,
+    tile_function,
+    virgin_call,
+)
+from thirdbody.laws.contract import Law
+
+
+def tangent_module(chain: Sequence[Law]) -> str:
+    """Text of the module with the function `tangents`."""
+    return head_of(chain) + _tangent_function(chain)
+
+
+def _tangent_function(chain: Sequence[Law]) -> str:
+    """Tangents with history: of the normal force with adhesion, of the tangential law, of the rolling one (layout: K_*).
+
+    Dashpots count with one over the length of the step, which the tile holds behind the history: a step that closes a contact
+    by dd changes its speed by dd/dt. A viscous tangential force that the limit cuts adds nothing.
+    """
+    stages = {law.stage: k for k, law in enumerate(chain)}
+    k = stages["normal"]
+    before, memory = remembered_of(chain, k)
+    lines = [*before, f"        p{k} = {parameters_of(chain, k)}", f"        k_n = tangent_{k}(c, p{k}{memory})"]
+    lines.append(f"        n = kernel_{k}(c, p{k}{memory})" + ("[0]" if memory else ""))
+    behind = at.I_HISTORY + len(memory_names(chain))
+    lines.append(f"        rate = I[{field_of(behind + at.J_INVERSE)}]")
+    lines += _damped_lines(chain, stages)
+    for k, law in enumerate(chain):
+        if law.stage == "adhesion" and law.tangent is not None:
+            before, memory = remembered_of(chain, k)
+            lines += [*before, f"        p{k} = {parameters_of(chain, k)}", f"        k_n += tangent_{k}(c, n, p{k}{memory})"]
+    lines.append("        t, back = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0")
+    if "tangential" in stages:
+        lines += _remembering(chain, stages["tangential"], "t", "c, load")
+    if "tangential_damping" in stages and "tangential" in stages:
+        lines += _dragged_lines(chain, stages)
+    lines.append(f"        O[{field_of(at.K_NORMAL)}] = k_n")
+    lines += [f"        O[{field_of(at.K_XX + i)}] = t[{i}]{' - back' if i in (0, 3) else ''}" for i in range(6)]
+    if "rolling" in stages:
+        k, turn = stages["rolling"], ", ".join(f"I[{field_of(behind + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
+        lines += [f"        turn = Turn({turn})", *_remembering(chain, k, "m", "c, turn, load")]
+        lines += virgin_call(chain, k, f"c, {STILL}, load", "r")
+        viscous = " - r.viscosity * rate"
+        lines += [f"        O[{field_of(at.K_ROLL + i)}] = m[{i}]{viscous if i in (0, 3) else ''}" for i in range(6)]
+    return tile_function("tangents", chain, contact_of(chain), lines)
+
+
+def _remembering(chain: Sequence[Law], k: int, name: str, arguments: str) -> list[str]:
+    """Lines that ask the tangent of law k with its memory."""
+    before, memory = remembered_of(chain, k)
+    return [*before, f"        p{k} = {parameters_of(chain, k)}", f"        {name} = tangent_{k}({arguments}, p{k}{memory})"]
+
+
+def _damped_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
+    """The load and its stiffness, with the dashpot: its coefficient is the viscous force of an approach at 1 m/s."""
+    if "damping" not in stages:
+        return ["        load = Load(n.force, n.force, n.contact_radius, k_n)"]
+    k = stages["damping"]
+    closing = "Contact(c.overlap, c.radius, c.mass, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)"
+    lines = virgin_call(chain, k, "c, n", "viscous") + virgin_call(chain, k, f"{closing}, n", "c_n")
+    # a dashpot that would pull the contact is cut with all the force
+    lines.append("        force = max(n.force + viscous, 0.0)")
+    lines.append("        k_n = k_n + c_n * rate if force > 0.0 else 0.0")
+    return [*lines, "        load = Load(force, n.force, n.contact_radius, k_n)"]
+
+
+def _dragged_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
+    """The tangential dashpot where all of it acts: where spring and dashpot together stay within the limit."""
+    k, d = stages["tangential"], stages["tangential_damping"]
+    field = ", w_new" if len(chain[k].memory()) > len(chain[k].history) else ""
+    memory = remembered_of(chain, k)[1]
+    first = "[0]" if memory else ""
+    lines = [f"        s = kernel_{k}(c, load, p{k}{memory}{field}){first}"]
+    lines += virgin_call(chain, d, "c, load", "viscosity")
+    lines.append("        x, y = s.x - viscosity * c.v_x, s.y - viscosity * c.v_y")
+    return [*lines, "        back = viscosity * rate if x * x + y * y < s.limit * s.limit else 0.0"]

@@ -1,0 +1,257 @@
+"""Conformance tests of work and stiffness: no energy made, the law's own ledger, the consistent tangent.
+
+The work of a tangential law is the sum of T_new . ds: the trapezoid would fail good laws on long segments.
+That of a normal or adhesion law is the trapezoid, since its force is a function of the overlap. Each gives
+(passed, detail).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from thirdbody.kernels import layout as at
+from thirdbody.laws.conformance.paths import (
+    PAIRS,
+    SPAN,
+    Array,
+    Bench,
+    Path,
+    closed_cycles,
+    compiler_is_off,
+    plain,
+    random_paths,
+    walk,
+)
+from thirdbody.laws.contract import Contact, Load, Normal, Turn
+from thirdbody.laws.hertz import hertz, hertz_tangent
+
+Result = tuple[bool, str]
+
+ROUND_OFF = 1e-9
+"""Share of all the work done that roundings may make: some hundred steps of 1e-16, amplified by friction of
+1e9."""
+
+FASTER = 2.0
+"""Four times finer steps must lessen a truncation error by this at least: order 1 gives 4, kinks cost some of
+it."""
+
+
+class Account(NamedTuple):
+    """Energies of each path as a share of all the work done on it, worst moment first."""
+
+    made: Array  # largest excess of the stored energy over the work so far
+    mismatch: Array  # |work - stored - dissipated| at the end
+    negative: Array  # most negative dissipation of a step
+
+
+def account(bench: Bench, path: Path, m: int) -> Account:
+    """Drive the paths and keep their accounts. A contact that opens dissipates what its tangential spring
+    holds."""
+    tangential = bench.sheared
+    column = at.O_STORED_T if tangential else at.O_STORED_N
+    zero = np.zeros_like(path.overlap[0])
+    work, total, heat, stored, made, negative = zero, zero, zero, zero, zero, zero
+    depth, force = zero, zero
+    for moment in walk(bench, path, m):
+        answer, asked = moment.answer, moment.asked
+        new_depth = np.maximum(asked.overlap, 0.0)
+        if tangential:
+            done = -np.sum(answer[:, at.O_TX : at.O_TY + 1] * asked.slip, 1)
+            lost = np.where(new_depth > 0.0, 0.0, stored)
+        else:
+            done, lost = 0.5 * (answer[:, at.O_FN] + force) * (new_depth - depth), zero
+        force, depth = answer[:, at.O_FN], new_depth
+        work, total = work + done, total + np.abs(done)
+        stored, heat = answer[:, column], heat + answer[:, at.O_WORK] + answer[:, at.O_POWER] * (SPAN / m) + lost
+        made = np.maximum(made, stored - work)
+        negative = np.minimum(negative, answer[:, at.O_WORK])
+        total = np.maximum(total, np.abs(stored))
+    scale = np.maximum(total, 1e-300)
+    return Account(made / scale, np.abs(work - stored - heat) / scale, negative / scale)
+
+
+def energy(bench: Bench) -> Result:
+    """No energy made on random paths and closed cycles, up to any moment of them: work >= stored energy,
+    virgin start."""
+    repeats = 1 if compiler_is_off() else 4  # thousands of paths, but not one contact at a time in the interpreter
+    cases = {"random": random_paths(bench, 8, repeats), "press-shear cycle": closed_cycles(bench)}
+    worst, told = 0.0, ""
+    for name, path in cases.items():
+        for m, made in _excess(bench, path):
+            if not made.max() <= worst:
+                worst = float(made.max())
+                tile = int(np.argmax(made.max(1))) % len(bench.settings)
+                where = f"{name} path, {m} steps a segment, {bench.settings[tile].label}"
+                told = f"makes {worst:.2e} of the work, {where}"
+    return worst <= ROUND_OFF, told if not worst <= ROUND_OFF else f"{worst:.0e}"
+
+
+def _excess(bench: Bench, path: Path) -> Iterator[tuple[int, Array]]:
+    """Energy made with small and large steps; by the trapezoid, only what does not fall with the step."""
+    if bench.sheared:
+        for m in (1, 3, 16):
+            yield m, account(bench, path, m).made
+        return
+    coarse, fine = (account(bench, touching(path), m).made for m in (8, 32))
+    yield 32, np.where(_lasting(coarse, fine)[:, None], fine, 0.0)
+
+
+def ledger(bench: Bench) -> Result:
+    """Stored plus dissipated equals the work, but for truncation that falls with the step; no step dissipates
+    < 0."""
+    path = touching(random_paths(bench, 5, repeats=2, resolved=True))  # some hundred paths for each setting
+    coarse, fine = account(bench, path, 12), account(bench, path, 48)
+    lowest = float(min(coarse.negative.min(), fine.negative.min()))
+    if not lowest >= -ROUND_OFF:
+        return False, f"a step dissipates {lowest:.2e} of the path's work"
+    rough, smooth = (np.concatenate(np.split(one.mismatch, 2), 1) for one in (coarse, fine))  # by setting
+    bad = np.flatnonzero(_lasting(rough, smooth))
+    tile = int(bad[0]) if len(bad) else int(np.argmax(smooth.mean(1)))
+    before, after = rough[tile].mean(), smooth[tile].mean()
+    told = f"work differs by {before:.1e}, with steps of a quarter by {after:.1e}"
+    return not len(bad), told + (f", {bench.settings[tile].label}" if len(bad) else "")
+
+
+def touching(path: Path) -> Path:
+    """The same paths with open corners put at first touch, so that a step is in contact as a whole or not at
+    all."""
+    return path._replace(overlap=np.maximum(path.overlap, 0.0))
+
+
+def _lasting(coarse: Array, fine: Array) -> Array:
+    """Settings (T,) where an error does not fall with the step: in the mean of the paths, or much of a single
+    one."""
+    before, after = coarse.mean(1), fine.mean(1)
+    slow = ~((after <= ROUND_OFF) | (after <= before / FASTER))
+    # a single path may touch for less than a step, or hardly at all; the mean would hide more than that
+    stuck = np.mean((fine > 0.05) & (fine > coarse / 1.2), 1) > 0.02
+    return slow | stuck
+
+
+class Sample(NamedTuple):
+    """One contact in plain floats."""
+
+    setting: int
+    contact: Contact
+    history: tuple[float, ...]
+
+
+def samples(bench: Bench) -> list[Sample]:
+    """Touching contacts with their history, from random paths; usual options, friction neither zero nor
+    huge."""
+    rng = np.random.default_rng(5)
+    usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
+    first = at.I_HISTORY + sum(len(law.memory()) for law in bench.chain.laws[: bench.place])
+    own = slice(first, first + len(bench.law.memory()))
+    found: list[Sample] = []
+    for moment in walk(bench, random_paths(bench, 3), 4):
+        I = bench.inputs(moment.asked, moment.before)  # noqa: E741
+        for k in usual:
+            for lane in rng.integers(at.TILE, size=3):
+                numbers = I[k, :, lane].tolist()
+                if numbers[at.I_OVERLAP] > 0.0:
+                    memory = tuple(numbers[own])
+                    found.append(Sample(k, Contact._make((*numbers[: at.I_TYPE], 0.0, 0.0)), memory))
+    return found
+
+
+def tangent(bench: Bench) -> Result:
+    """The tangent against central differences of the kernel, away from kinks."""
+    law = bench.law
+    if law.tangent is None:
+        return True, "explicit only: the law has no tangent"
+    cases = samples(bench)
+    kept, worst, told = 0, 0.0, ""
+    for sample in cases:
+        expected, one_sided = _difference(bench, sample)
+        given = np.atleast_1d(np.array(_tangent(bench, sample), float))
+        if given.shape != expected.shape:
+            return False, f"gives {given.size} numbers, expected {expected.size}"
+        size = _size(bench, sample, expected, given)
+        if np.any(one_sided > 1e-3 * size):
+            continue  # a kink between the two sides
+        kept += 1
+        error = float(np.nan_to_num(np.abs(given - expected) / size, nan=np.inf).max())
+        if error > worst:
+            worst, told = error, f"differs by {error:.1e}, {bench.settings[sample.setting].label}"
+    if kept < len(cases) // 2:
+        return False, f"only {kept} of {len(cases)} contacts are smooth enough to compare"
+    return worst <= 1e-4, told if worst > 1e-4 else f"{worst:.0e}, {kept} contacts"
+
+
+def _size(bench: Bench, sample: Sample, expected: Array, given: Array) -> Array:
+    """Stiffness to compare with: what is compared, or a thousandth of the force over the overlap or the slip
+    if larger."""
+    c = sample.contact
+    force = 1e-3 * float(np.max(np.abs(_force(bench, sample, c))))
+    parts = np.maximum(np.abs(expected), np.abs(given))
+    by_overlap = max(float(parts[-2:].max()), force / c.overlap, 1e-300)
+    if len(expected) == 1:
+        return np.array([by_overlap])
+    slip = max(abs(c.slip_x), abs(c.slip_y), 1e-300)
+    return np.array([max(float(parts[:4].max()), force / slip)] * 4 + [by_overlap] * 2)
+
+
+def _load(bench: Bench, sample: Sample, c: Contact) -> tuple[Normal, float]:
+    """Hertz below the law: its answer and stiffness."""
+    p = bench.rows[sample.setting][0]
+    return plain(hertz)(c, p), plain(hertz_tangent)(c, p)
+
+
+def _arguments(bench: Bench, sample: Sample, c: Contact) -> tuple[Any, ...]:
+    p = bench.parameters(sample.setting)
+    count = len(bench.law.history)
+    memory: tuple[Any, ...] = (sample.history[:count],) if count else ()
+    if len(sample.history) > count:
+        memory += (np.array(sample.history[count:]),)
+    if bench.law.stage == "normal":
+        return (c, p, *memory)
+    n, stiffness = _load(bench, sample, c)
+    if bench.law.stage == "adhesion":
+        return (c, n, p, *memory)
+    turn = (Turn(c.slip_x / c.radius, c.slip_y / c.radius, c.v_x / c.radius, c.v_y / c.radius),) if bench.rolling else ()
+    return (c, *turn, Load(n.force, n.force, n.contact_radius, stiffness), p, *memory)
+
+
+def _answer(bench: Bench, sample: Sample, c: Contact) -> Any:
+    kernel: Callable = plain(bench.law.kernel)
+    size = len(sample.history) - len(bench.law.history)
+    answer = kernel(*_arguments(bench, sample, c), *((np.zeros(size),) if size else ()))
+    return answer[0] if bench.law.history else answer
+
+
+def _force(bench: Bench, sample: Sample, c: Contact) -> Array:
+    answer = _answer(bench, sample, c)
+    if bench.rolling:
+        return np.array([answer.x, answer.y]) / c.radius
+    return np.array([answer.x, answer.y] if bench.sheared else [answer.force])
+
+
+def _tangent(bench: Bench, sample: Sample) -> Any:
+    assert bench.law.tangent is not None
+    given, radius = plain(bench.law.tangent)(*_arguments(bench, sample, sample.contact)), sample.contact.radius
+    return [x / radius**2 for x in given[:4]] + [x / radius for x in given[4:]] if bench.rolling else given
+
+
+def _difference(bench: Bench, sample: Sample) -> tuple[Array, Array]:
+    """Central differences in the order of the contract, and how far the two one-sided ones lie apart."""
+    c = sample.contact
+    here = _force(bench, sample, c)
+    directions = [("overlap", 1e-6 * c.overlap)]
+    if bench.sheared:
+        critical = 0.0 if bench.rolling else _answer(bench, sample, c).critical
+        step = 1e-6 * (critical or c.overlap)
+        directions = [("slip_x", step), ("slip_y", step), *directions]
+    central, apart = [], []
+    for name, step in directions:
+        ahead = _force(bench, sample, c._replace(**{name: getattr(c, name) + step}))
+        behind = _force(bench, sample, c._replace(**{name: getattr(c, name) - step}))
+        central.append((ahead - behind) / (2.0 * step))
+        apart.append(np.abs(ahead - 2.0 * here + behind) / step)
+    if not bench.sheared:
+        return central[0], apart[0]
+    order = [central[0][0], central[1][0], central[0][1], central[1][1], *central[2]]
+    return np.array(order), np.array([apart[0][0], apart[1][0], apart[0][1], apart[1][1], *apart[2]])

@@ -1,0 +1,332 @@
+"""The bench on which the conformance suite drives a law: its composed tile function, materials, and paths of
+contacts.
+
+Arrays are (T, TILE) or (T, k, TILE): one tile for each setting, times `repeats`, all driven at once. A setting
+is a pair of materials, a radius and a set of options, from ordinary to extreme.
+
+A rolling law is driven along the same paths: its moment over R* is the tangential force, and the slip over R* is the turn, so
+that work and power are the same and every test of a tangential law is one of a rolling law.
+"""
+
+from __future__ import annotations
+
+import math
+import types
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thirdbody.kernels import layout as at
+from thirdbody.laws.codegen.laws import compose
+from thirdbody.laws.contract import Law, Material, Option, Pair
+from thirdbody.laws.hertz import HERTZ
+from thirdbody.laws.mindlin import MINDLIN
+
+Array = NDArray[np.float64]
+
+SEED = 20240501
+SPAN = 1e-3
+"""Time of one straight segment of a path, s: only sets the velocities that go with it."""
+
+STEEL = Material("steel", 80e9, 0.3, 7850.0)
+CERAMIC = Material("ceramic", 120e9, 0.2, 3900.0)
+CORK = Material("cork", 10e6, 0.0, 200.0)
+RUBBER = Material("rubber", 80e6, 0.5 - 1e-12, 1100.0)
+GLASS = Material("glass", 30e9, 0.1, 2500.0)
+
+PAIRS: tuple[tuple[str, Pair, float], ...] = (
+    ("steel on ceramic, 5 um", Pair(STEEL, CERAMIC, 0.3, 0.6), 5e-6),
+    ("glass on glass, 10 mm, friction 0.9", Pair(GLASS, GLASS, 0.9, 1.0), 1e-2),
+    ("soft incompressible on stiff, 1 m", Pair(RUBBER, STEEL, 1.2, 0.05), 1.0),
+    ("slippery, 50 nm", Pair(STEEL, GLASS, 0.02, 0.98), 5e-8),
+    ("cork on ceramic, 1 mm", Pair(CORK, CERAMIC, 0.5, 0.3), 1e-3),
+    ("frictionless, 5 um", Pair(STEEL, CERAMIC, 0.0, 0.5), 5e-6),
+    ("friction 1e9, 5 um", Pair(STEEL, CERAMIC, 1e9, 0.5), 5e-6),
+)
+
+TYPICAL = {
+    "energy_per_area": 0.05, "length": 1e-7, "time": 1e-6, "velocity": 0.1, "force": 1e-5, "pressure": 1e8,
+    "density": 2000.0, "stiffness": 1e3, "damping": 1e-6, "energy": 1e-12, "torque": 1e-11, "viscosity": 1e-3,
+}  # fmt: skip
+"""A value in SI for an option without a default, by its dimension; 0.1 for any other."""
+
+
+class Setting(NamedTuple):
+    """One row of the parameter table: materials, the law's options, the contact's effective radius, m."""
+
+    label: str
+    pair: Pair
+    options: dict[str, Any]
+    radius: float
+
+
+def option_sets(law: Law) -> list[tuple[str, dict[str, Any]]]:
+    """Values for the law's options: the usual ones, then all at their lower and upper ends where these are
+    finite."""
+    sets: list[tuple[str, dict[str, Any]]] = []
+    for label in ("", "lowest", "highest"):
+        values = {option.name: _value(option, label) for option in law.options}
+        if values not in [known for _, known in sets]:
+            sets.append((f", options {label}" if label else "", values))
+    return sets
+
+
+def _value(option: Option, end: str) -> float | str | tuple[float, ...]:
+    if option.words and not end and isinstance(option.default, str | float | int):
+        return option.default
+    if option.words and not (option.or_number and end):
+        return option.words[-1 if end == "highest" else 0]
+    bound = {"lowest": option.low, "highest": option.high}.get(end, math.nan)
+    usual = TYPICAL.get(option.dimension, 0.1) if option.default is None else option.default
+    if math.isfinite(bound):
+        usual = bound
+    elif isinstance(usual, Sequence) and not isinstance(usual, str):
+        return tuple(usual)
+    value = min(max(float(usual), option.low), option.high)
+    return value if option.size == 1 else (value,) * option.size
+
+
+def forms_of(law: Law) -> list[Law]:
+    """The law, and its variants for the words of its options, named `NAME_variant`."""
+    forms = [replace(law, variant=None)]
+    variant = law.variant or (lambda options: None)
+    for name, word in [(option.name, word) for option in law.options for word in option.words]:
+        found = variant({option.name: word if option.name == name else option.default for option in law.options})
+        if found:
+            options = tuple(replace(one, default=word) if one.name == name else one for one in found.options)
+            forms.append(replace(found, name=f"{law.name}_variant", options=options))
+    return forms
+
+
+def settings_of(law: Law) -> list[Setting]:
+    """Every pair of materials with every set of options."""
+    return [Setting(name + label, pair, options, radius) for label, options in option_sets(law) for name, pair, radius in PAIRS]
+
+
+class Contacts(NamedTuple):
+    """What a tile is asked, SI: overlap (T, TILE), slip (T, 2, TILE), separation speed, slip velocity."""
+
+    overlap: Array
+    slip: Array
+    v_n: Array
+    v: Array
+
+
+class Bench:
+    """One law in its place in a chain: Hertz below every law that is not normal, Mindlin below a tangential
+    dashpot."""
+
+    def __init__(self, law: Law):
+        below: dict[str, tuple[Law, ...]] = {"normal": (), "tangential_damping": (HERTZ, MINDLIN)}
+        self.law = law = law.sized(option_sets(law)[0][1])
+        self.chain = compose((*below.get(law.stage, (HERTZ,)), law))
+        self.place = self.chain.laws.index(law)
+        self.settings = settings_of(law)
+        self.rows = [tuple(one.mix(s.pair, s.options if one is law else {}) for one in self.chain.laws) for s in self.settings]
+        self.table = np.zeros((len(self.rows), self.chain.width))
+        for k, row in enumerate(self.rows):
+            numbers = [x for p in row for x in p]
+            self.table[k, : len(numbers)] = numbers
+        self.width = len(self.chain.history)
+        self.rolling = law.stage == "rolling"
+        self.sheared = law.stage in ("tangential", "rolling")
+
+    def parameters(self, setting: int) -> Any:
+        """The law's own parameters in a setting."""
+        return self.rows[setting][self.place]
+
+    def setting_of(self, tiles: int) -> NDArray[np.int64]:
+        """Setting of each of so many tiles."""
+        return np.arange(tiles) % len(self.settings)
+
+    def per_tile(self, values: Sequence[float], tiles: int) -> Array:
+        """A number of each setting as (tiles, 1)."""
+        return np.array(values, float)[self.setting_of(tiles), None]
+
+    def radius(self, tiles: int) -> Array:
+        """Effective radius, m."""
+        return self.per_tile([s.radius for s in self.settings], tiles)
+
+    def friction(self, tiles: int) -> Array:
+        """Friction coefficient of the pair."""
+        return self.per_tile([s.pair.friction for s in self.settings], tiles)
+
+    def inputs(self, asked: Contacts, history: Array) -> Array:
+        """The tiles as the engine stages them, (T, fields, TILE)."""
+        tiles = len(asked.overlap)
+        radius = self.radius(tiles)
+        end = at.I_HISTORY + self.width
+        I = np.zeros((tiles, end + (at.J_COLS if self.chain.rolling else 0), at.TILE))  # noqa: E741
+        I[:, at.I_OVERLAP], I[:, at.I_RADIUS], I[:, at.I_MASS] = asked.overlap, radius, 8e3 * radius**3
+        I[:, at.I_VN] = asked.v_n
+        I[:, at.I_SX : at.I_SY + 1], I[:, at.I_VX : at.I_VY + 1] = asked.slip, asked.v
+        I[:, at.I_TYPE] = self.setting_of(tiles)[:, None]
+        I[:, at.I_HISTORY : end] = history
+        if self.rolling:
+            I[:, end : end + 2], I[:, end + 2 : end + 4] = asked.slip / radius[:, None], asked.v / radius[:, None]
+        return I
+
+    def call(self, asked: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
+        """Answers (T, 13, TILE) by `kernels.layout` names O_*, and the new history (T, h, TILE)."""
+        I = self.inputs(asked, history)  # noqa: E741
+        end = at.O_HISTORY + self.width
+        O = np.full((len(I), end + at.Q_COLS, at.TILE), np.nan)  # noqa: E741
+        flat, out, table = I.reshape(len(I), -1), O.reshape(len(I), -1), self.table.ravel()
+        for t in range(len(I)):
+            (law or self.chain.law)(flat[t], out[t], at.TILE, table)
+        if self.rolling:
+            per_arm = 1.0 / self.radius(len(I))
+            for force, moment in ((at.O_TX, at.Q_X), (at.O_TY, at.Q_Y), (at.O_LIMIT, at.Q_LIMIT)):
+                O[:, force] = O[:, end + moment] * per_arm
+        return O[:, : at.O_HISTORY], O[:, at.O_HISTORY : end]
+
+    def virgin(self, tiles: int) -> Array:
+        """Empty history."""
+        return np.zeros((tiles, self.width, at.TILE))
+
+    def interpreted(self) -> Callable:
+        """The tile function without the compiler, on Python floats: a division by zero raises."""
+        text = plain(self.chain.law)
+        names = dict(text.__globals__)
+        names["spread"] = plain(names["spread"])
+        names["np"] = types.SimpleNamespace(empty=lambda n: [0.0] * n, zeros=np.zeros)
+        for k, one in enumerate(self.chain.laws):
+            names[f"kernel_{k}"] = plain(one.kernel)
+        on_lists = types.FunctionType(text.__code__, names)
+
+        def law(flat: Array, out: Array, n: int, table: Array) -> None:
+            answer = out.tolist()
+            on_lists(flat.tolist(), answer, n, table.tolist())
+            out[:] = answer
+
+        return law
+
+
+def compiler_is_off() -> bool:
+    """Whether numba was told to leave all functions to the interpreter."""
+    return plain(HERTZ.kernel) is HERTZ.kernel
+
+
+def plain(function: Callable) -> Any:
+    """The Python function behind a compiled one; the function itself when the compiler is off."""
+    return getattr(function, "py_func", function)
+
+
+class Path(NamedTuple):
+    """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the
+    corners, m."""
+
+    overlap: Array
+    slip: Array
+
+    def steps(self, m: int) -> Iterator[Contacts]:
+        """The contacts after each of m equal steps per segment."""
+        old, at_slip = np.zeros_like(self.overlap[0]), np.zeros_like(self.slip[0])
+        for new, to_slip in zip(self.overlap, self.slip, strict=True):
+            v, v_n = (to_slip - at_slip) / SPAN, (old - new) / SPAN
+            for i in range(1, m + 1):
+                yield Contacts(old + (new - old) * (i / m), (to_slip - at_slip) / m, v_n, v)
+            old, at_slip = new, to_slip
+
+
+class Moment(NamedTuple):
+    """One step of a walk: what was asked, with which history, and the answer. Open contacts answer zeros."""
+
+    asked: Contacts
+    before: Array
+    answer: Array
+    after: Array
+
+
+def walk(bench: Bench, path: Path, m: int) -> Iterator[Moment]:
+    """Drive the law along the paths as the engine does: open contacts are not asked and forget their
+    history."""
+    tiles = len(path.overlap[0])
+    history, radius = bench.virgin(tiles), bench.radius(tiles)
+    for asked in path.steps(m):
+        is_open = (asked.overlap <= 0.0)[:, None]
+        idle = asked._replace(overlap=np.where(is_open[:, 0], 1e-3 * radius, asked.overlap))
+        answer, after = bench.call(idle, history)
+        answer, after = np.where(is_open, 0.0, answer), np.where(is_open, 0.0, after)
+        yield Moment(asked, history, answer, after)
+        history = after
+
+
+def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = False) -> Path:
+    """Corners anywhere: overlap 1e-6 to 0.03 radii, one in eight open; a third of the paths keep to a line.
+
+    The slip is drawn to the scale of the overlap, of the radius, or of the displacement at which the law says
+    that a virgin contact slips; only of the last if `resolved`, so that some twenty steps see every reversal.
+    """
+    rng = np.random.default_rng(SEED)
+    tiles = repeats * len(bench.settings)
+    lanes = (tiles, at.TILE)
+    deepest = bench.radius(tiles) * 10.0 ** rng.uniform(-6.0, -1.5, lanes)
+    overlap = deepest * rng.uniform(0.02, 1.0, (corners, *lanes))
+    overlap = np.where(rng.random(overlap.shape) < 0.125, -0.2 * deepest, overlap)
+    scale = rng.integers(3, size=lanes)
+    by_overlap = np.clip(bench.friction(tiles), 0.02, 3.0) * deepest * 10.0 ** rng.uniform(-1.5, 1.0, lanes)
+    by_radius = bench.radius(tiles) * 10.0 ** rng.uniform(-5.0, -1.0, lanes)
+    critical = _critical(bench, deepest)
+    by_critical = np.where(critical > 0.0, critical * 10.0 ** rng.uniform(-1.5, 1.0, lanes), by_overlap)
+    reach = np.where(scale == 0, by_overlap, np.where(scale == 1, by_radius, by_critical))
+    reach = by_critical if resolved else reach
+    slip = reach[:, None] * rng.uniform(-1.0, 1.0, (corners, tiles, 2, at.TILE))
+    angle = rng.uniform(0.0, 2.0 * np.pi, lanes)
+    line = np.stack([np.cos(angle), np.sin(angle)], 1)
+    on_line = np.sum(slip * line, 2, keepdims=True) * line
+    return Path(overlap, np.where(rng.random((tiles, 1, at.TILE)) < 0.3, on_line, slip))
+
+
+def _critical(bench: Bench, overlap: Array) -> Array:
+    """Displacement at which a virgin contact slips, m, as the law says; 0 where it gives none."""
+    still, none = np.zeros_like(overlap), np.zeros((len(overlap), 2, at.TILE))
+    answer, _ = bench.call(Contacts(overlap, none, still, none), bench.virgin(len(overlap)))
+    critical = answer[:, at.O_CRITICAL]
+    return np.where(np.isfinite(critical), critical, 0.0)
+
+
+def closed_cycles(bench: Bench) -> Path:
+    """Press, shear, change the overlap, shear back, return: with less overlap (C1) or more (C2) on the way
+    back.
+
+    On these the form F = k_t(d) xi makes (k_1 - k_0) U^2/2 out of nothing (Elata and Berryman 1996).
+    """
+    tiles = len(bench.settings)
+    rng = np.random.default_rng(SEED + 1)
+    high = bench.radius(tiles) * 10.0 ** rng.uniform(-4.0, -2.0, (tiles, at.TILE))
+    low = 0.4 * high
+    deep, shallow = (low, low, high, high, low), (high, high, low, low, high)
+    overlap = np.where(np.arange(at.TILE) % 2 == 0, np.array(deep), np.array(shallow))
+    shear = np.minimum(bench.friction(tiles), 1.0) * high * 10.0 ** rng.uniform(-1.5, 0.5, high.shape)
+    slip = np.zeros((5, tiles, 2, at.TILE))
+    slip[1:3, :, 0] = shear
+    return Path(overlap, slip)
+
+
+def extremes(bench: Bench, count: int) -> list[Contacts]:
+    """Contacts asked one after another, with every quantity drawn from zero, ordinary and absurd values."""
+    rng = np.random.default_rng(SEED + 2)
+    tiles = len(bench.settings)
+    lanes = (tiles, at.TILE)
+    radius = bench.radius(tiles)
+    deep = np.array([0.0, 0.0, 1e-15, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0])
+    far = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
+    fast = np.array([0.0, 0.0, 1e-12, 1e-3, 1.0, 1e4])
+
+    def drawn(values: Array, shape: tuple[int, ...]) -> Array:
+        return rng.choice(values, shape) * rng.choice([-1.0, 1.0], shape)
+
+    wide = (tiles, 2, at.TILE)
+    return [
+        Contacts(
+            radius * rng.choice(deep, lanes),
+            radius[:, None] * drawn(far, wide),
+            drawn(fast, lanes),
+            drawn(fast, wide),
+        )
+        for _ in range(count)
+    ]

@@ -1,0 +1,143 @@
+"""The conformance suite: what every contact law has to satisfy, whoever wrote it. `thirdbody laws --check
+FILE` runs it.
+
+Each law is driven through the same composed, compiled tile function that a run uses. A test that does not
+apply to the law's stage is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+from thirdbody.laws.codegen.compile_errors import compile_error
+from thirdbody.laws.conformance.energy import energy, ledger, tangent
+from thirdbody.laws.conformance.paths import Bench, forms_of
+from thirdbody.laws.conformance.symmetry import compiled, finite, friction_limit, history, no_touch, passive, rotation, swap
+from thirdbody.laws.contract import STAGES, Law
+
+ELASTIC = ("normal", "adhesion", "tangential", "rolling")
+VISCOUS = ("damping", "tangential_damping")
+SHEARED = ("tangential", "tangential_damping", "rolling")
+
+TESTS: tuple[tuple[str, tuple[str, ...], Callable[[Bench], tuple[bool, str]]], ...] = (
+    ("finite", STAGES, finite),
+    ("no touch, no force", STAGES, no_touch),
+    ("rotation", STAGES, rotation),
+    ("swap", STAGES, swap),
+    ("friction limit", SHEARED, friction_limit),
+    ("energy", ELASTIC, energy),
+    ("ledger", ELASTIC, ledger),
+    ("dissipates", VISCOUS, passive),
+    ("tangent", ELASTIC, tangent),
+    ("compiled", STAGES, compiled),
+    ("history", STAGES, history),
+)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Result of one test of one law; `detail` tells the worst case or why it failed."""
+
+    law: str
+    test: str
+    passed: bool
+    detail: str = ""
+
+
+def check(laws: Iterable[Law]) -> list[Finding]:
+    """All findings on these laws, in order. A law that raises has failed the test in which it did."""
+    findings: list[Finding] = []
+    for law in laws:
+        faults = declaration_faults(law)
+        findings.append(Finding(law.name, "declaration", not faults, "; ".join(faults)))
+        if faults:
+            continue
+        for form in forms_of(law):
+            findings += _measured(form)
+    return findings
+
+
+def _measured(law: Law) -> list[Finding]:
+    """The findings of the compiled law, or of a variant."""
+    try:
+        bench = Bench(law)
+        faults = parameter_faults(bench)
+    except Exception as problem:  # the law is anyone's code: whatever it raises is a finding
+        faults = [_told(problem)]
+    found = [Finding(law.name, "parameters", not faults, "; ".join(faults[:3]))]
+    if not faults:
+        found += [_tested(name, test, bench) for name, stages, test in TESTS if law.stage in stages]
+    return found
+
+
+def report(findings: Sequence[Finding]) -> str:
+    """The findings as a table in plain text, failures first, and a line that counts them."""
+    rows = [("", "law", "test", "")]
+    rows += [("ok" if f.passed else "FAIL", f.law, f.test, f.detail) for f in sorted(findings, key=lambda f: f.passed)]
+    widths = [max(len(row[k]) for row in rows) for k in range(3)]
+    lines = ["  ".join([*(row[k].ljust(widths[k]) for k in range(3)), row[3]]).rstrip() for row in rows]
+    failed = sum(not f.passed for f in findings)
+    laws = len({f.law for f in findings})
+    lines.append(f"{laws} {'law' if laws == 1 else 'laws'}, {len(findings)} tests, {failed} failed")
+    return "\n".join(lines)
+
+
+def declaration_faults(law: Law) -> list[str]:
+    """What is wrong with the law's own statement of itself, before anything is compiled."""
+    faults = []
+    if law.stage not in STAGES:
+        faults.append(f"stage '{law.stage}' is none of {', '.join(STAGES)}")
+    if not law.name.isidentifier():
+        faults.append(f"name '{law.name}' is not an identifier")
+    if not law.source.strip():
+        faults.append("names no source")
+    if not hasattr(law.parameters, "_fields"):
+        faults.append("parameters is not a NamedTuple")
+    if law.history and law.stage in VISCOUS:
+        faults.append(f"the {law.stage} stage keeps no history")
+    if len(set(law.history)) < len(law.history):
+        faults.append("a history name stands twice")
+    for option in law.options:
+        values = option.default if isinstance(option.default, Sequence) else [option.default]
+        if option.words:
+            if option.default not in option.words and (isinstance(option.default, str) or not option.or_number):
+                faults.append(f"the default of option '{option.name}' is none of its words")
+        elif isinstance(option.default, str):
+            faults.append(f"the default of option '{option.name}' is a text, but the option has no words")
+        elif any(x is not None and not option.low <= float(x) <= option.high for x in values):
+            faults.append(f"the default of option '{option.name}' is outside its own range")
+    return faults
+
+
+def parameter_faults(bench: Bench) -> list[str]:
+    """Settings in which `mix` gives something other than finite floats in a tuple of the declared type."""
+    faults = []
+    for k, setting in enumerate(bench.settings):
+        p = bench.parameters(k)
+        is_declared: bool = isinstance(p, bench.law.parameters)
+        if not is_declared:
+            return [f"mix gives a {type(p).__name__}, declared is {bench.law.parameters.__name__}"]
+        faults += [
+            f"{setting.label}: {name} is {value!r}"
+            for name, value in zip(p._fields, p, strict=True)
+            if not isinstance(value, int | float) or not math.isfinite(value)
+        ]
+    return faults
+
+
+def _tested(name: str, test: Callable[[Bench], tuple[bool, str]], bench: Bench) -> Finding:
+    try:
+        passed, detail = test(bench)
+    except Exception as problem:  # as above
+        passed, detail = False, _told(problem)
+    return Finding(bench.law.name, name, passed, detail)
+
+
+def _told(problem: Exception) -> str:
+    reason = compile_error(problem)
+    if reason is not None:
+        return reason
+    text = str(problem).strip().splitlines()
+    return f"{type(problem).__name__}: {text[0] if text else ''}"

@@ -1,0 +1,217 @@
+"""Conformance tests of single answers and of symmetry: finite, no touch no force, rotation, swap, friction,
+compiler, history. Each gives (passed, detail)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from thirdbody.kernels import layout as at
+from thirdbody.laws.conformance.paths import Array, Bench, Contacts, Moment, Path, compiler_is_off, extremes, random_paths, walk
+
+Result = tuple[bool, str]
+
+ROUND_OFF = 1e-12
+"""Relative difference that a few thousand roundings of double precision may leave."""
+
+ROTATED = 1e-9
+"""The same for a rotated path: a cosine per step, and friction's return amplifies it by the trial over the
+limit."""
+
+FORCES = [at.O_FN, at.O_TX, at.O_TY, at.O_LOAD, at.O_LIMIT, at.O_STORED_N, at.O_STORED_T]
+ENERGIES = (at.O_STORED_N, at.O_STORED_T, at.O_WORK, at.O_LOST)
+NAMES = {
+    getattr(at, f"O_{name.upper()}"): name
+    for name in ("fn tx ty load limit critical slip a stored_n stored_t work lost power".split())
+}
+
+
+def finite(bench: Bench) -> Result:
+    """Finite answers and history on absurd contacts, each after another one."""
+    memory = bench.virgin(len(bench.settings))
+    for asked in extremes(bench, 24):
+        answer, memory = bench.call(asked, memory)
+        for what, values in (("answer", answer), ("history", memory)):
+            bad = np.argwhere(~np.isfinite(values))
+            if len(bad):
+                tile, column, lane = bad[0]
+                name = NAMES[column] if what == "answer" else bench.chain.history[column]
+                return False, f"{name} is {values[tile, column, lane]}, {_place(bench, asked, tile, lane)}"
+            memory = np.where(np.isfinite(memory), memory, 0.0)
+    return True, ""
+
+
+def no_touch(bench: Bench) -> Result:
+    """No force and no energy at zero overlap: virgin, after any path, moving, slipping."""
+    path = random_paths(bench, 3)
+    tiles = len(bench.settings)
+    moved = Contacts(np.zeros_like(path.overlap[0]), path.slip[0], -np.abs(path.overlap[0]) * 1e3, path.slip[0] * 1e3)
+    memories = [bench.virgin(tiles), *(moment.after for moment in walk(bench, path, 2))]
+    for memory in memories:
+        answer, _ = bench.call(moved, memory)
+        bad = np.argwhere(answer[:, FORCES] != 0.0)  # a NaN counts
+        if len(bad):
+            tile, k, lane = bad[0]
+            value = answer[tile, FORCES[k], lane]
+            return False, f"{NAMES[FORCES[k]]} is {value:.3g} at zero overlap, {bench.settings[tile].label}"
+    return True, ""
+
+
+def rotation(bench: Bench) -> Result:
+    """Turning the contact frame turns the tangential force and leaves all else."""
+    angle = np.random.default_rng(7).uniform(0.0, 2.0 * np.pi, (len(bench.settings), at.TILE))
+    cos, sin = np.cos(angle), np.sin(angle)
+    return _transformed(bench, np.array([[cos, -sin], [sin, cos]]), ROTATED)
+
+
+def swap(bench: Bench) -> Result:
+    """The same contact told from the other body: the normal turns over, and with it the frame's second axis.
+
+    Slip and force on the other body change sign, and the second axis once more: components (-x, +y). With
+    `rotation` this also says that negating the slip negates the force. The order of two materials must not
+    matter either.
+    """
+    one = np.ones((len(bench.settings), at.TILE))
+    passed, detail = _transformed(bench, np.array([[-one, 0.0 * one], [0.0 * one, one]]), ROUND_OFF)
+    if not passed:
+        return passed, detail
+    for k, setting in enumerate(bench.settings):
+        pair = setting.pair
+        other = bench.law.mix(replace(pair, a=pair.b, b=pair.a), setting.options)
+        if not np.allclose(bench.parameters(k), other, rtol=ROUND_OFF, atol=0.0):
+            return False, f"mix depends on the order of the materials: {bench.parameters(k)}, {other}"
+    return True, detail
+
+
+def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
+    """Compare a walk with the walk of the path transformed by `matrix` (2, 2, T, TILE)."""
+    path = random_paths(bench, 5)
+    image = Path(path.overlap, np.einsum("ijtl,ktjl->ktil", matrix, path.slip))
+    size = np.full((len(bench.settings), at.O_HISTORY, at.TILE), 1e-300)
+    worst, told = 0.0, ""
+    for one, two in zip(walk(bench, path, 3), walk(bench, image, 3), strict=True):
+        expected = one.answer.copy()
+        expected[:, at.O_TX : at.O_TY + 1] = np.einsum("ijtl,tjl->til", matrix, one.answer[:, at.O_TX : at.O_TY + 1])
+        size = np.maximum(size, np.abs(expected))
+        size[:, at.O_TX : at.O_TY + 1] = np.max(size[:, at.O_TX : at.O_TY + 1], 1, keepdims=True)
+        size[:, ENERGIES] = np.max(size[:, ENERGIES], 1, keepdims=True)
+        # what the friction limit leaves to a dashpot may be the rounding of a difference: so the scale is
+        # force by speed
+        speed = np.hypot(*np.moveaxis(one.asked.v, 1, 0)) + np.abs(one.asked.v_n)
+        size[:, at.O_POWER] = np.maximum(size[:, at.O_POWER], np.abs(size[:, at.O_TX] + size[:, at.O_FN]) * speed)
+        error = np.nan_to_num(np.abs(two.answer - expected) / size, nan=np.inf)
+        if error.max() > worst:
+            worst = float(error.max())
+            tile, column, lane = np.unravel_index(np.argmax(error), error.shape)
+            told = f"{NAMES[int(column)]} differs by {worst:.1e}, {bench.settings[tile].label}"
+    return worst <= tolerance, told if worst > tolerance else f"{worst:.0e}"
+
+
+def friction_limit(bench: Bench) -> Result:
+    """|T| never beyond the stated limit, and the limit is mu times the load where the law has a parameter
+    `mu` (rolling: `mu_r`)."""
+    path = random_paths(bench, 8, repeats=2)
+    tiles = len(path.overlap[0])
+    mu = bench.friction(tiles)
+    has_mu = bench.sheared and hasattr(bench.law.parameters, "mu_r" if bench.rolling else "mu")
+    if bench.rolling and has_mu:
+        mu = bench.per_tile([bench.parameters(k).mu_r for k in range(len(bench.settings))], tiles)
+    for m in (1, 4):
+        for moment in walk(bench, path, m):
+            answer = moment.answer
+            size, limit = np.hypot(answer[:, at.O_TX], answer[:, at.O_TY]), answer[:, at.O_LIMIT]
+            over = np.argwhere(~(size <= limit * (1.0 + ROUND_OFF)))
+            if len(over):
+                tile, lane = over[0]
+                ratio = size[tile, lane] / max(limit[tile, lane], 1e-300)
+                return False, f"force is {ratio:.6g} of the limit, {_place(bench, moment.asked, tile, lane)}"
+            allowed = mu * answer[:, at.O_LOAD]
+            if has_mu and not np.allclose(limit, allowed, rtol=ROUND_OFF, atol=0.0):
+                tile, lane = np.argwhere(~np.isclose(limit, allowed, rtol=ROUND_OFF, atol=0.0))[0]
+                ratio = limit[tile, lane] / max(allowed[tile, lane], 1e-300)
+                return False, f"limit is {ratio:.6g} mu N, {_place(bench, moment.asked, tile, lane)}"
+    return True, "" if has_mu or not bench.sheared else "no parameter mu: only |T| <= limit"
+
+
+def passive(bench: Bench) -> Result:
+    """A dashpot takes power at any velocity, and none at rest. The power is that of the force which really
+    acted."""
+    path = random_paths(bench, 5)
+    rng = np.random.default_rng(11)
+    for moment in walk(bench, path, 2):
+        asked, rest = moment.asked, np.zeros_like(moment.asked.v_n)
+        open_at = np.maximum(asked.overlap, 0.0)
+        speed = np.sqrt(9.81 * bench.radius(len(rest))) * 10.0 ** rng.uniform(-3.0, 2.0, rest.shape)
+        v = speed[:, None] * rng.uniform(-1.0, 1.0, asked.v.shape)
+        v_n = speed * rng.uniform(-1.0, 1.0, rest.shape)
+        moving, _ = bench.call(Contacts(open_at, asked.slip, v_n, v), moment.before)
+        still, _ = bench.call(Contacts(open_at, asked.slip, rest, np.zeros_like(v)), moment.before)
+        power = moving[:, at.O_POWER]
+        scale = np.abs(still[:, at.O_FN]) * speed
+        bad = np.argwhere(~(power >= -ROUND_OFF * scale))
+        if len(bad):
+            tile, lane = bad[0]
+            return False, f"power is {power[tile, lane]:.3g} W, {_place(bench, asked, tile, lane)}"
+        if np.any(still[:, at.O_POWER] != 0.0):
+            return False, "power without velocity"
+    return True, ""
+
+
+def compiled(bench: Bench) -> Result:
+    """The compiled tile against the same text in the interpreter, on ordinary and absurd contacts."""
+    if compiler_is_off():
+        return True, "the compiler is off"
+    law = bench.interpreted()
+    cases: list[tuple[Contacts, Array]] = [
+        (moment.asked._replace(overlap=np.maximum(moment.asked.overlap, 0.0)), moment.before)
+        for moment in walk(bench, random_paths(bench, 2), 1)
+    ]
+    memory = bench.virgin(len(bench.settings))
+    for asked in extremes(bench, 2):
+        cases.append((asked, memory))
+        _, memory = bench.call(asked, memory)
+    worst = 0.0
+    for asked, before in cases:
+        a, b = (np.concatenate(bench.call(asked, before, which), 1) for which in (None, law))
+        size = np.maximum(np.abs(a), np.abs(b))
+        size[:, ENERGIES] = np.max(size[:, ENERGIES], 1, keepdims=True)
+        error = np.where((a == b) | (np.isnan(a) & np.isnan(b)), 0.0, np.abs(a - b) / np.maximum(size, 1e-300))
+        worst = max(worst, float(np.nan_to_num(error, nan=np.inf).max()))
+    return worst <= ROUND_OFF, "same bits" if worst == 0.0 else f"differ by {worst:.1e}"
+
+
+def history(bench: Bench) -> Result:
+    """Continuing from copied history gives the same bits, elsewhere in the tile too: no hidden memory. What is named `energy` in
+    it is the stored energy."""
+    path = random_paths(bench, 4)
+    moments: list[Moment] = list(walk(bench, path, 3))
+    order = np.random.default_rng(3).permutation(at.TILE)
+    memory = moments[5].after.copy()
+    for moment in moments[6:]:
+        touches = (moment.asked.overlap > 0.0)[:, None]
+        touched = moment.asked._replace(overlap=np.maximum(moment.asked.overlap, 0.0))
+        shuffled = Contacts(*(np.ascontiguousarray(x[..., order]) for x in touched))
+        answer, after = bench.call(shuffled, np.ascontiguousarray(memory[..., order]))
+        back = np.argsort(order)
+        answer, after = np.where(touches, answer[..., back], 0.0), np.where(touches, after[..., back], 0.0)
+        if not (np.array_equal(answer, moment.answer) and np.array_equal(after, moment.after)):
+            return False, "a continued contact differs from one that was not interrupted"
+        memory = after
+    if not all(np.array_equal(_energy(bench, moment), moment.answer[:, at.O_STORED_T]) for moment in moments):
+        return False, "what it remembers as `energy` is not what it answers as `stored`"
+    return True, f"{len(bench.law.history)} floats" if bench.law.history else "none"
+
+
+def _energy(bench: Bench, moment: Moment) -> Array:
+    """What the law remembers as the energy of its spring (the engine reads it there), J; what it answers, if it does not."""
+    own = bench.sheared and "energy" in bench.law.history
+    return moment.after[:, bench.chain.stored] if own else moment.answer[:, at.O_STORED_T]
+
+
+def _place(bench: Bench, asked: Contacts, tile: int, lane: int) -> str:
+    """Which contact it was, in words."""
+    setting = bench.settings[tile % len(bench.settings)]
+    depth = asked.overlap[tile, lane] / setting.radius
+    slip = float(np.hypot(*asked.slip[tile, :, lane])) / setting.radius
+    return f"overlap/radius {depth:.2g}, slip/radius {slip:.2g}, {setting.label}"

@@ -1,0 +1,141 @@
+"""What the tangential laws with one spring and Coulomb's limit share: the memory of the spring, and the derivative of a trial
+force that is scaled back onto the limit.
+
+A contact remembers the tangential force T and the elastic energy U of its field of displacements. With the stiffness 2 G* a of a
+uniform displacement they tell the radius a_c = T^2/(4 G* U) that carries the force: slip over a patch that has grown since is
+added at equal force and equal energy. A patch that shrinks loses force only once it is smaller than a_c, so cycles of the load
+release their share once, not again in every cycle (physics: tangential memory). With a uniform field, U = T^2/(4 G* a), this is
+the rescaled force of Thornton and Randall (1988), which takes the field as uniform after every step.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from thirdbody.laws.contract import Option, Options, kernel
+
+MEMORY = Option(
+    "memory",
+    "dimensionless",
+    "two_number",
+    words=("two_number", "rescaled"),
+    doc="'two_number': force and energy; 'rescaled': the force alone, as in LAMMPS: every cycle of load loses a part of it",
+)
+
+
+def keeps(options: Options) -> float:
+    """Share of the energy of a non-uniform field that a contact remembers: 1, or 0 for the rescaled force."""
+    return 0.0 if options.get("memory", MEMORY.default) == "rescaled" else 1.0
+
+
+def forgets(options: Options) -> bool:
+    """Whether a spot that rolls on forgets: where the scene says so, and not with the rescaled force."""
+    return keeps(options) > 0.0 and options.get("renewal", 0.0) != 0.0
+
+
+class Spring(NamedTuple):
+    """A spring after a step: force on the owner, N; slip at the limit, m; elastic energy and what was dissipated, J."""
+
+    x: float
+    y: float
+    slip: float
+    stored: float
+    dissipated: float
+
+
+@kernel
+def stretched(slip_x, slip_y, memory, stiffness, limit, keeps):
+    """A spring of this stiffness (N/m) after a slip (m), from its memory (T_x, T_y, U), cut at the `limit` (N).
+
+    kept = min(1, 2 k U/T^2) of force and energy fit into the patch. X = U - T^2/(2 k) is what the field holds beyond a uniform
+    one of the same force: slip leaves it as it is, the limit takes its share of it. Dissipated are the energy of lost area, that
+    share, and the work of the slip at the limit, so the balance is exact: U + (T'^2 - T^2)/(2 k) + L slip = U' + dissipated.
+    """
+    x_old, y_old, energy = memory
+    square = max(x_old * x_old + y_old * y_old, 1e-150)
+    firm = max(stiffness, 1e-150)
+    inverse = 1.0 / (firm * square)  # one division for two
+    compliance = inverse * square
+    kept = min(2.0 * stiffness * energy * inverse * firm, 1.0)
+    x_kept, y_kept = kept * x_old, kept * y_old
+    uniform = 0.5 * (x_kept * x_kept + y_kept * y_kept) * compliance
+    beyond = keeps * max(kept * energy - uniform, 0.0)
+    x_try, y_try = x_kept - stiffness * slip_x, y_kept - stiffness * slip_y
+    size = math.sqrt(x_try * x_try + y_try * y_try)
+    back = limit / max(size, max(limit, 1e-300))
+    x, y = back * x_try, back * y_try
+    slip = (1.0 - back) * size * compliance
+    left = back * back * beyond
+    stored = 0.5 * (x * x + y * y) * compliance + left
+    return Spring(x, y, slip, stored, energy - uniform - left + back * size * slip)
+
+
+@kernel
+def stretched_tangent(slip_x, slip_y, memory, stiffness, stiffness_rate):
+    """The trial force of `stretched` and its derivative by the overlap: x, y (N), x_rate, y_rate (N/m)."""
+    x_old, y_old, energy = memory
+    square = max(x_old * x_old + y_old * y_old, 1e-150)
+    share = 2.0 * energy / square
+    whole = stiffness * share >= 1.0
+    kept, rate = (1.0, 0.0) if whole else (stiffness * share, stiffness_rate * share)
+    return (
+        kept * x_old - stiffness * slip_x,
+        kept * y_old - stiffness * slip_y,
+        rate * x_old - stiffness_rate * slip_x,
+        rate * y_old - stiffness_rate * slip_y,
+    )
+
+
+@kernel
+def rolled(slip_x, slip_y, memory, share, stiffness, limit):
+    """`stretched` in a step in which rolling renews a share of the field (`renewal.Renewal`).
+
+    Renewal takes int (renewal rate) 2 U over the step: exact in a spring that sticks and in one that slides one way throughout.
+    """
+    x_old, y_old, energy = memory
+    scaled = (share.kept * x_old, share.kept * y_old, share.kept * share.kept * energy)
+    t = stretched(share.fill * slip_x, share.fill * slip_y, scaled, stiffness, limit, 1.0)
+    square, firm = max(x_old * x_old + y_old * y_old, 1e-150), max(stiffness, 1e-150)
+    part = min(2.0 * stiffness * energy / square, 1.0)
+    x, y = part * x_old, part * y_old
+    left = 1.0 - share.kept * share.kept
+    if t.slip > 0.0:
+        lost_x = (1.0 - share.kept) * x - (1.0 - share.fill) * stiffness * slip_x
+        lost_y = (1.0 - share.kept) * y - (1.0 - share.fill) * stiffness * slip_y
+        heat = max(0.5 * (lost_x * (x + t.x) + lost_y * (y + t.y)) / firm, 0.0)
+        heat += left * max(energy - 0.5 * (x * x + y * y) / firm, 0.0)
+    else:
+        work, way = x * slip_x + y * slip_y, slip_x * slip_x + slip_y * slip_y
+        heat = max(left * energy - share.mixed * work + share.own * stiffness * way, 0.0)
+    return Spring(t.x, t.y, t.slip, t.stored, t.dissipated + heat)
+
+
+@kernel
+def rolled_tangent(slip_x, slip_y, memory, share, overlap, stiffness, stiffness_rate):
+    """The trial force of `rolled` and its derivative by the overlap; the exponent of renewal falls as overlap^-0.5."""
+    x_old, y_old, energy = memory
+    scaled = (share.kept * x_old, share.kept * y_old, share.kept * share.kept * energy)
+    x, y, x_rate, y_rate = stretched_tangent(share.fill * slip_x, share.fill * slip_y, scaled, stiffness, stiffness_rate)
+    half = 0.5 / max(overlap, 1e-300)
+    grows = half * (1.0 - share.kept) / share.fill
+    moved = stiffness * (grows * share.fill - half * (share.fill - share.kept))
+    return x, y, x_rate + grows * x + moved * slip_x, y_rate + grows * y + moved * slip_y
+
+
+@kernel
+def friction_tangent(x, y, limit, limit_rate, stiffness, x_rate, y_rate):
+    """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy (N/m), dTx/dd, dTy/dd (N/m) of the trial force (x, y) cut at `limit`.
+
+    The trial force falls by `stiffness` per slip along either axis and changes by (x_rate, y_rate) per overlap, the limit by
+    `limit_rate`. Beyond the limit T = L t/|t|, so dT = dL t/|t| + (L/|t|)(1 - t t^T/|t|^2) dt (radial return).
+    """
+    size = math.sqrt(x * x + y * y)
+    if size <= limit:
+        return -stiffness, 0.0, 0.0, -stiffness, x_rate, y_rate
+    e_x, e_y = x / size, y / size
+    share = limit / size
+    xx, xy, yy = share * (1.0 - e_x * e_x), -share * e_x * e_y, share * (1.0 - e_y * e_y)
+    x_total = limit_rate * e_x + xx * x_rate + xy * y_rate
+    y_total = limit_rate * e_y + xy * x_rate + yy * y_rate
+    return -stiffness * xx, -stiffness * xy, -stiffness * xy, -stiffness * yy, x_total, y_total

@@ -1,0 +1,243 @@
+"""The picture of forecast against fact: how far the friction of each body is from where it could just slide, and what it did."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from thirdbody.errors import InputError, OutputError, UsageError
+from thirdbody.palette import STATE_COLORS, rgb
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+BAND = 0.02
+"""Relative distance of mu from t_min and t_max within which the answer is open."""
+
+FARTHEST, NEVER = 10.0, -28.0
+"""Margins beyond +-FARTHEST are drawn there; NEVER is the place of bodies that no friction lets slide (t_min > t_max)."""
+
+FORMATS = (".png", ".pdf", ".svg")
+MARKERS = {"rolling": "o", "sliding": "D", "sticking": "s"}
+FACTS = {"rolling": "was rolling", "sliding": "never rolled: slid", "sticking": "never rolled: stuck"}
+INK = "#222222"
+WIDTH, ROW, ROOM = 5.4, 0.4, 2.1
+"""Of the figure, inch: width, height of one row at least, height of all that is no row."""
+TALLEST = 3.2
+"""Height of the rows together, inch, up to which crowded rows grow so that their points can be told apart."""
+LETTERS = 52
+"""In a line of the title at most: what the width has room for."""
+LEAST = 3
+"""Rows whose height the axes have at least."""
+DOTS = 180
+"""Per inch: nearly 300 where the picture is printed in one column of two (3.4 inch)."""
+SPREAD = 0.4
+"""Greatest distance of a point from the middle of its row, whose height is 1."""
+EDGES = (1.8 * NEVER, 1.35 * FARTHEST)
+STEP = 0.0125
+"""Width of a stack of points over that of the axes: a little less than a point, so that neighbours just overlap."""
+PITCH = 0.055
+"""From point to point of a stack, inch: they just touch."""
+NAMED = 12
+"""Disagreements that are ringed and named at most; of more the farthest from the band, half of them on each side."""
+NUMBER = (0.09, 0.16)
+"""Room of a number beside its ring as shares of the width of the axes, and inch of height."""
+
+
+class Forecasts(NamedTuple):
+    """Bodies of one run or of several, one entry each; `pooled` joins runs."""
+
+    body: np.ndarray
+    """Number of the body in its run (n,), int."""
+    friction: np.ndarray
+    """Friction coefficient (n,), 1."""
+    t_min: np.ndarray
+    """Least friction with which it can slide along the drag (n,), 1."""
+    t_max: np.ndarray
+    """Largest one (n,), 1."""
+    slides: np.ndarray
+    """Forecast (n,), bool: it can slide; else it can only roll."""
+    fact: np.ndarray
+    """What it did (n,), str: a key of FACTS."""
+
+    @property
+    def margin(self) -> np.ndarray:
+        """min(mu - t_min, t_max - mu)/mu (n,): positive inside the interval; without friction +-inf, or 0 at an end."""
+        inside = np.minimum(self.friction - self.t_min, self.t_max - self.friction)
+        far = np.where(inside == 0.0, 0.0, np.copysign(np.inf, inside))
+        return np.divide(inside, self.friction, out=far, where=self.friction > 0.0)
+
+    @property
+    def clear(self) -> np.ndarray:
+        """Outside the band (n,), bool."""
+        return np.abs(self.margin) > BAND
+
+    @property
+    def as_told(self) -> np.ndarray:
+        """Forecast and fact agree (n,), bool."""
+        return self.slides == (self.fact != "rolling")
+
+
+def pooled(parts: Sequence[Forecasts]) -> Forecasts:
+    """The bodies of several runs as those of one."""
+    return Forecasts(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+
+def check_format(path: Path) -> None:
+    """Raises UsageError for a picture that is none of FORMATS."""
+    if path.suffix.lower() not in FORMATS:
+        raise UsageError(f"{path}: a picture ends in {', '.join(FORMATS)}")
+
+
+def draw_forecasts(forecasts: Forecasts, path: Path, title: str = "") -> None:
+    """Write the picture, one row per friction coefficient; its kind is told by the suffix.
+
+    Raises UsageError for another suffix, InputError without any body, OutputError if the file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    check_format(path)
+    if not len(forecasts.body):
+        raise InputError("nothing to draw: no body has a forecast")
+    figure = Figure(figsize=(WIDTH, ROOM + rows_height(forecasts.friction)), layout="constrained")
+    draw_into(figure.subplots(), forecasts, title)
+    try:
+        # a date would make equal pictures differ
+        figure.savefig(path, dpi=DOTS, metadata={".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(path.suffix.lower()))
+    except OSError as problem:
+        raise OutputError(f"{path}: cannot be written ({problem.strerror})") from problem
+
+
+def rows_height(friction: np.ndarray) -> float:
+    """Height of all rows, inch: a row of n bodies asks for a quarter of the stack that they would make, up to TALLEST in all."""
+    counts = np.unique(friction, return_counts=True)[1]
+    return max(ROW * max(len(counts), LEAST), min(0.25 * PITCH * float(counts.max()) * len(counts), TALLEST))
+
+
+def draw_into(axes: Axes, forecasts: Forecasts, title: str = "") -> None:
+    """Draw everything into the axes: the two answers and the band, points by what was seen, rings around disagreements."""
+    frictions, row = np.unique(forecasts.friction, return_inverse=True)
+    _draw_ground(axes, frictions)
+    x = np.where(forecasts.t_min > forecasts.t_max, NEVER, np.clip(forecasts.margin, -FARTHEST, FARTHEST))
+    height = rows_height(forecasts.friction) / len(frictions)
+    y = row + swarm(_share(axes, x), row, PITCH / height)
+    for name, marker in MARKERS.items():
+        here = forecasts.fact == name
+        if here.any():
+            size = {"o": 17.0, "D": 13.0, "s": 14.0}[marker]
+            axes.scatter(x[here], y[here], s=size, marker=marker, color=STATE_COLORS[name], edgecolors="white", linewidths=0.35,
+                         label=FACTS[name], zorder=3)  # fmt: skip
+    _mark_disagreements(axes, forecasts, x, y, height)
+    axes.set_title("\n".join([*textwrap.wrap(title, LETTERS), agreement(forecasts)]), fontsize=10.0, pad=20.0)
+    axes.figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9.0, handletextpad=0.3, columnspacing=1.2)
+
+
+def agreement(forecasts: Forecasts) -> str:
+    """The agreement in words."""
+    clear = forecasts.clear
+    told, agree = int(clear.sum()), int((clear & forecasts.as_told).sum())
+    share = f" ({100.0 * agree / told:.1f} %)" if told else ""
+    left = len(clear) - told
+    return f"as told: {agree} of {told}{share}" + (f"; {left} more in the {100.0 * BAND:g} % band" if left else "")
+
+
+def swarm(x: np.ndarray, row: np.ndarray, pitch: float) -> np.ndarray:
+    """Places across its row (n,), within +-SPREAD, of points at `x` (share of the width): near ones stacked, `pitch` apart."""
+    across = np.zeros(len(x))
+    cell = np.floor(x / STEP + 0.5).astype(int)
+    for key in np.unique(np.column_stack([row, cell]), axis=0):
+        members = np.flatnonzero((row == key[0]) & (cell == key[1]))
+        near = min(pitch, 2.0 * SPREAD / max(len(members) - 1, 1))
+        across[members] = near * (np.arange(len(members)) - 0.5 * (len(members) - 1))
+    return across
+
+
+def _share(axes: Axes, x: np.ndarray) -> np.ndarray:
+    """Places (n,) along the axis as shares of its width: the same whatever the size of the figure becomes."""
+    return axes.transData.transform(np.column_stack([x, np.zeros(len(x))]))[:, 0] / axes.bbox.width
+
+
+def _draw_ground(axes: Axes, frictions: np.ndarray) -> None:
+    """The axes, linear within the band and logarithmic outside, in the pale colour of what is told there."""
+    axes.set_xscale("symlog", linthresh=BAND, linscale=0.35)
+    axes.set_xlim(*EDGES)
+    axes.set_ylim(-0.55, len(frictions) - 0.45)
+    sides = ((EDGES[0], -BAND, "rolling", "told: can only roll"), (BAND, EDGES[1], "sliding", "told: can slide"))
+    for start, end, state, text in sides:
+        axes.axvspan(start, end, color=_pale(STATE_COLORS[state]), zorder=0, linewidth=0.0)
+        middle = -np.sqrt(start * end) if start < 0.0 else np.sqrt(start * end)
+        axes.annotate(text, (middle, 1.0), (0.0, 4.0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
+                      ha="center", fontsize=9.5, fontweight="bold", color=INK)  # fmt: skip
+    axes.axvspan(-BAND, BAND, color="#C9CCD1", zorder=0, linewidth=0.0, label=f"within {100.0 * BAND:g} %: open")
+    axes.axvline(0.0, color=INK, linewidth=0.8, zorder=1)
+    for y in np.arange(len(frictions) - 1) + 0.5:
+        axes.axhline(y, color="white", linewidth=1.2, zorder=1)
+    places = [-1.0, -0.1, -BAND, 0.0, BAND, 0.1, 1.0, FARTHEST]
+    names = [f"{100.0 * t:+g}".replace("-", "\N{MINUS SIGN}") if t else "0" for t in places]
+    axes.set_xticks([NEVER, *places], ["never", *names])
+    axes.xaxis.minorticks_off()
+    axes.set_yticks(range(len(frictions)), [f"{mu:g}" for mu in frictions])
+    axes.tick_params(axis="y", length=0.0)
+    axes.set_ylabel(r"friction coefficient $\mu$")
+    axes.set_xlabel(r"distance of $\mu$ from the nearer end of $[t_{\min}, t_{\max}]$, in % of $\mu$")
+    axes.spines[["top", "right", "left"]].set_visible(False)
+
+
+def _mark_disagreements(axes: Axes, forecasts: Forecasts, x: np.ndarray, y: np.ndarray, height: float) -> None:
+    """Rings and numbers for the bodies outside the band that did other than told; of many, dark edges and the farthest named."""
+    wrong = np.flatnonzero(forecasts.clear & ~forecasts.as_told)
+    if not len(wrong):
+        return
+    places = np.column_stack([_share(axes, x), y * height])
+    ringed = farthest(forecasts, wrong, places)
+    label = "other than told"
+    if len(wrong) > NAMED:
+        dark: str | None = f"other than told ({len(wrong)})"
+        for name in sorted(set(forecasts.fact[wrong])):
+            here = wrong[forecasts.fact[wrong] == name]
+            axes.scatter(x[here], y[here], s=20.0, marker=MARKERS[name], color=STATE_COLORS[name], edgecolors=INK, linewidths=0.9,
+                         zorder=4, label=dark)  # fmt: skip
+            dark = None
+        label = f"the {len(ringed)} of these farthest from the band"
+    axes.scatter(x[ringed], y[ringed], s=75.0, facecolors="none", edgecolors=INK, linewidths=1.1, zorder=5, label=label)
+    _write_numbers(axes, forecasts.body, ringed, np.column_stack([x, y]), places)
+
+
+def farthest(forecasts: Forecasts, wrong: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Those of the bodies `wrong` that get a ring and a number: all of a few, else the farthest from the band on each side.
+
+    `places` (n, 2), of all bodies, in shares of the width and in inch: where a number would lie on another there is none.
+    """
+    if len(wrong) <= NAMED:
+        return wrong
+    distance = np.where(forecasts.t_min > forecasts.t_max, np.inf, np.abs(forecasts.margin))
+    chosen: list[int] = []
+    for slides in (False, True):
+        side = wrong[forecasts.slides[wrong] == slides]
+        room = len(chosen) + NAMED // 2
+        for k in side[np.argsort(-distance[side], kind="stable")]:
+            near = (np.abs(places[chosen] - places[k]) < NUMBER).all(axis=1)
+            if len(chosen) < room and not near.any():
+                chosen.append(int(k))
+    return np.array(chosen)
+
+
+def _write_numbers(axes: Axes, body: np.ndarray, ringed: np.ndarray, points: np.ndarray, places: np.ndarray) -> None:
+    """The number of each body to the right of its ring, or to the left where another ring is."""
+    from matplotlib.patheffects import withStroke
+
+    for k in ringed:
+        ahead, above = (places[ringed] - places[k]).T
+        taken = ((ahead > 0.0) & (ahead < NUMBER[0]) & (np.abs(above) < NUMBER[1])).any()
+        side, align = (-5.5, "right") if taken else (5.5, "left")
+        axes.annotate(str(body[k]), points[k], (side, 0.0), textcoords="offset points", fontsize=8.5, va="center", ha=align,
+                      zorder=6, path_effects=[withStroke(linewidth=2.0, foreground="white")])  # fmt: skip
+
+
+def _pale(color: str) -> tuple[float, ...]:
+    """A quarter of the colour on white."""
+    return tuple(1.0 - 0.25 * (1.0 - part / 255.0) for part in rgb(color))

@@ -1,0 +1,168 @@
+"""Panels of friction: the coefficient over the way, and the loop of a stroke."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.palette import LINE_COLORS as LINES
+from thirdbody.plot.run_data import Sheet
+from thirdbody.quantity import scaled, told
+from thirdbody.trajectory.statistics import running_mean
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+SHARE = 0.1
+"""Of the run that one running mean counts."""
+
+MU = "friction coefficient"
+FRICTION_NOTE = (
+    "Friction coefficient: force of the debris on the upper plate against its motion, over the normal force; means over the"
+    " output intervals. Its error counts that neighbouring intervals are correlated (autocorrelation time)."
+)
+LOOP_NOTE = (
+    "Friction loop: the friction coefficient, signed by the first direction of motion, over the displacement of the upper plate;"
+    " the area times the load is the work of one cycle."
+)
+
+
+def why_no_friction(sheet: Sheet) -> str:
+    """Why there is nothing to draw over the way, empty if there is."""
+    if sheet.stroke:
+        return "the plate goes back and forth: the panel loop shows its friction"
+    return _why_none(sheet)
+
+
+def why_no_loop(sheet: Sheet) -> str:
+    """Why there is no loop, empty if there is one."""
+    return _why_none(sheet) if sheet.stroke else "the plate never turns back"
+
+
+def _why_none(sheet: Sheet) -> str:
+    if not sheet.dragged:
+        return "no drag"
+    return "" if np.isfinite(sheet.name("friction_coefficient")[1:]).any() else "never loaded"
+
+
+def friction_title(sheet: Sheet) -> str:
+    """The result in words."""
+    found = sheet.friction
+    if not np.isfinite(found.value):
+        return "Friction coefficient"
+    drifts = f", {found.short_verdict}" if found.stationary is False else ""
+    return f"Friction coefficient: {found.short_text}{drifts}"
+
+
+def draw_friction(axes: Axes, sheet: Sheet) -> None:
+    """Draw the means of the intervals, their running mean, mean and error over the second half, and the pairs' coefficients."""
+    x, unit = scaled(sheet.axis[0], sheet.axis[1])
+    mu = sheet.name("friction_coefficient").copy()
+    mu[0] = np.nan  # that interval was the pressing
+    marker = "." if len(x) < 80 else ""
+    axes.plot(x, mu, color=LINES["sky"], linewidth=0.8, markersize=4.0, label="each interval", marker=marker)
+    width = max(int(round(SHARE * len(x))), 3)
+    if len(x) > 2 * width:
+        mean = np.where(np.isfinite(mu), running_mean(mu, width), np.nan)
+        axes.plot(x, mean, color=LINES["blue"], linewidth=1.8, label=f"running mean\n(over {told_way(sheet, width)})")
+    _draw_mean(axes, sheet, x)
+    _draw_pairs(axes, sheet)
+    _shade_unloaded(axes, x, mu)
+    axes.set_xlabel(f"{sheet.axis[2]} ({unit})")
+    axes.set_ylabel(MU)
+    low, high = axes.get_ylim()
+    axes.set_ylim(min(low, 0.0), max(high, 0.0) * (1.05 if sheet.pair_friction else 1.0))
+
+
+def told_way(sheet: Sheet, width: int) -> str:
+    """Length of `width` intervals of the axis in words."""
+    x, unit, _ = sheet.axis
+    return told(width * (x[-1] - x[0]) / (len(x) - 1), unit, 2)
+
+
+def _draw_mean(axes: Axes, sheet: Sheet, x: np.ndarray) -> None:
+    """The mean with its error over the intervals that it counts; where they drift the straight line through them instead."""
+    found = sheet.friction
+    members = np.flatnonzero(sheet.averaged[sheet.start :])
+    if not len(members):
+        return
+    ends = x[max(members[0] - 1, 0)], x[members[-1]]
+    mean = found.value
+    style: dict[str, Any] = {"color": LINES["vermilion"], "linewidth": 1.2}
+    if found.stationary is False:
+        heights = [mean - 0.5 * found.change, mean + 0.5 * found.change]
+        axes.plot(ends, heights, linestyle="-.", label="trend (second half):\nnot stationary", **style)
+        return
+    axes.plot(ends, [mean, mean], linestyle=(0, (5, 2)), label="mean (second half)", **style)
+    if np.isfinite(found.error) and found.error > 0.0:
+        low, high = mean - found.error, mean + found.error
+        band = axes.fill_between(ends, low, high, color=LINES["vermilion"], alpha=0.25, label="its error")
+        band.set_linewidth(0.0)
+
+
+def _draw_pairs(axes: Axes, sheet: Sheet) -> None:
+    """The coefficients that the scene gives: what gross sliding would show."""
+    for place, value in enumerate(sheet.pair_friction if len(sheet.pair_friction) <= 3 else []):
+        label = "if all slid (coefficient\nof the pair)" if place == 0 else None
+        axes.axhline(value, color=LINES["grey"], linewidth=0.9, linestyle=":", label=label)
+
+
+def _shade_unloaded(axes: Axes, x: np.ndarray, mu: np.ndarray) -> None:
+    label: str | None = "unloaded"
+    for first, last in stretches(~np.isfinite(mu[1:])):
+        axes.axvspan(x[first], x[last + 1], color="#DDDFE3", linewidth=0.0, zorder=0, label=label)
+        label = None
+
+
+def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
+    """First and last index of every stretch of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return [(int(first), int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def loop_area(sheet: Sheet) -> float:
+    """Area of the loop of the last whole cycle, m: the sum of mean coefficient times displacement over the intervals.
+
+    An unloaded interval adds nothing. NaN before there is a whole cycle.
+    """
+    if sheet.cycle is None:
+        return float("nan")
+    inside = slice(sheet.cycle.start + 1, sheet.cycle.stop)
+    return float(np.nansum(sheet.name("friction_coefficient", False)[inside] * sheet.drag.steps[inside]))
+
+
+def loop_title(sheet: Sheet) -> str:
+    """The area in words."""
+    area, work = loop_area(sheet), sheet.friction.energy_per_cycle
+    if not np.isfinite(area):
+        return "Friction loop (no whole cycle yet)"
+    energy = f", {told(work, 'J')} a cycle" if np.isfinite(work) else ""
+    return f"Friction loop: area {told(area, 'm')}{energy}"
+
+
+def draw_loop(axes: Axes, sheet: Sheet) -> None:
+    """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle strong."""
+    u, unit = scaled(sheet.displacement, "m")
+    middle = u.copy()
+    middle[1:] = 0.5 * (u[1:] + u[:-1])  # where the mean over the interval belongs
+    mu = sheet.name("friction_coefficient", False)
+    shown = slice(sheet.start + 1, None)
+    axes.plot(middle[shown], mu[shown], color=LINES["sky"], linewidth=0.9, label="all of the drag")
+    if sheet.cycle is not None:
+        inside = slice(sheet.cycle.start + 1, sheet.cycle.stop)
+        # closed by its first point
+        x, y = (np.append(part[inside], part[inside][0]) for part in (middle, mu))
+        axes.fill(x[np.isfinite(y)], y[np.isfinite(y)], color=LINES["blue"], alpha=0.12, linewidth=0.0, label="its area")
+        axes.plot(x, y, color=LINES["blue"], linewidth=1.8, label="last whole cycle")
+    _draw_loop_pairs(axes, sheet)
+    axes.axhline(0.0, color="#222222", linewidth=0.6)
+    axes.set_xlabel(f"displacement of the upper plate ({unit})")
+    axes.set_ylabel(MU)
+
+
+def _draw_loop_pairs(axes: Axes, sheet: Sheet) -> None:
+    for place, value in enumerate(sheet.pair_friction if len(sheet.pair_friction) <= 3 else []):
+        for sign in (1.0, -1.0):
+            label = "if all slid (coefficient\nof the pair)" if place == 0 and sign > 0.0 else None
+            axes.axhline(sign * value, color=LINES["grey"], linewidth=0.9, linestyle=":", label=label)

@@ -1,0 +1,68 @@
+"""Panel of the states by group: who rolls and who slides, by population, material and size."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from thirdbody.plot.run_data import Sheet
+from thirdbody.quantity import percent
+from thirdbody.trajectory.state_groups import POPULATION, shares_text, states_by_group, telling
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+GROUPS_NOTE = (
+    "Groups: states of the bodies at the last frame by population, by material where populations share one, and in size classes"
+    " of equal number (volume-equivalent diameter); on the right the number of bodies and their share of the normal force."
+)
+MOST, LETTERS, ROOM = 12, 26, 0.14
+"""Rows, at most; letters of a name; share of a row that a text in it needs."""
+
+
+def why_no_groups(sheet: Sheet) -> str:
+    """Empty when the bodies have labels and differ in population, material or size."""
+    if not sheet.fractions:
+        return "its bodies were not labelled"
+    return "" if _rows(sheet) else "its bodies are of one population and size"
+
+
+def groups_title(sheet: Sheet) -> str:
+    """What most bodies of each population do, in words."""
+    populations = [row for kind, row in _rows(sheet) if kind == POPULATION][:3]
+    if not populations:
+        return "States by size at the last frame"
+    return "At the last frame: " + "; ".join(f"{_short(row['name'])} {shares_text(row['fractions'], 1)}" for row in populations)
+
+
+def draw_groups(axes: Axes, sheet: Sheet) -> None:
+    """Draw a stacked bar for each group, the states written in it, with its name and load on the right."""
+    rows = _rows(sheet)
+    for place, (_, row) in enumerate(rows):
+        left = 0.0
+        for name, share in row["fractions"].items():
+            axes.barh(place, share, left=left, height=0.82, color=sheet.colors[name], linewidth=0.0)
+            if share >= ROOM:
+                text = f"{name} {percent(share)}"
+                axes.text(left + 0.5 * share, place, text, ha="center", va="center", fontsize=6.5, color="white", clip_on=True)
+            left += share
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.yaxis.tick_right()
+    axes.set_yticks(range(len(rows)), [_label(row) for _, row in rows])
+    axes.tick_params(axis="y", length=0)
+    axes.set_xlim(0.0, 1.0)
+    axes.set_xticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25", "50", "75", "100"])
+    axes.set_xlabel("bodies of the group (%)")
+
+
+def _rows(sheet: Sheet) -> list[tuple[str, dict[str, Any]]]:
+    rows = [(kind, row) for kind, rows in telling(states_by_group(sheet.run)) for row in rows]
+    return rows[:MOST]
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= LETTERS else f"{name[: LETTERS - 1]}\N{HORIZONTAL ELLIPSIS}"
+
+
+def _label(row: dict[str, Any]) -> str:
+    load = f", {percent(row['load_share'])} of load" if "load_share" in row else ""
+    return f"{_short(row['name'])}: {row['bodies']}{load}"

@@ -1,0 +1,119 @@
+"""What the panels of a plot take from a run: series from the start of the drag on, the way of the plate, contacts of a frame."""
+
+from __future__ import annotations
+
+import tomllib
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.palette import state_colors
+from thirdbody.trajectory.friction import Friction, averaged
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.reader import Run
+
+
+class Sheet:
+    """One run, as its plots see it; contacts are those of `frame`. Raises IndexError for a frame outside the run."""
+
+    def __init__(self, run: Run, frame: int = -1):
+        self.run, self.frame = run, run.frame_number(frame)
+        self.series, self.frames, self.drag = run.series, run.frames, run.drag
+        self.summary = run.summary()
+        self.colors = dict(zip(run.state_names, state_colors(run.state_names), strict=True))
+        self.contacts = run.contacts(self.frame)
+        self.bodies = run.bodies(self.frame)
+
+    def name(self, name: str, shown: bool = True) -> np.ndarray:
+        """One series by name, from the start of what is shown; NaN everywhere if the run has none."""
+        values = self.series.get(name, np.full(self.frames, np.nan))
+        return values[self.start :] if shown else values
+
+    @property
+    def distance(self) -> np.ndarray:
+        """Sliding distance (F,), m; zero without a drag."""
+        return self.drag.distance
+
+    @property
+    def dragged(self) -> bool:
+        return self.drag.dragged
+
+    @property
+    def start(self) -> int:
+        """The frame at which the drag starts, 0 without one: pressing stands before it."""
+        return self.drag.start
+
+    @property
+    def displacement(self) -> np.ndarray:
+        """Displacement of the upper plate along its first direction (F,), m."""
+        return self.drag.displacement
+
+    @property
+    def stroke(self) -> bool:
+        """The plate goes back and forth."""
+        return self.drag.stroke
+
+    @property
+    def cycle(self) -> slice | None:
+        """Frames of the last whole cycle, both ends included; None before there is one."""
+        return self.drag.cycles[-1] if self.drag.cycles else None
+
+    @cached_property
+    def axis(self) -> tuple[np.ndarray, str, str]:
+        """What the series are drawn over: values from `start` on, SI unit, and its name."""
+        if self.dragged and not self.stroke:
+            return self.distance[self.start :], "m", "sliding distance"
+        times = self.run.times[self.start :]
+        return times - times[0], "s", "time of the drag" if self.dragged else "time"
+
+    @cached_property
+    def averaged(self) -> np.ndarray:
+        """Frames (F,), bool, that the mean friction coefficient of one-way sliding counts."""
+        return averaged(self.run)
+
+    @property
+    def friction(self) -> Friction:
+        """The friction coefficient of the run."""
+        return self.run.friction
+
+    @cached_property
+    def fractions(self) -> dict[str, np.ndarray]:
+        """Shares of the states (F,) by name, empty for a run without labels."""
+        shares = {name: self.series.get(f"fraction_{name}") for name in self.run.state_names}
+        return {name: values for name, values in shares.items() if values is not None}
+
+    @cached_property
+    def scene(self) -> dict[str, Any]:
+        """The scene as tables, empty when it cannot be read."""
+        try:
+            return tomllib.loads(self.run.scene_text)
+        except tomllib.TOMLDecodeError:
+            return {}
+
+    @cached_property
+    def pair_friction(self) -> list[float]:
+        """Friction coefficients of the debris against the plates, as the scene gives them, each once, from small to large."""
+        plates = {plate.get("material") for plate in self.scene.get("plates", {}).values()}
+        debris = {part.get("material") for part in self.scene.get("debris", ())}
+        found = set()
+        for pair in self.scene.get("pairs", ()):
+            first, second = pair["between"]
+            if (first in plates and second in debris) or (second in plates and first in debris):
+                found.add(float(pair["friction"]))
+        return sorted(found)
+
+    @cached_property
+    def contact_groups(self) -> dict[str, np.ndarray]:
+        """Which contacts (C,), bool, belong to bodies in which state; those between two bodies stand apart."""
+        c = self.contacts
+        between = c["partner"] >= 0 if "partner" in c else np.zeros(len(c["position"]), bool)
+        if "body" not in c or "state" not in self.bodies:
+            return {"all": np.ones(len(c["position"]), bool)}
+        state = self.bodies["state"][c["body"]]
+        groups = {name: ~between & (state == code) for code, name in enumerate(self.run.state_names)}
+        return {name: members for name, members in (groups | {BETWEEN: between}).items() if members.any()}
+
+
+BETWEEN = "between two bodies"

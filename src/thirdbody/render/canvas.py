@@ -1,0 +1,173 @@
+"""The window of a picture: one plotter of pyvista, with a renderer for the paper, each view, and the words.
+
+Everything is drawn at twice the size and averaged.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any
+
+import numpy as np
+import pyvista
+from PIL import Image
+from PIL.PngImagePlugin import PngInfo
+
+from thirdbody.atomic_files import write_whole
+from thirdbody.palette import PAPER
+
+Rectangle = tuple[float, float, float, float]
+
+OVERSAMPLING = 2
+"""Pictures are drawn larger by this and averaged: the edges of ray-cast spheres know no other smoothing."""
+
+GLOSSY = {"ambient": 0.30, "diffuse": 0.80, "specular": 0.22, "specular_power": 35.0}
+"""The look of debris."""
+
+_PAPER, _WORDS = 0, 1
+_LAYERS = (0, 3)
+"""Layers of the paper and the words; between them those of the views and of what is seen through bodies."""
+_LIGHTS = (((-0.6, 1.2, 1.0), 0.85), ((0.8, 0.2, 1.0), 0.35))
+"""Position, in the camera's axes, and intensity."""
+
+
+class Pane:
+    """One renderer of a canvas. `size` is that of the picture, in pixels."""
+
+    def __init__(self, plotter: pyvista.Plotter, number: int, size: tuple[int, int]):
+        self._plotter, self._number, self.size = plotter, number, size
+        self.renderer = plotter.renderers[number]
+
+    def add(self, mesh: pyvista.PolyData, **look: Any) -> None:
+        """Draw a mesh; `look` are options of `pyvista.Plotter.add_mesh`."""
+        self._plotter.subplot(0, self._number)
+        actor = self._plotter.add_mesh(mesh, reset_camera=False, render=False, show_scalar_bar=False, **look)
+        actor.prop.interpolation = "Gouraud"  # by the normals that a mesh has, without computing others
+
+    def add_actor(self, actor: Any) -> None:
+        """Draw something that is no mesh."""
+        self.renderer.add_actor(actor, reset_camera=False, render=False)
+
+    def add_spheres(self, centers: np.ndarray, radii: np.ndarray, colors: np.ndarray) -> None:
+        """Draw spheres at centers (n, 3) with colors (n, 3) uint8, ray-cast: one point each, no triangles."""
+        from vtkmodules.vtkRenderingOpenGL2 import vtkOpenGLSphereMapper
+
+        if not len(centers):  # pyvista refuses arrays of no rows
+            return
+        points = pyvista.PolyData(np.ascontiguousarray(centers, np.float32))
+        points["radius"], points["color"] = np.float32(radii), np.ascontiguousarray(colors)
+        mapper = vtkOpenGLSphereMapper()
+        mapper.SetInputData(points)
+        mapper.SetScaleArray("radius")
+        mapper.SetScalarModeToUsePointFieldData()
+        mapper.SelectColorArray("color")
+        mapper.SetColorModeToDirectScalars()
+        self.add_actor(pyvista.Actor(mapper, pyvista.Property(color="white", **GLOSSY)))
+
+    def add_lights(self) -> None:
+        """Two lights that stay with the camera."""
+        for position, intensity in _LIGHTS:
+            self.renderer.add_light(pyvista.Light(position=position, intensity=intensity, light_type="camera light"))
+
+    def show_pixels(self) -> None:
+        """Let the unit of length be the pixel of the picture, counted from its lower left corner."""
+        wide, tall = self.size
+        camera = self.renderer.camera
+        camera.parallel_projection = True
+        camera.parallel_scale = 0.5 * tall
+        camera.focal_point = 0.5 * wide, 0.5 * tall, 0.0
+        camera.position = 0.5 * wide, 0.5 * tall, 2000.0
+        camera.up = 0.0, 1.0, 0.0
+        camera.clipping_range = 500.0, 3500.0
+
+    def add_polygons(self, corners: np.ndarray, colors: np.ndarray) -> None:
+        """Draw filled polygons with corners (n, k, 2) in pixels and colors (n, 3) uint8."""
+        count, sides = corners.shape[:2]
+        flat = np.pad(corners.reshape(-1, 2), ((0, 0), (0, 1)))
+        faces = np.insert(np.arange(count * sides).reshape(count, sides), 0, sides, axis=1)
+        mesh = pyvista.PolyData(flat, faces=faces.ravel())
+        mesh.cell_data["color"] = colors
+        self.add(mesh, scalars="color", rgb=True, lighting=False)
+
+    def project(self, point: np.ndarray) -> tuple[float, float]:
+        """Where a point appears, in pixels of the picture."""
+        self.renderer.SetWorldPoint(*point, 1.0)
+        self.renderer.WorldToDisplay()
+        x, y, _ = self.renderer.GetDisplayPoint()
+        return x / OVERSAMPLING, y / OVERSAMPLING
+
+
+class Canvas:
+    """An off-screen plotter for pictures of `size` pixels with up to `views` views.
+
+    In a film one canvas serves all pictures: in a new one every shader is compiled again, which takes longer than to draw.
+    """
+
+    def __init__(self, size: tuple[int, int], views: int = 2):
+        self.size = size
+        self._plotter = pyvista.Plotter(
+            off_screen=True, notebook=False, shape=(1, 2 + 2 * views), border=False, lighting=None,
+            window_size=[OVERSAMPLING * side for side in size],
+        )  # fmt: skip
+        self._plotter.disable_anti_aliasing()  # done by oversampling, which treats ray-cast spheres too
+        window: Any = self._plotter.render_window
+        window.SetDPI(72)  # fonts are measured in pixels
+        window.SetNumberOfLayers(_LAYERS[1] + 1)
+        self._panes = [Pane(self._plotter, number, size) for number in range(2 + 2 * views)]
+        for number, layer in zip((_PAPER, _WORDS), _LAYERS, strict=True):
+            self._panes[number].renderer.viewport = (0.0, 0.0, 1.0, 1.0)
+            self._panes[number].renderer.layer = layer
+            self._panes[number].show_pixels()
+        self.paper.renderer.background_color = PAPER
+        self._used = 2
+
+    def __enter__(self) -> Canvas:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._plotter.close()
+
+    @property
+    def paper(self) -> Pane:
+        """What lies behind all views."""
+        return self._panes[_PAPER]
+
+    @property
+    def words(self) -> Pane:
+        """What lies over all views."""
+        return self._panes[_WORDS]
+
+    def clear(self) -> None:
+        """Remove everything that was drawn."""
+        self._plotter.clear()
+        self._used = 2
+
+    def add_view(self, viewport: Rectangle) -> tuple[Pane, Pane]:
+        """A view in a part of the picture (fractions of its size), and one of what is seen through its bodies."""
+        outer, inner = self._panes[self._used : self._used + 2]
+        self._used += 2
+        for layer, pane in enumerate((outer, inner), start=1):
+            pane.renderer.viewport = viewport
+            pane.renderer.layer = layer
+            pane.add_lights()
+        inner.renderer.camera = outer.renderer.camera
+        return outer, inner
+
+    def pixels(self) -> np.ndarray:
+        """The picture, (height, width, 3) uint8, the upper row first."""
+        self._plotter.render()  # draws nothing before the first screenshot, which does so itself
+        image: Any = self._plotter.screenshot(return_img=True)
+        return np.asarray(Image.fromarray(image).reduce(OVERSAMPLING))
+
+
+def save_png(pixels: np.ndarray, path: Path, texts: Mapping[str, str] = MappingProxyType({})) -> None:
+    """Write pixels (height, width, 3) as PNG with `texts` by keyword in its text chunks. Raises OSError like `open`."""
+    chunks = PngInfo()
+    for keyword, text in texts.items():
+        chunks.add_text(keyword, text)
+    content = io.BytesIO()
+    Image.fromarray(pixels).save(content, "PNG", pnginfo=chunks)
+    write_whole(path, content.getvalue())

@@ -1,0 +1,192 @@
+"""One particle close up: its contact spots, the force on it at each, and the cone in which friction can hold that force.
+
+A cone stands on its spot along the normal and is as high as the load: the arrow of the force then ends inside the cone's
+base while the spot sticks, and on its rim where it slips.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pyvista
+
+from thirdbody.palette import INK, SOFT_INK, STATE_COLORS
+from thirdbody.quantity import with_unit
+from thirdbody.render.canvas import Canvas
+from thirdbody.render.closeup_data import CloseUpData
+from thirdbody.render.coloring import Legend
+from thirdbody.render.layout import HEADING, add_direction, finish_view, write_title
+from thirdbody.render.legend import draw_legend, legend_height
+from thirdbody.render.overlay import Overlay
+from thirdbody.render.viewport import Viewport
+
+_MARGIN, _LONGEST, _SMALLEST = 0.52, 0.62, 0.035
+"""Room around the particle, longest arrow and smallest spot that is seen, over the particle's size."""
+_SLIPPING = 0.999
+"""A spot whose friction is used up to this fraction slips: what remains is rounding of the step."""
+_LISTED = 8
+"""Lines of the list of spots that fit a picture."""
+_CAMERA = (-0.34, -0.90, 0.30)
+
+
+@dataclass(frozen=True)
+class CloseUpLayout:
+    """What is the same in all pictures of a film: size in pixels, view, corners (3,) m of what is shown, relative to the
+    particle or (`fixed`) to the domain, `directions` (k, 2) of the drag, the force (N) of the longest arrow, the particle's
+    size (m)."""
+
+    size: tuple[int, int]
+    view: str
+    low: np.ndarray
+    high: np.ndarray
+    fixed: bool
+    directions: np.ndarray
+    full_scale: float
+    extent: float
+
+
+def compute_close_up_layout(frames: Iterable[CloseUpData], size: tuple[int, int], view: str, fixed: bool) -> CloseUpLayout:
+    """The layout for one close-up or for those of a film, which are taken one after the other."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    full_scale = extent = 0.0
+    directions: list[np.ndarray] = []
+    for one in frames:
+        add_direction(directions, one.picture.drag)
+        center = one.center if fixed else np.zeros(3)
+        extent = max(extent, one.extent)
+        half = _MARGIN * one.extent
+        heights = (one.center[2] - half, one.center[2] + half)
+        if one.picture.has_plates:
+            heights = (one.picture.low[2], _plate_height(one))
+        low = np.minimum(low, [*(center[:2] - half), heights[0]])
+        high = np.maximum(high, [*(center[:2] + half), heights[1]])
+        full_scale = max(full_scale, float(np.linalg.norm(one.spots.force, axis=1).max(initial=0.0)))
+    return CloseUpLayout(size, view, low, high, fixed, np.array(directions).reshape(-1, 2), full_scale, extent)
+
+
+def _plate_height(one: CloseUpData) -> float:
+    """Where the plate is over this particle: at its own spots, for each may carry a patch of its own."""
+    above = [point[2] for point, partner in zip(one.spots.position, one.spots.against, strict=True) if partner == "upper plate"]
+    return max(above) if above else max(one.picture.plate, one.center[2] + 0.5 * one.extent)
+
+
+def draw_close_up(canvas: Canvas, layout: CloseUpLayout, one: CloseUpData) -> None:
+    """Draw the picture of one particle."""
+    size, overlay = layout.size, Overlay(canvas)
+    legend = _legend(one)
+    foot, head = legend_height(overlay, legend) / size[1], 1.0 - overlay.px(HEADING) / size[1]
+    shift = np.zeros(3) if layout.fixed else np.array([*one.center[:2], 0.0])
+    wide = size[0] >= 1.25 * size[1]
+    area = (0.01, foot, 0.68, head) if wide else (0.01, foot + 0.32 * (head - foot), 0.99, head)
+    bounds = (layout.low + shift, layout.high + shift)
+    view = Viewport(canvas, one.picture, area, bounds, layout.view, plate_height=_plate_height(one))
+    _draw_spots(view, one, layout)
+    finish_view(view, overlay, _CAMERA, layout.directions)
+    _number_spots(view, overlay, one, layout)
+    left, top = (0.69, head) if wide else (0.03, foot + 0.31 * (head - foot))
+    _list_spots(overlay, one, left * size[0], top * size[1] - overlay.px(20))
+    write_title(overlay, one.picture.title, one.picture.facts)
+    draw_legend(overlay, legend)
+
+
+def _legend(one: CloseUpData) -> Legend:
+    entries = (
+        ("spot that sticks", STATE_COLORS["sticking"]),
+        ("spot that slips", STATE_COLORS["sliding"]),
+        ("force on the particle, inside the cone of friction", INK),
+    )
+    # The list names the particle's state; a colour scale of numbers is needed.
+    return replace(one.picture.legend, entries=entries, total=0)
+
+
+def _color(utilisation: float) -> str:
+    return STATE_COLORS["sliding" if utilisation >= _SLIPPING else "sticking"]
+
+
+def _draw_spots(view: Viewport, one: CloseUpData, layout: CloseUpLayout) -> None:
+    """Draw discs, cones and arrows, seen through the particle."""
+    spots = one.spots
+    # Cones shall not reach into the plate opposite.
+    longest = min(_LONGEST * layout.extent, 0.8 * float(layout.high[2] - layout.low[2]))
+    per_newton = longest * view.scale / max(layout.full_scale, 1e-300)
+    smallest = _SMALLEST * layout.extent
+    for k in range(len(spots.force)):
+        point, normal = view.scaled(spots.position[k]), spots.normal[k]
+        height, color = float(spots.force[k] @ normal) * per_newton, _color(float(spots.utilisation[k]))
+        radius = max(float(spots.radius[k]), smallest) * view.scale
+        disc = pyvista.Cylinder(center=point, direction=normal, radius=radius, height=0.25 * radius, resolution=40)
+        view.inner.add(disc, color=color, ambient=0.4)
+        if spots.limit[k] > 0.0 and height > 2.0 * radius:
+            _add_cone(view, point, normal * height, float(spots.limit[k]) * per_newton, color)
+        _add_arrow(view, point, spots.force[k] * per_newton, 0.28 * smallest * view.scale)
+
+
+def _add_cone(view: Viewport, point: np.ndarray, axis: np.ndarray, radius: float, color: str) -> None:
+    """Draw a translucent cone with its tip at a point, and the rim of its base; `axis` (3,) leads from tip to base."""
+    # The direction of a cone of pyvista leads from base to tip, and its centre lies half way.
+    height = float(np.linalg.norm(axis))
+    cone = pyvista.Cone(center=point + 0.5 * axis, direction=-axis, height=height, radius=radius, capping=False, resolution=60)
+    view.inner.add(cone, color=color, opacity=0.38, ambient=0.5, diffuse=0.5)
+    rim = pyvista.Polygon(center=point + axis, radius=radius, normal=axis, n_sides=60, fill=False)
+    view.inner.add(rim, color=color, lighting=False, line_width=3.5)
+
+
+def _add_arrow(view: Viewport, point: np.ndarray, vector: np.ndarray, shaft: float) -> None:
+    """Draw an arrow along a vector whose shaft has this radius whatever its length; none where it would be a head only."""
+    length, head = float(np.linalg.norm(vector)), 5.0 * shaft
+    if length < 1.2 * head:
+        return
+    arrow = pyvista.Arrow(
+        start=point, direction=vector, tip_length=head / length, tip_radius=2.4 * shaft / length, tip_resolution=30,
+        shaft_radius=shaft / length, shaft_resolution=30, scale=length,
+    )  # fmt: skip
+    view.inner.add(arrow, color=INK, ambient=0.4)
+
+
+def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: CloseUpLayout) -> None:
+    """Draw a number near each spot, away from the particle so that it covers nothing of it, and none over another."""
+    drawn: list[np.ndarray] = []
+    apart = 2.1 * _disc_radius(overlay)
+    for k, position in enumerate(one.spots.position[:_LISTED]):
+        outwards = -one.spots.normal[k] * 0.09 * layout.extent
+        point = np.array(view.project(view.scaled(position + outwards)))
+        while any(np.hypot(*(point - other)) < apart for other in drawn):
+            point = point + [0.5 * apart, 0.0]
+        drawn.append(point)
+        _draw_number(overlay, one, k, float(point[0]), float(point[1]))
+
+
+def _disc_radius(overlay: Overlay) -> float:
+    """Radius in pixels of the disc behind the number of a spot."""
+    return 15.0 / 22.0 * overlay.text_height(22)
+
+
+def _draw_number(overlay: Overlay, one: CloseUpData, k: int, x: float, y: float) -> None:
+    overlay.disc(x, y, _disc_radius(overlay), _color(float(one.spots.utilisation[k])))
+    overlay.text(str(k + 1), x, y, 22, "#FFFFFF", align="center", bold=True)
+
+
+def _list_spots(overlay: Overlay, one: CloseUpData, x: float, y: float) -> None:
+    """List what the particle does, and its spots."""
+    overlay.text(one.name, x, y - overlay.px(20), 30, bold=True)
+    overlay.disc(x + overlay.px(12), y - overlay.px(68), overlay.px(12), one.color)
+    overlay.text(one.label or "no label", x + overlay.px(34), y - overlay.px(68), 26)
+    y -= overlay.px(126)
+    radius = _disc_radius(overlay)
+    against, load, used = x + 2.0 * radius + overlay.px(10), x + overlay.px(320), x + overlay.px(476)
+    overlay.text("spot against", against, y, 22, SOFT_INK)
+    overlay.text("load", load, y, 22, SOFT_INK, align="right")
+    overlay.text("friction used", used, y, 22, SOFT_INK, align="right")
+    spots, pitch = one.spots, overlay.px(42)
+    for k in range(min(len(spots.force), _LISTED)):
+        y -= pitch
+        _draw_number(overlay, one, k, x + radius, y)
+        overlay.text(spots.against[k], against, y, 24)
+        overlay.text(with_unit(float(spots.force[k] @ spots.normal[k]), "N"), load, y, 24, align="right")
+        overlay.text(f"{100.0 * spots.utilisation[k]:.0f} %", used, y, 24, align="right")
+    if len(spots.force) > _LISTED:
+        overlay.text(f"and {len(spots.force) - _LISTED} more", against, y - pitch, 22, SOFT_INK)
+    elif not len(spots.force):
+        overlay.text("no contact carries a load", against, y - pitch, 24, SOFT_INK)

@@ -1,0 +1,157 @@
+"""What the colours of a picture mean: bodies by a category (state, reason, ...) or by a number, with the legend.
+
+No drawing here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from thirdbody.errors import InputError, nearest
+from thirdbody.palette import category_colors, field_colors, rgb, state_colors
+from thirdbody.quantity import ARRAY_UNITS
+from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.state_groups import code_name
+
+Arrays = dict[str, np.ndarray]
+
+# Short names that people use for arrays.
+ALIASES = {"reason": "state_reason", "speed": "velocity"}
+
+# Codes that are no bytes.
+NUMBERED = ("population", "material")
+
+
+@dataclass(frozen=True)
+class LegendScale:
+    """What a legend keeps over all frames of a film: the ends of the colour scale, or the codes that it shows."""
+
+    limits: tuple[float, float] | None = None
+    codes: frozenset[int] = frozenset()
+
+    def __or__(self, other: LegendScale) -> LegendScale:
+        limits = [scale.limits for scale in (self, other) if scale.limits is not None]
+        ends = (min(low for low, _ in limits), max(high for _, high in limits)) if limits else None
+        return LegendScale(ends, self.codes | other.codes)
+
+
+@dataclass(frozen=True)
+class Legend:
+    """States with their colours and counts, and (when `limits` is set) the ends of a colour scale in `unit`.
+
+    `codes` are those of the entries, `total` is what the counts add up to.
+    """
+
+    title: str
+    entries: tuple[tuple[str, str], ...] = ()
+    limits: tuple[float, float] | None = None
+    unit: str = ""
+    codes: tuple[int, ...] = ()
+    total: int = 0
+
+    @property
+    def scale(self) -> LegendScale:
+        """What other frames need for the same legend."""
+        return LegendScale(self.limits, frozenset(self.codes))
+
+
+@dataclass(frozen=True)
+class Coloring:
+    """Values of what is drawn: `values` (S,) one per sphere, `tubes` (C,) one per contact or None; and their legend.
+
+    Categories carry their colours with them in `palette` (n, 3) uint8; then `values` are codes.
+    """
+
+    values: np.ndarray
+    legend: Legend
+    palette: np.ndarray | None = None
+    tubes: np.ndarray | None = None
+
+    def colors(self, values: np.ndarray) -> np.ndarray:
+        """Colours (n, 3) uint8 of codes or numbers."""
+        if self.palette is not None:
+            return self.palette[values]
+        low, high = self.legend.limits or (0.0, 0.0)
+        # A field of one value takes the middle colour.
+        return field_colors((values - low) / (high - low) if high > low else values - low + 0.5)
+
+
+def compute_coloring(
+    run: Run, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: LegendScale
+) -> Coloring:
+    """The colours of one frame; `row` (S,) is the row of each sphere's body, `scale` is that of the film or empty.
+
+    Raises InputError for an array that the run has not.
+    """
+    name = ALIASES.get(color, color)
+    if name in bodies and (bodies[name].dtype == np.uint8 or name in NUMBERED):
+        return _categories(run, name, bodies[name], row, scale.codes)
+    contacts = run.contacts(frame)
+    values = _field(name, color, bodies, spheres, contacts, row)
+    tubes = _length(contacts[name]) if name in contacts else None
+    known = values[np.isfinite(values)]
+    if tubes is not None:
+        known = np.concatenate([known, tubes[np.isfinite(tubes)]]) if name in bodies else known
+    limits = scale.limits or ((float(known.min()), float(known.max())) if len(known) else (0.0, 0.0))
+    return Coloring(values, Legend(_in_words(color), limits=limits, unit=ARRAY_UNITS.get(color, "")), tubes=tubes)
+
+
+def _categories(run: Run, name: str, codes: np.ndarray, row: np.ndarray, shown_codes: frozenset[int]) -> Coloring:
+    if name in ("state", "state_reason"):
+        names = run.state_names if name == "state" else run.reason_names
+    else:
+        known = {"population": run.population_names, "material": run.material_names}.get(name, [])
+        names = [code_name(known, code) for code in range(int(codes.max(initial=max(shown_codes, default=0))) + 1)]
+    colors = state_colors(names) if name == "state" else category_colors(len(names))
+    counts = np.bincount(codes, minlength=len(names))
+    total = max(1, int(counts.sum()))
+    # All states are shown, so that every picture of a run has the same legend; of other codes those that occur.
+    shown = [code for code in range(len(names)) if name == "state" or counts[code] or code in shown_codes]
+    percent = 100.0 * counts / total
+    entries = tuple((f"{_in_words(names[code])}  {counts[code]}  ({percent[code]:.0f} %)", colors[code]) for code in shown)
+    title = {"state": "", "state_reason": "reason"}.get(name, _in_words(name))
+    palette = np.array([rgb(color) for color in colors], np.uint8)
+    return Coloring(codes[row].astype(np.int64), Legend(title, entries, codes=tuple(shown), total=total), palette)
+
+
+def _in_words(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _field(name: str, given: str, bodies: Arrays, spheres: Arrays, contacts: Arrays, row: np.ndarray) -> np.ndarray:
+    """One value per sphere: its body's, its own, or the largest of its body's contacts. Vectors by length."""
+    if name in bodies:
+        values = bodies[name][row]
+    elif name in spheres:
+        values = spheres[name]
+    elif name in contacts and "body" in contacts:
+        values = _largest_of_contacts(contacts, _length(contacts[name]), bodies)[row]
+    else:
+        names = set(bodies) | set(spheres) | set(contacts)
+        known = (names | {short for short, long in ALIASES.items() if long in names}) - {"position"}
+        raise InputError(f"color: this run has no array '{given}'; {nearest(given, known)}")
+    return _length(values)
+
+
+def _length(values: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(values, axis=1) if values.ndim == 2 else values.astype(np.float64)
+
+
+def _largest_of_contacts(contacts: Arrays, values: np.ndarray, bodies: Arrays) -> np.ndarray:
+    """The largest value (B,) among each body's contacts, NaN without; a plate is a partner below 0."""
+    largest = np.full(len(bodies["position"]), -np.inf)
+    for side in ("body", "partner"):
+        if side in contacts:
+            real = contacts[side] >= 0
+            np.maximum.at(largest, rows_of(bodies, contacts[side][real]), values[real])
+    return np.where(np.isneginf(largest), np.nan, largest)
+
+
+def rows_of(bodies: Arrays, ids: np.ndarray) -> np.ndarray:
+    """The rows of bodies given by their ids: rows may be in any order."""
+    if "id" not in bodies:
+        return ids.astype(np.int64)
+    order = np.argsort(bodies["id"])
+    return order[np.searchsorted(bodies["id"][order], ids)]

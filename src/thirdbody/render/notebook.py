@@ -1,0 +1,66 @@
+"""A run in a notebook: a table of its key figures, and a picture of its last frame."""
+
+from __future__ import annotations
+
+import base64
+import tempfile
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from thirdbody.errors import ThirdbodyError
+from thirdbody.palette import state_colors
+from thirdbody.quantity import percent, told
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.reader import Run
+
+SIZE = (960, 540)
+"""Of the picture, pixels."""
+
+
+def run_html(run: Run) -> str:
+    """Table and picture as HTML that needs nothing beside it; where nothing can be drawn one sentence says why."""
+    left = 'style="text-align:left"'
+    rows = "".join(f"<tr><th {left}>{escape(name)}</th><td {left}>{text}</td></tr>" for name, text in _rows(run))
+    title = escape(str(run.header.get("title") or run.path.parent.name))
+    return f"<div><b>{title}</b><table>{rows}</table>{_picture(run)}</div>"
+
+
+def _rows(run: Run) -> list[tuple[str, str]]:
+    """Names and values, these as HTML."""
+    figures = run.summary()
+    end = "yes" if figures["finished"] and not figures.get("stopped") else escape(str(figures.get("stopped") or "no"))
+    rows = [("run", escape(str(run.path.parent))), ("finished", end), ("frames", str(figures["frames"]))]
+    if not figures["frames"]:
+        return rows
+    rows += [("bodies", str(figures["bodies"])), ("time", told(figures["duration"], "s"))]
+    if figures.get("distance", 0.0) > 0.0:
+        rows += [("sliding distance", told(figures["distance"], "m"))]
+        rows += [("friction coefficient", escape(str(run.friction)))]
+    if "fractions" in figures:
+        rows += [("states at the end", _states(figures["fractions"]))]
+    if figures.get("energy_residual") is not None:
+        why = f"; {escape(figures['energy_verdict'])}" if "energy_verdict" in figures else ""
+        rows += [("energy residual", f"{figures['energy_residual']:.1e} of the work{why}")]
+    return rows
+
+
+def _states(fractions: dict[str, float]) -> str:
+    colors = dict(zip(fractions, state_colors(list(fractions)), strict=True))
+    met = [(name, share) for name, share in fractions.items() if share > 0.0]
+    return ", ".join(f'<span style="color:{colors[name]}">&#9632;</span> {escape(name)} {percent(share)}' for name, share in met)
+
+
+def _picture(run: Run) -> str:
+    from thirdbody.render.render import render
+
+    if not run.frames:
+        return ""
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            content = render(run.path, Path(folder) / "run.png", size=SIZE).read_bytes()
+        except ThirdbodyError as problem:
+            return f"<p>No picture: {escape(str(problem))}</p>"
+    code = base64.b64encode(content).decode("ascii")
+    return f'<img alt="last frame" width="{SIZE[0] // 3 * 2}" src="data:image/png;base64,{code}"/>'

@@ -1,0 +1,247 @@
+"""One view of a part of the domain: spheres, plates, force tubes, the drag arrow, a scale bar, and its camera."""
+
+from __future__ import annotations
+
+import numpy as np
+import pyvista
+
+from thirdbody.palette import INK, pale
+from thirdbody.quantity import round_length, with_unit
+from thirdbody.render.canvas import OVERSAMPLING, Canvas, Rectangle
+from thirdbody.render.force_tubes import THICKEST, tube_mesh
+from thirdbody.render.overlay import WIDTH
+from thirdbody.render.picture_data import PictureData
+
+_PLATE, _PLATE_EDGES = "#DDE1E6", "#8A929C"
+_GLASS, _GLASS_EDGES = "#9DB9DD", "#4F74A8"
+_SHADOW = "#A9B0BA"
+ARROW = "#B0303C"
+
+_DIRECTIONS = {"side": (0.0, -1.0, 0.0), "front": (1.0, 0.0, 0.0), "top": (0.0, 0.0, 1.0)}
+"""From where the camera looks; `iso` is seen in perspective, the others are not, so that lengths hold everywhere."""
+
+_ALONG = 0.9
+"""Cosine from which on an arrow points along the line of sight."""
+
+_PALE, _PALE_NUMBERS = 0.45, 0.2
+"""Fraction of white in the colors of bodies through which tubes are seen: of states, and of numbers, which must stay
+readable."""
+
+_ANGLE = 24.0
+"""Vertical angle of view, degrees."""
+
+
+class Viewport:
+    """One view of a window of the domain, in a part of the picture (fractions of its size).
+
+    `low`, `high` (3,) bound what the camera keeps in sight, in m; in a film they stay while plates move. `plate_height` (m)
+    is where the upper plate is drawn, over all bodies in the window if not given.
+    """
+
+    def __init__(
+        self,
+        canvas: Canvas,
+        data: PictureData,
+        viewport: Rectangle,
+        bounds: tuple[np.ndarray, np.ndarray],
+        view: str = "iso",
+        plate_height: float | None = None,
+    ):
+        low, high = bounds
+        self._data, self._view, self._window = data, view, bounds
+        self._outer, self.inner = canvas.add_view(viewport)
+        self._aspect = canvas.size[0] * (viewport[2] - viewport[0]) / (canvas.size[1] * (viewport[3] - viewport[1]))
+        # VTK's own tolerances suit lengths around one, not micrometres.
+        self.scale = 100.0 / float(np.max(high[:2] - low[:2]))
+        self._origin = np.array([*(0.5 * (low[:2] + high[:2])), low[2]])
+        # Room for the halves of bodies whose centres lie in the window.
+        margin = 1.1 * float(data.radii.max(initial=0.0)) * np.array([1.0, 1.0, 0.0])
+        self._low, self._high = self.scaled(low - margin), self.scaled(high + margin)
+        # Thin beside what lies between them, but never thinner than can be seen.
+        thickness = min(max(0.4 * float(self._high[2] - self._low[2]), 1.5), 5.0)
+        self._thickness = thickness if data.has_plates else 0.0
+        # Lines are as thick as words are high.
+        self._line_unit = OVERSAMPLING * max(min(canvas.size[0] / WIDTH, canvas.size[1] / 900.0), 0.6)
+        height = data.plate_height_over(low, high) if plate_height is None else plate_height
+        self._ceiling = float(self.scaled(np.array([0.0, 0.0, height]))[2])
+        self._corners = [self._low - [0, 0, self._thickness], self._high + [0, 0, self._thickness]]
+        self._add_spheres(data.inside(low, high))
+        if data.has_plates:
+            self._add_plates()
+
+    def scaled(self, points: np.ndarray) -> np.ndarray:
+        """Points (..., 3) m in the units of the view."""
+        return (points - self._origin) * self.scale
+
+    def project(self, point: np.ndarray) -> tuple[float, float]:
+        """Where a point of the view appears, in pixels of the picture."""
+        return self._outer.project(point)
+
+    def _add_spheres(self, chosen: np.ndarray) -> None:
+        data = self._data
+        white = _PALE if data.legend.limits is None else _PALE_NUMBERS
+        colors = data.colors if data.tubes is None else pale(data.colors, white)
+        centers, radii = self.scaled(data.centers[chosen]), data.radii[chosen] * self.scale
+        if data.has_plates and len(centers):
+            self._add_shadows(centers, radii)
+        self._outer.add_spheres(centers, radii, colors[chosen])
+
+    def _add_shadows(self, centers: np.ndarray, radii: np.ndarray) -> None:
+        """Draw a disc on the lower plate under each sphere: without it the height of a body cannot be seen."""
+        floor = float(self.scaled(self._data.low)[2]) + 0.03
+        points = pyvista.PolyData(np.column_stack((centers[:, :2], np.full(len(centers), floor))).astype(np.float32))
+        points["radius"] = np.float32(radii)
+        disc = pyvista.Polygon(radius=1.0, n_sides=20)
+        self._outer.add(points.glyph(orient=False, scale="radius", geom=disc), color=_SHADOW, scalars=None, lighting=False)
+
+    def _add_plates(self) -> None:
+        floor = float(self.scaled(self._data.low)[2])
+        self._add_box(floor - self._thickness, _PLATE, _PLATE_EDGES, 1.0)
+        self._add_box(self._ceiling, _GLASS, _GLASS_EDGES, 0.13)
+
+    def _add_box(self, bottom: float, color: str, edges: str, opacity: float) -> None:
+        (x0, y0), (x1, y1) = self._low[:2], self._high[:2]
+        box = pyvista.Cube(bounds=(x0, x1, y0, y1, bottom, bottom + self._thickness), clean=False)
+        self._outer.add(box, color=color, opacity=opacity, ambient=0.55, diffuse=0.45)
+        self._outer.add(box.outline(), color=edges, lighting=False, line_width=1.4 * self._line_unit)
+
+    def add_tubes(self, full_scale: float) -> None:
+        """Draw the contact forces of the bodies in the window; `full_scale` (N) is that of the thickest tube."""
+        tubes, (low, high) = self._data.tubes, self._window
+        if tubes is None or full_scale <= 0.0:
+            return
+        # Bodies are about as large as twice their spheres.
+        thickest = THICKEST * 2.0 * float(np.mean(self._data.radii)) * self.scale
+        radii = thickest * np.minimum(tubes.force / full_scale, 1.0)
+        seen = self._data.bodies_inside(low, high)[tubes.body] & (radii > 0.02 * thickest)
+        if seen.any():
+            mesh = tube_mesh(self.scaled(tubes.start[seen]), self.scaled(tubes.end[seen]), radii[seen], tubes.colors[seen])
+            self.inner.add(mesh, scalars="color", rgb=True, ambient=0.35, diffuse=0.75)
+
+    def _arrow_ends(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Start and tip of an arrow at the leading edge of the upper plate, in a direction (2,)."""
+        half, middle = 0.5 * (self._high - self._low), 0.5 * (self._high + self._low)
+        reach = min(h / abs(d) for h, d in zip(half[:2], direction, strict=True) if abs(d) > 1e-9)
+        start = np.array([*(middle[:2] + direction * (reach + 2.0)), self._high[2] + 0.5 * self._thickness])
+        return start, start + np.array([*(direction * self._arrow_length), 0.0])
+
+    @property
+    def _arrow_length(self) -> float:
+        # From the side the plates are thin beside the arrow of the other views.
+        return 9.0 if self._view in ("side", "front") else 17.0
+
+    def _towards_viewer(self, direction: np.ndarray) -> float:
+        """Cosine of the angle between a direction and that to the camera, of views without perspective."""
+        return float(direction @ np.array(_DIRECTIONS[self._view][:2])) if self._view in _DIRECTIONS else 0.0
+
+    def fit_arrows(self, directions: np.ndarray) -> None:
+        """Let the camera keep arrows in all these directions (k, 2) in sight."""
+        for direction in directions:
+            tip = self._arrow_ends(direction)[1]
+            if abs(self._towards_viewer(direction)) < _ALONG:
+                self._corners += [tip + 2.0, tip - 2.0]
+
+    def add_arrow(self) -> tuple[np.ndarray, str] | None:
+        """Draw an arrow at the leading edge of the upper plate along its motion; returns the position and text of its label.
+
+        Along the line of sight an arrow is a disc: there is only the label.
+        """
+        drag = self._data.drag
+        if not drag.any():
+            return None
+        towards = self._towards_viewer(drag)
+        if abs(towards) >= _ALONG:
+            middle = 0.5 * (self._low + self._high) * [1, 1, 0] + [0, 0, self._high[2] + self._thickness]
+            return middle, f"drag {'towards' if towards > 0.0 else 'away from'} the viewer"
+        start, tip = self._arrow_ends(drag)
+        length = self._arrow_length
+        arrow = pyvista.Arrow(
+            start=start, direction=[*drag, 0.0], tip_length=0.42, tip_radius=0.15, tip_resolution=40, shaft_radius=0.055,
+            shaft_resolution=40, scale=length,
+        )  # fmt: skip
+        self._outer.add(arrow, color=ARROW, ambient=0.4)
+        above = np.array([0.0, 1.0, 0.0] if self._view == "top" else [0.0, 0.0, 1.0])
+        return tip - 0.2 * length * np.array([*drag, 0.0]) + 0.15 * length * above, "drag"
+
+    def add_outline(self, low: np.ndarray, high: np.ndarray) -> None:
+        """Draw the outline of another window, on the upper plate."""
+        a, b = self.scaled(np.array([*low[:2], 0.0])), self.scaled(np.array([*high[:2], 0.0]))
+        z = self._ceiling + self._thickness
+        corners = [(a[0], a[1], z), (b[0], a[1], z), (b[0], b[1], z), (a[0], b[1], z), (a[0], a[1], z)]
+        self._add_line(np.array(corners), 2.6)
+
+    def _add_line(self, points: np.ndarray, width: float) -> None:
+        self._outer.add(pyvista.MultipleLines(points), color=INK, lighting=False, line_width=width * self._line_unit)
+
+    def add_scale_bar(self) -> tuple[np.ndarray, str]:
+        """Draw a bar of a round length before the lower plate, or below it; returns the position and text of its label.
+
+        It lies in the scene because in a perspective view a length holds at one depth only.
+        """
+        along, across = {"side": (0, 2), "front": (1, 2)}.get(self._view, (0, 1))
+        length = round_length(0.28 * float(self._high[along] - self._low[along]) / self.scale)
+        flat = across == 2
+        start = self._low - [0.0, 0.0, self._thickness]
+        start[across] -= 2.5 if flat else 4.5
+        start[along] += 2.0
+        step, side = np.eye(3)[along], np.eye(3)[across]
+        end = start + step * length * self.scale
+        self._add_line(np.array([start, end]), 4.0)
+        for point in (start, end):
+            tick = (0.8 if flat else 1.5) * side
+            self._add_line(np.array([point - tick, point + tick]), 3.0)
+        middle = 0.5 * (start + end) - (1.0 if flat else 2.2) * side
+        self._corners += [middle - 3.5 * side, end]
+        return middle, with_unit(length, "m")
+
+    def aim_camera(self, iso: tuple[float, float, float]) -> None:
+        """Turn the camera so that everything just fits; it looks from `iso` in the view of that name."""
+        perspective = self._view not in _DIRECTIONS
+        low, high = self._corners[:2]
+        box = [np.array([x, y, z]) for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+        points = np.array(box + self._corners[2:])
+        back = np.array(iso if perspective else _DIRECTIONS[self._view])
+        back /= np.linalg.norm(back)
+        upright = (0.0, 1.0, 0.0) if abs(back[2]) > 0.999 else (0.0, 0.0, 1.0)
+        right = np.cross(upright, back)
+        right /= np.linalg.norm(right)
+        axes = np.array([right, np.cross(back, right), back])
+        focus, distance, extent = (_fit_perspective if perspective else _fit_parallel)(points, axes, self._aspect)
+        camera = self._outer.renderer.camera
+        camera.view_angle = _ANGLE
+        camera.parallel_projection = not perspective
+        camera.parallel_scale = extent
+        camera.focal_point, camera.position, camera.up = focus, focus + distance * back, upright
+        self._outer.renderer.reset_camera_clipping_range()
+        near, far = camera.clipping_range
+        camera.clipping_range = 0.9 * near, 1.1 * far  # what is seen through bodies needs more
+
+
+Pose = tuple[np.ndarray, float, float]
+
+
+def _fit_parallel(points: np.ndarray, axes: np.ndarray, aspect: float) -> Pose:
+    """Focus, distance and half height of the picture in which all points just fit, without perspective.
+
+    `axes` (3, 3) are the camera's right, up and back, `aspect` is width over height.
+    """
+    flat = points @ axes.T
+    low, high = flat.min(axis=0), flat.max(axis=0)
+    half = 0.5 * (high - low)
+    return 0.5 * (low + high) @ axes, 300.0 + half[2], float(max(half[1], half[0] / aspect)) / 0.97
+
+
+def _fit_perspective(points: np.ndarray, axes: np.ndarray, aspect: float) -> Pose:
+    """The same in perspective; the half height is unused.
+
+    A fixed-point iteration: shift the focus to the middle of the projection, then set the distance; converges in a few steps.
+    """
+    reach = np.tan(np.radians(0.5 * _ANGLE)) * np.array([aspect, 1.0])
+    focus, distance = points.mean(axis=0), 300.0
+    for _ in range(30):
+        offset = (points - focus) @ axes.T
+        flat = offset[:, :2] / (distance - offset[:, 2:]) / reach
+        middle = 0.5 * (flat.min(axis=0) + flat.max(axis=0))
+        focus = focus + distance * (middle * reach) @ axes[:2]
+        distance *= float((0.5 * np.ptp(flat, axis=0)).max()) / 0.97
+    return focus, distance, 1.0

@@ -1,0 +1,188 @@
+"""Effects and parts of the machinery of a built scene: on or off, why, what share of the time; where an absent one matters."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.kernels import layout as at
+from thirdbody.laws.elasticity import e_star
+from thirdbody.units import pretty
+
+if TYPE_CHECKING:
+    from thirdbody.build.simulation import Simulation
+
+STANDARD_GRAVITY = 9.80665
+"""m/s2."""
+
+HEAVY, NEAR, FAST = 0.01, 0.05, 0.1
+"""What is warned of: weight over load; share of a spot's overlap that its neighbour makes; drag over the shear wave's speed."""
+
+NS = {"sphere": 26.0, "contact": 10.0, "pair": 4.0, "law": 4.0, "mindlin": 7.0, "exact": 60.0, "spring": 2.3, "body": 6.0,
+      "labels": 30.0}  # fmt: skip
+"""Nanoseconds of one core: per sphere and step (motion), per contact (geometry) or pair that is looked at, per contact and law,
+per spring, per body and effect, per body for its labels. Some measured with numba 0.68 on a Zen 5, some estimated: shares need
+only their ratios, and are told as estimates."""
+
+TOUCH = 0.02
+"""A sphere nearer to a plate than this part of its radius will carry load."""
+
+
+def parts(built: Simulation) -> list[dict[str, Any]]:
+    """Every effect and part of the machinery: `part`, `on`, `reason`, and `share` of the time per step (0 if absent).
+
+    Shares are estimates for the explicit integrator; None with the implicit one, whose time goes into iterations.
+    """
+    rows = [*_laws(built), *_effects(built), *_machinery(built)]
+    total = sum(row["share"] for row in rows if row["on"])
+    explicit = built.plan.kind == "explicit"
+    for row in rows:
+        row["share"] = 0.0 if not row["on"] else row["share"] / total if explicit and total > 0.0 else None
+    return rows
+
+
+def part_warnings(built: Simulation) -> list[str]:
+    """What is off or neglected and would matter in this scene, in words."""
+    found = []
+    weight, load = _weight_over_load(built), _load(built)
+    if built.scene.effects.gravity is None and weight > HEAVY and math.isfinite(load):
+        found.append(f"gravity is off, but a body weighs up to {weight:.2g} of its load: effects.gravity switches it on")
+    share, distance = neighbours(built)
+    if share > NEAR:
+        found.append(
+            f"spots of a body stand as near as {distance:.1f} contact radii: each presses its neighbour's surface down by about "
+            f"{100.0 * share:.0f} % of the overlap, which Hertz and Mindlin neglect"
+        )
+    speed, wave = built.schedule.top_speed(), _wave_speed(built)
+    if speed > FAST * wave:
+        found.append(
+            f"the drag, {speed:.3g} m/s, is {speed / wave:.2g} of the slowest shear wave: contacts are computed as quasi-static"
+        )
+    return found
+
+
+def neighbours(built: Simulation) -> tuple[float, float]:
+    """Share of the overlap that the nearest spot of the same body and plate makes, and how far it is in contact radii.
+
+    Both spots carry the same load F: the own overlap is 3 F/(4 E* a), and at the distance r the other one's load lowers the
+    surface by F/(pi E* r) (Boussinesq; K.L. Johnson, Contact Mechanics, 1985, Eq. 3.22), so the share is 4 a/(3 pi r), for
+    r > 2 a. The spots are those that touch before the load comes. (0, inf) without two of them, or without a load.
+    """
+    state, overlap = built.state, built.upper.overlap
+    if overlap <= 0.0:
+        return 0.0, math.inf
+    S, near, nearest = state.S, TOUCH, math.inf
+    radius, body = S[:, at.S_R], state.body
+    upper = state.world.upper
+    sides = [(S[:, at.S_Z] - radius, at.ONLY_UPPER)]
+    if upper is not None:
+        sides.append((upper.heights[upper.patch[body]] - S[:, at.S_Z] - radius, at.ONLY_LOWER))
+    for gap, other in sides:
+        touching = np.flatnonzero((np.abs(gap) < near * radius) & (S[:, at.S_SIDE] != other))
+        for b in np.unique(body[touching]):
+            spots = touching[body[touching] == b]
+            for k, i in enumerate(spots[:-1]):
+                j = spots[k + 1 :]
+                apart = np.hypot(S[i, 0] - S[j, 0], S[i, 1] - S[j, 1])
+                a = math.sqrt(overlap) * np.maximum(radius[i], radius[j])
+                nearest = min(nearest, float(np.min(apart / a)))
+    return (4.0 / (3.0 * math.pi * nearest), nearest) if nearest < math.inf else (0.0, math.inf)
+
+
+def _laws(built: Simulation) -> list[dict[str, Any]]:
+    """Laws of the contact: those of the chain, and those that no pair asks for."""
+    contacts = max(1, 2 * built.state.n_bodies)
+    rows = []
+    for law in built.choice.chain.laws:
+        numbers = len(law.history)  # a row of springs remembers two numbers for each
+        row_of_springs = numbers > 16 and law.name not in NS
+        each = NS["spring"] * numbers / 2.0 if row_of_springs else NS.get(law.name, NS["law"])
+        rows.append(_row(f"{law.stage}: {law.name}", True, f"of the level {built.choice.level}", contacts * each))
+    return rows + [_row(name, False, "no pair asks for it", 0.0) for name in built.choice.off]
+
+
+def _effects(built: Simulation) -> list[dict[str, Any]]:
+    from thirdbody.laws.contract import Law
+    from thirdbody.laws.registry import discover
+
+    on = {effect.name for effect in built.choice.effects} | {law.name for law in built.choice.chain.laws}
+    rows = []
+    for name, effect in discover().effects.items():
+        if isinstance(effect, Law) and name in on:
+            continue  # told as a law
+        reason = "the scene names it" if name in on else "the scene does not name it"
+        if name == "gravity" and name not in on:
+            weight = _weight_over_load(built)
+            reason = f"weight/load = {weight:.1g}; effects.gravity switches it on" if math.isfinite(weight) else reason
+        rows.append(_row(f"effect: {name}", name in on, reason, NS["body"] * built.state.n_bodies))
+    return rows
+
+
+def _machinery(built: Simulation) -> list[dict[str, Any]]:
+    state = built.state
+    upper, meets = state.world.upper, state.world.debris_meets
+    founded = upper is not None and upper.foundation is not None
+    pairs = max(0, state.slots.count - 2 * state.n_spheres)
+    told = "bodies may meet" if meets else (
+        "contact.debris_contact = 'none'" if built.scene.contact.debris_contact == "none" else "no two bodies can meet"
+    )  # fmt: skip
+    stride = max(1, state.physics.stride)
+    return [
+        _row("motion of bodies and their spheres", True, "always", NS["sphere"] * state.n_spheres),
+        _row("contact geometry", True, "always", NS["contact"] * 2 * state.n_bodies + NS["pair"] * state.n_spheres),
+        _row("debris-debris contact", meets, told, NS["pair"] * pairs + 0.1 * NS["sphere"] * state.n_spheres),
+        _row("labels", built.labeller is not None, built.labeller.name if built.labeller else "no labeller is installed",
+             NS["labels"] * state.n_bodies / stride),
+        _row("foundation", founded, "plates.upper.support", NS["body"] * state.n_bodies),
+        _row("rolling resistance's moments", state.physics.moments, "a law of the stage rolling", NS["law"] * state.n_bodies),
+        _row("first yield", True, _yield_reason(built), 0.0),
+        _row("elastic interaction of spots", False, _spots_reason(built), 0.0),
+    ]  # fmt: skip
+
+
+def _row(part: str, on: bool, reason: str, share: float) -> dict[str, Any]:
+    return {"part": part, "on": bool(on), "reason": reason, "share": share}
+
+
+def _yield_reason(built: Simulation) -> str:
+    given = [m.name for m in built.choice.materials if m.yield_strength]
+    source = f"yield strength of {', '.join(given)} from the scene" if given else "yield strengths assumed, E/100"
+    source += ", others assumed" if 0 < len(given) < len(built.choice.materials) else ""
+    pressure = _peak_pressure(built)
+    expected = f"expected peak pressure {pretty(pressure, 'pressure')}; " if pressure > 0.0 else ""
+    return f"{expected}{source}: a warning, no plastic flow"
+
+
+def _spots_reason(built: Simulation) -> str:
+    share, distance = neighbours(built)
+    if share == 0.0:
+        return "no two spots of a body are known to touch before the load comes"
+    return f"the nearest are {distance:.1f} contact radii apart: {100.0 * share:.1g} % of the overlap is neglected"
+
+
+def _peak_pressure(built: Simulation) -> float:
+    """p0 = (2 E*/pi) sqrt(overlap/R) under the expected load, Pa, for the stiffest pair."""
+    stiffest = max(e_star(pair.a, pair.b) for pair in built.choice.pairs)
+    return 2.0 * stiffest / math.pi * math.sqrt(built.upper.expected)
+
+
+def _load(built: Simulation) -> float:
+    """On one body that carries load, N; infinite where nothing is pressed on the debris."""
+    upper = built.state.world.upper
+    if upper is None or not float(np.max(upper.load)) > 0.0:
+        return math.inf
+    shared = 1 if len(upper.heights) > 1 else max(1, built.upper.loaded)
+    return float(np.max(upper.load)) / shared
+
+
+def _weight_over_load(built: Simulation) -> float:
+    """Weight of the heaviest body over the load on one; NaN without a load."""
+    load = _load(built)
+    return float(np.max(built.state.B[:, at.B_MASS])) * STANDARD_GRAVITY / load if math.isfinite(load) else math.nan
+
+
+def _wave_speed(built: Simulation) -> float:
+    """Of shear waves in the slowest material, m/s."""
+    return min(math.sqrt(m.shear_modulus / m.density) for m in built.choice.materials)

@@ -1,0 +1,165 @@
+"""The forecast of every body, made when the drag starts, against what the body then did."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.errors import InputError
+from thirdbody.plot.forecast_plot import Forecasts, draw_forecasts
+from thirdbody.report.forecast_conditions import conditions, touches_others
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.reader import Run
+
+WATCHED = 40.0
+"""Way of the drag, in contact radii of a body, within which its forecast is held against what it does."""
+
+ROLLING, SLIDING = "rolling", "sliding"
+CAN_SLIDE, UNTOLD = 2, 4
+"""Bits of `forecast` (the labeller's)."""
+
+
+def forecast_against_fact(run: Run) -> dict[str, Any]:
+    """Forecast when the drag starts (can the body go on without rolling?) against whether it is labelled rolling within 40 a.
+
+    Keys: `frame` of the forecast, `agree`, `told` (how many were told and watched), `unwatched` (bodies without any frame within
+    40 a), `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of bodies), and those of `_judged_closer`.
+    Empty when the run has no forecast or no drag.
+    """
+    start = start_of_drag(run)
+    if start is None:
+        return {}
+    watched = _watched(run, start)
+    told, rolled, seen = run.forecast[start], _rolled(run, start, watched), watched.any(axis=0)
+    known, slides = (told != UNTOLD) & seen, (told & CAN_SLIDE) > 0
+    groups = {
+        "rolls_as_told": known & ~slides & rolled,
+        "slides_as_told": known & slides & ~rolled,
+        "rolls_instead": known & slides & rolled,
+        "slides_instead": known & ~slides & ~rolled,
+    }
+    lists = {name: np.flatnonzero(members).tolist() for name, members in groups.items()}
+    agree, unwatched = len(lists["rolls_as_told"]) + len(lists["slides_as_told"]), int(((told != UNTOLD) & ~seen).sum())
+    found = {"frame": start, "agree": agree, "told": int(known.sum()), "unwatched": unwatched} | lists
+    return found | (_judged_closer(run, start, watched, known) if known.any() else {})
+
+
+def _judged_closer(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -> dict[str, Any]:
+    """What explains an agreement: the count outside the band, with and without neighbours, and the conditions of the run.
+
+    Keys: `clear` and `alone`, (agree, told) of the bodies outside the 2 % band and of those that meanwhile touch no other;
+    `turned`, the first of these by the plain fact of `_turned` instead of the labels (None without orientations);
+    `conditions`, a list of dictionaries.
+    """
+    drawn, bodies = forecasts(run), run.bodies(start)
+    alone = ~touches_others(run, watched)[drawn.body]
+    friction = _friction(run)[bodies["material"]]
+    turned = _turned(run, start, watched)
+    plain = None if turned is None else (turned[drawn.body] != drawn.slides) & drawn.clear
+    return {
+        "turned": None if plain is None else [int(plain.sum()), int(drawn.clear.sum())],
+        "clear": [int((drawn.as_told & drawn.clear).sum()), int(drawn.clear.sum())],
+        "alone": [int((drawn.as_told & drawn.clear & alone).sum()), int((drawn.clear & alone).sum())],
+        "conditions": [condition._asdict() for condition in conditions(run, start, watched, known, friction)],
+    }
+
+
+def forecasts(run: Run) -> Forecasts:
+    """The bodies that have a forecast when the drag starts, as the picture takes them; none without a forecast or a drag."""
+    start = start_of_drag(run)
+    known = np.zeros(0, int)
+    if start is not None:
+        known = np.flatnonzero((run.forecast[start] != UNTOLD) & _watched(run, start).any(axis=0))
+    if start is None or not len(known):
+        none = np.zeros(0)
+        return Forecasts(known, none, none, none, none.astype(bool), none.astype(str))
+    bodies = run.bodies(start)
+    slid = _was(run, SLIDING, start) if SLIDING in run.state_names else np.zeros(run.states.shape[1], bool)
+    fact = np.where(_rolled(run, start, _watched(run, start)), ROLLING, np.where(slid, SLIDING, "sticking"))
+    slides = (run.forecast[start][known] & CAN_SLIDE) > 0
+    friction = _friction(run)[bodies["material"][known]]
+    return Forecasts(known, friction, bodies["t_min"][known], bodies["t_max"][known], slides, fact[known])
+
+
+def draw_forecast(path: Path, picture: Path) -> None:
+    """Draw forecast against fact of the run at `path`. Raises like `draw_forecasts`, InputError without a forecast or a drag."""
+    from thirdbody.trajectory.reader import open_run
+
+    with open_run(path) as run:
+        found = forecasts(run)
+        if not len(found.body):
+            raise InputError(f"{run.path}: nothing to draw: no body has a forecast, or there is no drag")
+        draw_forecasts(found, picture, run.header.get("title", ""))
+
+
+def start_of_drag(run: Run) -> int | None:
+    """The frame at which the drag starts; None when the run has no forecast or no drag."""
+    if not run.frames or "distance" not in run.series or "forecast" not in run.bodies(0) or ROLLING not in run.state_names:
+        return None
+    distance = run.series["distance"]
+    if not distance[-1] > 0.0:
+        return None
+    # settling ends within a step of the drag: the first frame well beyond that is the one after the start
+    return max(int(np.argmax(distance > 1e-4 * distance[-1])) - 1, 0)
+
+
+def _was(run: Run, state: str, start: int) -> np.ndarray:
+    """Whether each body (B,) was in the state at some time of its first 40 a of drag."""
+    return ((run.states == run.state_names.index(state)) & _watched(run, start)).any(axis=0)
+
+
+def _rolled(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
+    """Whether each body (B,) rolled at some time of its first 40 a of drag, in a frame or between two.
+
+    A length that it rolled tells of rolling between frames: a body that tips onto a better seat does so within a micrometre.
+    """
+    rolled = _was(run, ROLLING, start)
+    before = run.bodies(start).get("rolled_distance")
+    if before is None:
+        return rolled
+    last = np.where(watched.any(axis=0), len(watched) - 1 - np.argmax(watched[::-1], axis=0), start)
+    for frame in np.unique(last):
+        members = last == frame
+        rolled[members] |= (run.bodies(int(frame))["rolled_distance"] > before)[members]
+    return rolled
+
+
+def _turned(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
+    """Whether each body (B,) turned by more than a/R, of its largest contact, at some time of its first 40 a of drag.
+
+    None for a file without orientations.
+    """
+    contacts, first = run.contacts(start), run.bodies(start).get("quaternion")
+    if first is None:
+        return None
+    ratio, largest = np.zeros(len(first)), np.zeros(len(first))
+    np.maximum.at(largest, contacts["body"], contacts["contact_radius"])
+    loaded = (contacts["contact_radius"] > 0.0) & (contacts["contact_radius"] == largest[contacts["body"]])
+    ratio[contacts["body"][loaded]] = contacts["overlap"][loaded] / contacts["contact_radius"][loaded]  # a/R, as a^2 = R overlap
+    turned = np.zeros(len(first), bool)
+    for frame in np.flatnonzero(watched.any(axis=1)):
+        now = run.bodies(int(frame))["quaternion"]
+        apart = np.minimum(np.linalg.norm(now - first, axis=1), np.linalg.norm(now + first, axis=1))  # q and -q are the same
+        turned |= watched[frame] & (4.0 * np.arcsin(np.minimum(0.5 * apart, 1.0)) > ratio)
+    return turned
+
+
+def _watched(run: Run, start: int) -> np.ndarray:
+    """(F, B) frames after the start of the drag within 40 a of each body: what its forecast is held against."""
+    distance, contacts = run.series["distance"], run.contacts(start)
+    radius = np.zeros(run.states.shape[1])
+    np.maximum.at(radius, contacts["body"], contacts["contact_radius"])
+    return (distance[:, None] - distance[start] <= WATCHED * radius) & (np.arange(run.frames) > start)[:, None]
+
+
+def _friction(run: Run) -> np.ndarray:
+    """Friction coefficient of each material against the plates, the lesser of the two: there a body of it slides first."""
+    scene = tomllib.loads(run.scene_text)
+    of_pair = {frozenset(pair["between"]): float(pair["friction"]) for pair in scene["pairs"]}
+    plates = [scene["plates"][side]["material"] for side in ("lower", "upper")]
+    materials = run.header["materials"]
+    return np.array([min(of_pair.get(frozenset((name, plate)), np.nan) for plate in plates) for name in materials])

@@ -1,0 +1,116 @@
+"""For which runs the forecast can be expected to hold: its assumptions, evaluated for one run.
+
+The theory behind the forecast speaks of one particle between two surfaces, pressed by a constant load, at rest but for the drag,
+on spots that are points. Each condition is a number of the run with the limit up to which forecast and motion were found to agree
+as in the table of a thousand clumps (README, "Forecast against fact").
+"""
+
+from __future__ import annotations
+
+import tomllib
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from thirdbody.quantity import percent
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.reader import Run
+
+MOST_NEIGHBOURS = 0.2
+"""Share of the bodies that touch another one in the watched drag."""
+MOST_OVERLAP = 0.005
+"""Overlap over radius of curvature, median of the spots: tilt by unequal overlaps moves the spots against each other."""
+MOST_INERTIA = 0.5
+"""m v^2/(mu N a), median of the bodies: inertia at the speed of the drag against the work of friction along a contact radius."""
+ROUNDED = 0.01
+"""Of a share of the drag: what a start between two frames may leave."""
+LEAST_FRAMES = 8
+"""Frames in the watched drag, median of the bodies: what happens between two frames is seen only if it rolls a window of 4 a."""
+
+
+class Condition(NamedTuple):
+    """One assumption of the forecast: its name, what is measured, the number and its limit in words, and whether it is met."""
+
+    name: str
+    what: str
+    value: float
+    shown: str
+    limit: str
+    met: bool
+
+
+def conditions(run: Run, start: int, watched: np.ndarray, told: np.ndarray, friction: np.ndarray) -> list[Condition]:
+    """The assumptions, each evaluated for the run.
+
+    `start` is the frame of the forecast, `watched` (F, B) the frames in which each body was watched, `told` (B,) the bodies that
+    have a forecast, `friction` (B,) their coefficients against the plates.
+    """
+    neighbours = float(touches_others(run, watched)[told].mean())
+    overlap, inertia = _overlap(run, start), _inertia(run, start, told, friction)
+    frames, back = float(np.median(watched[:, told].sum(axis=0))), _turned_back(run, start, watched)
+    support, follows = _support(run)
+    return [
+        Condition("neighbours", "bodies that touch another one", neighbours, percent(neighbours),
+                  f"at most {percent(MOST_NEIGHBOURS)}", neighbours <= MOST_NEIGHBOURS),
+        Condition("overlap", "overlap over radius of a spot", overlap, f"{overlap:.2g}", f"at most {MOST_OVERLAP:g}",
+                  overlap <= MOST_OVERLAP),
+        Condition("inertia", "inertia, m v\N{SUPERSCRIPT TWO}/(mu N a)", inertia, f"{inertia:.2g}", f"at most {MOST_INERTIA:g}",
+                  inertia <= MOST_INERTIA),
+        Condition("frames", "frames in that drag", frames, f"{frames:g}", f"at least {LEAST_FRAMES}", frames >= LEAST_FRAMES),
+        Condition("reversal", "share of that drag taken back", back, percent(back), "none", back == 0.0),
+        Condition("support", "support of the upper plate", float(follows), support, "follows each body", follows),
+    ]  # fmt: skip
+
+
+def touches_others(run: Run, watched: np.ndarray) -> np.ndarray:
+    """Which bodies (B,) touch another body in a frame in which they are watched."""
+    found = np.zeros(watched.shape[1], bool)
+    for frame in np.flatnonzero(watched.any(axis=1)):
+        contacts = run.contacts(int(frame))
+        between = contacts["partner"] >= 0
+        members = np.unique(np.concatenate([contacts["body"][between], contacts["partner"][between]]))
+        found[members] |= watched[frame, members]
+    return found
+
+
+def _overlap(run: Run, start: int) -> float:
+    """Median of overlap over radius of curvature of the loaded spots: a^2 = R overlap, Hertz."""
+    contacts = run.contacts(start)
+    loaded = contacts["contact_radius"] > 0.0
+    return float(np.median((contacts["overlap"][loaded] / contacts["contact_radius"][loaded]) ** 2)) if loaded.any() else 0.0
+
+
+def _inertia(run: Run, start: int, told: np.ndarray, friction: np.ndarray) -> float:
+    """Median of m v^2/(mu N a) of the bodies, with the mean speed of the drag; infinite without friction."""
+    bodies, contacts, count = run.bodies(start), run.contacts(start), len(told)
+    load, radius = np.zeros(count), np.zeros(count)
+    np.add.at(load, contacts["body"], 0.5 * np.abs(contacts["normal_force"]))  # each side carries the load once
+    np.maximum.at(radius, contacts["body"], contacts["contact_radius"])
+    distance = run.series["distance"]
+    speed = float(distance[-1] - distance[start]) / float(run.times[-1] - run.times[start])
+    resistance = (friction * load * radius)[told]
+    energy = np.asarray(bodies["mass"], float)[told] * speed**2
+    ratio = np.divide(energy, resistance, out=np.full(len(energy), np.inf), where=resistance > 0.0)
+    return float(np.median(ratio))
+
+
+def _turned_back(run: Run, start: int, watched: np.ndarray) -> float:
+    """Share of the watched drag that is taken back: 0 for one-way sliding."""
+    last = int(np.flatnonzero(watched.any(axis=1))[-1])
+    ends = [run.plates(frame)["position"] for frame in (start, last)]
+    way = float(run.series["distance"][last] - run.series["distance"][start])
+    if not len(ends[0]) or way <= 0.0:
+        return 0.0
+    moved = (ends[1][4] - ends[1][0]) - (ends[0][4] - ends[0][0])
+    back = 1.0 - float(np.hypot(moved[0], moved[1])) / way
+    return back if back > ROUNDED else 0.0
+
+
+def _support(run: Run) -> tuple[str, bool]:
+    """Support of the upper plate in words, and whether it gives way to each body: else a tipping body wedges."""
+    upper = tomllib.loads(run.scene_text).get("plates", {}).get("upper", {})
+    support = str(upper.get("support", "rigid")).replace("_", " ")
+    if upper.get("gap") is not None:
+        return f"{support}, gap prescribed", False
+    return support, support != "rigid"

@@ -1,0 +1,47 @@
+"""`thirdbody laws --show-code`: the modules that are generated and compiled for a scene."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from thirdbody.laws.registry import Registry
+    from thirdbody.scene.model import Scene
+
+
+def generated_code(scene: Scene, registry: Registry) -> dict[str, str]:
+    """Return the text of each generated module of a scene by what it holds.
+
+    `law`: the contact laws of an explicit step, with the stiffness that bounds it. `tangents`: what an implicit step needs of
+    them besides; absent if a law has none. `effects` and `labeller`: absent from a scene without any. Raises InputError.
+    """
+    from thirdbody.build.physics import choose
+
+    choice = choose(scene, registry)
+    compiled: dict[str, Callable | None] = {
+        "law": choice.chain.law,
+        "tangents": choice.chain.tangents,
+        "effects": choice.physics.effects if choice.effects else None,
+        "labeller": choice.physics.observe if choice.labeller else None,
+    }
+    return {name: _text_of(function) for name, function in compiled.items() if function is not None}
+
+
+def _text_of(function: Callable) -> str:
+    """Return the text of the module that holds a compiled function."""
+    return Path(str(sys.modules[function.__module__].__file__)).read_text(encoding="utf-8")
+
+
+def print_code(scene: Scene, registry: Registry, json: bool) -> None:
+    """Print the generated modules of a scene one after the other, or as one JSON object."""
+    from thirdbody.report.tables import print_json
+
+    modules = generated_code(scene, registry)
+    if json:
+        print_json(modules)
+        return
+    for name, text in modules.items():
+        print(f"# {'=' * 60} {name}\n{text.rstrip()}\n")

@@ -1,0 +1,325 @@
+"""What `thirdbody check` tells: the resolved scene, its physics, its integrator, and what a run of it would cost."""
+
+from __future__ import annotations
+
+import copy
+import io
+import math
+import os
+import time
+from collections.abc import Iterable, Mapping
+from contextlib import redirect_stdout
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
+
+from thirdbody.kernels import layout as at
+from thirdbody.quantity import duration, size
+from thirdbody.report.active_components import part_warnings, parts
+from thirdbody.report.tables import table
+from thirdbody.runner.frame_cost import FrameCost, frame_cost
+from thirdbody.runner.run_warnings import run_warnings
+from thirdbody.system.terminal import PrintableStream, say
+from thirdbody.units import pretty
+
+if TYPE_CHECKING:
+    from thirdbody.build.simulation import Simulation
+    from thirdbody.engine.explicit import Explicit
+    from thirdbody.engine.implicit import Implicit
+    from thirdbody.scene.model import Scene
+
+TRIAL_SECONDS = 0.5
+"""How long a throw-away copy is integrated to estimate the wall time."""
+
+TRIAL_BODIES, TRIAL_WAY = 16, 2e-6
+"""Bodies and way (m) of such a trial of the implicit integrator."""
+
+
+class Check(dict[str, Any]):
+    """What `check` found, by name, in SI; `print` shows it as `thirdbody check` does."""
+
+    def __str__(self) -> str:
+        text = io.StringIO()
+        with redirect_stdout(cast(Any, PrintableStream(text))):
+            print_check(self)
+        return text.getvalue()
+
+    def __repr__(self) -> str:
+        return f"<Check of '{self['title']}': {self['bodies']} bodies, {len(self['warnings'])} warning(s)>"
+
+
+def check(
+    scene: Scene | str | os.PathLike[str] | Mapping[str, Any], *, plugins: Iterable[str | Path] = (), force: bool = False
+) -> Check:
+    """Build a scene (as `run` takes it) and report its warnings, defaults, laws, time step, and what a run of it would cost.
+
+    The report is a dictionary: `warnings` first, then `title`, `scene`, `bodies`, `law`, `pairs`, `integrator`,
+    `estimated_wall_time` (s), `memory` and `disk` (bytes) and more. Raises UsageError and InputError as `run` does.
+    """
+    from thirdbody.runner.simulate import prepare
+    from thirdbody.scene.model import Scene
+
+    found = check_report(prepare(Scene.of(scene, plugins), plugins, force))
+    return Check({"warnings": found.pop("warnings")} | found)
+
+
+def check_report(built: Simulation) -> dict[str, Any]:
+    """The resolved scene as a dictionary: everything that `thirdbody check` tells, SI."""
+    choice, state = built.choice, built.state
+    from thirdbody.runner.output_schedule import planned_frames
+    from thirdbody.runner.simulate import debris_contact
+
+    integration, trial = _integration(built)
+    frames = _frames(built, planned_frames(built))
+    each = frame_cost(built, trial)
+    framing, disk = frames * each.seconds, each.first_bytes + (frames - 1) * each.bytes
+    wall = integration["estimated_step_time"] + (0.0 if each.failure else framing)
+    costs = run_warnings(built, wall, framing, disk, integration["trial_stopped"])
+    return {
+        "title": built.scene.title,
+        "scene": built.scene.document(),
+        "bodies": state.n_bodies,
+        "spheres": state.n_spheres,
+        "law": {
+            "family": choice.family.name,
+            "level": choice.level,
+            "chain": [{"stage": law.stage, "law": law.name, "source": law.source} for law in choice.chain.laws],
+            "not_needed": list(choice.off),
+            "explicit_only": list(choice.chain.without_tangent),
+        },
+        "pairs": [
+            {
+                "between": [pair.a.name, pair.b.name],
+                "friction": pair.friction,
+                "restitution": pair.restitution,
+                **{
+                    f"{law.name}.{name}": value
+                    for law, values in zip(choice.chain.laws, row, strict=True)
+                    for name, value in zip(type(values)._fields, values, strict=True)
+                },
+            }
+            for pair, row in zip(choice.pairs, choice.rows, strict=True)
+        ],
+        "parts": parts(built),
+        "effects": {
+            "on": [{"effect": effect.name, "source": effect.source} for effect in choice.effects],
+            "debris_contact": debris_contact(built),
+            "labels": built.labeller.name if built.labeller else "none",
+        },
+        "upper_plate": _plate_report(built),
+        "integrator": built.plan.kind,
+        "integrator_reason": built.plan.reason,
+        "estimated_wall_time": wall,
+        **integration,
+        "estimated_frame_time": framing,
+        "settle": built.settle,
+        "simulated_time": built.planned_time,
+        "expected_overlap_over_radius": built.upper.expected,
+        "memory": _memory(built),
+        "frames": frames,
+        "disk": disk,
+        "warnings": [*costs, *_unmeasured(each), *built.warnings, *part_warnings(built)],
+    }
+
+
+def _frames(built: Simulation, planned: int) -> int:
+    """Frames to expect: as many as planned, but no more than one after every step."""
+    if not built.integrator.divisible or built.scene.output.every >= built.shortest_interval:
+        return planned
+    by_time = built.scene.output.every_kind == "time"
+    steps = (built.planned_time - (0.0 if by_time else built.settle)) / built.state.dt
+    return min(planned, 2 + math.ceil(steps))
+
+
+def _unmeasured(cost: FrameCost) -> list[str]:
+    return [f"the time of frames is not in the estimate, a trial of some was not written: {cost.failure}"] if cost.failure else []
+
+
+def _plate_report(built: Simulation) -> dict[str, Any] | None:
+    upper = built.state.world.upper
+    if upper is None:
+        return None
+    return {
+        "patches": len(upper.heights),
+        "load": float(upper.load.max()) if upper.foundation is None else upper.foundation.load,
+        "support": built.scene.plates.upper.support if built.scene.plates.upper else "none",
+        "free": upper.free if upper.foundation is None else upper.foundation.free,
+        "mass": float(upper.mass.mean()),
+        "damping": float(upper.damping.mean()),
+        "gap": float(upper.heights.mean()),
+        "moves": upper.schedule.moves,
+        "largest_load": upper.schedule.largest_load() * float(upper.table()[:, at.P_LOAD0].max()),
+        "loaded_at_once": built.upper.loaded,
+        "foundation": None if upper.foundation is None else upper.foundation.stiffness,
+        "preload": 0.0 if upper.foundation is None else float(upper.load.max()),
+    }
+
+
+def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit]:
+    """Steps and their wall time to expect, and what decides them; and the copy of the integrator that was tried."""
+    from thirdbody.engine.explicit import Explicit
+
+    integrator = built.integrator
+    if not isinstance(integrator, Explicit):
+        wall, stopped, slow = _seconds_of_ways(built, integrator)
+        return {
+            "accuracy": vars(integrator.accuracy),
+            "rayleigh": integrator.rayleigh,
+            "steps": None,
+            "estimated_step_time": wall,
+            "trial_stopped": stopped,
+        }, slow
+    bound, dt = integrator.bound, built.state.dt
+    assert bound is not None
+    steps = built.planned_time / dt
+    each, stopped, trial = _seconds_per_step(integrator)
+    return {
+        "time_step": {
+            "step": dt,
+            "limited_by": "the scene" if integrator.fixed is not None else bound.mechanism,
+            "body": bound.body,
+            "rayleigh": bound.rayleigh,
+            "stability_limit": bound.stability,
+        },
+        "steps": steps,
+        "estimated_step_time": steps * each,
+        "trial_stopped": stopped,
+    }, trial
+
+
+def _seconds_per_step(original: Explicit) -> tuple[float, str, Explicit]:
+    """Seconds of a step, why a guard stopped the trial, if one did (then NaN), and the copy on which it was measured.
+
+    The first call is not counted.
+    """
+    from thirdbody.errors import GuardStop
+    from thirdbody.kernels.layout import A_STEPS
+
+    trial = copy.deepcopy(original.state)
+    integrator = copy.copy(original)
+    integrator.state = trial
+    integrator._tables()
+    try:
+        integrator.advance_to(trial.time + 3.0 * trial.dt)
+        started, steps, before = time.perf_counter(), 0, trial.A.copy()
+        while time.perf_counter() - started < TRIAL_SECONDS:
+            integrator.advance_to(trial.time + 100.0 * trial.dt)
+        steps = int(trial.A[A_STEPS] - before[A_STEPS])
+        return (time.perf_counter() - started) / max(steps, 1), "", integrator
+    except GuardStop as stop:
+        return math.nan, str(stop), integrator
+
+
+def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str, Implicit]:
+    """Wall time of all steps, s, why a guard stopped the trial, if one did (then NaN), and the copy on which it was measured.
+
+    A few bodies of the copy are pressed and dragged a little. Measured on one core: a machine with more is faster by
+    their number.
+    """
+    from thirdbody.errors import GuardStop
+
+    integrator = copy.deepcopy(original)
+    way, n = min(TRIAL_WAY, built.planned_distance), built.state.n_bodies
+    bodies = n if integrator.together else min(TRIAL_BODIES, n)
+    moved = built.schedule.time_of(way, 0.0) if way > 0.0 else built.settle
+    try:
+        integrator.trial(bodies, 1e-3 * built.settle)  # compiled, if it was not
+        started = time.perf_counter()
+        integrator.trial(bodies, built.settle)
+        pressed = time.perf_counter() - started
+        integrator.trial(bodies, moved)
+        dragged = time.perf_counter() - started - pressed
+    except GuardStop as stop:
+        return math.nan, str(stop), integrator
+    return (pressed + dragged * (built.planned_distance / way if way > 0.0 else 0.0)) * n / bodies, "", integrator
+
+
+def _memory(built: Simulation) -> int:
+    state, slots = built.state, built.state.slots
+    spheres = 0 if state.S is state.B else state.S.nbytes
+    arrays = (state.B, state.E, state.P, state.M, state.offsets, state.X0, slots.H, slots.F, slots.R, slots.own, slots.incidence)
+    return int(spheres + sum(array.nbytes for array in arrays))
+
+
+def print_check(told: dict[str, Any]) -> None:
+    """Print what `check_report` found: warnings first, then what a run is and costs, then the physics and the resolved scene."""
+    from thirdbody.scene.toml_writer import toml_text
+
+    for warning in told["warnings"]:
+        say(f"warning: {warning}")
+    say(f"# {told['title'] or 'scene'}: {told['bodies']} bodies, {told['spheres']} spheres")
+    _print_costs(told)
+    _print_integration(told)
+    _print_plate(told)
+    _print_laws(told)
+    print()
+    print(toml_text(told["scene"]))
+    if told["warnings"]:
+        print(f"# {len(told['warnings'])} warning(s): see the top")
+
+
+def _print_costs(told: dict[str, Any]) -> None:
+    wall = told["estimated_wall_time"]
+    taken = "wall time unknown (a guard stopped the trial)" if math.isnan(wall) else duration(wall)
+    framing = told["estimated_frame_time"]
+    frames = f"{told['frames']} frames" + ("" if math.isnan(framing) else f" (they take {duration(framing)} of it)")
+    print(f"estimated: {taken}, {size(told['memory'])} of memory, {frames}, {size(told['disk'])} on disk")
+
+
+def _print_laws(told: dict[str, Any]) -> None:
+    law = told["law"]
+    table(f"law {law['family']}, level {law['level']}", ("stage", "law", "source"),
+          [(entry["stage"], entry["law"], entry["source"]) for entry in law["chain"]])  # fmt: skip
+    if law["not_needed"]:
+        say(f"absent, because no pair asks for it: {', '.join(law['not_needed'])}")
+    for pair in told["pairs"]:
+        values = ", ".join(f"{name} {value:.6g}" for name, value in pair.items() if name != "between")
+        say(f"pair {pair['between'][0]}/{pair['between'][1]}: {values}")
+    on = ", ".join(effect["effect"] for effect in told["effects"]["on"]) or "none"
+    if law["explicit_only"]:
+        say(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
+    contact, labels = told["effects"]["debris_contact"], told["effects"]["labels"]
+    say(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
+    shares = ["" if row["share"] is None else f"{100.0 * row['share']:.0f} %" if row["on"] else "-" for row in told["parts"]]
+    table("effects and parts, with their share of the time (estimated)", ("part", "", "share", "reason"),
+          [(row["part"], "on" if row["on"] else "off", share, row["reason"])
+           for row, share in zip(told["parts"], shares, strict=True)])  # fmt: skip
+
+
+def _print_plate(told: dict[str, Any]) -> None:
+    plate = told["upper_plate"]
+    if plate is None:
+        return
+    load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"
+    load += f", at most {pretty(plate['largest_load'], 'force')}" if plate["largest_load"] > plate["load"] else ""
+    if plate["preload"]:
+        total = plate["preload"] * plate["patches"]
+        load += f" and {pretty(plate['preload'], 'force')} of preload on each patch ({pretty(total, 'force')} more in all)"
+    carried = f", carried by {plate['loaded_at_once']} of {told['bodies']} bodies at once" if plate["loaded_at_once"] else ""
+    each = " on each" if plate["support"] == "load_per_particle" else ""
+    print(
+        f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
+        f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
+    )
+    print(f"expected overlap {told['expected_overlap_over_radius']:.2g} of the radius")
+
+
+def _print_integration(told: dict[str, Any]) -> None:
+    say(f"integrator {told['integrator']}: {told['integrator_reason']}")
+    settling, whole = pretty(told["settle"], "time"), pretty(told["simulated_time"], "time")
+    if "time_step" not in told:
+        chosen = told["accuracy"]
+        far = chosen["largest_step"]
+        most = f"{chosen['radii']:g} contact radii of the drag" + ("" if math.isinf(far) else f" or {pretty(far, 'length')}")
+        inertia = "with inertia" if chosen["inertia"] else "without inertia (quasi-static)"
+        print(f"steps up to {most}, error at most {chosen['tolerance']:g} of a contact radius, {inertia}")
+        print(f"settling {settling}, simulated {whole}, every body by steps of its own")
+        return
+    step = told["time_step"]
+    print(f"time step {pretty(step['step'], 'time')}, {_limit(step)} (Rayleigh time {pretty(step['rayleigh'], 'time')})")
+    print(f"settling {settling}, simulated {whole}, {told['steps']:.3g} steps")
+
+
+def _limit(step: dict[str, Any]) -> str:
+    if step["limited_by"] == "the scene":
+        return "given by the scene"
+    return f"limited by {step['limited_by']} of body {step['body']}"

@@ -1,0 +1,304 @@
+"""What the commands print: as tables for people, as JSON for scripts, from the same dictionaries."""
+
+from __future__ import annotations
+
+import json as json_module
+import math
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.errors import InputError, printable
+from thirdbody.system.terminal import say, terminal_of
+from thirdbody.units import pretty
+
+if TYPE_CHECKING:
+    from thirdbody.laws.registry import Registry
+    from thirdbody.trajectory.reader import Run
+
+
+def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a table on standard output."""
+    from rich.console import Console
+    from rich.table import Table
+
+    shown = any(headings)
+    heading_of_all = printable(title) or None
+    grid = Table(title=heading_of_all, title_justify="left", header_style="bold", box=None, pad_edge=False, show_header=shown)
+    for heading in headings:
+        grid.add_column(printable(heading), overflow="fold")
+    for row in rows:
+        grid.add_row(*map(printable, row))
+    # without a terminal rich would assume 80 columns and fold every line; square brackets are text, not markup
+    terminal = terminal_of(sys.stdout)  # below what escapes rich's own sequences
+    Console(file=terminal, width=None if terminal.isatty() else 140, highlight=False, markup=False, emoji=False).print(grid)
+
+
+def print_json(value: Any) -> None:
+    """Print JSON; numbers that JSON has no word for (NaN) become null."""
+    print(json_module.dumps(as_plain(value), indent=1))
+
+
+def as_plain(value: Any) -> Any:
+    """What JSON can hold: arrays as lists, numbers that it has no word for as null."""
+    if isinstance(value, dict):
+        return {str(key): as_plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [as_plain(entry) for entry in value]
+    if isinstance(value, np.ndarray):
+        return as_plain(value.tolist())
+    if isinstance(value, np.generic):
+        return as_plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+def print_warnings(warnings: Iterable[str]) -> None:
+    """Print warnings on standard error."""
+    for warning in warnings:
+        say(f"warning: {warning}", err=True)
+
+
+def run_report(folder: Path, json: bool) -> None:
+    """Print the short table that ends a run."""
+    from thirdbody.runner.accuracy_warnings import ending_warnings, step_words
+    from thirdbody.runner.yield_check import yield_warning, yield_words
+    from thirdbody.trajectory.reader import open_run
+
+    with open_run(folder) as result:
+        told = result.summary()
+        files = sorted(str(path) for path in folder.iterdir())
+        if json:
+            print_json(told | {"files": files})
+            return
+        fractions = [
+            f"{name} {100.0 * result.series[f'fraction_{name}'][-1]:.1f} %"
+            for name in result.state_names
+            if f"fraction_{name}" in result.series
+        ]
+        rows = [
+            ("wall time", f"{told['wall_time']:.1f} s"),
+            ("steps", f"{told['steps']} ({told['sphere_steps_per_second']:.3g} sphere-steps/s)"),
+            *([("steps limited by", step_words(told))] if step_words(told) else []),
+            ("sliding distance", pretty(told["distance"], "length")),
+            ("friction coefficient", str(result.friction)),
+            ("states", ", ".join(fractions)),
+            *_group_rows(told),
+            ("peak pressure", yield_words(told) or "not known"),
+            ("energy residual", "not known" if told["energy_residual"] is None else f"{told['energy_residual']:.2e}"),
+            ("files", f"{folder} ({', '.join(Path(file).name for file in files)})"),
+        ]
+        if told.get("stopped"):
+            # the full reason ends the command, on standard error
+            rows.insert(0, ("finished", f"no: {told['stopped'].split(' ')[0]} after {told['frames']} frame(s), kept"))
+        table("", ("", ""), rows)
+        print_warnings([*filter(None, [yield_warning(told), told.get("energy_verdict")]), *ending_warnings(told)])
+
+
+def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """States at the end of every population, and of every material where populations share one: name and shares."""
+    from thirdbody.trajectory.state_groups import shares_text, telling
+
+    kinds = {kind: summary.get(f"{kind}s", []) for kind in ("population", "material")}
+    return [
+        (f"  {row['name']}", f"{shares_text(row['fractions'])} (of {row['bodies']}{_load(row)})")
+        for _, rows in telling(kinds)
+        for row in rows
+    ]
+
+
+def _load(row: Mapping[str, Any]) -> str:
+    return f", {100.0 * row['load_share']:.0f} % of the load" if "load_share" in row else ""
+
+
+def _print_groups(run: Run, frame: int) -> None:
+    """Print the states of one frame by population, material and size."""
+    from thirdbody.trajectory.state_groups import states_by_group, telling
+
+    headings = {"population": "by population", "material": "by material", "size": "by size (equivalent diameter)"}
+    for kind, rows in telling(states_by_group(run, frame)):
+        load = ["load"] if "load_share" in rows[0] else []
+        table(
+            f"states at frame {frame} {headings[kind]}",
+            ["", "bodies", *load, *run.state_names],
+            [[row["name"], str(row["bodies"]), *([f"{100.0 * row['load_share']:.1f} %"] if load else []),
+              *(f"{100.0 * share:.0f} %" for share in row["fractions"].values())] for row in rows],
+        )  # fmt: skip
+        print()
+
+
+def states_report(path: Path, frame: int | None, json: bool) -> None:
+    """Print states over frames, or body by body for one frame. Raises InputError for a frame or labels that are not there."""
+    from thirdbody.trajectory.reader import open_run
+
+    with open_run(path) as run:
+        if run.frames and "state" not in run.bodies(0):
+            raise InputError(f"{run.path}: this run recorded no states: its bodies were not labelled")
+        if frame is None:
+            _states_over_frames(run, json)
+        else:
+            _states_of_bodies(run, frame, json)
+
+
+def _states_over_frames(run: Run, json: bool) -> None:
+    from thirdbody.report.forecast_check import forecast_against_fact
+    from thirdbody.trajectory.state_groups import states_by_group
+
+    names = run.state_names
+    rows = []
+    for k in range(run.frames):
+        counts = {name: int(np.count_nonzero(run.states[k] == code)) for code, name in enumerate(names)}
+        rows.append({"frame": k, "time": float(run.times[k]), "distance": float(run.series["distance"][k]), **counts})
+    last = _reasons(run.states[-1], run.reasons[-1], names, run.reason_names) if rows else {}
+    if json:
+        groups = {f"{kind}s": found for kind, found in states_by_group(run).items()}
+        print_json({"frames": rows, "reasons": last, "forecast": forecast_against_fact(run)} | groups)
+        return
+    if not rows:
+        say(f"{run.path}: no frames yet")
+        return
+    _print_groups(run, run.frames - 1)
+    headings = ["frame", "time", "distance", *names]
+    table("", headings, [[str(row["frame"]), pretty(row["time"], "time"), pretty(row["distance"], "length"),
+                          *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
+    for state, counts in last.items():
+        say(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
+    _tell_forecast(forecast_against_fact(run))
+
+
+def _tell_forecast(found: dict[str, Any]) -> None:
+    """Print the table, and the bodies in which forecast and fact differ."""
+    if found and found["unwatched"]:
+        count = found["unwatched"]
+        print(f"{count} bodies have no frame within the first 40 contact radii of drag: output.every is too coarse")
+    if not found or not found["told"]:
+        return
+    from thirdbody.report.forecast_check import WATCHED
+
+    table(
+        f"forecast at frame {found['frame']} against the first {WATCHED:g} contact radii of drag",
+        ["", "was rolling", "never rolled"],
+        [
+            ["can only roll", str(len(found["rolls_as_told"])), str(len(found["slides_instead"]))],
+            ["can slide", str(len(found["rolls_instead"])), str(len(found["slides_as_told"]))],
+        ],
+    )
+    print(f"agreement {_of(found['agree'], found['told'])}")
+    print(f"  with friction more than 2 % from t_min and t_max: {_of(*found['clear'])}; of these, touching no other body: "
+          f"{_of(*found['alone'])}")  # fmt: skip
+    if found["turned"] is not None:
+        print(f"  by whether they turned by more than a/R in that drag, instead of by labels: {_of(*found['turned'])}")
+    for name, text in (("rolls_instead", "rolled although they can slide"), ("slides_instead", "never rolled although told to")):
+        if found[name]:
+            shown = ", ".join(map(str, found[name][:20]))
+            print(f"{text}: bodies {shown}" + (f" and {len(found[name]) - 20} more" if len(found[name]) > 20 else ""))
+    _print_conditions(found["conditions"])
+
+
+def _of(agree: int, told: int) -> str:
+    """`97 of 100 (97.0 %)`."""
+    return f"{agree} of {told}" + (f" ({100.0 * agree / told:.1f} %)" if told else "")
+
+
+def _print_conditions(conditions: Sequence[dict[str, Any]]) -> None:
+    """The table of what the forecast assumes, evaluated for the run."""
+    missed = sum(not condition["met"] for condition in conditions)
+    verdict = f"{missed} of {len(conditions)} not met here" if missed else "all met here"
+    table(
+        f"conditions under which the forecast holds in 97 to 99 % of cases: {verdict}",
+        ["condition", "this run", "limit", ""],
+        [[condition["what"], condition["shown"], condition["limit"], "" if condition["met"] else "not met"]
+         for condition in conditions],
+    )  # fmt: skip
+
+
+def _states_of_bodies(run: Run, frame: int, json: bool) -> None:
+    try:
+        bodies = run.bodies(frame)
+    except IndexError as error:
+        raise InputError(f"--frame {frame}: {error}") from None
+    from thirdbody.trajectory.state_groups import code_name
+
+    margins = [name for name in bodies if name.startswith("margin_")]
+    several = "population" in bodies and len(np.unique(bodies["population"])) > 1
+    per_body = [
+        {
+            "body": b,
+            **({"population": code_name(run.population_names, int(bodies["population"][b]))} if several else {}),
+            "state": run.state_names[bodies["state"][b]],
+            "reason": run.reason_names[bodies["state_reason"][b]],
+            **{name: float(bodies[name][b]) for name in margins},
+        }
+        for b in range(len(bodies["state"]))
+    ]
+    if json:
+        print_json(per_body)
+        return
+    first = ["body", "population", "state", "reason"] if several else ["body", "state", "reason"]
+    headings = [*first, *(name.removeprefix("margin_") for name in margins)]
+    rows = [[*(str(row[name]) for name in first), *(f"{row[name]:.3g}" for name in margins)] for row in per_body]
+    table("margins: positive means satisfied", headings, rows)
+
+
+def _reasons(states: np.ndarray, codes: np.ndarray, names: Sequence[str], reasons: Sequence[str]) -> dict[str, dict[str, int]]:
+    found: dict[str, dict[str, int]] = {}
+    for code, name in enumerate(names):
+        counts = np.bincount(codes[states == code], minlength=len(reasons))
+        if counts.any():
+            found[name] = {reasons[k]: int(n) for k, n in enumerate(counts) if n}
+    return found
+
+
+def laws_report(registry: Registry, json: bool) -> None:
+    """Print every law family with its levels, every effect, and what failed to load."""
+    owners = {family.name: plugin.name for plugin in registry.plugins for family in plugin.families}
+    families = [
+        {
+            "law": family.name,
+            "plugin": owners[family.name],
+            "level": level + (" (default)" if level == family.default_level else ""),
+            "chain": " > ".join(law.name for law in laws),
+        }
+        for family in registry.families.values()
+        for level, laws in family.levels.items()
+    ]
+    laws = [{"law": law.name, "stage": law.stage, "source": law.source} for law in registry.laws.values()]
+    effects = [
+        {"effect": name, "options": ", ".join(f"{o.name} ({o.dimension})" for o in effect.options), "source": effect.source}
+        for name, effect in registry.effects.items()
+    ]
+    if json:
+        print_json({"families": families, "laws": laws, "effects": effects, "failures": dict(registry.failures)})
+        return
+    for title, rows in (("law families", families), ("laws", laws), ("effects (named in [effects], else absent)", effects)):
+        if rows:
+            table(title, tuple(rows[0]), [[str(value) for value in row.values()] for row in rows])
+            print()
+    for name, why in registry.failures.items():
+        say(f"plug-in {name} did not load: {why}")
+
+
+def conformance_report(files: Sequence[Path], json: bool) -> None:
+    """Put the contact laws of plug-in files through the conformance suite. Raises UsageError if one fails."""
+    from thirdbody.errors import UsageError
+    from thirdbody.laws.conformance.suite import check, report
+    from thirdbody.laws.contract import Law
+    from thirdbody.laws.registry import load_file
+
+    findings = []
+    for file in files:
+        plugin = load_file(file)
+        laws = {law.name: law for family in plugin.families for level in family.levels.values() for law in level}
+        laws |= {effect.name: effect for effect in plugin.effects if isinstance(effect, Law)}
+        findings += check(laws.values())
+    if json:
+        print_json([finding.__dict__ for finding in findings])
+    else:
+        print(report(findings))
+    failed = [finding for finding in findings if not finding.passed]
+    if failed:
+        raise UsageError(f"{len(failed)} of {len(findings)} conformance tests failed")

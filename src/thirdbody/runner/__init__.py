@@ -1,0 +1,1 @@
+"""Running a simulation: its folder, the loop over outputs, checkpoints and resume."""

@@ -1,0 +1,130 @@
+"""What the end of a run says about its own accuracy: energy that the integrator lost or made, and a load that is not carried."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.engine.upper_plate import mean_value
+from thirdbody.kernels import layout as at
+
+if TYPE_CHECKING:
+    from thirdbody.build.simulation import Simulation
+    from thirdbody.runner.run_loop import Conduct
+
+LOAD = 0.1
+"""Deviation of the mean force on the upper plate from its load that is told of, as a share of the load."""
+
+ROLLING = 0.02
+"""Share of bodies that roll at once from which it is said that inertia decides where they come to rest."""
+
+CARRIED = 0.5
+"""Share of its load below which a patch counts as carried by nothing."""
+
+
+FELT = 0.05
+"""Force of the patches' dashpots at the speed of the drag, over their load, from which it is told what dashpots take."""
+
+DAMPED = 0.1
+"""Share of the plates' work that dashpots take from which it is told of."""
+
+RUBBED = 0.01
+"""Share of friction in the work of the plates below which a run has no friction work that dashpots could take from."""
+
+
+def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]) -> dict[str, Any]:
+    """What the end of a run says about its accuracy.
+
+    `energy_numerical_share`: the loss on the line `numerical`, divided as the residual is, so 0 where there is no energy; below
+    zero where energy was made. `load_ratio`: mean force on the upper plate over its mean load since the last frame; None where
+    no load is prescribed. `patches_not_carried`: of a quasi-static run, how many patches nothing presses against.
+    `histories_shortened`: contacts whose law had no room for all of their history and dropped the least of it.
+    `damping_share`: what dashpots take of the plates' work; None where those of the patches play no part.
+    """
+    share = conduct.ledger.relative_residual(simulation.state, lines["numerical"])
+    return {
+        "energy_numerical_share": math.copysign(share, lines["numerical"]),
+        "load_ratio": _load_ratio(simulation, conduct),
+        "damping_share": _damping_share(simulation, lines),
+        "patches_not_carried": None if simulation.state.inertial else patches_not_carried(simulation),
+        "histories_shortened": histories_shortened(simulation),
+    }
+
+
+def histories_shortened(simulation: Simulation) -> int:
+    """Contacts that touch and whose law counts what it dropped of their history, under the name `dropped`."""
+    slots, names = simulation.state.slots, simulation.choice.chain.history
+    columns = [at.H_LAW + k for k, name in enumerate(names) if name.endswith(".dropped")]
+    return int(np.count_nonzero((slots.H[:, columns] > 0.0).any(axis=1) & (slots.H[:, at.H_ON] > 0.0)))
+
+
+def _load_ratio(simulation: Simulation, conduct: Conduct) -> float | None:
+    force, P = conduct.series.get("upper_force"), simulation.state.P
+    held = P[-1:] if (P[:, at.P_SPRING] != 0.0).any() else P  # patches on a foundation pass on the load of the common plate
+    load = float((held[:, at.P_FREE] * (held[:, at.P_LOAD0] if simulation.schedule.load else held[:, at.P_LOAD])).sum())
+    if simulation.schedule.load:
+        now = simulation.state.time
+        load *= mean_value(simulation.schedule.load, now - conduct.maker.interval, now)
+    return float(force[2]) / load if force is not None and load > 0.0 else None
+
+
+def _damping_share(simulation: Simulation, lines: Mapping[str, float]) -> float | None:
+    P, speed = simulation.state.P, simulation.schedule.top_speed()
+    loaded = (P[:, at.P_FREE] > 0.0) & (P[:, at.P_LOAD] > 0.0)
+    felt = bool((P[loaded, at.P_DAMPING] * speed > FELT * P[loaded, at.P_LOAD]).any())
+    return lines["damping"] / lines["plate_work"] if felt and lines["plate_work"] > 0.0 else None
+
+
+def patches_not_carried(simulation: Simulation) -> int:
+    """Patches under a load of their own that carry less than a share of it (`CARRIED`)."""
+    P, slots = simulation.state.P, simulation.state.slots
+    upper = (slots.partner < -1) & (slots.H[:, at.H_ON] > 0.0)
+    carried = np.bincount(-slots.partner[upper] - 2, slots.R[upper, at.R_FN], len(P))
+    alone = (P[:, at.P_FREE] > 0.0) & (P[:, at.P_SPRING] == 0.0)
+    return int(np.count_nonzero(alone & (carried < CARRIED * P[:, at.P_LOAD])))
+
+
+def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
+    """Warnings after a run, from its summary; runs of older versions have none. Losses of energy: `trajectory.energy_check`."""
+    ratio, left = told.get("load_ratio"), told.get("patches_not_carried")
+    if ratio is not None and abs(ratio - 1.0) > LOAD and told.get("finished"):
+        yield (
+            f"over the last output interval the debris carried {ratio:.2f} times the load on the upper plate: the difference "
+            "accelerates the plate's mass, which still bounces; more plates.upper.damping or a slower motion keeps it in contact"
+        )
+    damped, energy = told.get("damping_share"), told.get("energy") or {}
+    friction = energy.get("friction", 0.0) / max(energy.get("plate_work", 0.0), 1e-300)
+    if damped is not None and damped > DAMPED and friction > RUBBED:
+        yield (
+            f"dashpots took {100.0 * damped:.0f} % of the work of the plates, friction {100.0 * friction:.0f} %: patches of the "
+            "upper plate that rise and fall with bodies that roll lose it, so friction work depends on plates.upper.damping; "
+            "a lower one or a slower motion leaves more of it to friction"
+        )
+    rolling = told.get("largest_fraction_rolling", 0.0)
+    if left is not None and rolling > ROLLING:
+        yield (
+            f"up to {100.0 * rolling:.0f} % of the bodies rolled or tipped at once, without inertia: where a body that tips "
+            "comes to rest depends on its momentum, so some may end in another seat than with inertia, and the friction of "
+            "few bodies may differ by some per cent"
+        )
+    short = told.get("histories_shortened")
+    if short:
+        yield (
+            f"{short} contacts bent their history more often than contact.nodes has room for, and dropped the least of it: an "
+            "error of some 1e-4 of mu N with 48 nodes, which falls with the square of their number"
+        )
+    if left:
+        yield (
+            f"at the end {left} of {told['bodies']} patches of the upper plate carry less than {CARRIED:g} of their load: "
+            "their dashpots do, or their bodies are gone; lower plates.upper.damping or the speed, or leave solver.inertia out"
+        )
+
+
+def step_words(told: Mapping[str, Any]) -> str:
+    """What limited the steps of an implicit run, such as `error 60 %, growth 25 %`; empty for others."""
+    counts = told.get("steps_limited_by") or {}
+    whole = sum(counts.values())
+    return ", ".join(f"{name.replace('_', ' ')} {100.0 * n / whole:.0f} %" for name, n in list(counts.items())[:3])

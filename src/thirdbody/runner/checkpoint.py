@@ -1,0 +1,228 @@
+"""The file a run goes on from: `checkpoint.npz` beside its trajectory, replaced as a whole or not at all.
+
+Plain arrays, and one text of JSON with the scene, fingerprints of what the run was built from and the names of the arrays; never
+a pickle. Every array carries a checksum (zip), so a damaged file is told as such.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import zipfile
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.engine.snapshot import LARGEST, Snapshot
+from thirdbody.errors import Fault, InputError, OutputError
+from thirdbody.kernels import layout as at
+
+if TYPE_CHECKING:
+    from thirdbody.build.simulation import Simulation
+
+FILE = "checkpoint.npz"
+VERSION = 6
+NOTES = "notes"
+THE_VERSION = "the version"
+
+
+@dataclass
+class Checkpoint:
+    """Where a run stood. `frames` are in the trajectory, `stop` of its targets are reached, `impulses` those of the last frame.
+
+    `scene` is the resolved text, `folder` that of the scene's file, `prints` what the run was built from, `wall_time` (s) what
+    it has taken so far, `looks` how many times in a row its energy balance was off.
+    """
+
+    scene: str
+    folder: str
+    prints: dict[str, str]
+    frames: int
+    stop: int
+    wall_time: float
+    force: bool
+    looks: int
+    impulses: np.ndarray
+    snapshot: Snapshot
+
+
+def prints_of(simulation: Simulation) -> dict[str, str]:
+    """Fingerprints of all that a scene was built into, at its start, by the name that a user is told where one differs."""
+    from thirdbody import __version__
+    from thirdbody.jit import cache_dir
+    from thirdbody.laws.codegen.dependencies import sources
+
+    state, physics = simulation.state, simulation.state.physics
+    tables: dict[str, list[Any]] = {
+        "the bodies at the start": [
+            state.offsets,
+            state.S[:, at.S_R],
+            state.body,
+            state.material,
+            state.B[:, at.B_X : at.B_X + 3],
+            state.B[:, at.B_V : at.B_MASS + 1],
+            state.B[:, at.B_Q : at.B_Q + 4],
+            state.E[:, at.E_ARM : at.E_I + 3],
+        ],
+        "the parameters of laws and effects": [physics.pairs, physics.effect_parameters],
+        "the motion of the plates": [state.schedule, state.first],
+    }
+    prints = {name: _digest(arrays) for name, arrays in tables.items()}
+    chain, effects = simulation.choice.chain, simulation.choice.effects
+    labeller = simulation.labeller
+    kernels = [f for law in chain.laws for f in (law.kernel, law.tangent) if f is not None]
+    prints["the contact laws"] = f"{_named(chain.laws)}, sources {sources(kernels)}"
+    prints["the effects"] = f"{_named(effects)}, sources {sources([effect.kernel for effect in effects])}"
+    if labeller is not None:
+        prints["the labeller"] = f"{labeller.name}, sources {sources([labeller.observe, labeller.label])}"
+    return prints | {"the integrator": simulation.plan.kind, THE_VERSION: f"{__version__} {cache_dir.folder().name}"}
+
+
+def _named(things: Iterable[Any]) -> str:
+    return " + ".join(thing.name for thing in things) or "none"
+
+
+def _digest(arrays: list[np.ndarray]) -> str:
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(str((array.shape, array.dtype)).encode() + np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()[:16]
+
+
+def write_checkpoint(folder: Path, kept: Checkpoint, named: Path | None = None) -> None:
+    """Write the file and make sure that it is on the disk. Raises OutputError, with the one before in place.
+
+    `named`: the folder that a message names, if it is another one.
+    """
+    arrays: dict[str, Any] = {"impulses": kept.impulses} | kept.snapshot.arrays
+    notes = {
+        "version": VERSION, "scene": kept.scene, "folder": kept.folder, "prints": kept.prints, "frames": kept.frames,
+        "stop": kept.stop, "wall_time": kept.wall_time, "force": kept.force, "looks": kept.looks, "snapshot": kept.snapshot.notes,
+        "arrays": sorted(arrays),
+    }  # fmt: skip
+    arrays[NOTES] = np.frombuffer(json.dumps(notes).encode(), np.uint8)
+    part = folder / f"{FILE}.part"
+    try:
+        part.unlink(missing_ok=True)
+        with open(part, "xb") as file:  # a new file: never what a link points to
+            np.savez(file, **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(part, folder / FILE)
+        _sync(folder)
+    except OSError as error:
+        with suppress(OSError):  # a read-only folder refuses that too
+            part.unlink(missing_ok=True)
+        before = "the one before is kept" if (folder / FILE).exists() else "there is none before it"
+        raise OutputError(f"{(named or folder) / FILE}: cannot be written ({error.strerror or error}); {before}") from error
+
+
+def _sync(folder: Path) -> None:
+    """Make the new name survive a loss of power, where the system can."""
+    try:
+        handle = os.open(folder, os.O_RDONLY)
+    except OSError:  # a system that opens no folders
+        return
+    try:
+        os.fsync(handle)
+    except OSError:
+        pass
+    finally:
+        os.close(handle)
+
+
+def read_checkpoint(folder: Path) -> Checkpoint:
+    """The checkpoint of a run. Raises InputError when there is none, or it is damaged or of another format."""
+    path = folder / FILE
+    if not path.is_file():
+        raise InputError(f"{path}: no checkpoint, so this run cannot go on; run the scene again")
+    try:
+        arrays = _arrays(path)
+        notes = json.loads(arrays.pop(NOTES).tobytes(), parse_constant=_constant)
+        if notes["version"] != VERSION:
+            raise InputError(f"{path}: format {notes['version']}, this version reads {VERSION}")
+        if set(notes["arrays"]) != set(arrays):  # zip's own list of contents has no checksum
+            raise ValueError("arrays are missing, or too many")
+        impulses = arrays.pop("impulses")
+        if impulses.shape != (7,) or impulses.dtype != np.float64:
+            raise ValueError("the impulses are no seven numbers")
+        _refuse_lies(notes, arrays)
+        prints = {str(key): str(value) for key, value in notes["prints"].items()}
+        return Checkpoint(
+            str(notes["scene"]), str(notes["folder"]), prints, int(notes["frames"]), int(notes["stop"]),
+            float(notes["wall_time"]), bool(notes["force"]), int(notes["looks"]), impulses,
+            Snapshot(arrays, dict(notes["snapshot"])),
+        )  # fmt: skip
+    except InputError:
+        raise
+    # damage shows as whatever it leads zip, the headers' parser and JSON into
+    except (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, NotImplementedError, RuntimeError, SyntaxError,
+            MemoryError, OverflowError, RecursionError, zipfile.BadZipFile) as error:  # fmt: skip
+        what = f"{type(error).__name__}: {error}".splitlines()[0][:120]
+        raise InputError(Fault("", f"is damaged ({what}); this run cannot go on", str(path))) from None
+
+
+def _constant(word: str) -> float:
+    """Infinity, which the stable step is where nothing touches; nothing else that is no number."""
+    if word != "Infinity":
+        raise ValueError(f"holds {word}")
+    return math.inf
+
+
+def _refuse_lies(notes: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
+    """Raise KeyError, ValueError or TypeError for counts and times that no run has."""
+    inner = notes["snapshot"]
+    counts = {name: notes[name] for name in ("frames", "stop", "looks")} | {name: inner[name] for name in ("searches", "plates")}
+    for name, count in counts.items():
+        if type(count) is not int or not 0 <= count < 2**31:
+            raise ValueError(f"{name}: {str(count)[:40]}")
+    A = arrays["A"]
+    # a run that stood before its start would be on its way there for ever
+    if A.shape != (at.A_COLS,) or not A[[at.A_TIME, at.A_DISTANCE, at.A_STEPS]].min() >= 0.0:
+        raise ValueError("its clock stands before the start")
+    times = {"wall_time": notes["wall_time"], "dt": inner["dt"], "energy_start": inner["energy_start"]}
+    for name, value in (times | {"energy_peak": inner["energy_peak"]}).items():
+        if type(value) not in (int, float) or not 0.0 <= value <= LARGEST:
+            raise ValueError(f"{name}: {str(value)[:40]}")
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    """The arrays of the file, each no larger than what the file holds of it. Raises what zip and numpy raise."""
+    arrays = {}
+    with zipfile.ZipFile(path) as archive:
+        claimed, there = sum(item.file_size for item in archive.infolist()), path.stat().st_size
+        if claimed > there:  # entries that share their bytes
+            raise ValueError(f"its arrays claim {claimed} bytes, the file has {there}")
+        for item in archive.infolist():
+            if item.compress_type != zipfile.ZIP_STORED or item.file_size != item.compress_size:
+                raise ValueError(f"{item.filename} is packed")
+            arrays[item.filename.removesuffix(".npy")] = _array(archive.read(item))
+    return arrays
+
+
+def _array(data: bytes) -> np.ndarray:
+    """An array of plain numbers from the bytes of an .npy file, whose header promises what is there and no more."""
+    import io
+
+    stream = io.BytesIO(data)
+    version = np.lib.format.read_magic(stream)
+    reader = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}.get(version)
+    if reader is None:
+        raise ValueError(f"format {version} of arrays is unknown")
+    shape, fortran, dtype = reader(stream)
+    if dtype.kind not in "fiu" or fortran:
+        raise ValueError(f"holds {dtype}, expected plain numbers")
+    size = int(np.prod(shape, dtype=object)) * dtype.itemsize
+    if size != len(data) - stream.tell():
+        raise ValueError("an array is longer or shorter than its header says")
+    array = np.frombuffer(data, dtype, offset=stream.tell()).reshape(shape).copy()
+    with np.errstate(over="ignore"):  # what is wider than a double may be too large for one
+        if dtype.kind == "f" and not np.all(np.abs(array) <= LARGEST):
+            raise ValueError("an array holds what is no number of a run")
+    return array

@@ -1,0 +1,71 @@
+"""What the frames of a run cost: wall time, from some that are written to a temporary folder, and bytes."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from thirdbody.errors import OutputError
+from thirdbody.trajectory.reader import FILE_NAME
+
+if TYPE_CHECKING:
+    from thirdbody.build.simulation import Simulation
+    from thirdbody.engine.explicit import Explicit
+    from thirdbody.engine.implicit import Implicit
+
+SECONDS, LARGEST_NUMBER = 0.3, 32
+"""How long frames are written to measure their time, s, and how many at most, beside the first one, which creates all arrays."""
+
+
+class FrameCost(NamedTuple):
+    """Wall time of a frame, s (NaN where it was not measured), bytes of the file with one frame, and of every further frame."""
+
+    seconds: float
+    first_bytes: int
+    bytes: int
+    failure: str = ""  # why the time could not be measured
+
+
+def frame_cost(built: Simulation, integrator: Explicit | Implicit) -> FrameCost:
+    """Write the present instant of `integrator`, a trial copy of that of `built`, to a temporary file, a few times."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="thirdbody") as folder:
+            seconds, first = _write_frames(built, integrator, Path(folder) / FILE_NAME)
+        return FrameCost(seconds, first, frame_bytes(built))
+    except (OSError, OutputError) as error:
+        return FrameCost(math.nan, 0, frame_bytes(built), str(error))
+
+
+def _write_frames(built: Simulation, integrator: Explicit | Implicit, path: Path) -> tuple[float, int]:
+    """Seconds of a frame after the first one, and bytes of the file with the first one."""
+    from thirdbody.engine.energy import Ledger
+    from thirdbody.runner.simulate import run_header
+    from thirdbody.runner.yield_check import PeakPressure
+    from thirdbody.trajectory.frame import FrameMaker
+    from thirdbody.trajectory.writer import TrajectoryWriter
+
+    state, pressure = integrator.state, PeakPressure(built)
+    maker = FrameMaker(state, Ledger(state), built.labeller, integrator.drag, pressure.hertz)
+
+    def write(writer: TrajectoryWriter) -> None:
+        frame = maker.frame(integrator.label() if built.labeller else None)
+        writer.append(frame)
+        pressure.look(frame.contacts)
+
+    with TrajectoryWriter(path, run_header(built), maker.static()) as writer:
+        write(writer)
+        first, started, number = path.stat().st_size, time.perf_counter(), 0
+        while number < LARGEST_NUMBER and time.perf_counter() - started < SECONDS:
+            write(writer)
+            number += 1
+        return (time.perf_counter() - started) / number, first
+
+
+def frame_bytes(built: Simulation) -> int:
+    """Bytes of a frame, with three contacts of each body."""
+    state = built.state
+    margins = 0 if built.labeller is None else len(built.labeller.margins) + len(built.labeller.extras)
+    return state.n_bodies * (8 * (24 + margins) + 2 + 3 * 150) + state.n_spheres * (24 + 12 + 2)

@@ -1,0 +1,118 @@
+"""Progress of a run: a bar with remaining time on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from thirdbody.errors import printable
+from thirdbody.system.terminal import terminal_of
+
+LINES = 10
+"""Plain lines of a whole run, where there is no terminal to draw a bar on."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a run is, as a `progress` function gets it."""
+
+    fraction: float  # of the simulated time, 0 to 1
+    simulated: float  # time, s
+    elapsed: float  # wall time, s, with that of the run before it was resumed
+    frame: int  # frames written so far
+    series: dict[str, Any]  # the values of the last frame by name, such as friction_coefficient
+    limit: str = ""  # what has limited the steps of an implicit run, such as "62 % of steps limited by ..."
+
+
+Reporter = Callable[[Progress], None]
+
+
+@contextmanager
+def reporting(progress: bool | Reporter, title: str) -> Iterator[Reporter | None]:
+    """Yield the reporter that `progress` asks for: one on standard error (True), none (False), or itself."""
+    if progress is True:
+        with reporter_for_terminal(title) as report:
+            yield report
+    else:
+        yield progress or None
+
+
+@contextmanager
+def reporter_for_terminal(title: str) -> Iterator[Reporter]:
+    """A reporter that draws on standard error, as long as that can be written: progress that nobody sees ends no run."""
+    if sys.stderr is None:  # the program was started without one; print would take standard output
+        yield lambda _: None
+    elif sys.stderr.isatty():
+        with _bar(title) as report:
+            yield _while_seen(report)
+    else:
+        yield _while_seen(_plain())
+
+
+def _while_seen(report: Reporter) -> Reporter:
+    """The reporter, which falls silent when its reader has left (BrokenPipeError) or its device is full or gone."""
+    seen = True
+
+    def silent(progress: Progress) -> None:
+        nonlocal seen
+        if seen:
+            try:
+                report(progress)
+            except OSError:
+                seen = False
+
+    return silent
+
+
+def headline(progress: Progress) -> str:
+    """Friction coefficient, state fractions and what limits the steps in one line."""
+    series = progress.series
+    mu = series.get("friction_coefficient", math.nan)
+    parts = [] if math.isnan(mu) else [f"mu {mu:z.3f}"]
+    for name, value in series.items():
+        if name.startswith("fraction_") and value > 0.0:
+            parts.append(f"{name.removeprefix('fraction_')} {100.0 * value:.0f} %")
+    return ", ".join([*parts, progress.limit] if progress.limit else parts)
+
+
+@contextmanager
+def _bar(title: str) -> Iterator[Reporter]:
+    from rich.console import Console
+    from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    # a title is text, not markup
+    name, line = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[line]}", markup=False)
+    columns = (name, BarColumn(), TaskProgressColumn(), TimeRemainingColumn(), line)
+    console = Console(file=terminal_of(sys.stderr))
+    with Bar(*columns, console=console, redirect_stdout=False, redirect_stderr=False) as bar:
+        task = bar.add_task(printable(title[:40]), total=1.0, line="")
+
+        def report(progress: Progress) -> None:
+            bar.update(task, completed=progress.fraction, line=printable(headline(progress)))
+
+        yield report
+
+
+def _plain() -> Reporter:
+    told = [-1]
+
+    def report(progress: Progress) -> None:
+        tenth = int(LINES * progress.fraction)
+        if tenth <= told[0]:
+            return
+        told[0] = tenth
+        left = progress.elapsed / progress.fraction * (1.0 - progress.fraction) if progress.fraction > 0.0 else math.nan
+        remaining = "" if math.isnan(left) else f", {left:.0f} s left"
+        print(
+            f"{100.0 * progress.fraction:3.0f} %  t = {progress.simulated:.4g} s, {progress.elapsed:.1f} s{remaining}  "
+            f"{headline(progress)}",
+            file=sys.stderr,
+            flush=True,
+        )
+
+    return report

@@ -1,0 +1,154 @@
+"""Taking up a run where it was put away, killed, or came to its end."""
+
+from __future__ import annotations
+
+import math
+import os
+import warnings
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from thirdbody.errors import Fault, InputError
+from thirdbody.runner.checkpoint import FILE as CHECKPOINT
+from thirdbody.runner.checkpoint import THE_VERSION, Checkpoint, prints_of, read_checkpoint
+from thirdbody.runner.progress import Reporter, reporting
+from thirdbody.runner.run_folder import SCENE_FILE, refuse_links
+from thirdbody.runner.simulate import check_threads, execute, prepare
+from thirdbody.scene.model import Scene
+from thirdbody.scene.read import read_text
+from thirdbody.scene.tables import Solver
+from thirdbody.system.signals import stop_on_ctrl_c
+from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
+
+if TYPE_CHECKING:
+    from thirdbody.build.simulation import Simulation
+
+LONGER = ("solver.distance", "solver.duration")
+"""What may differ: how far the run goes."""
+
+
+def resume(
+    out: str | Path | Run,
+    threads: int | None = None,
+    progress: bool | Reporter = True,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    plugins: Iterable[str | Path] = (),
+) -> Run:
+    """Go on with a run to its end and return the opened result: bit for bit that of an undisturbed run.
+
+    `out` is the run's folder, its file run.vtkhdf, or a `Run`, which goes on reading what it had opened.
+
+    A run that came to its end goes on if `settings` (or its scene.toml) give it a longer solver.distance or solver.duration. (Its
+    old end stays a stop, which ends steps of the implicit integrator: where it is an output of the longer scene, the bits are
+    those of that scene.) Raises InputError without a sound checkpoint, and where the scene, a law or a file that it was built
+    from has changed; and what `run` raises.
+    """
+    folder = _folder_of(out)
+    for warning in check_threads(threads):
+        warnings.warn(warning, stacklevel=2)
+    simulation, kept = prepare_resume(folder, settings or {}, plugins)
+    with reporting(progress, simulation.scene.title) as report, stop_on_ctrl_c() as stop:
+        execute(simulation, folder, threads, report, stop=stop, kept=kept)
+    return open_run(folder)
+
+
+def _folder_of(run: str | Path | Run) -> Path:
+    path = run.path if isinstance(run, Run) else Path(run)
+    return path.parent if path.name == FILE_NAME else path
+
+
+def prepare_resume(
+    folder: Path, settings: Mapping[str, Any] | None = None, plugins: Iterable[str | Path] = ()
+) -> tuple[Simulation, Checkpoint]:
+    """The simulation of a run, built anew, and the checkpoint that it is to be put to. Raises InputError."""
+    if not os.path.isdir(folder):  # unlike Path.is_dir, False for a name that is too long
+        raise InputError(f"{folder}: no such folder; give that of a run")
+    refuse_links(folder)
+    kept = read_checkpoint(folder)
+    plugins = tuple(plugins)
+    before, scene = _scenes(folder, kept, settings or {}, plugins)
+    if kept.frames:
+        with open_run(folder) as run:
+            if run.frames < kept.frames:
+                message = f"has {run.frames} frames, and the checkpoint was written after {kept.frames}"
+                raise InputError(f"{folder / FILE_NAME}: {message}")
+    simulation = prepare(scene, plugins, kept.force)
+    now = prints_of(simulation)
+    _refuse_other(folder, kept.prints, now)
+    if kept.prints.get(THE_VERSION) != now[THE_VERSION]:
+        simulation.warnings.append("taken up by another version of thirdbody or numba than before: not bit for bit the same run")
+    if before.solver != scene.solver:  # a longer run
+        kept.stop = _stops(kept, simulation)
+    return simulation, kept
+
+
+def _scenes(
+    folder: Path, kept: Checkpoint, settings: Mapping[str, Any], plugins: Iterable[str | Path] = ()
+) -> tuple[Scene, Scene]:
+    """The scene of the checkpoint, and the one to go on with: the same but for how far it goes."""
+    path = folder / SCENE_FILE
+    before = Scene.parse(kept.scene, str(folder / CHECKPOINT), kept.folder, plugins)
+    now = Scene.parse(read_text(path), str(path), kept.folder, plugins) if path.is_file() else before
+    now = now.with_settings(settings) if settings else now
+    changes = [
+        Fault(key, f"was {old}, is {new}")
+        for key, old, new in _differences(before.document(), now.document())
+        if key not in LONGER
+    ]
+    if changes:
+        what = Fault("", "the scene has changed, so this run cannot go on; run it anew into another folder", str(folder))
+        raise InputError([what, *changes])
+    _refuse_shorter(folder, before.solver, now.solver)
+    return before, now
+
+
+def _refuse_shorter(folder: Path, before: Solver, solver: Solver) -> None:
+    """Raise InputError for a run that would end where it already has been, or that ends by the clock and not by the way."""
+    for key, old, new in (("distance", before.distance, solver.distance), ("duration", before.duration, solver.duration)):
+        if (old is None) != (new is None):
+            raise InputError(f"{folder}: solver.{key}: a run by distance goes on by distance, one by duration by duration")
+        if old is not None and new is not None and new < old:
+            raise InputError(f"{folder}: solver.{key}: {new:g} is less than the {old:g} of this run (SI); it may only grow")
+
+
+def _differences(old: Any, new: Any, key: str = "") -> list[tuple[str, Any, Any]]:
+    """(key, old, new) wherever two documents differ; a missing value is told as absent."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        names = [*old, *(name for name in new if name not in old)]
+        places = {name: f"{key}.{name}" if key else str(name) for name in names}
+        return [d for n in names for d in _differences(old.get(n, "absent"), new.get(n, "absent"), places[n])]
+    if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        return [d for k, pair in enumerate(zip(old, new, strict=True)) for d in _differences(*pair, f"{key}[{k}]")]
+    return [] if old == new else [(key, old, new)]
+
+
+def _refuse_other(folder: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
+    """Raise InputError if the run would be built from something else than it was."""
+    names = [name for name in now if name != THE_VERSION and before.get(name) != now[name]]
+    changes = [Fault(name, f"was {before.get(name)}, is {now[name]}") for name in names]
+    if changes:
+        what = Fault("", "built from something else than before, so this run cannot go on bit for bit", str(folder))
+        raise InputError([what, *changes])
+
+
+EVEN = 1.0 + 1e-9
+"""A stop is reached where the clock is there but for rounding."""
+
+
+def _stops(kept: Checkpoint, simulation: Simulation) -> int:
+    """How many of the targets of a longer run are reached: as many as were, but for a last output that it has elsewhere."""
+    from thirdbody.runner.output_schedule import targets
+
+    longer = list(targets(simulation))
+    time, distance = _reached(kept)
+    return sum(1 for t, x, _ in longer if t <= time * EVEN or x <= distance * EVEN)
+
+
+def _reached(kept: Checkpoint) -> tuple[float, float]:
+    """Time, s, and distance, m, of a checkpoint."""
+    from thirdbody.kernels import layout as at
+
+    A = kept.snapshot.arrays["A"]
+    return float(A[at.A_TIME]), float(A[at.A_DISTANCE]) or -math.inf

@@ -1,0 +1,261 @@
+"""The folder of a run: the files that a run writes there, and how a new run takes the place of an older one.
+
+Nothing but these files is ever replaced or deleted. While a new run is to replace an older one it writes into a folder of its
+own inside that of the run (`REPLACEMENT`), and its files take their places when its first frame is on the disk. So they stay on
+one file system, and the folder itself stays the same one: it may be the current folder, or where a disk is mounted.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from thirdbody.errors import Fault, InputError, OutputError
+from thirdbody.export.paraview import SCRIPT_NAME
+from thirdbody.runner.checkpoint import FILE as CHECKPOINT
+from thirdbody.runner.folder_lock import held
+from thirdbody.trajectory.reader import FILE_NAME
+from thirdbody.trajectory.schema import BLOCKS
+
+SCENE_FILE = "scene.toml"
+REPLACEMENT = ".replacement"
+SIDECARS = tuple(f"{Path(FILE_NAME).stem}.{block}.vtkhdf" for block in BLOCKS)
+FILES = (CHECKPOINT, FILE_NAME, SCENE_FILE, SCRIPT_NAME, *SIDECARS)
+"""What a run leaves in its folder, in the order in which the files of a replacement take their places."""
+
+PARTS = re.compile("|".join([rf"({re.escape(CHECKPOINT)}|{re.escape(FILE_NAME)})\.part",
+                             rf"\.({'|'.join(map(re.escape, FILES))})\.\d+\.part"]))  # fmt: skip
+"""What a run that was killed may leave beside them: files that were being written."""
+
+NAMED = 5
+"""How many other files a message names."""
+
+
+class RunFolder:
+    """Where a run writes: `path` is its folder, `place` where its files are for now, the same folder or one inside it."""
+
+    def __init__(self, path: Path, place: Path | None = None, usable: bool = True) -> None:
+        self.path, self.place, self.usable = path, place or path, usable
+        self._identity = _identity(path)
+
+    def is_there(self) -> bool:
+        """Whether the folder still has its name, and no other has."""
+        return _identity(self.path) == self._identity
+
+    def check(self) -> None:
+        """Raise OutputError if another folder, or none, now has the name of this one: nothing may be written there."""
+        if not self.is_there():
+            raise OutputError(
+                f"{self.path}: the folder was moved or removed while the run wrote into it, so the run cannot go on; "
+                "where it was moved to it can be resumed"
+            )
+
+    def publish(self) -> None:
+        """Let the files take the places of those of an older run, once they can be used. Raises OutputError.
+
+        A kill between any two renames leaves either run whole: the older scene goes first, which its checkpoint does without;
+        the new checkpoint, from before the first frame, does without a trajectory.
+        """
+        self.check()
+        place, self.place, self.usable = self.place, self.path, True
+        if place == self.path:
+            return
+        try:
+            (self.path / SCENE_FILE).unlink(missing_ok=True)
+            for name in FILES:
+                os.replace(place / name, self.path / name)
+            _remove_leftovers(self.path)
+        except OSError as error:
+            raise OutputError(f"{self.path}: cannot be replaced ({error.strerror or error})") from error
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return what tells a folder from all others, whatever its name; None without a folder."""
+    try:
+        found = os.stat(path)
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+@contextmanager
+def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
+    """The folder for a new run, made and held; what was made is removed again if the run does not become usable.
+
+    Raises OutputError if it exists (unless it is that of a run, with nothing else in it, and may be overwritten), cannot be made
+    or is being written.
+    """
+    refuse_existing(path, overwrite)
+    above = [folder for folder in path.absolute().parents if not os.path.exists(folder)]
+    new = not path.exists()
+    try:
+        if new:
+            _make(path)
+        with held(path), _files_of_new_run(path) as files:
+            yield files
+    finally:
+        for folder in [path, *above] if new else ():  # from the innermost outwards; one that holds something stays
+            with suppress(OSError):
+                folder.rmdir()
+
+
+@contextmanager
+def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
+    """`new_run_folder` in a folder that is there and held."""
+    _remove_leftovers(path)
+    replaced = any((path / name).exists() for name in FILES)
+    files = RunFolder(path, path / REPLACEMENT if replaced else path, usable=False)
+    if replaced:
+        _make(files.place)
+    try:
+        yield files
+    except OutputError as error:
+        if replaced and not files.usable:
+            raise OutputError(f"{error.message}; the run that is there stays as it is") from error
+        raise
+    finally:
+        if not files.usable and files.is_there():
+            _remove(files.place, (*FILES, *_parts(files.place)))
+            _remove_leftovers(path)
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+
+
+@contextmanager
+def old_run_folder(path: Path) -> Iterator[RunFolder]:
+    """The folder of a run that goes on, held. Raises OutputError if it is being written."""
+    with held(path):
+        _remove_leftovers(path)
+        yield RunFolder(path)
+
+
+def _remove_leftovers(path: Path) -> None:
+    """Remove what runs that were killed left in a folder, which must be held."""
+    _remove(path, _parts(path))
+    inner = path / REPLACEMENT
+    if inner.is_dir() and not inner.is_symlink():
+        _remove(inner, (*FILES, *_parts(inner)))
+        with suppress(OSError):
+            inner.rmdir()
+
+
+def _remove(folder: Path, names: tuple[str, ...]) -> None:
+    for name in names:
+        with suppress(OSError):  # a disk that failed, or a folder that was moved
+            (folder / name).unlink(missing_ok=True)
+
+
+def _parts(folder: Path) -> tuple[str, ...]:
+    with suppress(OSError):
+        return tuple(name for name in os.listdir(folder) if PARTS.fullmatch(name))
+    return ()
+
+
+def refuse_existing(folder: Path, overwrite: bool) -> None:
+    """Raise OutputError if the folder exists, unless it is that of a run and may be overwritten, or cannot be made."""
+    if not _exists(folder):
+        above = next((path for path in folder.absolute().parents if os.path.exists(path)), None)
+        _refuse_read_only(folder, above, "made")
+        return
+    if not overwrite:
+        raise OutputError(
+            f"{folder}: exists already",
+            python="; overwrite=True replaces it, out=... names another folder",
+            command="; --overwrite replaces it, -o names another folder",
+        )
+    _refuse_other_files(folder)
+    _refuse_read_only(folder, folder, "replaced")
+
+
+def _exists(path: Path) -> bool:
+    """Whether something bears this name, be it a link to nothing. Raises OutputError for a name that the system refuses."""
+    try:
+        os.lstat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    except (OSError, ValueError) as error:
+        raise OutputError(f"{path}: cannot be made ({getattr(error, 'strerror', None) or error})") from error
+    return True
+
+
+def _refuse_other_files(folder: Path) -> None:
+    """Raise OutputError for a folder that holds anything but the files of a run, or no run."""
+    if not folder.is_dir():
+        raise OutputError(f"{folder}: is not the folder of a run and will not be overwritten")
+    names = _names(folder)
+    others = [name for name in names if not (_is_ours(folder / name) or name == REPLACEMENT and _is_replacement(folder / name))]
+    run = FILE_NAME in names or CHECKPOINT in names
+    if others:
+        what = "holds other files" if run else "is not the folder of a run: it holds other files"
+        raise OutputError(f"{folder}: {what} ({_listed(others)}) and will not be overwritten")
+    if not run and set(names) & set(FILES):
+        raise OutputError(f"{folder}: is not the folder of a run: it has no {FILE_NAME}; it will not be overwritten")
+
+
+def _names(folder: Path) -> list[str]:
+    try:
+        return sorted(os.listdir(folder))
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be read ({error.strerror or error})") from error
+
+
+def _is_ours(path: Path) -> bool:
+    """Whether it is a file that a run writes: of its name, and no link or folder."""
+    return bool(path.name in FILES or PARTS.fullmatch(path.name)) and _is_plain(path)
+
+
+def _is_replacement(folder: Path) -> bool:
+    """Whether a folder holds nothing but what a run was about to put in place."""
+    try:
+        return not folder.is_symlink() and all(_is_ours(folder / name) for name in os.listdir(folder))
+    except FileNotFoundError:  # another process has removed it since it was listed
+        return True
+    except OSError:
+        return False
+
+
+def _is_plain(path: Path) -> bool:
+    """Whether it is a file, and no link to one; also if it is gone, as files are that a run is writing."""
+    try:
+        return stat.S_ISREG(os.lstat(path).st_mode)
+    except FileNotFoundError:
+        return True
+
+
+def _listed(names: list[str]) -> str:
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more
+
+
+def _refuse_read_only(folder: Path, where: Path | None, verb: str) -> None:
+    if where is None or not where.is_dir():
+        raise OutputError(f"{folder}: cannot be {verb}: {where} is not a folder")
+    if not os.access(where, os.W_OK | os.X_OK):
+        raise OutputError(f"{folder}: cannot be {verb}: {where} is read-only for you")
+
+
+def refuse_links(folder: Path) -> None:
+    """Raise InputError where a file of a run is a link, a folder or a device: what is written there would end elsewhere."""
+    ours = [name for name in _names(folder) if name in FILES or PARTS.fullmatch(name)]
+    faults = [
+        Fault("", f"is {_kind(folder / name)}; a run goes on only in regular files of its own", str(folder / name))
+        for name in ours
+        if not _is_plain(folder / name)
+    ]
+    if faults:
+        raise InputError(faults)
+
+
+def _kind(path: Path) -> str:
+    if path.is_symlink():
+        return "a symbolic link"
+    return "a folder" if path.is_dir() else "no regular file"

@@ -1,0 +1,59 @@
+"""Warnings of a run that would take long, fill the disk, or be stopped: from a trial of it, before it starts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from thirdbody.quantity import duration, size
+from thirdbody.runner.output_schedule import settling_frames
+from thirdbody.units import pretty
+
+if TYPE_CHECKING:
+    from thirdbody.build.simulation import Simulation
+
+LONG = 86400.0
+"""Wall time of a run that is warned of, s: a day."""
+
+LARGE = 10e9
+"""Trajectory that is warned of, bytes; also the size that the suggested interval leaves."""
+
+
+def run_warnings(built: Simulation, wall: float, framing: float, disk: float, stopped: str) -> Iterator[str]:
+    """Warnings from the estimated wall time (s), the part of it that frames take, the trajectory (bytes), and the message of a
+    guard that stopped the trial."""
+    if stopped:
+        yield f"a trial of the first steps was stopped by a guard, and so will the run be: {stopped}"
+    settling, spacing = settling_frames(built)
+    if settling:
+        yield (
+            f"settling takes {settling} output intervals: one in {spacing} of them ends with a frame, in the drag all do "
+            "(all do from the start where solver.settle is a time)"
+        )
+    if framing > max(LONG, 0.5 * wall):
+        yield (
+            f"frames would take about {duration(framing)} ({framing:.2g} s) of {duration(wall)}: "
+            f'output.every = "{_wider(built, framing / LONG)}" leaves {duration(LONG)} or less'
+        )
+    elif wall > LONG:
+        yield (
+            f"a run would take about {duration(wall)} ({wall:.2g} s) on one core: lower {_lengths(built)} or the number of "
+            "bodies; thirdbody cost compares cheaper laws, steps and integrators"
+        )
+    if disk > LARGE:
+        every = _wider(built, disk / LARGE)
+        yield f'the trajectory would take about {size(disk)} on disk: output.every = "{every}" leaves {size(LARGE)} or less'
+
+
+def _wider(built: Simulation, times: float) -> str:
+    """The output interval that leaves one frame out of so many of the present ones, with its unit."""
+    output = built.scene.output
+    # below a time step the interval makes no difference
+    every = max(output.every, built.shortest_interval) * math.ceil(times)
+    return pretty(every, "time" if output.every_kind == "time" else "length")
+
+
+def _lengths(built: Simulation) -> str:
+    """The key of the scene that says how long the run is."""
+    return "solver.distance" if built.scene.solver.distance is not None else "solver.duration"

@@ -1,0 +1,250 @@
+"""Running a scene: build, integrate from output to output, write the trajectory, sum up."""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.atomic_files import write_whole
+from thirdbody.errors import GuardStop, Interrupted, OutputError, UsageError
+from thirdbody.export.paraview import write_paraview_files
+from thirdbody.jit.gc_pause import resting
+from thirdbody.runner.accuracy_warnings import endings
+from thirdbody.runner.checkpoint import Checkpoint
+from thirdbody.runner.progress import Reporter, reporting
+from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
+from thirdbody.runner.run_loop import CHECKPOINT_EVERY, Conduct
+from thirdbody.scene.model import Scene
+from thirdbody.system.signals import stop_on_ctrl_c
+from thirdbody.trajectory.frame import UNITS
+from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
+from thirdbody.trajectory.writer import TrajectoryWriter
+
+if TYPE_CHECKING:
+    from thirdbody.build.simulation import Simulation
+
+_preparing = threading.Lock()
+"""One thread at a time compiles: what is compiled next, and how thoroughly, is known to the whole process (`precompile`)."""
+
+
+def run(
+    scene: Scene | str | os.PathLike[str] | Mapping[str, Any],
+    out: str | Path | None = None,
+    threads: int | None = None,
+    progress: bool | Reporter = True,
+    *,
+    overwrite: bool = False,
+    plugins: tuple[str | Path, ...] = (),
+    force: bool = False,
+) -> Run:
+    """Simulate a scene into the folder `out` (default: runs/<scene name>) and return the opened result.
+
+    `scene` is a Scene, the path of a scene file, or a dictionary of tables with numbers in SI or text with units.
+    `threads` is the number of cores to use: all if None, and all, with a warning, if there are fewer. Results have the same bits
+    for any number.
+    `progress` may be a callable that takes a `Progress`: `fraction`, `simulated` and `elapsed` (s), `frame`, `series`.
+    `plugins` are Python files with a `PLUGIN`. `force` accepts a time step above its bound.
+
+    Raises UsageError, InputError, OutputError; GuardStop and Interrupted, after which what was computed can be opened. Ctrl-C in
+    the main thread writes a checkpoint and raises Interrupted (`resume` goes on); a second one raises KeyboardInterrupt at once,
+    as does one before the first step.
+    """
+    scene = Scene.of(scene, plugins)
+    folder = Path(out) if out is not None else default_folder(scene)
+    refuse_existing(folder, overwrite)
+    for warning in check_threads(threads):
+        warnings.warn(warning, stacklevel=2)
+    simulation = prepare(scene, plugins, force)
+    with reporting(progress, simulation.scene.title) as report, stop_on_ctrl_c() as stop:
+        execute(simulation, folder, threads, report, overwrite, stop)
+    return open_run(folder)
+
+
+def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False) -> Simulation:
+    """The simulation of a scene, compiled and in place at time zero. Raises UsageError and InputError."""
+    from thirdbody.engine.precompile import begin, tell, warm_up
+    from thirdbody.laws.registry import discover
+
+    with _preparing, resting("simulation"):
+        begin()
+        tell()
+        registry = discover(tuple(plugins))
+        from thirdbody.build.simulation import build
+
+        return build(scene, registry, force, warm_up)
+
+
+def default_folder(scene: Scene) -> Path:
+    """`runs/<scene name>`: the name of the scene's file, else its title."""
+    title = "".join(c if c.isalnum() else "_" for c in scene.title.lower()).strip("_")
+    return Path("runs") / (scene.name or title[:40] or "scene")
+
+
+def execute(
+    simulation: Simulation,
+    folder: Path,
+    threads: int | None = None,
+    report: Reporter | None = None,
+    overwrite: bool = False,
+    stop: Callable[[], bool] = lambda: False,
+    *,
+    every: float = CHECKPOINT_EVERY,
+    wall_limit: float = math.inf,
+    kept: Checkpoint | None = None,
+) -> dict[str, Any]:
+    """Integrate a built simulation into a folder; returns the summary that the file also holds.
+
+    `stop` is asked between compiled calls; when it says so, or when `wall_limit` (s) is over, a checkpoint is written and
+    Interrupted is raised. Checkpoints are written at least `every` so many seconds apart, and when the run ends. `kept`: the
+    checkpoint to go on from, with its trajectory in the folder.
+    """
+    set_threads(threads)
+    with old_run_folder(folder) if kept else new_run_folder(folder, overwrite) as files:
+        return _execute(simulation, files, report, stop, every, wall_limit, kept)
+
+
+def _execute(
+    simulation: Simulation, files: RunFolder, report: Reporter | None, stop: Callable[[], bool], every: float, wall_limit: float,
+    kept: Checkpoint | None,
+) -> dict[str, Any]:  # fmt: skip
+    """`execute` in a folder that is there and held."""
+    conduct = Conduct(simulation, files, report, stop, every, wall_limit)
+    problem: GuardStop | Interrupted | None = None
+    if kept is not None:
+        conduct.take_up(kept)
+        if kept.frames:
+            with open_run(files.path) as before:
+                conduct.pressure.take_up(before, kept.frames, conduct.stop_before_going_on)
+    with _opened(files, run_header(simulation), conduct, kept) as writer:
+        try:
+            conduct.integrate(writer)
+        except (GuardStop, Interrupted) as error:
+            problem = error
+        summary = _summary(simulation, conduct, writer.frames, problem)
+        writer.finish(summary)
+    if problem is not None:
+        raise problem
+    return summary
+
+
+@contextmanager
+def _opened(files: RunFolder, header: dict[str, Any], conduct: Conduct, kept: Checkpoint | None) -> Iterator[TrajectoryWriter]:
+    """The writer of a run, with the files beside it."""
+    with _writer(files, header, conduct, kept) as writer:
+        try:
+            write_whole(files.place / SCENE_FILE, header["scene_text"].encode())
+            write_paraview_files(files.place / FILE_NAME, header["state_names"])
+        except OSError as error:
+            raise OutputError(f"{files.path}: cannot be written ({error.strerror or error})") from error
+        yield writer
+
+
+def _writer(files: RunFolder, header: dict[str, Any], conduct: Conduct, kept: Checkpoint | None) -> TrajectoryWriter:
+    """A new trajectory, or the one that the checkpoint belongs to, cut back to its frames."""
+    path = files.path / FILE_NAME
+    if kept is None or not kept.frames:
+        return TrajectoryWriter(files.place / FILE_NAME, header, conduct.maker.static(), (path, 0))
+    with open_run(path) as before:
+        # what was told of an earlier part still holds for it
+        told = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
+    header = header | {"warnings": [*told, *header["warnings"]]}
+    return TrajectoryWriter.resume(path, kept.frames, header, conduct.stop_before_going_on)
+
+
+def check_threads(threads: int | None) -> list[str]:
+    """Return a warning if more threads are asked for than there are cores. Raises UsageError for a number below 1."""
+    most = _most_threads()
+    if threads is not None and threads < 1:
+        raise UsageError(f"threads = {threads}: must be at least 1")
+    if threads is not None and threads > most:
+        return [f"{threads} threads were asked for; {most} are used, as many as there are cores"]
+    return []
+
+
+def set_threads(threads: int | None) -> None:
+    """Set the number of threads of the compiled loops: all cores if None, and never more than there are."""
+    import numba
+
+    most = _most_threads()
+    numba.set_num_threads(most if threads is None else min(threads, most))
+
+
+def _most_threads() -> int:
+    """Return the number of threads that numba was started with: one per core that this process may use."""
+    import numba
+
+    return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
+
+
+def run_header(simulation: Simulation) -> dict[str, Any]:
+    """What the trajectory tells of its run beside the frames: scene, names, units, laws, versions."""
+    import h5py
+    import numba
+
+    from thirdbody import __version__
+
+    scene, labeller = simulation.scene, simulation.labeller
+    units = dict(UNITS)
+    if labeller is not None:
+        units |= {f"fraction_{name}": "1" for name in labeller.states}
+    return {
+        "scene_text": scene.to_toml(),
+        "title": scene.title,
+        "state_names": list(labeller.states) if labeller else ["unlabelled"],
+        "reason_names": list(labeller.reasons) if labeller else ["none"],
+        "units": units,
+        "domain": {"size": list(scene.domain.size), "periodic": scene.domain.periodic},
+        "materials": list(scene.materials),
+        "populations": scene.population_names,
+        "laws": [{"name": law.name, "stage": law.stage, "source": law.source} for law in simulation.choice.chain.laws],
+        "law": {"family": simulation.choice.family.name, "level": simulation.choice.level},
+        "effects": [effect.name for effect in simulation.choice.effects],
+        "integrator": {"name": simulation.plan.kind, "reason": simulation.plan.reason},
+        "debris_contact": debris_contact(simulation),
+        "warnings": simulation.warnings,
+        "versions": {
+            "thirdbody": __version__,
+            "numba": numba.__version__,
+            "numpy": np.__version__,
+            "h5py": h5py.__version__,
+            "python": platform.python_version(),
+        },
+    }
+
+
+def debris_contact(simulation: Simulation) -> str:
+    """What bodies do to each other in this run."""
+    if simulation.state.world.debris_meets:
+        return "searched" if simulation.plan.kind == "explicit" else "watched: the run stops where two bodies come near"
+    return "none: bodies do not see each other"
+
+
+def _summary(simulation: Simulation, conduct: Conduct, frames: int, problem: GuardStop | Interrupted | None) -> dict[str, Any]:
+    state, ledger, wall = simulation.state, conduct.ledger, conduct.wall_time()
+    lines, integration = ledger.lines(state), simulation.integrator.summary()
+    return {
+        "finished": problem is None,
+        "stopped": None if problem is None else problem.message,
+        "wall_time": wall,
+        "frames": frames,
+        "bodies": state.n_bodies,
+        "spheres": state.n_spheres,
+        **integration,
+        "sphere_steps_per_second": integration["sphere_steps"] / wall if wall > 0.0 else 0.0,
+        "simulated_time": state.time,
+        "distance": state.distance,
+        **conduct.pressure.summary(),
+        "energy": lines,
+        **endings(simulation, conduct, lines),
+        # a guard trips in a step that was not recorded: what is stored in its contacts is not known
+        "energy_residual": None if isinstance(problem, GuardStop) else ledger.relative_residual(state, lines["residual"]),
+    }

@@ -1,0 +1,85 @@
+"""The largest peak pressure that a run recorded, against first yield: contacts are computed as elastic beyond it too."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.build.load_checks import limit_words
+from thirdbody.laws.first_yield import yield_limit
+from thirdbody.trajectory.peak_pressure import HertzPressure
+from thirdbody.units import pretty
+
+if TYPE_CHECKING:
+    from thirdbody.build.simulation import Simulation
+    from thirdbody.trajectory.reader import Run
+
+
+class PeakPressure:
+    """The contact nearest to first yield, or farthest above it, over the frames of a run."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.materials = simulation.choice.materials
+        self.hertz = HertzPressure(simulation.state, self.materials)
+        self.limits = np.array([[yield_limit(a, b).pressure for b in self.materials] for a in self.materials])
+        self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
+
+    def take_up(self, run: Run, frames: int, between: Callable[[], None] = lambda: None) -> None:
+        """Look at the first frames of a run that is gone on with; `between` is called before every one of them."""
+        for frame in range(min(frames, run.frames)):
+            between()
+            self.look(run.contacts(frame))
+
+    def look(self, contacts: Mapping[str, np.ndarray]) -> None:
+        """Look at the contacts of one frame."""
+        pressure, (own, other) = self.hertz.peak(contacts), self.hertz.materials(contacts)
+        if not len(pressure):
+            return
+        ratio = pressure / self.limits[own, other]
+        worst = int(np.argmax(ratio))
+        self.over = max(self.over, int(np.count_nonzero(ratio > 1.0)))
+        self.pressure = max(self.pressure, float(pressure.max()))
+        if ratio[worst] > self.ratio:
+            self.ratio, self.pair = float(ratio[worst]), (int(own[worst]), int(other[worst]))
+
+    def summary(self) -> dict[str, Any]:
+        """Largest peak pressure (Pa), its largest ratio to first yield, that limit (Pa, None without one) and the materials."""
+        a, b = (self.materials[k] for k in self.pair)
+        limit = yield_limit(a, b)
+        finite = math.isfinite(limit.pressure)
+        return {
+            "peak_pressure": self.pressure,
+            "first_yield": {
+                "ratio": self.ratio,
+                "pressure": limit.pressure if finite else None,
+                "between": [a.name, b.name],
+                "material": limit.material,
+                "yield_strength": limit.strength if finite else None,
+                "assumed": limit.assumed,
+                "contacts": self.over,
+            },
+        }
+
+
+def yield_words(summary: Mapping[str, Any]) -> str:
+    """The largest peak pressure of a run in words, from its summary; empty for a run that has none."""
+    found, pressure = summary.get("first_yield"), summary.get("peak_pressure")
+    if not found or not pressure:
+        return ""
+    words = pretty(pressure, "pressure")
+    if found["pressure"] is None:
+        return f"{words}; no yield strength is known or assumed"
+    where = limit_words(found["material"], found["pressure"], found["yield_strength"], found["assumed"])
+    return f"{words}; {found['between'][0]}/{found['between'][1]}: {found['ratio']:.2g} times {where}"
+
+
+def yield_warning(summary: Mapping[str, Any]) -> str:
+    """A warning of contacts above first yield, from the summary of a run; empty where there are none."""
+    found = summary.get("first_yield")
+    if not found or not found["ratio"] > 1.0:
+        return ""
+    words = f"peak pressure {yield_words(summary)}, in {found['contacts']} contact(s) of one frame"
+    return f"{words}: they would flow plastically, and are computed as elastic; a lower load stays below"

@@ -1,0 +1,163 @@
+"""Faults between the tables of a scene: names of materials, missing pairs, sliding without a moving plate.
+
+Works on the raw tables, as far as they can be read, so that these faults are told together with all others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import combinations
+from typing import Any
+
+from thirdbody import units
+from thirdbody.errors import nearest
+from thirdbody.scene.debris.contract import DebrisKind
+from thirdbody.scene.field_types import show
+from thirdbody.scene.schema_base import Place, Wrong, entry
+
+
+def _items(node: Any) -> list[Any]:
+    return list(node) if isinstance(node, list | tuple) else []
+
+
+MOST_MATERIALS = MOST_POPULATIONS = 1000
+"""Materials and debris tables of one scene: tables of pairs of materials have 8 MB then."""
+
+
+def number_faults(raw: dict[str, Any]) -> list[Wrong]:
+    """More materials or debris tables than are read."""
+    wrongs: list[Wrong] = []
+    for key, most, what in (("materials", MOST_MATERIALS, "materials"), ("debris", MOST_POPULATIONS, "debris tables")):
+        count = len(raw[key]) if isinstance(raw.get(key), Mapping | list | tuple) else 0
+        if count > most:
+            wrongs.append(((key,), f"{count} {what}, at most {most} are read"))
+    return wrongs
+
+
+def material_faults(raw: dict[str, Any]) -> list[Wrong]:
+    """Names that are used but not defined."""
+    materials = raw.get("materials")
+    if not isinstance(materials, Mapping) or not materials:
+        return []
+    return [
+        (place, f"unknown material {show(name)}, {nearest(name, materials)}")
+        for place, name in _used(raw)
+        if isinstance(name, str) and name not in materials
+    ]
+
+
+def _used(raw: dict[str, Any]) -> Iterator[tuple[Place, Any]]:
+    for i, debris in enumerate(_items(raw.get("debris"))):
+        yield ("debris", i, "material"), entry(debris, "material")
+    for side in ("lower", "upper"):
+        yield ("plates", side, "material"), entry(entry(raw.get("plates"), side), "material")
+    for i, pair in enumerate(_items(raw.get("pairs"))):
+        for k, name in enumerate(_items(entry(pair, "between"))):
+            yield ("pairs", i, "between", k), name
+
+
+def pair_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> list[Wrong]:
+    """Pairs given twice, and pairs of materials that can meet but are not given."""
+    wrongs: list[Wrong] = []
+    known: dict[frozenset[str], int] = {}
+    for i, pair in enumerate(_items(raw.get("pairs"))):
+        names = [name for name in _items(entry(pair, "between")) if isinstance(name, str)]
+        if len(names) != 2 or not _defined(raw, names):
+            return wrongs  # told already; which pair was meant is not known, so none can be called missing
+        if frozenset(names) in known:
+            first = known[frozenset(names)]
+            wrongs.append((("pairs", i, "between"), f"{_both(names)} are given by pairs[{first}] already"))
+        known.setdefault(frozenset(names), i)
+    needed: dict[frozenset[str], tuple[list[str], str]] = {}
+    for first, second, where in _meetings(raw, kinds):
+        if _defined(raw, [first, second]):
+            needed.setdefault(frozenset((first, second)), ([first, second], where))
+    for key, (names, where) in needed.items():
+        if key not in known:
+            text = f"no pair for {_both(names)}, which can meet ({where}): add a [[pairs]] table with"
+            wrongs.append((("pairs",), f'{text} between = ["{names[0]}", "{names[1]}"]'))
+    return wrongs
+
+
+def rolling_faults(raw: dict[str, Any]) -> list[Wrong]:
+    """Coefficients of an effect that is off: it would be silently ignored."""
+    effects = raw.get("effects")
+    if entry(effects, "rolling_resistance") is not None or entry(entry(effects, "named"), "rolling_resistance"):
+        return []
+    hint = "the effect that it belongs to is off: add [effects] rolling_resistance = {coefficient = ...}"
+    pairs = enumerate(_items(raw.get("pairs")))
+    return [(("pairs", i, "rolling_friction"), hint) for i, pair in pairs if entry(pair, "rolling_friction") is not None]
+
+
+def _both(names: list[str]) -> str:
+    return f"'{names[0]}' and '{names[1]}'"
+
+
+def _defined(raw: dict[str, Any], names: list[Any]) -> bool:
+    materials = raw.get("materials")
+    return isinstance(materials, Mapping) and all(isinstance(n, str) and n in materials for n in names)
+
+
+def _meetings(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> Iterator[tuple[Any, Any, str]]:
+    """Materials that can touch, and who carries them."""
+    debris = [
+        (f"debris[{i}]", entry(d, "material"), kind.body_count(d), kind.meets_debris)
+        for i, d in enumerate(_items(raw.get("debris")))
+        for kind in [_kind(d, kinds)]
+    ]
+    for name, material, _, _ in debris:
+        for side in ("lower", "upper"):
+            plate = entry(raw.get("plates"), side)
+            if plate is not None:
+                yield material, entry(plate, "material"), f"{name} and plates.{side}"
+    if entry(raw.get("contact"), "debris_contact") == "none":
+        return
+    debris = [row for row in debris if row[3]]
+    for name, material, bodies, _ in debris:
+        if bodies > 1:
+            yield material, material, f"the bodies of {name}"
+    for (name, material, _, _), (other, other_material, _, _) in combinations(debris, 2):
+        yield material, other_material, f"{name} and {other}"
+
+
+def _kind(debris: Any, kinds: Mapping[str, type[DebrisKind]]) -> type[DebrisKind]:
+    """The class of an unchecked debris table; the base of all kinds where it cannot be read."""
+    if isinstance(debris, DebrisKind):
+        return type(debris)
+    name = entry(debris, "kind")
+    try:
+        return kinds[name] if isinstance(name, str) else DebrisKind
+    except (KeyError, ValueError):
+        return DebrisKind
+
+
+def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[Wrong]:
+    """Lengths of sliding without a plate that slides."""
+    wrongs: list[Wrong] = []
+    if moving:
+        return wrongs
+    if entry(raw.get("solver"), "distance") is not None:
+        hint = "add plates.upper.motion, or give duration instead"
+        wrongs.append((("solver", "distance"), f"a distance needs an upper plate that moves: {hint}"))
+    if every_kind == "distance":
+        hint = "add plates.upper.motion, or give a time"
+        wrongs.append((("output", "every"), f"a length of sliding needs an upper plate that moves: {hint}"))
+    return wrongs
+
+
+def interval_faults(solver: Any, output: Any) -> list[Wrong]:
+    """An interval of output that is longer than the distance it divides; other runs are as long as `build` finds out."""
+    if output.every_kind != "distance" or solver.distance is None or not too_long(output.every, solver.distance):
+        return []
+    return [(("output", "every"), too_long_message(output.every, solver.distance, "length"))]
+
+
+def too_long(every: float, whole: float) -> bool:
+    """Whether an interval exceeds the run; one interval may be the whole, but for rounding."""
+    return every > whole * (1.0 + 1e-9)
+
+
+def too_long_message(every: float, whole: float, kind: str) -> str:
+    """What is wrong with such an interval."""
+    longest = units.pretty(whole, kind)
+    return f"{units.pretty(every, kind)} is longer than the whole run; allowed: at most {longest}"

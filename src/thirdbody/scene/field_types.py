@@ -1,0 +1,281 @@
+"""The field types of the scene model: each checks one value and says in plain English what is wrong."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, get_args
+
+from pydantic import BeforeValidator, ValidationInfo
+from pydantic_core import core_schema
+
+from thirdbody import units
+from thirdbody.scene.json_schema import quantity_schema
+
+LONG_NUMBER = 10**40
+"""Whole numbers from here on are told by their number of digits."""
+
+
+def show(value: Any) -> str:
+    """A value as the user wrote it, shortened for a message."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, int) and abs(value) >= LONG_NUMBER:
+        return f"a number of {int(value.bit_length() * math.log10(2.0)) + 1} digits"  # `str` of it may raise
+    text = f"'{value}'" if isinstance(value, str) else str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def plain(value: Any) -> Any:
+    """Tables, lists, numpy arrays and numbers as plain dicts, lists and Python numbers."""
+    if isinstance(value, Mapping):
+        return {key: plain(entry) for key, entry in value.items()}
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return [plain(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def in_file(info: ValidationInfo) -> bool:
+    """True when a file is read, where a bare number for a quantity with a unit is a fault."""
+    return bool(isinstance(info.context, dict) and info.context.get("file"))
+
+
+class FloatInSI(float):
+    """A number that Python code gives for a value of a scene: in SI, where one in a file would have no unit."""
+
+
+class IntInSI(int):
+    """The same for a whole number."""
+
+
+def in_si(value: Any) -> Any:
+    """Mark the numbers of a value that Python code gives, also those in arrays, lists and tables, as numbers in SI."""
+    value = plain(value)
+    if isinstance(value, dict):
+        return {key: in_si(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [in_si(entry) for entry in value]
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return value
+    return IntInSI(value) if isinstance(value, int) else FloatInSI(value)
+
+
+def as_float(value: numbers.Real | float) -> float:
+    """The number as a float. Raises ValueError for a whole number that no float can hold."""
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f"{show(value)} is outside the range of numbers") from None
+
+
+@dataclass(frozen=True)
+class Range:
+    """Limits of a number; `word` says them."""
+
+    gt: float | None = None
+    ge: float | None = None
+    lt: float | None = None
+    le: float | None = None
+
+    def check(self, value: float, shown: str) -> None:
+        """Raises ValueError outside the limits."""
+        limits = [
+            ("greater than", self.gt, self.gt is None or value > self.gt),
+            ("at least", self.ge, self.ge is None or value >= self.ge),
+            ("less than", self.lt, self.lt is None or value < self.lt),
+            ("at most", self.le, self.le is None or value <= self.le),
+        ]
+        if not all(kept for _, _, kept in limits):
+            if self.ge is not None and self.ge == self.le:
+                raise ValueError(f"{shown} must be {self.ge:g}")
+            told = " and ".join(f"{word} {limit:g}" for word, limit, _ in limits if limit is not None)
+            raise ValueError(f"{shown} must be {told}")
+
+    def limits(self) -> dict[str, float]:
+        """Return the limits in the words of JSON schema."""
+        words = {"exclusiveMinimum": self.gt, "minimum": self.ge, "exclusiveMaximum": self.lt, "maximum": self.le}
+        return {word: limit for word, limit in words.items() if limit is not None}
+
+
+@dataclass(frozen=True)
+class Quantity(Range):
+    """A float in SI of one dimension; text with a unit is converted, and written back with a unit.
+
+    `words` are texts that stand for themselves, such as "auto".
+    """
+
+    dimension: str = "dimensionless"
+    words: tuple[str, ...] = ()
+
+    def read(self, value: Any, info: ValidationInfo) -> float | str:
+        """The SI float. Raises ValueError."""
+        if isinstance(value, str):
+            return value if value in self.words else self._text(value)
+        if isinstance(value, bool) or not isinstance(value, numbers.Real):
+            raise ValueError(f"expected {units.DIMENSIONS[self.dimension].phrase}, got {show(value)}")
+        number = as_float(value)
+        bare = in_file(info) and not isinstance(value, FloatInSI | IntInSI)
+        if bare and self.dimension != "dimensionless" and math.isfinite(number):
+            units.parse(str(value), self.dimension)  # raises: a bare number has no unit
+        if not math.isfinite(number):
+            raise ValueError(f"{value} is not a finite number")
+        self.check(number, show(value))
+        units.refuse_absurd(number, self.dimension, show(value))
+        return number
+
+    def _text(self, text: str) -> float:
+        try:
+            value = units.parse(text, self.dimension)
+        except ValueError as error:
+            also = " or ".join(f"'{word}'" for word in self.words)
+            raise ValueError(f"{error} or {also}" if also else str(error)) from None
+        self.check(value, show(text))
+        units.refuse_absurd(value, self.dimension, show(text))
+        return value
+
+    def write(self, value: float | str) -> float | str:
+        """The value as a file holds it."""
+        if isinstance(value, str) or self.dimension == "dimensionless":
+            return value
+        return units.format_si(value, self.dimension)
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return _function_schema(self.read, self.write)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return quantity_schema(self.dimension, self.limits(), self.words)
+
+
+@dataclass(frozen=True)
+class Whole(Range):
+    """A whole number, never made from a text, a truth value or 20.0."""
+
+    def read(self, value: Any, info: ValidationInfo) -> int:
+        """The int. Raises ValueError."""
+        if isinstance(value, bool) or not isinstance(value, numbers.Integral):
+            raise ValueError(f"expected a whole number, got {show(value)}")
+        whole = int(value)
+        if abs(whole) >= 2**128:  # seeds may have as many bits
+            raise ValueError(f"{show(whole)} is not a whole number of 128 bits")
+        self.check(whole, show(whole))
+        return whole
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        return _function_schema(self.read)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"type": "integer"} | self.limits()
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One of the names in the field's Literal; `later` are names of the file format that do not work yet."""
+
+    later: tuple[str, ...] = ()
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        names = get_args(source)
+
+        def read(value: Any, info: ValidationInfo) -> str:
+            return choose(value, names, self.later, info.field_name or "value")
+
+        return core_schema.with_info_before_validator_function(read, core_schema.literal_schema(list(names)))
+
+
+def choose(value: Any, names: Collection[str], later: Collection[str], key: str) -> str:
+    """The value when it is one of the names. Raises ValueError that lists them."""
+    if isinstance(value, str) and value not in later and value in names:
+        return value
+    listed = ", ".join(f"'{name}'" for name in names)
+    if isinstance(value, str) and value in later:
+        raise ValueError(f"{key} = '{value}' is known but not available in this version; available: {listed}")
+    raise ValueError(f"{show(value)} is not one of {listed}")
+
+
+def is_unicode(text: str) -> bool:
+    """False for a text with lone surrogates, which stand for bytes of the command line that are not UTF-8; no file holds them."""
+    return not any("\ud800" <= letter <= "\udfff" for letter in text)
+
+
+@dataclass(frozen=True)
+class _Typed:
+    """A value that must have the type already: no conversion, so a misplaced value is noticed."""
+
+    kind: type
+    name: str
+    json: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> core_schema.CoreSchema:
+        def read(value: Any, info: ValidationInfo) -> Any:
+            if not isinstance(value, self.kind):
+                raise ValueError(f"expected {self.name}, got {show(value)}")
+            if isinstance(value, str) and not is_unicode(value):
+                raise ValueError(f"{show(value)} holds bytes that are no letters of UTF-8")
+            return value
+
+        return _function_schema(read)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return {"type": self.json}
+
+
+TEXT = _Typed(str, "a text", "string")
+FLAG = _Typed(bool, "true or false", "boolean")
+
+
+def _function_schema(read: Any, write: Any = None) -> core_schema.CoreSchema:
+    serial = core_schema.plain_serializer_function_ser_schema(write) if write else None
+    return core_schema.with_info_plain_validator_function(read, serialization=serial)
+
+
+def listing(what: str, length: int | None = None) -> BeforeValidator:
+    """Checks that a list is given, of this length; takes numpy arrays too."""
+
+    def check(value: Any) -> list[Any]:
+        value = value.tolist() if hasattr(value, "tolist") else value
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"expected {what}, got {show(value)}")
+        if len(value) != (len(value) if length is None else length):
+            raise ValueError(f"expected {what}, got {len(value)} of them")
+        return list(value)
+
+    return BeforeValidator(check)
+
+
+Text = Annotated[str, TEXT]
+Flag = Annotated[bool, FLAG]
+MOST_SPHERES = 10_000_000
+"""Spheres of a scene: about 10 GB of state and contacts. More is refused before anything is allocated."""
+
+Count = Annotated[int, Whole(ge=1)]
+Seed = Annotated[int, Whole(ge=0)]
+
+Number = Annotated[float, Quantity()]
+PositiveNumber = Annotated[float, Quantity(gt=0)]
+Fraction = Annotated[float, Quantity(gt=0, le=1)]
+
+Length = Annotated[float, Quantity(dimension="length")]
+PositiveLength = Annotated[float, Quantity(dimension="length", gt=0)]
+PositiveTime = Annotated[float, Quantity(dimension="time", gt=0)]
+PositivePressure = Annotated[float, Quantity(dimension="pressure", gt=0)]
+PositiveMass = Annotated[float, Quantity(dimension="mass", gt=0)]
+PositiveForce = Annotated[float, Quantity(dimension="force", gt=0)]
+Force = Annotated[float, Quantity(dimension="force", ge=0)]
+PositiveStiffness = Annotated[float, Quantity(dimension="stiffness", gt=0)]
+PositiveFrequency = Annotated[float, Quantity(dimension="frequency", gt=0)]
+PositiveDensity = Annotated[float, Quantity(dimension="density", gt=0)]
+Damping = Annotated[float, Quantity(dimension="damping", ge=0)]
+Speed = Annotated[float, Quantity(dimension="velocity")]
+Spin = Annotated[float, Quantity(dimension="angular_velocity")]
+Acceleration = Annotated[float, Quantity(dimension="acceleration")]
+
+THREE = listing("a list of 3 values", 3)
+Point = Annotated[tuple[Length, Length, Length], THREE]
+Velocity = Annotated[tuple[Speed, Speed, Speed], THREE]
+AngularVelocity = Annotated[tuple[Spin, Spin, Spin], THREE]
+AccelerationVector = Annotated[tuple[Acceleration, Acceleration, Acceleration], THREE]
+REST = (0.0, 0.0, 0.0)

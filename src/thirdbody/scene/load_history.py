@@ -1,0 +1,34 @@
+"""How the load of the upper plate changes: to another load, a pause, a table; or a list of such stages."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import PlainSerializer
+
+from thirdbody.scene.field_types import Force, PositiveTime
+from thirdbody.scene.json_schema import ShortForm
+from thirdbody.scene.motion import Pause, Table
+from thirdbody.scene.schema_base import Part
+from thirdbody.scene.stages import plain_stages, stages
+
+
+class Load(Part):
+    """The load changes evenly to `load`, N, during `duration`, s; without a duration at once."""
+
+    load: Force
+    duration: PositiveTime | None = None
+
+
+LoadStage = Load | Pause | Table
+
+_LOADS: dict[str, type[Part]] = {"load": Load, "pause": Pause, "table": Table}
+
+Loading = Annotated[
+    tuple[LoadStage, ...],
+    stages(_LOADS, '{load = "1 mN", duration = "1 us"}', lambda stage: None),
+    PlainSerializer(plain_stages),
+    ShortForm(),
+]
+"""Loads after the end of settling; the last one stays. What is given is the load of what `load` is given for: the plate, or each
+patch of its own."""

@@ -1,0 +1,91 @@
+"""Single values of a scene replaced from outside: `--set solver.distance="1 um"`."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from typing import Any
+
+from thirdbody.errors import SETTINGS, Fault, InputError
+from thirdbody.scene.field_types import in_si, show
+from thirdbody.scene.read import MOST_LEVELS
+from thirdbody.scene.schema_base import Place, key_path
+
+# A key on the left, when set, takes the place of those on the right in the same table.
+_REPLACES = {
+    "distance": {"duration"},
+    "duration": {"distance"},
+    "load": {"pressure", "gap"},
+    "pressure": {"load", "gap"},
+    "gap": {"load", "pressure"},
+    "youngs_modulus": {"shear_modulus"},
+    "shear_modulus": {"youngs_modulus"},
+    "radius": {"shape"},
+    "shape": {"radius"},
+    "positions": {"count", "placement", "height", "solid_fraction"},
+    "height": {"solid_fraction"},
+    "solid_fraction": {"height"},
+}
+
+
+def apply_settings(document: dict[str, Any], settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[Place]]:
+    """The changed document and the places that were set. Raises InputError for paths that lead nowhere."""
+    faults: list[Fault] = []
+    places = []
+    for path, value in settings.items():
+        try:
+            places.append(_set(document, path, toml_value(value) if isinstance(value, str) else in_si(value), settings))
+        except ValueError as error:
+            faults.append(Fault(path, str(error), file=SETTINGS))
+    if faults:
+        raise InputError(faults)
+    return document, places
+
+
+def toml_value(value: str) -> Any:
+    """The value that a text means in TOML; the text itself when it is none, as 1 um without quotes."""
+    try:
+        table = tomllib.loads(f"value = {value}")
+    except (ValueError, RecursionError):
+        return value
+    return table["value"] if table.keys() == {"value"} else value
+
+
+def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str, Any]) -> Place:
+    """Puts the value at the path; returns the place. Raises ValueError."""
+    words = [word for word in re.split(r"[.\[\]]+", path) if word]
+    if not words:
+        raise ValueError("expected a path such as solver.distance")
+    if len(words) > MOST_LEVELS:
+        raise ValueError(f"nested too deeply, at most {MOST_LEVELS} levels are read")
+    node: Any = document
+    place: Place = ()
+    for word in words[:-1]:
+        key = _key(node, word, place)
+        place += (key,)
+        if isinstance(node, dict):
+            node.setdefault(key, {})
+        node = node[key]
+    key = _key(node, words[-1], place)
+    if isinstance(node, dict):
+        siblings = {other.rpartition(".")[2] for other in settings}
+        for excluded in _REPLACES.get(str(key), set()) - siblings:
+            node.pop(excluded, None)
+    if value is None:
+        node.pop(key, None)
+    else:
+        node[key] = value
+    return (*place, key)
+
+
+def _key(node: Any, word: str, place: Place) -> str | int:
+    """The word as key of a table or as index of a list. Raises ValueError."""
+    if isinstance(node, dict):
+        return word
+    if not isinstance(node, list):
+        raise ValueError(f"{key_path(place)} = {show(node)} is not a table")
+    if not word.isdecimal() or int(word) >= len(node):
+        known = f"its entries are 0 to {len(node) - 1}" if node else "it is empty"
+        raise ValueError(f"{key_path(place)} has no entry '{word}': {known}")
+    return int(word)

@@ -1,0 +1,115 @@
+"""Distributions of the size of debris."""
+
+from __future__ import annotations
+
+import math
+import numbers
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ValidationInfo
+
+from thirdbody import units
+from thirdbody.scene.field_types import PositiveLength, PositiveNumber, Quantity
+from thirdbody.scene.json_schema import ShortForm, quantity_schema
+from thirdbody.scene.schema_base import Part, Wrong, tagged
+
+
+class SizeDistribution(Part):
+    """What every distribution of sizes answers."""
+
+    def parameters(self) -> dict[str, Any]:
+        """Return the distribution as the keywords of `bodies.irregular_clumps.diameters`."""
+        given = {name: getattr(self, name) for name in type(self).model_fields}
+        return {name: value for name, value in given.items() if value is not None}
+
+    def typical(self) -> tuple[float, float]:
+        """Return a size [m], and the fraction of bodies that are surely not smaller."""
+        raise NotImplementedError(f"{type(self).__name__}.typical")
+
+
+class Constant(SizeDistribution):
+    """Every body has this size, m."""
+
+    distribution: Literal["constant"] = "constant"
+    value: PositiveLength
+
+    def typical(self) -> tuple[float, float]:
+        """Return the size itself; all bodies have it."""
+        return self.value, 1.0
+
+
+class _Cut(SizeDistribution):
+    def checks(self) -> list[Wrong]:
+        """Faults between the limits."""
+        low, high = getattr(self, "min"), getattr(self, "max")  # noqa: B009  (declared by the kinds below)
+        if low and high and not low < high:
+            return [(("min",), "min must be less than max")]
+        return [self._outside(key, low, high) for key in ("median", "mean")
+                if not (low or 0.0) <= getattr(self, key, low or 0.0) <= (high or math.inf)]  # fmt: skip
+
+    def _outside(self, key: str, low: float | None, high: float | None) -> Wrong:
+        """The fault of a middle of the distribution that its limits cut away."""
+        limits = [f"{word} {units.pretty(x, 'length')}" for word, x in (("min", low), ("max", high)) if x]
+        shown = units.pretty(getattr(self, key), "length")
+        return (key,), f"the {key} {shown} is outside the limits, {' and '.join(limits)}: only the tail would be left"
+
+
+class Lognormal(_Cut):
+    """Size with this median (m), cut at min and max; `sigma` is the standard deviation of ln(size)."""
+
+    distribution: Literal["lognormal"] = "lognormal"
+    median: PositiveLength
+    sigma: PositiveNumber
+    min: PositiveLength | None = None
+    max: PositiveLength | None = None
+
+    def typical(self) -> tuple[float, float]:
+        """Return the median: only half of the bodies are larger."""
+        return max(self.median, self.min or 0.0), 0.5
+
+
+class Normal(_Cut):
+    """Size with this mean and standard deviation (m); `min` is required, for a size must be positive."""
+
+    distribution: Literal["normal"] = "normal"
+    mean: PositiveLength
+    sigma: PositiveLength
+    min: PositiveLength
+    max: PositiveLength | None = None
+
+    def typical(self) -> tuple[float, float]:
+        """Return the mean: only half of the bodies are larger."""
+        return max(self.mean, self.min), 0.5
+
+
+class Uniform(_Cut):
+    """Size evenly spread from min to max, m."""
+
+    distribution: Literal["uniform"] = "uniform"
+    min: PositiveLength
+    max: PositiveLength
+
+    def typical(self) -> tuple[float, float]:
+        """Return the middle: only half of the bodies are larger."""
+        return 0.5 * (self.min + self.max), 0.5
+
+
+_LENGTH = Quantity(dimension="length", gt=0)
+_SIZES: dict[str, type[Part]] = {
+    "constant": Constant, "lognormal": Lognormal, "normal": Normal, "uniform": Uniform,
+}  # fmt: skip
+
+
+def _constant_size(value: Any, info: ValidationInfo) -> Any:
+    """A single length as the distribution that it stands for."""
+    if not isinstance(value, str | numbers.Real):
+        return value
+    return Constant(value=float(_LENGTH.read(value, info)))
+
+
+Size = Annotated[
+    Constant | Lognormal | Normal | Uniform,
+    tagged("distribution", _SIZES),
+    BeforeValidator(_constant_size),
+    ShortForm(quantity_schema("length", {})),
+]

@@ -1,0 +1,92 @@
+"""A small TOML writer for scene documents: tables for the first two levels, inline tables below."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+from typing import Any
+
+from thirdbody.errors import Fault, InputError, OutputError, printable
+from thirdbody.scene.field_types import is_unicode
+from thirdbody.scene.schema_base import Place, key_path
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def toml_text(document: dict[str, Any]) -> str:
+    """The document as TOML text. Raises InputError for a value that TOML has no form for."""
+    lines = [f"{_key(name)} = {_value(v, (name,))}" for name, v in document.items() if not _is_section(v)]
+    for name, value in document.items():
+        if isinstance(value, dict):
+            lines += _table(value, (name,), f"[{_key(name)}]")
+        elif _is_section(value):
+            for i, entry in enumerate(value):
+                lines += ["", f"[[{_key(name)}]]"]
+                lines += [f"{_key(key)} = {_value(v, (name, i, key))}" for key, v in entry.items()]
+    return "\n".join(lines) + "\n"
+
+
+def save_text(path: str | os.PathLike[str], text: str) -> None:
+    """Writes the text as UTF-8. Raises OutputError, or InputError for text that UTF-8 cannot hold."""
+    try:
+        data = text.encode("utf-8")
+    except UnicodeEncodeError as error:
+        raise InputError(f"the scene holds a character that UTF-8 has no form for: {error.reason}") from None
+    try:
+        with open(path, "wb") as file:
+            file.write(data)
+    except OSError as error:
+        raise OutputError(f"{os.fspath(path)}: cannot be written: {error.strerror}") from None
+
+
+def _is_section(value: Any) -> bool:
+    return isinstance(value, dict) or (
+        isinstance(value, list) and bool(value) and all(isinstance(entry, dict) for entry in value)
+    )
+
+
+def _table(table: dict[str, Any], place: Place, header: str) -> list[str]:
+    """Header and lines; tables inside get headers of their own at the second level."""
+    nested = {key: value for key, value in table.items() if isinstance(value, dict) and len(place) < 2}
+    lines = [f"{_key(key)} = {_value(v, (*place, key))}" for key, v in table.items() if key not in nested]
+    lines = ["", header, *lines] if lines or not nested else []
+    for key, value in nested.items():
+        lines += _table(value, (*place, key), f"{header[:-1]}.{_key(key)}]")
+    return lines
+
+
+def _key(key: str) -> str:
+    return key if _BARE.fullmatch(key) else _text(key)
+
+
+def _text(text: str) -> str:
+    # JSON's escapes are TOML's; what would steer a terminal becomes an escape, too: DEL, the codes above it, marks of direction
+    if not is_unicode(text):
+        raise InputError(f"'{text}' holds bytes that are no letters of UTF-8, and cannot be written to a scene file")
+    quoted = json.dumps(text, ensure_ascii=False)
+    return quoted if printable(quoted) == quoted else "".join(map(_escape, quoted))
+
+
+def _escape(letter: str) -> str:
+    if printable(letter) == letter:
+        return letter
+    return f"\\u{ord(letter):04x}" if ord(letter) < 0x10000 else f"\\U{ord(letter):08x}"
+
+
+def _value(value: Any, place: Place) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return _text(value)
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return repr(value) if math.isfinite(value) else str(value)
+    if isinstance(value, list):
+        return "[" + ", ".join(_value(entry, (*place, i)) for i, entry in enumerate(value)) + "]"
+    if isinstance(value, dict):
+        inside = ", ".join(f"{_key(key)} = {_value(entry, (*place, key))}" for key, entry in value.items())
+        return "{" + inside + "}"
+    raise InputError(Fault(key_path(place), f"{value!r} cannot be written to a scene file"))

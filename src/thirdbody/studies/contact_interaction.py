@@ -1,0 +1,208 @@
+"""What even the finest level neglects: spots of one body press down the surface under each other (elastic interaction).
+
+Hertz and Mindlin hold for one spot on a half-space of its own. The rung above them is a boundary-element solution of all spots of
+a body on one plate, by tamaas (L. Frerot et al., J. Open Source Software 5, 2020) where it is installed; without it, and beside
+it, stands the closed form for spots far apart, where a neighbour acts like a point load (Boussinesq; K.L. Johnson, Contact
+Mechanics, 1985, Eq. 3.22a). In both the two partners of a spot are taken together as one half-space with the pair's E*: the most
+that it can be, for a debris particle is no half-space.
+
+Tangentially the same share holds: a neighbour that slides moves the surface by mu N/(pi G* r) in the mean over directions
+(Cerruti; Johnson, Eq. 3.75), which is to s_c = mu E* d/G* as N/(pi E* r) is to the overlap d.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from thirdbody.studies.cost import Study
+from thirdbody.studies.worker_process import RUNGS
+
+Array = np.ndarray
+
+CELLS, MARGIN, MOST = 12, 2.0, 1600
+"""Cells of the grid over the smallest contact radius, empty rim in largest contact radii, and most cells along a side."""
+
+
+@dataclass(frozen=True)
+class Spots:
+    """Loaded spots (n of them) of one body on one plate, SI: `place` (n, 2), `overlap`, `radius` (of contact), `load` (n,)."""
+
+    body: int
+    plate: str
+    place: Array
+    overlap: Array
+    radius: Array
+    load: Array
+
+    @property
+    def e_star(self) -> float:
+        """E* of the pair, Pa, from Hertz: N = (4/3) E* a d."""
+        return float(np.mean(3.0 * self.load / (4.0 * self.radius * self.overlap)))
+
+    @property
+    def apart(self) -> Array:
+        """Distances (n, n), m; infinite from a spot to itself."""
+        r = np.linalg.norm(self.place[:, None] - self.place[None], axis=2)
+        np.fill_diagonal(r, math.inf)
+        return r
+
+    @property
+    def share(self) -> float:
+        """Share of a spot's overlap that its neighbours' loads make: sum of N/(pi E* r) over the overlap.
+
+        The mean over the spots, weighted with their loads: a spot that hardly touches is hurt most, and matters least.
+        """
+        shares = (self.load / (math.pi * self.e_star * self.apart)).sum(axis=1) / self.overlap
+        return float(np.average(shares, weights=self.load))
+
+
+def interaction(folder: Path) -> dict[str, Any] | None:
+    """What the closest spots of a run neglect; None for a run in which no body has two loaded spots on one plate.
+
+    `share`: of a spot's overlap (`Spots.share`); `closed_form` and `boundary_elements` (None without tamaas, `why` says
+    so): `approach`, the relative change of the approach of the whole group under the same load, and `loads`, of each spot's load
+    when the group is pressed as one rigid body.
+    """
+    spots = closest(folder)
+    if spots is None:
+        return None
+    nearest = float(np.min(spots.apart / np.maximum(spots.radius[:, None], spots.radius[None])))
+    told: dict[str, Any] = {
+        "body": spots.body, "plate": spots.plate, "spots": len(spots.load), "nearest": nearest,
+        "share": spots.share, "closed_form": far_field(spots), "boundary_elements": None, "why": "",
+    }  # fmt: skip
+    try:
+        import tamaas
+    except ImportError:
+        return told | {"why": "tamaas is not installed (pip install 'thirdbody[bem]'): closed form only, no boundary elements"}
+    told["versions"] = {"tamaas": tamaas.__version__}
+    try:
+        return told | {"boundary_elements": solved(tamaas, spots)}
+    except ValueError as problem:
+        return told | {"why": f"no boundary elements: {problem}"}
+
+
+def above(made: Study, folder: Path) -> dict[str, Any] | None:
+    """`interaction` of the study's reference."""
+    place = made.reference.place
+    return interaction(folder / RUNGS / place) if place else None
+
+
+def closest(folder: Path) -> Spots | None:
+    """The group of spots with the largest neglected share at the end of settling (the last frame before the drag)."""
+    from thirdbody.trajectory.reader import open_run
+
+    with open_run(folder) as run:
+        way = run.series["distance"]
+        moved = np.flatnonzero(way > 1e-3 * way[-1])  # the step at which the drag starts reaches a little beyond
+        frame = max(0, int(moved[0]) - 1) if len(moved) else run.frames - 1
+        table = run.contacts(frame)
+    found = []
+    for partner, plate in ((-1, "lower"), (-2, "upper")):
+        here = (table["partner"] == partner) & (table["overlap"] > 0.0)
+        for body in np.unique(table["body"][here]):
+            k = np.flatnonzero(here & (table["body"] == body))
+            if len(k) > 1:
+                found.append(Spots(int(body), plate, table["position"][k, :2], table["overlap"][k], table["contact_radius"][k],
+                                   table["normal_force"][k]))  # fmt: skip
+    return max(found, key=lambda spots: spots.share, default=None)
+
+
+def far_field(spots: Spots) -> dict[str, Any]:
+    """Approach and loads of the group as one rigid body, each neighbour a point load. Newton's method on loads and approach."""
+    n, e = len(spots.load), spots.e_star
+    stiff = spots.load / spots.overlap**1.5
+    bend = 1.0 / (math.pi * e * spots.apart)
+    down, lift = spots.overlap.copy(), 0.0
+    for _ in range(50):  # quadratic: a handful is enough
+        force = stiff * down**1.5
+        slope = 1.5 * stiff * np.sqrt(down)
+        rest = np.append(spots.overlap + lift - bend @ force - down, spots.load.sum() - force.sum())
+        matrix = np.zeros((n + 1, n + 1))
+        matrix[:n, :n] = np.eye(n) + bend * slope
+        matrix[:n, n], matrix[n, :n] = -1.0, slope
+        step = np.linalg.solve(matrix, rest)
+        down, lift = np.maximum(down + step[:n], 1e-3 * spots.overlap), lift + step[n]
+    return _told(spots, lift, stiff * down**1.5)
+
+
+def solved(tamaas: Any, spots: Spots) -> dict[str, Any]:
+    """The same by boundary elements. What the grid makes of a lone spot is taken from the answer: each is solved alone first.
+
+    Raises ValueError for spots that merge, or that stand too far apart for a grid.
+    """
+    if float(np.min(spots.apart / (spots.radius[:, None] + spots.radius[None]))) < 1.0:
+        raise ValueError("the spots' contacts overlap")
+    tamaas.set_log_level(tamaas.LogLevel.error)
+    cell = float(spots.radius.min()) / CELLS
+    rim = MARGIN * float(spots.radius.max())
+    low, high = spots.place.min(axis=0) - rim, spots.place.max(axis=0) + rim
+    n = np.ceil((high - low) / cell).astype(int)
+    if n.max() > MOST:
+        raise ValueError(f"the grid would have {n.max()} cells along a side, at most {MOST}")
+    axes = [low[i] + cell * np.arange(n[i]) for i in (0, 1)]
+    gap = [((axes[0][:, None] - x) ** 2 + (axes[1][None] - y) ** 2) * spots.overlap[k] / (2.0 * spots.radius[k] ** 2)
+           for k, (x, y) in enumerate(spots.place)]  # fmt: skip
+    # a lone spot fills its own corner of the grid only: the same to 1e-8 and three hundred times as fast
+    near = [np.ix_(*(np.abs(axes[i] - spots.place[k, i]) < rim for i in (0, 1))) for k in range(len(gap))]
+    alone = np.array([_pressed(tamaas, spots, cell, gap[k][near[k]], spots.load[k])[1] for k in range(len(gap))])
+    heights = np.stack([gap[k] + (alone.max() - alone[k]) for k in range(len(gap))])
+    pressure, approach = _pressed(tamaas, spots, cell, heights.min(axis=0), spots.load.sum())
+    owner = heights.argmin(axis=0)
+    loads = np.array([pressure[owner == k].sum() * cell**2 for k in range(len(gap))])
+    # against the lone spot's overlap, and in the scene's: the grid's error of it cancels to first order
+    return _told(spots, (approach - alone.max()) / alone.max() * spots.overlap.max(), loads)
+
+
+def _pressed(tamaas: Any, spots: Spots, cell: float, gap: Array, load: float) -> tuple[Array, float]:
+    """Pressure (n, m), Pa, and approach, m, of a rigid surface `gap` above a half-space with the pair's E*, under a load, N.
+
+    Polonsky and Keer's conjugate gradients (Wear 231, 1999) on a half-space that is not periodic, in units of the largest
+    overlap and contact radius.
+    """
+    a, d = float(spots.radius.max()), float(spots.overlap.max())
+    size = [gap.shape[0] * cell / a, gap.shape[1] * cell / a]
+    model = tamaas.Model(tamaas.model_type.basic_2d, size, list(gap.shape))
+    model.E, model.nu = 1.0, 0.0
+    tamaas.ModelFactory.registerNonPeriodic(model, "free")
+    solver = tamaas.PolonskyKeerRey(model, -gap / d, 1e-9)
+    solver.setIntegralOperator("free")
+    solver.max_iter = 3000
+    # pressures in units of E* d/a
+    solver.solve(load / (spots.e_star * d * a) / (size[0] * size[1]))
+    pressure = np.array(model.traction)
+    sunk = np.zeros_like(pressure)
+    model.operators["free"](pressure, sunk)
+    touch = pressure > 0.0
+    approach = float(np.mean((sunk + gap / d)[touch])) * d
+    return pressure * spots.e_star * d / a, approach
+
+
+def _told(spots: Spots, lift: float, loads: Array) -> dict[str, Any]:
+    return {"approach": float(lift / spots.overlap.max()), "loads": (loads / spots.load - 1.0).tolist()}
+
+
+def print_interaction(told: dict[str, Any] | None) -> None:
+    """Print what `interaction` found."""
+    if told is None:
+        print("elastic interaction of spots: none, no body has two loaded spots on one plate")
+        return
+    where = f"body {told['body']}, {told['spots']} spots on the {told['plate']} plate, {told['nearest']:.1f} contact radii apart"
+    print(f"above the finest law, what Hertz and Mindlin neglect: elastic interaction of spots; most in {where}:")
+    print(f"  a neighbour's load makes {_percent(told['share'])} of a spot's overlap, and of s_c when it slides")
+    for name, label in (("closed_form", "closed form, far point loads"), ("boundary_elements", "boundary elements, tamaas")):
+        found = told[name]
+        if found is not None:
+            loads = ", ".join(_percent(x, "+") for x in found["loads"])
+            print(f"  {label}: approach {_percent(found['approach'], '+')}, loads of the spots {loads}")
+    if told["why"]:
+        print(f"  {told['why']}")
+
+
+def _percent(share: float, sign: str = "") -> str:
+    return f"{100.0 * share:{sign}.2g} %"

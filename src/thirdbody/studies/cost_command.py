@@ -1,0 +1,82 @@
+"""The command `thirdbody cost`: climbs, prints, and leaves JSON, picture and runs in a folder."""
+
+from __future__ import annotations
+
+import json as json_module
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from thirdbody.errors import OutputError
+from thirdbody.report.tables import as_plain, print_json
+from thirdbody.studies.cost import JSON_FILE, PICTURE, as_json, study
+from thirdbody.studies.study_folder import new_study_folder
+from thirdbody.studies.time_budget import BUDGET
+
+
+def cost_command(
+    scene: Path, folder: Path, settings: dict[str, str], plugins: Sequence[Path], repeats: int, effects: bool, verify: bool,
+    overwrite: bool, json: bool, tell: Callable[[str], None], budget: float = BUDGET,
+) -> None:  # fmt: skip
+    """Do what `thirdbody cost` was asked for. Raises ThirdbodyError; nothing is left half-written but the runs of rungs."""
+    if effects:
+        _effects(scene, folder, settings, plugins, repeats, overwrite, json, tell)
+        return
+    from thirdbody.studies.contact_interaction import above, print_interaction
+    from thirdbody.studies.convergence import convergence, print_convergence, print_reference, reference_error
+    from thirdbody.studies.cost_plot import draw_study
+    from thirdbody.studies.cost_table import print_study
+
+    began = time.perf_counter()
+    with new_study_folder(folder, overwrite) as place:
+        made = study(scene, place, settings, plugins, repeats, tell, verify, budget)
+        tell("the elastic interaction of spots")
+        told: dict[str, Any] = {"convergence": convergence(made), "reference_error": reference_error(made)}
+        told["interaction"] = above(made, place)
+        if verify:
+            from thirdbody.studies.impact import impact_table
+
+            tell("an oblique impact")
+            told["impact"] = impact_table(made, plugins)
+        draw_study(made, place / PICTURE, (place / PICTURE).with_suffix(".pdf"))
+        made.took = time.perf_counter() - began
+        told = as_json(made) | told
+        _write(place / JSON_FILE, told)
+    if json:
+        print_json(told)
+        return
+    print_study(made)
+    print_convergence(told["convergence"])
+    print_reference(made)
+    print_interaction(told["interaction"])
+    if verify:
+        from thirdbody.studies.impact import print_impact
+
+        print_impact(told["impact"])
+    print(f"{folder / PICTURE} (and .pdf), {folder / JSON_FILE}, runs of the rungs beside them")
+
+
+def _effects(
+    scene: Path, folder: Path, settings: dict[str, str], plugins: Sequence[Path], repeats: int, overwrite: bool, json: bool,
+    tell: Callable[[str], None],
+) -> None:  # fmt: skip
+    from thirdbody.studies.effects import effects_study, print_effects
+
+    with new_study_folder(folder, overwrite) as place:
+        told = effects_study(scene, place, settings, plugins, repeats, tell)
+        _write(place / "effects.json", told)
+    if json:
+        print_json(told)
+    else:
+        print_effects(told)
+        print(f"{folder / 'effects.json'}")
+
+
+def _write(path: Path, told: dict[str, Any]) -> None:
+    from thirdbody.atomic_files import write_whole
+
+    try:
+        write_whole(path, json_module.dumps(as_plain(told), indent=1).encode())
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error

@@ -1,0 +1,252 @@
+"""Hard cases of bodies between plates: they run in both integrators.
+
+Every course builds its simulations with `trial.start`, goes along them, and states what must hold. Below each description: the
+cure that was taken out, and the invariant that failed then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from thirdbody.kernels import layout as at
+from thirdbody.scene.load_history import Load
+from thirdbody.scene.model import ConstantVelocity, Motion, Pause
+from thirdbody.studies.robustness.case import Course, Trial
+from thirdbody.studies.robustness.scenes import (
+    BOX,
+    HEIGHT,
+    LOAD,
+    MICRON,
+    SPAN,
+    SPEED,
+    STEEL,
+    TRIPOD,
+    clump,
+    drag,
+    particle,
+    pressed,
+    solid,
+)
+
+WAY = tuple(5e-8 * k for k in range(1, 11))
+"""Stops of the drag, m."""
+
+SETTLED = 2e-2
+"""Deviation of the friction coefficient where inertia and the dashpot of the patch still carry a little at 1 m/s."""
+
+
+def lost_contact(trial: Trial) -> None:
+    """Pressed and dragged, without load until every spot is open, then loaded again: an open spot remembers nothing.
+
+    Taken out: a contact that opens wipes its history -> memory of open spots.
+    """
+    lifted = [Pause(pause=3e-7), Load(load=0.0), Pause(pause=2e-7), Load(load=LOAD)]
+    course = trial.start(pressed(trial, clump(TRIPOD), 0.3, plate={"loading": lifted, "damping": 0.0, "mass": 2e-12}))
+    opened, memory, sheared = [], [], []
+
+    def see() -> None:
+        opened.append(not course.loaded().any())
+        memory.append(course.remembered())
+        sheared.append(float(np.abs(course.shear()).max()))
+
+    course.follow([2e-8 * k for k in range(1, 81)], "time", see)
+    again = bool(sheared[10] > 0.0 and any(opened) and sheared[-1] > 0.0)
+    trial.hold_true("the spots were loaded, open, and loaded again", again)
+    trial.hold("memory of open spots", max(memory), 0.0)
+
+
+def touch_and_go(trial: Trial) -> None:
+    """A lump of three uneven balls tips over: spots leave and touch inside long steps.
+
+    Taken out: a contact that opens wipes its history -> memory of open spots. The cutting of implicit steps that found no balance
+    -> no step is found (`mdr`).
+    """
+    lump = clump([(-3, 0, 0, 3), (3, 0.5, 0, 3), (0, 1, 1, 3.25)], gap=1e-6)
+    course = trial.start(pressed(trial, lump, 0.6, Motion(y=(ConstantVelocity(velocity=SPEED),))))
+    sets, memory = set(), []
+
+    def see() -> None:
+        sets.add(tuple(course.loaded()))
+        memory.append(course.remembered())
+
+    course.follow([2.5e-7 * k for k in range(1, 41)], see=see)
+    trial.hold_true("spots came and went", len(sets) > 2)
+    trial.hold("memory of open spots", max(memory), 0.0)
+
+
+def no_friction(trial: Trial) -> None:
+    """mu = 0: no shear, no work, no motion; the label is sliding.
+
+    Taken out: the guarded division of the radial return (0/0 at rest) -> forces are not numbers.
+    """
+    course = trial.start(pressed(trial, clump(TRIPOD), 0.0))
+    labels: list[str] = []
+    start = course.state.B[0, :2].copy()
+    course.follow(WAY, see=lambda: labels.append(course.label()[0]))
+    trial.hold("shear force", np.abs(course.shear()).max(), 0.0)
+    trial.hold("friction work", course.state.A[at.A_FRICTION], 0.0)
+    # a seat that is found by tilting may shift the centre; friction must not
+    trial.hold("way of the body, m", np.abs(course.state.B[0, :2] - start).max(), 0.0)
+    # the first step of the drag opens the window in which slip is counted
+    trial.hold_true("labelled sliding", set(labels[1:]) == {"sliding"})
+
+
+def endless_friction(trial: Trial) -> None:
+    """mu = 1e9: critical displacements of metres; the body tips, with finite forces.
+
+    Taken out of the implicit integrator: the line search (whole steps of Newton's method) -> no step is found (`mdr`). The
+    clip of a correction -> twice as many cuts (`mindlin`). The cutting of a step that found no balance -> no step is found
+    (`mindlin`, `mdr`).
+
+    Known to fail: `exact` by the implicit integrator at .1 m/s. A spot that lifts off with T far above N lets go of T as the root
+    of its overlap, and steps shrink until none is found; the run is stopped and says so.
+    """
+    speed = 0.1 if trial.setting.integrator == "explicit" else 1e-3
+    course = trial.start(pressed(trial, clump(TRIPOD, gap=1e-6), 1e9, drag(speed)))
+    labels, forces = list[str](), list[float]()
+
+    def see() -> None:
+        labels.append(course.label()[0])
+        forces.append(abs(float(course.state.A[at.A_UPPER])) / LOAD)
+
+    course.follow(WAY, see=see)
+    # it pivots about the edge of two spots, at most span over height = 5/2 times the load
+    trial.hold("shear over load", max(forces), 2.5)
+    trial.hold_true("never labelled sliding", "sliding" not in labels)
+
+
+def symmetric_spots(trial: Trial) -> None:
+    """x_1 = 0 between spots at -L and L: nothing happens while it is pressed, it slides when dragged below its limit.
+
+    Taken out: the bounds of the time step, eight times longer steps -> the travel guard stops it.
+    """
+    course = trial.start(pressed(trial, particle([0.0], [-SPAN, SPAN]), 0.3))
+    shifts: list[float] = []
+    course.to(time=course.simulation.settle)
+    shifts.append(abs(float(course.state.B[0, at.B_X]) - 0.5 * BOX))
+    course.follow(WAY)
+    # mirror images add up in opposite order: rounding of coordinates of 1e-4 m
+    trial.hold("shift by pressing, m", max(shifts), 1e-15)
+    trial.hold("out of the plane, m", abs(course.state.B[0, at.B_X + 1] - 0.5 * BOX), 0.0)
+    trial.hold("friction coefficient - mu", abs(course.friction() / 0.3 - 1.0), SETTLED)
+    trial.hold_true("labelled sliding", course.label()[0] == "sliding")
+
+
+def degenerate_spots(trial: Trial) -> None:
+    """Two spots (a ball), coincident spots, spots in a row: rank-deficient, but finite and named as indeterminate."""
+    for what, body in _degenerate():
+        course = trial.start(pressed(trial, body, 0.3, Motion(x=(Pause(pause=1e-6), ConstantVelocity(velocity=SPEED)))))
+        course.follow([5e-8, 1e-7], "time")
+        state, reason = course.label()
+        named = (state, reason) == ("sticking", "indeterminate")
+        trial.hold_true(f"{what}: at rest it sticks, indeterminate (is {state}, {reason})", named)
+        trial.hold(f"{what}: largest shear over load", np.abs(course.shear()).max() / LOAD, 0.3 * 1.001)
+
+
+def _degenerate() -> list[tuple[str, Any]]:
+    row = [(0.0, y, 0.0, 2.0) for y in (-3.0, 0.0, 3.0)]
+    return [
+        ("two spots", clump([(0.0, 0.0, 0.0, 2.0)])),
+        ("coincident spots", particle([0.0, 0.0], [0.0, 0.0])),
+        ("spots in a row", clump(row)),
+    ]
+
+
+def at_the_limit(trial: Trial) -> None:
+    """mu = t_max to 1e-6: whether it slides or starts to tip is open, the force is not.
+
+    Taken out: the cutting of implicit steps that found no balance -> no step is found (`mdr`).
+
+    Looked at from 50 nm on: partial slip (`exact`) reaches its limit at some 25 nm, until when it may be called sticking.
+    """
+    for change in (-1e-6, 0.0, 1e-6):
+        mu = SPAN / HEIGHT * (1.0 + change)
+        course = trial.start(pressed(trial, particle([0.0], [-SPAN, SPAN]), mu, drag(0.1)))
+        labels: list[str] = []
+        course.follow([5e-8, 7.5e-8], see=lambda labels=labels, course=course: labels.append(course.label()[0]))  # type: ignore[misc]
+        trial.hold_true(f"mu (1 {change:+.0e}): sliding or rolling", set(labels) <= {"sliding", "rolling"})
+        # once it tips, by way/h = .02 at most, the upper spot moves on by that much of h, against L = h/2; inertia on top
+        trial.hold(f"mu (1 {change:+.0e}): friction coefficient - mu", abs(course.friction() / mu - 1.0), 0.04 + SETTLED)
+
+
+def both_sides(trial: Trial) -> None:
+    """Both sides slide with equal mu: where the body goes is open, the force and the label are not.
+
+    Taken out: the bounds of the time step, eight times longer steps -> the energy guard stops it.
+    """
+    course = trial.start(pressed(trial, particle([-SPAN, SPAN], [-SPAN, SPAN]), 0.3))
+    labels: list[str] = []
+    course.follow(WAY, see=lambda: labels.append(course.label()[0]))
+    moved = float(course.state.B[0, at.B_X]) - 0.5 * BOX
+    trial.hold_true("labelled sliding", set(labels[2:]) == {"sliding"})
+    trial.hold("friction coefficient - mu", abs(course.friction() / 0.3 - 1.0), SETTLED)
+    trial.hold("outside the way of the plates, m", max(-moved, moved - WAY[-1]), 2e-8)
+
+
+def stiff_ratio(trial: Trial) -> None:
+    """A body a thousand times softer than its plates and incompressible, and the other way round.
+
+    Taken out: the bounds of the time step, eight times longer steps -> the energy guard stops it.
+    """
+    soft, stiff = solid(210e6, 0.5, 1000.0), solid(210e9, 0.3, 7850.0)
+    for what, materials, load in (("soft body", (soft, stiff), 1e-6), ("soft plates", (stiff, soft), 1e-6)):
+        known = dict(zip(("ball", "plate"), materials, strict=True))
+        course = trial.start(pressed(trial, clump(TRIPOD), 0.3, drag(0.05), materials=known, plate={"load": load}))
+        course.follow([1e-7 * k for k in range(1, 11)])
+        trial.hold(f"{what}: friction coefficient - mu", abs(course.friction() / 0.3 - 1.0), 0.05)
+        trial.hold_true(f"{what}: sliding", course.label()[0] == "sliding")
+
+
+def across_a_face(trial: Trial) -> None:
+    """Dragged across a periodic face, and in the middle of the domain: the same forces.
+
+    Taken out: the bounds of the time step, eight times longer steps -> the overlap guard stops it.
+    """
+    histories = [_forces(trial, x) for x in (0.5 * BOX, BOX - 1.5 * MICRON)]
+    scale = np.abs(histories[0]).max(axis=0)
+    # coordinates of 1e-4 m have a rounding of 1e-20 m over overlaps of 1e-8 m; an unsteady motion amplifies it
+    trial.hold("difference of the forces", (np.abs(histories[1] - histories[0]).max(axis=0) / scale).max(), 1e-6)
+
+
+def _forces(trial: Trial, x: float) -> np.ndarray:
+    course = trial.start(pressed(trial, clump(TRIPOD, x=x), 0.3))
+    rows: list[Sequence[float]] = []
+    course.follow(WAY, see=lambda: rows.append(tuple(course.state.A[[at.A_UPPER, at.A_UPPER + 2]])))
+    return np.array(rows)
+
+
+def constant_gap(trial: Trial) -> None:
+    """mu > t_max at constant gap: the particle wedges. Told when the scene is built; until then its forces are finite.
+
+    Taken out: the warning -> warned of wedging. The bounds of the time step -> the energy guard stops it.
+    """
+    gap = {"support": "rigid", "load": None, "gap": HEIGHT, "closing": 2e-3}
+    course = trial.start(pressed(trial, particle([0.0], [-SPAN, SPAN]), 0.7, drag(0.01), plate=gap, settle=1e-6))
+    forces: list[float] = []
+    course.follow([2e-9 * k for k in range(1, 11)], see=lambda: forces.append(float(course.state.A[at.A_UPPER + 2])))
+    trial.hold_true("warned of wedging", any("wedges" in warning for warning in course.simulation.warnings))
+    trial.hold_true("the normal force grows", bool(forces[-1] > forces[0] > 0.0))
+
+
+def many_dashpots(trial: Trial) -> None:
+    """A sheet of seven balls, fourteen spots, each with the dashpot of a restitution of .1: they add up on one body.
+
+    Taken out: the bound of the time step by damping -> the energy guard stops it (residual .74).
+    """
+    ring = [(3.0 * math.cos(k * math.pi / 3.0), 3.0 * math.sin(k * math.pi / 3.0), 0.0, 2.0) for k in range(6)]
+    sheet = clump([(0.0, 0.0, 0.0, 2.0), *ring])
+    course = trial.start(pressed(trial, sheet, 0.2, drag(0.1), restitution=0.1, plate={"load": 2.0 * LOAD}))
+    course.follow([1e-8 * k for k in range(1, 6)])
+    trial.hold("friction coefficient - mu", abs(course.friction() / 0.2 - 1.0), SETTLED)
+    trial.hold("lost in dashpots over the work of the plate", course.state.A[at.A_DAMPING] / course.state.A[at.A_PLATE_ABS], 1.0)
+
+
+def plain_slide(trial: Trial) -> Course:
+    """A tripod that slides, settled: the course of cases about the time step."""
+    course = trial.start(pressed(trial, clump(TRIPOD), 0.3, materials={"ball": STEEL}))
+    course.follow(WAY[:2])
+    return course

@@ -1,0 +1,213 @@
+"""One course of a hard case: its simulations, stepped by one integrator at one law level, and what was found out about them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from thirdbody.build.simulation import Simulation, build
+from thirdbody.engine.energy import Ledger
+from thirdbody.engine.guards import RESIDUAL_GUARD, Looks
+from thirdbody.engine.state import rotation_matrices
+from thirdbody.kernels import layout as at
+from thirdbody.scene.model import Scene
+
+RESIDUAL = {"explicit": 2e-2, "implicit": 1e-6}
+"""Largest residual of the energy balance with the automatic step. Explicit steps leave their truncation (2e-3 in an impact of 16
+steps, 5e-3 where a load jumps), implicit ones what Newton's method leaves of the forces (1e-9, at corners of laws 1e-6)."""
+
+GAINED = 5e-3
+"""Energy that the implicit integrator may have made, over the plate's work; its truncation has either sign. The largest is that
+of `lost_contact` with `mdr` and `exact`: 3e-3 at the default tolerance and at a quarter of it, 1.2e-3 to 1.7e-3 at a sixteenth. A
+law that makes energy returns 1e-2 and more."""
+
+NORM = 1e-12
+"""Deviation of a quaternion's length from 1: it is normalised in every step."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How a course is integrated. `steps`: fixed time steps (s) of its simulations in the order in which they are built, each
+    taken `factor` times; empty for automatic steps. `full`: the long version of the case."""
+
+    integrator: str
+    level: str
+    steps: tuple[float, ...] = ()
+    factor: float = 1.0
+    full: bool = False
+
+
+@dataclass(frozen=True)
+class Finding:
+    """An invariant: what was found must not exceed the limit."""
+
+    name: str
+    value: float
+    limit: float
+
+    @property
+    def holds(self) -> bool:
+        """Whether it holds; what is not a number does not."""
+        return self.value <= self.limit
+
+    def __str__(self) -> str:
+        return f"{self.name}: {self.value:.3g} (at most {self.limit:.3g})"
+
+
+class Trial:
+    """Builds the simulations of a course, watches them as `thirdbody run` does, and collects what must hold."""
+
+    def __init__(self, setting: Setting) -> None:
+        self.setting, self.findings = setting, list[Finding]()
+        self.steps: list[float] = []  # smallest time step of every simulation so far, s
+        self.residual = math.nan  # until something moved freely
+        self.built = 0
+
+    @property
+    def sweeping(self) -> bool:
+        """Whether steps are fixed to find the largest stable one: what follows from truncation alone is then not judged."""
+        return bool(self.setting.steps)
+
+    def solver(self) -> dict[str, Any]:
+        """Keys of the solver for the next simulation."""
+        steps = self.setting.steps
+        step = {"time_step": self.setting.factor * steps[self.built]} if steps else {}
+        return {"integrator": self.setting.integrator} | step
+
+    def start(self, scene: Scene) -> Course:
+        """A simulation of the scene, in place at time zero."""
+        simulation = build(scene, force=self.sweeping)
+        self.built += 1
+        return Course(self, simulation)
+
+    def hold(self, name: str, value: float, limit: float, stable: float | None = None) -> None:
+        """An invariant. `stable`: its limit in a sweep of the time step, by default the same, infinite for truncation alone."""
+        self.findings.append(Finding(name, float(value), limit if stable is None or not self.sweeping else stable))
+
+    def hold_true(self, name: str, sound: bool) -> None:
+        """An invariant that is not a number: a label, a reason, a message."""
+        self.findings.append(Finding(name, 0.0 if sound else 1.0, 0.0))
+
+    def broken(self) -> list[Finding]:
+        """The invariants that do not hold."""
+        return [finding for finding in self.findings if not finding.holds]
+
+
+@dataclass
+class Course:
+    """One simulation on its way."""
+
+    trial: Trial
+    simulation: Simulation
+    ledger: Ledger = field(init=False)
+    looks: Looks = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.state, self.integrator = self.simulation.state, self.simulation.integrator
+        self.ledger = Ledger(self.state)
+        self.looks = Looks(self.ledger, 2 if self.integrator.divisible else 1)
+
+    def _watch(self) -> None:
+        self.ledger.watch(self.state)
+        if self.integrator.divisible:
+            self.looks.look(self.state)
+
+    def to(self, time: float = math.inf, distance: float = math.inf) -> None:
+        """Go on to a time (s) or a way of the drag (m), and judge what must hold in every run. Raises GuardStop."""
+        self.integrator.advance_to(time=time, distance=distance, watch=self._watch)
+        self._watch()
+        trial, state = self.trial, self.state
+        kind = trial.setting.integrator
+        residual = self.ledger.relative_residual(state, self.ledger.lines(state)["residual"])
+        trial.residual = residual if math.isnan(trial.residual) else max(trial.residual, residual)
+        trial.hold("energy residual", residual, RESIDUAL[kind], RESIDUAL_GUARD)
+        finite = all(bool(np.all(np.isfinite(table))) for table in (state.S, state.B, state.E, state.P, state.A, state.slots.H))
+        trial.hold_true("finite numbers", finite)
+        norms = np.linalg.norm(state.B[:, at.B_Q : at.B_Q + 4], axis=1)
+        trial.hold("length of quaternions - 1", np.abs(norms - 1.0).max(), NORM)
+        if kind == "implicit":
+            made = -state.A[at.A_NUMERICAL] / max(state.A[at.A_PLATE_ABS], self.ledger.peak, 1e-300)
+            trial.hold("energy made by the integrator", made, GAINED)
+            trial.hold_true("every step solved", not self.integrator.summary()["unsolved"])
+
+    def follow(self, stops: Sequence[float], kind: str = "distance", see: Callable[[], None] = lambda: None) -> None:
+        """Settle, then go from stop to stop (m of drag, or s after settling), looking at each."""
+        self.to(time=self.simulation.settle)
+        for stop in stops:
+            if kind == "distance":
+                self.to(distance=stop)
+            else:
+                self.to(time=self.simulation.settle + stop)
+            see()
+        self.end()
+
+    def end(self) -> None:
+        """Note what the time step was limited by on the way."""
+        limit = self.integrator.summary().get("time_step_limit")
+        self.trial.steps.append(limit["smallest"] if limit else math.nan)
+
+    def steps(self, count: int = 1) -> None:
+        """So many steps of the explicit integrator, the last one recorded."""
+        for _ in range(count):
+            self.integrator.advance_to(time=self.state.time + 0.5 * self.state.dt, watch=self._watch)
+
+    # ---- what can be read off -------------------------------------------------------------------------------------------------
+
+    def label(self, body: int = 0) -> tuple[str, str]:
+        """State of a body, and its reason."""
+        labeller = self.simulation.labeller
+        assert labeller is not None
+        row = self.integrator.label()[body]
+        return labeller.states[int(row[0])], labeller.reasons[int(row[1])]
+
+    def friction(self) -> float:
+        """Force on the upper plate along x over its normal force, at this instant."""
+        A = self.state.A
+        return -float(A[at.A_UPPER]) / float(A[at.A_UPPER + 2])
+
+    def loaded(self) -> np.ndarray:
+        """Which candidates for contact are closed (n,), bool."""
+        return self.state.slots.H[:, at.H_ON] > 0.0
+
+    def remembered(self) -> float:
+        """Largest entry of the history of open contacts, which must have forgotten all."""
+        return float(np.abs(self.state.slots.H[~self.loaded()]).max(initial=0.0))
+
+    def shear(self) -> np.ndarray:
+        """Tangential forces of the candidates (n, 3), N; zero where open."""
+        return np.where(self.loaded()[:, None], self.state.slots.R[:, at.R_T : at.R_T + 3], 0.0)
+
+    def velocity(self, body: int = 0) -> np.ndarray:
+        """Velocity of a body (3,), m/s."""
+        return self.state.B[body, at.B_V : at.B_V + 3].copy()
+
+    def kinetic(self) -> float:
+        """Kinetic energy of all bodies, J."""
+        B, E = self.state.B, self.state.E
+        moving = np.sum(B[:, at.B_MASS, None] * B[:, at.B_V : at.B_V + 3] ** 2)
+        return 0.5 * float(moving + np.sum(E[:, at.E_L : at.E_L + 3] * B[:, at.B_W : at.B_W + 3]))
+
+    def momentum(self) -> np.ndarray:
+        """Linear momentum of all bodies (3,), kg m/s."""
+        return np.sum(self.state.B[:, at.B_MASS, None] * self.state.B[:, at.B_V : at.B_V + 3], axis=0)
+
+    def leave(self, period: float) -> None:
+        """Go on, in parts of `period` (s), until bodies that have touched are apart."""
+        touched = False
+        for _ in range(200):
+            self.to(time=self.state.time + period)
+            touched = touched or bool(self.loaded().any())
+            if touched and not self.loaded().any():
+                break
+        else:
+            self.trial.hold_true("the bodies part", False)
+        self.end()
+
+
+def turn_of(course: Course, body: int = 0) -> np.ndarray:
+    """Rotation matrix of a body (3, 3), body to world."""
+    return rotation_matrices(course.state.B[body : body + 1, at.B_Q : at.B_Q + 4])[0]

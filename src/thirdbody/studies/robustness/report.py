@@ -1,0 +1,75 @@
+"""The command `thirdbody hard`: runs the hard cases, prints their table, draws it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from thirdbody.errors import GuardStop
+from thirdbody.report.tables import print_json, table
+from thirdbody.studies.robustness.time_steps import LEAST, MOST, Row, chosen, rows
+from thirdbody.system.terminal import say
+
+
+def hard_command(names: Sequence[str], out: Path | None, json: bool, quick: bool, tell: Any) -> None:
+    """Do what `thirdbody hard` was asked for. Raises UsageError for a name or a picture that is not known, GuardStop if a case
+    fails, OutputError."""
+    cases = chosen(names)
+    if out is not None:
+        from thirdbody.studies.robustness.plot import check_format
+
+        check_format(out)  # before the work
+    from thirdbody.engine.precompile import warm_up
+
+    warm_up()
+    found = list(rows(cases, quick, sweep=not quick, tell=tell))
+    if json:
+        print_json([as_json(row) for row in found])
+    else:
+        print_rows(found)
+    if out is not None:
+        from thirdbody.studies.robustness.plot import draw_stability
+
+        draw_stability([as_json(row) for row in found], out, (LEAST, MOST))
+        tell(f"{out}")
+    failed = [row for row in found if not row.holds]
+    if failed:
+        for row in failed:
+            say(f"{row.case}, {row.integrator}, {row.level}: {'; '.join(_why(row))}", err=True)
+        raise GuardStop(f"{len(failed)} of {len(found)} hard cases fail")
+
+
+def print_rows(found: Sequence[Row]) -> None:
+    """Print the table, one row per case and integrator with its levels in one line, and the verdicts."""
+    cells = [
+        [row.case, row.integrator, row.level, _factor(row), _residual(row), f"{row.seconds:.1f} s", _verdict(row)]
+        for row in found
+    ]
+    table("", ("case", "integrator", "level", "largest step", "residual", "time", "verdict"), cells)
+    held = sum(row.holds for row in found)
+    print(f"{held} of {len(found)} hold; largest step: over the automatic one, up to which every invariant holds")
+
+
+def as_json(row: Row) -> dict[str, Any]:
+    """A row as `--json` and the picture take it."""
+    return vars(row) | {"holds": row.holds}
+
+
+def _factor(row: Row) -> str:
+    return "" if row.factor is None else f"{row.factor:g} x"
+
+
+def _residual(row: Row) -> str:
+    return "" if math.isnan(row.residual) else f"{row.residual:.1e}"
+
+
+def _verdict(row: Row) -> str:
+    return "holds" if row.holds else f"FAILS: {_why(row)[0]}"
+
+
+def _why(row: Row) -> list[str]:
+    if row.broken or row.factor is None:
+        return list(row.broken)
+    return [f"the largest stable step is {row.factor:g} times the automatic one, not {LEAST:g} to {MOST:g}; {row.beyond}"]

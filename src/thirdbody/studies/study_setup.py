@@ -1,0 +1,170 @@
+"""The copy of a scene that a ladder is climbed with, fitted to a budget of time, and the ladder."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from thirdbody import units
+from thirdbody.errors import InputError, OutputError, ThirdbodyError, UsageError
+from thirdbody.scene.model import Scene
+from thirdbody.studies.reduced_scene import SECONDS, coarsened, reduced
+from thirdbody.studies.time_budget import BUDGET, PROBE, Budget, Costs, Overheads, fitting, probed
+from thirdbody.studies.variants import Base, Rung, ladder, springs_option
+from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, Overdue, Worker, request
+
+if TYPE_CHECKING:
+    from thirdbody.build.simulation import Simulation
+
+TRIED = 3
+"""Rungs whose laws are compiled by trying the costliest ones, about."""
+
+RUNNING = 0.3
+"""Share of that time that integration is planned to take at least: where compiling takes it all, a smaller copy is of no use."""
+
+SAFE = 0.8
+"""Share of the time that is left for which rungs are planned: what they take is an estimate."""
+
+SAME = 0.1
+"""How far the share of the copy that fits may be from 1 before another copy is made."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What is climbed. `reduction`: what the copy leaves out, in words; `alone`: bodies of the scene may meet, those of the copy
+    are apart; `costs`, `overheads`: what its rungs are expected to take."""
+
+    base: Base
+    rungs: list[Rung]
+    reduction: list[str]
+    alone: bool
+    costs: Costs
+    overheads: Overheads
+
+
+def staged(
+    scene: Path, settings: Mapping[str, Any], folder: Path, plugins: Sequence[str | Path], repeats: int, verify: bool,
+    budget: Budget, worker: Worker, tell: Callable[[str], None],
+) -> Stage:  # fmt: skip
+    """The copy, saved in a study's folder, whose ladder fits the budget. Raises UsageError if not even the smallest one does."""
+    part = min(1.0, budget.seconds / BUDGET)
+    maker = _Maker(worker, scene, settings, folder, plugins, part < 1.0, budget)
+    try:
+        tell("starting the worker")
+        worker.start(budget.end(1.0))
+        tell("building the scene and estimating its time")
+        base, rungs, reduction, alone = maker.made(part * SECONDS, verify)
+        tell("timing the costliest rungs")
+        costs, overheads = probed(worker, rungs, base, folder, plugins, part * PROBE, budget.end(worker.pace))
+        pace, codes = worker.pace, len({(rung.level, rung.springs, rung.integrator) for rung in rungs})
+        left = (budget.end(pace) - time.perf_counter()) / pace
+        beside = max(0, codes - TRIED) * overheads.fresh + len(rungs) * overheads.known
+        share = fitting(rungs, base, costs, repeats, SAFE * max(left - beside, RUNNING * left))
+        if abs(share - 1.0) >= SAME and reduction:
+            tell(f"a copy {share:.2g} times as costly")
+            base, rungs, reduction, alone = maker.made(share * part * SECONDS, verify)
+            costs = replace(costs, scale=share)
+    except Overdue:
+        why = "it was over before the scene was built and its costliest rungs were timed; what was compiled till then is kept"
+        raise budget.refuse(why, budget.spent()) from None
+    return Stage(base, rungs, reduction, alone, costs, overheads)
+
+
+@dataclass(frozen=True)
+class _Maker:
+    """Asks the worker for copies of a scene: building and compiling them ends with the budget there."""
+
+    worker: Worker
+    scene: Path
+    settings: Mapping[str, Any]
+    folder: Path
+    plugins: Sequence[str | Path]
+    few: bool
+    budget: Budget
+
+    def made(self, most: float, verify: bool) -> tuple[Base, list[Rung], list[str], bool]:
+        """A copy that integrates in `most` seconds as the scene asks, saved: its base, its ladder, what it leaves out, `alone`.
+
+        Raises Overdue, and ThirdbodyError for what cannot be built.
+        """
+        from thirdbody.laws.registry import discover
+
+        until = self.budget.end(self.worker.pace)
+        job = request(self.scene, self.folder, self.settings, self.plugins)
+        told = self.worker.ask({"do": "make", "most": most, "few": self.few, **job}, until)
+        if not told["stable"]:
+            raise told_error(told)
+        base, reduction, copy = Base(**told["base"]), told["reduction"], Scene.load(self.folder / SCENE_FILE, self.plugins)
+        if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
+            base = replace(base, step=self._smallest_step(base.step, until))
+            reduction.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
+        family = discover(tuple(self.plugins)).families[copy.contact.law]
+        return base, ladder(copy, family, base, verify), reduction, told["alone"]
+
+    def _smallest_step(self, first: float, until: float) -> float:
+        """The smallest time step, s, that a run of the saved scene with an automatic one takes; `first` if it does not end."""
+        from thirdbody.trajectory.reader import open_run
+
+        place = self.folder / RUNGS / "automatic_step"
+        job = request(self.folder / SCENE_FILE, place, {}, self.plugins)
+        if not self.worker.ask({"do": "run", **job}, until)["stable"]:
+            return first
+        with open_run(place) as run:
+            return min(first, float(run.summary()["time_step_limit"]["smallest"]))
+
+
+def told_error(told: Mapping[str, Any]) -> ThirdbodyError:
+    """The error of a request that failed, of the kind that has its exit code."""
+    kinds = {kind.exit_code: kind for kind in (UsageError, InputError, OutputError)}
+    return kinds.get(told.get("exit_code", 1), ThirdbodyError)(told["message"])
+
+
+def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], most: float, few: bool) -> dict[str, Any]:
+    """Reduce a scene until it integrates in `most` seconds, and save the copy in a study's folder: what a worker does.
+
+    `few`: with few frames, which take longer to write than a short run to integrate.
+    """
+    copy, built, reduction = reduced(scene, plugins, most)
+    changes, words = coarsened(copy, built) if few else ({}, [])
+    base = base_of(copy, built, plugins)
+    alone = copy.domain.size != scene.domain.size and bool(built.state.world.debris_meets)
+    save(copy.with_settings(changes) if changes else copy, folder)
+    return {"base": vars(base), "reduction": [*reduction, *words], "alone": alone}
+
+
+def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> Base:
+    """What the scene itself says: its law and springs, its integrator, and the steps of both."""
+    from thirdbody.engine.implicit import Accuracy
+    from thirdbody.runner.simulate import prepare
+    from thirdbody.scene.tables import IMPLICIT_KEYS
+
+    option = springs_option(built.choice.family, built.choice.level)
+    springs = None if option is None else int(scene.contact.options.get("springs", option))
+    explicit = built
+    if built.plan.kind == "implicit":
+        other = {"solver.integrator": "explicit", **{f"solver.{key}": None for key in IMPLICIT_KEYS}}
+        explicit = prepare(scene.with_settings(other), plugins, force=True)
+    tolerance = scene.solver.tolerance or Accuracy().tolerance
+    return Base(built.plan.kind, built.choice.level, springs, explicit.state.dt, tolerance)
+
+
+def _absolute(scene: Scene, file: str | list[str]) -> str | list[str]:
+    """The absolute path of a file that the scene names, or those of several."""
+    return [str(scene.beside(name).absolute()) for name in file] if isinstance(file, list) else str(scene.beside(file).absolute())
+
+
+def save(scene: Scene, folder: Path) -> None:
+    """The scene as it is climbed, beside the rungs; files that it names are told by their absolute paths."""
+    changes = {
+        f"debris.{k}.{key}": _absolute(scene, getattr(debris, key))
+        for k, debris in enumerate(scene.debris)
+        for key in debris.file_keys
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror or error})") from error
+    (scene.with_settings(changes) if changes else scene).save(folder / SCENE_FILE)

@@ -1,0 +1,167 @@
+"""Climbing a ladder within a deadline: every rung is run once, as far as time allows, and then all are timed in turns."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from thirdbody.quantity import duration
+from thirdbody.studies.compare import read_outcome
+from thirdbody.studies.time_budget import LONG, Budget, Costs, Overheads, repeats_of
+from thirdbody.studies.variant_result import Row
+from thirdbody.studies.variants import Base, Rung
+from thirdbody.studies.worker import BATCH, ENOUGH
+from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, Overdue, Worker, request
+
+ROUNDS, PRECISE = 25, 0.05
+"""Rounds of timings, at most; relative uncertainty below which a rung needs no more of them."""
+
+KEPT = 2
+"""Rounds of timings that are kept time for while rungs are run: without them more rungs would tell nothing about cost."""
+
+HOPELESS = 1.5
+"""A rung that is needed is not begun if it is expected to take this many times what is left."""
+
+LEFT_OUT = "left out: no time in the budget"
+
+
+class Climb:
+    """The rungs of one study, a worker, and the time that is left."""
+
+    def __init__(
+        self, worker: Worker, folder: Path, plugins: Sequence[str | Path], base: Base, costs: Costs, overheads: Overheads,
+        budget: Budget, tell: Callable[[str], None],
+    ) -> None:  # fmt: skip
+        self.worker, self.folder, self.plugins, self.base = worker, folder, plugins, base
+        self.costs, self.overheads, self.budget, self.tell = costs, overheads, budget, tell
+        self.compiled: set[tuple[Any, ...]] = set()
+
+    def rows(self, rungs: Sequence[Rung], repeats: int) -> list[Row]:
+        """All rungs in their order, run and timed; one for which no time was left says so. Raises UsageError where that is the
+        scene's own, or the reference."""
+        rows = {number: Row(rung, message=LEFT_OUT, integrator=rung.integrator) for number, rung in enumerate(rungs, 1)}
+        done: list[Row] = []
+        for number, row in sorted(rows.items(), key=lambda entry: _rank(entry[1].rung, entry[0], len(rungs))):
+            needed = row.rung.default or row.rung.reference
+            if needed or self._predicted(row.rung) + KEPT * self._round([*done, row]) <= self._left():
+                self._run(row, f"{number:02d}_{_slug(row.rung.name)}", needed)
+                done.append(row)
+            self.tell(f"{row.rung.name}: {row.message or f'{row.cpu[0]:.3g} s'}")
+        self._repeat([row for row in done if row.stable], repeats)
+        return list(rows.values())
+
+    def _run(self, row: Row, name: str, needed: bool) -> None:
+        """Run one rung once."""
+        rung, fresh = row.rung, _code(row.rung) not in self.compiled
+        if needed and self._predicted(rung) > HOPELESS * self._left():
+            raise self.budget.refuse(f"`{rung.name}` takes about {duration(self._predicted(rung))}", self._predicted(rung))
+        try:
+            told = self.worker.ask({"do": "run", **self._job(rung, name)}, self.budget.end(self.worker.pace))
+        except Overdue:
+            row.message = "stopped: the budget was over"
+            self.compiled.clear()
+            if needed:
+                raise self.budget.refuse(f"no time was left for `{rung.name}`", self._predicted(rung)) from None
+            return
+        self.compiled.add(_code(rung))
+        self.overheads = self.overheads.with_answer(told, fresh)
+        row.stable, row.message, row.place = told["stable"], told["message"], name
+        row.integrator, row.step = told.get("integrator") or rung.integrator, told.get("step")
+        if "cpu_s" not in told:
+            return
+        row.cpu, row.wall = [told["cpu_s"]], [told["wall_s"]]
+        row.outcome = read_outcome(self.folder / RUNGS / name)
+        if rung.default and row.stable and (expected := self.costs.of(rung, self.base)) > 0.0:
+            self.costs = replace(self.costs, scale=self.costs.scale * told["cpu_s"] / expected)
+
+    def _repeat(self, rows: Sequence[Row], repeats: int) -> None:
+        """Time rungs in turns, until each is known well or no time is left. What errors alone are needed of is not timed."""
+        own = next((row for row in rows if row.rung.default), None)
+        going = [row for row in rows if row.rung.axis not in ("verify", "reference") and row is not own]
+        again: dict[int, list[tuple[float, float, float]]] = {id(row): [] for row in [*going, *([own] if own else [])]}
+        costs = {id(row): self._one_timing(row) for row in rows}
+        for _ in range(ROUNDS):
+            yardstick = self._timing(own, costs, again, None) if own is not None else None
+            if own is not None and yardstick is None:
+                break
+            found = [self._timing(row, costs, again, yardstick) for row in going if not _known(again[id(row)], repeats)]
+            if not any(x is not None for x in found):
+                break
+        for row in rows:
+            self._settle(row, again.get(id(row), []), own is not None)
+
+    def _timing(
+        self, row: Row, costs: dict[int, float], again: dict[int, list[tuple[float, float, float]]], yardstick: float | None
+    ) -> float | None:  # fmt: skip
+        """Time one rung once more, if there is time: its seconds of the processor."""
+        if costs[id(row)] > self._left():
+            return None
+        began = time.perf_counter()
+        try:
+            told = self.worker.ask({"do": "time", **self._job(row.rung, row.place)}, self.budget.end(self.worker.pace))
+        except Overdue:
+            return None
+        costs[id(row)] = time.perf_counter() - began
+        if not told["stable"]:
+            return None
+        again[id(row)].append((told["wall_s"], told["cpu_s"], told["cpu_s"] if yardstick is None else yardstick))
+        return float(told["cpu_s"])
+
+    def _settle(self, row: Row, again: Sequence[tuple[float, float, float]], paired: bool) -> None:
+        """Take the repeats for the row's times: a run that wrote its frames counts only where these do not matter."""
+        if not again:
+            return
+        first = [] if paired or row.cpu[0] < LONG else [(row.wall[0], row.cpu[0], row.cpu[0])]
+        row.wall, row.cpu, row.beside = (list(column) for column in zip(*first, *again, strict=True))
+        row.beside = row.beside if paired else []
+
+    def _job(self, rung: Rung, name: str) -> dict[str, Any]:
+        return request(self.folder / SCENE_FILE, self.folder / RUNGS / name, rung.changes, self.plugins)
+
+    def _left(self) -> float:
+        """Seconds until the last rung must have ended."""
+        return self.budget.end(self.worker.pace) - time.perf_counter()
+
+    def _predicted(self, rung: Rung) -> float:
+        """Seconds of the wall that running a rung once will take."""
+        beside = self.overheads.known if _code(rung) in self.compiled else self.overheads.fresh
+        return self.worker.pace * (self.costs.of(rung, self.base) + beside)
+
+    def _round(self, rows: Sequence[Row]) -> float:
+        """Seconds of the wall that timing these rungs once more will take."""
+        return sum(self._one_timing(row) for row in rows if row.rung.axis not in ("verify", "reference"))
+
+    def _one_timing(self, row: Row) -> float:
+        seconds = row.cpu[0] if row.cpu else self.costs.of(row.rung, self.base)
+        return self.worker.pace * (max(seconds, min(BATCH * seconds, ENOUGH)) + 0.5 * self.overheads.known)
+
+
+def _known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
+    """Whether the ratio of a rung's seconds to those beside it is known well enough."""
+    from thirdbody.studies.timing_statistics import timing
+
+    seconds = [cpu for _, cpu, _ in again]
+    if not seconds or len(seconds) < repeats_of(min(seconds), repeats):
+        return False
+    return timing([cpu / own for _, cpu, own in again if own > 0.0]).relative <= PRECISE
+
+
+def _rank(rung: Rung, number: int, count: int) -> int:
+    """What is run first: the scene's own rung, the reference, the finest law at the same step, then the others in their order."""
+    if rung.default:
+        return 0
+    if rung.reference:
+        return 1
+    return number + 1 + (count if rung.axis == "verify" else 0)
+
+
+def _code(rung: Rung) -> tuple[Any, ...]:
+    """What decides whether a rung has to be compiled."""
+    return rung.level, rung.springs, rung.integrator
+
+
+def _slug(name: str) -> str:
+    return "".join(c if c.isalnum() else "_" for c in name).replace("__", "_")

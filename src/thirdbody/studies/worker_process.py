@@ -1,0 +1,153 @@
+"""A worker process that computes rungs one after the other; what it is asked ends at a deadline, with the process if need be."""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from thirdbody.system.child_process import python_command, python_environment
+
+LIMIT = 90.0
+"""Seconds of one core after which one run of a rung is given up, and shown as such."""
+
+SCENE_FILE, RUNGS = "scene.toml", "rungs"
+"""In the folder of a study: the scene as it is climbed, and the runs of its rungs."""
+
+PATIENCE = 3600.0
+"""Seconds that a request without a deadline may take."""
+
+
+class Overdue(Exception):
+    """The deadline of a request is over; its process was ended."""
+
+
+class Worker:
+    """The process of `thirdbody.studies.worker`, started when it is first asked, and again after it died.
+
+    `started`: seconds that the last start took, imports included; `wall`, `cpu`: seconds of all answered requests together.
+    """
+
+    def __init__(self) -> None:
+        self.started = 0.0
+        self.wall = self.cpu = 0.0
+        self._process: subprocess.Popen[bytes] | None = None
+
+    @property
+    def pace(self) -> float:
+        """Seconds of the wall per second of a core: 1 on an idle machine, more where other processes take their share."""
+        return max(1.0, self.wall / self.cpu) if self.cpu > 0.1 else 1.0
+
+    def start(self, until: float = float("inf")) -> None:
+        """Start the process, if it does not run. Raises Overdue at `until` (s of `time.perf_counter`)."""
+        if self._process is not None:
+            return
+        began = time.perf_counter()
+        self._errors = tempfile.TemporaryFile()
+        self._process = subprocess.Popen(
+            python_command("thirdbody.studies.worker"), env=python_environment(),
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+        )  # fmt: skip
+        self._rest = b""
+        self._answer(until)  # it says that it is ready
+        self.started = time.perf_counter() - began
+
+    def ask(self, request: Mapping[str, Any], until: float = float("inf")) -> dict[str, Any]:
+        """The answer to a request; one of a process that crashed tells so in `message`, like a rung that failed.
+
+        Raises Overdue where there is none at `until` (s of `time.perf_counter`).
+        """
+        self.start(until)
+        assert self._process is not None and self._process.stdin is not None
+        began = time.perf_counter()
+        try:
+            self._process.stdin.write(json.dumps(request).encode() + b"\n")
+            self._process.stdin.flush()
+            answer = self._answer(until)
+        except BrokenPipeError:
+            answer = self._crashed()
+        self.wall += time.perf_counter() - began
+        self.cpu += answer.get("used_cpu", 0.0)
+        return answer
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.communicate()
+            self._process = None
+
+    def __enter__(self) -> Worker:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _answer(self, until: float) -> dict[str, Any]:
+        """The next line that the process writes."""
+        assert self._process is not None and self._process.stdout is not None
+        until = min(until, time.perf_counter() + PATIENCE)
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._process.stdout, selectors.EVENT_READ)
+            while b"\n" not in self._rest:
+                left = until - time.perf_counter()
+                if left <= 0.0 or not selector.select(left):
+                    self.close()
+                    raise Overdue
+                part = os.read(self._process.stdout.fileno(), 1 << 16)
+                if not part:
+                    return self._crashed()
+                self._rest += part
+        line, self._rest = self._rest.split(b"\n", 1)
+        return dict(json.loads(line))
+
+    def _crashed(self) -> dict[str, Any]:
+        assert self._process is not None
+        code = self._process.wait()
+        self._errors.seek(0)
+        why = (self._errors.read().decode(errors="replace").strip().splitlines() or ["no message"])[-1]
+        self.close()
+        return {"stable": False, "message": f"the process ended with code {code}: {why}"}
+
+
+def in_process(
+    scene: Path, place: Path, variants: Sequence[Mapping[str, Any]], plugins: Sequence[str | Path], repeats: int,
+    limit: float = LIMIT,
+) -> list[dict[str, Any]]:  # fmt: skip
+    """What the variants of a scene took, run and then timed in turns in a process of their own; see `worker`."""
+    with Worker() as worker:
+        jobs = [request(scene, place / str(k), changes, plugins, limit) for k, changes in enumerate(variants)]
+        found = [worker.ask({"do": "run", **job}) | {"wall": [], "cpu": []} for job in jobs]
+        for told in (told for told in found if told["stable"] and told["cpu_s"] > LONG):
+            told["wall"].append(told["wall_s"])
+            told["cpu"].append(told["cpu_s"])
+        if len({len(told["cpu"]) for told in found if told["stable"]}) > 1:  # only some are long: no pair is to be torn
+            for told in found:
+                told["wall"], told["cpu"] = [], []
+        going = [(told, job) for told, job in zip(found, jobs, strict=True) if told["stable"]]
+        while going and len(going[0][0]["cpu"]) < repeats:
+            for told, job in going:
+                answer = worker.ask({"do": "time", **job})
+                if not answer["stable"]:
+                    return found
+                told["wall"].append(answer["wall_s"])
+                told["cpu"].append(answer["cpu_s"])
+    return found
+
+
+LONG = 2.0
+"""Seconds of one core from which on a run is timed while it writes its frames too, for they do not matter there."""
+
+
+def request(
+    scene: Path, folder: Path, changes: Mapping[str, Any], plugins: Sequence[str | Path], limit: float = LIMIT
+) -> dict[str, Any]:
+    """What a worker is told of one rung."""
+    return {"scene": str(scene), "folder": str(folder), "changes": dict(changes), "plugins": [str(path) for path in plugins],
+            "limit": limit}  # fmt: skip

@@ -1,0 +1,1 @@
+"""What Python and the operating system are asked for: processes, signals, streams, address space, cores."""

@@ -1,0 +1,84 @@
+"""Signals that end a run in order: a checkpoint is written, and the exit code tells which signal came."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+from thirdbody.errors import Interrupted
+
+HANGUP = getattr(signal, "SIGHUP", None)  # not on Windows
+
+
+@contextmanager
+def stop_on_signal() -> Iterator[Callable[[], bool]]:
+    """Let Ctrl-C, SIGTERM and SIGHUP end a run between two compiled calls; yields the question whether one came.
+
+    Ctrl-C or SIGTERM a second time ends at once. A hangup may come twice by itself (from the kernel and from the shell), and is
+    left ignored where it is ignored (`nohup`).
+    """
+    caught: list[int] = []
+
+    def note(number: int, _frame: object) -> None:
+        if number == HANGUP:
+            _leave_lost_terminal(terminals)
+        elif number in caught:
+            raise KeyboardInterrupt
+        caught.append(number)
+
+    def stop() -> bool:
+        return bool(caught)
+
+    terminals = [number for number in (0, 1, 2) if os.isatty(number)]
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if HANGUP is not None and signal.getsignal(HANGUP) != signal.SIG_IGN:
+        numbers.append(HANGUP)
+    before = {number: signal.signal(number, note) for number in numbers}
+    try:
+        yield stop
+    except Interrupted as error:
+        if caught:
+            error.exit_code = 128 + caught[0]
+        raise
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def stop_on_ctrl_c() -> Iterator[Callable[[], bool]]:
+    """Let Ctrl-C end a run between two compiled calls, and at once when it comes a second time.
+
+    Only in the main thread and where Python handles it as usual: a program that has a handler of its own keeps it.
+    """
+    caught: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if caught:
+            raise KeyboardInterrupt
+        caught.append(number)
+
+    usual = signal.default_int_handler
+    ours = threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is usual
+    if ours:
+        signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(caught)
+    finally:
+        if ours:
+            signal.signal(signal.SIGINT, usual)
+    if caught:  # too late to stop anything here, but what goes on after the run is to end as well
+        raise KeyboardInterrupt
+
+
+def _leave_lost_terminal(terminals: list[int]) -> None:
+    """Redirect to the null device what goes to a terminal that is closed: writing there fails, and would end the run."""
+    nowhere = os.open(os.devnull, os.O_RDWR)
+    for number in terminals:
+        if not os.isatty(number):
+            os.dup2(nowhere, number)
+    os.close(nowhere)

@@ -1,0 +1,61 @@
+"""Reads one block of a run: arrays of single frames out of data sets that hold all frames one after the other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from thirdbody.trajectory.named_arrays import Named, unknown_name
+from thirdbody.trajectory.schema import POSITION
+from thirdbody.trajectory.validate import damage_told
+
+
+class BlockReader:
+    """The arrays of one block, cut out of their growing data sets by the offsets of a frame."""
+
+    def __init__(self, group: h5py.Group, path: Path):
+        self._group, self._data = group, group["PointData"]
+        self._steps = group["Steps"]
+        self.frames = int(self._steps.attrs["NSteps"])
+        self._path = path
+        self.names_of: dict[str, int] = {}  # of arrays of codes: how many there are
+
+    @property
+    def names(self) -> list[str]:
+        return list(self._data)
+
+    def read(self, frame: int) -> dict[str, np.ndarray]:
+        """All arrays of one frame, the coordinates as `position`."""
+        return Named((name, self.array(name, frame)) for name in (POSITION, *self._data))
+
+    def array(self, name: str, frame: int) -> np.ndarray:
+        """One array of one frame."""
+        if name != POSITION and name not in self._data:
+            raise unknown_name(name, (POSITION, *self._data))
+        with damage_told(self._path, f"{self._group.name}/{name}"):
+            if name == POSITION:
+                data, offsets = self._group["Points"], self._steps["PointOffsets"]
+            else:
+                data, offsets = self._data[name], self._steps["PointDataOffsets"][name]
+            start = int(offsets[frame])
+            return self._known(name, data[start : start + self.rows(frame)])
+
+    def rows(self, frame: int) -> int:
+        with damage_told(self._path, f"{self._group.name}/NumberOfPoints"):
+            return int(self._group["NumberOfPoints"][int(self._steps["PartOffsets"][frame])])
+
+    def history(self, name: str, frames: int) -> np.ndarray:
+        """One varying array at all frames (frames, rows, ...), for a block whose row count never changes."""
+        rows = self.rows(0) if frames else 0
+        with damage_told(self._path, f"{self._group.name}/{name}"):
+            data = self._data[name]
+            return self._known(name, data[: frames * rows].reshape(frames, rows, *data.shape[1:]))
+
+    def _known(self, name: str, codes: np.ndarray) -> np.ndarray:
+        """The array, if its codes, when it holds some, all have a name."""
+        most = self.names_of.get(name)
+        if most is not None and codes.size and not 0 <= codes.min() <= codes.max() < most:
+            raise ValueError(f"codes {codes.min()} to {codes.max()}, of which {most} have names")
+        return codes

@@ -1,0 +1,122 @@
+"""A run as flat tables: every column one-dimensional, with its name and unit; for CSV files and data frames.
+
+Vectors become one column per component (`force_x`, quaternions `quaternion_w` first), and codes have their names beside them
+(`state`, `state_name`). Columns without a unit are pure numbers, codes or names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from thirdbody.kernels.layout import DEBRIS, LOWER, UPPER
+from thirdbody.quantity import ARRAY_UNITS
+from thirdbody.trajectory.friction import CYCLE_UNITS
+from thirdbody.trajectory.schema import POSITION
+from thirdbody.trajectory.state_groups import code_name
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.reader import Run
+
+SERIES, BODIES, CONTACTS, CYCLES, TRANSITIONS = TABLES = ("series", "bodies", "contacts", "cycles", "transitions")
+
+_COMPONENTS = {2: "xy", 3: "xyz", 4: "wxyz"}
+_UNITS = {"time": "s", "distance": "m", POSITION: "m"} | ARRAY_UNITS
+_SIDES = {LOWER: "lower", UPPER: "upper", DEBRIS: "debris"}
+
+
+class Column(NamedTuple):
+    """One column of a table: `values` (rows,) numbers or texts; `unit` is empty for pure numbers, codes and names."""
+
+    name: str
+    unit: str
+    values: np.ndarray
+
+
+def table(run: Run, name: str, frame: int | None = None) -> list[Column]:
+    """One of TABLES; of bodies and contacts one frame, or all of them one below the other.
+
+    Raises ValueError for another name, IndexError for a frame that the run has not, AttributeError when it has no states.
+    """
+    if name in (BODIES, CONTACTS):
+        same = zip(*tables_by_frame(run, name, frame), strict=True)
+        return [Column(parts[0].name, parts[0].unit, np.concatenate([part.values for part in parts])) for parts in same]
+    if name not in TABLES:
+        raise ValueError(f"no table '{name}'; there are {', '.join(TABLES)}")
+    if frame is not None:
+        raise ValueError(f"the table of {name} is over all frames; leave `frame` out")
+    if name == CYCLES:
+        return [Column(key, CYCLE_UNITS[key].replace("1", ""), values) for key, values in run.cycles.items()]
+    return _series(run) if name == SERIES else _transitions(run)
+
+
+def tables_by_frame(run: Run, name: str, frame: int | None = None) -> Iterator[list[Column]]:
+    """The table of bodies or contacts frame by frame, or of one frame. Raises IndexError for frames that the run has not."""
+    numbers = [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1)
+    for number in numbers:
+        yield (_bodies if name == BODIES else _contacts)(run, number)
+
+
+def _series(run: Run) -> list[Column]:
+    first = [name for name in ("time", "distance") if name in run.series]
+    names = first + [name for name in run.series if name not in first]
+    return [column for name in names for column in _spread(name, run.series[name], run.units[name])]
+
+
+def _transitions(run: Run) -> list[Column]:
+    found = run.transitions()
+    columns = []
+    for name, values in found.items():
+        columns += _spread(name, values)
+        if name in ("from", "to", "reason"):
+            columns += _named(name, values, run.reason_names if name == "reason" else run.state_names)
+    return columns
+
+
+def _bodies(run: Run, number: int) -> list[Column]:
+    arrays = run.bodies(number)
+    body = arrays.pop("id", np.arange(len(arrays[POSITION])))
+    first = {"body": body, POSITION: arrays.pop(POSITION)}
+    for name in ("state", "state_reason"):
+        if name in arrays:
+            first[name] = arrays.pop(name)
+    names = {"state": run.state_names, "state_reason": run.reason_names}
+    names |= {"population": run.population_names, "material": run.material_names}
+    return _stamped(run, number, _columns(first | arrays, names))
+
+
+def _contacts(run: Run, number: int) -> list[Column]:
+    arrays = run.contacts(number)
+    first = {name: arrays.pop(name) for name in ("body", "side", "partner", POSITION) if name in arrays}
+    return _stamped(run, number, _columns(first | arrays, {"side": _SIDES}))
+
+
+def _stamped(run: Run, number: int, columns: list[Column]) -> list[Column]:
+    rows = len(columns[0].values)
+    return [Column("frame", "", np.full(rows, number)), Column("time", "s", np.full(rows, run.times[number])), *columns]
+
+
+def _columns(arrays: Mapping[str, np.ndarray], names: Mapping[str, Mapping[int, str] | list[str]]) -> list[Column]:
+    columns = []
+    for name, values in arrays.items():
+        columns += _spread(name, values)
+        if name in names:
+            columns += _named(name, values, names[name])
+    return columns
+
+
+def _spread(name: str, values: np.ndarray, unit: str | None = None) -> list[Column]:
+    """An array as columns: itself, or its components."""
+    unit = _UNITS.get(name, "") if unit is None else unit
+    unit = "" if unit == "1" else unit
+    if values.ndim == 1:
+        return [Column(name, unit, values)]
+    letters = _COMPONENTS.get(values.shape[1], range(values.shape[1]))
+    return [Column(f"{name}_{letter}", unit, values[:, i]) for i, letter in enumerate(letters)]
+
+
+def _named(name: str, codes: np.ndarray, names: Mapping[int, str] | list[str]) -> list[Column]:
+    texts = [names[int(code)] if isinstance(names, Mapping) else code_name(names, int(code)) for code in codes]
+    return [Column(f"{name}_name", "", np.array(texts, dtype=object))]

@@ -1,0 +1,208 @@
+"""From the state of a run to a frame of its trajectory: only what the step computed, nothing is evaluated again."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from thirdbody.engine.energy import Ledger
+from thirdbody.engine.state import State
+from thirdbody.kernels import layout as at
+from thirdbody.laws.contract import Labeller
+from thirdbody.trajectory.peak_pressure import HertzPressure
+from thirdbody.trajectory.schema import Frame
+
+UNITS = {
+    "time": "s", "distance": "m", "displacement": "m", "gap": "m", "upper_force": "N", "lower_force": "N",
+    "friction_coefficient": "1", "loaded": "1",
+    **{f"energy_{name}": "J" for name in (
+        "foundation", "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects",
+        "numerical", "residual",
+    )},
+}  # fmt: skip
+
+
+class FrameMaker:
+    """Makes frames and keeps what means over the output interval need: the impulses at the frame before."""
+
+    def __init__(
+        self, state: State, ledger: Ledger, labeller: Labeller | None, drag: tuple[float, float],
+        pressure: HertzPressure | None = None,
+    ) -> None:  # fmt: skip
+        self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
+        self.impulses = impulses_of(self.state)
+        self.interval = 0.0  # since the frame before, s
+        self._corners, self.pressure = _corners(state), pressure
+        self.given, self.spheres = state.given, state.given_spheres
+
+    def static(self) -> dict[str, dict[str, np.ndarray]]:
+        """Arrays that never change, by block."""
+        s = self.state
+        clumps = {
+            "id": np.arange(s.n_bodies),
+            "population": s.population[self.given],
+            "material": s.material[self.given],
+            "mass": s.B[self.given, at.B_MASS],
+            "diameter": 2.0 * s.rayleigh_radius[self.given],
+        }
+        spheres = {"radius": s.S[self.spheres, at.S_R], "id": np.arange(s.n_spheres), "clump": s.order[s.body[self.spheres]]}
+        return {"spheres": spheres, "clumps": clumps}
+
+    def frame(self, labels: np.ndarray | None) -> Frame:
+        """The frame of this instant, bodies as the scene has them; `labels` as `Explicit.label` gives them, None without a
+        labeller."""
+        s = self.state
+        contacts = self._contacts()
+        clumps = self._clumps(labels, contacts)
+        S = s.S[self.spheres]
+        spheres = {"points": S[:, :3].copy(), "velocity": S[:, at.S_V : at.S_V + 3].copy()}
+        if labels is not None:
+            clump = s.order[s.body[self.spheres]]
+            spheres["state"] = clumps["state"][clump]
+            spheres["state_reason"] = clumps["state_reason"][clump]
+        return Frame(s.time, spheres, clumps, contacts, self._plates(), self._series(clumps.get("state"), contacts))
+
+    def _contacts(self) -> dict[str, np.ndarray]:
+        s, slots = self.state, self.state.slots
+        on = np.flatnonzero(slots.H[:, at.H_ON] > 0.0)
+        R, body, partner = slots.R[on], s.body[slots.own[on]], slots.partner[on]
+        plate = partner < 0
+        other = np.where(plate, np.maximum(partner, -2), s.order[s.body[np.where(plate, 0, partner)]])
+        tangential = R[:, at.R_T : at.R_T + 3]
+        size, limit = np.linalg.norm(tangential, axis=1), R[:, at.R_LIMIT]
+        eta = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
+        arrays = {
+            "points": s.B[body, at.B_X : at.B_X + 3] + R[:, at.R_POINT : at.R_POINT + 3],
+            "body": s.order[body],
+            "partner": other,
+            "side": np.where(partner == -1, at.LOWER, np.where(plate, at.UPPER, at.DEBRIS)).astype(np.uint8),
+            "normal": R[:, at.R_N : at.R_N + 3],
+            "normal_force": R[:, at.R_FN],
+            "tangential_force": tangential,
+            "force": R[:, [at.R_FN]] * R[:, at.R_N : at.R_N + 3] + tangential,
+            "utilisation": eta,
+            "slip": slots.H[on, at.H_SLIP] - at.H_LEAST,
+            "overlap": R[:, at.R_OVERLAP],
+            "contact_radius": R[:, at.R_A],
+            "critical_slip": R[:, at.R_CRITICAL],
+        }
+        if s.physics.moments:
+            moment = R[:, at.R_M : at.R_M + 3]
+            size, limit = np.linalg.norm(moment, axis=1), R[:, at.R_M_LIMIT]
+            arrays["moment"] = moment
+            arrays["rolling_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
+        return arrays
+
+    def _clumps(self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+        s, B = self.state, self.state.B[self.given]
+        arrays = {
+            "points": B[:, at.B_X : at.B_X + 3].copy(),
+            "quaternion": B[:, at.B_Q : at.B_Q + 4].copy(),
+            "velocity": B[:, at.B_V : at.B_V + 3].copy(),
+            "angular_velocity": B[:, at.B_W : at.B_W + 3].copy(),
+            "force": B[:, at.B_F : at.B_F + 3].copy(),
+            "torque": B[:, at.B_T : at.B_T + 3].copy(),
+            "friction_work": B[:, at.B_WORK].copy(),
+            "slip_distance": B[:, at.B_SLIP].copy(),
+            "utilisation": self._largest(contacts, contacts["utilisation"]),
+            "contacts": self._count(contacts),
+        }
+        if self.pressure is not None:
+            arrays["peak_pressure"] = self._largest(contacts, self.pressure.peak(contacts))
+        if labels is None or self.labeller is None:
+            return arrays
+        labels = labels[self.given]
+        arrays["state"] = labels[:, 0].astype(np.uint8)
+        arrays["state_reason"] = labels[:, 1].astype(np.uint8)
+        for k, name in enumerate(self.labeller.margins):
+            arrays[f"margin_{name}"] = labels[:, 2 + k].copy()
+        for k, name in enumerate(self.labeller.extras):
+            values = labels[:, 2 + len(self.labeller.margins) + k]
+            arrays[name] = values.astype(np.uint8) if name in self.labeller.codes else values.copy()
+        assert len(arrays["state"]) == s.n_bodies
+        return arrays
+
+    def _largest(self, contacts: dict[str, np.ndarray], values: np.ndarray) -> np.ndarray:
+        """Largest value over the contacts of each body, zero without any."""
+        largest = np.zeros(self.state.n_bodies)
+        np.maximum.at(largest, contacts["body"], values)
+        debris = contacts["partner"] >= 0
+        np.maximum.at(largest, contacts["partner"][debris], values[debris])
+        return largest
+
+    def _count(self, contacts: dict[str, np.ndarray]) -> np.ndarray:
+        partners = contacts["partner"][contacts["partner"] >= 0]
+        return np.bincount(np.concatenate([contacts["body"], partners]), minlength=self.state.n_bodies)
+
+    def _plates(self) -> dict[str, np.ndarray] | None:
+        if self._corners is None:
+            return None
+        points = self._corners.copy()
+        upper = self.state.world.upper
+        if upper is not None:
+            points[4:, :2] += np.array(upper.schedule.place(self.state.time))
+            points[4:, 2] = self._gap()
+        return {"points": points}
+
+    def _gap(self) -> float:
+        """Height of the upper plate's surface over the lower one's: of the common plate, else the mean over patches, m."""
+        upper, P = self.state.world.upper, self.state.P
+        if upper is None:
+            return np.nan
+        return float(P[-1, at.P_Z]) if upper.foundation is not None else float(np.mean(P[:, at.P_Z]))
+
+    def _displacement(self) -> float:
+        """Displacement of the upper plate relative to the lower one along its first direction of motion, m; NaN without it.
+
+        The plate follows its schedule exactly, in every step of both integrators.
+        """
+        upper = self.state.world.upper
+        return np.nan if upper is None else float(np.array(upper.schedule.place(self.state.time)) @ self.drag[:2])
+
+    def _mean_forces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean force of the debris on both plates since the frame before; at the first frame the present one."""
+        now, A = impulses_of(self.state), self.state.A
+        change, self.impulses = now - self.impulses, now
+        self.interval = float(change[0])
+        if change[0] <= 0.0:
+            return A[at.A_UPPER : at.A_UPPER + 3].copy(), A[at.A_LOWER : at.A_LOWER + 3].copy()
+        return change[1:4] / change[0], change[4:7] / change[0]
+
+    def _series(self, states: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, Any]:
+        s = self.state
+        upper, lower = self._mean_forces()
+        lines = self.ledger.lines(s)
+        normal = abs(upper[2])
+        carry = contacts["normal_force"] != 0.0
+        loaded = np.count_nonzero(self._count({name: contacts[name][carry] for name in ("body", "partner")}))
+        dragged = bool(np.any(self.drag))
+        series: dict[str, Any] = {
+            "time": s.time,
+            "distance": s.distance,
+            "displacement": self._displacement(),
+            "gap": self._gap(),
+            "upper_force": upper,
+            "lower_force": lower,
+            "friction_coefficient": -float(upper @ self.drag) / normal if normal > 0.0 and dragged else np.nan,
+            "loaded": loaded,
+        }
+        if states is not None and self.labeller is not None:
+            for code, name in enumerate(self.labeller.states):
+                series[f"fraction_{name}"] = float(np.mean(states == code))
+        return series | {f"energy_{name}": value for name, value in lines.items()}
+
+
+def impulses_of(state: State) -> np.ndarray:
+    """Time, s, and the impulses of the debris on upper and lower plate since the start, N s: (7,)."""
+    A = state.A
+    return np.concatenate([[A[at.A_TIME]], A[at.A_IMPULSE : at.A_IMPULSE + 3], A[at.A_IMPULSE_LOW : at.A_IMPULSE_LOW + 3]])
+
+
+def _corners(state: State) -> np.ndarray | None:
+    """Corners of the lower and the upper plate at the start, (8, 3) m; None without plates."""
+    if state.world.lower is None:
+        return None
+    (l_x, l_y) = state.world.size
+    corners = np.array([[0.0, 0.0, 0.0], [l_x, 0.0, 0.0], [l_x, l_y, 0.0], [0.0, l_y, 0.0]])
+    return np.concatenate([corners, corners])

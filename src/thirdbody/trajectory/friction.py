@@ -1,0 +1,203 @@
+"""The friction coefficient of a run: one value with its error and whether it is stationary. All outputs take it from here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.quantity import GLUE, MINUS, percent, told, with_error
+from thirdbody.trajectory.statistics import LEAST, change_and_error, mean_and_error
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.plate_motion import Drag
+    from thirdbody.trajectory.reader import Run
+
+SMALL_CHANGE, SMALL = 0.01, 1e-3
+"""A friction coefficient that changes by less than this share of its size, or by less than SMALL, is stationary."""
+
+UNCLEAR = 0.1
+"""Error of the change, as a share of the mean, above which nothing is said of it."""
+
+FEWEST = 4
+"""Values, at least, through which a straight line is laid."""
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Friction coefficient of a run.
+
+    `value`: of one-way sliding the mean of -(upper_force . e)/|normal force| over the output intervals of the second half of the
+    sliding distance; of strokes the mean size (of |T|/N) over the last whole cycle. NaN where there is none.
+    `error`: standard error of that mean, autocorrelation counted; of strokes the standard deviation from cycle to cycle. NaN with
+    fewer than eight independent values; then `low` and `high`, the extremes of the averaged values, show the spread.
+    `change`: change over the second half by a straight line (of two or three cycles: from first to last), `change_error` its half
+    width at 99 % confidence. `stationary`: None where that cannot be told. `verdict`: the same in words.
+    `cycles`: whole cycles of a stroke, 0 of one-way sliding; `energy_per_cycle` (J): work of the friction force over the last.
+    """
+
+    value: float = NAN
+    error: float = NAN
+    low: float = NAN
+    high: float = NAN
+    change: float = NAN
+    change_error: float = NAN
+    stationary: bool | None = None
+    verdict: str = ""
+    cycles: int = 0
+    energy_per_cycle: float = NAN
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields by name."""
+        return asdict(self)
+
+    @property
+    def text(self) -> str:
+        """Value with error, of strokes with how it is meant: `0.158 ± 0.003`."""
+        if not math.isfinite(self.value):
+            return self.verdict
+        if not self.cycles:
+            return with_error(self.value, self.error) + self._range()
+        energy = told(self.energy_per_cycle, "J").replace(GLUE, " ")
+        return f"{with_error(self.value, self.error)} (mean size over the last cycle, {energy} per cycle)"
+
+    @property
+    def short_text(self) -> str:
+        """Value and error alone: `0.158 ± 0.003`."""
+        return with_error(self.value, self.error) if math.isfinite(self.value) else "unknown"
+
+    @property
+    def short_verdict(self) -> str:
+        """`stationary`, `still rising by 4 % over the second half`, or that it cannot be told."""
+        if self.stationary is None:
+            return "stationary or not: cannot be told"
+        return "stationary" if self.stationary else self.verdict
+
+    def __str__(self) -> str:
+        """Value, error and verdict in one line."""
+        return f"{self.text}; {self.verdict}" if math.isfinite(self.value) else self.verdict
+
+    def _range(self) -> str:
+        """The extremes, where no error can be told."""
+        if math.isfinite(self.error):
+            return ""
+        why = "" if self.stationary is False else "; too few independent values for an error"
+        return f" ({self.low:z.3f} to {self.high:z.3f}{why})".replace("-", MINUS)
+
+
+def friction_of(run: Run) -> Friction:
+    """The friction coefficient of a run."""
+    drag, mu = run.drag, run.series.get("friction_coefficient")
+    if mu is None or not drag.dragged:
+        return Friction(verdict="no sliding")
+    if not np.isfinite(mu).any():
+        return Friction(verdict="unloaded")
+    return _of_strokes(run, drag, mu) if drag.stroke else _of_sliding(drag, mu)
+
+
+def averaged(run: Run) -> np.ndarray:
+    """Frames (F,), bool, whose intervals the mean of one-way sliding counts: loaded ones of the second half."""
+    mu = run.series.get("friction_coefficient", np.full(run.frames, NAN))
+    return run.drag.second_half & np.isfinite(mu)
+
+
+def _of_sliding(drag: Drag, mu: np.ndarray) -> Friction:
+    values = mu[drag.second_half & np.isfinite(mu)]
+    if not len(values):
+        return Friction(verdict="unloaded over the second half")
+    mean, error = mean_and_error(values)
+    change, margin = change_and_error(values) if len(values) >= FEWEST else (NAN, NAN)
+    stationary, verdict = _verdict(mean, change, margin, "over the second half")
+    return Friction(mean, error, float(values.min()), float(values.max()), change, margin, stationary, verdict)
+
+
+def _of_strokes(run: Run, drag: Drag, mu: np.ndarray) -> Friction:
+    cycles = friction_cycles(run)
+    sizes = cycles["friction_coefficient"]
+    if not len(sizes) or not math.isfinite(sizes[-1]):
+        return Friction(verdict="unloaded over the last cycle" if len(sizes) else "no whole cycle yet", cycles=len(sizes))
+    late = sizes[min(len(sizes) // 2, max(len(sizes) - 2, 0)) :]
+    late = late[np.isfinite(late)]
+    change, margin = change_and_error(late) if len(late) >= FEWEST else (late[-1] - late[0] if len(late) > 1 else NAN, 0.0)
+    over = "over the second half" if len(late) >= FEWEST else f"over the last {len(late)} cycles"
+    stationary, verdict = _verdict(float(late.mean()), change, margin, over)
+    if len(late) < 2:
+        verdict = "only one whole cycle: whether it is stationary cannot be told"
+    error = float(late.std(ddof=1)) if len(late) >= LEAST else NAN
+    return Friction(
+        float(sizes[-1]), error, float(late.min()), float(late.max()), float(change), margin, stationary, verdict, len(sizes),
+        float(cycles["energy"][-1]),
+    )  # fmt: skip
+
+
+def _verdict(mean: float, change: float, margin: float, over: str) -> tuple[bool | None, str]:
+    """Whether a coefficient is stationary, None where it cannot be told, and that in words."""
+    if not math.isfinite(change):
+        return None, "too few output intervals to tell whether it is stationary"
+    small = max(SMALL_CHANGE * abs(mean), SMALL)
+    if abs(change) > max(margin, small):
+        return False, f"still {'rising' if change > 0.0 else 'falling'} by {_size(abs(change), mean)} {over}"
+    if margin > max(UNCLEAR * abs(mean), SMALL):
+        return None, f"not clear whether stationary: its scatter hides changes up to {_size(margin, mean)} {over}"
+    if abs(change) > small:
+        return True, f"stationary within its scatter ({_size(abs(change), mean)} {over})"
+    return True, f"stationary: changes by {_size(abs(change), mean)} {over}"
+
+
+def _size(change: float, mean: float) -> str:
+    """A change in percent of the mean; as it is where the mean is next to nothing."""
+    return percent(change / abs(mean)).replace(GLUE, " ") if abs(mean) > 10.0 * SMALL else f"{change:.2g}"
+
+
+def friction_cycles(run: Run) -> dict[str, np.ndarray]:
+    """Whole cycles of a stroke, one value each (n,): n is 0 without a stroke.
+
+    `cycle` counts from 1; `start_time`, `end_time` (s); `energy` (J): work of the friction force, the sum of mean force times
+    displacement over the output intervals; `friction_coefficient`: mean of |T|/N; its extremes `friction_coefficient_min`, `_max`
+    (signed by the first direction of motion); `tangential_force_min`, `_max` (N), `displacement_min`, `_max` (m).
+    """
+    drag, frames = run.drag, run.frames
+    mu = run.series.get("friction_coefficient", np.full(frames, NAN))
+    force = _friction_force(run, mu)
+    columns: dict[str, list[float]] = {name: [] for name in CYCLE_UNITS}
+    for number, cycle in enumerate(drag.cycles):
+        inside = slice(cycle.start + 1, cycle.stop)  # the interval that ends at the first frame belongs to the cycle before
+        energy = float(np.sum(force[inside] * drag.steps[inside]))
+        row = [number + 1, run.times[cycle.start], run.times[cycle.stop - 1], energy, _known(np.mean, np.abs(mu[inside]))]
+        for values in (mu[inside], force[inside], drag.displacement[cycle]):
+            row += _extremes(values)
+        for name, value in zip(columns, row, strict=True):
+            columns[name].append(value)
+    return {name: np.array(values, np.int64 if name == "cycle" else float) for name, values in columns.items()}
+
+
+CYCLE_UNITS = {
+    "cycle": "1", "start_time": "s", "end_time": "s", "energy": "J", "friction_coefficient": "1",
+    "friction_coefficient_min": "1", "friction_coefficient_max": "1", "tangential_force_min": "N", "tangential_force_max": "N",
+    "displacement_min": "m", "displacement_max": "m",
+}  # fmt: skip
+"""Columns of `friction_cycles` and their units."""
+
+
+def _friction_force(run: Run, mu: np.ndarray) -> np.ndarray:
+    """Friction force (F,) on the upper plate against its first direction of motion, N, mean over each output interval.
+
+    The series has the coefficient, which is that force over the normal one; an unloaded interval has none.
+    """
+    if "upper_force" not in run.series:
+        return np.full(run.frames, NAN)
+    return np.nan_to_num(mu) * np.abs(run.series["upper_force"][:, 2])
+
+
+def _extremes(values: np.ndarray) -> tuple[float, float]:
+    return _known(np.min, values), _known(np.max, values)
+
+
+def _known(figure: Any, values: np.ndarray) -> float:
+    """A figure of the finite values, NaN without any."""
+    values = values[np.isfinite(values)]
+    return float(figure(values)) if len(values) else NAN

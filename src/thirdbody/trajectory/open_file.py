@@ -1,0 +1,88 @@
+"""The file of a run, open for reading while its run may still be written: what fails then is read again."""
+
+from __future__ import annotations
+
+import io
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TypeVar
+
+import h5py
+
+from thirdbody.errors import InputError
+from thirdbody.trajectory.external_links import refuse_foreign
+from thirdbody.trajectory.validate import ClosedRun, damage_told
+
+FILE_NAME = "run.vtkhdf"
+TRIES, PAUSE = 10, 0.05
+"""How often a file that keeps changing is read, and the time (s) between two tries: a frame is written within some ms."""
+
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+
+Result = TypeVar("Result")
+
+
+class OpenFile:
+    """A run file; `connect` opens its HDF5 `file`, anew each time. Raises InputError when there is none."""
+
+    file: h5py.File
+
+    def __init__(self, path: Path):
+        if not os.path.isfile(path):  # False also for a name that the system refuses
+            raise InputError(f"{path}: no such run; give the folder of a run or its {FILE_NAME}")
+        self.path = path
+        # By a file object of its own: of one path HDF5 gives all readers in a process the data that the first of them has cached,
+        # however much was written since. It locks no file either, so a run can be read while it is written.
+        try:
+            self._stream = io.FileIO(path)
+        except OSError as error:
+            raise InputError(f"{path}: the file cannot be opened ({error})") from error
+
+    def connect(self) -> None:
+        """Open the file, again if it was open. Raises InputError when it is no HDF5 file or leads to other files."""
+        self._disconnect()
+        self._stream.seek(0)
+        if self._stream.read(len(_SIGNATURE)) != _SIGNATURE:
+            raise InputError(f"{self.path}: not a run of thirdbody (not an HDF5 file)")
+        try:
+            self.file = h5py.File(self._stream, "r")
+        except OSError as error:
+            what = "is cut short" if "truncated" in str(error) else "cannot be opened"
+            raise InputError(f"{self.path}: the file {what} ({error})") from error
+        with damage_told(self.path):
+            refuse_foreign(self.file)
+
+    def steady(self, read: Callable[[], Result], again: Callable[[], None] | None = None) -> Result:
+        """What `read` gives, if need be after some tries, with `again` before each but the first.
+
+        Raises what `read` raises of a file that does not change; InputError that asks to try again of one that is being written.
+        """
+        for number in range(TRIES):
+            if self._stream.closed:
+                raise ClosedRun(f"{self.path}: this run was closed; open it again")
+            before = self._stamp()
+            try:
+                if number and again is not None:
+                    again()
+                return read()
+            except InputError:
+                time.sleep(PAUSE)
+                # once more in any case: what was half-written may have been completed within one tick of the clock of files
+                if number and self._stamp() == before:
+                    raise
+        raise InputError(f"{self.path}: is being written, and changed whenever it was read; try again in a moment")
+
+    def _stamp(self) -> tuple[int, int]:
+        state = os.fstat(self._stream.fileno())
+        return state.st_mtime_ns, state.st_size
+
+    def _disconnect(self) -> None:
+        if hasattr(self, "file"):
+            self.file.close()
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        self._disconnect()
+        self._stream.close()

@@ -1,0 +1,116 @@
+"""The motion of the upper plate over a run: distance, displacement, where it turns back, whole cycles of a stroke."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.reader import Run
+
+BACK = 0.05
+"""A way back by this share of the range of displacement is a stroke."""
+
+CLOSED = 1e-3
+"""A cycle is whole if it ends where it began, to this share of the range of displacement."""
+
+
+class Drag:
+    """How the upper plate moved relative to the lower one, by frame."""
+
+    def __init__(self, run: Run):
+        self.run, self.frames = run, run.frames
+
+    @cached_property
+    def distance(self) -> np.ndarray:
+        """Sliding distance (F,), m; zero without a drag."""
+        return np.nan_to_num(self.run.series.get("distance", np.zeros(self.frames)))
+
+    @property
+    def dragged(self) -> bool:
+        """Whether the plate moved sideways at all."""
+        return bool(self.frames and self.distance[-1] > 0.0)
+
+    @cached_property
+    def start(self) -> int:
+        """The frame at which the drag starts, 0 without one: pressing comes before it."""
+        if not self.dragged:
+            return 0
+        # settling ends within a step of the drag: the first frame well beyond that is the one after the start
+        return max(int(np.argmax(self.distance > 1e-4 * self.distance[-1])) - 1, 0)
+
+    @cached_property
+    def displacement(self) -> np.ndarray:
+        """Displacement of the upper plate along its first direction of motion (F,), m; zero without plates."""
+        recorded = self.run.series.get("displacement")
+        if recorded is not None:
+            return np.nan_to_num(recorded)
+        return self._displacement_of_corners()
+
+    def _displacement_of_corners(self) -> np.ndarray:
+        """The displacement from the corners of the plates: runs of earlier versions have no such series."""
+        corners = [self.run.plates(k)["position"] for k in range(self.frames)]
+        if not corners or not len(corners[0]):
+            return np.zeros(self.frames)
+        offset = np.array([points[4, :2] - points[0, :2] for points in corners])
+        steps = np.diff(offset, axis=0, prepend=offset[:1])
+        size = np.linalg.norm(steps, axis=1)
+        moved = np.flatnonzero(size > 1e-9 * size.max(initial=0.0))
+        if not len(moved):
+            return np.zeros(self.frames)
+        return np.cumsum(steps @ (steps[moved[0]] / size[moved[0]]))
+
+    @cached_property
+    def steps(self) -> np.ndarray:
+        """Change of displacement (F,) since the frame before, m."""
+        return np.diff(self.displacement, prepend=self.displacement[:1])
+
+    @cached_property
+    def turns(self) -> list[int]:
+        """Frames at which the plate turns back, by more than a share BACK of the range of its displacement."""
+        u, turns = self.displacement, []
+        back = BACK * float(np.ptp(u)) if len(u) else 0.0
+        best, sign = 0, 1.0
+        for k in range(len(u)):
+            if sign * (u[k] - u[best]) >= 0.0:
+                best = k
+            elif sign * (u[best] - u[k]) > back:
+                turns.append(best)
+                best, sign = k, -sign
+        return turns
+
+    @property
+    def stroke(self) -> bool:
+        """Whether the plate goes back and forth."""
+        return bool(self.turns)
+
+    @cached_property
+    def cycles(self) -> list[slice]:
+        """Frames of the whole cycles, both ends included, in order; counted back from the last turn.
+
+        Start and end of the drag count as turns where the plate stands there as at the nearest turn of the same kind.
+        """
+        if not self.stroke:
+            return []
+        u, ends = self.displacement, [self.start, *self.turns, self.frames - 1]
+        near = CLOSED * float(np.ptp(u))
+        first, last = abs(u[ends[0]] - u[ends[2]]) <= near, abs(u[ends[-1]] - u[ends[-3]]) <= near
+        ends = ends[0 if first else 1 : None if last else -1]
+        pairs = [(ends[k - 2], ends[k]) for k in range(len(ends) - 1, 1, -2)]
+        return [slice(first, last + 1) for first, last in reversed(pairs)]
+
+    @cached_property
+    def second_half(self) -> np.ndarray:
+        """Frames (F,), bool, whose output interval lies in the second half of the sliding distance, and in which the plate moved.
+
+        Where the run is too short for one, the last interval.
+        """
+        before = np.concatenate([self.distance[:1], self.distance[:-1]])
+        # to rounding: an output by distance ends within a step of it
+        moved = self.distance > before
+        inside = moved & (before >= 0.499 * self.distance[-1])
+        if not inside.any():
+            inside[np.flatnonzero(moved)[-1:]] = True
+        return inside

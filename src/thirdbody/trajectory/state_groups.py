@@ -1,0 +1,130 @@
+"""Who rolls and who slides: the states of one frame by population, by material and by size of the bodies."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from thirdbody.kernels.layout import LOWER, UPPER
+from thirdbody.quantity import GLUE, percent, told
+from thirdbody.trajectory.validate import damage_told
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.reader import Run
+
+SIZE_CLASSES, SMALLEST_CLASS = 4, 5
+"""Size classes of as many bodies each, and the fewest bodies that make one."""
+
+ALIKE = 1.02
+"""Bodies whose largest diameter is at most so many times the smallest have one size."""
+
+POPULATION, MATERIAL, SIZE = KINDS = ("population", "material", "size")
+
+
+class Group(NamedTuple):
+    """Some of the bodies: what they have in common, its name, and which they are (B,), bool."""
+
+    kind: str
+    name: str
+    members: np.ndarray
+
+
+def code_name(names: Sequence[str], code: int) -> str:
+    """The name of a code, or the code where it has none."""
+    return names[code] if 0 <= code < len(names) else str(code)
+
+
+def names_from_scene(text: str) -> list[str]:
+    """Names of the populations of a run that stored none (earlier versions): material and kind, numbered where they repeat."""
+    try:
+        tables = tomllib.loads(text).get("debris", [])
+        plain = [f"{table['material']} ({table.get('kind', 'irregular')})" for table in tables]
+    except (tomllib.TOMLDecodeError, KeyError, TypeError, AttributeError):
+        return []
+    before = [plain[:k].count(name) for k, name in enumerate(plain)]
+    return [f"{name} {count + 1}" if count else name for name, count in zip(plain, before, strict=True)]
+
+
+def groups_of(run: Run, bodies: dict[str, np.ndarray]) -> list[Group]:
+    """All populations, materials and size classes of the bodies (arrays of a frame); runs without these arrays have none."""
+    found: list[Group] = []
+    for kind, names in ((POPULATION, run.population_names), (MATERIAL, run.material_names)):
+        codes = bodies.get(kind, np.zeros(0, np.int64))
+        found += [Group(kind, code_name(names, int(code)), codes == code) for code in np.unique(codes)]
+    return found + _size_classes(bodies.get("diameter"))
+
+
+def _size_classes(diameter: np.ndarray | None) -> list[Group]:
+    """Classes of equal number by volume-equivalent diameter, from small to large; none where all are of one size."""
+    if diameter is None or not len(diameter) or diameter.max() <= ALIKE * diameter.min():
+        return []
+    count = min(SIZE_CLASSES, len(diameter) // SMALLEST_CLASS)
+    if count < 2:
+        return []
+    edges = np.unique(np.quantile(diameter, np.linspace(0.0, 1.0, count + 1)))
+    place = np.clip(np.searchsorted(edges, diameter, "right") - 1, 0, len(edges) - 2)
+    ends = [told(edge, "m", 2).replace(GLUE, " ") for edge in edges]
+    return [Group(SIZE, f"{ends[k]} to {ends[k + 1]}", place == k) for k in range(len(edges) - 1) if (place == k).any()]
+
+
+def states_by_group(run: Run, frame: int = -1) -> dict[str, list[dict[str, Any]]]:
+    """Per kind of group a list of `name`, `bodies`, `load_share` (of the plate's normal force), `fractions` (state to share).
+
+    Populations also have their `material`, size classes the ends `smallest` and `largest` (m). Empty for a run without labels.
+    """
+    if not run.frames or not run.has_states:
+        return {}
+    bodies = run.bodies(frame)  # IndexError for a frame that the run has not
+    with damage_told(run.path, "bodies and contacts"):
+        return _rows_of_groups(run, bodies, frame)
+
+
+def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict[str, list[dict[str, Any]]]:
+    """The rows of `states_by_group`."""
+    load = _load_shares(run, frame, len(bodies["state"]))
+    found: dict[str, list[dict[str, Any]]] = {}
+    for group in groups_of(run, bodies):
+        states = bodies["state"][group.members]
+        shares = np.bincount(states, minlength=len(run.state_names)) / len(states)
+        row: dict[str, Any] = {"name": group.name, "bodies": len(states)}
+        if group.kind == POPULATION and "material" in bodies:
+            row["material"] = code_name(run.material_names, int(bodies["material"][group.members][0]))
+        if group.kind == SIZE:
+            sizes = bodies["diameter"][group.members]
+            row |= {"smallest": float(sizes.min()), "largest": float(sizes.max())}
+        if load is not None:
+            row["load_share"] = float(load[group.members].sum())
+        row["fractions"] = dict(zip(run.state_names, shares.tolist(), strict=False))
+        found.setdefault(group.kind, []).append(row)
+    return found
+
+
+def _load_shares(run: Run, frame: int, count: int) -> np.ndarray | None:
+    """Share of each body (B,) in the normal force on the upper plate, without one the lower; None without contacts."""
+    contacts = run.contacts(frame)
+    if not {"side", "body", "normal_force"} <= set(contacts):
+        return None
+    for side in (UPPER, LOWER):
+        on = contacts["side"] == side
+        forces = np.bincount(contacts["body"][on], contacts["normal_force"][on], count)
+        if forces.sum() > 0.0:
+            return np.asarray(forces / forces.sum())
+    return None
+
+
+def telling(found: dict[str, list[dict[str, Any]]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+    """The kinds of groups that tell something: of more than one group, and materials only where populations share one."""
+    for kind in KINDS:
+        rows = found.get(kind, [])
+        same = kind == MATERIAL and len(rows) == len(found.get(POPULATION, []))
+        if len(rows) > 1 and not same:
+            yield kind, rows
+
+
+def shares_text(fractions: dict[str, float], most: int = 4) -> str:
+    """`95 % rolling, 5 % sliding`, the largest first."""
+    shares = sorted(((share, name) for name, share in fractions.items() if share > 0.0), key=lambda entry: -entry[0])
+    return ", ".join(f"{percent(share)} {name}" for share, name in shares[:most]).replace(GLUE, " ")

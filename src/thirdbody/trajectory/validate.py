@@ -1,0 +1,136 @@
+"""Is a run file what its reader takes it for? Looked at once, when it is opened: types, shapes, offsets, and that what data sets
+claim to hold is there, so that nothing is allocated on the word of a damaged or hostile file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from thirdbody.errors import InputError
+from thirdbody.trajectory.schema import BLOCKS, STATIC_TEXT
+
+DENSEST = 1100
+"""Bytes of numbers over bytes in the file: deflate packs no better than 1032 to 1."""
+
+UNASKED = 1 << 26
+"""Bytes that are not worth asking whether they are there."""
+
+WIDEST = 64
+"""Numbers in one row of an array: vectors and quaternions have 3 and 4."""
+
+_HEADER: dict[str, type] = {
+    "scene_text": str, "title": str, "state_names": list, "reason_names": list, "units": dict, "domain": dict, "materials": list,
+    "populations": list,
+    "laws": list, "law": dict, "effects": list, "integrator": dict, "debris_contact": str, "warnings": list, "versions": dict,
+    STATIC_TEXT: dict,
+}  # fmt: skip
+_WORDS = ("state_names", "reason_names", "materials", "populations", "effects", "warnings")
+
+DAMAGE = (KeyError, IndexError, AttributeError, OSError, RuntimeError, ValueError, TypeError, OverflowError, MemoryError)
+"""What h5py, json and numpy raise for a damaged file."""
+
+
+class ClosedRun(ValueError):
+    """The run was closed before this was read."""
+
+
+@contextmanager
+def damage_told(path: Path | str, where: str = "") -> Iterator[None]:
+    """Tells whatever reading a damaged file raises as one InputError with the place."""
+    try:
+        yield
+    except (InputError, ClosedRun):
+        raise
+    except DAMAGE as error:
+        reason = f"{type(error).__name__}: {error}".splitlines()[0][:200]
+        at = f" at {where}" if where else ""
+        raise InputError(f"{path}: not a run of thirdbody, or damaged{at} ({reason})") from error
+
+
+def refuse_unsound(file: h5py.File, header: Mapping[str, Any], frames: int) -> None:
+    """Raise ValueError, TypeError or KeyError for a file that is not as `TrajectoryWriter` makes it."""
+    if frames < 0:
+        raise ValueError(f"{frames} frames")
+    _refuse_header(header)
+    for name in BLOCKS:
+        _refuse_block(file.filename, file["VTKHDF"][name], tuple(header[STATIC_TEXT].get(name, ())), frames)
+    for name in file["series"]:
+        values = sound(file.filename, file["series"][name], frames)
+        if not isinstance(values.attrs["units"], str):
+            raise TypeError(f"{values.name} has no units")
+
+
+def _refuse_header(header: Mapping[str, Any]) -> None:
+    for name, kind in _HEADER.items():
+        if name in header and not isinstance(header[name], kind):
+            raise TypeError(f"/scene/{name} is no {kind.__name__}")
+    for name in _WORDS:
+        if not all(isinstance(word, str) for word in header.get(name, ())):
+            raise TypeError(f"/scene/{name} holds other than texts")
+    for name, words in header[STATIC_TEXT].items():
+        if name not in BLOCKS or not isinstance(words, list) or not all(isinstance(word, str) for word in words):
+            raise TypeError(f"/scene/{STATIC_TEXT} names no arrays of {name}")
+    if not all(isinstance(unit, str) for unit in header["units"].values()):
+        raise TypeError("/scene/units holds other than texts")
+    size = header.get("domain", {}).get("size", [1.0, 1.0])
+    if len(size) != 2 or not all(isinstance(x, int | float) and 0.0 < x < np.inf for x in size):
+        raise ValueError(f"/scene/domain: size {str(size)[:60]}")
+
+
+def _refuse_block(home: str, block: h5py.Group, static: tuple[str, ...], frames: int) -> None:
+    steps, data = block["Steps"], block["PointData"]
+    sound(home, steps["Values"], frames, "f", 1)
+    parts = _whole(home, steps["PartOffsets"], frames)
+    counts = sound(home, block["NumberOfPoints"], 0, "iu", 1)
+    if frames and not parts.max() < len(counts):
+        raise ValueError(f"{block.name} names frames that are not there")
+    rows = counts[: int(parts.max()) + 1][parts] if frames else parts
+    if frames and rows.min() < 0:
+        raise ValueError(f"{block.name} has frames of {rows.min()} points")
+    if block.name.endswith("clumps") and frames and rows.min() != rows.max():
+        raise ValueError(f"{block.name} has another number of bodies in some frames")
+    ends = _whole(home, steps["PointOffsets"], frames) + rows
+    points = sound(home, block["Points"], int(ends.max(initial=0)), "f", 2)
+    if points.shape[1] != 3:
+        raise ValueError(f"{points.name} has rows of {points.shape[1]}")
+    for name in data:
+        starts = _whole(home, steps["PointDataOffsets"][name], frames)
+        if name not in static and frames and block.name.endswith("clumps") and (starts != np.arange(frames) * rows).any():
+            raise ValueError(f"{block.name}/PointData/{name}: its frames do not follow each other")
+        sound(home, data[name], int((starts + rows).max(initial=0)))
+    missing = set(static) - set(data)
+    if missing:
+        raise KeyError(f"{block.name} has no {', '.join(sorted(missing))}")
+
+
+def _whole(home: str, dataset: h5py.Dataset, frames: int) -> np.ndarray:
+    """The numbers of the frames, each at least 0 and small enough to be added."""
+    values = sound(home, dataset, frames, "iu", 1)[:frames].astype(np.int64)
+    if frames and not 0 <= values.min() <= values.max() < 2**62:
+        raise ValueError(f"{dataset.name} holds {values.min()} to {values.max()}")
+    return values
+
+
+def sound(home: str, dataset: h5py.Dataset, rows: int, kinds: str = "fiu", axes: int = 0) -> h5py.Dataset:
+    """The data set, if it holds that many rows of numbers in this very file. Raises ValueError, TypeError."""
+    if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in kinds or not dataset.shape:
+        raise TypeError(f"{dataset.name} is no array of numbers")
+    if dataset.external or dataset.is_virtual or dataset.file.filename != home:
+        raise ValueError(f"{dataset.name} is in another file")
+    width = int(np.prod(dataset.shape[1:], dtype=object))
+    if dataset.ndim > 2 or (axes and dataset.ndim != axes) or width > WIDEST:
+        raise ValueError(f"{dataset.name} has the shape {dataset.shape}")
+    if len(dataset) < rows:
+        raise ValueError(f"{dataset.name} has {len(dataset)} rows, {rows} are needed")
+    size = rows * width * dataset.dtype.itemsize
+    # asked only where it matters: of a run that was killed within a write it cannot always be told
+    if size > UNASKED and size > DENSEST * (there := dataset.id.get_storage_size()):
+        raise ValueError(f"{dataset.name} claims {size:.3g} bytes and has {there}")
+    if dataset.chunks and int(np.prod(dataset.chunks, dtype=object)) * dataset.dtype.itemsize > max(UNASKED, size):
+        raise ValueError(f"{dataset.name} has chunks of {dataset.chunks}")
+    return dataset

@@ -1,0 +1,265 @@
+"""Writes `run.vtkhdf`: one HDF5 file that is the trajectory and opens in VTK 9.4 / ParaView 5.13 and later.
+
+    /VTKHDF   MultiBlockDataSet of four temporal PolyData blocks: spheres, clumps, contacts, plates
+    /scene    texts: the resolved scene, versions, names of states and reasons, units, domain, summary
+    /series   one dataset per series, first axis the frame, with an attribute `units`
+
+What VTK's reader demands, each learnt from a file that "read" as empty:
+`Type` is fixed-length ASCII; the assembly holds soft links in tracked order; all four cell groups exist;
+arrays are plain numbers. Connectivity is 0, 1, 2, ... for every frame, so one copy serves them all and the
+cell offsets stay 0.
+
+A frame counts once `NSteps` says so, and `NSteps` is written after the data has been flushed: a killed run
+leaves a file that reads to its last committed frame. Readers never look beyond `NSteps`, but for the times,
+which are therefore written last (`Block.add_time`); the frames of `series` count with them and are the ones
+that our own reader trusts. (With `NSteps` 1 VTK takes a file for static: of a run killed within its second
+frame it shows both; ours shows the first.)
+
+A kill comes at any write of HDF5, or within one. VTK refuses a file whose blocks differ in `NSteps`: the four
+counts lie in one page of the file and reach it by one write. No header crosses the end of a page, where a kill
+may tear a write in two (half of a new header after half of an old one does not sum to its checksum, and nothing
+below it can be read). In which order the writes of a flush are safe: `Sink.in_order`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from thirdbody.errors import InputError, OutputError
+from thirdbody.trajectory.crash_safe_file import PAGE, Sink
+from thirdbody.trajectory.polydata_block import VERSION, Block, Column, growing
+from thirdbody.trajectory.schema import BLOCKS, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
+
+# The lowest format that has the indices of growing data sets; `latest` leaves an open flag when a run is
+# killed, and such a file does not open.
+FORMAT = ("v108", "v110")
+
+# Room that a frame may need beside its own bytes: some sixty data sets may each begin a new page.
+SPARE_BYTES = 512 * 1024
+
+# Length that a frame may add beside its own chunks: the first chunks of all data sets, and HDF5's own tables.
+HOLE_BYTES = 4 * 1024 * 1024
+
+
+class TrajectoryWriter:
+    """Writes the trajectory frame by frame; a context manager.
+
+    `header` holds texts, stored as they are, and anything JSON can hold; `scene_text`, `state_names`,
+    `reason_names` and `units` (name to unit) must be there, `domain` ({"size": [x, y], "periodic": bool}),
+    `title` and `versions` are of use to others. `static` gives per block ("spheres", "clumps") the arrays
+    that never change, written once; `clump` of a sphere is the `id` of its clump.
+    `copy_of`: the file, and its frames, that the written one is to take the place of; faults are told of that one.
+    Raises OutputError when the file cannot be written; what was committed before stays readable.
+    """
+
+    def __init__(
+        self, path: str | Path, header: Mapping[str, Any], static: Mapping[str, Arrays], copy_of: tuple[Path, int] | None = None
+    ):
+        missing = [name for name in REQUIRED_TEXTS if name not in header]
+        if missing:
+            raise ValueError(f"header lacks {', '.join(missing)}")
+        self.path = Path(path)
+        self._named, self._before = copy_of or (self.path, 0)
+        with self._told():
+            rows = {name: len(next(iter(arrays.values()))) for name, arrays in static.items() if arrays}
+            self._open("w", rows)
+            root = self._file["VTKHDF"]
+            root.attrs["Version"] = np.array(VERSION, np.int64)
+            root.attrs.create("Type", np.bytes_(b"MultiBlockDataSet"))
+            assembly = root.create_group("Assembly", track_order=True)
+            for name in BLOCKS:
+                assembly[name] = h5py.SoftLink(f"/VTKHDF/{name}")
+            for name, arrays in static.items():
+                self._blocks[name].keep(arrays)
+            for name, value in header.items():
+                _write_text(self._scene, name, value)
+            _write_text(self._scene, STATIC_TEXT, {name: list(arrays) for name, arrays in static.items()})
+            self._series_group.attrs["NSteps"] = np.int64(0)
+            self._flush()
+        self._units: Mapping[str, str] = header["units"]
+
+    @classmethod
+    def resume(
+        cls, path: str | Path, frames: int, header: Mapping[str, Any] | None = None, between: Callable[[], None] = lambda: None
+    ) -> TrajectoryWriter:
+        """A writer that goes on after the first `frames` frames of an existing file; the others are dropped.
+
+        The committed frames are copied to a fresh file which then takes the old one's place: the index of a
+        killed run's file may hold entries of frames that were never committed, and is not safe to write to.
+        `header` replaces the old one's texts; the summary of a run that had come to its end is dropped.
+        `between` is called before every frame that is copied; what it raises leaves the file as it was.
+        Raises InputError when the file is no run or has fewer frames.
+        """
+        from thirdbody.trajectory.reader import open_run
+
+        path = Path(path)
+        fresh = path.with_name(path.name + ".part")
+        writer = cls.__new__(cls)
+        writer.path = writer._named = path
+        writer._before = frames
+        try:
+            with open_run(path) as old:
+                if frames > old.frames:
+                    raise InputError(f"{path}: has {old.frames} frames, cannot go on after frame {frames}")
+                with cls(fresh, header or old.header, old.static_arrays(), (path, old.frames)) as new:
+                    for number in range(frames):
+                        between()
+                        new.append(old.stored_frame(number))
+                    new.sync()  # the checkpoint, which is on the disk, asks for these frames
+            with writer._told():
+                os.replace(fresh, path)
+        except BaseException:
+            with suppress(OSError):  # a read-only folder refuses that too
+                fresh.unlink(missing_ok=True)
+            raise
+        with writer._told():
+            writer._open("r+", {})
+            static = json.loads(writer._scene[STATIC_TEXT][()])
+            for name, block in writer._blocks.items():
+                block.restrict_static(static.get(name, ()))
+            writer._units = json.loads(writer._scene["units"][()])
+        return writer
+
+    def _open(self, mode: str, rows: Mapping[str, int]) -> None:
+        if mode == "w":  # another file of that name, not the same one emptied: whoever reads that keeps it
+            self.path.unlink(missing_ok=True)
+        # No chunk cache: it would write every chunk whole at every flush (23 -> 10 ms per frame of 8 MB).
+        self._sink = Sink(self.path, "w+" if mode == "w" else mode)
+        pages = {"fs_strategy": "page", "fs_page_size": PAGE} if mode == "w" else {}
+        self._file = h5py.File(self._sink, mode, libver=FORMAT, rdcc_nbytes=0, **pages)
+        if mode == "w":
+            self._file.create_group("VTKHDF", track_order=True)
+            for name in BLOCKS:  # before anything else, so that they lie in one page
+                self._file["VTKHDF"].create_group(f"{name}/Steps").attrs["NSteps"] = np.int64(0)
+        root = self._file["VTKHDF"]
+        bodies = rows.get("clumps", 1)
+        ahead = {"spheres": rows.get("spheres", 1), "clumps": bodies, "contacts": 4 * bodies, "plates": 8}
+        self._blocks = {}
+        for name in BLOCKS:
+            kind, per_cell = ("Polygons", 4) if name == "plates" else ("Vertices", 1)
+            # float32 for the spheres: their motion follows from the clump's, which is kept in full.
+            group = root.require_group(name)
+            self._blocks[name] = Block(group, kind, per_cell, ahead[name], narrow=name == "spheres")
+        self._scene = self._file.require_group("scene")
+        self._series_group = self._file.require_group("series")
+        self.frames = int(self._series_group.attrs.get("NSteps", 0))
+        self._series = {name: Column(self._series_group[name]) for name in self._series_group}
+
+    def append(self, frame: Frame) -> None:
+        """Write and commit one frame.
+
+        Raises OutputError when the disk is full, ValueError or TypeError when the arrays do not fit the file.
+        """
+        arrays = {name: block.plain(frame.block(name)) for name, block in self._blocks.items()}
+        if self.frames and set(frame.series) != set(self._series):
+            raise ValueError(f"series {sorted(frame.series)} differ from those of the first frame")
+        nbytes = sum(array.nbytes for block in arrays.values() for array in block.values())
+        self._require_space(nbytes)
+        with self._told():
+            # New chunks hold four frames, or some rows of small ones; a hole costs nothing.
+            self._sink.reserve(8 * nbytes + HOLE_BYTES)
+            self._sink.check()
+            for name, block in self._blocks.items():
+                block.append(arrays[name])
+            self._append_series(frame.series)
+            self._flush()
+            self._commit(frame.time)
+
+    def _append_series(self, series: Mapping[str, Any]) -> None:
+        for name, value in series.items():
+            row = np.asarray(value, np.float64)
+            if name not in self._series:
+                self._series[name] = growing(self._series_group, name, row.shape, np.float64)
+                self._series_group[name].attrs["units"] = self._units.get(name, "1")
+            self._series[name].add(row)
+
+    def _commit(self, time: float) -> None:
+        frames = self.frames + 1
+        for block in self._blocks.values():
+            block.count_frames(frames)
+        self._flush()
+        for block in self._blocks.values():
+            block.add_time(time)
+        self._series_group.attrs.modify("NSteps", np.int64(frames))
+        self._flush()
+        self.frames = frames
+
+    def _flush(self) -> None:
+        # Each flush cuts the hole off again, and the counts and times may begin new chunks after the data did.
+        self._sink.reserve(HOLE_BYTES)
+        with self._sink.in_order():
+            self._file.flush()
+        self._sink.check()
+
+    def _require_space(self, nbytes: int) -> None:
+        """Refuse a frame before anything is written when it cannot fit: a half-written index helps nobody."""
+        # asked of the open file: its folder may have been moved
+        free = shutil.disk_usage(self._sink.fileno() if hasattr(os, "fstatvfs") else self.path.parent).free
+        if free < nbytes + nbytes // 2 + SPARE_BYTES:
+            self.close()
+            raise OutputError(f"{self._named}: the disk is full ({free // 1024} KiB left); {self._kept()}")
+
+    def _kept(self) -> str:
+        frames = max(self._before, getattr(self, "frames", 0))
+        if not frames:
+            return "no frame was written"
+        return f"the {frames} frames written before are kept" if frames > 1 else "the frame written before is kept"
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        """Turn what HDF5 raises (OSError, RuntimeError) into one message; the file is closed then."""
+        try:
+            yield
+        except (OSError, RuntimeError) as error:
+            self.close()
+            reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
+            raise OutputError(f"{self._named}: cannot be written ({reason}); {self._kept()}") from error
+
+    def finish(self, summary: Mapping[str, Any]) -> None:
+        """Store the summary of a run that came to its end. Raises OutputError."""
+        with self._told():
+            _write_text(self._scene, SUMMARY_TEXT, summary)
+            self._flush()
+
+    def sync(self) -> None:
+        """Make sure that what was written is on the disk: a checkpoint must not be ahead of its frames. Raises OutputError."""
+        with self._told():
+            os.fsync(self._sink.fileno())
+
+    def close(self) -> None:
+        """Close the file; may be called twice. Errors are not told: every frame was flushed already."""
+        for file in (getattr(self, "_file", None), getattr(self, "_sink", None)):
+            if file is not None:
+                try:
+                    file.close()
+                except (OSError, RuntimeError):
+                    pass
+
+    def __enter__(self) -> TrajectoryWriter:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _write_text(group: h5py.Group, name: str, value: Any) -> None:
+    """Store a text as it is, anything else as JSON, in a data set (attributes end at 64 KiB)."""
+    text = value if isinstance(value, str) else json.dumps(value, default=_number_or_list)
+    data = text.encode("utf-8")
+    if name in group:
+        del group[name]
+    dataset = group.create_dataset(name, data=data, dtype=h5py.string_dtype("utf-8", max(1, len(data))))
+    dataset.attrs["json"] = np.uint8(not isinstance(value, str))
+
+
+def _number_or_list(value: Any) -> Any:
+    return np.asarray(value).tolist()
