@@ -19,7 +19,7 @@ from .mdr import MDR
 
 LABELLER = Labeller(
     name="three_spot",
-    observe=classify.observe,
+    observe=classify.update_history,
     label=classify.label,
     label_without_effects=classify.label_without_effects,
     states=classify.STATES,

@@ -131,25 +131,25 @@ def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, le
     if level not in THREE_SPOT.levels:
         raise UsageError(f"level '{level}': {nearest(level, THREE_SPOT.levels)}")
     if isinstance(source, BalanceFile):
-        told = source
+        report = source
     else:
-        told = BalanceFile.made(source) if isinstance(source, Mapping) else BalanceFile.load(source)
-    spots = told.spots()
-    pairs = _pairs(told)
-    walk = _Walk(told, spots, pairs, level)
+        report = BalanceFile.made(source) if isinstance(source, Mapping) else BalanceFile.load(source)
+    spots = report.spots()
+    pairs = _pairs(report)
+    walk = _Walk(report, spots, pairs, level)
     stopped = walk.go()
     moduli = {
         side: {"e_star": e_star(p.a, p.b), "g_star": g_star(p.a, p.b), "dundurs_beta": dundurs_beta(p.a, p.b)}
         for side, p in zip(("lower", "upper"), pairs, strict=True)
     }
-    warnings = _warnings(told, spots, walk, moduli)
-    return Result(walk.points, _forecast(told, walk), moduli, level, spots.planar, stopped, warnings, walk.seat())
+    warnings = _warnings(report, spots, walk, moduli)
+    return Result(walk.points, _forecast(report, walk), moduli, level, spots.planar, stopped, warnings, walk.seat())
 
 
-def _pairs(told: BalanceFile) -> tuple[Pair, Pair]:
+def _pairs(report: BalanceFile) -> tuple[Pair, Pair]:
     """Particle against the lower and the upper body; nothing bounces, so the restitution is 1."""
-    made = {side: getattr(told.materials, side).material(side) for side in ("lower", "upper", "particle")}
-    lower, upper = (Pair(made["particle"], made[side], getattr(told.friction, side), 1.0) for side in ("lower", "upper"))
+    built = {side: getattr(report.materials, side).material(side) for side in ("lower", "upper", "particle")}
+    lower, upper = (Pair(built["particle"], built[side], getattr(report.friction, side), 1.0) for side in ("lower", "upper"))
     return lower, upper
 
 
@@ -194,24 +194,24 @@ class _Walk:
             self._note(pressed)
             self.pressed = self.grip
             for k in range(1, steps + 1):
-                way = self.path.drag * k / steps
-                self.solver, found = drag(self.solver, (given, way * e_x, way * e_y))
-                self._note(found)
+                distance = self.path.drag * k / steps
+                self.solver, result = drag(self.solver, (given, distance * e_x, distance * e_y))
+                self._note(result)
         except NoStaticState as problem:
             return self._stop(problem)
         return None
 
-    def _note(self, found: Balance) -> None:
+    def _note(self, result: Balance) -> None:
         assert self.observer is not None  # since the end of pressing
-        spots, label, reason, margins = self.observer.see(found, self.grip)
-        downwards = np.where(self.grip.upper, 1.0, -1.0)[:, None] * found.answer.tangential
-        drag = float(np.hypot(*found.plate[1:]))
+        spots, label, reason, margins = self.observer.see(result, self.grip)
+        downwards = np.where(self.grip.upper, 1.0, -1.0)[:, None] * result.answer.tangential
+        drag = float(np.hypot(*result.plate[1:]))
         t: Any = (-downwards[:, 0]).tolist() if self.planar else downwards.tolist()
-        u: Any = -float(found.motion[0]) if self.planar else found.motion[:2].tolist()
-        phi: Any = float(found.motion[4]) if self.planar else found.motion[3:].tolist()
-        normal, sink = found.answer.normal.tolist(), -float(found.motion[2])
-        self.points.append(Point(found.closing, drag, normal, t, sink, u, phi, spots, label, reason, margins))
-        self.balances.append(found)
+        u: Any = -float(result.motion[0]) if self.planar else result.motion[:2].tolist()
+        phi: Any = float(result.motion[4]) if self.planar else result.motion[3:].tolist()
+        normal, sink = result.answer.normal.tolist(), -float(result.motion[2])
+        self.points.append(Point(result.closing, drag, normal, t, sink, u, phi, spots, label, reason, margins))
+        self.balances.append(result)
 
     def _stop(self, problem: NoStaticState) -> Stop:
         pressed, drag = float(problem.plate[0]), float(np.hypot(*problem.plate[1:]))
@@ -225,7 +225,7 @@ class _Walk:
         return Stop(None if self.under_load else pressed, pressed if self.under_load else None, drag, label, message)
 
 
-def _forecast(told: BalanceFile, walk: _Walk) -> Forecast:
+def _forecast(report: BalanceFile, walk: _Walk) -> Forecast:
     """Conditions of self-consistency for the spots that are loaded after pressing; if it cannot be pressed, that touch first."""
     up, place = walk.pressed.upper, walk.pressed.place
     first = walk.balances[0] if walk.balances else None
@@ -236,9 +236,9 @@ def _forecast(told: BalanceFile, walk: _Walk) -> Forecast:
     h = float(above[:, 2].mean() - below[:, 2].mean())
     if h <= 0.0:  # spots that cannot all be loaded at once
         return Forecast(None, None, None, [])
-    heading, friction = told.path.heading(), told.friction
+    heading, friction = report.path.heading(), report.friction
     load = float(first.answer.normal[up].sum()) if first is not None else 0.0
-    ratio = told.particle.weight / load if load > 0.0 else 0.0
+    ratio = report.particle.weight / load if load > 0.0 else 0.0
     if walk.planar:
         # the theory drags toward -x: places along the opposite of the drag
         over, under = ((-heading[0] * side[:, 0]).tolist() for side in (above, below))
@@ -256,28 +256,28 @@ def _forecast(told: BalanceFile, walk: _Walk) -> Forecast:
     return Forecast(float(required), float(low) if ever else None, float(high) if ever else None, possible)
 
 
-def _warnings(told: BalanceFile, spots: Spots, walk: _Walk, moduli: Mapping[str, Mapping[str, float]]) -> list[str]:
-    found = []
+def _warnings(report: BalanceFile, spots: Spots, walk: _Walk, moduli: Mapping[str, Mapping[str, float]]) -> list[str]:
+    result = []
     turned = float(np.linalg.norm(walk.solver.turned))
     if turned > 0.0:
-        found.append(f"the first contacts do not hold the particle: it turns by {turned:.3g} rad and is pressed there")
+        result.append(f"the first contacts do not hold the particle: it turns by {turned:.3g} rad and is pressed there")
     for side, values in moduli.items():
         beta = values["dundurs_beta"]
         if abs(beta) > MISMATCH:
-            found.append(f"{side} side: not elastically similar (Dundurs' beta {beta:.3g}); the coupling is neglected")
+            result.append(f"{side} side: not elastically similar (Dundurs' beta {beta:.3g}); the coupling is neglected")
     if not walk.balances:
-        return found
+        return result
     dropped = walk.solver.remembered("exact.dropped")
     if dropped.any():
         spots_told = ", ".join(str(k + 1) for k in np.flatnonzero(dropped))
-        found.append(f"spots {spots_told} had more bends in their history than the {NODES} nodes hold: fewer steps keep all")
+        result.append(f"spots {spots_told} had more bends in their history than the {NODES} nodes hold: fewer steps keep all")
     deep = max(float((b.overlap / spots.radius).max()) for b in walk.balances)
     if any(b.free for b in walk.balances) and any(point.label == "sliding" for point in walk.points):
-        found.append("where it slides on both sides its place along the drag is undetermined: u is one of many, the rest holds")
+        result.append("where it slides on both sides its place along the drag is undetermined: u is one of many, the rest holds")
     if deep > LARGE:
-        found.append(f"overlaps of {deep:.3g} radii, beyond Hertz' theory")
-    if told.particle.weight > 0.0 and not spots.planar:
-        found.append("the forecast leaves out the weight")
+        result.append(f"overlaps of {deep:.3g} radii, beyond Hertz' theory")
+    if report.particle.weight > 0.0 and not spots.planar:
+        result.append("the forecast leaves out the weight")
     if any(point.label == "rolling" for point in walk.points) and not walk.under_load:
-        found.append("a particle that tips at constant indentation wedges: its forces grow without bound; give a load instead")
-    return found
+        result.append("a particle that tips at constant indentation wedges: its forces grow without bound; give a load instead")
+    return result

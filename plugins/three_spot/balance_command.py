@@ -66,8 +66,8 @@ def table(result: Result) -> list[str]:
 def chosen(result: Result) -> list[int]:
     """Indices of the points that the table shows."""
     points, last = result.points, len(result.points) - 1
-    kept = {round(k * last / ROWS) for k in range(ROWS + 1)} if points else set()
+    saved = {round(k * last / ROWS) for k in range(ROWS + 1)} if points else set()
     for k in range(1, len(points)):
         if (points[k].label, points[k].spots) != (points[k - 1].label, points[k - 1].spots):
-            kept.add(k)
-    return sorted(kept)
+            saved.add(k)
+    return sorted(saved)

@@ -202,12 +202,12 @@ class BalanceFile(Part):
             document["balance"] = VERSION  # read on, so that the other faults are told too
             wrongs.append((("balance",), f"required key is missing: write balance = {VERSION}"))
         try:
-            found = cls.model_validate(document, context={"file": True})
+            result = cls.model_validate(document, context={"file": True})
         except ValidationError as error:
             wrongs += wrongs_of(error)
         if wrongs:
             raise InputError(source.in_order(wrongs))
-        return found
+        return result
 
     @classmethod
     def made(cls, tables: Mapping[str, Any]) -> BalanceFile:
@@ -231,9 +231,9 @@ class BalanceFile(Part):
             centroid = clump_with_frame(center, radius)[1]
         except InputError as problem:
             raise InputError([Fault("particle.clump", fault.message) for fault in problem.faults]) from None
-        turn = np.array(self.particle.quaternion or (1.0, 0.0, 0.0, 0.0))
-        planar = bool(flat and not center[:, 1].any() and turn[1] == 0.0 == turn[3])
-        arm = (center - centroid) @ matrix_from_quaternion(turn / np.linalg.norm(turn)).T
+        rotation = np.array(self.particle.quaternion or (1.0, 0.0, 0.0, 0.0))
+        planar = bool(flat and not center[:, 1].any() and rotation[1] == 0.0 == rotation[3])
+        arm = (center - centroid) @ matrix_from_quaternion(rotation / np.linalg.norm(rotation)).T
         if planar:
             arm[:, 1] = 0.0  # the centroid of a plane of spheres is off it by rounding only
         place = np.repeat(arm, 2, axis=0)

@@ -39,10 +39,10 @@ class Observer:
         """(state of each spot, label, reason, margins) of the next point, found with the spots at `grip`."""
         loaded = point.overlap > 0.0
         eta = utilisation(point, loaded)
-        told = self.labels.see(point, grip)
-        margins: dict[str, Any] = {name: told[name] for name in self.labeller.margins}
+        report = self.labels.see(point, grip)
+        margins: dict[str, Any] = {name: report[name] for name in self.labeller.margins}
         margins["friction_spots"] = (1.0 - eta).tolist()
-        state, reason = self.labeller.states[int(told["state"])], self.labeller.reasons[int(told["reason"])]
+        state, reason = self.labeller.states[int(report["state"])], self.labeller.reasons[int(report["reason"])]
         return self._spots(point, loaded, eta), state, reason, margins
 
     def _spots(self, point: Balance, loaded: Flags, eta: Array) -> list[str]:

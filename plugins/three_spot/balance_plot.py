@@ -88,8 +88,8 @@ def _friction(axes: Any, result: Result, drag: np.ndarray) -> None:
 
 
 def _tilt(axes: Any, result: Result, drag: np.ndarray) -> None:
-    turn = np.array([p.phi for p in result.points]).reshape(len(drag), -1)
-    values, unit = scaled(turn)
+    rotation = np.array([p.phi for p in result.points]).reshape(len(drag), -1)
+    values, unit = scaled(rotation)
     names = [r"$\varphi$"] if result.planar else [rf"$\varphi_{axis}$" for axis in "xyz"]
     for k, name in enumerate(names):
         axes.plot(drag, values[:, k], color=LINES[k], label=name, **_style(drag))
@@ -126,9 +126,9 @@ def _states(axes: Any, result: Result, drag: np.ndarray) -> None:
 
 def runs(values: list[str]) -> list[tuple[int, int, str]]:
     """(start, end, value) of every stretch of equal values."""
-    found, start = [], 0
+    result, start = [], 0
     for k in range(1, len(values) + 1):
         if k == len(values) or values[k] != values[start]:
-            found.append((start, k, values[start]))
+            result.append((start, k, values[start]))
             start = k
-    return found
+    return result

@@ -25,17 +25,17 @@ def press(solver: QuasiStatic, given: float) -> tuple[QuasiStatic, Balance]:
     seats = 0
     for k in range(1, STEPS + 1):
         target = (given * k / STEPS, 0.0, 0.0)
-        found = None
-        while found is None:
+        result = None
+        while result is None:
             try:
-                found = _balance(solver, target)
+                result = _balance(solver, target)
             except NoStaticState as problem:
                 if seats == SEATS:
                     raise NoStaticState(f"it left {SEATS} seats again", problem.plate, problem.closest, undecided=True) from None
                 solver = from_first_touch(seat(solver, (_load(solver, target), 0.0, 0.0)), solver)
                 seats += 1
-    assert found is not None
-    return solver, found
+    assert result is not None
+    return solver, result
 
 
 def drag(solver: QuasiStatic, target: Sequence[float]) -> tuple[QuasiStatic, Balance]:
@@ -44,13 +44,13 @@ def drag(solver: QuasiStatic, target: Sequence[float]) -> tuple[QuasiStatic, Bal
     Under a load a particle that tips over moves on until its forces balance again. Raises NoStaticState where they never do.
     """
     try:
-        found = _balance(solver, target)
+        result = _balance(solver, target)
     except NoStaticState:
         if not solver.under_load:
             raise
         solver = seat(solver, target)
-        found = _balance(solver, target)
-    return in_present_posture(solver), found
+        result = _balance(solver, target)
+    return in_present_posture(solver), result
 
 
 def _balance(solver: QuasiStatic, target: Sequence[float]) -> Balance:

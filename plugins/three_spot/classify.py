@@ -1,6 +1,6 @@
 """The labeller: is a body free, sticking, sliding or rolling? Two kernels over flat arrays.
 
-`observe` (in `motion_history`) follows every body at a fixed stride of steps; `label` reads the memory it keeps when
+`update_history` (in `motion_history`) follows every body at a fixed stride of steps; `label` reads the memory it keeps when
 a frame is written, so that nothing depends on the output interval. Motion is judged by travel, never by
 speed: on the elastic reference path the body turns with .65 of the drag while every spot still sticks.
 
@@ -70,7 +70,7 @@ from .motion_history import (
     SLIP_REFERENCE,
     TRAVEL,
     WINDOWS,
-    observe,
+    update_history,
 )
 from .support_geometry import (
     ABOVE,
@@ -81,16 +81,16 @@ from .support_geometry import (
     Posture,
     Triple,
     helper,
+    is_plain,
     length,
     patch_travel,
-    plain,
-    posture,
     rotation_since,
     side_of,
     split,
+    support_of,
 )
 
-__all__ = ["CONTACT_MEMORY", "EXTRAS", "MARGINS", "MEMORY", "REASONS", "STATES", "label", "observe"]
+__all__ = ["CONTACT_MEMORY", "EXTRAS", "MARGINS", "MEMORY", "REASONS", "STATES", "label", "update_history"]
 
 STATES = ("free", "sticking", "sliding", "rolling")
 FREE, STICKING, SLIDING, ROLLING = range(4)
@@ -134,8 +134,8 @@ CODES = ("sliding_side", "forecast")
 OUTPUTS = 2 + len(MARGINS) + len(EXTRAS)
 OUT_FRICTION, OUT_UPPER, OUT_LOWER, OUT_FORCE, OUT_MOMENT, OUT_DETERMINACY, OUT_ROTATION = range(2, 9)
 OUT_SIDE, OUT_ROLL, OUT_SLIP, OUT_ROLLED, OUT_FORECAST = range(9, 14)
-OUTLOOK = plain(OUT_FORECAST)
-PUSH, PUSH_RATE, TWIST, TWIST_RATE = plain(O_F), plain(O_MA), plain(O_T), plain(O_LDOT)
+OUTLOOK = is_plain(OUT_FORECAST)
+PUSH, PUSH_RATE, TWIST, TWIST_RATE = is_plain(O_F), is_plain(O_MA), is_plain(O_T), is_plain(O_LDOT)
 
 EPS_LIMIT = 0.02
 TURN = 0.5  # share of the drag that a body which is not held takes up by turning
@@ -147,8 +147,8 @@ LOWEST = -1e9  # margins stay finite and fit a float32
 @helper
 def slipping(C: Array, i: int) -> bool:
     """Whether a spot slipped by more than its critical displacement in this window or in the last."""
-    least = max(C[i, C_CRITICAL], ROUND_OFF * C[i, C_A])
-    return max(C[i, C_SLIP] - C[i, SLIP_REFERENCE], C[i, SLIP_LAST]) > least
+    minimum = max(C[i, C_CRITICAL], ROUND_OFF * C[i, C_A])
+    return max(C[i, C_SLIP] - C[i, SLIP_REFERENCE], C[i, SLIP_LAST]) > minimum
 
 
 @helper
@@ -162,14 +162,14 @@ def utilisation(C: Array, i: int) -> float:
 @helper
 def friction(C: Array, n: int, side: int) -> tuple[float, float, bool]:
     """Least and largest eta of a side (inf, 0 without spots); whether all of it is at the limit and slips."""
-    least, largest, slides = math.inf, 0.0, True
+    minimum, largest, slides = math.inf, 0.0, True
     for i in range(n):
         if side_of(C, i) == side:
             eta = utilisation(C, i)
-            least = min(least, eta)
+            minimum = min(minimum, eta)
             largest = max(largest, eta)
             slides = slides and eta >= 1.0 - EPS_LIMIT and slipping(C, i)
-    return least, largest, slides and least < math.inf
+    return minimum, largest, slides and minimum < math.inf
 
 
 @helper
@@ -220,8 +220,8 @@ def turn_with_drag(b: Array, m: Array, pose: Posture) -> float:
     size = length(x, y, 0.0)
     if size < LEAST_TRAVEL * pose[1] or size <= 0.0:
         return 0.0
-    turn = rotation_since(b, m, CHANGE)
-    return pose[2] * (turn[1] * (x / size) - turn[0] * (y / size)) / size
+    rotation = rotation_since(b, m, CHANGE)
+    return pose[2] * (rotation[1] * (x / size) - rotation[0] * (y / size)) / size
 
 
 @helper
@@ -279,7 +279,7 @@ def clear(m: Array, out: Array) -> None:
 
 @njit(error_model="numpy")
 def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
-    """Write state, reason, MARGINS and EXTRAS of one body into `out` (OUTPUTS,), after `observe` at the same
+    """Write state, reason, MARGINS and EXTRAS of one body into `out` (OUTPUTS,), after `update_history` at the same
     instant.
 
     `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` (m) grows when a window closes; `forecast` is 0
@@ -288,7 +288,7 @@ def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
     """
     clear(m, out)
     if n > 0:
-        pose = posture(C, n)
+        pose = support_of(C, n)
         write_outlook(C, n, b, pose, out, OUTLOOK)
         write_label(C, n, b, m, pose, out)
 
@@ -298,7 +298,7 @@ def label_without_effects(C: Array, n: int, b: Array, m: Array, out: Array) -> N
     """`label` of a body on which no effect acts, to the same bits: without the linear programmes, slow to compile."""
     clear(m, out)
     if n > 0:
-        pose = posture(C, n)
+        pose = support_of(C, n)
         write_plain_outlook(C, n, b, pose, out, OUTLOOK)
         write_label(C, n, b, m, pose, out)
 
@@ -306,20 +306,20 @@ def label_without_effects(C: Array, n: int, b: Array, m: Array, out: Array) -> N
 @helper
 def write_label(C: Array, n: int, b: Array, m: Array, pose: Posture, out: Array) -> None:
     """Write state, reason, margins and the other extras of a loaded body: margins first, then the rules in their order."""
-    turn = rotation_since(b, m, REFERENCE)
-    p = patch_travel(C, n, turn)
+    rotation = rotation_since(b, m, REFERENCE)
+    p = patch_travel(C, n, rotation)
     total = normal_sum(C, n)
     out[OUT_FORCE] = balance_margin(b, PUSH, PUSH_RATE, total)
     out[OUT_MOMENT] = balance_margin(b, TWIST, TWIST_RATE, total * pose[2])
     out[OUT_DETERMINACY] = determinacy(C, n, b, pose[1])
     held = out[OUT_DETERMINACY] > 0.0
     out[OUT_ROTATION] = rotation_margin(b, m, pose, p, held)
-    ratios_so_far(C, n, m, pose, turn, out)
+    ratios_so_far(C, n, m, pose, rotation, out)
     slides = friction_margins(C, n, pose, out)
     if slides and (pose[0] != BOTH or out[OUT_ROTATION] > 0.0):
         out[0], out[1] = SLIDING, FRICTION_LIMIT
     elif out[OUT_ROTATION] <= 0.0:
-        out[0], out[1] = ROLLING, rolling_reason(m, pose, turn, p)
+        out[0], out[1] = ROLLING, rolling_reason(m, pose, rotation, p)
     else:
         out[0] = STICKING
         out[1] = ONE_SIDED if pose[0] != BOTH else (NONE if held else INDETERMINATE)

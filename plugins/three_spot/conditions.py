@@ -47,11 +47,11 @@ def required_scale(
     inf when a side has no friction and t = 0 is out of reach.
     """
     low, high = planar_interval(upper, lower, h, weight_ratio)
-    least = max(low, -high, 0.0)
+    minimum = max(low, -high, 0.0)
     limit = friction_limit(mu_upper, mu_lower, weight_ratio)
-    if least == 0.0:
+    if minimum == 0.0:
         return 0.0
-    return least / limit if limit > 0.0 else math.inf
+    return minimum / limit if limit > 0.0 else math.inf
 
 
 def sliding_sides(

@@ -167,8 +167,8 @@ def exact(c, load, p, h, w, w_new):
     x, y = -2.0 * modulus * x, -2.0 * modulus * y
     size = math.sqrt(x * x + y * y)
     # a patch that slides one way has two nodes left: then the force is the limit to the last digit
-    share = limit / max(size, 1e-300) if (slip > 0.0 and count == 2) or size > limit else 1.0
-    x, y = share * x, share * y
+    fraction = limit / max(size, 1e-300) if (slip > 0.0 and count == 2) or size > limit else 1.0
+    x, y = fraction * x, fraction * y
     answer = Tangential(x, y, limit, p.kappa * d, slip, stored, 2.0 * modulus * loss)
     return answer, (d, float(count), x, y, ground.x, ground.y, ground.reach, h[7] + dropped)
 

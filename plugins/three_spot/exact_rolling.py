@@ -124,8 +124,8 @@ def lost_by(w, n, v, kept, end):
     if n >= 0:
         x, y = field_force(w, n)
         energy = field_energy(w, n, 0.0)
-        gone_x, gone_y, gone = field_beyond(w, n, kept * kept * end)
-        return x, y, energy, gone_x, gone_y, (1.0 - kept) * energy + kept * gone
+        gone_x, gone_y, initial_gap = field_beyond(w, n, kept * kept * end)
+        return x, y, energy, gone_x, gone_y, (1.0 - kept) * energy + kept * initial_gap
     m = -n - 1
     x, y = spring_force(w, m)
     x_new, y_new = spring_force(v, m)

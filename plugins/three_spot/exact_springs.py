@@ -95,9 +95,9 @@ def cell_means(w, count, d, new):
             t_1, t_2 = (y_1 * y_1 - q_1) / (q_2 - q_1), (cut * cut - q_1) / (q_2 - q_1)
             h, phi = piece_mean(y_1 * y_1, cut * cut)
             part = t_1 + phi * (t_2 - t_1)
-            share = h / (end - lower_end(i, m, spacing))
-            new[1 + i] += share * (w[j - 2] + part * (w[j + 1] - w[j - 2]))
-            new[1 + n + i] += share * (w[j - 1] + part * (w[j + 2] - w[j - 1]))
+            fraction = h / (end - lower_end(i, m, spacing))
+            new[1 + i] += fraction * (w[j - 2] + part * (w[j + 1] - w[j - 2]))
+            new[1 + n + i] += fraction * (w[j - 1] + part * (w[j + 2] - w[j - 1]))
             y_1 = cut
             if y_1 >= end and i < n - 1:
                 i += 1
@@ -153,8 +153,8 @@ def mean_bound(b_1, b_2):
     """Logarithmic mean of the ends of a bound that moves on a straight line: its length over int dl / b."""
     change = b_2 - b_1
     if abs(change) <= SERIES * b_1:
-        share = change / b_1 if change != 0.0 else 0.0
-        return b_1 * (1.0 + share * (0.5 - share * (1.0 / 12.0 - share / 24.0)))
+        fraction = change / b_1 if change != 0.0 else 0.0
+        return b_1 * (1.0 + fraction * (0.5 - fraction * (1.0 / 12.0 - fraction / 24.0)))
     return change / math.log(b_2 / b_1) if b_2 > 0.0 and b_1 > 0.0 else 0.0
 
 
@@ -184,24 +184,24 @@ def drag(x, y, b_0, b_1, e_x, e_y, length):
         per_size = 1.0 / size
         cosine, sine = along * per_size, (y * e_x - x * e_y) * per_size
     if cosine > 0.0 and abs(sine) < IN_LINE:
-        way = max(rest - (b_1 - b_t), 0.0)
-        return b_1 * e_x, b_1 * e_y, 0.5 * (b_t + b_1) * way, way
+        distance = max(rest - (b_1 - b_t), 0.0)
+        return b_1 * e_x, b_1 * e_y, 0.5 * (b_t + b_1) * distance, distance
     mean = mean_bound(b_t, b_1)
-    ways = rest / max(mean, 1e-300)
-    fall = math.exp(-ways)
+    distances = rest / max(mean, 1e-300)
+    fall = math.exp(-distances)
     ahead, behind = 1.0 + cosine, (1.0 - cosine) * fall * fall
     total = ahead + behind
     # a spring that is pushed straight back stays so
-    along, across, way = -1.0, 0.0, -rest
+    along, across, distance = -1.0, 0.0, -rest
     if total > 1e-300:
         per_total = 1.0 / total
         along, across = (ahead - behind) * per_total, 2.0 * sine * fall * per_total
-        if ways < SHORT:
-            way = rest * (0.5 * (cosine + along) + ways * (sine * sine - across * across) * (1.0 / 12.0))
+        if distances < SHORT:
+            distance = rest * (0.5 * (cosine + along) + distances * (sine * sine - across * across) * (1.0 / 12.0))
         else:
-            way = rest + mean * math.log(0.5 * total)
-    way = max(way - (b_1 - b_t), 0.0)
-    return b_1 * (along * e_x - across * e_y), b_1 * (along * e_y + across * e_x), 0.5 * (b_t + b_1) * way, way
+            distance = rest + mean * math.log(0.5 * total)
+    distance = max(distance - (b_1 - b_t), 0.0)
+    return b_1 * (along * e_x - across * e_y), b_1 * (along * e_y + across * e_x), 0.5 * (b_t + b_1) * distance, distance
 
 
 @helper
@@ -226,15 +226,15 @@ def advance_springs(w, m, step):
         if old + new == 0.0:
             w[1 + i], w[1 + n + i] = 0.0, 0.0
             continue
-        share = 1.0 if min(old, new) > 0.0 else min((old + new) * per_rise, 1.0)
-        x, y, part = w[1 + i], w[1 + n + i], share * length
+        fraction = 1.0 if min(old, new) > 0.0 else min((old + new) * per_rise, 1.0)
+        x, y, part = w[1 + i], w[1 + n + i], fraction * length
         x_1, y_try, bound = x + part * e_x, y + part * e_y, k * new
-        way = 0.0
+        distance = 0.0
         if x_1 * x_1 + y_try * y_try > bound * bound:
-            x_1, y_try, lost, way = drag(x, y, k * old, bound, e_x, e_y, part)
+            x_1, y_try, lost, distance = drag(x, y, k * old, bound, e_x, e_y, part)
             loss += width * lost
         w[1 + i], w[1 + n + i] = x_1, y_try
         if straight and new > 0.0:
-            straight = way > 0.0 and x_1 * e_x + y_try * e_y > 0.0 and abs(x_1 * e_y - y_try * e_x) <= ALIGNED * bound
-        centre = way if i == 0 else centre
+            straight = distance > 0.0 and x_1 * e_x + y_try * e_y > 0.0 and abs(x_1 * e_y - y_try * e_x) <= ALIGNED * bound
+        centre = distance if i == 0 else centre
     return m, centre, loss, straight

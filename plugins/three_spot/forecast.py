@@ -66,17 +66,17 @@ def reach(upper: Array, n_upper: int, lower: Array, n_lower: int, ex: float, ey:
 @helper
 def corner_distance(corners: Array, n: int, chords: Array, m: int) -> float:
     """Least distance of a corner from a chord between two of the other spots, m: of two hulls apart, with roles both ways."""
-    least = math.inf
+    minimum = math.inf
     for i in range(n):
         for j in range(m):
             x, y = corners[i, 0] - chords[j, 0], corners[i, 1] - chords[j, 1]
-            least = min(least, math.hypot(x, y))
+            minimum = min(minimum, math.hypot(x, y))
             for k in range(j):
                 ux, uy = chords[k, 0] - chords[j, 0], chords[k, 1] - chords[j, 1]
                 square = ux * ux + uy * uy
                 part = min(max((x * ux + y * uy) / square, 0.0), 1.0) if square > 0.0 else 0.0
-                least = min(least, math.hypot(x - part * ux, y - part * uy))
-    return least
+                minimum = min(minimum, math.hypot(x - part * ux, y - part * uy))
+    return minimum
 
 
 @njit(error_model="numpy")

@@ -16,7 +16,7 @@ import numpy as np
 from thirdbody.plugin import C_LIMIT, C_LOAD, C_POINT, O_DRAG, O_EF
 
 from .forecast import forecast
-from .support_geometry import ABOVE, BELOW, BOTH, NEITHER, Array, Posture, helper, load_mean, only_plates, plain, side_of
+from .support_geometry import ABOVE, BELOW, BOTH, NEITHER, Array, Posture, helper, is_plain, load_mean, only_plates, side_of
 from .weighted_forecast import body_size, weighted_forecast
 
 CAN_STICK, CAN_SLIDE, UNTOLD = 1.0, 2.0, 4.0
@@ -31,17 +31,17 @@ NEGLIGIBLE = 0.01
 HEAVIEST = 1e6
 """Body force over load beyond which there is no forecast."""
 
-POINT = plain(C_POINT)
+POINT = is_plain(C_POINT)
 
 
 @helper
 def friction_coefficient(C: Array, n: int, sides: int) -> float:
     """Least friction coefficient of the loaded spots on `sides` (bits; NEITHER: all)."""
-    least = FARTHEST
+    minimum = FARTHEST
     for i in range(n):
         if C[i, C_LOAD] > 0.0 and (sides == NEITHER or side_of(C, i) == sides):
-            least = min(least, C[i, C_LIMIT] / C[i, C_LOAD])
-    return least
+            minimum = min(minimum, C[i, C_LIMIT] / C[i, C_LOAD])
+    return minimum
 
 
 @helper
@@ -113,10 +113,10 @@ def write_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: 
         wrench[k] = b[O_EF + k]
     heights = load_mean(C, n, ABOVE, POINT)[2], load_mean(C, n, BELOW, POINT)[2]
     size = body_size(upper, lower, heights)
-    share = body_force_share(wrench, load, size)
-    if share * size < NEGLIGIBLE * pose[1]:
+    fraction = body_force_share(wrench, load, size)
+    if fraction * size < NEGLIGIBLE * pose[1]:
         write_plain_outlook(C, n, b, pose, out, first)
-    elif share <= HEAVIEST and heights[0] > heights[1]:
+    elif fraction <= HEAVIEST and heights[0] > heights[1]:
         # a side may carry a contact that presses nothing at this instant
         frictions = min(friction_coefficient(C, n, ABOVE), HEAVIEST), min(friction_coefficient(C, n, BELOW), HEAVIEST)
         drag = b[O_DRAG], b[O_DRAG + 1]

@@ -60,8 +60,8 @@ def grasp(
     if np.any(np.abs(np.sum(outward**2, axis=1) - 1.0) > 1e-9) or not load > 0.0 or np.any(frictions < 0.0):
         raise ValueError("needs unit normals, a positive load and frictions that are not negative")
     line = None if axis is None else np.asarray(axis, dtype=np.float64)
-    push, turn = np.asarray(force, dtype=np.float64), np.asarray(moment, dtype=np.float64)
-    return Grasp(places, outward, frictions, chosen, load, push, turn, line)
+    push, rotation = np.asarray(force, dtype=np.float64), np.asarray(moment, dtype=np.float64)
+    return Grasp(places, outward, frictions, chosen, load, push, rotation, line)
 
 
 def between_plates(
@@ -130,12 +130,12 @@ def _cone_rays(held: Grasp, scale: float, edges: int) -> Array:
     """Edges (n, k, 3) of the pyramids of friction `scale` mu_i, of normal part 1; in the plane the two edges of the cone."""
     if held.axis is not None:
         line = held.axis / np.linalg.norm(held.axis)
-        ways = np.broadcast_to(np.stack([line, -line]), (len(held.points), 2, 3))
+        distances = np.broadcast_to(np.stack([line, -line]), (len(held.points), 2, 3))
     else:
         angles = 2.0 * math.pi * np.arange(edges) / edges
         first, second = _tangents(held.normals)
-        ways = np.cos(angles)[:, None] * first[:, None, :] + np.sin(angles)[:, None] * second[:, None, :]
-    return held.normals[:, None, :] + scale * held.mu[:, None, None] * ways
+        distances = np.cos(angles)[:, None] * first[:, None, :] + np.sin(angles)[:, None] * second[:, None, :]
+    return held.normals[:, None, :] + scale * held.mu[:, None, None] * distances
 
 
 def _tangents(normals: Array) -> tuple[Array, Array]:
@@ -154,13 +154,13 @@ def _feasible(held: Grasp, rays: Array) -> bool:
     turns = np.cross(arms[:, None, :] / size, rays)
     wrench = np.concatenate([rays, turns], axis=2).reshape(count * edges, 6).T
     pressed = np.repeat(held.pressed.astype(np.float64), edges)
-    turn = held.moment - np.cross(held.points.mean(axis=0), held.force)
-    right = np.concatenate([-held.force / held.load, -turn / (held.load * size), [1.0]])
+    rotation = held.moment - np.cross(held.points.mean(axis=0), held.force)
+    right = np.concatenate([-held.force / held.load, -rotation / (held.load * size), [1.0]])
     balance = np.vstack([wrench, pressed])
     # what is left unbalanced is minimised, not forbidden: at the edge of the possible, plain feasibility ends without an answer
     rest = np.eye(len(balance))
     costs = np.concatenate([np.zeros(count * edges), np.ones(2 * len(balance))])
-    found = linprog(costs, A_eq=np.hstack([balance, rest, -rest]), b_eq=right, method="highs", options=PRECISE)
-    if found.status != 0:
-        raise ArithmeticError(f"the linear program gave no answer: {found.message}")
-    return bool(found.fun <= RESIDUAL)
+    result = linprog(costs, A_eq=np.hstack([balance, rest, -rest]), b_eq=right, method="highs", options=PRECISE)
+    if result.status != 0:
+        raise ArithmeticError(f"the linear program gave no answer: {result.message}")
+    return bool(result.fun <= RESIDUAL)

@@ -41,10 +41,10 @@ def pivot(tableau: Array, basis: Array, row: int, column: int) -> None:
 def entering_column(tableau: Array, first: bool) -> int:
     """Column with the least reduced cost, or the first negative one; -1 if none is negative."""
     last = tableau.shape[0] - 1
-    best, least = -1, -TOLERANCE
+    best, minimum = -1, -TOLERANCE
     for j in range(tableau.shape[1] - 1):
-        if tableau[last, j] < least:
-            best, least = j, tableau[last, j]
+        if tableau[last, j] < minimum:
+            best, minimum = j, tableau[last, j]
             if first:
                 break
     return best
@@ -54,12 +54,12 @@ def entering_column(tableau: Array, first: bool) -> int:
 def leaving_row(tableau: Array, basis: Array, column: int) -> int:
     """Row that limits the entering column, the lowest basis index among equals; -1 if nothing limits it."""
     n = tableau.shape[1] - 1
-    best, least = -1, math.inf
+    best, minimum = -1, math.inf
     for i in range(tableau.shape[0] - 1):
         if tableau[i, column] > TOLERANCE:
             ratio = max(tableau[i, n], 0.0) / tableau[i, column]
-            if ratio < least or (ratio == least and basis[i] < basis[best]):
-                best, least = i, ratio
+            if ratio < minimum or (ratio == minimum and basis[i] < basis[best]):
+                best, minimum = i, ratio
     return best
 
 
@@ -120,7 +120,7 @@ def find_feasible(tableau: Array, basis: Array, residual: float) -> bool:
 
 
 @helper
-def least_value(tableau: Array, basis: Array, sign: float) -> float:
+def minimise(tableau: Array, basis: Array, sign: float) -> float:
     """Least value of `sign` (x[0] - x[1]), a free variable, from a feasible tableau; -inf if there is none.
 
     The tableau is left at the optimum.

@@ -83,17 +83,17 @@ def segment(w, grid, path, slip, bound, back):
     for i in range(n):
         gap = mean_gap(i, wide, scale)
         depth, old_depth = max(after - gap, 0.0), max(before - gap, 0.0)
-        share = 1.0 if min(depth, old_depth) > 0.0 else min((depth + old_depth) * per_rise, 1.0)
+        fraction = 1.0 if min(depth, old_depth) > 0.0 else min((depth + old_depth) * per_rise, 1.0)
         x_old, y_old = w[i], w[n + i]
-        x_try, y_try = x_old - share * slip_x, y_old - share * slip_y
+        x_try, y_try = x_old - fraction * slip_x, y_old - fraction * slip_y
         size, limit = math.sqrt(x_try * x_try + y_try * y_try), bound * depth
         back[i] = limit / max(size, limit, 1e-300)
         back[n + i] = size
         w[i], w[n + i] = back[i] * x_try, back[i] * y_try
         start = (x_old * x_try + y_old * y_try) / max(size, 1e-300)
-        far, room = max(size - limit, 0.0), max(bound * old_depth - start, 0.0)
+        far, margin = max(size - limit, 0.0), max(bound * old_depth - start, 0.0)
         # b_t is read off the spring: the limit before the step has no digits left for huge friction
-        met = start + (size - start) * (room / max(room + far, 1e-300))
+        met = start + (size - start) * (margin / max(margin + far, 1e-300))
         back[2 * n + i] = 0.5 * (met + limit) * far
     heat = 0.0
     for i in range(n):
@@ -115,14 +115,14 @@ def springs(c, load, p, h, w, w_new):
     # Coulomb's limit uses the whole normal force, dashpot included
     bound = p.kappa * load.force / max(load.elastic, 1e-300)
     ground = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
-    share = renewed(p.renewal * ground.way / max(load.contact_radius, 1e-300))
-    slip_x, slip_y = share.fill * c.slip_x, share.fill * c.slip_y
+    fraction = renewed(p.renewal * ground.way / max(load.contact_radius, 1e-300))
+    slip_x, slip_y = fraction.fill * c.slip_x, fraction.fill * c.slip_y
     energy, before_renewal, renewed_part = 0.0, 0.0, 0.0
     rolled = w
-    if share.kept < 1.0:
+    if fraction.kept < 1.0:
         before_renewal = p.g_star * spacing * sums(w, n, wide)[2]
         rolled = np.empty(2 * n)
-        carry_outward(w, rolled, (n, wide, spacing * spacing / c.radius), max(before, c.overlap), share.kept)
+        carry_outward(w, rolled, (n, wide, spacing * spacing / c.radius), max(before, c.overlap), fraction.kept)
         for i in range(2 * n):
             w_new[i] = rolled[i]
         after_renewal = p.g_star * spacing * sums(rolled, n, wide)[2]
@@ -150,11 +150,11 @@ def springs(c, load, p, h, w, w_new):
         slope = math.hypot(w_new[0], w_new[n]) / (c.overlap - mean_gap(0, wide, grid[2]))
         rate = math.hypot(slip_x, slip_y) / (c.overlap - before)
         energy += 0.5 * stiffness * slope * rate * squares_lost(merges, n, spacing) / (c.radius * c.radius)
-    if share.kept < 1.0:
+    if fraction.kept < 1.0:
         if merged:  # springs before and after are not the same: int rate U by the trapezoid, exact without slip
             energy += renewed_part * (before_renewal + stored)
         else:
-            energy += stiffness * renewal_heat(w, rolled, w_new, grid, scratch, (before, c.slip_x, c.slip_y), share)
+            energy += stiffness * renewal_heat(w, rolled, w_new, grid, scratch, (before, c.slip_x, c.slip_y), fraction)
     limit = p.mu * load.force
     x, y = stiffness * x, stiffness * y
     answer = Tangential(x, y, limit, p.kappa * c.overlap, slip + middle, stored, energy)
@@ -165,8 +165,8 @@ def springs(c, load, p, h, w, w_new):
 def springs_tangent(c, load, p, h, w):
     """Consistent tangent of one step, whatever happens within it: springs that stick, slip, touch or merge (`mdr_tangent`)."""
     merges = int(h[1]) if h[0] > 0.0 else merges_for(c.overlap, len(w) // 2, c.radius)
-    way = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6]).way
-    return tangent_of_springs(c, load, p, (h[0], merges, renewed(p.renewal * way / max(load.contact_radius, 1e-300))), w)
+    distance = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6]).way
+    return tangent_of_springs(c, load, p, (h[0], merges, renewed(p.renewal * distance / max(load.contact_radius, 1e-300))), w)
 
 
 def mix_springs(pair: Pair, options: Options) -> SpringParameters:

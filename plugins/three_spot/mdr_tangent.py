@@ -23,7 +23,7 @@ ROWS = 8
 
 
 @helper
-def loaded(w, grid, overlap, kept, kept_rate):
+def loaded_rows(w, grid, overlap, kept, kept_rate):
     """The rows (8 n,) of springs as rolling carries them outward; `kept_rate`: of log `kept` with the overlap, 1/m."""
     n = len(w) // 2
     rows = np.zeros(ROWS * n)
@@ -43,7 +43,7 @@ def advance_rows(rows, grid, path, slip, share, bound, moves):
     """One straight piece of the path: the springs move as the law moves them, and their rates.
 
     `grid` = (springs, wide cells, spacing^2/R), `path` = overlap before and after.
-    `share` is the part of the step's `slip` in this piece, and its rate with the overlap; `bound` the limit of a spring per
+    `fraction` is the part of the step's `slip` in this piece, and its rate with the overlap; `bound` the limit of a spring per
     compression, and its rate. `moves` is 1.0 where `after` is the overlap at the end of the step, 0.0 where springs merge.
     Without branches, and row by row, so that the compiler does several springs at once.
     """
@@ -89,23 +89,23 @@ def tangent_of_springs(c, load, p, start, w):
     # the renewal of a way goes as 1/a, so its exponent as d^-0.5
     exponent = (1.0 - renewal.kept) / renewal.fill
     grid = (n, wide, spacing * spacing / c.radius)
-    rows = loaded(w, grid, max(before, c.overlap), renewal.kept, 0.5 * exponent / c.overlap)
+    rows = loaded_rows(w, grid, max(before, c.overlap), renewal.kept, 0.5 * exponent / c.overlap)
     fill, fill_rate = renewal.fill, 0.5 * (renewal.fill - renewal.kept) / c.overlap
-    slip, share, done = (c.slip_x, c.slip_y), (fill, fill_rate), before
+    slip, fraction, done = (c.slip_x, c.slip_y), (fill, fill_rate), before
     end = end_of(n, wide, spacing, c.radius)
     if c.overlap > end:
         per_rise = 1.0 / (c.overlap - before)
         while c.overlap > end:
             part = (end - done) * per_rise
-            share = (part * fill, part * (fill_rate - fill * per_rise))
-            advance_rows(rows, (n, wide, spacing * spacing / c.radius), (done, end), slip, share, bound, 0.0)
+            fraction = (part * fill, part * (fill_rate - fill * per_rise))
+            advance_rows(rows, (n, wide, spacing * spacing / c.radius), (done, end), slip, fraction, bound, 0.0)
             merge(rows, ROWS, n, wide)
             merges, done = merges + 1, end
             spacing, wide = cells_of(merges, n, c.radius)
             end = end_of(n, wide, spacing, c.radius)
         part = (c.overlap - done) * per_rise
-        share = (part * fill, part * fill_rate + (1.0 - part) * per_rise * fill)
-    advance_rows(rows, (n, wide, spacing * spacing / c.radius), (done, c.overlap), slip, share, bound, 1.0)
+        fraction = (part * fill, part * fill_rate + (1.0 - part) * per_rise * fill)
+    advance_rows(rows, (n, wide, spacing * spacing / c.radius), (done, c.overlap), slip, fraction, bound, 1.0)
     xx = xy = yx = yy = xd = yd = 0.0
     for i in range(n):
         width = width_of(i, wide)

@@ -16,12 +16,12 @@ from .support_geometry import (
     Triple,
     drag,
     helper,
+    is_plain,
     length,
     patch_travel,
-    plain,
-    posture,
     rotation_since,
     split,
+    support_of,
 )
 
 CONTACT_MEMORY = ("slip_at_reference", "slip_last_window", "stamp")
@@ -61,7 +61,7 @@ TRAVEL, CHANGE_X, CHANGE_Y = 8, 9, 10
 # from WINDOWS up to ROLLED: what a stop or a reversal wipes out
 WINDOWS, ROLL_RATIO, PIVOTED, SLIP_RATIO, HEADING_X, HEADING_Y, WAY_BACK, REST_TIME, REST_PATH = range(11, 20)
 ROLLED, LIFTED, COUNT, SERIAL, PLATE_X, PLATE_Y, MOVING, TURNED_FREE = range(20, 28)
-REFERENCE, CHANGE = plain(0), plain(4)
+REFERENCE, CHANGE = is_plain(0), is_plain(4)
 
 WINDOW = 4.0  # contact radii of travel
 EPS_ROLL = 0.05
@@ -71,7 +71,7 @@ REST_SPAN = 50.0
 
 
 @helper
-def keep_orientation(b: Array, m: Array, k: int) -> None:
+def store_orientation(b: Array, m: Array, k: int) -> None:
     """Store the present orientation at m[k:k+4]."""
     for j in range(4):
         m[k + j] = b[O_Q + j]
@@ -80,7 +80,7 @@ def keep_orientation(b: Array, m: Array, k: int) -> None:
 @helper
 def anchor_change(b: Array, m: Array) -> None:
     """Begin here what the rule for bodies that are not held looks at."""
-    keep_orientation(b, m, CHANGE)
+    store_orientation(b, m, CHANGE)
     m[CHANGE_X] = 0.0
     m[CHANGE_Y] = 0.0
 
@@ -100,21 +100,21 @@ def note_plates(b: Array, m: Array) -> bool:
 @helper
 def note_spots(C: Array, n: int, b: Array, m: Array) -> None:
     """Compare the set of loaded spots with the last one by stamps, whatever their order; note a lift-off."""
-    kept = 0
+    saved = 0
     for i in range(n):
         if m[SERIAL] > 0.0 and C[i, STAMP] == m[SERIAL]:
-            kept += 1
+            saved += 1
         C[i, STAMP] = m[SERIAL] + 1.0
     m[SERIAL] += 1.0
-    if kept < m[COUNT]:
+    if saved < m[COUNT]:
         m[LIFTED] = 1.0
-    if kept < m[COUNT] or kept < n:
+    if saved < m[COUNT] or saved < n:
         anchor_change(b, m)
     m[COUNT] = n
 
 
 @helper
-def turned_back(m: Array, a: float, x: float, y: float) -> bool:
+def is_reversed(m: Array, a: float, x: float, y: float) -> bool:
     """Whether a one-sided body has come back by .02 a against its heading; follows the heading."""
     size = length(m[HEADING_X], m[HEADING_Y], 0.0)
     if size > 0.0:
@@ -125,7 +125,7 @@ def turned_back(m: Array, a: float, x: float, y: float) -> bool:
 
 
 @helper
-def rested(C: Array, n: int, b: Array, m: Array, a: float, path: float) -> bool:
+def has_rested(C: Array, n: int, b: Array, m: Array, a: float, path: float) -> bool:
     """Whether the body did not travel during the span in which its load could have moved it far."""
     m[REST_TIME] += b[O_ELAPSED]
     m[REST_PATH] += path
@@ -173,9 +173,9 @@ def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Trip
         if b[O_SPEED] > 0.0:
             m[REST_TIME] = m[REST_PATH] = 0.0
             return False
-    elif turned_back(m, pose[1], step[0], step[1]):
+    elif is_reversed(m, pose[1], step[0], step[1]):
         return True
-    return rested(C, n, b, m, pose[1], step[2])
+    return has_rested(C, n, b, m, pose[1], step[2])
 
 
 @helper
@@ -212,7 +212,7 @@ def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, turn: Tri
 
 
 @njit(error_model="numpy")
-def observe(C: Array, n: int, b: Array, m: Array) -> None:
+def update_history(C: Array, n: int, b: Array, m: Array) -> None:
     """Follow one body: bring its memory `m` and that of its loaded contacts `C[:n]` to the present instant.
 
     `C` (n or more, C_MEMORY + len(CONTACT_MEMORY)), `b` (O_COLS,), `m` (len(MEMORY),) as in the contract of
@@ -226,7 +226,7 @@ def observe(C: Array, n: int, b: Array, m: Array) -> None:
         follow_free(b, m, broke)
         return
     fresh = not was_loaded(m)
-    pose = posture(C, n)
+    pose = support_of(C, n)
     step = drag(C, n, b, pose)
     ends = history_ends(C, n, b, m, pose, step, broke)
     closes = False
@@ -238,16 +238,16 @@ def observe(C: Array, n: int, b: Array, m: Array) -> None:
             m[TRAVEL] += step[2]
             m[CHANGE_X] += step[0]
             m[CHANGE_Y] += step[1]
-        turn = rotation_since(b, m, REFERENCE)
-        far = max(length(turn[0], turn[1], turn[2]), m[TURNED_FREE])
+        rotation = rotation_since(b, m, REFERENCE)
+        far = max(length(rotation[0], rotation[1], rotation[2]), m[TURNED_FREE])
         closes = m[TRAVEL] >= WINDOW * pose[1] or far > WHOLE_TURN
         if ends or closes:
-            finish_window(C, n, b, m, pose, turn, not ends)
+            finish_window(C, n, b, m, pose, rotation, not ends)
     if fresh or ends or closes:
-        keep_orientation(b, m, REFERENCE)
+        store_orientation(b, m, REFERENCE)
         m[TRAVEL] = m[LIFTED] = m[TURNED_FREE] = 0.0
         for i in range(n):
             C[i, SLIP_REFERENCE] = C[i, C_SLIP]
-    turn = rotation_since(b, m, CHANGE)
-    if landed or ends or length(turn[0], turn[1], turn[2]) > WHOLE_TURN:
+    rotation = rotation_since(b, m, CHANGE)
+    if landed or ends or length(rotation[0], rotation[1], rotation[2]) > WHOLE_TURN:
         anchor_change(b, m)

@@ -11,7 +11,7 @@ STEP = 1e-6
 
 
 @helper
-def moved(c, overlap, slip_x, slip_y):
+def displaced(c, overlap, slip_x, slip_y):
     """The same contact at another overlap and after another slip."""
     return Contact(overlap, c.radius, c.mass, c.v_n, slip_x, slip_y, c.v_x, c.v_y, c.roll_x, c.roll_y)
 
@@ -19,9 +19,9 @@ def moved(c, overlap, slip_x, slip_y):
 @helper
 def risen(load, overlap, rise):
     """The load when the overlap grows by `rise`: Hertz' part goes as d^1.5, the patch as d^0.5, all of it by its stiffness."""
-    share = rise / overlap
-    elastic = load.elastic * (1.0 + 1.5 * share)
-    return Load(load.force + load.stiffness * rise, elastic, load.contact_radius * (1.0 + 0.5 * share), load.stiffness)
+    fraction = rise / overlap
+    elastic = load.elastic * (1.0 + 1.5 * fraction)
+    return Load(load.force + load.stiffness * rise, elastic, load.contact_radius * (1.0 + 0.5 * fraction), load.stiffness)
 
 
 def central(law):
@@ -35,7 +35,7 @@ def central(law):
             size = 1.0 if k % 2 == 0 else -1.0
             x, y = c.slip_x + (size * e_s if k < 2 else 0.0), c.slip_y + (size * e_s if k // 2 == 1 else 0.0)
             d = c.overlap + (size * e_d if k >= 4 else 0.0)
-            answer = law(moved(c, d, x, y), risen(load, c.overlap, d - c.overlap), p, h, w, w_new)[0]
+            answer = law(displaced(c, d, x, y), risen(load, c.overlap, d - c.overlap), p, h, w, w_new)[0]
             forces[k, 0], forces[k, 1] = answer.x, answer.y
         return (
             0.5 * (forces[0, 0] - forces[1, 0]) / e_s,

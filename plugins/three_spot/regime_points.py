@@ -15,8 +15,8 @@ STEPS = 60
 
 def computed_points(half_width: float) -> tuple[MapPoint, ...]:
     """Points for the panel of regimes, x_1/h over friction; lower spots at -+ `half_width` (over h). Not those left undecided."""
-    found = [(x, mu, _regime(_dragged(x, half_width, mu))) for x in PLACES for mu in FRICTIONS]
-    return tuple(MapPoint("regimes", x, mu, state) for x, mu, state in found if state is not None)
+    result = [(x, mu, _regime(_dragged(x, half_width, mu))) for x in PLACES for mu in FRICTIONS]
+    return tuple(MapPoint("regimes", x, mu, state) for x, mu, state in result if state is not None)
 
 
 def _dragged(x_1: float, half_width: float, mu: float) -> Result:
@@ -40,16 +40,16 @@ def _dragged(x_1: float, half_width: float, mu: float) -> Result:
     )
 
 
-def _regime(found: Result) -> str | None:
+def _regime(result: Result) -> str | None:
     """Rolling if it is not held even at rest, sliding if it ends so, sticking if it tips in the drag; None if undecided.
 
     It tips when a spot lifts off: from then on two spots carry it.
     """
-    if found.stopped is not None and found.stopped.label != "rolling":
+    if result.stopped is not None and result.stopped.label != "rolling":
         return None
-    if not found.points or found.points[0].label == "rolling":
+    if not result.points or result.points[0].label == "rolling":
         return "rolling"
-    last = found.points[-1]
-    if found.stopped is None and last.label == "sliding":
+    last = result.points[-1]
+    if result.stopped is None and last.label == "sliding":
         return "sliding"
-    return "sticking" if found.stopped is not None or last.label == "rolling" or "open" in last.spots else None
+    return "sticking" if result.stopped is not None or last.label == "rolling" or "open" in last.spots else None

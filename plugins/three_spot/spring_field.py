@@ -81,7 +81,7 @@ def field_energy(w, n, start):
 
 
 @helper
-def push(w, n, q, x, y):
+def push_piece(w, n, q, x, y):
     """Append a node and return the new number; a last node that lies on the line to the new one gives way to it."""
     j = 3 * n - 3
     if n >= 2:
@@ -100,7 +100,7 @@ def push(w, n, q, x, y):
 
 
 @helper
-def released(w, j):
+def release_energy(w, j):
     """int w_new.(w_old - w_new) dy if the node at w[j] is dropped: energy let go where positive, made where negative."""
     part = (w[j] - w[j - 3]) / max(w[j + 3] - w[j - 3], 1e-300)
     x, y = w[j - 2] + part * (w[j + 4] - w[j - 2]), w[j - 1] + part * (w[j + 5] - w[j - 1])
@@ -128,7 +128,7 @@ def thin(w, n):
     holds more energy than the two pieces, the whole field shrinks to its projection: int w_new.(w_old - w_new) >= 0 is what
     keeps a step from making energy.
     """
-    best, least = 3, math.inf
+    best, minimum = 3, math.inf
     for j in range(3, 3 * n - 3, 3):
         l_1, l_2 = w[j] - w[j - 3], w[j + 3] - w[j]
         x_1, y_1, x_2, y_2 = w[j + 1] - w[j - 2], w[j + 2] - w[j - 1], w[j + 4] - w[j + 1], w[j + 5] - w[j + 2]
@@ -136,9 +136,9 @@ def thin(w, n):
         bend += CURVED * CURVED * ((x_1 * x_1 + y_1 * y_1) * l_2 * l_2 + (x_2 * x_2 + y_2 * y_2) * l_1 * l_1)
         length = (l_1 + l_2) * (l_1 + l_2) / max(l_1 * l_2, 1e-300)
         cost = bend * length * length
-        if cost < least:
-            best, least = j, cost
-    lost = released(w, best)
+        if cost < minimum:
+            best, minimum = j, cost
+    lost = release_energy(w, best)
     n = drop(w, n, best)
     if lost < 0.0:
         shrink = max(0.0, 1.0 + lost / max(field_energy(w, n, 0.0), 1e-300))
@@ -207,7 +207,7 @@ def slide(new, n, q_a, ax, ay, q_b, bx, by, step):
     noise = ROUNDING * (abs(sx) + abs(sy) + size_a + size_b)
     turned = across * h > max(size_a, size_b) * (TURNED * k * d * math.sqrt(d) + noise * h)
     back = min(k * (d - q_b) / max(size_b, 1e-300), 1.0)
-    return push(new, n, q_b, back * bx, back * by), loss, turned
+    return push_piece(new, n, q_b, back * bx, back * by), loss, turned
 
 
 @helper
@@ -221,7 +221,7 @@ def span(new, n, q_a, ax, ay, q_b, bx, by, step):
     a_out = ax * ax + ay * ay > b_a * b_a * (1.0 + ROUNDING)
     b_out = bx * bx + by * by > b_b * b_b * (1.0 + ROUNDING)
     if not a_out and not b_out:
-        return push(new, n, q_b, bx, by), 0.0, False
+        return push_piece(new, n, q_b, bx, by), 0.0, False
     dq, dx, dy = q_b - q_a, bx - ax, by - ay
     first, loss, turned = 0.0, 0.0, False
     if a_out:
@@ -233,11 +233,11 @@ def span(new, n, q_a, ax, ay, q_b, bx, by, step):
         first = first if first >= 0.0 else 1.0
         n, loss, turned = slide(new, n, q_a, ax, ay, q_a + first * dq, ax + first * dx, ay + first * dy, step)
         if not b_out:
-            return push(new, n, q_b, bx, by), loss, turned
+            return push_piece(new, n, q_b, bx, by), loss, turned
     t = max(crossing(ax, ay, b_a, bx, by, b_b, 1.0), first)  # none: rounding lost the one at the inner end
     # the trial itself, not k (d - q), which has no digits left for huge friction
     q, x, y = q_a + t * dq, ax + t * dx, ay + t * dy
-    n = push(new, n, q, x, y)
+    n = push_piece(new, n, q, x, y)
     n, more, again = slide(new, n, q, x, y, q_b, bx, by, step)
     return n, loss + more, turned or again
 
@@ -273,7 +273,7 @@ def advance_field(w, n, new, step):
     size, bound = math.sqrt(x * x + y * y), k * d
     far = size - bound
     back = 1.0 if far <= 0.0 else bound / size
-    count = push(new, 0, 0.0, back * x, back * y)
+    count = push_piece(new, 0, 0.0, back * x, back * y)
     loss, turned = 0.0, False
     for i in range(3, 3 * n, 3):
         q_b = w[i]

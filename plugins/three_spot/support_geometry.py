@@ -26,20 +26,20 @@ from thirdbody.plugin import (
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
-Posture = tuple[int, float, float, float, float, float]  # of `posture`
+Posture = tuple[int, float, float, float, float, float]  # of `support_of`
 
 LATERAL = 0.3  # |n_z| below which a contact between debris is on neither side
 TINY = 1e-300
 
 
-def plain(value: int) -> int:
+def is_plain(value: int) -> int:
     """The same number from numpy: a Python one is a type to numba, and helpers compile anew for each."""
     return np.int64(value)  # type: ignore[return-value]
 
 
 # sides are bits, so that their sum names both
-NEITHER, BELOW, ABOVE, BOTH = (plain(side) for side in range(4))
-ARM, NORMAL, SURFACE = plain(C_POINT), plain(C_NORMAL), plain(C_V)
+NEITHER, BELOW, ABOVE, BOTH = (is_plain(side) for side in range(4))
+ARM, NORMAL, SURFACE = is_plain(C_POINT), is_plain(C_NORMAL), is_plain(C_V)
 
 
 @helper
@@ -75,7 +75,7 @@ def load_mean(C: Array, n: int, sides: int, k: int) -> Triple:
 
 
 @helper
-def posture(C: Array, n: int) -> Posture:
+def support_of(C: Array, n: int) -> Posture:
     """Sides that carry load (bits), largest contact radius a (m, never zero), lever D (m), unit axis."""
     sides = NEITHER
     a = TINY

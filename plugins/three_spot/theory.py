@@ -236,17 +236,17 @@ def tilted_state(
     phi x_2, d_3 = w + phi x_3, is linear in N_1^(2/3), w and phi. Raises ValueError if a spot would have to
     pull.
     """
-    share = lower_force_share(x, mu_h)
-    shares = (1.0, share, 1.0 - share)
-    if min(shares) < 0.0:
-        raise ValueError(f"a spot lifts off: force shares {shares}")
+    fraction = lower_force_share(x, mu_h)
+    fractions = (1.0, fraction, 1.0 - fraction)
+    if min(fractions) < 0.0:
+        raise ValueError(f"a spot lifts off: force shares {fractions}")
     moduli = (e_1, e_2, e_2)
-    c = [hertz_overlap(e, r, n) for e, r, n in zip(moduli, radii, shares, strict=True)]
+    c = [hertz_overlap(e, r, n) for e, r, n in zip(moduli, radii, fractions, strict=True)]
     tilt = (c[2] - c[1]) / (x[2] - x[1])
     sink = c[1] - tilt * x[1]
     scale = closing / (c[0] + sink + tilt * x[0])  # N_1^(2/3)
     force = scale**1.5
-    return scale * sink, scale * tilt, (force, share * force, (1.0 - share) * force)
+    return scale * sink, scale * tilt, (force, fraction * force, (1.0 - fraction) * force)
 
 
 # -- impact --

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from thirdbody.plugin import helper
 
-from .linear_program import find_feasible, least_value
+from .linear_program import find_feasible, minimise
 
 Array = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -118,8 +118,8 @@ def sliding_range(slider: Array, holder: Array, heights: Pair, wrench: Array, fr
     basis = np.empty(7, np.int64)
     if not find_feasible(A, basis, RESIDUAL):
         return math.inf, -math.inf
-    low = least_value(A, basis, 1.0)
-    return low, -least_value(A, basis, -1.0)
+    low = minimise(A, basis, 1.0)
+    return low, -minimise(A, basis, -1.0)
 
 
 @helper
@@ -139,8 +139,8 @@ def weighted_forecast(
     for k in range(6):
         wrench[k] /= load if k < 3 else load * size
     top, bottom = heights[0] / size, heights[1] / size
-    least = min(frictions[0], frictions[1])
-    start, one, two = (least, frictions[0] / least, frictions[1] / least) if least > 0.0 else (1.0, 1.0, 1.0)
+    minimum = min(frictions[0], frictions[1])
+    start, one, two = (minimum, frictions[0] / minimum, frictions[1] / minimum) if minimum > 0.0 else (1.0, 1.0, 1.0)
     required = start * required_scale(upper, lower, (top, bottom), wrench, (start * one, start * two))
     speed = math.hypot(drag[0], drag[1])
     press = 1.0 - wrench[2]  # load of the lower side over that of the upper

@@ -55,7 +55,7 @@ def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
     refuse_existing_file(path, overwrite)
     part = _beside(path, "part")
     try:
-        with _told(path):
+        with _write_error(path):
             yield part
             with open(part, "rb+") as file:
                 os.fsync(file.fileno())
@@ -74,7 +74,7 @@ def new_folder(path: Path, overwrite: bool, ours: Collection[str]) -> Iterator[P
     refuse_existing_folder(path, overwrite, ours)
     part = _beside(path, "part")
     try:
-        with _told(path):
+        with _write_error(path):
             part.mkdir()
             yield part
             _put_in_place(part, path, ours)
@@ -105,7 +105,7 @@ def _beside(path: Path, suffix: str) -> Path:
 
 
 @contextmanager
-def _told(path: Path) -> Iterator[None]:
+def _write_error(path: Path) -> Iterator[None]:
     """One message for what the system or HDF5 (which raises RuntimeError too) says while writing."""
     try:
         yield

@@ -14,19 +14,19 @@ MINUS, GLUE = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
 """GLUE keeps a number and its unit on one line."""
 
 
-def scaled(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
+def scale_values(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
     """The values (n,), given in SI, in the prefixed unit that makes the largest 1 to 1000; and that unit."""
     factor, name = unit_for(values, unit)
     return values / factor, name
 
 
 def unit_for(values: np.ndarray, unit: str) -> tuple[float, str]:
-    """Factor and name of the unit of `scaled`."""
+    """Factor and name of the unit of `scale_values`."""
     factor, prefix = _prefix(float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))
     return factor, prefix + unit
 
 
-def told(value: float, unit: str, digits: int = 3) -> str:
+def quantity_text(value: float, unit: str, digits: int = 3) -> str:
     """A quantity given in SI, in words: 4.19e-8 of J as `41.9 nJ`; a pure number without unit; NaN as `unknown`."""
     if not math.isfinite(value):
         return "unknown"
@@ -79,11 +79,11 @@ def with_unit(value: float, unit: str) -> str:
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g} {unit}"
     rounded = float(f"{value:.2e}")
-    factor, written = prefixed(rounded, unit)
+    factor, written = prefix_for(rounded, unit)
     return f"{rounded * factor:.3g} {written}"
 
 
-def prefixed(size: float, unit: str) -> tuple[float, str]:
+def prefix_for(size: float, unit: str) -> tuple[float, str]:
     """Factor and unit with its prefix in which a number of this size is easy to read: 3e-5, "m" -> 1e6, "µm".
 
     Masses come in grams, and a number without unit stays as it is.
@@ -125,7 +125,7 @@ def duration(seconds: float) -> str:
     return f"{seconds:.3g} s" if seconds < 60.0 else _scaled(seconds, _TIMES)
 
 
-def size(count: float) -> str:
+def file_size(count: float) -> str:
     """A number of bytes with its unit, powers of 1000, two figures."""
     return _scaled(count, _SIZES)
 

@@ -82,9 +82,9 @@ def parse_any(text: str, dimensions: tuple[str, ...]) -> tuple[float, str]:
     for name, entry in zip(dimensions, wanted, strict=True):
         if powers == entry.powers or powers in entry.also:
             return _rounded(number, factor, text), name
-    found = " or ".join(entry.phrase for entry in DIMENSIONS.values() if entry.powers == powers)
+    result = " or ".join(entry.phrase for entry in DIMENSIONS.values() if entry.powers == powers)
     expected = " or ".join(entry.phrase for entry in wanted)
-    raise ValueError(f"'{text}' is {found or 'a quantity in ' + unit}, expected {expected}")
+    raise ValueError(f"'{text}' is {result or 'a quantity in ' + unit}, expected {expected}")
 
 
 def without_unit(shown: str, dimensions: tuple[str, ...]) -> str:
@@ -126,12 +126,12 @@ def refuse_absurd(value: float, dimension: str, shown: str) -> None:
     Lengths other than 0 lie between 1e-30 and 1e30 m (fifth powers, and the squares of these, are normal numbers), all other
     quantities between 1e-60 and 1e60 in SI; pure numbers may be as small as they like.
     """
-    most = _REACH.get(dimension, 1e60)
-    small = dimension != "dimensionless" and 0.0 < abs(value) < 1.0 / most
-    if small or abs(value) > most:
+    maximum = _REACH.get(dimension, 1e60)
+    small = dimension != "dimensionless" and 0.0 < abs(value) < 1.0 / maximum
+    if small or abs(value) > maximum:
         unit = f" {DIMENSIONS[dimension].si_unit}".rstrip()
-        least = "at most" if dimension == "dimensionless" else f"between {1.0 / most:g} and"
-        raise ValueError(f"{shown} must be {least} {most:g}{unit} in size" + ("; is the unit right?" if unit else ""))
+        minimum = "at most" if dimension == "dimensionless" else f"between {1.0 / maximum:g} and"
+        raise ValueError(f"{shown} must be {minimum} {maximum:g}{unit} in size" + ("; is the unit right?" if unit else ""))
 
 
 def _bare(phrase: str) -> str:

@@ -55,25 +55,27 @@ CUTS = (
     # way over radius, numbers, domain; the longest way stays
     Cut("kernels/explicit/drift.py", """\
     body = b if share > step else body
-    bad, out = judge_place(b, x, share, limits, bad, out)
-    return max(longest, way), max(step, share), body, bad, out
+    bad, out = check_position(b, x, share, limits, bad, out)
+    return max(longest, distance), max(step, share), body, bad, out
 """, """\
     return max(longest, way), step, body, bad, out
 """),
     Cut("kernels/explicit/drift_spheres.py", """\
-        max(fastest, square), max(farthest, square * lane(share, 2) * lane(share, 2)), strange + none * x,
-        where_above(low, x, x, low), where_above(x, high, x, high),
+        max(fastest, square), max(farthest, square * extract(fraction, 2) * extract(fraction, 2)), strange + none * x,
+        select_greater(low, x, x, low), select_greater(x, high, x, high),
 """, """\
         max(fastest, square), farthest, strange, low, high,
 """),
     # overlap over radius, forces; the sums stay
     Cut("kernels/explicit/contact_forces.py", """\
         r_i, r_j = get(G, q + G_RI * TILE), get(G, q + G_RJ * TILE)
-        if below(spread(deepest) * where_above(r_i, r_j, r_j, r_i), get(I, q + I_OVERLAP * TILE)) != 0:  # few are the deepest
-            deepest, slot = deeper(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
+        if (
+            less_mask(broadcast(deepest) * select_greater(r_i, r_j, r_j, r_i), get(I, q + I_OVERLAP * TILE)) != 0
+        ):  # few are the deepest
+            deepest, slot = larger_overlap(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
         x, y, z = get(G, q + G_F * TILE), get(G, q + (G_F + 1) * TILE), get(G, q + (G_F + 2) * TILE)
         if not all_below(x * x + y * y + z * z, LARGEST):
-            bad = last_bad(q, min(q + LANES, m), slots, first, G, bad)
+            bad = last_nonfinite(q, min(q + LANES, m), slots, first, G, bad)
 """),
     Cut("kernels/explicit/step_loop.py", """\
         code, who = guard(D, sums, moves)

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit, types
 from numba.core import ir
 
-from thirdbody.jit.simd import LANES, crossed, four
+from thirdbody.jit.simd import LANES, cross, four
 
 WIDTHS = {types.float64: 1, four: LANES}
 CROSSED = 3 * LANES  # two products and a difference
@@ -82,7 +82,7 @@ def _call(callee: Any, kind: Any) -> Operations:
     if isinstance(callee, types.Dispatcher):
         return operations(callee.dispatcher)
     key = getattr(callee, "typing_key", None)
-    if key is crossed:
+    if key is cross:
         return Operations(float(CROSSED))
     if kind.return_type != types.float64 or key in COPIES or not _is_arithmetic(key):
         return Operations()

@@ -57,14 +57,14 @@ def over_slots(repeats, one, tiles, slots, arguments):
 @kernel
 def drift(c, start, near, beginning, offsets, S, B, E, D, moves, Z, staged, cuts, own, body):
     """The bodies of a chunk, by a step of no length."""
-    motion.drift_chunk(c, start, near, beginning, False, offsets, S, B, E, D, 0.0, 1.0, moves, Z, staged)
-    rigid_body.forget_plates(cuts[FLAT, c], cuts[FLAT, c + 1], own, body, E)
+    motion.drift_bodies(c, start, near, beginning, False, offsets, S, B, E, D, 0.0, 1.0, moves, Z, staged)
+    rigid_body.reset_plate_forces(cuts[FLAT, c], cuts[FLAT, c + 1], own, body, E)
 
 
 @kernel
 def kick(c, cuts, guests, F, B, E, effects, parameters, moves):
     """The bodies of a chunk, by a step of no length."""
-    gather_forces.gather_chunk(c, cuts, guests, F, B, E, 0.0, 0.0, effects_at(effects), parameters, False, False, moves)
+    gather_forces.gather_forces(c, cuts, guests, F, B, E, 0.0, 0.0, effects_at(effects), parameters, False, False, moves)
 
 
 @kernel
@@ -77,9 +77,9 @@ def ends(g, cuts, side):
 def measure(g, cuts, own, partner, S, P, l_x, l_y, c_x, c_y, found):
     """The gaps of a group."""
     first, last = ends(g, cuts, FLAT)
-    narrow_phase.measure_plates(first, last, own, partner, S, P, found)
+    narrow_phase.plate_overlaps(first, last, own, partner, S, P, found)
     first, last = ends(g, cuts, PAIRED)
-    narrow_phase.measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, found)
+    narrow_phase.pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, found)
 
 
 @kernel
@@ -87,7 +87,7 @@ def sort(g, cuts, found, closed, touching, opened):
     """Who touches in a group, by the gaps of another: the work does not depend on them."""
     for side in range(FLAT, PAIRED + 1):
         first, last = ends(g, cuts, side)
-        narrow_phase.sort_out(first, last, found, closed, touching, opened)
+        narrow_phase.compact_active(first, last, found, closed, touching, opened)
 
 
 @kernel
@@ -99,13 +99,15 @@ def law(n, place, I, O, pairs):  # noqa: E741
 @kernel
 def tally(n, slots, first, O, I, G, sums):  # noqa: E741
     """The sums of a tile."""
-    contact_forces.tell(0, 0.0, 0.0, contact_forces.tally(n, slots, first, O, I, G, contact_forces.nothing()), sums)
+    contact_forces.store_sums(
+        0, 0.0, 0.0, contact_forces.reduce_tile(n, slots, first, O, I, G, contact_forces.empty_sums()), sums
+    )
 
 
 @kernel
 def push_flat(n, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
     """A tile of contacts with plates."""
-    contact_forces.push_flat(n, np.int64(0), slots, first, own, partner, body, S, O, G, B, E, sums)
+    contact_forces.scatter_plate_tile(n, np.int64(0), slots, first, own, partner, body, S, O, G, B, E, sums)
 
 
 @dataclass(frozen=True)
@@ -173,7 +175,12 @@ def drift_of(k: Tables) -> Pass:
         s.start, slots.near, slots.beginning, s.offsets, k.S, k.B, k.E, s.D, k.moves, k.room[0], k.marks[0], slots.cuts,
         slots.own, s.body,
     )  # fmt: skip
-    kernels = [(drift_spheres.drift_ball, many), (motion.move, clumps), (rigid_body.place_sphere, placed), (motion.judge, clumps)]
+    kernels = [
+        (drift_spheres.drift_ball, many),
+        (motion.drift_tile, clumps),
+        (rigid_body.place_sphere, placed),
+        (motion.check_limits, clumps),
+    ]
     return Pass("drift", lambda n: over_parts(n, drift, len(k.moves), given), len(k.moves), len(k.B), "bodies",
                 touched + slots.n_plates * (12 + 8), k.rows + s.offsets.nbytes, kernels)  # fmt: skip
 
@@ -187,7 +194,7 @@ def gaps_of(k: Tables) -> list[Pass]:
     return [
         Pass("measure", lambda n: over_parts(n, measure, k.groups, given), calls, slots.count, "candidates",
              flat * (8 + 8 * 4) + paired * (8 + 8 * 9), k.S.nbytes + 8 * slots.count,
-             [(narrow_phase.plate_overlap, flat), (narrow_phase.measure_pairs, paired)]),
+             [(narrow_phase.plate_overlap, flat), (narrow_phase.pair_overlaps, paired)]),
         Pass("sort", lambda n: over_parts(n, sort, k.groups, sorts), calls, slots.count, "candidates",
              24 * slots.count, k.closed.nbytes, []),
     ]  # fmt: skip
@@ -200,10 +207,10 @@ def staging_of(k: Tables) -> list[Pass]:
     pairs = (slots.own, slots.partner, k.state.body, slots.kind)
     flat = (k.overlaps, 0, *listed, k.S, k.state.P, k.H, 0.0, 0.0, k.I, k.G, h)
     return [
-        slotted(k, "stage, plates", contact_tiles.stage_plates, k.flat, flat,
-                16 + 8 * (14 + 4 + 36 + 2 * h), kept, contact_geometry.stage_plate, 1),
-        slotted(k, "stage, pairs", contact_geometry.stage_pairs, k.paired, (*pairs, k.S, k.B, k.H, k.I, k.G, h),
-                16 + 8 * (40 + 4 + 30 + 2 * h), kept, contact_geometry.stage_pairs, 4),
+        slotted(k, "stage, plates", contact_tiles.gather_plate_contacts, k.flat, flat,
+                16 + 8 * (14 + 4 + 36 + 2 * h), kept, contact_geometry.gather_plate_contact, 1),
+        slotted(k, "stage, pairs", contact_geometry.gather_pair_contacts, k.paired, (*pairs, k.S, k.B, k.H, k.I, k.G, h),
+                16 + 8 * (40 + 4 + 30 + 2 * h), kept, contact_geometry.gather_pair_contacts, 4),
     ]  # fmt: skip
 
 
@@ -211,13 +218,13 @@ def fields_of(k: Tables) -> list[Pass]:
     """What works on the fields of a tile alone, with the number of fields that each reads and writes."""
     dt, meeting, laws = k.state.dt, (k.state.dt, *k.periods, k.I, k.G), (k.at.law, k.I, k.O, k.physics.pairs)
     return [
-        tiled(k, "meet", contact_geometry.meet, k.paired, meeting, 10 + 11),
-        tiled(k, "turn frames", contact_geometry.turn_frames, k.tiles, (dt, k.G), 13 + 6),
-        tiled(k, "slide", contact_geometry.slide, k.tiles, (dt, k.I, k.G), 31 + 5),
+        tiled(k, "meet", contact_geometry.pair_geometry, k.paired, meeting, 10 + 11),
+        tiled(k, "turn frames", contact_geometry.transport_frames, k.tiles, (dt, k.G), 13 + 6),
+        tiled(k, "slide", contact_geometry.slip_increment, k.tiles, (dt, k.I, k.G), 31 + 5),
         tiled(k, "law", law, k.tiles, laws, at.I_HISTORY + at.O_HISTORY + 2 * k.h, k.physics.law),
         *booking_of(k),
-        tiled(k, "push", contact_geometry.push, k.tiles, (k.I, k.O, k.G), 15 + 9),
-        slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * at.TILE, contact_forces.tally, 4),
+        tiled(k, "push", contact_geometry.force_and_torques, k.tiles, (k.I, k.O, k.G), 15 + 9),
+        slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * at.TILE, contact_forces.reduce_tile, 4),
     ]
 
 
@@ -249,29 +256,29 @@ def pushes_of(k: Tables) -> list[Pass]:
             (slots.own, slots.partner, s.body, k.S, k.O, k.G, k.B, k.E, k.sums),
             20 + 8 * (8 + 4 + 9 + 9),
             tables,
-            contact_forces.push_flat,
+            contact_forces.scatter_plate_tile,
             4,
         ),
         slotted(
             k,
             "bodies, pairs",
-            contact_forces.push_pairs,
+            contact_forces.scatter_pair_tile,
             k.paired,
             (slots.own, slots.partner, s.body, slots.outer, k.S, k.O, k.G, k.B, k.F),
             16 + arms + 8 * (11 + 16 + 16),
             tables + k.F.nbytes + slots.outer.nbytes,
-            contact_forces.push_pairs,
+            contact_forces.scatter_pair_tile,
             4,
         ),
         slotted(
             k,
             "keep",
-            contact_history.keep,
+            contact_history.store_history,
             k.tiles,
             (k.O, k.G, k.H, h),
             4 + 8 * (6 + 5 + 2 * h),
             k.H.nbytes,
-            contact_history.keep,
+            contact_history.store_history,
             4,
         ),
     ]
@@ -281,8 +288,16 @@ def gather_of(k: Tables) -> Pass:
     """What other groups left, a row each; the closing half kick is the drift's where nobody looks."""
     slots, n, guests = k.slots, len(k.B), len(k.slots.guests)
     given = (slots.cuts, slots.guests, k.F, k.B, k.E, k.at.effects, k.physics.effect_parameters, k.moves)
-    return Pass("gather", lambda many: over_parts(many, kick, len(k.moves), given), len(k.moves), n, "bodies",
-                8 * len(k.moves) + (4 + 8 * 24) * guests, k.B.nbytes + k.F.nbytes, [(gather_forces.collect, guests)])  # fmt: skip
+    return Pass(
+        "gather",
+        lambda many: over_parts(many, kick, len(k.moves), given),
+        len(k.moves),
+        n,
+        "bodies",
+        8 * len(k.moves) + (4 + 8 * 24) * guests,
+        k.B.nbytes + k.F.nbytes,
+        [(gather_forces.add_remote_forces, guests)],
+    )
 
 
 def tiled(k: Tables, name: str, one: Any, tiles: np.ndarray, given: tuple, fields: int, counted: Any = None) -> Pass:

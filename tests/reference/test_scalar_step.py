@@ -28,8 +28,8 @@ from scalar_step import Reference
 from thirdbody.build.simulation import Simulation
 from thirdbody.engine import explicit, thread_tuner
 from thirdbody.engine.neighbours import search
-from thirdbody.engine.state import Physics, Slots, rotation_matrices
-from thirdbody.jit.packed_arguments import known
+from thirdbody.engine.state import Candidates, Physics, rotation_matrices
+from thirdbody.jit.packed_arguments import make_unpacker
 from thirdbody.kernels import layout as at
 from thirdbody.kernels import schedule
 from thirdbody.kernels.explicit import step_loop
@@ -85,7 +85,7 @@ VECTORS = {
 
 Tables = dict[str, np.ndarray]
 Spoil = Callable[[pytest.MonkeyPatch], None]
-Event = tuple[int, Slots | None]
+Event = tuple[int, Candidates | None]
 """Steps that the engine made at a stretch, and the candidates of the search that ended them."""
 
 
@@ -291,7 +291,7 @@ def rows(found: Pass, slots: np.ndarray) -> list[np.ndarray]:
 
 def work_from_the_last() -> Any:
     """The engine's passes over groups, each with its parts in the opposite order."""
-    context_of = known(KINDS, Context)
+    context_of = make_unpacker(KINDS, Context)
 
     @numba.njit(WORK, error_model="numpy")
     def turned_round(task, part, begin, end, number, record, time, v_x, v_y, dt, left, context):

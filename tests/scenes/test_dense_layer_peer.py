@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from thirdbody.bodies.clump import Clump
-from thirdbody.build.physics import choose
+from thirdbody.build.physics import compile_physics
 from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.state import Placed, World, assemble
 from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate
@@ -97,7 +97,7 @@ def scene(level: str) -> Scene:
 def shear(layer: dict[str, np.ndarray], level: str, time_step: float | None) -> Explicit:
     """The layer between plates at the file's gap, the upper one moving along x, at time zero. SI."""
     family = LawFamily(name="peer", levels=LAWS, default_level="full")
-    choice = choose(scene(level), Registry((Plugin(name="peer", families=(family,)),)))
+    choice = compile_physics(scene(level), Registry((Plugin(name="peer", families=(family,)),)))
     n, one = len(layer["bm"]), np.ones(1)
     x = (Segment(0.0, schedule.POLYNOMIAL, 0.0, LAMMPS["speed"]),)
     gap = (Segment(0.0, schedule.POLYNOMIAL, float(layer["H"]) * LENGTH),)

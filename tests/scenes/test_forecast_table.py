@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.plot.forecast_plot import check_format, draw_forecasts, pooled
+from thirdbody.plot.forecast_plot import check_format, draw_forecasts, pool
 from thirdbody.report.forecast_check import WATCHED, forecast_against_fact, forecasts
 
 SCENE = """
@@ -137,7 +137,7 @@ def main() -> None:
     out = parser.parse_args().out
     check_format(out)  # before the minutes of runs
     with tempfile.TemporaryDirectory() as folder:
-        everything = pooled([forecasts(run) for _, run in runs(Path(folder), "explicit")])
+        everything = pool([forecasts(run) for _, run in runs(Path(folder), "explicit")])
     draw_forecasts(everything, out, "A thousand random clumps: forecast against fact")
 
 

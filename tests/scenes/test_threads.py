@@ -46,7 +46,7 @@ def test_a_thread_waits_until_another_has_imported_the_same_generated_module(tmp
     found: list[object] = []
 
     def load() -> None:
-        found.append(getattr(module_cache.load("slow", text, [])[0], "law", "was not there yet"))
+        found.append(getattr(module_cache.load_module("slow", text, [])[0], "law", "was not there yet"))
 
     threads = [threading.Thread(target=load) for _ in range(2)]
     for thread in threads:

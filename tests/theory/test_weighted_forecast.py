@@ -38,7 +38,7 @@ def label(upper, lower, heights, wrench, frictions, drag, kernel=classify.label)
     b[k.O_Q], b[k.O_DRAG : k.O_DRAG + 2] = 1.0, drag
     b[k.O_EF : k.O_EF + 6] = LOAD * np.array(wrench) * (1.0, 1.0, 1.0, UM, UM, UM)
     memory = np.zeros(len(classify.MEMORY))
-    classify.observe(C, n, b, memory)
+    classify.update_history(C, n, b, memory)
     kernel(C, n, b, memory, out)
     return dict(zip(classify.EXTRAS, out[-len(classify.EXTRAS) :], strict=True))
 

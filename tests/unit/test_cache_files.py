@@ -120,7 +120,7 @@ def test_a_full_disk_is_told_in_one_line(load, monkeypatch, tmp_path):
 
 def generated_value(text: str) -> tuple[int, Path]:
     """The value of a generated module, imported as a new process does."""
-    module, path = module_cache.load("damaged", text, [])
+    module, path = module_cache.load_module("damaged", text, [])
     del sys.modules[module.__name__]
     return module.value, path
 

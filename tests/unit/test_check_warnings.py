@@ -13,7 +13,7 @@ from thirdbody.build.simulation import build
 from thirdbody.errors import InputError
 from thirdbody.laws.contract import Material
 from thirdbody.laws.first_yield import yield_limit
-from thirdbody.quantity import duration, size
+from thirdbody.quantity import duration, file_size
 from thirdbody.report import scene_check as check
 from thirdbody.runner.run_warnings import run_warnings
 from thirdbody.runner.simulate import run
@@ -194,7 +194,7 @@ def test_durations_read_well(seconds, words):
 
 @pytest.mark.parametrize("count, words", [(0, "0 bytes"), (999, "1,000 bytes"), (5e10, "50 GB"), (1.24e6, "1.2 MB")])
 def test_sizes_read_well(count, words):
-    assert size(count) == words
+    assert file_size(count) == words
 
 
 def test_the_softer_material_yields_first():

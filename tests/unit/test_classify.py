@@ -124,7 +124,7 @@ class Rig:
                 s.slip += share * length
             order, C = self.table()
             self.last = (C, self.body((share * dx, share * dy), share * dt, moving))
-            c.observe(C, len(order), self.last[1], self.m)
+            c.update_history(C, len(order), self.last[1], self.m)
             for s, row in zip(order, C, strict=False):
                 s.memory = row[k.C_MEMORY :].copy()
         return self
@@ -581,6 +581,6 @@ def test_extreme_numbers_stay_finite():
             b, m, out = scale * rng.normal(size=k.O_COLS), np.zeros(len(c.MEMORY)), np.full(c.OUTPUTS, np.nan)
             b[k.O_Q : k.O_Q + 4] = quaternion(rng.normal(size=3))
             for _ in range(3):
-                c.observe(C, 4, b, m)
+                c.update_history(C, 4, b, m)
                 c.label(C, 4, b, m, out)
                 assert np.isfinite(out).all() and not np.isnan(m).any()

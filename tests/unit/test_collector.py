@@ -7,7 +7,7 @@ import weakref
 
 import pytest
 
-from thirdbody.jit.gc_pause import resting
+from thirdbody.jit.gc_pause import paused
 
 
 class Cycle:
@@ -18,12 +18,12 @@ class Cycle:
 
 
 def test_nothing_is_collected_within_and_all_of_it_after():
-    with resting("a test"):  # the first time keeps what it finds
+    with paused("a test"):  # the first time keeps what it finds
         assert not gc.isenabled()
     kept = gc.get_freeze_count()
-    with resting("a test"):
+    with paused("a test"):
         dropped = weakref.ref(Cycle())
-        with resting("another one within it"):
+        with paused("another one within it"):
             pass
         assert not gc.isenabled() and dropped() is not None
     assert gc.isenabled() and gc.get_freeze_count() == kept
@@ -32,7 +32,7 @@ def test_nothing_is_collected_within_and_all_of_it_after():
 
 
 def test_a_fault_within_does_not_leave_it_off():
-    with pytest.raises(ValueError, match="within"), resting("a test"):
+    with pytest.raises(ValueError, match="within"), paused("a test"):
         raise ValueError("within")
     assert gc.isenabled()
 
@@ -40,7 +40,7 @@ def test_a_fault_within_does_not_leave_it_off():
 def test_one_who_wants_no_collector_gets_none():
     gc.disable()
     try:
-        with resting("a test"):
+        with paused("a test"):
             pass
         assert not gc.isenabled()
     finally:

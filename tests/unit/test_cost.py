@@ -21,12 +21,12 @@ from thirdbody.studies import cost, cost_plot, cost_table, worker
 from thirdbody.studies.compare import Outcome, errors, label_difference, order, read_outcome, rms_error, turns
 from thirdbody.studies.convergence import convergence, falling, reference_error
 from thirdbody.studies.cost_command import cost_command
-from thirdbody.studies.reduced_scene import FEWEST, WIDER, reduced, thinned
+from thirdbody.studies.reduced_scene import FEWEST, WIDER, reduce_scene, thin
 from thirdbody.studies.stopwatch import Late, bare
 from thirdbody.studies.time_budget import Budget, Costs, Overheads, fitting, repeats_of, whole
 from thirdbody.studies.timing_statistics import slower, timing
-from thirdbody.studies.variant_runs import LEFT_OUT, ROUNDS, Climb
-from thirdbody.studies.variants import CURVES, Base, Rung, ladder
+from thirdbody.studies.variant_runs import LEFT_OUT, ROUNDS, VariantRuns
+from thirdbody.studies.variants import CURVES, Base, Variant, variants_of
 from thirdbody.studies.worker_process import Overdue, Worker, request
 
 SCENE = (
@@ -71,7 +71,7 @@ def outcome(**changes) -> Outcome:
 
 def row(name: str, seconds: float, error: float, **keys) -> cost.Row:
     """A rung that took so long and was so wrong in friction."""
-    rung = keys.pop("rung", None) or Rung(name, keys.pop("axis", "law"), name, keys.pop("springs", None), "explicit",
+    rung = keys.pop("rung", None) or Variant(name, keys.pop("axis", "law"), name, keys.pop("springs", None), "explicit",
                                           default=keys.pop("default", False), reference=keys.pop("reference", False))  # fmt: skip
     told = {key: error for key in cost.ERRORS} | {"label_difference": keys.pop("labels", 0.0)}
     one = cost.Row(rung, [seconds, 1.2 * seconds, seconds], [seconds, 1.2 * seconds, seconds], True, "", "explicit", 1e-10)
@@ -88,7 +88,7 @@ def made() -> cost.Study:
         row("mdr 16", 4.0, 0.008, springs=16), row("exact", 9.0, 0.001), row("mindlin, step x4", 0.5, 0.3, axis="step"),
         row("exact, step /4", 30.0, 0.0, reference=True, axis="reference"),
     ]  # fmt: skip
-    wrong = cost.Row(Rung("mindlin, implicit", "integrator", "mindlin", None, "implicit"), message="cannot run this scene")
+    wrong = cost.Row(Variant("mindlin, implicit", "integrator", "mindlin", None, "implicit"), message="cannot run this scene")
     machine = {"cpu": "a processor", "cores": 2, "threads": 1, "load": 0.1}
     return cost.Study("scenes/s.toml", "a scene", ["40 of 2000 bodies"], machine, [*rows[:-1], wrong, rows[-1]])
 
@@ -96,7 +96,7 @@ def made() -> cost.Study:
 @pytest.mark.parametrize("base", [EXPLICIT, IMPLICIT], ids=["explicit", "implicit"])
 def test_the_ladder_changes_one_thing_at_a_time(base):
     scene = Scene.parse(SCENE)
-    rungs = ladder(scene, THREE_SPOT, base)
+    rungs = variants_of(scene, THREE_SPOT, base)
     assert 14 <= len(rungs) <= 20
     assert len({rung.name for rung in rungs}) == len(rungs)
     assert [rung.default for rung in rungs].count(True) == 1 and [rung.reference for rung in rungs].count(True) == 1
@@ -112,20 +112,20 @@ def test_the_ladder_changes_one_thing_at_a_time(base):
 
 
 def test_the_reference_has_the_finest_law_and_step():
-    last = ladder(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)[-1]
+    last = variants_of(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)[-1]
     assert last.reference and last.level == "exact"
     assert last.changes["solver.time_step"] == f"{0.25e-10!r} s"
 
 
 def test_explicit_rungs_hold_their_step():
     """An automatic one looks at the contacts, and laws would differ by their steps too."""
-    steps = {rung.factor: rung.changes["solver.time_step"] for rung in ladder(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
+    steps = {rung.factor: rung.changes["solver.time_step"] for rung in variants_of(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
              if rung.integrator == "explicit"}  # fmt: skip
     assert steps == {factor: f"{factor * 1e-10!r} s" for factor in (4.0, 2.0, 1.0, 0.5, 0.25)}
 
 
 def test_a_finest_law_has_no_way_to_itself():
-    rungs = ladder(Scene.parse(SCENE), THREE_SPOT, Base("implicit", "exact", None, 1e-10, 5e-4))
+    rungs = variants_of(Scene.parse(SCENE), THREE_SPOT, Base("implicit", "exact", None, 1e-10, 5e-4))
     assert not [rung for rung in rungs if rung.axis == "fine"] and len({rung.name for rung in rungs}) == len(rungs)
 
 
@@ -136,7 +136,7 @@ def test_a_finest_law_has_no_way_to_itself():
 def test_a_rung_takes_out_options_that_its_level_does_not_know(level, options):
     settings = {f"contact.{key}": value for key, value in options.items()}
     scene = Scene.parse(SCENE).with_settings({"contact.level": level} | settings)
-    for rung in ladder(scene, THREE_SPOT, Base("implicit", level, options.get("springs"), 1e-10, 5e-4)):
+    for rung in variants_of(scene, THREE_SPOT, Base("implicit", level, options.get("springs"), 1e-10, 5e-4)):
         changed = scene.with_settings(rung.changes).contact.options
         known = {option.name for law in THREE_SPOT.levels[rung.level] for option in law.options}
         assert set(changed) <= known
@@ -149,7 +149,7 @@ def test_the_reference_resolves_curved_slip_no_worse_than_any_other_rung(base, o
     """On curves 48 nodes of `exact` are right to 2e-4 of mu N, but 128 springs of `mdr` to 5e-5, as 96 nodes are."""
     settings = {"contact.level": base.level} | {f"contact.{key}": value for key, value in own.items()}
     scene = Scene.parse(SCENE).with_settings(settings)
-    rungs = ladder(scene, THREE_SPOT, base)
+    rungs = variants_of(scene, THREE_SPOT, base)
     assert rungs[-1].reference and scene.with_settings(rungs[-1].changes).contact.options["nodes"] >= 96
     assert {rung.changes.get("contact.nodes") for rung in rungs if rung.axis in ("fine", "reference")} == {CURVES["nodes"]}
 
@@ -270,7 +270,7 @@ def test_cheap_rungs_are_repeated_more_often(seconds, runs):
 
 
 def test_a_copy_is_as_large_as_the_budget_allows():
-    rungs = ladder(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
+    rungs = variants_of(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
     costs = Costs(1.0, 128, 17.0, ("exact", None), 15.0, 0.1)
     told = {rung.name: costs.of(rung, EXPLICIT) for rung in rungs}
     assert told["mdr 64"] == pytest.approx(9.0) and told["mindlin"] == 1.0  # linear in the springs
@@ -288,19 +288,19 @@ def crowd() -> Scene:
 
 def test_a_thinned_copy_has_its_bodies_apart_or_as_close_as_they_were():
     scene = crowd()
-    apart, words = thinned(scene, 200, 0.25)
+    apart, words = thin(scene, 200, 0.25)
     copy = scene.with_settings(apart)
     assert copy.debris[0].count == 50 and words == ["50 of 200 bodies, in a domain so wide that they are apart"]
     assert copy.domain.size == pytest.approx((WIDER * 300e-6, WIDER * 200e-6), rel=1e-12)
-    near, words = thinned(scene, 200, 0.25, meet=True)
+    near, words = thin(scene, 200, 0.25, meet=True)
     assert scene.with_settings(near).domain.size == pytest.approx((150e-6, 100e-6), rel=1e-12)  # a quarter of the area
     assert words == ["50 of 200 bodies, as close as they were"]
-    assert thinned(scene, 200, 1.5) == ({}, []) and thinned(scene, FEWEST, 0.1) == ({}, [])
+    assert thin(scene, 200, 1.5) == ({}, []) and thin(scene, FEWEST, 0.1) == ({}, [])
 
 
 def test_bodies_of_a_copy_are_apart_for_the_implicit_integrator():
     """It has no contact between bodies and stops where two come near each other."""
-    copy, built, words = reduced(crowd(), [], 1e-9)
+    copy, built, words = reduce_scene(crowd(), [], 1e-9)
     assert copy.debris[0].count == FEWEST and built.state.world.debris_meets and "apart" in words[0]
     place = built.state.B[:, at.B_X : at.B_X + 2]
     apart = place[:, None] - place[None]
@@ -368,7 +368,7 @@ def test_an_order_is_told_of_errors_that_fall():
 
 def test_when_the_finest_rung_fails_the_next_one_is_the_reference(made):
     made.rows[-1].stable = False
-    cost.judge(made)
+    cost.compute_errors(made)
     assert made.reference.rung.name == "exact"
     assert made.reference.errors["friction_error"] == 0.0
 
@@ -377,7 +377,7 @@ def test_nothing_that_runs_is_told(made):
     for entry in made.rows:
         entry.stable = False
     with pytest.raises(UsageError, match="no rung"):
-        cost.judge(made)
+        cost.compute_errors(made)
 
 
 def test_the_worker_tells_what_failed_and_times_the_rest(tmp_path):
@@ -405,7 +405,7 @@ def test_a_worker_that_dies_is_told_and_one_that_is_late_is_ended(tmp_path):
 def test_a_run_that_takes_too_long_is_stopped_and_told(tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(SCENE)
-    told = worker.measured(Scene.load(file), tmp_path / "run", [], 0.0)
+    told = worker.timed_run(Scene.load(file), tmp_path / "run", [], 0.0)
     assert not told["stable"] and "given up after 0 s of one core" in told["message"]
 
 
@@ -415,7 +415,7 @@ def test_what_is_timed_is_the_run(integrator, tmp_path):
     file = tmp_path / "scene.toml"
     file.write_text(SCENE.replace("[solver]", f'[solver]\nintegrator = "{integrator}"'))
     scene, folder = Scene.load(file), tmp_path / "run"
-    worker.measured(scene, folder, [], 30.0)
+    worker.timed_run(scene, folder, [], 30.0)
     built = prepare(scene)
     wall, cpu = bare(built, 30.0)
     ran = read_outcome(folder)
@@ -426,7 +426,7 @@ def test_what_is_timed_is_the_run(integrator, tmp_path):
 
 def test_seconds_are_put_to_one_pace():
     """Timed beside the scene's own rung, a rung takes what it takes of that one's time."""
-    rung = Rung("a", "law", "a", None, "implicit")
+    rung = Variant("a", "law", "a", None, "implicit")
     slow = [cost.Row(rung, cpu=[pace, 2.0 * pace], beside=[pace, pace]) for pace in (1.0, 3.0, 9.0)]
     cost._one_pace(slow)
     assert [row.cpu for row in slow] == [[3.0, 6.0]] * 3  # three times, the median pace
@@ -460,10 +460,10 @@ class MadeUpWorker:
 
 
 def climbed(made_up, seconds, repeats=3):
-    rungs = ladder(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
+    rungs = variants_of(Scene.parse(SCENE), THREE_SPOT, EXPLICIT)
     costs = Costs(made_up.seconds, 128, made_up.seconds, ("exact", None), made_up.seconds, made_up.seconds)
     budget = Budget(seconds)
-    told = Climb(made_up, Path("nowhere"), [], EXPLICIT, costs, Overheads(1.0, 1.0), budget, lambda text: None)
+    told = VariantRuns(made_up, Path("nowhere"), [], EXPLICIT, costs, Overheads(1.0, 1.0), budget, lambda text: None)
     return told.rows(rungs, repeats)
 
 

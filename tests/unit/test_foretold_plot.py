@@ -15,7 +15,7 @@ from thirdbody.cli import main as cli
 from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot import forecast_plot
-from thirdbody.plot.forecast_plot import BAND, NEVER, Forecasts, agreement, draw_forecasts, draw_into, pooled, swarm
+from thirdbody.plot.forecast_plot import BAND, NEVER, Forecasts, agreement, draw_forecasts, draw_into, pool, swarm
 from thirdbody.report.forecast_check import forecast_against_fact, forecasts
 from thirdbody.trajectory.reader import open_run
 from thirdbody.trajectory.schema import Frame
@@ -130,7 +130,7 @@ def test_agreement_of_nothing_outside_the_band():
 
 
 def test_pooled_runs_are_one_cloud():
-    both = pooled([cloud(ROWS[:3]), cloud(ROWS[3:])])
+    both = pool([cloud(ROWS[:3]), cloud(ROWS[3:])])
     assert all(np.array_equal(a, b) for a, b in zip(both, cloud(), strict=True))
 
 

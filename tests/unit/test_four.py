@@ -8,26 +8,30 @@ from numba import njit
 from numba.core.errors import TypingError
 
 from thirdbody.jit.simd import (
-    above,
+    active_bits,
     all_below,
-    at_least,
-    below,
-    crossed,
+    axis_times_quaternion,
+    broadcast,
+    broadcast_lane,
+    clamp_below,
+    compress_store,
+    extract,
+    flush_below,
     get,
-    lane,
-    listed,
+    less_mask,
     load,
-    noted,
-    of,
     put,
-    round_axis,
-    rounded,
-    splat,
-    spread,
+    round_to_nearest,
+    select_greater,
+    set4,
     store,
-    transposed,
-    where_above,
     with_last,
+)
+from thirdbody.jit.simd import (
+    cross as crossed,
+)
+from thirdbody.jit.simd import (
+    transpose as transposed,
 )
 
 LANES = range(4)
@@ -68,16 +72,16 @@ def fused(A, B, C, out):
 def lanes(A, B, out):
     for i in range(A.shape[0]):
         a, b = load(A, i, 0), load(B, i, 0)
-        store(out[0], i, 0, splat(a, 0))
-        store(out[1], i, 0, splat(a, 1))
-        store(out[2], i, 0, splat(a, 2))
-        store(out[3], i, 0, splat(a, 3))
-        store(out[4], i, 0, of(lane(b, 3), lane(a, 2), lane(b, 1), lane(a, 0)))
+        store(out[0], i, 0, broadcast_lane(a, 0))
+        store(out[1], i, 0, broadcast_lane(a, 1))
+        store(out[2], i, 0, broadcast_lane(a, 2))
+        store(out[3], i, 0, broadcast_lane(a, 3))
+        store(out[4], i, 0, set4(extract(b, 3), extract(a, 2), extract(b, 1), extract(a, 0)))
         store(out[5], i, 0, with_last(a, b))
-        store(out[6], i, 0, spread(B[i, 2]))
-        store(out[7], i, 0, round_axis(a, 0))
-        store(out[8], i, 0, round_axis(a, 1))
-        store(out[9], i, 0, round_axis(a, 2))
+        store(out[6], i, 0, broadcast(B[i, 2]))
+        store(out[7], i, 0, axis_times_quaternion(a, 0))
+        store(out[8], i, 0, axis_times_quaternion(a, 1))
+        store(out[9], i, 0, axis_times_quaternion(a, 2))
 
 
 @njit(error_model="numpy")
@@ -93,27 +97,27 @@ def turned_over(A, out):
 @njit(error_model="numpy")
 def cut_off(A, least, out):
     for i in range(A.shape[0]):
-        store(out, i, 0, above(load(A, i, 0), least))
+        store(out, i, 0, flush_below(load(A, i, 0), least))
 
 
 @njit(error_model="numpy")
 def compared(A, B, least, out, bits, whole):
     for i in range(A.shape[0]):
         a, b = load(A, i, 0), load(B, i, 0)
-        store(out[0], i, 0, at_least(a, least))
-        store(out[1], i, 0, rounded(a))
-        store(out[2], i, 0, where_above(a, b, a, b))
+        store(out[0], i, 0, clamp_below(a, least))
+        store(out[1], i, 0, round_to_nearest(a))
+        store(out[2], i, 0, select_greater(a, b, a, b))
         store(out[3], i, 0, a / b)
-        bits[i], whole[i] = below(a, b), all_below(a, least)
+        bits[i], whole[i] = less_mask(a, b), all_below(a, least)
 
 
 @njit(error_model="numpy")
 def sorted_out(A, closed, some, opened):
     m, o = 0, 0
     for k in range(0, A.shape[0], 4):
-        bits = noted(get(A, k), closed, k)
-        m += listed(some, m, k, bits & 15)
-        o += listed(opened, o, k, bits >> 4)
+        bits = active_bits(get(A, k), closed, k)
+        m += compress_store(some, m, k, bits & 15)
+        o += compress_store(opened, o, k, bits >> 4)
     return m, o
 
 
@@ -231,11 +235,11 @@ def test_a_table_is_read_and_written_at_any_column(first, to):
 def test_a_lane_is_a_literal_from_zero_to_three():
     @njit
     def behind(A):
-        return lane(load(A, 0, 0), 4)
+        return extract(load(A, 0, 0), 4)
 
     @njit
     def unknown(A, k):
-        return lane(load(A, 0, 0), k)
+        return extract(load(A, 0, 0), k)
 
     with pytest.raises(TypingError, match="from 0 to 3"):
         behind(np.zeros((1, 4)))

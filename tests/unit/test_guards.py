@@ -8,7 +8,7 @@ import pytest
 
 from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.guards import Looks
+from thirdbody.engine.guards import EnergyGuard
 from thirdbody.errors import GuardStop
 from thirdbody.kernels import layout as at
 from thirdbody.runner.run_folder import RunFolder
@@ -69,11 +69,11 @@ def test_energy_that_comes_from_nowhere():
     simulation = balls()
     ledger = Ledger(simulation.state)
     simulation.state.B[0, at.B_V] *= 1.04  # 8 % of the energy
-    Looks(ledger).look(simulation.state)
+    EnergyGuard(ledger).look(simulation.state)
     simulation.state.B[0, at.B_V] *= 1.04
     with pytest.raises(GuardStop, match=r"stopped at t = 0 s .*residual is 0\.1\d of the .*\(guard: 0\.1\); a smaller"):
-        Looks(ledger).look(simulation.state)
-    patient = Looks(ledger, 2)
+        EnergyGuard(ledger).look(simulation.state)
+    patient = EnergyGuard(ledger, 2)
     patient.look(simulation.state)
     with pytest.raises(GuardStop, match="does not close"):
         patient.look(simulation.state)
@@ -82,7 +82,7 @@ def test_energy_that_comes_from_nowhere():
 def test_a_single_look_above_the_limit_is_forgiven():
     simulation = balls()
     ledger = Ledger(simulation.state)
-    looks, row = Looks(ledger, 2), simulation.state.B[0]
+    looks, row = EnergyGuard(ledger, 2), simulation.state.B[0]
     for factor in (1.2, 1.0 / 1.2) * 3:
         row[at.B_V] *= factor
         looks.look(simulation.state)
@@ -93,7 +93,7 @@ def test_energy_that_is_not_a_number():
     ledger = Ledger(simulation.state)
     simulation.state.A[at.A_FRICTION] = math.nan
     with pytest.raises(GuardStop, match="residual is nan"):
-        Looks(ledger).look(simulation.state)
+        EnergyGuard(ledger).look(simulation.state)
 
 
 @pytest.mark.parametrize("factor", [1.0 + 2e-6, 1.0 - 2e-6, math.nan])
@@ -101,9 +101,9 @@ def test_a_quaternion_that_is_no_rotation(factor):
     simulation = balls()
     simulation.state.B[1, at.B_Q : at.B_Q + 4] *= factor
     with pytest.raises(GuardStop, match="stopped at t = .*orientation of body 1 is no rotation any more.*guard: 1 within 1e-06"):
-        Looks(Ledger(simulation.state)).look(simulation.state)
+        EnergyGuard(Ledger(simulation.state)).look(simulation.state)
     simulation.state.B[1, at.B_Q : at.B_Q + 4] = (1.0 - 0.9e-6, 0.0, 0.0, 0.0)
-    Looks(Ledger(simulation.state)).look(simulation.state)
+    EnergyGuard(Ledger(simulation.state)).look(simulation.state)
 
 
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])

@@ -11,8 +11,8 @@ import pytest
 
 from thirdbody.scene.model import Scene
 from thirdbody.studies import contact_interaction as study
-from thirdbody.studies.contact_interaction import Spots, far_field, interaction, solved
-from thirdbody.studies.worker import measured
+from thirdbody.studies.contact_interaction import Spots, boundary_element_forces, far_field, interaction
+from thirdbody.studies.worker import timed_run
 
 SCENES = Path(__file__).parents[2] / "scenes"
 E_STAR, RADIUS, OVERLAP = 1e11, 1e-6, 1e-8
@@ -55,7 +55,7 @@ def test_the_spot_between_two_others_carries_less():
 def pressed(tmp_path_factory) -> Path:
     """The shipped three-spot particle, dragged a little."""
     folder = tmp_path_factory.mktemp("three_spot") / "run"
-    measured(Scene.load(SCENES / "three_spot.toml").with_settings({"solver.distance": "2 nm"}), folder, [], 60.0)
+    timed_run(Scene.load(SCENES / "three_spot.toml").with_settings({"solver.distance": "2 nm"}), folder, [], 60.0)
     return folder
 
 
@@ -81,7 +81,7 @@ def test_without_tamaas_the_closed_form_stands_alone_and_says_so(pressed, monkey
 def test_a_body_on_one_spot_per_plate_has_no_neighbours(tmp_path, capsys):
     text = (SCENES / "three_spot.toml").read_text().replace('{side = "lower", x = "1.5 um", z = "-2 um", radius = "1.5 um"},', "")
     scene = Scene.parse(text).with_settings({"solver.distance": "1 nm"})
-    measured(scene, tmp_path / "run", [], 60.0)
+    timed_run(scene, tmp_path / "run", [], 60.0)
     assert interaction(tmp_path / "run") is None
     study.print_interaction(None)
     assert "no body has two loaded spots" in capsys.readouterr().out
@@ -95,7 +95,7 @@ def test_boundary_elements_come_near_the_far_field_with_distance(apart):
     tamaas = pytest.importorskip("tamaas")
     spots = pair(apart)
     share = 4.0 / (3.0 * math.pi * apart)
-    found, closed = solved(tamaas, spots)["approach"], far_field(spots)["approach"]
+    found, closed = boundary_element_forces(tamaas, spots)["approach"], far_field(spots)["approach"]
     # the grid, 12 cells over the radius, is taken out by a lone spot on it: what is left, 1e-4 of the approach
     assert found == pytest.approx(closed, abs=0.1 * share / apart**2 + 1e-4)
     assert found > closed
@@ -105,4 +105,4 @@ def test_boundary_elements_come_near_the_far_field_with_distance(apart):
 def test_spots_that_merge_are_refused():
     tamaas = pytest.importorskip("tamaas")
     with pytest.raises(ValueError, match="overlap"):
-        solved(tamaas, pair(1.5))
+        boundary_element_forces(tamaas, pair(1.5))

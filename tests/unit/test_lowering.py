@@ -9,7 +9,7 @@ from numba import njit, prange, types
 from numba.core.runtime import _nrt_python, rtsys
 
 from thirdbody.jit.options import CHUNK, NO_COUNTS, OPTIONS, OTHERS
-from thirdbody.jit.packed_arguments import expected, known, told
+from thirdbody.jit.packed_arguments import argument_specs, make_unpacker, pack
 
 NUMBERS = np.array([3.5, -1.0, 0.0, -0.0, math.nan, math.inf, 7.25, -2.5])
 
@@ -226,7 +226,7 @@ KINDS = {"table": types.Array(types.float64, 2, "C"), "places": types.Array(type
 
 def test_a_context_tells_of_tables_and_numbers():
     names = namedtuple("names", tuple(KINDS))
-    context_of = known(KINDS, names)
+    context_of = make_unpacker(KINDS, names)
 
     @njit(types.float64(types.Array(types.int64, 1, "C")), error_model="numpy", **NO_COUNTS)
     def total(context):
@@ -236,8 +236,8 @@ def test_a_context_tells_of_tables_and_numbers():
 
     table, places = np.arange(6.0).reshape(2, 3), np.array([7, 8], np.int32)
     given = names(table, places, 9)
-    assert total(told(expected(KINDS), given)) == 5.0 + 8.0 + 9.0 + 200.0 + 6000.0
+    assert total(pack(argument_specs(KINDS), given)) == 5.0 + 8.0 + 9.0 + 200.0 + 6000.0
     assert table[1, 0] == 5.0
     for wrong in (given._replace(places=places.astype(np.int64)), given._replace(table=table.T), given._replace(table=places)):
         with pytest.raises(TypeError, match="the step takes"):
-            told(expected(KINDS), wrong)
+            pack(argument_specs(KINDS), wrong)

@@ -15,9 +15,9 @@ from thirdbody.errors import InputError, MissingLibrary, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot.panels_friction import loop_area, stretches
 from thirdbody.plot.panels_series import ledger
-from thirdbody.plot.run_data import Sheet
+from thirdbody.plot.run_data import RunData
 from thirdbody.plot.summary_page import NAMES, page, plot
-from thirdbody.quantity import percent, scaled, told, with_error
+from thirdbody.quantity import percent, quantity_text, scale_values, with_error
 from thirdbody.render import notebook as html_module
 from thirdbody.render import render as render_module
 from thirdbody.trajectory.reader import open_run
@@ -168,11 +168,13 @@ def test_running_mean_leaves_gaps_out():
 
 
 def test_numbers_for_people():
-    words = [told(value, unit) for value, unit in ((4.19e-8, "J"), (6e-7, "m"), (-3e-30, "J"), (0.0, "J"))]
+    words = [quantity_text(value, unit) for value, unit in ((4.19e-8, "J"), (6e-7, "m"), (-3e-30, "J"), (0.0, "J"))]
     shown = [text.replace("\N{NO-BREAK SPACE}", " ").replace("\N{MINUS SIGN}", "-") for text in words]
     assert shown == ["41.9 nJ", "600 nm", "-3.00e-30 J", "0 J"]
-    assert told(9.999e-7, "m").startswith("1\N{NO-BREAK SPACE}\N{MICRO SIGN}m") and told(np.nan, "m") == "unknown"
-    values, unit = scaled(np.array([np.nan, -2e-6, 1e-7]), "m")
+    assert (
+        quantity_text(9.999e-7, "m").startswith("1\N{NO-BREAK SPACE}\N{MICRO SIGN}m") and quantity_text(np.nan, "m") == "unknown"
+    )
+    values, unit = scale_values(np.array([np.nan, -2e-6, 1e-7]), "m")
     assert unit == "\N{MICRO SIGN}m" and values[1:].tolist() == pytest.approx([-2.0, 0.1], rel=1e-14)
     assert with_error(0.24738, 0.0021) == "0.2474 \N{PLUS-MINUS SIGN} 0.0021" and with_error(0.24738, np.nan) == "0.247"
     assert [percent(share)[:-2] for share in (0.0, 0.004, 0.41, 0.996, 1.0)] == ["0", "0.4", "41", "99.6", "100"]
@@ -205,7 +207,7 @@ def test_no_mean_is_drawn_over_a_drifting_curve(tmp_path):
     mu[0] = np.nan
     with open_run(write(tmp_path / "run", u=u, mu=mu)) as run:
         axes = panels(page(run))["friction"]
-        counted = Sheet(run).averaged
+        counted = RunData(run).averaged
     labels = [entry.get_label() for entry in axes.get_lines()]
     assert not [label for label in labels if label.startswith("mean")]
     trend = line(axes, "trend (second half):\nnot stationary")
@@ -229,7 +231,7 @@ def test_states_are_stacked_in_their_colours(run):
 
 
 def test_energy_lines_are_the_ledger(run):
-    axes, lines = panels(page(run))["energy"], ledger(Sheet(run))
+    axes, lines = panels(page(run))["energy"], ledger(RunData(run))
     assert axes.get_ylabel() == "energy (nJ)" and len(axes.get_lines()) == 8
     for label, values in lines.items():
         np.testing.assert_allclose(line(axes, label).get_ydata(), values * 1e9, rtol=1e-12)
@@ -282,7 +284,7 @@ def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):
     mu = 0.2 * np.where(np.roll(side, 1) * side < 0, 0.0, side)
     mu[0] = np.nan
     with open_run(write(tmp_path / "run", u=u, mu=mu)) as run:
-        sheet = Sheet(run)
+        sheet = RunData(run)
         assert run.drag.turns == [20, 40, 60, 80] and sheet.cycle == slice(40, 81)
         area, size, work = loop_area(sheet), run.friction.value, run.friction.energy_per_cycle
         # 160 nm a cycle, two intervals of 4 nm of it without friction

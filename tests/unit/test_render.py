@@ -16,7 +16,7 @@ from PIL import Image
 
 from thirdbody.errors import InputError, MissingLibrary, OutputError
 from thirdbody.palette import CATEGORY_COLORS, SOFT_INK, STATE_COLORS, category_colors, field_colors, rgb, state_colors
-from thirdbody.quantity import prefixed, round_length, ticks, with_unit
+from thirdbody.quantity import prefix_for, round_length, ticks, with_unit
 from thirdbody.render import render as render_module
 from thirdbody.render.coloring import LegendScale
 from thirdbody.render.force_tubes import TUBE
@@ -317,6 +317,6 @@ def test_ticks_are_round_and_inside(low, high, expected):
     ("size", "unit", "expected"), [(3e-5, "m", "µm"), (2e-12, "kg", "ng"), (0.5, "1", ""), (3e9, "Pa", "GPa")]
 )
 def test_prefixes(size, unit, expected):
-    factor, written = prefixed(size, unit)
+    factor, written = prefix_for(size, unit)
     assert written == expected
     assert unit == "1" or 1.0 <= size * factor < 1000.0

@@ -3,14 +3,14 @@
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.simd import load, of, store
-from thirdbody.kernels.rotation import NEARLY_UNIT, turned
+from thirdbody.jit.simd import load, set4, store
+from thirdbody.kernels.rotation import NEARLY_UNIT, rotate_small
 
 
 @njit(error_model="numpy")
 def turned_all(Q, R, out):
     for k in range(Q.shape[0]):
-        store(out, k, 0, turned(load(Q, k, 0), of(R[k, 0], R[k, 1], R[k, 2], 0.0)))
+        store(out, k, 0, rotate_small(load(Q, k, 0), set4(R[k, 0], R[k, 1], R[k, 2], 0.0)))
 
 
 def product(p: np.ndarray, q: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _fo
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.simd import load
 from thirdbody.kernels import layout as at
-from thirdbody.kernels.explicit.critical_time_step import ceiling
+from thirdbody.kernels.explicit.critical_time_step import eigenvalue_upper_bound
 from thirdbody.kernels.neighbour_search import incidences
 from thirdbody.kernels.signatures import LAW
 
@@ -193,9 +193,9 @@ def test_few_bodies_tell_the_bound_of_all(seed):
 
 @njit
 def ceiling_of(s, u, v):
-    """`ceiling` of a sum whose parts are the rows of s."""
+    """`eigenvalue_upper_bound` of a sum whose parts are the rows of s."""
     parts = load(s, 0, 0), load(s, 1, 0), load(s, 2, 0), load(s, 3, 0), load(s, 4, 0), load(s, 5, 0), load(s, 6, 0)
-    return ceiling(parts, u, v)
+    return eigenvalue_upper_bound(parts, u, v)
 
 
 @pytest.mark.parametrize("seed", range(100))

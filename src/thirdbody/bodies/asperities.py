@@ -42,8 +42,8 @@ class Asperities:
         value = self.relative if self.radius is None else 2.0 * self.radius / diameter
         assert value is not None
         if not 0.0 < value <= LARGEST:
-            told = f"{value:.3g} of the equivalent radius of a body of diameter {diameter:.3g} m"
-            raise InputError(Fault("asperities.radius", f"{told} must be more than 0 and at most {LARGEST:g}"))
+            report = f"{value:.3g} of the equivalent radius of a body of diameter {diameter:.3g} m"
+            raise InputError(Fault("asperities.radius", f"{report} must be more than 0 and at most {LARGEST:g}"))
         return value
 
 
@@ -90,9 +90,9 @@ def sphere_points(count: int) -> np.ndarray:
     """Points (count, 3) spread evenly over the unit sphere (Fibonacci lattice)."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
-    turn = math.pi * (1.0 + math.sqrt(5.0)) * k
+    rotation = math.pi * (1.0 + math.sqrt(5.0)) * k
     ring = np.sqrt(1.0 - z * z)
-    return np.column_stack((ring * np.cos(turn), ring * np.sin(turn), z))
+    return np.column_stack((ring * np.cos(rotation), ring * np.sin(rotation), z))
 
 
 _DIRECTIONS = sphere_points(400)

@@ -12,10 +12,10 @@ from numba import njit
 
 from thirdbody.bodies.overlap_grid import enter, free
 from thirdbody.jit.options import CHUNK, OPTIONS
-from thirdbody.jit.simd import load, of, store
+from thirdbody.jit.simd import load, set4, store
 from thirdbody.kernels.layout import S_R, S_X, S_Y, S_Z
 from thirdbody.kernels.periodic import nearest_image
-from thirdbody.kernels.rotation import matrix, turned
+from thirdbody.kernels.rotation import matrix, rotate_small
 
 DT, ALPHA, DOWNHILL = 0, 1, 2  # slots of the relaxation's memory
 RELAXED, MOVED, JAMMED, SPENT = 0, 1, 2, 3
@@ -83,7 +83,7 @@ def pose(X, Q, rel, radii, starts, scale, arms, S):
 
 
 @njit(**CHUNK)
-def _push(b, arm, s, f_x, f_y, f_z, lever, F):
+def _add_force(b, arm, s, f_x, f_y, f_z, lever, F):
     """Adds a force at the centre of sphere s to its body; torques over the body's lever, so that both are alike."""
     F[b, 0] += f_x
     F[b, 1] += f_y
@@ -112,8 +112,8 @@ def _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F):
             overlap = reach - distance
             deepest, worst = max(deepest, overlap), max(worst, overlap / sum_r)
             w = overlap / max(distance, 1e-12)
-            _push(body[i], arms, i, w * d_x, w * d_y, w * d_z, lever, F)
-            _push(body[j], arms, j, -w * d_x, -w * d_y, -w * d_z, lever, F)
+            _add_force(body[i], arms, i, w * d_x, w * d_y, w * d_z, lever, F)
+            _add_force(body[j], arms, j, -w * d_x, -w * d_y, -w * d_z, lever, F)
     for i in range(S.shape[0]):
         reach = S[i, S_R] * (1.0 + clearance)
         for axis in range(2 if periodic else 0, 3):
@@ -121,7 +121,7 @@ def _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F):
             if inward != 0.0:
                 deepest, worst = max(deepest, abs(inward)), max(worst, abs(inward) / S[i, S_R])
                 f_x, f_y = inward if axis == 0 else 0.0, inward if axis == 1 else 0.0
-                _push(body[i], arms, i, f_x, f_y, inward if axis == 2 else 0.0, lever, F)
+                _add_force(body[i], arms, i, f_x, f_y, inward if axis == 2 else 0.0, lever, F)
     return deepest, worst
 
 
@@ -133,16 +133,16 @@ def _advance(X, Q, V, step, lever, longest):
         part = step * min(1.0, longest / length) if length > 0.0 else 0.0
         for axis in range(3):
             X[b, axis] += part * V[b, axis]
-        turn = part / lever[b]
-        store(Q, b, 0, turned(load(Q, b, 0), of(turn * V[b, 3], turn * V[b, 4], turn * V[b, 5], 0.0)))
+        rotation = part / lever[b]
+        store(Q, b, 0, rotate_small(load(Q, b, 0), set4(rotation * V[b, 3], rotation * V[b, 4], rotation * V[b, 5], 0.0)))
 
 
 @njit(**CHUNK)
-def _far(S, S0, room):
+def _moved_beyond(S, S0, skin):
     """Whether a sphere has moved by more than the room."""
     for i in range(S.shape[0]):
         d_x, d_y, d_z = S[i, 0] - S0[i, 0], S[i, 1] - S0[i, 1], S[i, 2] - S0[i, 2]
-        if d_x * d_x + d_y * d_y + d_z * d_z > room * room:
+        if d_x * d_x + d_y * d_y + d_z * d_z > skin * skin:
             return True
     return False
 
@@ -192,6 +192,6 @@ def relax(X, Q, V, rel, radii, body, starts, scale, lever, own, partner, box, pe
                 V[b, c] = (1.0 - memory[ALPHA]) * (V[b, c] + memory[DT] * F[b, c]) + mixed * F[b, c]
         _advance(X, Q, V, memory[DT], lever, 0.1)
         pose(X, Q, rel, radii, starts, scale, arms, S)
-        if _far(S, S0, 0.5 * skin):
+        if _moved_beyond(S, S0, 0.5 * skin):
             return MOVED, step + 1
     return SPENT, limit

@@ -99,8 +99,8 @@ def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], n
     error = np.maximum(moved[0] / volume, moved[1] / inertia[:, 0])
     own = (c - centroid[:, None]) @ axes * scale[:, None, None]
     size, moments = volume * scale**3, inertia * scale[:, None] ** 5
-    made = zip(own, radii, size.tolist(), moments, error.tolist(), strict=True)
-    return [Clump(*parts) for parts in made], anchor + centroid * scale[:, None], axes
+    built = zip(own, radii, size.tolist(), moments, error.tolist(), strict=True)
+    return [Clump(*parts) for parts in built], anchor + centroid * scale[:, None], axes
 
 
 def repeated_spheres(centers: np.ndarray, radii: np.ndarray) -> list[tuple[int, int]]:
@@ -190,9 +190,9 @@ def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarr
     volume, centroid = np.empty(bodies), np.empty((bodies, 3))
     tensor, error = np.empty((bodies, 3, 3)), np.zeros((2, bodies))
     keep = _not_swallowed(c, r)
-    kept = keep.sum(axis=1)
-    for m in np.unique(kept):
-        rows = np.flatnonzero(kept == m)
+    saved = keep.sum(axis=1)
+    for m in np.unique(saved):
+        rows = np.flatnonzero(saved == m)
         inner, radii = c[rows][keep[rows]].reshape(-1, m, 3), r[rows][keep[rows]].reshape(-1, m)
         if m == 1:
             volume[rows] = 4.0 / 3.0 * math.pi * radii[:, 0] ** 3

@@ -9,7 +9,7 @@ import numpy as np
 
 from thirdbody.bodies.bounded_read import LARGEST, SMALLEST, read_bytes
 from thirdbody.bodies.clump import Clump, clump_with_frame, quaternion_product, repeated_spheres
-from thirdbody.bodies.sphere_table import Sheet, refuse
+from thirdbody.bodies.sphere_table import SphereTable, refuse
 from thirdbody.bodies.table_csv import Parse, read_csv
 from thirdbody.bodies.table_npz import read_npz
 from thirdbody.errors import Fault, InputError
@@ -56,7 +56,7 @@ def load_bodies(path: str | Path, parse: Parse) -> Bodies:
     return _bodies(_read(Path(path), parse))
 
 
-def _read(path: Path, parse: Parse) -> Sheet:
+def _read(path: Path, parse: Parse) -> SphereTable:
     file, suffix = str(path), path.suffix.lower()
     if suffix not in SUFFIXES:
         known = " or ".join(SUFFIXES)
@@ -74,7 +74,7 @@ def _read(path: Path, parse: Parse) -> Sheet:
     return read_csv(file, data, parse)
 
 
-def _bodies(sheet: Sheet) -> Bodies:
+def _bodies(sheet: SphereTable) -> Bodies:
     """The clumps of the sheet. Raises InputError for bodies in pieces, spheres given twice, and quaternions that are not unit."""
     _refuse_sizes(sheet)
     members = sheet.members()
@@ -111,7 +111,7 @@ def _bodies(sheet: Sheet) -> Bodies:
     return Bodies(sheet.ids, clumps, x, q, turned, sheet.velocity, sheet.angular_velocity)
 
 
-def _refuse_sizes(sheet: Sheet) -> None:
+def _refuse_sizes(sheet: SphereTable) -> None:
     """Raises InputError for the first sphere whose numbers cannot be right in any unit, with the number of the others."""
     furthest = np.maximum(sheet.radius, np.abs(sheet.center).max(axis=1))
     odd = np.flatnonzero((sheet.radius < SMALLEST) | (furthest > LARGEST))
@@ -123,7 +123,7 @@ def _refuse_sizes(sheet: Sheet) -> None:
     raise InputError(sheet.sphere_fault("sphere", k, message))
 
 
-def _turns(sheet: Sheet, members: list[np.ndarray]) -> tuple[np.ndarray | None, list[Fault]]:
+def _turns(sheet: SphereTable, members: list[np.ndarray]) -> tuple[np.ndarray | None, list[Fault]]:
     """The quaternions (m, 4) at length 1, and the faults of those that are not near it."""
     if sheet.quaternion is None:
         return None, []

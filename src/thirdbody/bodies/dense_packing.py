@@ -144,8 +144,8 @@ class _Growing:
         skin = _SKIN + 2.0 * _CLEARANCE * float(self.S[:, 3].max())
         reach = 2.0 * float(self.S[:, 3].max()) + skin
         # no more cells than twice the root of the spheres along any axis: a low bed of small bodies must not blow the grid up
-        most = 2 * math.ceil(math.sqrt(len(self.S)))
-        count = np.clip((self.box / reach).astype(np.int64), 1, most)
+        maximum = 2 * math.ceil(math.sqrt(len(self.S)))
+        count = np.clip((self.box / reach).astype(np.int64), 1, maximum)
         periodic = np.array([self.periodic, self.periodic])
         l_x, l_y = self.box[:2] if self.periodic else (0.0, 0.0)
         capacity = 16 * len(self.S)

@@ -77,8 +77,8 @@ def _irregulars(rngs: list[np.random.Generator], n_spheres: int, aspect, diamete
             f"no irregular clump of {n_spheres} spheres with aspect {list(aspect)} in {_TRIES} tries leaves "
             "every sphere partly free; take fewer spheres or a longer aspect"
         )
-    made = clumps(centers, radii)
-    return [body.scaled(diameter / body.diameter) for body, diameter in zip(made, diameters.tolist(), strict=True)]
+    built = clumps(centers, radii)
+    return [body.scaled(diameter / body.diameter) for body, diameter in zip(built, diameters.tolist(), strict=True)]
 
 
 def population(
@@ -96,21 +96,21 @@ def population(
     Body k draws from its own stream, so it is the same for every count; asperities draw last, so that the body under
     them has the shape that it has without. InputError: as `irregular`, `diameters` and `Asperities.fraction`.
     """
-    least, most = spheres
-    if not 1 <= least <= most:
-        raise InputError(Fault("spheres", f"[{least}, {most}] must be 1 or more, the lesser first"))
+    minimum, maximum = spheres
+    if not 1 <= minimum <= maximum:
+        raise InputError(Fault("spheres", f"[{minimum}, {maximum}] must be 1 or more, the lesser first"))
     bodies: list[Clump] = []
     for first in range(0, count, _BLOCK):
         block = range(first, min(count, first + _BLOCK))
         rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(population_index, k))) for k in block]
-        n_spheres = np.array([rng.integers(least, most + 1) for rng in rngs])
+        n_spheres = np.array([rng.integers(minimum, maximum + 1) for rng in rngs])
         wide = diameters(Streams(rngs), len(rngs), **size)
-        made: dict[int, Clump] = {}
+        built: dict[int, Clump] = {}
         for n, members in alike(n_spheres, _ROOM):
             shapes = _irregulars([rngs[k] for k in members], n, aspect, wide[members], angularity)
-            made.update(zip(members.tolist(), shapes, strict=True))
+            built.update(zip(members.tolist(), shapes, strict=True))
         for k, rng in enumerate(rngs):
-            body, diameter = made[k], float(wide[k])
+            body, diameter = built[k], float(wide[k])
             if asperities is not None:
                 body = with_asperities(rng, body, asperities.count, asperities.fraction(diameter))
             bodies.append(body)
@@ -221,7 +221,7 @@ def _checked_envelope(n_spheres: int, aspect, diameters: np.ndarray) -> np.ndarr
 
 def _grown(rngs: list[np.random.Generator], n: int, envelope: np.ndarray, angularity: float) -> tuple[np.ndarray, np.ndarray]:
     """Centers (b, n, 3) and radii (b, n) of connected trial clumps inside the envelope, one for each stream."""
-    seeds, weights, neck = _drawn(rngs, n, envelope)
+    seeds, weights, neck = _draw_clumps(rngs, n, envelope)
     thinnest = envelope.min()
     inset = np.ones_like(weights)
     if angularity > 0.0:
@@ -246,7 +246,7 @@ def _grown(rngs: list[np.random.Generator], n: int, envelope: np.ndarray, angula
     return centers, high[:, None] * weights
 
 
-def _drawn(rngs: list[np.random.Generator], n: int, envelope: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _draw_clumps(rngs: list[np.random.Generator], n: int, envelope: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Seeds (b, n, 3), weights (b, n) and necks (b,) of trial clumps."""
     candidates, numbers = np.empty((len(rngs), n, 12, 3)), np.empty((len(rngs), 13 * n + 1))
     for k, rng in enumerate(rngs):
@@ -276,8 +276,8 @@ def _sharpened(
     low, high = np.zeros_like(neck), np.full_like(neck, angularity)
     for step in range(8):
         trial = high if step == 0 else 0.5 * (low + high)
-        made = _cored(seeds, weights, neck, trial)
-        connects = _reach(*made[:3], envelope, thinnest) <= np.maximum(plain, made[3])
+        built = _cored(seeds, weights, neck, trial)
+        connects = _reach(*built[:3], envelope, thinnest) <= np.maximum(plain, built[3])
         low, high = np.where(connects, trial, low), np.where(connects, high, trial)
     return _cored(seeds, weights, neck, low)
 

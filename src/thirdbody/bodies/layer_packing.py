@@ -48,9 +48,9 @@ def place_layer(
     margin = CLEARANCE * spheres[:, 3].max()
     count = 0
     for done, b in enumerate(order):
-        least, most = (np.zeros(2), size) if periodic else (margin - low[b], size - margin - high[b])
+        lower_limit, upper_limit = (np.zeros(2), size) if periodic else (margin - low[b], size - margin - high[b])
         for batch in batches():
-            tries = least + (most - least) * rng.random((batch, 2))
+            tries = lower_limit + (upper_limit - lower_limit) * rng.random((batch, 2))
             k = place_body(
                 tries,
                 spheres,
@@ -90,16 +90,16 @@ def overlaps(
         return []
     size = np.array(domain_size, dtype=np.float64)
     ids = np.ascontiguousarray(body, dtype=np.int64)
-    room = 1024
+    margin = 1024
     while True:
         heads, placed, following = grid(spheres[:, 3], size)
-        pairs, depth = np.empty((room, 2), np.int64), np.empty(room)
-        found = overlapping(spheres, ids, placed, heads, following, size, periodic, pairs, depth)
-        if found <= room:
+        pairs, depth = np.empty((margin, 2), np.int64), np.empty(margin)
+        result = overlapping(spheres, ids, placed, heads, following, size, periodic, pairs, depth)
+        if result <= margin:
             break
-        room = found
+        margin = result
     deepest: dict[tuple[int, int], float] = {}
-    for (s, t), overlap in zip(ids[pairs[:found]].tolist(), depth[:found].tolist(), strict=True):
+    for (s, t), overlap in zip(ids[pairs[:result]].tolist(), depth[:result].tolist(), strict=True):
         pair = (min(s, t), max(s, t))
         deepest[pair] = max(overlap, deepest.get(pair, 0.0))
     return sorted(((a, b, overlap) for (a, b), overlap in deepest.items()), key=lambda row: (-row[2], row[:2]))

@@ -117,9 +117,9 @@ def contact_radii(mesh: Mesh, centers, radii, rng: np.random.Generator) -> Conta
     touched = (ups @ centers.T + radii).argmax(axis=1)
     corners, place = np.unique(vertices, return_inverse=True)
     local = local_radii(mesh, corners, rng)[place]
-    spheres, share = np.unique(touched, return_counts=True)
-    median = np.array([np.sort(local[touched == k])[(n - 1) // 2] for k, n in zip(spheres, share, strict=True)])
-    return ContactRadii(spheres, share / len(ups), radii[spheres], median)
+    spheres, fraction = np.unique(touched, return_counts=True)
+    median = np.array([np.sort(local[touched == k])[(n - 1) // 2] for k, n in zip(spheres, fraction, strict=True)])
+    return ContactRadii(spheres, fraction / len(ups), radii[spheres], median)
 
 
 def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -132,7 +132,7 @@ def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np
     tree = cKDTree(mesh.vertices)
     points, across, _ = surface_samples(mesh, _TARGETS, rng)
     cloud = cKDTree(points)
-    found = np.empty(len(corners))
+    result = np.empty(len(corners))
     for k, corner in enumerate(corners):
         at, up = mesh.vertices[corner], normals[corner]
         far = tree.query(at, min(_PATCH_POINTS, len(normals)))[0][-1]
@@ -141,8 +141,8 @@ def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np
         if len(patch) < _LEAST_POINTS:
             near = cloud.query_ball_point(at, _PATCH[1])
             patch = points[[i for i in near if across[i] @ up > _ONE_SIDE]]
-        found[k] = _quadric_radius(patch - at, up)
-    return found
+        result[k] = _quadric_radius(patch - at, up)
+    return result
 
 
 def _quadric_radius(patch: np.ndarray, up: np.ndarray) -> float:
@@ -172,16 +172,16 @@ def _sphere_points(count: int) -> np.ndarray:
     """Points (count, 3) spread evenly over the unit sphere (Fibonacci lattice)."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
-    turn = math.pi * (1.0 + math.sqrt(5.0)) * k
+    rotation = math.pi * (1.0 + math.sqrt(5.0)) * k
     ring = np.sqrt(1.0 - z * z)
-    return np.column_stack((ring * np.cos(turn), ring * np.sin(turn), z))
+    return np.column_stack((ring * np.cos(rotation), ring * np.sin(rotation), z))
 
 
 def _spread(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
     """Those of count points, spread over all spheres by area, that no other sphere covers."""
     owner = np.searchsorted(np.cumsum(radii**2) / (radii**2).sum(), rng.random(count)).clip(max=len(radii) - 1)
-    ways = rng.normal(size=(count, 3))
-    points = centers[owner] + radii[owner, None] * ways / np.linalg.norm(ways, axis=1)[:, None]
+    distances = rng.normal(size=(count, 3))
+    points = centers[owner] + radii[owner, None] * distances / np.linalg.norm(distances, axis=1)[:, None]
     square = (points**2).sum(axis=1)[:, None] - 2.0 * points @ centers.T + (centers**2).sum(axis=1)
     inside = square < radii**2 * (1.0 - 1e-9)
     inside[np.arange(count), owner] = False

@@ -90,9 +90,9 @@ def clump_from_mesh(mesh: Mesh, n_spheres: int, seed: int = 0) -> tuple[Clump, F
 
 def _clump_of(mesh: Mesh, n_spheres: int, seed: int) -> tuple[Clump, Fit]:
     """`clump_from_mesh`, fitted anew."""
-    least, most = SPHERES
-    if not least <= n_spheres <= most:
-        raise InputError(Fault("spheres", f"{n_spheres} is outside {least} to {most}, the spheres that stand for a mesh"))
+    minimum, maximum = SPHERES
+    if not minimum <= n_spheres <= maximum:
+        raise InputError(Fault("spheres", f"{n_spheres} is outside {minimum} to {maximum}, the spheres that stand for a mesh"))
     mass = mass_properties(mesh)
     size = (0.75 * mass.volume / np.pi) ** (1.0 / 3.0)
     unit = Mesh((mesh.vertices - mass.centroid) @ mass.axes / size, mesh.faces, mesh.name)
@@ -174,8 +174,8 @@ def _adjusted(centers, radii, x: np.ndarray, width: float) -> tuple[np.ndarray, 
 
     def slope(p: np.ndarray) -> np.ndarray:
         c, r = _unpacked(p)
-        _, part, way = _distance(c, r, x, width)
-        surface = np.concatenate((-part[:, :, None] * way, (-part * r)[:, :, None]), axis=2)
+        _, part, distance = _distance(c, r, x, width)
+        surface = np.concatenate((-part[:, :, None] * distance, (-part * r)[:, :, None]), axis=2)
         link = np.zeros((n - 1, n, 4))
         arm = c[first] - c[second]
         apart = np.linalg.norm(arm, axis=1)
@@ -185,8 +185,8 @@ def _adjusted(centers, radii, x: np.ndarray, width: float) -> tuple[np.ndarray, 
         link[rows, first, 3], link[rows, second, 3] = -_NECK * torn * r[first], -_NECK * torn * r[second]
         return np.concatenate((surface.reshape(len(x), -1), hold * np.eye(4 * n), link.reshape(n - 1, -1)))
 
-    found = least_squares(residual, start.ravel(), jac=slope, method="lm", max_nfev=_STEPS, xtol=1e-6, ftol=1e-6)
-    return _unpacked(found.x)
+    result = least_squares(residual, start.ravel(), jac=slope, method="lm", max_nfev=_STEPS, xtol=1e-6, ftol=1e-6)
+    return _unpacked(result.x)
 
 
 def _unpacked(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -203,15 +203,15 @@ def _distance(c, r, x: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray
     arm = x[:, None] - c
     length = np.sqrt((arm * arm).sum(axis=2))
     gaps = length - r
-    least = gaps.min(axis=1)
-    way = arm / np.maximum(length, 1e-12)[:, :, None]
+    minimum = gaps.min(axis=1)
+    distance = arm / np.maximum(length, 1e-12)[:, :, None]
     if width == 0.0:
         part = np.zeros_like(gaps)
         part[np.arange(len(x)), gaps.argmin(axis=1)] = 1.0
-        return least, part, way
-    part = np.exp((least[:, None] - gaps) / width)
+        return minimum, part, distance
+    part = np.exp((minimum[:, None] - gaps) / width)
     total = part.sum(axis=1)
-    return least - width * np.log(total), part / total[:, None], way
+    return minimum - width * np.log(total), part / total[:, None], distance
 
 
 def _tree(centers, radii) -> tuple[np.ndarray, np.ndarray]:

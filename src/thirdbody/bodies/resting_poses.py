@@ -159,13 +159,13 @@ def _turned_up(ups: np.ndarray) -> np.ndarray:
 
 def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
     """Which candidates (b, m) no other sphere keeps off the plane: most fail here already, and so does NaN."""
-    kept = np.empty(ups.shape[:2], np.bool_)
+    saved = np.empty(ups.shape[:2], np.bool_)
     turned = c.transpose(0, 2, 1)
     for block in _blocks(ups.shape[1]):
         bottom = ups[:, block] @ turned - r[:, None]
         own = np.take_along_axis(bottom, touches[None, block, None], axis=2)[:, :, 0]
-        kept[:, block] = own <= bottom.min(axis=2) + _TOLERANCE
-    return kept
+        saved[:, block] = own <= bottom.min(axis=2) + _TOLERANCE
+    return saved
 
 
 def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 
-def alike(sizes: Sequence[int] | np.ndarray, room: int) -> Iterator[tuple[int, np.ndarray]]:
+def alike(sizes: Sequence[int] | np.ndarray, margin: int) -> Iterator[tuple[int, np.ndarray]]:
     """Numbers of spheres n and members (m,) of stacks of bodies that have n each, of at most room / n^3 bodies.
 
     The room keeps tables over triples of spheres in the cache and memory bounded.
@@ -15,6 +15,6 @@ def alike(sizes: Sequence[int] | np.ndarray, room: int) -> Iterator[tuple[int, n
     sizes = np.asarray(sizes)
     for n in np.unique(sizes):
         members = np.flatnonzero(sizes == n)
-        most = max(1, room // int(n) ** 3)
-        for first in range(0, len(members), most):
-            yield int(n), members[first : first + most]
+        maximum = max(1, margin // int(n) ** 3)
+        for first in range(0, len(members), maximum):
+            yield int(n), members[first : first + maximum]

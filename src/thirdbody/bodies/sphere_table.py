@@ -17,7 +17,7 @@ PER_BODY = {"quaternion": 4, "velocity": 3, "angular_velocity": 3}
 
 
 @dataclass(frozen=True, eq=False)
-class Sheet:
+class SphereTable:
     """Spheres of bodies in SI: center (n, 3) m, radius (n,) m, clump (n,) the id of the body that each belongs to.
 
     ids (m,): the ids in rising order, the order of all that is given per body: quaternion (m, 4) w, x, y, z, velocity

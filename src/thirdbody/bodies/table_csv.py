@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody.bodies.bounded_read import MOST_ROWS
-from thirdbody.bodies.sphere_table import PER_BODY, Sheet, refuse
+from thirdbody.bodies.sphere_table import PER_BODY, SphereTable, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
 Parse = Callable[[str, str], float]
@@ -47,7 +47,7 @@ class _Column:
     dimension: str
 
 
-def read_csv(file: str, data: bytes, parse: Parse) -> Sheet:
+def read_csv(file: str, data: bytes, parse: Parse) -> SphereTable:
     """The sheet in the bytes of a CSV file; `file` is its name in messages, `parse` reads quantities with units.
 
     InputError with all faults of the header, else of the cells, else between the rows of a clump.
@@ -137,13 +137,13 @@ def _column(title: str, before: list[str], parse: Parse) -> _Column:
 def _missing(names: set[str]) -> list[str]:
     """What is wrong with the set of columns."""
     lacking = [name for name in _NEEDED if name not in names]
-    told = [f"{_are_missing(lacking)}, expected {_EXAMPLE}"] if lacking else []
+    report = [f"{_are_missing(lacking)}, expected {_EXAMPLE}"] if lacking else []
     for group in PER_BODY:
         wanted = [name for name, (of, *_) in _COLUMNS.items() if of == group]
         absent = [name for name in wanted if name not in names]
         if absent and len(absent) < len(wanted):
-            told.append(f"{_are_missing(absent)}: {group.replace('_', ' ')} needs {', '.join(wanted)}")
-    return told
+            report.append(f"{_are_missing(absent)}: {group.replace('_', ' ')} needs {', '.join(wanted)}")
+    return report
 
 
 def _are_missing(names: list[str]) -> str:
@@ -196,7 +196,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _sheet(file: str, columns: list[_Column], values: dict[str, np.ndarray], lines: np.ndarray) -> Sheet:
+def _sheet(file: str, columns: list[_Column], values: dict[str, np.ndarray], lines: np.ndarray) -> SphereTable:
     """The sheet of the columns. Raises InputError where the rows of one clump disagree about their body."""
     ids, first, body = np.unique(values["clump"], return_index=True, return_inverse=True)
     faults = []
@@ -213,4 +213,4 @@ def _sheet(file: str, columns: list[_Column], values: dict[str, np.ndarray], lin
             faults.append(Fault(", ".join(names), message + "it is one for all spheres of a clump", file, int(lines[k])))
     refuse(faults)
     center = np.column_stack([values[axis] for axis in "xyz"])
-    return Sheet(file, center, values["radius"], values["clump"], ids, **per_body, lines=lines)
+    return SphereTable(file, center, values["radius"], values["clump"], ids, **per_body, lines=lines)

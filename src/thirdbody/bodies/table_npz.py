@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from thirdbody.bodies.bounded_read import MOST_ROWS
-from thirdbody.bodies.sphere_table import PER_BODY, SHOWN, Sheet, refuse
+from thirdbody.bodies.sphere_table import PER_BODY, SHOWN, SphereTable, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
 _NEEDED = ("center", "radius", "clump")
@@ -28,7 +28,7 @@ class _Header(NamedTuple):
     dtype: np.dtype
 
 
-def read_npz(file: str, data: bytes) -> Sheet:
+def read_npz(file: str, data: bytes) -> SphereTable:
     """The sheet in the bytes of an NPZ file; `file` is its name in messages. No pickle is ever loaded.
 
     InputError with all faults of the names, else of the sizes, else of types, else of shapes, else of the values.
@@ -44,7 +44,7 @@ def read_npz(file: str, data: bytes) -> Sheet:
     _refuse_values(file, arrays)
     floats = {name: array.astype(np.float64) for name, array in arrays.items() if name != "clump"}
     per_body = {name: floats.get(name) for name in PER_BODY}
-    return Sheet(file, floats["center"], floats["radius"], arrays["clump"], np.unique(arrays["clump"]), **per_body)
+    return SphereTable(file, floats["center"], floats["radius"], arrays["clump"], np.unique(arrays["clump"]), **per_body)
 
 
 def _arrays(file: str, data: bytes) -> dict[str, np.ndarray]:

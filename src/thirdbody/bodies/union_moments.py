@@ -60,7 +60,7 @@ def pair_directions(c, toward):
 
 
 @njit(**BARE)
-def covered(i, rho, toward, cuts, order):
+def covered_arcs(i, rho, toward, cuts, order):
     """Number of the arcs of circle i that other discs cover, -1 if they hide all of it.
 
     Into cuts (n, 4) by disc: start in [0, 2 pi), end, cosine and sine of half the arc; into order (n,) by rising start.
@@ -137,7 +137,7 @@ def disc_moments(c, rho, toward, cuts, order, out):
     o0, o1, o2, o3, o4, o5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(rho.size):
         x, y, r = c[i, 0], c[i, 1], rho[i]
-        m = -1 if r <= 0.0 else covered(i, rho, toward, cuts, order)
+        m = -1 if r <= 0.0 else covered_arcs(i, rho, toward, cuts, order)
         if m < 0:
             continue
         if m > 0:
@@ -257,9 +257,9 @@ def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
 
     def part(k: int) -> None:
         # in a kernel each of these calls would be compiled anew
-        room = np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64), np.empty(n), np.empty(6)
+        margin = np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64), np.empty(n), np.empty(6)
         own = slice(ends[k], ends[k + 1])
-        stack_moments(C[own], R[own], Z[own], nodes, weights, offsets, tolerance, total[own], *room, np.zeros(MOMENTS),
+        stack_moments(C[own], R[own], Z[own], nodes, weights, offsets, tolerance, total[own], *margin, np.zeros(MOMENTS),
                       np.zeros(MOMENTS))  # fmt: skip
 
     if parts == 1:

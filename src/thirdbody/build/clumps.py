@@ -41,16 +41,16 @@ def make_bodies(scene: Scene, context: PopulationContext) -> PlacedClumps:
     """The bodies of one population. Raises InputError when they cannot be made, UsageError for a kind that gives no bodies."""
     debris = scene.debris[context.index]
     with _faults_of(scene, context.index):
-        made = debris.bodies(context)
-    clumps, most = made.clumps, debris.max_spheres()
+        built = debris.bodies(context)
+    clumps, maximum = built.clumps, debris.max_spheres()
     if not clumps or not all(isinstance(body, Clump) for body in clumps):
         raise UsageError(f"the kind of debris '{debris.kind}' gave no list of Clump for debris[{context.index}]")
     if debris.count is not None and len(clumps) != debris.count:
         raise UsageError(f"the kind of debris '{debris.kind}' gave {len(clumps)} bodies for the count {debris.count}")
-    if most > 1 and (spheres := max(len(body.radii) for body in clumps)) > most:
-        raise UsageError(f"the kind of debris '{debris.kind}' gave a body of {spheres} spheres, and its max_spheres is {most}")
+    if maximum > 1 and (spheres := max(len(body.radii) for body in clumps)) > maximum:
+        raise UsageError(f"the kind of debris '{debris.kind}' gave a body of {spheres} spheres, and its max_spheres is {maximum}")
     context.warnings.extend(f"debris[{context.index}]: {note}" for note in debris.notes())
-    return made
+    return built
 
 
 def shapes_of(scene: Scene, index: int, warnings: list[str]) -> list[Clump]:
@@ -64,5 +64,5 @@ def _faults_of(scene: Scene, index: int) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        found = [(key_place(fault.key), fault.message) for fault in error.faults]
-        raise InputError(scene.fault(("debris", index, *place), message) for place, message in found) from None
+        result = [(key_place(fault.key), fault.message) for fault in error.faults]
+        raise InputError(scene.fault(("debris", index, *place), message) for place, message in result) from None

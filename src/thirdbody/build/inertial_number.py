@@ -51,12 +51,12 @@ def inertial_number(state: State) -> Inertial | None:
 
 def examine_inertia(scene: Scene, state: State) -> list[str]:
     """Warnings of a quasi-static scene that is too fast to be one. Raises InputError where inertia is as large as the load."""
-    found = inertial_number(state) if scene.solver.inertia is False else None
-    if found is None or found.number <= SLOW:
+    result = inertial_number(state) if scene.solver.inertia is False else None
+    if result is None or result.number <= SLOW:
         return []
-    number = f"the inertial number v sqrt((m + M)/(W L)) of body {state.order[found.body]} is {found.number:.2g}"
-    allowed = lambda limit: units.pretty(found.speed * limit / found.number, "velocity")  # noqa: E731
-    if found.number > FAST:
+    number = f"the inertial number v sqrt((m + M)/(W L)) of body {state.order[result.body]} is {result.number:.2g}"
+    allowed = lambda limit: units.pretty(result.speed * limit / result.number, "velocity")  # noqa: E731
+    if result.number > FAST:
         message = (
             f"false is for slow motion, and {number} (at most {FAST:g}: {allowed(FAST)} here): inertial forces are no small "
             "share of the load; leave solver.inertia out, or lower the speed"
@@ -73,12 +73,12 @@ def _per_body(state: State) -> tuple[np.ndarray, np.ndarray]:
     upper, n = state.world.upper, state.n_bodies
     assert upper is not None
     pieces = [min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(upper.schedule.load)]
-    least, B, f = min(pieces, default=1.0), state.B[:, at.B_MASS], upper.foundation
+    minimum, B, f = min(pieces, default=1.0), state.B[:, at.B_MASS], upper.foundation
     if f is not None:
-        return B + upper.mass + f.mass / n, np.full(n, least * f.load / n)
+        return B + upper.mass + f.mass / n, np.full(n, minimum * f.load / n)
     if len(upper.heights) == n:
-        return B + upper.mass[upper.patch], least * upper.load[upper.patch]
-    return B + float(upper.mass.sum()) / n, np.full(n, least * float(upper.load.sum()) / n)
+        return B + upper.mass[upper.patch], minimum * upper.load[upper.patch]
+    return B + float(upper.mass.sum()) / n, np.full(n, minimum * float(upper.load.sum()) / n)
 
 
 def _diameters(state: State) -> np.ndarray:

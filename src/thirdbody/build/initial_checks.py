@@ -23,8 +23,8 @@ def refuse_start(scene: Scene, placed: Placed) -> None:
     faults: list[Fault] = _tiny(scene, placed) + _outside(scene, placed)
     if scene.contact.debris_contact != "none":
         free = sides == EVERYTHING
-        found = overlaps(centres[free], radii[free], body[free], scene.domain.size, scene.domain.periodic)
-        deep = [(a, b, depth) for a, b, depth in found if depth > 1e-9 * radii.min()]
+        result = overlaps(centres[free], radii[free], body[free], scene.domain.size, scene.domain.periodic)
+        deep = [(a, b, depth) for a, b, depth in result if depth > 1e-9 * radii.min()]
         if deep:
             a, b, depth = deep[0]
             more = f" ({len(deep)} pairs overlap)" if len(deep) > 1 else ""
@@ -51,11 +51,11 @@ def _place_of(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
 
 def _tiny(scene: Scene, placed: Placed) -> list[Fault]:
     """The first body whose spheres are too small for places in the domain to be told apart: a wrong unit."""
-    least = np.array([clump.radii.min() for clump in placed.clumps])
-    small = np.flatnonzero(least < TINY * max(scene.domain.size))
+    minimum = np.array([clump.radii.min() for clump in placed.clumps])
+    small = np.flatnonzero(minimum < TINY * max(scene.domain.size))
     if not len(small):
         return []
-    size, extent = units.pretty(float(least[small[0]]), "length"), units.pretty(max(scene.domain.size), "length")
+    size, extent = units.pretty(float(minimum[small[0]]), "length"), units.pretty(max(scene.domain.size), "length")
     message = f"a sphere of body {small[0]} has the radius {size}, less than {TINY:g} of the domain, {extent}; is the unit right?"
     return [scene.fault(_place_of(scene, placed, int(small[0])), message)]
 

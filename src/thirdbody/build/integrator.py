@@ -11,7 +11,7 @@ from thirdbody.engine.upper_plate import ends_of
 from thirdbody.engine.state import State
 from thirdbody.errors import InputError
 from thirdbody.kernels import layout as at
-from thirdbody.build.physics import Choice
+from thirdbody.build.physics import CompiledPhysics
 from thirdbody.scene.model import Scene
 from thirdbody.scene.tables import IMPLICIT_KEYS
 from thirdbody.build.upper_plate import Upper
@@ -34,7 +34,7 @@ class Plan:
     reason: str
 
 
-def plan(scene: Scene, choice: Choice, state: State) -> Plan:
+def plan(scene: Scene, choice: CompiledPhysics, state: State) -> Plan:
     """The integrator that the scene asks for, or, if it leaves the choice, the one that serves it. Raises InputError."""
     wanted = scene.solver.integrator
     if wanted == "explicit":
@@ -70,13 +70,13 @@ def _refuse_unloading(scene: Scene, state: State) -> None:
     """Raise InputError where nothing would hold the bodies: no load, and no inertia."""
     upper = state.world.upper
     loads = () if upper is None else upper.schedule.load
-    least = min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(loads)), default=1.0)
-    if scene.solver.inertia is False and least <= 0.0:
+    minimum = min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(loads)), default=1.0)
+    if scene.solver.inertia is False and minimum <= 0.0:
         message = "false needs a load at all times: without load and inertia nothing tells where a body is"
         raise InputError(scene.fault(("solver", "inertia"), message))
 
 
-def _obstacle(scene: Scene, choice: Choice, state: State) -> str:
+def _obstacle(scene: Scene, choice: CompiledPhysics, state: State) -> str:
     """Why the implicit integrator cannot run a scene, or nothing."""
     bare = choice.chain.without_tangent
     late = [effect.name for effect in choice.effects if effect.sees_forces]
@@ -90,7 +90,7 @@ def _obstacle(scene: Scene, choice: Choice, state: State) -> str:
     return ""
 
 
-def implicit(scene: Scene, choice: Choice, state: State, upper: Upper, warnings: list[str]) -> Implicit:
+def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, warnings: list[str]) -> Implicit:
     """The implicit integrator of a scene, started; `warnings` is added to."""
     tangents = choice.chain.tangents
     assert tangents is not None  # `plan`
@@ -99,16 +99,16 @@ def implicit(scene: Scene, choice: Choice, state: State, upper: Upper, warnings:
 
     if any(pair.friction > LARGEST_FRICTION for pair in choice.pairs):
         choice.limit_friction(LARGEST_FRICTION)
-        most = f"{LARGEST_FRICTION:g}"
-        warnings.append(f"friction coefficients above {most} count as {most} in the implicit integrator")
+        maximum = f"{LARGEST_FRICTION:g}"
+        warnings.append(f"friction coefficients above {maximum} count as {maximum} in the implicit integrator")
     solver = scene.solver
     given = {"tolerance": solver.tolerance, "largest_step": solver.largest_step, "inertia": solver.inertia}
     options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     chosen = Accuracy(**options, go_on=solver.on_failure == "continue")
     smallest = float(np.min(state.S[:, at.S_R]))
-    made = _kind(state)(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
-    made.start()
-    return made
+    built = _kind(state)(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
+    built.start()
+    return built
 
 
 def _kind(state: State) -> type[Implicit]:

@@ -12,7 +12,7 @@ from thirdbody.engine.static_response import overlap_at, response
 from thirdbody.errors import InputError
 from thirdbody.laws.contract import Material
 from thirdbody.laws.first_yield import YieldLimit, yield_limit
-from thirdbody.build.physics import Choice
+from thirdbody.build.physics import CompiledPhysics
 from thirdbody.scene.model import Scene
 from thirdbody.units import pretty
 
@@ -29,16 +29,16 @@ class Pressing:
     radius: np.ndarray
     kind: np.ndarray
 
-    def overlap(self, choice: Choice) -> np.ndarray:
+    def overlap(self, choice: CompiledPhysics) -> np.ndarray:
         """Overlap (n,) m, at most the radius."""
         return overlap_at(choice.physics, self.load, self.radius, self.kind)
 
-    def most(self, choice: Choice) -> np.ndarray:
+    def most(self, choice: CompiledPhysics) -> np.ndarray:
         """Load (n,) N at which the overlap reaches its guard."""
         return response(choice.physics, OVERLAP_GUARD * self.radius, self.radius, self.kind)[0]
 
 
-def refuse_crushing(scene: Scene, choice: Choice, pressing: Pressing, load: float, shared: int = 1) -> None:
+def refuse_crushing(scene: Scene, choice: CompiledPhysics, pressing: Pressing, load: float, shared: int = 1) -> None:
     """Raise InputError if even the strongest of these contacts would be pressed in beyond the guard's overlap.
 
     `load` (N) is what the scene gives; `shared` bodies carry it together at best.
@@ -63,13 +63,13 @@ def _loading_key(scene: Scene) -> tuple[str, ...]:
     return ("plates", "upper", key)
 
 
-def pressing_warnings(choice: Choice, pressing: Pressing) -> list[str]:
+def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
     """Warnings of contacts that are deep, and, for each pair of materials, of pressures above first yield."""
-    found, overlap = [], pressing.overlap(choice)
+    result, overlap = [], pressing.overlap(choice)
     depth = overlap / pressing.radius
     deepest = int(np.argmax(depth))
     if depth[deepest] > DEEP:
-        found.append(
+        result.append(
             f"expected overlap {depth[deepest]:.2g} of the radius under {pretty(float(pressing.load[deepest]), 'force')}: Hertz' "
             f"theory is for small contacts (below {DEEP:g}), and a run stops at {OVERLAP_GUARD:g}; lower the load or use stiffer "
             "bodies"
@@ -82,8 +82,8 @@ def pressing_warnings(choice: Choice, pressing: Pressing) -> list[str]:
         worst = here[np.argmax(pressure[here])]
         limit = yield_limit(pair.a, pair.b)
         if pressure[worst] > limit.pressure:
-            found.append(_yield_warning(pair.a, pair.b, limit, float(pressure[worst]), float(pressing.load[worst])))
-    return found
+            result.append(_yield_warning(pair.a, pair.b, limit, float(pressure[worst]), float(pressing.load[worst])))
+    return result
 
 
 def _yield_warning(a: Material, b: Material, limit: YieldLimit, pressure: float, load: float) -> str:

@@ -23,7 +23,7 @@ from thirdbody.scene.model import Scene
 
 
 @dataclass(frozen=True)
-class Choice:
+class CompiledPhysics:
     """The physics of a scene in words and in code. `rows[k]` are the parameters of `pairs[k]`, law by law."""
 
     physics: Physics
@@ -45,7 +45,7 @@ class Choice:
         self.physics.pairs[:] = np.array(rows, float).ravel()
 
 
-def choose(scene: Scene, registry: Registry) -> Choice:
+def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     """Select, check and compile. Raises InputError with all faults of names and options."""
     faults: list[Fault] = []
     family, level, laws = _family(scene, registry, faults)
@@ -72,7 +72,7 @@ def choose(scene: Scene, registry: Registry) -> Choice:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
     except Exception as problem:
         raise _not_compiled([*effects, *([labeller] if labeller else [])], problem) from problem
-    return Choice(physics, chain, family, level, labeller, effects, materials, pairs, rows, off, options)
+    return CompiledPhysics(physics, chain, family, level, labeller, effects, materials, pairs, rows, off, options)
 
 
 PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"

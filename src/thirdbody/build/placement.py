@@ -94,8 +94,8 @@ def _crowds(scene: Scene, contexts: Sequence[PopulationContext]) -> list[Fault]:
         placement = debris.placement_name
         if placement is None:
             continue
-        (diameter, share), count = debris.typical_diameter(context), debris.number_of_bodies(context)
-        cover = share * count * 0.25 * np.pi * diameter**2 / (width * depth)
+        (diameter, portion), count = debris.typical_diameter(context), debris.number_of_bodies(context)
+        cover = portion * count * 0.25 * np.pi * diameter**2 / (width * depth)
         what = f"{count} bodies of {units.pretty(diameter, 'length')} would"
         place = f"({units.pretty(width, 'length')} by {units.pretty(depth, 'length')})"
         wishes = _wishes(scene, placement)
@@ -135,7 +135,7 @@ def _scatter(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarr
     try:
         x[members], q[members] = scatter(bodies, height, scene.domain.size, scene.domain.periodic, rng, spheres)
     except InputError as error:
-        raise _told(scene, "dilute", error) from None
+        raise _placement_faults(scene, "dilute", error) from None
     warnings.append(
         f"dilute: {len(bodies)} bodies fill {fraction:.4g} of the volume up to {units.pretty(height, 'length')} (solid fraction)"
     )
@@ -148,7 +148,7 @@ def _pack(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray,
     try:
         bed = pack(bodies, fraction, scene.domain.size, scene.domain.periodic, _stream(scene, "dense", DENSE_STREAM))
     except InputError as error:
-        raise _told(scene, "dense", error) from None
+        raise _placement_faults(scene, "dense", error) from None
     x[members], q[members] = bed.positions, bed.quaternions
     x[members, 2] += CLEARANCE * max(body.diameter for body in bodies)
     warnings.append(
@@ -177,7 +177,7 @@ def _stream(scene: Scene, placement: str, key: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(getattr(first, "seed", 1), spawn_key=(key,)))
 
 
-def _told(scene: Scene, placement: str, error: InputError) -> InputError:
+def _placement_faults(scene: Scene, placement: str, error: InputError) -> InputError:
     """The faults of the placing at their places in the scene: the domain, or what it says of the common volume."""
     first = next(i for i, debris in enumerate(scene.debris) if debris.placement_name == placement)
     wishes = _wishes(scene, placement)

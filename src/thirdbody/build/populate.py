@@ -25,21 +25,21 @@ def populate(scene: Scene, warnings: list[str]) -> Placed:
     """
     contexts = read_populations(scene, warnings)
     refuse_placements(scene, contexts)
-    made = [make_bodies(scene, context) for context in contexts]
-    clumps = [body for population in made for body in population.clumps]
-    populations = np.repeat(np.arange(len(made)), [len(population.clumps) for population in made])
+    built = [make_bodies(scene, context) for context in contexts]
+    clumps = [body for population in built for body in population.clumps]
+    populations = np.repeat(np.arange(len(built)), [len(population.clumps) for population in built])
     names = list(scene.materials)
     materials = np.array([names.index(debris.material) for debris in scene.debris])[populations]
     densities = np.array([material.density for material in scene.materials.values()])
     motions = [(debris.velocity or REST, debris.angular_velocity or REST) for debris in scene.debris]
-    each = list(zip(made, motions, strict=True))
+    each = list(zip(built, motions, strict=True))
     placed = Placed(
         clumps=clumps,
         densities=densities[materials],
         materials=materials,
         populations=populations,
-        positions=np.concatenate([_rows(bodies, bodies.positions, UNPLACED) for bodies in made]),
-        quaternions=np.concatenate([_rows(bodies, bodies.quaternions, UPRIGHT) for bodies in made]),
+        positions=np.concatenate([_rows(bodies, bodies.positions, UNPLACED) for bodies in built]),
+        quaternions=np.concatenate([_rows(bodies, bodies.quaternions, UPRIGHT) for bodies in built]),
         velocities=np.concatenate([_rows(bodies, bodies.velocity, v) for bodies, (v, _) in each]),
         angular_velocities=np.concatenate([_rows(bodies, bodies.angular_velocity, w) for bodies, (_, w) in each]),
     )

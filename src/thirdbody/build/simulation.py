@@ -19,7 +19,7 @@ from thirdbody.laws.contract import Labeller
 from thirdbody.laws.elasticity import dundurs_beta
 from thirdbody.laws.registry import Registry, discover
 from thirdbody import units
-from thirdbody.build.physics import Choice, choose
+from thirdbody.build.physics import CompiledPhysics, compile_physics
 from thirdbody.scene.cross_checks import too_long, too_long_message
 from thirdbody.build.inertial_number import examine_inertia
 from thirdbody.build.integrator import Plan, implicit, plan
@@ -53,7 +53,7 @@ class Simulation:
     """A scene ready to run, and what `check` prints of it."""
 
     scene: Scene
-    choice: Choice
+    choice: CompiledPhysics
     labeller: Labeller | None
     state: State
     integrator: Explicit | Implicit
@@ -112,7 +112,7 @@ def build(
     compiled, as its import does.
     """
     registry = registry or discover()
-    choice = choose(scene, registry)
+    choice = compile_physics(scene, registry)
     labeller = choice.labeller
     warnings = [*unusual_values(scene), *_similarity_warnings(choice)]
     if choice.physics.stiffness is None:
@@ -164,7 +164,7 @@ def _meeting(placed: Placed) -> int:
     return sum(clump.sides is None or bool(np.any(clump.sides == at.EVERYTHING)) for clump in placed.clumps)
 
 
-def _end_settling(scene: Scene, choice: Choice, upper: Upper) -> None:
+def _end_settling(scene: Scene, choice: CompiledPhysics, upper: Upper) -> None:
     """Tell effects that are for settling when it ends. Raises InputError for a scene that has no such phase."""
     passing = [effect.name for effect in choice.effects if effect.settling]
     if not passing:
@@ -175,7 +175,7 @@ def _end_settling(scene: Scene, choice: Choice, upper: Upper) -> None:
     choice.physics.effect_parameters[-1] = upper.settle
 
 
-def _similarity_warnings(choice: Choice) -> list[str]:
+def _similarity_warnings(choice: CompiledPhysics) -> list[str]:
     warnings = []
     for pair in choice.pairs:
         beta = dundurs_beta(pair.a, pair.b)
@@ -244,8 +244,8 @@ def _examine_interval(simulation: Simulation) -> None:
     whole = simulation.planned_time if by_time else simulation.planned_distance
     kind = "time" if by_time else "length"
     if whole > 0.0 and too_long(every, whole):
-        told = too_long_message(every, whole, kind)
-        simulation.warnings.append(f"output.every: {told}; only the start and the end are written")
+        report = too_long_message(every, whole, kind)
+        simulation.warnings.append(f"output.every: {report}; only the start and the end are written")
     if every < simulation.shortest_interval:
         step = units.pretty(simulation.shortest_interval, kind)
         simulation.warnings.append(

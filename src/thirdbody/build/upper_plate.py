@@ -13,7 +13,7 @@ from thirdbody.engine.state import Placed
 from thirdbody.errors import InputError
 from thirdbody.kernels.layout import ONLY_LOWER
 from thirdbody import units
-from thirdbody.build.physics import Choice
+from thirdbody.build.physics import CompiledPhysics
 from thirdbody.scene.model import Scene
 from thirdbody.build.placement import CLEARANCE
 from thirdbody.build.populate import sphere_centres
@@ -49,7 +49,7 @@ class Upper:
 
 
 @dataclass(frozen=True)
-class Crown:
+class TopSpheres:
     """Highest point of each body: height (n,), radius of its sphere (n,), row of the pair with the plate (n,), mass (n,)."""
 
     top: np.ndarray
@@ -58,7 +58,7 @@ class Crown:
     mass: np.ndarray
 
 
-def upper_plate(scene: Scene, choice: Choice, placed: Placed, warnings: list[str]) -> Upper:
+def upper_plate(scene: Scene, choice: CompiledPhysics, placed: Placed, warnings: list[str]) -> Upper:
     """The upper plate of a scene, if it has one. Raises InputError for a gap that is too small or a table that is wrong."""
     plate = scene.plates.upper
     if plate is None:
@@ -66,7 +66,7 @@ def upper_plate(scene: Scene, choice: Choice, placed: Placed, warnings: list[str
     material = list(scene.materials).index(plate.material)
     top, radius = _tops(placed)
     masses = placed.densities * np.array([clump.volume for clump in placed.clumps])
-    crown = Crown(top, radius, choice.physics.kinds[placed.materials, material], masses)
+    crown = TopSpheres(top, radius, choice.physics.kinds[placed.materials, material], masses)
     if plate.support == "foundation":
         return _on_foundation(scene, choice, placed, crown, material, warnings)
     if plate.gap is not None:
@@ -76,7 +76,7 @@ def upper_plate(scene: Scene, choice: Choice, placed: Placed, warnings: list[str
     return _rigid(scene, choice, placed, crown, material, warnings)
 
 
-def _at_gap(scene: Scene, crown: Crown, material: int, gap: float, warnings: list[str]) -> Upper:
+def _at_gap(scene: Scene, crown: TopSpheres, material: int, gap: float, warnings: list[str]) -> Upper:
     """A rigid plate at a prescribed height."""
     tallest = int(np.argmax(crown.top))
     if crown.top[tallest] > gap * (1.0 + 2.0 * CLEARANCE):
@@ -90,37 +90,37 @@ def _at_gap(scene: Scene, crown: Crown, material: int, gap: float, warnings: lis
         warnings.append("at constant gap a tipping particle wedges and its normal force has no bound; a load lets it tip")
     settle = 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle
     patch, zero = np.zeros(len(crown.top), np.int64), np.zeros(1)
-    made = UpperPlate(material, np.array([gap]), np.ones(1), zero, zero, False, patch, schedule(scene, settle))
-    return Upper(made, settle)
+    built = UpperPlate(material, np.array([gap]), np.ones(1), zero, zero, False, patch, schedule(scene, settle))
+    return Upper(built, settle)
 
 
-def _each_loaded(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
+def _each_loaded(scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]) -> Upper:
     """Every body under its own free patch."""
     n, load = len(crown.top), first_load(scene)
     loads = np.full(n, load)
     mass = np.full(n, scene.plates.upper.mass or crown.mass.mean())  # type: ignore[union-attr]
     overlap, dashpot = _pressed(scene, choice, crown, np.arange(n), loads, mass)
-    most = load * _largest(scene)
-    pressing = Pressing(np.full(n, most), crown.radius, crown.kind)
-    refuse_crushing(scene, choice, pressing, most)
+    maximum = load * _largest(scene)
+    pressing = Pressing(np.full(n, maximum), crown.radius, crown.kind)
+    refuse_crushing(scene, choice, pressing, maximum)
     warnings += pressing_warnings(choice, pressing)
     settle = _settle(scene, placed, crown, mass, dashpot, load)
     _warn_dashpot(scene, settle, dashpot, load, warnings)
     heights = crown.top + CLEARANCE * crown.radius
-    made = UpperPlate(material, heights, mass, dashpot, loads, True, np.arange(n), schedule(scene, settle))
+    built = UpperPlate(material, heights, mass, dashpot, loads, True, np.arange(n), schedule(scene, settle))
     deepest = float(np.max(overlap / crown.radius))
-    return Upper(made, settle, deepest, n, deepest)
+    return Upper(built, settle, deepest, n, deepest)
 
 
-def _rigid(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
+def _rigid(scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]) -> Upper:
     """One free plate, kept parallel; it comes down on the tallest body, which carries the load at first."""
     load, tallest = first_load(scene), np.array([int(np.argmax(crown.top))])
     mass = np.full(1, scene.plates.upper.mass or crown.mass.sum())  # type: ignore[union-attr]
     loads = np.full(1, load)
     overlap, dashpot = _pressed(scene, choice, crown, tallest, loads, mass)
-    most = load * _largest(scene)
-    refuse_crushing(scene, choice, Pressing(np.full(len(crown.top), most), crown.radius, crown.kind), most, len(crown.top))
-    pressing = _shared(choice, crown, most)
+    maximum = load * _largest(scene)
+    refuse_crushing(scene, choice, Pressing(np.full(len(crown.top), maximum), crown.radius, crown.kind), maximum, len(crown.top))
+    pressing = _shared(choice, crown, maximum)
     warnings += pressing_warnings(choice, pressing)
     settle = _settle(scene, placed, crown, mass, dashpot, load)
     loaded = _carrying(lambda z: _layer_force(choice, crown, z), crown, load)
@@ -132,20 +132,20 @@ def _rigid(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material:
     _warn_dashpot(scene, settle, dashpot, load, warnings)
     height = crown.top[tallest] + CLEARANCE * crown.radius[tallest]
     patch = np.zeros(len(crown.top), np.int64)
-    made = UpperPlate(material, height, mass, dashpot, loads, True, patch, schedule(scene, settle))
+    built = UpperPlate(material, height, mass, dashpot, loads, True, patch, schedule(scene, settle))
     expected = float(np.max(pressing.overlap(choice) / pressing.radius))
-    return Upper(made, settle, float(overlap[0] / crown.radius[tallest[0]]), loaded, expected)
+    return Upper(built, settle, float(overlap[0] / crown.radius[tallest[0]]), loaded, expected)
 
 
-def _shared(choice: Choice, crown: Crown, load: float) -> Pressing:
+def _shared(choice: CompiledPhysics, crown: TopSpheres, load: float) -> Pressing:
     """The bodies that carry a rigid plate's load (N) together, if they did not move."""
     force = _layer_force(choice, crown, _level(lambda z: _layer_force(choice, crown, z), crown, load))
     on = np.flatnonzero(force > 0.0) if np.any(force > 0.0) else np.array([int(np.argmax(crown.top))])
-    share = force[on] * (load / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, load)
-    return Pressing(share, crown.radius[on], crown.kind[on])
+    fraction = force[on] * (load / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, load)
+    return Pressing(fraction, crown.radius[on], crown.kind[on])
 
 
-def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, material: int, warnings: list[str]) -> Upper:
+def _on_foundation(scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]) -> Upper:
     """Every body under its own patch, sprung to a common plate that has a load or a height."""
     plate = scene.plates.upper
     assert plate is not None and plate.stiffness is not None
@@ -179,11 +179,11 @@ def _on_foundation(scene: Scene, choice: Choice, placed: Placed, crown: Crown, m
     if isinstance(scene.solver.settle, str) and settle > 0.0:
         settle = max(settle, RELAXED * float(dashpot[0]) / stiffness)
     heights = np.maximum(height, crown.top) + CLEARANCE * crown.radius
-    made = UpperPlate(
+    built = UpperPlate(
         material, heights, mass, np.full(n, dashpot[0]), np.full(n, preload), True, np.arange(n), schedule(scene, settle), common
     )
     deepest = float(overlap[0] / crown.radius[largest[0]])
-    return Upper(made, settle, deepest, loaded, deepest)
+    return Upper(built, settle, deepest, loaded, deepest)
 
 
 def _largest(scene: Scene) -> float:
@@ -192,7 +192,7 @@ def _largest(scene: Scene) -> float:
 
 
 def _pressed(
-    scene: Scene, choice: Choice, crown: Crown, who: np.ndarray, loads: np.ndarray, mass: np.ndarray
+    scene: Scene, choice: CompiledPhysics, crown: TopSpheres, who: np.ndarray, loads: np.ndarray, mass: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Overlap (m) of these bodies' highest spots under the largest loads to come, and the dashpots (kg/s), by default critical
     with the spots under these first loads."""
@@ -210,14 +210,14 @@ def _pressed(
     return deepest, 2.0 * np.sqrt(stiffness * mass)
 
 
-def _layer_force(choice: Choice, crown: Crown, z: float) -> np.ndarray:
+def _layer_force(choice: CompiledPhysics, crown: TopSpheres, z: float) -> np.ndarray:
     """Normal force on each body of a plate at height z, if bodies did not move, N."""
     overlap = np.maximum(crown.top - z, 0.0)
     force = response(choice.physics, overlap, crown.radius, crown.kind)[0]
     return np.where(overlap > 0.0, force, 0.0)
 
 
-def _level(force, crown: Crown, load: float) -> float:
+def _level(force, crown: TopSpheres, load: float) -> float:
     """Height of the plate at which the bodies together carry the load, by bisection; below zero where even soft springs must."""
     low, high = 0.0, float(crown.top.max())
     while float(np.sum(force(low))) < load and low > -1e6 * high:
@@ -228,7 +228,7 @@ def _level(force, crown: Crown, load: float) -> float:
     return high
 
 
-def _carrying(force, crown: Crown, load: float) -> int:
+def _carrying(force, crown: TopSpheres, load: float) -> int:
     """How many bodies carry the load at once."""
     return max(1, int(np.count_nonzero(force(_level(force, crown, load)))))
 
@@ -244,7 +244,7 @@ def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
     return centres[highest, 2] + radii[highest], radii[highest]
 
 
-def _settle(scene: Scene, placed: Placed, crown: Crown, mass: np.ndarray, dashpot: np.ndarray, load: float) -> float:
+def _settle(scene: Scene, placed: Placed, crown: TopSpheres, mass: np.ndarray, dashpot: np.ndarray, load: float) -> float:
     """Time under load before the drag, s. Automatic: what a patch needs to fall by a quarter of the largest body's size.
 
     A body that is pressed off its balance tips into a new seat, and its patch comes down by about that much; a bed of several
@@ -254,20 +254,20 @@ def _settle(scene: Scene, placed: Placed, crown: Crown, mass: np.ndarray, dashpo
         return scene.solver.settle
     if not scene.plates.driven():
         return 0.0
-    way = max(0.25 * max(clump.diameter for clump in placed.clumps), 0.1 * float(crown.top.max()))
-    return math.sqrt(2.0 * way * (crown.mass.max() + mass.max()) / load) + float(dashpot.max()) * way / load
+    distance = max(0.25 * max(clump.diameter for clump in placed.clumps), 0.1 * float(crown.top.max()))
+    return math.sqrt(2.0 * distance * (crown.mass.max() + mass.max()) / load) + float(dashpot.max()) * distance / load
 
 
 def _warn_dashpot(scene: Scene, settle: float, dashpot: np.ndarray, load: float, warnings: list[str]) -> None:
-    share = float(dashpot.max()) * schedule(scene, settle).top_speed() / load
-    if share > 1.0:
+    fraction = float(dashpot.max()) * schedule(scene, settle).top_speed() / load
+    if fraction > 1.0:
         warnings.append(
-            f"the patches' dashpot carries up to {share:.1f} of the load when they rise or fall at the drag speed: the motion is "
+            f"the patches' dashpot carries up to {fraction:.1f} of the load when they rise or fall at the drag speed: the motion is "
             "not quasi-static, and what bodies that roll should rub the dashpots take; lower plates.upper.damping or the speed"
         )
-    elif share > TAKEN:
+    elif fraction > TAKEN:
         warnings.append(
-            f"the patches' dashpot carries up to {share:.2f} of the load when they rise or fall at the drag speed: where bodies "
+            f"the patches' dashpot carries up to {fraction:.2f} of the load when they rise or fall at the drag speed: where bodies "
             "roll, dashpots may take more than a tenth of the plate's work (the summary of a run tells how much), which friction "
             "work then lacks; lower plates.upper.damping or the speed where that matters"
         )

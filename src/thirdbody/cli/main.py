@@ -62,19 +62,19 @@ def check(
     json: Json = False,
 ) -> None:
     """Print the resolved scene: defaults, laws and their sources, time step and what limits it, cost."""
-    from thirdbody.engine.precompile import begin
+    from thirdbody.engine.precompile import start_compiling
 
-    begin()
+    start_compiling()
     from thirdbody.report.scene_check import check_report, print_check
     from thirdbody.report.tables import print_json
     from thirdbody.runner.simulate import prepare
 
     built = prepare(_load(scene, settings, plugin), plugin or (), force)
-    told = check_report(built)
+    message = check_report(built)
     if json:
-        print_json(told)
+        print_json(message)
     else:
-        print_check(told)
+        print_check(message)
 
 
 @app.command(cls=Command)
@@ -92,10 +92,10 @@ def run(
     json: Json = False,
 ) -> None:
     """Run a scene and write its trajectory, labels and series."""
-    from thirdbody.engine.precompile import begin
+    from thirdbody.engine.precompile import start_compiling
 
     limits = _limits(every, wall_limit)
-    begin()
+    start_compiling()
     from thirdbody.report.tables import print_warnings
     from thirdbody.runner.run_folder import refuse_existing
     from thirdbody.runner.simulate import check_threads, default_folder, prepare
@@ -127,9 +127,9 @@ def resume(
 
     limits = _limits(every, wall_limit)
     notes = check_threads(threads)
-    built, kept = prepare_resume(run, override_pairs(settings), plugin or ())
+    built, saved = prepare_resume(run, override_pairs(settings), plugin or ())
     print_warnings([*notes, *built.warnings])
-    _execute(built, run, quiet, json, threads=threads, kept=kept, **limits)
+    _execute(built, run, quiet, json, threads=threads, kept=saved, **limits)
 
 
 @app.command(cls=Command)
@@ -233,10 +233,10 @@ def shapes(
         raise UsageError("give a scene, a mesh or a folder of meshes, or --list")
     from thirdbody.report.clump_shapes import draw_shapes, read_shapes, shapes_report
 
-    found = read_shapes(path, unit, spheres, seed, override_pairs(settings), plugin or ())
-    shapes_report(found, json)
+    result = read_shapes(path, unit, spheres, seed, override_pairs(settings), plugin or ())
+    shapes_report(result, json)
     if out is not None:
-        draw_shapes(found, path.name, out)
+        draw_shapes(result, path.name, out)
         say(out, err=json)
 
 
@@ -271,16 +271,16 @@ def _limits(every: str | None, wall_limit: str | None) -> dict[str, float]:
     """The wall times that were given, s. Raises UsageError for what is no time."""
     from thirdbody import units
 
-    found = {}
+    result = {}
     for option, key, text in (("--checkpoint-every", "every", every), ("--wall-limit", "wall_limit", wall_limit)):
         if text is not None:
             try:
-                found[key] = units.parse(text, "time")
+                result[key] = units.parse(text, "time")
             except ValueError as error:
                 raise UsageError(f"{option}: {error}") from None
-            if found[key] < 0.0:
+            if result[key] < 0.0:
                 raise UsageError(f"{option}: {text} must be at least 0 s")
-    return found
+    return result
 
 
 def _execute(built: Any, folder: Path, quiet: bool, json: bool, **options: Any) -> None:

@@ -52,13 +52,13 @@ def new(
 def _list(json: bool) -> None:
     from thirdbody.cli.starter_files import questions
 
-    found = questions()
+    result = questions()
     if json:
         from thirdbody.report.tables import print_json
 
-        print_json([{"name": name, "question": question} for name, question in found.items()])
+        print_json([{"name": name, "question": question} for name, question in result.items()])
         return
-    width = max(map(len, found))
-    for name, question in found.items():
+    width = max(map(len, result))
+    for name, question in result.items():
         say(f"{name:<{width}}  {question}")
     print("\nto start from one of them: thirdbody new my_scene.toml --from NAME")

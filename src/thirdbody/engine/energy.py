@@ -16,7 +16,7 @@ LINES = (
 Stored = tuple[float, float, float, float]
 
 
-def stored(state: State) -> Stored:
+def stored_energies(state: State) -> Stored:
     """Kinetic, elastic normal, elastic tangential and foundation energy, as of the last observed step."""
     P, kinetic = state.P, _kinetic(state) if state.inertial else 0.0
     springs = 0.5 * float(np.sum(P[:, at.P_SPRING] * (P[:, at.P_Z] - P[-1, at.P_Z]) ** 2))
@@ -47,18 +47,19 @@ class Ledger:
     """
 
     def __init__(self, state: State):
-        self.start = sum(stored(state))
+        self.start = sum(stored_energies(state))
         self.peak = self.start
 
     def watch(self, state: State) -> Stored:
-        """Note the largest stored plus kinetic energy; needs a record of the last step. Returns what is `stored`."""
-        found = stored(state)
-        self.peak = max(self.peak, sum(found))
-        return found
+        """Note the largest stored plus kinetic energy; needs a record of the last step. Returns what is `stored_energies`."""
+        result = stored_energies(state)
+        self.peak = max(self.peak, sum(result))
+        return result
 
-    def lines(self, state: State, found: Stored | None = None) -> dict[str, float]:
-        """The lines of the ledger that the scene has, J; `residual` is the absolute one. `found`: what is `stored`, if known."""
-        kinetic, normal, tangential, springs = found or stored(state)
+    def lines(self, state: State, result: Stored | None = None) -> dict[str, float]:
+        """The lines of the ledger that the scene has, J; `residual` is the absolute one. `result`: what is `stored_energies`,
+        if known."""
+        kinetic, normal, tangential, springs = result or stored_energies(state)
         A = state.A
         gained = A[at.A_PLATE_WORK] + A[at.A_EFFECTS]
         spent = kinetic + normal + tangential + springs - self.start + A[at.A_DAMPING] + A[at.A_FRICTION]

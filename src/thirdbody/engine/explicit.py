@@ -18,7 +18,7 @@ from thirdbody.engine.thread_tuner import Pace, clocks
 from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
-from thirdbody.jit.packed_arguments import expected, told
+from thirdbody.jit.packed_arguments import argument_specs, pack
 from thirdbody.kernels import layout as at
 from thirdbody.kernels import rigid_body as body_pass
 from thirdbody.kernels.explicit import contact_forces as contact_pass
@@ -39,7 +39,7 @@ GROWTH, PATIENCE = 1.25, 16
 only after so many bounds that all allow more: a step that wobbles loses energy."""
 
 
-EXPECTED = expected(KINDS)
+EXPECTED = argument_specs(KINDS)
 """What the step loop takes."""
 
 
@@ -69,7 +69,7 @@ class Explicit:
         physics = state.physics
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
-        self.known: Context | None = None  # what `told` tells of, which must stay alive as long
+        self.known: Context | None = None  # what `pack` tells of, which must stay alive as long
 
     def start(self) -> None:
         """First search, forces at time zero, first time step."""
@@ -134,11 +134,11 @@ class Explicit:
         chunks = slots.cuts.shape[1] - 1
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
         longest = int(np.diff(slots.cuts[: body_pass.GUESTS, ends], axis=1).max(initial=0))
-        floats, marks = contact_pass.room_for(len(physics.history), longest)
+        floats, marks = contact_pass.scratch_sizes(len(physics.history), longest)
         self.room = table(parts, max(floats, Z_COLS * body_pass.BODIES))
         self.marks = np.empty((parts, max(marks, body_pass.BODIES)), np.int32)
-        most = slots.most if physics.labels else 0
-        self.rows = np.empty((parts, most, at.C_MEMORY + physics.contact_memory))
+        maximum = slots.most if physics.labels else 0
+        self.rows = np.empty((parts, maximum, at.C_MEMORY + physics.contact_memory))
 
     def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
         s, physics, (began, worked) = self.state, self.state.physics, clocks()
@@ -171,7 +171,7 @@ class Explicit:
             self.law, self.effects, self.observe, self.work,
         )  # fmt: skip
         if self.known is None or any(map(operator.is_not, now, self.known)):
-            self.known, self.told = now, told(EXPECTED, now)
+            self.known, self.told = now, pack(EXPECTED, now)
         return self.told
 
     def _choose_step(self) -> None:
@@ -195,9 +195,9 @@ class Explicit:
         self.waiting.append(allowed)
         if len(self.waiting) < PATIENCE:
             return now
-        least = min(self.waiting)
+        minimum = min(self.waiting)
         self.waiting.clear()
-        return least
+        return minimum
 
     def summary(self) -> dict[str, Any]:
         """What the summary of a run tells of its integration."""

@@ -42,7 +42,7 @@ class Guards:
             state.D[at.D_FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
 
 
-class Looks:
+class EnergyGuard:
     """Judges a run at the instants at which its ledger is complete: energy balance and orientations.
 
     One residual above the limit does not count by itself where forces may jump (`patience` 2): the step in which a load jumps is
@@ -53,10 +53,10 @@ class Looks:
         self.ledger, self.patience, self.residual, self.norm = ledger, patience, residual, norm
         self.above = 0  # looks in a row with a residual above the limit
 
-    def look(self, state: State, found: Stored | None = None) -> None:
-        """Judge this instant, whose last step must be recorded (`found` as for `Ledger.lines`). Raises GuardStop."""
+    def look(self, state: State, result: Stored | None = None) -> None:
+        """Judge this instant, whose last step must be recorded (`result` as for `Ledger.lines`). Raises GuardStop."""
         _judge_norms(state, self.norm)
-        off = self.ledger.relative_residual(state, self.ledger.lines(state, found)["residual"])
+        off = self.ledger.relative_residual(state, self.ledger.lines(state, result)["residual"])
         self.above = 0 if off <= self.residual else self.above + 1  # what is not a number is above
         if self.above >= self.patience:
             raise GuardStop(
@@ -66,14 +66,14 @@ class Looks:
             )
 
 
-def _judge_norms(state: State, most: float) -> None:
+def _judge_norms(state: State, maximum: float) -> None:
     norms = np.sqrt(np.sum(state.B[:, at.B_Q : at.B_Q + 4] ** 2, axis=1))
-    bad = np.flatnonzero(~(np.abs(norms - 1.0) <= most))
+    bad = np.flatnonzero(~(np.abs(norms - 1.0) <= maximum))
     if len(bad):
         body = int(bad[0])
         raise GuardStop(
             f"{_when(state)}: the orientation of body {state.order[body]} is no rotation any more: its quaternion has the length "
-            f"{norms[body]:.9g} (guard: 1 within {most:g}); a smaller time step is needed"
+            f"{norms[body]:.9g} (guard: 1 within {maximum:g}); a smaller time step is needed"
         )
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from thirdbody.engine.guards import Guards
 from thirdbody.engine.labels import labels
 from thirdbody.engine.neighbours import search
-from thirdbody.engine.numerical_energy_guard import MADE_GUARD, held_energy, made_share
+from thirdbody.engine.numerical_energy_guard import MADE_GUARD, body_energies, created_fraction
 from thirdbody.engine.proximity_guard import Nearness
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
@@ -189,7 +189,7 @@ class Implicit:
         Totals of the run are not touched. The bits are those of one call, however often a body waits.
         """
         s, physics = self.state, self.state.physics
-        kernel.march(
+        kernel.advance_bodies(
             first, last, until, tries, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, s.schedule,
             s.first, self.drag, physics.law, self.tangents, physics.effects, physics.observe,
         )  # fmt: skip
@@ -245,18 +245,18 @@ class Implicit:
 
     def refuse_made_energy(self) -> None:
         """Raise GuardStop where the integrator itself has made more than a share of the energy exchanged (`MADE_GUARD`)."""
-        held = held_energy(self.state, self.memory[:, at.T_STORED])
-        made = made_share(self.totals, held)
-        body, whole = int(np.argmax(made)), float(made_share(self._summed()[None], float(held.sum()))[0])
-        if made[body] > MADE_GUARD:
-            share, who, when = made[body], self._who(body), self.totals[body, at.A_TIME]
+        held = body_energies(self.state, self.memory[:, at.T_STORED])
+        built = created_fraction(self.totals, held)
+        body, whole = int(np.argmax(built)), float(created_fraction(self._summed()[None], float(held.sum()))[0])
+        if built[body] > MADE_GUARD:
+            fraction, who, when = built[body], self._who(body), self.totals[body, at.A_TIME]
         elif whole > MADE_GUARD:
-            share, who, when = whole, "all bodies and the upper plate together", self.totals[:, at.A_TIME].min()
+            fraction, who, when = whole, "all bodies and the upper plate together", self.totals[:, at.A_TIME].min()
         else:
             return
         inertia = "" if self.accuracy.inertia else "solver.inertia = true, or "
         raise GuardStop(
-            f"stopped at t = {when:.6g} s: the integrator has made energy: {100.0 * share:.0f} % of all that was exchanged "
+            f"stopped at t = {when:.6g} s: the integrator has made energy: {100.0 * fraction:.0f} % of all that was exchanged "
             f"(guard: {100.0 * MADE_GUARD:g} %), by {who}; {inertia}a smaller solver.tolerance or solver.largest_step is needed, "
             "or a contact law that makes no energy (thirdbody laws --check)"
         )
@@ -322,14 +322,14 @@ class Implicit:
     def _spots(self, body: int) -> str:
         """The loaded spots of a body in words."""
         slots = self.state.slots
-        told = []
+        report = []
         for k in range(slots.edges[body], slots.edges[body + 1]):
             if slots.H[k, at.H_ON] > 0.0:
                 plate = "lower" if slots.partner[k] == -1 else "upper"
                 sphere = int(slots.own[k] - self.state.start[body])
                 force, shear = slots.R[k, at.R_FN], float(np.linalg.norm(slots.R[k, at.R_T : at.R_T + 3]))
-                told.append(f"sphere {sphere} on the {plate} plate with N = {force:.3g} N, T = {shear:.3g} N")
-        return "its loaded spots: " + ("; ".join(told) or "none")
+                report.append(f"sphere {sphere} on the {plate} plate with N = {force:.3g} N, T = {shear:.3g} N")
+        return "its loaded spots: " + ("; ".join(report) or "none")
 
 
 def _own_patches(state: State) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 
 from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State
-from thirdbody.engine.upper_plate import held_until
+from thirdbody.engine.upper_plate import value_before
 from thirdbody.errors import GuardStop
 from thirdbody.kernels import layout as at
 from thirdbody.kernels.implicit import common_plate as kernel
@@ -28,7 +28,7 @@ CONVERGED, ROUNDS = 1e-8, 30
 
 
 @dataclass
-class Rise:
+class PlateStep:
     """The plate's part of a step: rise, velocity and acceleration at the end, and the unbalanced force on it."""
 
     way: float
@@ -88,20 +88,20 @@ class Shared(Implicit):
             self.totals[:, at.A_TIME], self.memory[:, at.T_LAST], self.last = end, 0.0, 0.0
             return
         (dt, cause), cuts, load = self._length(time, end), 0, float(self.state.P[-1, at.P_LOAD])
-        asked, body = self.length, 0
+        requested, body = self.length, 0
         while True:
             whole = dt >= step_control.NEARLY * (end - time)
             dt = end - time if whole else dt
             velocity = self._velocity(time, dt)
             self._load(time, dt)
-            rise, found = self._solve(dt, velocity)
-            error, turn = self._error(rise, dt), float(self.told[:, kernel.H_TURN].max())
-            if found and error <= 1.0 and turn <= TURN:
+            rise, result = self._solve(dt, velocity)
+            error, rotation = self._error(rise, dt), float(self.told[:, kernel.H_TURN].max())
+            if result and error <= 1.0 and rotation <= TURN:
                 break
             cuts += 1
-            body, cause = self._why(found, error, turn)
+            body, cause = self._why(result, error, rotation)
             self._stay()
-            dt *= 0.5 if not found else max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), 0.9 * TURN / max(turn, 1e-30)))
+            dt *= 0.5 if not result else max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), 0.9 * TURN / max(rotation, 1e-30)))
             if dt < self.settings[step_control.V_SHORTEST] or self.told[:, kernel.H_CROWDED].any():
                 self._give_up()
         self._take(dt, end, whole, velocity, rise, load)
@@ -115,21 +115,21 @@ class Shared(Implicit):
             grown = min(grown, 1.0)
         if cuts:
             self.memory[:, at.T_LIMIT] = cause
-        elif grown < 1.0 or dt * grown >= asked:
+        elif grown < 1.0 or dt * grown >= requested:
             self.memory[:, at.T_LIMIT] = self._why_not_longer(grown)
-        self.length = max(dt * grown, asked) if not cuts and grown >= 1.0 else dt * grown
-        if whole and kernel.corner_at(self.state.schedule, self.state.first, time, end):
+        self.length = max(dt * grown, requested) if not cuts and grown >= 1.0 else dt * grown
+        if whole and kernel.is_breakpoint_at(self.state.schedule, self.state.first, time, end):
             self.memory[:, at.T_LAST], self.last = 0.0, 0.0
 
-    def _why(self, found: bool, error: float, turn: float) -> tuple[int, int]:
+    def _why(self, result: bool, error: float, turn: float) -> tuple[int, int]:
         """The body that asks for a shorter step, and why (`kernels.implicit.step_limits`, as
         `kernels.implicit.step_control.why_cut`)."""
         lost = self.told[:, kernel.H_FOUND] == 0.0
-        turning = found and not (error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30))
+        turning = result and not (error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30))
         body = int(np.argmax(lost if lost.any() else self.told[:, kernel.H_TURN if turning else kernel.H_ERROR]))
         if self.told[body, kernel.H_LANDS] > 0.0:
             return body, step_limits.LANDING
-        return body, step_limits.TURNING if turning else (step_limits.ERROR if found else step_limits.NEWTON)
+        return body, step_limits.TURNING if turning else (step_limits.ERROR if result else step_limits.NEWTON)
 
     def _why_not_longer(self, grown: float) -> int:
         """What limits the step after one that was not cut (`kernels.implicit.step_limits`)."""
@@ -141,14 +141,14 @@ class Shared(Implicit):
             else step_limits.ERROR
         )
 
-    def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[Rise, bool]:
+    def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
         """The rise at which the plate is in balance, and whether it was found."""
-        row, fresh = self.state.P[-1], True
-        way, low, high = float(row[at.P_V]) * dt, -math.inf, math.inf
+        row, first_iteration = self.state.P[-1], True
+        distance, low, high = float(row[at.P_V]) * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
-            self._bodies(fresh, dt, way, velocity)
-            fresh = False
-            rise = self._rise(way, dt)
+            self._bodies(first_iteration, dt, distance, velocity)
+            first_iteration = False
+            rise = self._rise(distance, dt)
             if not self.told[:, kernel.H_FOUND].all():
                 return rise, False
             push, slope = float(self.told[:, kernel.H_PUSH].sum()), float(self.told[:, kernel.H_SLOPE].sum())
@@ -158,12 +158,12 @@ class Shared(Implicit):
             scale += row[at.P_DAMPING] * abs(rise.velocity)
             if abs(force) <= CONVERGED * scale:
                 return rise, True
-            low, high = (way, high) if force > 0.0 else (low, way)
+            low, high = (distance, high) if force > 0.0 else (low, distance)
             slope -= row[at.P_DAMPING] * rate + float(self.accuracy.inertia) * row[at.P_MASS] * rate * rate
             # never down by more than the bodies can be expected to yield: their push grows faster than its slope tells
             change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
-            way = way + change if low < way + change < high else 0.5 * (low + high)
-            if not math.isfinite(way) or high - low <= 1e-15 * abs(way):
+            distance = distance + change if low < distance + change < high else 0.5 * (low + high)
+            if not math.isfinite(distance) or high - low <= 1e-15 * abs(distance):
                 return rise, abs(force) <= 1e-5 * scale
         return rise, False
 
@@ -174,7 +174,7 @@ class Shared(Implicit):
         return 0.5 * max(deepest, float(self.settings[step_control.V_DEEP]))
 
     def _now(self, dt: float) -> float:
-        """Weight of the change of this step in the formula of its end velocity (`kernels.implicit.step_control.formula`)."""
+        """Weight of the change of this step in the formula of its end velocity (`kernels.implicit.step_control.bdf2_weights`)."""
         if self.last == 0.0 or not self.accuracy.inertia:
             return 1.0
         ratio = dt / self.last
@@ -187,18 +187,18 @@ class Shared(Implicit):
         ratio = dt / self.last
         return ratio * ratio / (1.0 + ratio)
 
-    def _rise(self, way: float, dt: float) -> Rise:
+    def _rise(self, distance: float, dt: float) -> PlateStep:
         now, before = self._now(dt), self._before(dt)
-        velocity = (now * way - before * self.moved) / dt
+        velocity = (now * distance - before * self.moved) / dt
         change = now * (velocity - self._plate_velocity) - before * self.change
-        return Rise(way, velocity, change / dt if self.accuracy.inertia else 0.0)
+        return PlateStep(distance, velocity, change / dt if self.accuracy.inertia else 0.0)
 
     @property
     def _plate_velocity(self) -> float:
         return float(self.state.P[-1, at.P_V])
 
-    def _error(self, rise: Rise, dt: float) -> float:
-        """Largest error of the step over what is allowed, of bodies and plate (`kernels.implicit.step_control.error_of`)."""
+    def _error(self, rise: PlateStep, dt: float) -> float:
+        """Largest error of the step over what is allowed, of bodies and plate (`kernels.implicit.step_control.local_error`)."""
         first = self.last == 0.0 or not self.accuracy.inertia
         ratio = 0.0 if first else dt / self.last
         change = abs(rise.velocity - self._plate_velocity - ratio * self.change)
@@ -215,25 +215,29 @@ class Shared(Implicit):
         radii = self.memory[loaded, at.T_RADIUS] if loaded.any() else self.memory[:, at.T_RADIUS]
         longest = min(self.accuracy.largest_step, self.accuracy.radii * float(radii.min()))
         for _ in range(3):
-            way = math.hypot(*self._velocity(time, dt)) * dt
-            if way > longest:
-                dt *= longest / way
+            distance = math.hypot(*self._velocity(time, dt)) * dt
+            if distance > longest:
+                dt *= longest / distance
                 cause = step_limits.LARGEST
         if dt <= 0.5 * left:
             return dt, cause
-        ends = step_limits.REVERSAL if kernel.corner_at(self.state.schedule, self.state.first, time, end) else step_limits.OUTPUT
+        ends = (
+            step_limits.REVERSAL
+            if kernel.is_breakpoint_at(self.state.schedule, self.state.first, time, end)
+            else step_limits.OUTPUT
+        )
         return (left if dt >= step_control.NEARLY * left else 0.5 * left), ends
 
     def _load(self, time: float, dt: float) -> None:
         """The load of the plate at the end of a step that passes no corner, if a schedule changes it."""
         if self.schedule.load:
             row = self.state.P[-1]
-            row[at.P_LOAD] = row[at.P_LOAD0] * held_until(self.schedule.load, time, time + dt)
+            row[at.P_LOAD] = row[at.P_LOAD0] * value_before(self.schedule.load, time, time + dt)
 
-    def _take(self, dt: float, end: float, whole: bool, velocity: tuple[float, float], rise: Rise, load: float) -> None:
+    def _take(self, dt: float, end: float, whole: bool, velocity: tuple[float, float], rise: PlateStep, load: float) -> None:
         """All bodies and the plate take the step; the plate's own energy. `load`: its load as the step begins, N."""
         s, physics, row = self.state, self.state.physics, self.state.P[-1]
-        kernel.take_all(
+        kernel.accept_bodies(
             dt, end, whole, *velocity, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, self.starts,
             self.ends, self.gone, self.drag, physics.law, physics.effects, physics.observe,
         )  # fmt: skip
@@ -252,17 +256,17 @@ class Shared(Implicit):
         row[at.P_Z] += rise.way
         row[at.P_V] = rise.velocity
 
-    def _bodies(self, fresh: bool, dt: float, rise: float, velocity: tuple[float, float]) -> None:
+    def _bodies(self, first_iteration: bool, dt: float, rise: float, velocity: tuple[float, float]) -> None:
         s, physics = self.state, self.state.physics
-        kernel.solve(
-            fresh, dt, rise, float(s.P[-1, at.P_Z]), *velocity, *self._groups(), self.most, self.settings, self.totals,
+        kernel.solve_bodies(
+            first_iteration, dt, rise, float(s.P[-1, at.P_Z]), *velocity, *self._groups(), self.most, self.settings, self.totals,
             self.memory,
             self.starts, self.ends, self.gone, self.told, physics.law, self.tangents, physics.effects,
         )  # fmt: skip
 
     def _stay(self) -> None:
         groups = self._groups()
-        kernel.stay_all(groups[1], groups[2], self.memory, self.starts)
+        kernel.restore_bodies(groups[1], groups[2], self.memory, self.starts)
 
     def _give_up(self) -> None:
         """Raise GuardStop for the first body that could not be solved, else for the plate."""
@@ -280,7 +284,7 @@ class Shared(Implicit):
 
     def _stretch(self, time: float, until: float) -> float:
         """Where the stretch ends in which the motion has no corner, s."""
-        return kernel.stretch_of(self.state.schedule, self.state.first, time, until)
+        return kernel.next_breakpoint_after(self.state.schedule, self.state.first, time, until)
 
     def _summed(self) -> Array:
         return super()._summed() + self.plate

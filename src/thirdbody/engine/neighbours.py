@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thirdbody.engine.state import Array, Ints, Numbers, Slots, State, table
+from thirdbody.engine.state import Array, Candidates, Ints, Numbers, State, table
 from thirdbody.kernels import layout as at
 from thirdbody.kernels import neighbour_search as passes
 from thirdbody.kernels.explicit.contact_forces import GROUP
@@ -29,7 +29,7 @@ def search(state: State, recorded: bool = True) -> None:
     state.searches += 1
 
 
-def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Array, R: Array) -> Slots:
+def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Array, R: Array) -> Candidates:
     """The candidates with all that follows from who meets whom, and with their memory."""
     spheres, incidence = passes.incidences(len(own), own, partner, state.n_spheres)
     meets = np.diff(spheres) > 0
@@ -38,7 +38,7 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
     chunks = np.arange(-(-state.n_bodies // BODIES) + 1) * BODIES
     flat, paired = np.searchsorted(host[:n_plates], chunks), n_plates + np.searchsorted(host[n_plates:], chunks)
     cuts = flat, paired, np.searchsorted(guests // BODIES * BODIES, chunks)
-    return Slots(
+    return Candidates(
         own=own,
         partner=partner,
         kind=kinds_of(state, own, partner),
@@ -60,22 +60,23 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
 
 
 def _between_groups(host: Ints, guest: Ints, n_bodies: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """`outer`, `guests`, `lowest` and `needs` of `Slots` for these pairs of bodies: chunk by chunk of the guests, in the order of
+    """`outer`, `guests`, `lowest` and `needs` of `Candidates` for these pairs of bodies: chunk by chunk of the guests, in the
+    order of
     their slots."""
     size, groups = BODIES * GROUP, -(-n_bodies // (BODIES * GROUP))
     others = np.flatnonzero(host // size != guest // size)
     others = others[np.argsort(guest[others] // BODIES, kind="stable")]
     outer = np.full(len(host), -1, np.int32)
     outer[others] = np.arange(len(others))
-    asked = np.unique(host[others] // size * groups + guest[others] // size)
-    one, other = asked // groups, asked % groups
+    requested = np.unique(host[others] // size * groups + guest[others] // size)
+    one, other = requested // groups, requested % groups
     lowest = np.arange(groups, dtype=np.int32)
     np.minimum.at(lowest, other, one.astype(np.int32))
     needs = np.concatenate((groups + 1 + np.searchsorted(one, np.arange(groups + 1)), other))
     return outer, guest[others].astype(np.int32), lowest, needs.astype(np.int32)
 
 
-def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Slots, source: Array, target: Array) -> None:
+def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Candidates, source: Array, target: Array) -> None:
     passes.carry_history(0, n_plates, own, partner, target, 0, old.n_plates, old.own, old.partner, source)
     passes.carry_history(n_plates, len(own), own, partner, target, old.n_plates, old.count, old.own, old.partner, source)
 

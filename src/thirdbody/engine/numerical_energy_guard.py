@@ -16,7 +16,7 @@ MADE_GUARD = 0.1
 single body in its first instants, and below 0.005 later."""
 
 
-def made_share(totals: Array, held: Array | float) -> Array:
+def created_fraction(totals: Array, held: Array | float) -> Array:
     """Energy (n,) that the integrator has made (below zero: lost), over the energy exchanged.
 
     That is the largest of the sum of |plate work increments|, of the work of effects, and of all that was dissipated or is still
@@ -27,7 +27,7 @@ def made_share(totals: Array, held: Array | float) -> Array:
     return np.divide(-totals[:, at.A_NUMERICAL], scale, out=np.zeros(len(totals)), where=scale > 0.0)
 
 
-def held_energy(state: State, stored: Array) -> Array:
+def body_energies(state: State, stored: Array) -> Array:
     """Kinetic energy (n,) of each body, and of its patch where that is free, and the elastic energy `stored` (n,), J."""
     B, E, P = state.B, state.E, state.P[state.patch]
     kinetic = B[:, at.B_MASS] * np.sum(B[:, at.B_V : at.B_V + 3] ** 2, axis=1)

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 from thirdbody.jit import cache_dir
-from thirdbody.jit.gc_pause import resting
+from thirdbody.jit.gc_pause import paused
 from thirdbody.system.child_process import python_command, python_environment
 from thirdbody.system.cpu_count import cores
 
@@ -36,7 +36,7 @@ _usual: Any = None
 """numba's own level, while ours is set."""
 
 
-def begin() -> None:
+def start_compiling() -> None:
     """Let other processes start to compile what is not compiled yet, while this one still reads its scene."""
     global _begun
     if _begun is not None or (cache_dir.place() / MARK).exists():
@@ -49,7 +49,7 @@ def begin() -> None:
     _quickly()
 
 
-def tell() -> None:
+def report_compilation() -> None:
     """Say at a terminal why the start takes longer than it will the next time, and anywhere why it always will."""
     if _begun is not None and cache_dir.note:
         print(f"warning: {cache_dir.note}", file=sys.stderr, flush=True)
@@ -60,12 +60,12 @@ def tell() -> None:
 
 def warm_up() -> None:
     """Compile what is not compiled yet. A failure costs time only: numba then compiles where a function is first called."""
-    begin()
+    start_compiling()
     if _begun is None:
         return
     queue, others = _begun
     try:
-        with resting("compiler"):
+        with paused("compiler"):
             work_off(queue)
         if _all_done(others):
             (cache_dir.folder() / MARK).touch()

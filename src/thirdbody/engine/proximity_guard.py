@@ -22,26 +22,26 @@ class Nearness:
         self.stride = STRIDE * float(state.S[:, at.S_R].min())
         self.places, self.ways = state.S[:, :3].copy(), np.zeros(state.n_bodies)
 
-    def check(self, ways: Array) -> None:
-        """Raise GuardStop if two bodies may have touched since the last look. `ways` (n,): how far each can have gone, m.
+    def check(self, distances: Array) -> None:
+        """Raise GuardStop if two bodies may have touched since the last look. `distances` (n,): how far each can have gone, m.
 
         A sphere goes from its old place to the new one along a path of known length, which strays from the straight line by
         half the root of length^2 - line^2 at most.
         """
-        state, gone = self.state, ways - self.ways
-        own, partner = self._candidates(2.0 * float(gone.max()))
+        state, initial_gap = self.state, distances - self.ways
+        own, partner = self._candidates(2.0 * float(initial_gap.max()))
         if len(own):
-            gap = self._closest(own, partner, gone)
+            gap = self._closest(own, partner, initial_gap)
             worst = int(np.argmin(gap))
             if gap[worst] <= 0.0:
                 raise GuardStop(self._explain(int(own[worst]), int(partner[worst])))
-        self.places[:], self.ways[:] = state.S[:, :3], ways
+        self.places[:], self.ways[:] = state.S[:, :3], distances
 
-    def _closest(self, own: Numbers, partner: Numbers, gone: Array) -> Array:
+    def _closest(self, own: Numbers, partner: Numbers, initial_gap: Array) -> Array:
         """Smallest gaps between the ways of pairs of spheres since the last look, taken as straight, less what they may stray."""
         S, body = self.state.S, self.state.body
         moved = S[:, :3] - self.places
-        strayed = 0.5 * np.sqrt(np.maximum(gone[body] ** 2 - np.sum(moved**2, axis=1), 0.0))
+        strayed = 0.5 * np.sqrt(np.maximum(initial_gap[body] ** 2 - np.sum(moved**2, axis=1), 0.0))
         now = S[own, :3] - S[partner, :3]
         for axis in (0, 1):
             length = max(float(self.state.D[at.D_LX + axis]), 0.0)

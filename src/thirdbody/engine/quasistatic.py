@@ -132,13 +132,13 @@ class QuasiStatic:
         while done < 1.0:
             size = min(size, 1.0 - done)
             goal = target if done + size >= 1.0 else start + (done + size) * (target - start)
-            found = self._find(goal)
-            if found is None and cuts < CUTS:
+            result = self._find(goal)
+            if result is None and cuts < CUTS:
                 cuts, size = cuts + 1, 0.5 * size
                 continue
-            if found is None:
+            if result is None:
                 raise NoStaticState("no balance of forces and moments was found near the last one", goal, self._closest)
-            self._commit(goal, *found)
+            self._commit(goal, *result)
             done += size
         assert self.now is not None
         return self.now
@@ -194,10 +194,10 @@ class QuasiStatic:
         self._closest = float("inf")
         # the better guess first; a particle that slides on stays where it is, although it could do otherwise
         for guess in sorted(self._guesses(plate), key=lambda y: self.trial(y, plate).rest):
-            found = self._newton(guess, plate)
-            if found is not None:
-                free, vector = self._free(found, plate)
-                return (self._nearest(found, vector, plate) if free == 1 else found), free
+            result = self._newton(guess, plate)
+            if result is not None:
+                free, vector = self._free(result, plate)
+                return (self._nearest(result, vector, plate) if free == 1 else result), free
         return None
 
     def _guesses(self, plate: Array) -> list[Array]:
@@ -249,8 +249,8 @@ class QuasiStatic:
         slip = shift - (0.0 if self.now is None else self.now.shift)
         # a spot that closes within the step slips only for the rest of it
         touched = (before < 0.0) & (overlap > 0.0)
-        share = np.where(touched, overlap / np.where(touched, overlap - before, 1.0), 1.0)
-        answer = self.contacts.ask(overlap, slip * share[:, None], self.memory)
+        fraction = np.where(touched, overlap / np.where(touched, overlap - before, 1.0), 1.0)
+        answer = self.contacts.ask(overlap, slip * fraction[:, None], self.memory)
         force = np.einsum("nm,n->m", self.rows[1], answer.tangential[:, 0])
         force += np.einsum("nm,n->m", self.rows[2], answer.tangential[:, 1])
         force -= np.einsum("nm,n->m", self.rows[0], answer.normal)
@@ -259,7 +259,7 @@ class QuasiStatic:
         if self.under_load:
             force[-1] += plate[0]
             scale += abs(plate[0])
-        return Trial(y, force, scale, overlap, shift, slip, share, answer)
+        return Trial(y, force, scale, overlap, shift, slip, fraction, answer)
 
     def jacobian(self, trial: Trial) -> Array:
         """d(force)/d(coordinates), exact for the step: the laws' tangents, and the share of a step that closes a spot."""

@@ -75,34 +75,34 @@ def from_first_touch(seated: QuasiStatic, walk: QuasiStatic) -> QuasiStatic:
     y[: seated.vertical] = 0.0
     y[seated.vertical] += below
     y[-1] -= above + below
-    found = QuasiStatic(replace(grip, gap=grip.gap - np.where(up, above, below)), walk.contacts, walk.under_load)
-    found.turned = after(walk.turned, seated.gone)
+    result = QuasiStatic(replace(grip, gap=grip.gap - np.where(up, above, below)), walk.contacts, walk.under_load)
+    result.turned = after(walk.turned, seated.gone)
     plate = seated.now.plate if walk.under_load else np.array([y[-1], 0.0, 0.0])
-    found.adopt(y if walk.under_load else y[:-1], plate, seated.memory)
-    return found
+    result.adopt(y if walk.under_load else y[:-1], plate, seated.memory)
+    return result
 
 
-def in_present_posture(walk: QuasiStatic, least: float = BENT_PATH) -> QuasiStatic:
+def in_present_posture(walk: QuasiStatic, minimum: float = BENT_PATH) -> QuasiStatic:
     """A solver like `walk`, at its last balance, whose kinematics is linear about the present posture.
 
-    `walk` itself while the circles that the spots move on leave the straight lines by less than `least` overlaps.
+    `walk` itself while the circles that the spots move on leave the straight lines by less than `minimum` overlaps.
     """
     assert walk.now is not None
-    turn = walk.now.coordinates[walk.rotations]
-    if float(turn @ turn) / walk.grip.arm <= least * float(walk.now.overlap.max()):
+    rotation_vector = walk.now.coordinates[walk.rotations]
+    if float(rotation_vector @ rotation_vector) / walk.grip.arm <= minimum * float(walk.now.overlap.max()):
         return walk
     rotation, coordinates = np.zeros(3), walk.now.coordinates.copy()
-    rotation[walk.axes] = turn / walk.grip.arm
+    rotation[walk.axes] = rotation_vector / walk.grip.arm
     coordinates[walk.rotations] = 0.0
-    place = _turned(walk.grip, walk.contacts.radius, rotation)
+    place = _rotated_spots(walk.grip, walk.contacts.radius, rotation)
     rise = place[:, 2] - walk.grip.place[:, 2]
     gap = walk.grip.gap + np.where(walk.grip.upper, -rise, rise)
-    found = QuasiStatic(replace(walk.grip, place=place, gap=gap), walk.contacts, walk.under_load)
-    found.turned, found.gone = walk.turned, after(walk.gone, rotation)
-    found.adopt(coordinates, walk.now.plate, walk.memory)
-    assert found.now is not None
-    found.now = replace(found.now, slip=walk.now.slip)
-    return found
+    result = QuasiStatic(replace(walk.grip, place=place, gap=gap), walk.contacts, walk.under_load)
+    result.turned, result.gone = walk.turned, after(walk.gone, rotation)
+    result.adopt(coordinates, walk.now.plate, walk.memory)
+    assert result.now is not None
+    result.now = replace(result.now, slip=walk.now.slip)
+    return result
 
 
 class _Relaxation:
@@ -128,19 +128,19 @@ class _Relaxation:
         stiff = float(np.linalg.norm(self.solver.jacobian(self.solver.trial(self.solver.now.coordinates, self.plate)), 2))
         resistance = stiff
         for _ in range(STEPS):
-            found = self._step(resistance)
-            if found is None:
+            result = self._step(resistance)
+            if result is None:
                 resistance *= SLOWER
                 if resistance > STRONGEST * stiff:
                     break
                 continue
-            self.push = resistance * (found.y - self.solver.now.coordinates)
-            self.accept(found)
-            if found.rest <= ACCEPTED:
+            self.push = resistance * (result.y - self.solver.now.coordinates)
+            self.accept(result)
+            if result.rest <= ACCEPTED:
                 return True
             if self.turn > self.farthest:
                 return False
-            resistance = max(resistance / FASTER, self._least_resistance(found), WEAKEST * stiff)
+            resistance = max(resistance / FASTER, self._least_resistance(result), WEAKEST * stiff)
         self.exhausted = True
         return False
 
@@ -214,7 +214,7 @@ class _Turning(_Relaxation):
         self.turn = float(np.linalg.norm(after(-self.start, self.solver.gone)))
 
 
-def _turned(grip: Grip, radius: Array, rotation: Array) -> Array:
+def _rotated_spots(grip: Grip, radius: Array, rotation: Array) -> Array:
     """The spots (n, 3) of a particle turned by a rotation vector: summits of spheres that turn with it."""
     from scipy.spatial.transform import Rotation  # a fifth of a second of imports
 

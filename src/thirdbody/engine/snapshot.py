@@ -14,7 +14,7 @@ import numpy as np
 
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.neighbours import slots_of
-from thirdbody.engine.state import Array, Slots, State
+from thirdbody.engine.state import Array, Candidates, State
 from thirdbody.kernels import layout as at
 
 if TYPE_CHECKING:
@@ -64,8 +64,8 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
     slots = state.slots
     arrays = _fixed(state)
     arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
-    kept, notes = integrator.keep()
-    arrays |= {f"integrator_{name}": array for name, array in kept.items()}
+    saved, notes = integrator.keep()
+    arrays |= {f"integrator_{name}": array for name, array in saved.items()}
     return Snapshot(arrays, {
         "dt": state.dt, "searches": state.searches, "plates": slots.n_plates, "integrator": notes,
         "energy_start": ledger.start, "energy_peak": ledger.peak,
@@ -95,9 +95,9 @@ def check(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, np.ndarray]) ->
     for name, array in wanted.items():
         if name not in arrays:
             raise ValueError(f"{name} is missing")
-        found = arrays[name]
-        if found.shape != array.shape or found.dtype != array.dtype:
-            raise ValueError(f"{name} holds {found.dtype} {found.shape}, expected {array.dtype} {array.shape}")
+        result = arrays[name]
+        if result.shape != array.shape or result.dtype != array.dtype:
+            raise ValueError(f"{name} holds {result.dtype} {result.shape}, expected {array.dtype} {array.shape}")
 
 
 def _fixed(state: State) -> dict[str, Array]:
@@ -122,26 +122,26 @@ def _refuse_clocks(arrays: Mapping[str, np.ndarray]) -> None:
             raise ValueError(f"{name} holds times or counts that no run has")
 
 
-def _refuse_unlike(name: str, told: Any, wanted: Any) -> None:
+def _refuse_unlike(name: str, report: Any, wanted: Any) -> None:
     """Raise ValueError unless notes have the keys and kinds of those wanted."""
     if isinstance(wanted, dict):
-        if not isinstance(told, dict) or told.keys() != wanted.keys():
+        if not isinstance(report, dict) or report.keys() != wanted.keys():
             raise ValueError(f"{name} has other notes than expected")
         for key in wanted:
-            _refuse_unlike(key, told[key], wanted[key])
+            _refuse_unlike(key, report[key], wanted[key])
     elif isinstance(wanted, list):  # of numbers, as many as it may be
-        if not isinstance(told, list):
+        if not isinstance(report, list):
             raise ValueError(f"{name} is no list")
-        for one in told:
+        for one in report:
             _refuse_unlike(name, one, 0.0)
     elif isinstance(wanted, int | float) and not isinstance(wanted, bool):
-        if isinstance(told, bool) or not isinstance(told, int | float) or not (abs(told) <= LARGEST or told == math.inf):
+        if isinstance(report, bool) or not isinstance(report, int | float) or not (abs(report) <= LARGEST or report == math.inf):
             raise ValueError(f"{name} is no number of a run")
-    elif type(told) is not type(wanted):
+    elif type(report) is not type(wanted):
         raise ValueError(f"{name} is no {type(wanted).__name__}")
 
 
-def _slots(kept: Snapshot, state: State) -> Slots:
+def _slots(kept: Snapshot, state: State) -> Candidates:
     """The candidates; everything that follows from who meets whom is found again."""
     arrays, old = {name: kept.arrays.get(f"slots_{name}") for name in SLOTS}, state.slots
     own, partner = arrays["own"], arrays["partner"]

@@ -116,7 +116,7 @@ class Physics:
 
 
 @dataclass
-class Slots:
+class Candidates:
     """Candidate contacts, in order, plates first; memory H, and the record R of the last observed step, or no rows.
 
     `closed` (n,): 1: it touches; 2: it did a step ago. `edges` (n_bodies + 1,): where the slots of a body begin in `incidence`
@@ -183,7 +183,7 @@ class State:
     material: Ints
     population: Ints
     rayleigh_radius: Array
-    slots: Slots
+    slots: Candidates
     skin: float
     order: Ints
     dt: float = 0.0
@@ -224,11 +224,11 @@ class State:
         return float(self.A[at.A_DISTANCE])
 
 
-def empty_slots(memory: int, record: int) -> Slots:
+def empty_slots(memory: int, record: int) -> Candidates:
     """No candidates."""
     none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
     H, F, R = np.zeros((0, memory)), np.zeros((0, at.F_COLS)), np.zeros((0, record))
-    return Slots(none, none, none, none, none, none, none, none, none, none, cuts, none, none, 0, H, F, R)
+    return Candidates(none, none, none, none, none, none, none, none, none, none, cuts, none, none, 0, H, F, R)
 
 
 def memory_columns(physics: Physics) -> int:
@@ -239,9 +239,9 @@ def memory_columns(physics: Physics) -> int:
 def table(rows: int, columns: int) -> Array:
     """Zeros whose first row begins where a line of the processor's cache does: groups of columns then never lie across two."""
     line = 64
-    room = np.zeros(rows * columns * 8 + line, np.uint8)
-    first = -room.ctypes.data % line
-    return room[first : first + rows * columns * 8].view(np.float64).reshape(rows, columns)
+    margin = np.zeros(rows * columns * 8 + line, np.uint8)
+    first = -margin.ctypes.data % line
+    return margin[first : first + rows * columns * 8].view(np.float64).reshape(rows, columns)
 
 
 def assemble(placed: Placed, world: World, physics: Physics, skin: float, order: Ints | None = None) -> State:
@@ -332,9 +332,9 @@ def rotation_matrices(q: Array) -> Array:
 
 def angular_momentum(B: Array, E: Array) -> Array:
     """(n, 3) angular momenta, world axes, from the spins, orientations and moments in the tables."""
-    turn = rotation_matrices(B[:, at.B_Q : at.B_Q + 4])
-    in_body = np.einsum("nji,nj->ni", turn, B[:, at.B_W : at.B_W + 3]) * E[:, at.E_I : at.E_I + 3]
-    return np.einsum("nij,nj->ni", turn, in_body)
+    rotation = rotation_matrices(B[:, at.B_Q : at.B_Q + 4])
+    in_body = np.einsum("nji,nj->ni", rotation, B[:, at.B_W : at.B_W + 3]) * E[:, at.E_I : at.E_I + 3]
+    return np.einsum("nij,nj->ni", rotation, in_body)
 
 
 def refresh_spheres(state: State) -> None:

@@ -33,7 +33,7 @@ def in_words(memory: Array, order: np.ndarray) -> str:
     if not counts.sum() > 0.0:
         return ""
     k = int(np.argmax(counts))
-    share = f"{100.0 * counts[k] / counts.sum():.0f} % of steps limited by {WORDS[k]}"
+    fraction = f"{100.0 * counts[k] / counts.sum():.0f} % of steps limited by {WORDS[k]}"
     if len(memory) == 1 or k >= OF_A_BODY:
-        return share
-    return f"{share}, most of them of body {order[int(np.argmax(memory[:, at.T_LIMITED + k]))]}"
+        return fraction
+    return f"{fraction}, most of them of body {order[int(np.argmax(memory[:, at.T_LIMITED + k]))]}"

@@ -68,14 +68,14 @@ def bound(state: State, materials: list[Material], steps: int, deepest: float) -
 def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, Array]:
     """Which bodies may have the shortest step, with their frequencies and steps, and those of the patches."""
     slots, physics = state.slots, state.physics
-    patches, room = np.zeros((len(state.P), 4)), critical_time_step.scratch(state.n_bodies, slots.count)
+    patches, margin = np.zeros((len(state.P), 4)), critical_time_step.scratch(state.n_bodies, slots.count)
     l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
-    found = critical_time_step.shortest_steps(
+    result = critical_time_step.shortest_steps(
         slots.n_plates, slots.count, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body,
         state.S, state.B, state.E, _pressed(state, horizon), physics.pairs, l_x, l_y, horizon, deepest, physics.stiffness_at,
-        patches, *room,
+        patches, *margin,
     )  # fmt: skip
-    return room[0][:found], room[1][:found], patches
+    return margin[0][:result], margin[1][:result], patches
 
 
 def _pressed(state: State, horizon: float) -> Array:
@@ -89,6 +89,6 @@ def _pressed(state: State, horizon: float) -> Array:
     return P
 
 
-def _steps(found: Array) -> Array:
+def _steps(result: Array) -> Array:
     """The steps to take, s, of those by the frequency alone and by the damping rate, too."""
-    return np.minimum(STABILITY_FRACTION * found[:, 2], DAMPING_FRACTION * found[:, 3])
+    return np.minimum(STABILITY_FRACTION * result[:, 2], DAMPING_FRACTION * result[:, 3])

@@ -124,10 +124,10 @@ class Schedule:
         left = distance
         for begin, until, speed in self._pieces(start, math.inf):
             if speed is not None:
-                way = speed * (until - begin) if speed > 0.0 else 0.0
-                if way >= left:
+                path = speed * (until - begin) if speed > 0.0 else 0.0
+                if path >= left:
                     return begin + left / speed
-                left -= way
+                left -= path
                 continue
             cycles, cycle = self._cycles(begin, until)
             if cycles:
@@ -219,10 +219,10 @@ def mean_value(axis: Axis, start: float, end: float) -> float:
         return at_time(axis, end)
     corners = [start, *(s.start for s in axis if start < s.start < end), end]
     pieces = zip(corners, corners[1:], strict=False)
-    return sum(0.5 * (at_time(axis, a) + held_until(axis, a, b)) * (b - a) for a, b in pieces) / (end - start)
+    return sum(0.5 * (at_time(axis, a) + value_before(axis, a, b)) * (b - a) for a, b in pieces) / (end - start)
 
 
-def held_until(axis: Axis, t: float, end: float) -> float:
+def value_before(axis: Axis, t: float, end: float) -> float:
     """Value of an axis at `end` by the segment that holds at t: the one before a jump at `end`."""
     row = _held(axis, t)
     return axis[row].value(end) if row >= 0 else 0.0

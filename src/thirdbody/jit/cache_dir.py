@@ -21,7 +21,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from thirdbody.errors import OutputError
-from thirdbody.jit.gc_pause import resting
+from thirdbody.jit.gc_pause import paused
 
 VARIABLE = "THIRDBODY_CACHE"
 """The environment variable that names the parent of the cache folders; whoever sets it trusts what lies there."""
@@ -65,14 +65,14 @@ def folder() -> Path:
     """Return the cache folder, set as numba's. Raises OutputError as `place` does."""
     global _folder
     if _folder is None:
-        found = place()
+        result = place()
         # OpenMP's threads otherwise spin while they wait: with a busy neighbour a step took 12 ms instead of 0.5
         os.environ.setdefault("OMP_WAIT_POLICY", "passive")
-        with resting("numba"):
+        with paused("numba"):
             import numba
 
-        numba.config.CACHE_DIR = str(found)  # type: ignore[attr-defined]
-        _folder = found  # last: another thread that sees it takes numba's to be set
+        numba.config.CACHE_DIR = str(result)  # type: ignore[attr-defined]
+        _folder = result  # last: another thread that sees it takes numba's to be set
     return _folder
 
 

@@ -11,11 +11,11 @@ from numba.extending import intrinsic
 
 def address(function: Any, signature: Any) -> int:
     """Where the machine code of a compiled function begins. It must stay alive as long as somebody may call it."""
-    found = function.get_compile_result(signature)
-    return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+    result = function.get_compile_result(signature)
+    return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
 
 
-def pointed(signature: Any) -> Callable[[int], Any]:
+def function_at(signature: Any) -> Callable[[int], Any]:
     """A function for kernels, which makes of an address what can be called with this signature."""
     kind = types.FunctionType(signature)
     make_intrinsic: Any = intrinsic
@@ -23,10 +23,10 @@ def pointed(signature: Any) -> Callable[[int], Any]:
     @make_intrinsic
     def function(typing: Any, place: Any) -> Any:
         def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
-            made = cgutils.create_struct_proxy(kind)(context, builder)
-            made.c_addr = made.jit_addr = builder.inttoptr(args[0], cgutils.voidptr_t)
-            made.py_addr = cgutils.get_null_value(made.py_addr.type)
-            return made._getvalue()
+            built = cgutils.create_struct_proxy(kind)(context, builder)
+            built.c_addr = built.jit_addr = builder.inttoptr(args[0], cgutils.voidptr_t)
+            built.py_addr = cgutils.get_null_value(built.py_addr.type)
+            return built._getvalue()
 
         return kind(types.intp), make
 

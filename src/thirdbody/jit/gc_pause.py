@@ -14,7 +14,7 @@ _kept: set[str] = set()
 
 
 @contextmanager
-def resting(what: str) -> Iterator[None]:
+def paused(what: str) -> Iterator[None]:
     """No collection within. What is there at the end is never looked at again, but only the first time for each `what`: a
     program that makes a thousand simulations gets the memory of each back."""
     if not gc.isenabled():  # within another one, or its user wants none

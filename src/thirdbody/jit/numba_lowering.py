@@ -144,11 +144,11 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         if not plain_extreme(fnty, signature.args) or expr.kws or expr.vararg:
             return super()._lower_call_normal(fnty, expr, signature)
         values = [self._cast_var(var, kind) for var, kind in zip(expr.args, signature.args, strict=True)]
-        sign, found = "<" if fnty.typing_key is min else ">", values[0]
+        sign, result = "<" if fnty.typing_key is min else ">", values[0]
         for value in values[1:]:
-            better = self.builder.fcmp_ordered(sign, value, found)
-            found = self.builder.select(better, value, found)
-        return found
+            better = self.builder.fcmp_ordered(sign, value, result)
+            result = self.builder.select(better, value, result)
+        return result
 
     def _counted(self, name: str) -> bool:
         """Whether references to what a variable holds are counted."""

@@ -43,10 +43,10 @@ def _get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     alike = isinstance(args[0], types.Array) or self.typing_key in PLAIN and all(isinstance(a, types.Number) for a in args)
     seen = tuple(types.unliteral(a) for a in args) if alike else tuple(args)
     key = id(self), id(context), seen, targetconfig.ConfigStack.top_or_none()
-    found = _answers.get(key)
-    if found is None:
-        found = _answers[key] = (_ask(self, context, args, kws), self)  # `self` kept, or another could have its id
-    return found[0]
+    result = _answers.get(key)
+    if result is None:
+        result = _answers[key] = (_ask(self, context, args, kws), self)  # `self` kept, or another could have its id
+    return result[0]
 
 
 @contextmanager

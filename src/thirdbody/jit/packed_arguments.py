@@ -18,12 +18,12 @@ Kinds = dict[str, Any]
 _LONG = ir.IntType(64)
 
 
-def _places(kind: Any) -> int:
+def _word_count(kind: Any) -> int:
     """Numbers that tell of one: the address and the lengths of a table, or the number itself."""
     return 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
 
 
-def expected(kinds: Kinds) -> tuple[tuple[str, np.dtype | None, int], ...]:
+def argument_specs(kinds: Kinds) -> tuple[tuple[str, np.dtype | None, int], ...]:
     """Name, type of number and dimensions of each table; no type for what is a number itself."""
     return tuple(
         (name, as_dtype(kind.dtype), kind.ndim) if isinstance(kind, types.Array) else (name, None, 0)
@@ -31,7 +31,7 @@ def expected(kinds: Kinds) -> tuple[tuple[str, np.dtype | None, int], ...]:
     )
 
 
-def told(expected: tuple[tuple[str, np.dtype | None, int], ...], given: NamedTuple) -> np.ndarray:
+def pack(expected: tuple[tuple[str, np.dtype | None, int], ...], given: NamedTuple) -> np.ndarray:
     """The array (int64) that tells of `given`, which has a field for each that is `expected`. Raises TypeError for a table of
     another kind."""
     rows: list[int] = []
@@ -46,7 +46,7 @@ def told(expected: tuple[tuple[str, np.dtype | None, int], ...], given: NamedTup
     return np.array(rows, np.int64)
 
 
-def known(kinds: Kinds, names: type) -> Any:
+def make_unpacker(kinds: Kinds, names: type) -> Any:
     """A function for kernels, which makes the named tuple `names` of such an array."""
     whole = types.NamedTuple(tuple(kinds.values()), names)
     make_intrinsic: Any = intrinsic
@@ -57,7 +57,7 @@ def known(kinds: Kinds, names: type) -> Any:
             first = builder.extract_value(args[0], context.data_model_manager[sig.args[0]].get_field_position("data"))
             parts, place = [], 0
             for kind in kinds.values():
-                numbers = [builder.load(builder.gep(first, [_LONG(place + k)])) for k in range(_places(kind))]
+                numbers = [builder.load(builder.gep(first, [_LONG(place + k)])) for k in range(_word_count(kind))]
                 place += len(numbers)
                 parts.append(_table(context, builder, kind, *numbers) if len(numbers) > 1 else numbers[0])
             return context.make_tuple(builder, whole, parts)

@@ -145,7 +145,7 @@ def put(typing: Any, G: Any, at: Any, v: Any) -> Any:
 
 
 @_intrinsic
-def spread(typing: Any, x: Any) -> Any:
+def broadcast(typing: Any, x: Any) -> Any:
     """The number x four times."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -155,7 +155,7 @@ def spread(typing: Any, x: Any) -> Any:
 
 
 @_intrinsic
-def of(typing: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
+def set4(typing: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
     """Four numbers."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -168,7 +168,7 @@ def of(typing: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
 
 
 @_intrinsic(prefer_literal=True)
-def lane(typing: Any, v: Any, k: Any) -> Any:
+def extract(typing: Any, v: Any, k: Any) -> Any:
     """Number k of v, k a literal."""
     number = _lane(k)
 
@@ -179,7 +179,7 @@ def lane(typing: Any, v: Any, k: Any) -> Any:
 
 
 @_intrinsic(prefer_literal=True)
-def splat(typing: Any, v: Any, k: Any) -> Any:
+def broadcast_lane(typing: Any, v: Any, k: Any) -> Any:
     """Number k of v four times, k a literal."""
     number = _lane(k)
 
@@ -200,7 +200,7 @@ def with_last(typing: Any, v: Any, w: Any) -> Any:
 
 
 @_intrinsic
-def crossed(typing: Any, v: Any, w: Any) -> Any:
+def cross(typing: Any, v: Any, w: Any) -> Any:
     """The cross product of the first three numbers of v and of w."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -213,7 +213,7 @@ def crossed(typing: Any, v: Any, w: Any) -> Any:
 
 
 @_intrinsic(prefer_literal=True)
-def round_axis(typing: Any, q: Any, axis: Any) -> Any:
+def axis_times_quaternion(typing: Any, q: Any, axis: Any) -> Any:
     """The product of the unit vector of an axis (0, 1 or 2, a literal) and the quaternion q = (w, x, y, z)."""
     number = _lane(axis)
     lanes = ([1 + LANES, 0, 3 + LANES, 2], [2 + LANES, 3, 0, 1 + LANES], [3 + LANES, 2 + LANES, 1, 0])[number]
@@ -225,7 +225,7 @@ def round_axis(typing: Any, q: Any, axis: Any) -> Any:
 
 
 @_intrinsic
-def rounded(typing: Any, v: Any) -> Any:
+def round_to_nearest(typing: Any, v: Any) -> Any:
     """v to the nearest whole numbers, halves to the even ones, as `np.rint`."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -236,7 +236,7 @@ def rounded(typing: Any, v: Any) -> Any:
 
 
 @_intrinsic
-def below(typing: Any, v: Any, w: Any) -> Any:
+def less_mask(typing: Any, v: Any, w: Any) -> Any:
     """Which numbers of v are smaller than those of w, as bits 0 to 3."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -247,8 +247,8 @@ def below(typing: Any, v: Any, w: Any) -> Any:
 
 
 @_intrinsic
-def all_below(typing: Any, v: Any, most: Any) -> Any:
-    """Whether all of v are smaller than `most`; what is not a number is not."""
+def all_below(typing: Any, v: Any, maximum: Any) -> Any:
+    """Whether all of v are smaller than `maximum`; what is not a number is not."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         each = builder.bitcast(builder.fcmp_ordered("<", args[0], _four_times(builder, args[1])), ir.IntType(LANES))
@@ -258,7 +258,7 @@ def all_below(typing: Any, v: Any, most: Any) -> Any:
 
 
 @_intrinsic
-def where_above(typing: Any, v: Any, w: Any, yes: Any, no: Any) -> Any:
+def select_greater(typing: Any, v: Any, w: Any, yes: Any, no: Any) -> Any:
     """Of `yes` where v is larger than w, of `no` elsewhere."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -268,8 +268,8 @@ def where_above(typing: Any, v: Any, w: Any, yes: Any, no: Any) -> Any:
 
 
 @_intrinsic
-def at_least(typing: Any, v: Any, least: Any) -> Any:
-    """v, with `least` for whatever is smaller; what is not a number stays."""
+def clamp_below(typing: Any, v: Any, minimum: Any) -> Any:
+    """v, with `minimum` for whatever is smaller; what is not a number stays."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         floor = _four_times(builder, args[1])
@@ -279,8 +279,8 @@ def at_least(typing: Any, v: Any, least: Any) -> Any:
 
 
 @_intrinsic
-def above(typing: Any, v: Any, least: Any) -> Any:
-    """v, with 0 for whatever is not larger than `least`, by size; what is not a number stays."""
+def flush_below(typing: Any, v: Any, minimum: Any) -> Any:
+    """v, with 0 for whatever is not larger than `minimum`, by size; what is not a number stays."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         bits = builder.and_(builder.bitcast(args[0], _BITS), ir.Constant(_BITS, [(1 << 63) - 1] * LANES))  # without the sign
@@ -292,7 +292,7 @@ def above(typing: Any, v: Any, least: Any) -> Any:
 
 
 @_intrinsic
-def noted(typing: Any, v: Any, closed: Any, k: Any) -> Any:
+def active_bits(typing: Any, v: Any, closed: Any, k: Any) -> Any:
     """Which of four numbers are positive, as bits 0 to 3; bits 4 to 7: which are not though `closed[k:k + 4]` was not 0. That
     becomes 1 where they are, and 2 where they are not but it was 1, else 0."""
 
@@ -303,15 +303,15 @@ def noted(typing: Any, v: Any, closed: Any, k: Any) -> Any:
         on = builder.fcmp_ordered(">", args[0], _VECTOR([0.0] * LANES))
         before = builder.shl(builder.and_(was, one), one)
         builder.store(builder.select(on, one, before), place, align=4)
-        gone = builder.and_(builder.icmp_unsigned("!=", was, none), builder.not_(on))
-        bits = [builder.zext(builder.bitcast(each, ir.IntType(LANES)), ir.IntType(64)) for each in (on, gone)]
+        initial_gap = builder.and_(builder.icmp_unsigned("!=", was, none), builder.not_(on))
+        bits = [builder.zext(builder.bitcast(each, ir.IntType(LANES)), ir.IntType(64)) for each in (on, initial_gap)]
         return builder.or_(bits[0], builder.shl(bits[1], ir.IntType(64)(LANES)))
 
     return types.int64(v, closed, k), make
 
 
 @_intrinsic
-def listed(typing: Any, A: Any, m: Any, k: Any, bits: Any) -> Any:
+def compress_store(typing: Any, A: Any, m: Any, k: Any, bits: Any) -> Any:
     """Write those of the numbers k to k + 3 whose bit is set into the list A from place m on, and whatever behind them up to
     place m + 3; returns how many they are."""
 
@@ -328,7 +328,7 @@ def listed(typing: Any, A: Any, m: Any, k: Any, bits: Any) -> Any:
 
 
 @_intrinsic
-def transposed(typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
+def transpose(typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
     """Rows to columns: the first numbers of a, b, c and d, the second ones, and so on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -345,7 +345,7 @@ def transposed(typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
 
 
 @_intrinsic
-def fetch(typing: Any, A: Any, i: Any, c: Any) -> Any:
+def prefetch(typing: Any, A: Any, i: Any, c: Any) -> Any:
     """Ask for the cache line of a number that is needed soon; nothing changes by it."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:

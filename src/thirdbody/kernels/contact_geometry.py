@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import AHEAD, LINE, fetch, load, of, put, transposed, with_last
+from thirdbody.jit.simd import AHEAD, LINE, load, prefetch, put, set4, transpose, with_last
 from thirdbody.kernels.layout import (
     B_T,
     G_ARM_I,
@@ -69,7 +69,7 @@ SPARE = AHEAD + LINE
 
 
 @njit(**BARE)
-def remember(q, k, kind, H, I, G, n_history):  # noqa: E741
+def load_history(q, k, kind, H, I, G, n_history):  # noqa: E741
     """Put what slot k remembers into place q."""
     G[q + G_ON * TILE] = H[k, H_ON]
     for d in range(3):
@@ -80,7 +80,7 @@ def remember(q, k, kind, H, I, G, n_history):  # noqa: E741
 
 
 @njit(**BARE)
-def stage_plate(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history):  # noqa: E741
+def gather_plate_contact(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history):  # noqa: E741
     """Put slot k, a contact with a plate, into place q; the upper plate moves with v_x, v_y and `rise`."""
     i = own[k]
     up = 1.0 if partner[k] < -1 else 0.0
@@ -101,11 +101,11 @@ def stage_plate(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n
     G[q + G_ARM_I * TILE], G[q + G_ARM_J * TILE] = r - 0.5 * overlap, 0.0
     G[q + G_RI * TILE], G[q + G_RJ * TILE] = r, r
     I[q + I_OVERLAP * TILE], I[q + I_RADIUS * TILE], I[q + I_MASS * TILE] = overlap, r, S[i, S_MASS]
-    remember(q, k, kind, H, I, G, n_history)
+    load_history(q, k, kind, H, I, G, n_history)
 
 
 @njit(**BARE)
-def rows_of(i, c, S):
+def four_rows_of(i, c, S):
     """Columns c to c + 3 of four rows of a table."""
     return load(S, i[0], c), load(S, i[1], c), load(S, i[2], c), load(S, i[3], c)
 
@@ -121,23 +121,23 @@ def put_three(G, at, v):
 @njit(**BARE)
 def columns(rows):
     """Four rows as columns: first numbers, second ones, third ones, last ones."""
-    return transposed(rows[0], rows[1], rows[2], rows[3])
+    return transpose(rows[0], rows[1], rows[2], rows[3])
 
 
 @njit(**BARE)
-def less(a, b):
+def row_differences(a, b):
     """Four differences of rows."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
 
 
 @njit(**BARE)
-def and_lasts(a, c):
+def with_last_column(a, c):
     """The first three columns of the rows a, and the last one of the rows c."""
-    return transposed(with_last(a[0], c[0]), with_last(a[1], c[1]), with_last(a[2], c[2]), with_last(a[3], c[3]))
+    return transpose(with_last(a[0], c[0]), with_last(a[1], c[1]), with_last(a[2], c[2]), with_last(a[3], c[3]))
 
 
 @njit(**BARE)
-def stage_spins(q, a, b, r_i, r_j, G):
+def gather_spins(q, a, b, r_i, r_j, G):
     """Sums of the spins of the owners, a, and of the partners, columns, plainly and times the radii, into the fields from place q
     on."""
     put_three(G, q + G_W * TILE, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
@@ -145,46 +145,46 @@ def stage_spins(q, a, b, r_i, r_j, G):
 
 
 @njit(**BARE)
-def stage_memory(q, k, kind, H, I, G, n_history):  # noqa: E741
+def gather_history(q, k, kind, H, I, G, n_history):  # noqa: E741
     """Put what the four slots k remember into the places from q on."""
-    axes = columns(rows_of(k, np.int64(H_E), H))  # and whether they touch
+    axes = columns(four_rows_of(k, np.int64(H_E), H))  # and whether they touch
     put_three(G, q + G_E * TILE, axes)
     put(G, q + G_ON * TILE, axes[3])
-    put(I, q + I_TYPE * TILE, of(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
-    first = columns(rows_of(k, np.int64(H_LAW), H))  # of a shorter history the last of these are zero
+    put(I, q + I_TYPE * TILE, set4(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
+    first = columns(four_rows_of(k, np.int64(H_LAW), H))  # of a shorter history the last of these are zero
     put_three(I, q + I_HISTORY * TILE, first)
     put(I, q + (I_HISTORY + 3) * TILE, first[3])
     for h in range(4, n_history):
-        put(I, q + (I_HISTORY + h) * TILE, of(H[k[0], H_LAW + h], H[k[1], H_LAW + h], H[k[2], H_LAW + h], H[k[3], H_LAW + h]))
+        put(I, q + (I_HISTORY + h) * TILE, set4(H[k[0], H_LAW + h], H[k[1], H_LAW + h], H[k[2], H_LAW + h], H[k[3], H_LAW + h]))
 
 
 @njit(**BARE)
-def foretell(p, slots, partner, body, S, B, H):
+def prefetch_contacts(p, slots, partner, body, S, B, H):
     """Ask for what the four contacts from place p of the list will need: a partner may lie anywhere."""
     for e in range(p, p + 4):
         k = np.uint64(slots[e])
         j = np.uint64(partner[k])
-        fetch(S, j, np.int64(S_W))
-        fetch(S, j, np.int64(S_O))
-        fetch(H, k, np.int64(H_E))
-        fetch(B, np.uint64(body[j]), np.int64(B_T))
+        prefetch(S, j, np.int64(S_W))
+        prefetch(S, j, np.int64(S_O))
+        prefetch(H, k, np.int64(H_E))
+        prefetch(B, np.uint64(body[j]), np.int64(B_T))
 
 
 @njit(**BARE_CHUNK)
-def stage_pairs(n, slots, first, own, partner, body, kind, S, B, H, I, G, n_history):  # noqa: E741
+def gather_pair_contacts(n, slots, first, own, partner, body, kind, S, B, H, I, G, n_history):  # noqa: E741
     """Put the contacts between spheres, slots[first:first + n], into the first places, four by four; behind the last of them
     `SPARE` - 1 more slots are read."""
     for q in range(0, n, 4):
         p = first + q
-        foretell(p + AHEAD, slots, partner, body, S, B, H)
+        prefetch_contacts(p + AHEAD, slots, partner, body, S, B, H)
         k = np.uint64(slots[p]), np.uint64(slots[p + 1]), np.uint64(slots[p + 2]), np.uint64(slots[p + 3])
         i = np.uint64(own[k[0]]), np.uint64(own[k[1]]), np.uint64(own[k[2]]), np.uint64(own[k[3]])
         j = np.uint64(partner[k[0]]), np.uint64(partner[k[1]]), np.uint64(partner[k[2]]), np.uint64(partner[k[3]])
-        x_i, x_j = rows_of(i, np.int64(S_X), S), rows_of(j, np.int64(S_X), S)  # behind centres are radii,
-        u_i, u_j = rows_of(i, np.int64(S_U), S), rows_of(j, np.int64(S_U), S)  # behind velocities masses
-        centres, step = and_lasts(less(x_i, x_j), x_i), and_lasts(less(u_i, u_j), x_j)
-        end = and_lasts(less(rows_of(i, np.int64(S_V), S), rows_of(j, np.int64(S_V), S)), u_i)
-        r_i, r_j, w_j = centres[3], step[3], and_lasts(rows_of(j, np.int64(S_W), S), u_j)
+        x_i, x_j = four_rows_of(i, np.int64(S_X), S), four_rows_of(j, np.int64(S_X), S)  # behind centres are radii,
+        u_i, u_j = four_rows_of(i, np.int64(S_U), S), four_rows_of(j, np.int64(S_U), S)  # behind velocities masses
+        centres, step = with_last_column(row_differences(x_i, x_j), x_i), with_last_column(row_differences(u_i, u_j), x_j)
+        end = with_last_column(row_differences(four_rows_of(i, np.int64(S_V), S), four_rows_of(j, np.int64(S_V), S)), u_i)
+        r_i, r_j, w_j = centres[3], step[3], with_last_column(four_rows_of(j, np.int64(S_W), S), u_j)
         put_three(G, q + G_N * TILE, centres)
         put_three(G, q + G_U * TILE, step)
         put_three(G, q + G_V * TILE, end)
@@ -192,13 +192,15 @@ def stage_pairs(n, slots, first, own, partner, body, kind, S, B, H, I, G, n_hist
         put(G, q + G_RJ * TILE, r_j)
         put(I, q + I_MASS * TILE, end[3])
         put(G, q + G_MJ * TILE, w_j[3])
-        stage_spins(q, columns(rows_of(i, np.int64(S_W), S)), w_j, r_i, r_j, G)
-        stage_spins(q + AT_END, columns(rows_of(i, np.int64(S_O), S)), columns(rows_of(j, np.int64(S_O), S)), r_i, r_j, G)
-        stage_memory(q, k, kind, H, I, G, n_history)
+        gather_spins(q, columns(four_rows_of(i, np.int64(S_W), S)), w_j, r_i, r_j, G)
+        gather_spins(
+            q + AT_END, columns(four_rows_of(i, np.int64(S_O), S)), columns(four_rows_of(j, np.int64(S_O), S)), r_i, r_j, G
+        )
+        gather_history(q, k, kind, H, I, G, n_history)
 
 
 @njit(**BARE_CHUNK)
-def meet(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
+def pair_geometry(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
     """Normals, overlaps, arms, effective radii and masses of n contacts between spheres; c = 1/l, 0 if not periodic.
 
     Slip is a displacement of the step, so its arms are those of the middle of the step: hence the normal of half a step ago.
@@ -223,7 +225,7 @@ def meet(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def turn_frames(n, dt, G):
+def transport_frames(n, dt, G):
     """Carry the frames of n contacts with their normals, turned by half the sum of the spins; made anew at first touch."""
     half = 0.5 * dt
     for q in range(n):
@@ -251,7 +253,7 @@ def turn_frames(n, dt, G):
 
 
 @njit(**BARE)
-def drawn(q, at, normal, I, G):  # noqa: E741
+def relative_velocity(q, at, normal, I, G):  # noqa: E741
     """Relative velocity of the two surfaces, from fields `at` behind those of the step and the normal in field `normal`."""
     half = 0.5 * I[q + I_OVERLAP * TILE]
     n = np.uint64(q + normal * TILE)  # of these the compiler does not see that they do not count from the end
@@ -264,22 +266,22 @@ def drawn(q, at, normal, I, G):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def slide(n, dt, I, G):  # noqa: E741
+def slip_increment(n, dt, I, G):  # noqa: E741
     """Slip of the step and velocities at its end of n contacts, along their normals and the axes of their frames."""
     for q in range(n):
         e_x, e_y, e_z = G[q + G_E * TILE], G[q + (G_E + 1) * TILE], G[q + (G_E + 2) * TILE]
         d_x, d_y, d_z = G[q + G_D * TILE], G[q + (G_D + 1) * TILE], G[q + (G_D + 2) * TILE]
-        x, y, z = drawn(q, np.int64(0), np.int64(G_P), I, G)
+        x, y, z = relative_velocity(q, np.int64(0), np.int64(G_P), I, G)
         I[q + I_SX * TILE] = (x * e_x + y * e_y + z * e_z) * dt
         I[q + I_SY * TILE] = (x * d_x + y * d_y + z * d_z) * dt
-        x, y, z = drawn(q, np.int64(AT_END), np.int64(G_N), I, G)
+        x, y, z = relative_velocity(q, np.int64(AT_END), np.int64(G_N), I, G)
         I[q + I_VN * TILE] = x * G[q + G_N * TILE] + y * G[q + (G_N + 1) * TILE] + z * G[q + (G_N + 2) * TILE]
         I[q + I_VX * TILE] = x * e_x + y * e_y + z * e_z
         I[q + I_VY * TILE] = x * d_x + y * d_y + z * d_z
 
 
 @njit(**BARE_CHUNK)
-def push(n, I, O, G):  # noqa: E741
+def force_and_torques(n, I, O, G):  # noqa: E741
     """Forces of n contacts on the owners, and the torques about the centres of both spheres, in world axes."""
     for q in range(n):
         f_n, t_1, t_2 = O[q + O_FN * TILE], O[q + O_TX * TILE], O[q + O_TY * TILE]

@@ -4,33 +4,34 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import LANES, at_least, get, spread, store, transposed
+from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, store, transpose
 from thirdbody.kernels.layout import G_E, G_ON, H_COLS, H_E, H_LAW, H_LEAST, O_HISTORY, O_SLIP, TILE
 
 
 @njit(**BARE)
-def behind(n_history):
+def labeller_column(n_history):
     """Column of H behind the history of the laws, where the memory of the labeller begins."""
     return max(H_LAW + n_history, H_COLS)
 
 
 @njit(**BARE)
-def held(k, stored, H):
+def spring_energy(k, stored, H):
     """Energy of the tangential and rolling springs of slot k, J. `stored`: its place in the history; -1: there are no springs."""
     return H[k, H_LAW + stored] if stored >= 0 else 0.0
 
 
 @njit(**BARE)
-def release(k, stored, H):
-    """A contact that opened: what its springs still held is dissipated (returned), its memory wiped; `stored`: `held`."""
-    lost = held(k, stored, H)
+def reset_history(k, stored, H):
+    """A contact that opened: what its springs still held is dissipated (returned), its memory wiped; `stored`:
+    `spring_energy`."""
+    lost = spring_energy(k, stored, H)
     for h in range(H.shape[1]):
         H[k, h] = 0.0
     return lost
 
 
 @njit(**BARE)
-def learn(k, q, axis, first, O, H, n_history):  # noqa: E741
+def store_one(k, q, axis, first, O, H, n_history):  # noqa: E741
     """Slot k learns the axis of its frame, and that it touches; the `first` numbers of its history, and the rest from place q."""
     store(H, k, H_E, axis)
     store(H, k, H_LAW, first)
@@ -39,21 +40,21 @@ def learn(k, q, axis, first, O, H, n_history):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def keep(n, slots, first, O, G, H, n_history):  # noqa: E741
+def store_history(n, slots, first, O, G, H, n_history):  # noqa: E741
     """What the slots[first:first + n] remember of the step, from a tile."""
-    none = spread(0.0)
+    none = broadcast(0.0)
     for q in range(0, n, LANES):
         e, h, p = q + G_E * TILE, q + O_HISTORY * TILE, first + q
-        on = at_least(get(G, q + G_ON * TILE) + get(O, q + O_SLIP * TILE), H_LEAST)
-        axes = transposed(get(G, e), get(G, e + TILE), get(G, e + 2 * TILE), on)
-        told = transposed(
+        on = clamp_below(get(G, q + G_ON * TILE) + get(O, q + O_SLIP * TILE), H_LEAST)
+        axes = transpose(get(G, e), get(G, e + TILE), get(G, e + 2 * TILE), on)
+        report = transpose(
             get(O, h) if n_history > 0 else none, get(O, h + TILE) if n_history > 1 else none,
             get(O, h + 2 * TILE) if n_history > 2 else none, get(O, h + 3 * TILE) if n_history > 3 else none,
         )  # fmt: skip
-        learn(np.uint64(slots[p]), q, axes[0], told[0], O, H, n_history)
+        store_one(np.uint64(slots[p]), q, axes[0], report[0], O, H, n_history)
         if q + 1 < n:
-            learn(np.uint64(slots[p + 1]), q + 1, axes[1], told[1], O, H, n_history)
+            store_one(np.uint64(slots[p + 1]), q + 1, axes[1], report[1], O, H, n_history)
         if q + 2 < n:
-            learn(np.uint64(slots[p + 2]), q + 2, axes[2], told[2], O, H, n_history)
+            store_one(np.uint64(slots[p + 2]), q + 2, axes[2], report[2], O, H, n_history)
         if q + 3 < n:
-            learn(np.uint64(slots[p + 3]), q + 3, axes[3], told[3], O, H, n_history)
+            store_one(np.uint64(slots[p + 3]), q + 3, axes[3], report[3], O, H, n_history)

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
-from thirdbody.kernels.contact_history import behind
+from thirdbody.kernels.contact_history import labeller_column
 from thirdbody.kernels.labeller_input import body_contacts, body_row
 from thirdbody.kernels.layout import A_ELAPSED, C_FN, C_LOAD
 from thirdbody.kernels.signatures import LABEL, OBSERVE
@@ -18,7 +18,7 @@ LABEL_BODIES = types.void(
 
 
 @njit(**BARE)
-def keep_loaded(C, n):
+def compact_loaded(C, n):
     """Move the rows of contacts that carry a load to the front of the contact table C; returns how many they are.
 
     Where a sphere leaves a plate its dashpot can cancel the elastic force: the contact is closed, but carries nothing.
@@ -39,9 +39,9 @@ def label_bodies(edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, 
     M: a copy of the labeller's memory. Scratch: O (O_COLS,), table (most contacts of a body, width).
     """
     for b in range(B.shape[0]):
-        n = body_contacts(b, edges, incidence, own, partner, H, R, width, behind(n_history), table)
+        n = body_contacts(b, edges, incidence, own, partner, H, R, width, labeller_column(n_history), table)
         body_row(b, B, E, A, drag, speed, O)
         if A[A_ELAPSED] > 0.0:
             observe(table[:n], n, O, M[b])
-        n = keep_loaded(table, n)
+        n = compact_loaded(table, n)
         label(table[:n], n, O, M[b], out[b])

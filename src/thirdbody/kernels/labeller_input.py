@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.contact_history import behind
+from thirdbody.kernels.contact_history import labeller_column
 from thirdbody.kernels.layout import (
     A_DX,
     A_DY,
@@ -127,23 +127,23 @@ def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at, C):
 
 
 @njit(**BARE)
-def observe_body(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
+def update_body_memory(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
     """Let the labeller observe body b: it updates its memory per body and per contact. O and C are scratch."""
-    found = body_contacts(b, edges, incidence, own, partner, H, R, width, behind(n_history), C)
+    result = body_contacts(b, edges, incidence, own, partner, H, R, width, labeller_column(n_history), C)
     body_row(b, B, E, A, drag, speed, O)
-    observe(C[:found], found, O, M[b])
+    observe(C[:result], result, O, M[b])
     n = 0
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
         if H[k, H_ON] != 0.0:
-            to = behind(n_history) + (incidence[e] & 1) * (width - C_MEMORY)
+            to = labeller_column(n_history) + (incidence[e] & 1) * (width - C_MEMORY)
             for m in range(width - C_MEMORY):
                 H[k, to + m] = C[n, C_MEMORY + m]
             n += 1
 
 
 @njit(**BARE)
-def observe_chunk(c, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
+def update_memory(c, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
     """Let the labeller observe the bodies of chunk c. O and C are scratch."""
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
-        observe_body(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C)
+        update_body_memory(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C)

@@ -9,14 +9,14 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import LANES, get, listed, noted, put, transposed
-from thirdbody.kernels.contact_geometry import SPARE, rows_of
+from thirdbody.jit.simd import LANES, active_bits, compress_store, get, put, transpose
+from thirdbody.kernels.contact_geometry import SPARE, four_rows_of
 from thirdbody.kernels.layout import P_Z, S_R, S_X, S_Y, S_Z
 from thirdbody.kernels.periodic import image, images, nearest_image
 
 
 @njit(**BARE)
-def separation(k, own, partner, S, P, l_x, l_y):
+def overlap_and_normal(k, own, partner, S, P, l_x, l_y):
     """Overlap of candidate k (not positive: apart) and the unit normal, partner to owner, of one that touches."""
     i, j = own[k], partner[k]
     if j < 0:
@@ -45,31 +45,31 @@ def plate_overlap(k, own, partner, S, P):
 
 
 @njit(**BARE_CHUNK)
-def measure_plates(first, last, own, partner, S, P, g):
+def plate_overlaps(first, last, own, partner, S, P, g):
     """Overlaps of the candidates first to last, which are with plates."""
     for k in range(first, last):
         g[k - first] = plate_overlap(k, own, partner, S, P)[0]
 
 
 @njit(**BARE)
-def gap_of_four(k, own, partner, S, l_x, l_y, c_x, c_y):
-    """How much the spheres of the candidates k to k + 3 touch, one after the other: `measure_pairs`."""
+def four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y):
+    """How much the spheres of the candidates k to k + 3 touch, one after the other: `pair_overlaps`."""
     i = np.uint64(own[k]), np.uint64(own[k + 1]), np.uint64(own[k + 2]), np.uint64(own[k + 3])
     j = np.uint64(partner[k]), np.uint64(partner[k + 1]), np.uint64(partner[k + 2]), np.uint64(partner[k + 3])
-    a, b = rows_of(i, np.int64(S_X), S), rows_of(j, np.int64(S_X), S)
-    x_i, y_i, z_i, r_i = transposed(a[0], a[1], a[2], a[3])
-    x_j, y_j, z_j, r_j = transposed(b[0], b[1], b[2], b[3])
+    a, b = four_rows_of(i, np.int64(S_X), S), four_rows_of(j, np.int64(S_X), S)
+    x_i, y_i, z_i, r_i = transpose(a[0], a[1], a[2], a[3])
+    x_j, y_j, z_j, r_j = transpose(b[0], b[1], b[2], b[3])
     d_x, d_y, d_z, reach = x_i - x_j, y_i - y_j, z_i - z_j, r_i + r_j
     d_x, d_y = images(d_x, l_x, c_x), images(d_y, l_y, c_y)
     return reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
 
 
 @njit(**BARE_CHUNK)
-def measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
+def pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
     """How much the spheres of the candidates first to last touch: positive if they do (c = 1/l, 0 if not periodic)."""
     fours = first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
-        put(g, k - first, gap_of_four(k, own, partner, S, l_x, l_y, c_x, c_y))
+        put(g, k - first, four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y))
     for k in range(fours, last):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
         d_x, d_y, d_z = S[i, S_X] - S[j, S_X], S[i, S_Y] - S[j, S_Y], S[i, S_Z] - S[j, S_Z]
@@ -79,7 +79,7 @@ def measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
 
 
 @njit(**BARE_CHUNK)
-def sort_out(first, last, g, closed, touching, opened):
+def compact_active(first, last, g, closed, touching, opened):
     """List the candidates that touch, and those that do no more but did one or two steps ago; returns how many of each.
 
     `closed` remembers who touches (1), or did a step ago (2). Behind those that touch the list goes on with the last of them, as
@@ -87,10 +87,10 @@ def sort_out(first, last, g, closed, touching, opened):
     """
     m, o, fours = np.int64(0), np.int64(0), first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
-        on = noted(get(g, k - first), closed, k)
-        m += listed(touching, m, k, on & 15)
+        on = active_bits(get(g, k - first), closed, k)
+        m += compress_store(touching, m, k, on & 15)
         if on > 15:  # few open in a step
-            o += listed(opened, o, k, on >> LANES)
+            o += compress_store(opened, o, k, on >> LANES)
     for k in range(fours, last):
         on, was = np.int64(g[k - first] > 0.0), np.int64(closed[k])
         touching[m], opened[o] = k, k

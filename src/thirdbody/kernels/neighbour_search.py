@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
-from thirdbody.jit.simd import LANES, below, load, spread
+from thirdbody.jit.simd import LANES, broadcast, less_mask, load
 from thirdbody.kernels.layout import EVERYTHING, ONLY_LOWER, ONLY_UPPER, P_Z, S_R, S_SIDE, S_X, S_Y, S_Z
 from thirdbody.kernels.periodic import images, inverse
 
@@ -74,22 +74,22 @@ def neighbour(c, step, count, periodic):
 
 
 @njit(**BARE)
-def sort_in(j, begin, end, found):
+def sort_in(j, begin, end, result):
     """Put j into the sorted numbers found[begin:end]."""
     p = end
-    while p > begin and found[p - 1] > j:
-        found[p] = found[p - 1]
+    while p > begin and result[p - 1] > j:
+        result[p] = result[p - 1]
         p -= 1
-    found[p] = j
+    result[p] = j
 
 
 @njit(**BARE)
 def near(p, k, skin, l_x, l_y, c_x, c_y, Q):
     """Which of the four spheres from place k on are within `skin` of that in place p, and of another body, as bits."""
-    d_x, d_y, d_z = spread(Q[0, p]) - load(Q, 0, k), spread(Q[1, p]) - load(Q, 1, k), spread(Q[2, p]) - load(Q, 2, k)
+    d_x, d_y, d_z = broadcast(Q[0, p]) - load(Q, 0, k), broadcast(Q[1, p]) - load(Q, 1, k), broadcast(Q[2, p]) - load(Q, 2, k)
     d_x, d_y = images(d_x, l_x, c_x), images(d_y, l_y, c_y)
-    reach, other = spread(Q[3, p] + skin) + load(Q, 3, k), spread(Q[5, p]) - load(Q, 5, k)
-    return below(d_x * d_x + d_y * d_y + d_z * d_z, reach * reach) & below(spread(0.0), other * other)
+    reach, other = broadcast(Q[3, p] + skin) + load(Q, 3, k), broadcast(Q[5, p]) - load(Q, 5, k)
+    return less_mask(d_x * d_x + d_y * d_y + d_z * d_z, reach * reach) & less_mask(broadcast(0.0), other * other)
 
 
 @njit(**BARE)
@@ -173,8 +173,8 @@ def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own,
     many = len(S)
     edges, columns, cells = np.zeros(int(np.prod(count)) + 2, np.int32), np.empty(10, np.int64), np.empty(many, np.int32)
     Q, pairs, at = np.full((6, many + LANES), np.inf), np.empty((2, len(own) + 1), np.int32), np.zeros(many + 1, np.int32)
-    room = edges, columns, cells, Q, pairs, at
-    return search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, *room, n, own, partner)
+    margin = edges, columns, cells, Q, pairs, at
+    return search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, *margin, n, own, partner)
 
 
 @njit(**BARE)

@@ -45,8 +45,8 @@ def number_of(bits):
 def three_in_one(x, y, z):
     """The number that stands for three."""
     power = bits_of(max(max(abs(x), abs(y)), max(abs(z), LEAST)) * ROOM) & POWER
-    share = number_of((2046 << 52) - power)  # one over the power of two
-    a, b, c = bits_of(x * share + ROUND) & FIELD, bits_of(y * share + ROUND) & FIELD, bits_of(z * share + ROUND) & FIELD
+    fraction = number_of((2046 << 52) - power)  # one over the power of two
+    a, b, c = bits_of(x * fraction + ROUND) & FIELD, bits_of(y * fraction + ROUND) & FIELD, bits_of(z * fraction + ROUND) & FIELD
     return number_of(power | (a << 34) | (b << 17) | c)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.jit.simd import rounded, spread
+from thirdbody.jit.simd import broadcast, round_to_nearest
 
 
 @njit(**BARE)
@@ -28,4 +28,4 @@ def image(d, length, inverse):
 @njit(**BARE)
 def images(d, length, inverse):
     """`image` of four separations."""
-    return d - spread(length) * rounded(d * spread(inverse))
+    return d - broadcast(length) * round_to_nearest(d * broadcast(inverse))

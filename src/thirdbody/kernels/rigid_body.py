@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
-from thirdbody.jit.simd import all_below, below, crossed, load, of, spread, store, with_last
+from thirdbody.jit.simd import all_below, broadcast, cross, less_mask, load, set4, store, with_last
 from thirdbody.kernels.layout import (
     B_BALL,
     B_Q,
@@ -55,7 +55,7 @@ ever, and arithmetic on denormal numbers is thirty times slower."""
 
 
 @njit(**BARE)
-def keep_last(S, s, c, v):
+def store_three(S, s, c, v):
     """Write the first three numbers of v into row s from column c on; the column behind them is another thing."""
     store(S, s, c, with_last(v, load(S, s, c)))
 
@@ -63,55 +63,55 @@ def keep_last(S, s, c, v):
 @njit(**BARE)
 def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
     """Position, arm and velocities of sphere s: of the step (arm half a step of length 2 h ago), and at its end. All are fours;
-    `turn`: the columns of the matrix."""
-    arm = turn[0] * spread(offsets[s, 0]) + turn[1] * spread(offsets[s, 1]) + turn[2] * spread(offsets[s, 2])
-    middle = arm - spread(h) * crossed(w, arm)
-    keep_last(S, s, np.int64(S_X), x + arm)
-    keep_last(S, s, np.int64(S_U), v + crossed(w, middle))
-    keep_last(S, s, np.int64(S_ARM), arm)  # where bodies and spheres are one table, this is 0 and what forces begin with
+    `rotation`: the columns of the matrix."""
+    arm = turn[0] * broadcast(offsets[s, 0]) + turn[1] * broadcast(offsets[s, 1]) + turn[2] * broadcast(offsets[s, 2])
+    middle = arm - broadcast(h) * cross(w, arm)
+    store_three(S, s, np.int64(S_X), x + arm)
+    store_three(S, s, np.int64(S_U), v + cross(w, middle))
+    store_three(S, s, np.int64(S_ARM), arm)  # where bodies and spheres are one table, this is 0 and what forces begin with
     store(S, s, S_W, w)
-    keep_last(S, s, np.int64(S_V), v_end + crossed(w_end, arm))
+    store_three(S, s, np.int64(S_V), v_end + cross(w_end, arm))
     store(S, s, S_O, w_end)
 
 
 @njit(**BARE)
-def in_one(S):
+def is_aliased(S):
     """Whether the rows of the bodies tell of their spheres, too (`layout`): then no sphere has an arm."""
     return S.shape[1] != S_COLS
 
 
 @njit(**BARE)
-def arm_of(s, S):
+def arm_to_sphere(s, S):
     """The centre of sphere s from its body's centre of mass."""
-    return spread(0.0) if in_one(S) else load(S, s, S_ARM)
+    return broadcast(0.0) if is_aliased(S) else load(S, s, S_ARM)
 
 
 @njit(**BARE)
 def vector(v):
     """A tuple of three as a four."""
-    return of(v[0], v[1], v[2], 0.0)
+    return set4(v[0], v[1], v[2], 0.0)
 
 
 @njit(**BARE)
 def columns(turn):
     """The columns of a matrix, a tuple of nine row by row, as fours."""
-    return of(turn[0], turn[3], turn[6], 0.0), of(turn[1], turn[4], turn[7], 0.0), of(turn[2], turn[5], turn[8], 0.0)
+    return set4(turn[0], turn[3], turn[6], 0.0), set4(turn[1], turn[4], turn[7], 0.0), set4(turn[2], turn[5], turn[8], 0.0)
 
 
 @njit(**BARE_CHUNK)
 def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
     """Positions, arms and velocities of body b's spheres, m and rad, with position x and orientation q at the end of a step."""
-    turn, at = columns(matrix(q[0], q[1], q[2], q[3])), vector(x)
+    rotation, at = columns(matrix(q[0], q[1], q[2], q[3])), vector(x)
     u, o, u_end, o_end = vector(v), vector(w), vector(v_end), vector(w_end)
     for s in range(start[b], start[b + 1]):
-        place_sphere(s, offsets, at, turn, u, o, u_end, o_end, 0.5 * dt, S)
+        place_sphere(s, offsets, at, rotation, u, o, u_end, o_end, 0.5 * dt, S)
 
 
 @njit(**BARE_CHUNK)
 def spin_body(b, B, E):
     """The angular velocity of body b, from its angular momentum and orientation; of a ball the momentum from the velocity."""
     if B[b, B_BALL] != 0.0:
-        keep_last(E, b, np.int64(E_L), spread(B[b, B_BALL]) * load(B, b, B_W))
+        store_three(E, b, np.int64(E_L), broadcast(B[b, B_BALL]) * load(B, b, B_W))
     else:
         w = spin(quaternion(b, B), (E[b, E_L], E[b, E_L + 1], E[b, E_L + 2]), (E[b, E_I], E[b, E_I + 1], E[b, E_I + 2]))
         B[b, B_W], B[b, B_W + 1], B[b, B_W + 2] = w
@@ -123,9 +123,9 @@ def place_all(start, offsets, S, B, E):
     for b in range(B.shape[0]):
         x, v, q = (B[b, B_X], B[b, B_X + 1], B[b, B_X + 2]), (B[b, B_V], B[b, B_V + 1], B[b, B_V + 2]), quaternion(b, B)
         spin_body(b, B, E)
-        if in_one(S):
-            keep_last(S, b, np.int64(S_V), load(B, b, B_V))
-            keep_last(S, b, np.int64(S_O), load(B, b, B_W))
+        if is_aliased(S):
+            store_three(S, b, np.int64(S_V), load(B, b, B_V))
+            store_three(S, b, np.int64(S_O), load(B, b, B_W))
         else:
             w = (B[b, B_W], B[b, B_W + 1], B[b, B_W + 2])
             place_body(b, start, offsets, S, x, q, v, w, v, w, 0.0)
@@ -138,11 +138,11 @@ def quaternion(b, B):
 
 
 @njit(**BARE)
-def judge_place(b, x, share, limits, bad, out):
+def check_position(b, x, share, limits, bad, out):
     """Body b, if it or its `share` is not finite (+ 1), or `bad`; if it left the domain, or `out`."""
     low, high = limits
-    bad = bad if all_below(x, FAR) & all_below(spread(0.0) - x, FAR) & (share < FAR) else b + 1
-    out = b + 1 if (below(x, low) | below(high, x)) != 0 else out
+    bad = bad if all_below(x, FAR) & all_below(broadcast(0.0) - x, FAR) & (share < FAR) else b + 1
+    out = b + 1 if (less_mask(x, low) | less_mask(high, x)) != 0 else out
     return bad, out
 
 
@@ -152,18 +152,18 @@ def limits_of(D):
     l_x, l_y = D[D_LX], D[D_LY]
     low_x, high_x = (0.0, -l_x) if l_x < 0.0 else (-np.inf, np.inf)
     low_y, high_y = (0.0, -l_y) if l_y < 0.0 else (-np.inf, np.inf)
-    return of(low_x, low_y, D[D_FLOOR], -np.inf), of(high_x, high_y, np.inf, np.inf)
+    return set4(low_x, low_y, D[D_FLOOR], -np.inf), set4(high_x, high_y, np.inf, np.inf)
 
 
 @njit(**BARE_CHUNK)
-def forget_plates(first, last, own, body, E):
+def reset_plate_forces(first, last, own, body, E):
     """The contacts add up anew the push of the upper plate on the bodies that can touch it, slots first to last."""
     for k in range(first, last):
         E[np.uint64(body[own[k]]), E_PUSH] = 0.0
 
 
 @njit(**BARE)
-def farthest(X0, B, E):
+def largest_displacement(X0, B, E):
     """How far a point of a body is from where the last search saw it, at most."""
     far = 0.0
     for b in range(B.shape[0]):

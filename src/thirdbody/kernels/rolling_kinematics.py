@@ -64,21 +64,21 @@ def travel(i, j, q, S, P, G, v_x, v_y):
     a_i, a_j = G[q + G_ARM_I * TILE], G[q + G_ARM_J * TILE]
     b_x, b_y, b_z = partner_velocity(S, P, j, u, w, a_j * n_x, a_j * n_y, a_j * n_z, v_x, v_y)
     a_x, a_y, a_z = surface_velocity(S, i, u, w, -a_i * n_x, -a_i * n_y, -a_i * n_z)
-    share = 0.0
+    fraction = 0.0
     p_x, p_y, p_z = 0.0, 0.0, 0.0
     if j >= 0:
-        share = S[i, S_R] / (S[i, S_R] + S[j, S_R])
+        fraction = S[i, S_R] / (S[i, S_R] + S[j, S_R])
         p_x, p_y, p_z = S[j, S_U], S[j, S_U + 1], S[j, S_U + 2]
-    c_x = (1.0 - share) * S[i, S_U] + share * p_x - 0.5 * (a_x + b_x)
-    c_y = (1.0 - share) * S[i, S_U + 1] + share * p_y - 0.5 * (a_y + b_y)
-    c_z = (1.0 - share) * S[i, S_U + 2] + share * p_z - 0.5 * (a_z + b_z)
+    c_x = (1.0 - fraction) * S[i, S_U] + fraction * p_x - 0.5 * (a_x + b_x)
+    c_y = (1.0 - fraction) * S[i, S_U + 1] + fraction * p_y - 0.5 * (a_y + b_y)
+    c_z = (1.0 - fraction) * S[i, S_U + 2] + fraction * p_z - 0.5 * (a_z + b_z)
     along = c_x * G[q + G_E * TILE] + c_y * G[q + (G_E + 1) * TILE] + c_z * G[q + (G_E + 2) * TILE]
     across = c_x * G[q + G_D * TILE] + c_y * G[q + (G_D + 1) * TILE] + c_z * G[q + (G_D + 2) * TILE]
     return along, across
 
 
 @njit(**BARE)
-def stage_rolling(q, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history):  # noqa: E741
+def gather_rolling(q, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history):  # noqa: E741
     """Put the relative rotation of the step and its rate at the end of the step, about the frame's axes, and the travel of the
     patch into the tile."""
     i, j = own[k], partner[k]

@@ -5,7 +5,7 @@ import math
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.jit.simd import lane, round_axis, splat, spread
+from thirdbody.jit.simd import axis_times_quaternion, broadcast, broadcast_lane, extract
 
 NEARLY_UNIT = 5e-6
 """By so much at most the square of a length may differ from 1 where its root is taken from a series: the next term, 5/16 of the
@@ -55,7 +55,7 @@ def free_rotation(q, angular_momentum, inertia, dt):
     """Orientation after dt with constant angular momentum: rotations about the principal axes 3, 2, 1, 2, 3.
 
     Splitting of Dullweber, Leimkuhler and McLachlan 1997 (Miller et al. 2002): second order, time-reversible, and the
-    angular momentum, which is kept in world axes, is constant to the last bit. A ball needs no splitting (`turned`).
+    angular momentum, which is kept in world axes, is constant to the last bit. A ball needs no splitting (`rotate_small`).
     """
     w, x, y, z = q
     i_x, i_y, i_z = inertia
@@ -66,37 +66,39 @@ def free_rotation(q, angular_momentum, inertia, dt):
     w, x, y, z = _about(w, x, y, z, dt * _body_momentum(w, x, y, z, l_x, l_y, l_z)[0] / i_x)
     w, y, z, x = _about(w, y, z, x, half * _body_momentum(w, x, y, z, l_x, l_y, l_z)[1] / i_y)
     w, z, x, y = _about(w, z, x, y, half * _body_momentum(w, x, y, z, l_x, l_y, l_z)[2] / i_z)
-    return normalised((w, x, y, z))
+    return normalise((w, x, y, z))
 
 
 @njit(**BARE)
-def turned(q, r):
+def rotate_small(q, r):
     """q, of unit length, after a small turn by the rotation vector r, world axes, both fours; tan(r/2) replaced by r/2 (error
     r^3/12)."""
-    half = spread(0.5) * r
-    new = ((q + splat(half, 0) * round_axis(q, 0)) + splat(half, 1) * round_axis(q, 1)) + splat(half, 2) * round_axis(q, 2)
+    half = broadcast(0.5) * r
+    new = (
+        (q + broadcast_lane(half, 0) * axis_times_quaternion(q, 0)) + broadcast_lane(half, 1) * axis_times_quaternion(q, 1)
+    ) + broadcast_lane(half, 2) * axis_times_quaternion(q, 2)
     squares = new * new
-    longer = (lane(squares, 0) + lane(squares, 1)) + (lane(squares, 2) + lane(squares, 3)) - 1.0
+    longer = (extract(squares, 0) + extract(squares, 1)) + (extract(squares, 2) + extract(squares, 3)) - 1.0
     # most turns are so small that three terms of 1/sqrt(1 + longer) are all of its digits: no root, no division
     s = 1.0 - longer * (0.5 - 0.375 * longer) if abs(longer) < NEARLY_UNIT else 1.0 / math.sqrt(1.0 + longer)
-    return spread(s) * new
+    return broadcast(s) * new
 
 
 @njit(**BARE)
-def turned_by(q, x, y, z):
+def rotate(q, x, y, z):
     """q after a turn by the rotation vector (x, y, z), world axes, exactly."""
     size = math.sqrt(x * x + y * y + z * z)
     # sin(size/2)/size, which loses nothing at zero
     s = 0.5 * (1.0 - size * size / 24.0) if size < 1e-4 else math.sin(0.5 * size) / size
     w, a, b, c = math.cos(0.5 * size), s * x, s * y, s * z
-    return normalised(
+    return normalise(
         (w * q[0] - a * q[1] - b * q[2] - c * q[3], w * q[1] + a * q[0] + b * q[3] - c * q[2],
          w * q[2] + b * q[0] + c * q[1] - a * q[3], w * q[3] + c * q[0] + a * q[2] - b * q[1])
     )  # fmt: skip
 
 
 @njit(**BARE)
-def normalised(q):
+def normalise(q):
     """q with unit length."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s

@@ -7,7 +7,7 @@ from thirdbody.kernels.layout import I_TYPE, TILE
 
 
 @njit(**CHUNK)
-def spread(I, n_contacts, P, width, U):  # noqa: E741
+def broadcast_parameters(I, n_contacts, P, width, U):  # noqa: E741
     """Copy row `type` of P, `width` long, to each contact's place in U, stride TILE; mostly all contacts are of one type."""
     first, alike = I[I_TYPE * TILE], True
     for q in range(n_contacts):

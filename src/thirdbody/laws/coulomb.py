@@ -75,8 +75,8 @@ def coulomb_rolling(c, load, p, h):
     limit, a = p.mu * load.force, load.contact_radius
     stiffness = min(limit / (p.slip_scale * c.radius), 2.0 * p.g_star * a)
     ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
-    share = renewed(p.renewal * ground.way / max(a, 1e-300))
-    t = rolled(c.slip_x, c.slip_y, (h[0], h[1], h[2]), share, stiffness, limit)
+    fraction = renewed(p.renewal * ground.way / max(a, 1e-300))
+    t = rolled(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, stiffness, limit)
     rubs = 1.0 if p.mu > 0.0 else 0.0
     free = math.sqrt(c.slip_x * c.slip_x + c.slip_y * c.slip_y)
     slip, critical = rubs * t.slip + (1.0 - rubs) * free, limit / max(stiffness, 1e-300)
@@ -92,10 +92,10 @@ def coulomb_rolling_tangent(c, load, p, h):
     elastic = 2.0 * p.g_star * a
     if elastic < stiffness:
         stiffness, rate = elastic, p.g_star * c.radius / max(a, 1e-300)
-    way = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
-    share = renewed(p.renewal * way / max(a, 1e-300))
-    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), share, c.overlap, stiffness, rate)
-    return friction_tangent(x, y, limit, limit_rate, share.fill * stiffness, x_rate, y_rate)
+    distance = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
+    fraction = renewed(p.renewal * distance / max(a, 1e-300))
+    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, c.overlap, stiffness, rate)
+    return friction_tangent(x, y, limit, limit_rate, fraction.fill * stiffness, x_rate, y_rate)
 
 
 def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:

@@ -64,8 +64,8 @@ def mindlin_rolling(c, load, p, h):
     """`mindlin` for a patch that renews its material where it rolls over fresh ground (`thirdbody.laws.patch_renewal`)."""
     limit, a = p.mu * load.force, load.contact_radius
     ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
-    share = renewed(p.renewal * ground.way / max(a, 1e-300))
-    t = rolled(c.slip_x, c.slip_y, (h[0], h[1], h[2]), share, 2.0 * p.g_star * a, limit)
+    fraction = renewed(p.renewal * ground.way / max(a, 1e-300))
+    t = rolled(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, 2.0 * p.g_star * a, limit)
     answer = Tangential(t.x, t.y, limit, p.kappa * c.overlap, t.slip, t.stored, t.dissipated)
     return answer, (t.x, t.y, t.stored, ground.x, ground.y, ground.reach)
 
@@ -75,10 +75,10 @@ def mindlin_rolling_tangent(c, load, p, h):
     """As `mindlin_tangent`, with the share of the slip that renewal leaves."""
     a = load.contact_radius
     stiffness, rate = 2.0 * p.g_star * a, p.g_star * c.radius / max(a, 1e-300)
-    way = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
-    share = renewed(p.renewal * way / max(a, 1e-300))
-    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), share, c.overlap, stiffness, rate)
-    return friction_tangent(x, y, p.mu * load.force, p.mu * load.stiffness, share.fill * stiffness, x_rate, y_rate)
+    distance = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
+    fraction = renewed(p.renewal * distance / max(a, 1e-300))
+    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, c.overlap, stiffness, rate)
+    return friction_tangent(x, y, p.mu * load.force, p.mu * load.stiffness, fraction.fill * stiffness, x_rate, y_rate)
 
 
 def mix_mindlin(pair: Pair, options: Options) -> MindlinParameters:

@@ -57,10 +57,10 @@ def stretched(slip_x, slip_y, memory, stiffness, limit, keeps):
     firm = max(stiffness, 1e-150)
     inverse = 1.0 / (firm * square)  # one division for two
     compliance = inverse * square
-    kept = min(2.0 * stiffness * energy * inverse * firm, 1.0)
-    x_kept, y_kept = kept * x_old, kept * y_old
+    saved = min(2.0 * stiffness * energy * inverse * firm, 1.0)
+    x_kept, y_kept = saved * x_old, saved * y_old
     uniform = 0.5 * (x_kept * x_kept + y_kept * y_kept) * compliance
-    beyond = keeps * max(kept * energy - uniform, 0.0)
+    beyond = keeps * max(saved * energy - uniform, 0.0)
     x_try, y_try = x_kept - stiffness * slip_x, y_kept - stiffness * slip_y
     size = math.sqrt(x_try * x_try + y_try * y_try)
     back = limit / max(size, max(limit, 1e-300))
@@ -76,12 +76,12 @@ def stretched_tangent(slip_x, slip_y, memory, stiffness, stiffness_rate):
     """The trial force of `stretched` and its derivative by the overlap: x, y (N), x_rate, y_rate (N/m)."""
     x_old, y_old, energy = memory
     square = max(x_old * x_old + y_old * y_old, 1e-150)
-    share = 2.0 * energy / square
-    whole = stiffness * share >= 1.0
-    kept, rate = (1.0, 0.0) if whole else (stiffness * share, stiffness_rate * share)
+    fraction = 2.0 * energy / square
+    whole = stiffness * fraction >= 1.0
+    saved, rate = (1.0, 0.0) if whole else (stiffness * fraction, stiffness_rate * fraction)
     return (
-        kept * x_old - stiffness * slip_x,
-        kept * y_old - stiffness * slip_y,
+        saved * x_old - stiffness * slip_x,
+        saved * y_old - stiffness * slip_y,
         rate * x_old - stiffness_rate * slip_x,
         rate * y_old - stiffness_rate * slip_y,
     )
@@ -106,8 +106,8 @@ def rolled(slip_x, slip_y, memory, share, stiffness, limit):
         heat = max(0.5 * (lost_x * (x + t.x) + lost_y * (y + t.y)) / firm, 0.0)
         heat += left * max(energy - 0.5 * (x * x + y * y) / firm, 0.0)
     else:
-        work, way = x * slip_x + y * slip_y, slip_x * slip_x + slip_y * slip_y
-        heat = max(left * energy - share.mixed * work + share.own * stiffness * way, 0.0)
+        work, distance = x * slip_x + y * slip_y, slip_x * slip_x + slip_y * slip_y
+        heat = max(left * energy - share.mixed * work + share.own * stiffness * distance, 0.0)
     return Spring(t.x, t.y, t.slip, t.stored, t.dissipated + heat)
 
 
@@ -134,8 +134,8 @@ def friction_tangent(x, y, limit, limit_rate, stiffness, x_rate, y_rate):
     if size <= limit:
         return -stiffness, 0.0, 0.0, -stiffness, x_rate, y_rate
     e_x, e_y = x / size, y / size
-    share = limit / size
-    xx, xy, yy = share * (1.0 - e_x * e_x), -share * e_x * e_y, share * (1.0 - e_y * e_y)
+    fraction = limit / size
+    xx, xy, yy = fraction * (1.0 - e_x * e_x), -fraction * e_x * e_y, fraction * (1.0 - e_y * e_y)
     x_total = limit_rate * e_x + xx * x_rate + xy * y_rate
     y_total = limit_rate * e_y + xy * x_rate + yy * y_rate
     return -stiffness * xx, -stiffness * xy, -stiffness * xy, -stiffness * yy, x_total, y_total

@@ -41,9 +41,9 @@ class Registry:
     @property
     def laws(self) -> dict[str, Law]:
         """Every contact law that any plug-in brings, by name."""
-        found = [law for family in self.families.values() for laws in family.levels.values() for law in laws]
-        found += [effect for effect in self.effects.values() if isinstance(effect, Law)]
-        return {law.name: law for law in found}
+        result = [law for family in self.families.values() for laws in family.levels.values() for law in laws]
+        result += [effect for effect in self.effects.values() if isinstance(effect, Law)]
+        return {law.name: law for law in result}
 
 
 def discover(files: Sequence[str | Path] = ()) -> Registry:
@@ -65,10 +65,10 @@ def discover(files: Sequence[str | Path] = ()) -> Registry:
     return Registry(tuple(plugins), MappingProxyType(failures))
 
 
-def _plugin(found: object) -> Plugin:
-    if not isinstance(found, Plugin):
-        raise TypeError(f"the entry point is a {type(found).__name__}, not a Plugin(...)")
-    return found
+def _plugin(result: object) -> Plugin:
+    if not isinstance(result, Plugin):
+        raise TypeError(f"the entry point is a {type(result).__name__}, not a Plugin(...)")
+    return result
 
 
 def load_module(path: Path) -> ModuleType:

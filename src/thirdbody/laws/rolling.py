@@ -35,8 +35,8 @@ def rolling_resistance(c, turn, load, p, h):
     arm = p.mu_r * c.radius
     limit = arm * load.force
     stiffness = p.scale * arm * arm * load.contact_radius
-    kept = stiffness / max(max(stiffness, k_old), 1e-300)
-    x_kept, y_kept = kept * x_old, kept * y_old
+    saved = stiffness / max(max(stiffness, k_old), 1e-300)
+    x_kept, y_kept = saved * x_old, saved * y_old
     x_try, y_try = x_kept - stiffness * turn.x, y_kept - stiffness * turn.y
     size = math.sqrt(x_try * x_try + y_try * y_try)
     back = limit / max(size, max(limit, 1e-300))
@@ -58,9 +58,9 @@ def rolling_tangent(c, turn, load, p, h):
     arm = p.mu_r * c.radius
     stiffness = p.scale * arm * arm * load.contact_radius
     rate = p.scale * arm * arm * 0.5 * c.radius / max(load.contact_radius, 1e-300)
-    kept = stiffness / max(max(stiffness, k_old), 1e-300)
+    saved = stiffness / max(max(stiffness, k_old), 1e-300)
     kept_rate = rate / k_old if stiffness < k_old else 0.0
-    x, y = kept * x_old - stiffness * turn.x, kept * y_old - stiffness * turn.y
+    x, y = saved * x_old - stiffness * turn.x, saved * y_old - stiffness * turn.y
     x_rate = kept_rate * x_old - rate * turn.x
     y_rate = kept_rate * y_old - rate * turn.y
     return friction_tangent(x, y, arm * load.force, arm * load.stiffness, stiffness, x_rate, y_rate)

@@ -49,7 +49,7 @@ NUMBER = (0.09, 0.16)
 
 
 class Forecasts(NamedTuple):
-    """Bodies of one run or of several, one entry each; `pooled` joins runs."""
+    """Bodies of one run or of several, one entry each; `pool` joins runs."""
 
     body: np.ndarray
     """Number of the body in its run (n,), int."""
@@ -82,7 +82,7 @@ class Forecasts(NamedTuple):
         return self.slides == (self.fact != "rolling")
 
 
-def pooled(parts: Sequence[Forecasts]) -> Forecasts:
+def pool(parts: Sequence[Forecasts]) -> Forecasts:
     """The bodies of several runs as those of one."""
     return Forecasts(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
@@ -139,10 +139,10 @@ def draw_into(axes: Axes, forecasts: Forecasts, title: str = "") -> None:
 def agreement(forecasts: Forecasts) -> str:
     """The agreement in words."""
     clear = forecasts.clear
-    told, agree = int(clear.sum()), int((clear & forecasts.as_told).sum())
-    share = f" ({100.0 * agree / told:.1f} %)" if told else ""
-    left = len(clear) - told
-    return f"as told: {agree} of {told}{share}" + (f"; {left} more in the {100.0 * BAND:g} % band" if left else "")
+    report, agree = int(clear.sum()), int((clear & forecasts.as_told).sum())
+    fraction = f" ({100.0 * agree / report:.1f} %)" if report else ""
+    left = len(clear) - report
+    return f"as told: {agree} of {report}{fraction}" + (f"; {left} more in the {100.0 * BAND:g} % band" if left else "")
 
 
 def swarm(x: np.ndarray, row: np.ndarray, pitch: float) -> np.ndarray:
@@ -218,10 +218,10 @@ def farthest(forecasts: Forecasts, wrong: np.ndarray, places: np.ndarray) -> np.
     chosen: list[int] = []
     for slides in (False, True):
         side = wrong[forecasts.slides[wrong] == slides]
-        room = len(chosen) + NAMED // 2
+        space = len(chosen) + NAMED // 2
         for k in side[np.argsort(-distance[side], kind="stable")]:
             near = (np.abs(places[chosen] - places[k]) < NUMBER).all(axis=1)
-            if len(chosen) < room and not near.any():
+            if len(chosen) < space and not near.any():
                 chosen.append(int(k))
     return np.array(chosen)
 

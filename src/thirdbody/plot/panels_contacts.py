@@ -8,8 +8,8 @@ import numpy as np
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.palette import SPARE_COLORS
-from thirdbody.plot.run_data import BETWEEN, Sheet
-from thirdbody.quantity import percent, scaled, told
+from thirdbody.plot.run_data import BETWEEN, RunData
+from thirdbody.quantity import percent, quantity_text, scale_values
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +24,7 @@ UTILISATION_NOTE = (
 )
 
 
-def why_no(name: str, sheet: Sheet) -> str:
+def why_no(name: str, sheet: RunData) -> str:
     """Why there is no histogram of that array, empty if there is one."""
     if not len(sheet.contacts["position"]):
         return f"no contact at frame {sheet.frame}"
@@ -33,36 +33,36 @@ def why_no(name: str, sheet: Sheet) -> str:
     return "" if np.isfinite(sheet.contacts[name]).all() else f"{name} of its contacts is not a number"
 
 
-def why_no_utilisation(sheet: Sheet) -> str:
+def why_no_utilisation(sheet: RunData) -> str:
     """Empty when there are contacts."""
     return why_no("utilisation", sheet)
 
 
-def why_no_normal_force(sheet: Sheet) -> str:
+def why_no_normal_force(sheet: RunData) -> str:
     """Empty when there are contacts."""
     return why_no("normal_force", sheet)
 
 
-def utilisation_title(sheet: Sheet) -> str:
+def utilisation_title(sheet: RunData) -> str:
     """Share of slipping contacts in words."""
     values = sheet.contacts["utilisation"]
-    share = float(np.mean(values >= LIMIT))
-    words = {0.0: "none slips", 1.0: "all slip"}.get(share, f"{percent(share)} slip")
+    fraction = float(np.mean(values >= LIMIT))
+    words = {0.0: "none slips", 1.0: "all slip"}.get(fraction, f"{percent(fraction)} slip")
     return f"Contacts, {when(sheet)}: {words}"
 
 
-def normal_force_title(sheet: Sheet) -> str:
+def normal_force_title(sheet: RunData) -> str:
     """Mean in words."""
     values = sheet.contacts["normal_force"]
-    return f"{len(values)} contact{'s' if len(values) > 1 else ''}: mean {told(float(values.mean()), 'N')}"
+    return f"{len(values)} contact{'s' if len(values) > 1 else ''}: mean {quantity_text(float(values.mean()), 'N')}"
 
 
-def when(sheet: Sheet) -> str:
+def when(sheet: RunData) -> str:
     """The frame in words."""
     return "at the end" if sheet.frame == sheet.frames - 1 else f"frame {sheet.frame}"
 
 
-def draw_utilisation(axes: Axes, sheet: Sheet) -> None:
+def draw_utilisation(axes: Axes, sheet: RunData) -> None:
     """Draw the histogram of utilisation from 0 to 1, stacked by the state of the body."""
     # rounding can put a slipping contact just above 1
     values = np.clip(sheet.contacts["utilisation"], 0.0, 1.0)
@@ -70,15 +70,15 @@ def draw_utilisation(axes: Axes, sheet: Sheet) -> None:
     axes.set_xlabel("utilisation of friction")
 
 
-def draw_normal_force(axes: Axes, sheet: Sheet) -> None:
+def draw_normal_force(axes: Axes, sheet: RunData) -> None:
     """Draw the histogram of normal forces, stacked by the state of the body."""
-    values, unit = scaled(sheet.contacts["normal_force"], "N")
+    values, unit = scale_values(sheet.contacts["normal_force"], "N")
     ends = min(float(values.min()), 0.0), max(float(values.max()), 0.0) or 1.0
     _draw_stacked(axes, sheet, values, np.linspace(*ends, BINS + 1))
     axes.set_xlabel(f"normal force ({unit})")
 
 
-def _draw_stacked(axes: Axes, sheet: Sheet, values: np.ndarray, edges: np.ndarray) -> None:
+def _draw_stacked(axes: Axes, sheet: RunData, values: np.ndarray, edges: np.ndarray) -> None:
     from matplotlib.ticker import MaxNLocator
 
     groups = sheet.contact_groups

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.palette import LINE_COLORS as LINES
-from thirdbody.plot.run_data import Sheet
-from thirdbody.quantity import scaled, told
+from thirdbody.plot.run_data import RunData
+from thirdbody.quantity import quantity_text, scale_values
 from thirdbody.trajectory.statistics import running_mean
 
 if TYPE_CHECKING:
@@ -28,36 +28,36 @@ LOOP_NOTE = (
 )
 
 
-def why_no_friction(sheet: Sheet) -> str:
+def why_no_friction(sheet: RunData) -> str:
     """Why there is nothing to draw over the way, empty if there is."""
     if sheet.stroke:
         return "the plate goes back and forth: the panel loop shows its friction"
     return _why_none(sheet)
 
 
-def why_no_loop(sheet: Sheet) -> str:
+def why_no_loop(sheet: RunData) -> str:
     """Why there is no loop, empty if there is one."""
     return _why_none(sheet) if sheet.stroke else "the plate never turns back"
 
 
-def _why_none(sheet: Sheet) -> str:
+def _why_none(sheet: RunData) -> str:
     if not sheet.dragged:
         return "no drag"
     return "" if np.isfinite(sheet.name("friction_coefficient")[1:]).any() else "never loaded"
 
 
-def friction_title(sheet: Sheet) -> str:
+def friction_title(sheet: RunData) -> str:
     """The result in words."""
-    found = sheet.friction
-    if not np.isfinite(found.value):
+    result = sheet.friction
+    if not np.isfinite(result.value):
         return "Friction coefficient"
-    drifts = f", {found.short_verdict}" if found.stationary is False else ""
-    return f"Friction coefficient: {found.short_text}{drifts}"
+    drifts = f", {result.short_verdict}" if result.stationary is False else ""
+    return f"Friction coefficient: {result.short_text}{drifts}"
 
 
-def draw_friction(axes: Axes, sheet: Sheet) -> None:
+def draw_friction(axes: Axes, sheet: RunData) -> None:
     """Draw the means of the intervals, their running mean, mean and error over the second half, and the pairs' coefficients."""
-    x, unit = scaled(sheet.axis[0], sheet.axis[1])
+    x, unit = scale_values(sheet.axis[0], sheet.axis[1])
     mu = sheet.name("friction_coefficient").copy()
     mu[0] = np.nan  # that interval was the pressing
     marker = "." if len(x) < 80 else ""
@@ -65,7 +65,7 @@ def draw_friction(axes: Axes, sheet: Sheet) -> None:
     width = max(int(round(SHARE * len(x))), 3)
     if len(x) > 2 * width:
         mean = np.where(np.isfinite(mu), running_mean(mu, width), np.nan)
-        axes.plot(x, mean, color=LINES["blue"], linewidth=1.8, label=f"running mean\n(over {told_way(sheet, width)})")
+        axes.plot(x, mean, color=LINES["blue"], linewidth=1.8, label=f"running mean\n(over {window_text(sheet, width)})")
     _draw_mean(axes, sheet, x)
     _draw_pairs(axes, sheet)
     _shade_unloaded(axes, x, mu)
@@ -75,33 +75,33 @@ def draw_friction(axes: Axes, sheet: Sheet) -> None:
     axes.set_ylim(min(low, 0.0), max(high, 0.0) * (1.05 if sheet.pair_friction else 1.0))
 
 
-def told_way(sheet: Sheet, width: int) -> str:
+def window_text(sheet: RunData, width: int) -> str:
     """Length of `width` intervals of the axis in words."""
     x, unit, _ = sheet.axis
-    return told(width * (x[-1] - x[0]) / (len(x) - 1), unit, 2)
+    return quantity_text(width * (x[-1] - x[0]) / (len(x) - 1), unit, 2)
 
 
-def _draw_mean(axes: Axes, sheet: Sheet, x: np.ndarray) -> None:
+def _draw_mean(axes: Axes, sheet: RunData, x: np.ndarray) -> None:
     """The mean with its error over the intervals that it counts; where they drift the straight line through them instead."""
-    found = sheet.friction
+    result = sheet.friction
     members = np.flatnonzero(sheet.averaged[sheet.start :])
     if not len(members):
         return
     ends = x[max(members[0] - 1, 0)], x[members[-1]]
-    mean = found.value
+    mean = result.value
     style: dict[str, Any] = {"color": LINES["vermilion"], "linewidth": 1.2}
-    if found.stationary is False:
-        heights = [mean - 0.5 * found.change, mean + 0.5 * found.change]
+    if result.stationary is False:
+        heights = [mean - 0.5 * result.change, mean + 0.5 * result.change]
         axes.plot(ends, heights, linestyle="-.", label="trend (second half):\nnot stationary", **style)
         return
     axes.plot(ends, [mean, mean], linestyle=(0, (5, 2)), label="mean (second half)", **style)
-    if np.isfinite(found.error) and found.error > 0.0:
-        low, high = mean - found.error, mean + found.error
+    if np.isfinite(result.error) and result.error > 0.0:
+        low, high = mean - result.error, mean + result.error
         band = axes.fill_between(ends, low, high, color=LINES["vermilion"], alpha=0.25, label="its error")
         band.set_linewidth(0.0)
 
 
-def _draw_pairs(axes: Axes, sheet: Sheet) -> None:
+def _draw_pairs(axes: Axes, sheet: RunData) -> None:
     """The coefficients that the scene gives: what gross sliding would show."""
     for place, value in enumerate(sheet.pair_friction if len(sheet.pair_friction) <= 3 else []):
         label = "if all slid (coefficient\nof the pair)" if place == 0 else None
@@ -121,7 +121,7 @@ def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
     return [(int(first), int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def loop_area(sheet: Sheet) -> float:
+def loop_area(sheet: RunData) -> float:
     """Area of the loop of the last whole cycle, m: the sum of mean coefficient times displacement over the intervals.
 
     An unloaded interval adds nothing. NaN before there is a whole cycle.
@@ -132,18 +132,18 @@ def loop_area(sheet: Sheet) -> float:
     return float(np.nansum(sheet.name("friction_coefficient", False)[inside] * sheet.drag.steps[inside]))
 
 
-def loop_title(sheet: Sheet) -> str:
+def loop_title(sheet: RunData) -> str:
     """The area in words."""
     area, work = loop_area(sheet), sheet.friction.energy_per_cycle
     if not np.isfinite(area):
         return "Friction loop (no whole cycle yet)"
-    energy = f", {told(work, 'J')} a cycle" if np.isfinite(work) else ""
-    return f"Friction loop: area {told(area, 'm')}{energy}"
+    energy = f", {quantity_text(work, 'J')} a cycle" if np.isfinite(work) else ""
+    return f"Friction loop: area {quantity_text(area, 'm')}{energy}"
 
 
-def draw_loop(axes: Axes, sheet: Sheet) -> None:
+def draw_loop(axes: Axes, sheet: RunData) -> None:
     """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle strong."""
-    u, unit = scaled(sheet.displacement, "m")
+    u, unit = scale_values(sheet.displacement, "m")
     middle = u.copy()
     middle[1:] = 0.5 * (u[1:] + u[:-1])  # where the mean over the interval belongs
     mu = sheet.name("friction_coefficient", False)
@@ -161,7 +161,7 @@ def draw_loop(axes: Axes, sheet: Sheet) -> None:
     axes.set_ylabel(MU)
 
 
-def _draw_loop_pairs(axes: Axes, sheet: Sheet) -> None:
+def _draw_loop_pairs(axes: Axes, sheet: RunData) -> None:
     for place, value in enumerate(sheet.pair_friction if len(sheet.pair_friction) <= 3 else []):
         for sign in (1.0, -1.0):
             label = "if all slid (coefficient\nof the pair)" if place == 0 and sign > 0.0 else None

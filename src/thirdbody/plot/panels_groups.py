@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from thirdbody.plot.run_data import Sheet
+from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import percent
 from thirdbody.trajectory.state_groups import POPULATION, shares_text, states_by_group, telling
 
@@ -19,14 +19,14 @@ MOST, LETTERS, ROOM = 12, 26, 0.14
 """Rows, at most; letters of a name; share of a row that a text in it needs."""
 
 
-def why_no_groups(sheet: Sheet) -> str:
+def why_no_groups(sheet: RunData) -> str:
     """Empty when the bodies have labels and differ in population, material or size."""
     if not sheet.fractions:
         return "its bodies were not labelled"
     return "" if _rows(sheet) else "its bodies are of one population and size"
 
 
-def groups_title(sheet: Sheet) -> str:
+def groups_title(sheet: RunData) -> str:
     """What most bodies of each population do, in words."""
     populations = [row for kind, row in _rows(sheet) if kind == POPULATION][:3]
     if not populations:
@@ -34,17 +34,17 @@ def groups_title(sheet: Sheet) -> str:
     return "At the last frame: " + "; ".join(f"{_short(row['name'])} {shares_text(row['fractions'], 1)}" for row in populations)
 
 
-def draw_groups(axes: Axes, sheet: Sheet) -> None:
+def draw_groups(axes: Axes, sheet: RunData) -> None:
     """Draw a stacked bar for each group, the states written in it, with its name and load on the right."""
     rows = _rows(sheet)
     for place, (_, row) in enumerate(rows):
         left = 0.0
-        for name, share in row["fractions"].items():
-            axes.barh(place, share, left=left, height=0.82, color=sheet.colors[name], linewidth=0.0)
-            if share >= ROOM:
-                text = f"{name} {percent(share)}"
-                axes.text(left + 0.5 * share, place, text, ha="center", va="center", fontsize=6.5, color="white", clip_on=True)
-            left += share
+        for name, fraction in row["fractions"].items():
+            axes.barh(place, fraction, left=left, height=0.82, color=sheet.colors[name], linewidth=0.0)
+            if fraction >= ROOM:
+                text = f"{name} {percent(fraction)}"
+                axes.text(left + 0.5 * fraction, place, text, ha="center", va="center", fontsize=6.5, color="white", clip_on=True)
+            left += fraction
     axes.set_ylim(len(rows) - 0.5, -0.5)
     axes.yaxis.tick_right()
     axes.set_yticks(range(len(rows)), [_label(row) for _, row in rows])
@@ -54,7 +54,7 @@ def draw_groups(axes: Axes, sheet: Sheet) -> None:
     axes.set_xlabel("bodies of the group (%)")
 
 
-def _rows(sheet: Sheet) -> list[tuple[str, dict[str, Any]]]:
+def _rows(sheet: RunData) -> list[tuple[str, dict[str, Any]]]:
     rows = [(kind, row) for kind, rows in telling(states_by_group(sheet.run)) for row in rows]
     return rows[:MOST]
 

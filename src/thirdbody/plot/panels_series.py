@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from thirdbody.palette import LINE_COLORS as LINES
-from thirdbody.plot.run_data import Sheet
-from thirdbody.quantity import percent, scaled, told, unit_for
+from thirdbody.plot.run_data import RunData
+from thirdbody.quantity import percent, quantity_text, scale_values, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,39 +50,39 @@ KEPT = ("lost in friction", "residual")
 ROUNDING = 1e-15
 
 
-def _why_short(sheet: Sheet) -> str:
+def _why_short(sheet: RunData) -> str:
     """Why nothing can be drawn over time, empty if it can."""
     return "" if len(sheet.axis[0]) > 1 and sheet.axis[0][-1] > sheet.axis[0][0] else "fewer than two frames"
 
 
-def why_no_states(sheet: Sheet) -> str:
+def why_no_states(sheet: RunData) -> str:
     """Empty when the run has labels."""
     return "" if sheet.fractions else "its bodies were not labelled"
 
 
-def states_title(sheet: Sheet) -> str:
+def states_title(sheet: RunData) -> str:
     """The shares at the end in words."""
     bodies = sheet.summary.get("bodies", 0)
     name = "State of the body" if bodies == 1 else f"States of the {bodies} bodies"
     return f"{name}: at the end {end_shares(sheet)}"
 
 
-def end_shares(sheet: Sheet) -> str:
+def end_shares(sheet: RunData) -> str:
     """`59 % sliding, 41 % rolling`; of one body its state only."""
-    shares = {name: float(values[-1]) for name, values in sheet.fractions.items() if values[-1] > 0.0}
-    if len(shares) == 1:
-        return f"{'' if sheet.summary.get('bodies') == 1 else 'all '}{next(iter(shares))}"
-    return ", ".join(f"{percent(share)} {name}" for name, share in sorted(shares.items(), key=lambda entry: -entry[1]))
+    portions = {name: float(values[-1]) for name, values in sheet.fractions.items() if values[-1] > 0.0}
+    if len(portions) == 1:
+        return f"{'' if sheet.summary.get('bodies') == 1 else 'all '}{next(iter(portions))}"
+    return ", ".join(f"{percent(share)} {name}" for name, share in sorted(portions.items(), key=lambda entry: -entry[1]))
 
 
-def draw_states(axes: Axes, sheet: Sheet) -> None:
+def draw_states(axes: Axes, sheet: RunData) -> None:
     """Draw the shares stacked; those of a frame are drawn as far as the middle to the next."""
-    x, unit = scaled(sheet.axis[0], sheet.axis[1])
-    shares = {name: values[sheet.start :] for name, values in sheet.fractions.items()}
+    x, unit = scale_values(sheet.axis[0], sheet.axis[1])
+    portions = {name: values[sheet.start :] for name, values in sheet.fractions.items()}
     if len(x) == 1:  # one frame: a bar
-        x, shares = np.array([0.0, 1.0]), {name: np.repeat(values, 2) for name, values in shares.items()}
-    met = [name for name, values in shares.items() if values.any()]
-    axes.stackplot(x, [shares[name] for name in met], colors=[sheet.colors[name] for name in met], labels=met, step="mid",
+        x, portions = np.array([0.0, 1.0]), {name: np.repeat(values, 2) for name, values in portions.items()}
+    met = [name for name, values in portions.items() if values.any()]
+    axes.stackplot(x, [portions[name] for name in met], colors=[sheet.colors[name] for name in met], labels=met, step="mid",
                    linewidth=0.0)  # fmt: skip
     axes.set_ylim(0.0, 1.0)
     axes.set_yticks([0.0, 0.25, 0.5, 0.75, 1.0], ["0", "25", "50", "75", "100"])
@@ -93,32 +93,32 @@ def draw_states(axes: Axes, sheet: Sheet) -> None:
         axes.set_xticks([0.5], ["the only frame" if sheet.frames == 1 else "the last frame"])
 
 
-def why_no_gap(sheet: Sheet) -> str:
+def why_no_gap(sheet: RunData) -> str:
     """Empty when there is an upper plate."""
     return _why_short(sheet) or ("" if np.isfinite(sheet.name("gap")).any() else "no upper plate")
 
 
-def gap_title(sheet: Sheet) -> str:
+def gap_title(sheet: RunData) -> str:
     """Its change in words."""
     gap = sheet.name("gap")
     change = gap[-1] - gap[0]
     if not _changes(gap):
-        return f"Gap between the plates: {told(gap[-1], 'm')}, unchanged"
+        return f"Gap between the plates: {quantity_text(gap[-1], 'm')}, unchanged"
     word = "opened" if change > 0.0 else "closed"
-    return f"Gap between the plates: {told(gap[-1], 'm')} at the end, {word} by {told(abs(change), 'm', 2)}"
+    return f"Gap between the plates: {quantity_text(gap[-1], 'm')} at the end, {word} by {quantity_text(abs(change), 'm', 2)}"
 
 
-def draw_gap(axes: Axes, sheet: Sheet) -> None:
+def draw_gap(axes: Axes, sheet: RunData) -> None:
     """Draw the gap, as its change since the start of the drag where that is small."""
     _draw_line(axes, sheet, sheet.name("gap"), "m", "gap", LINES["black"])
 
 
-def why_no_load(sheet: Sheet) -> str:
+def why_no_load(sheet: RunData) -> str:
     """Empty when a plate feels a force."""
     return _why_short(sheet) or ("" if np.nan_to_num(load(sheet)).any() else "no load on a plate")
 
 
-def load(sheet: Sheet) -> np.ndarray:
+def load(sheet: RunData) -> np.ndarray:
     """Normal force of the debris on the upper plate (without one: the lower) from the start of the drag, N, mean of intervals."""
     side, sign = ("upper_force", 1.0) if np.isfinite(sheet.name("gap")).any() else ("lower_force", -1.0)
     if side not in sheet.series:
@@ -126,23 +126,23 @@ def load(sheet: Sheet) -> np.ndarray:
     return sign * sheet.series[side][sheet.start :, 2]
 
 
-def load_title(sheet: Sheet) -> str:
+def load_title(sheet: RunData) -> str:
     """Its end in words."""
     values = load(sheet)
-    return f"Load: {told(values[-1], 'N')} at the end, at most {told(float(np.nanmax(values)), 'N')}"
+    return f"Load: {quantity_text(values[-1], 'N')} at the end, at most {quantity_text(float(np.nanmax(values)), 'N')}"
 
 
-def draw_load(axes: Axes, sheet: Sheet) -> None:
+def draw_load(axes: Axes, sheet: RunData) -> None:
     """Draw the normal force on the plate."""
     _draw_line(axes, sheet, load(sheet), "N", "load", LINES["black"], whole=True)
 
 
-def _draw_line(axes: Axes, sheet: Sheet, values: np.ndarray, unit: str, name: str, color: str, whole: bool = False) -> None:
-    x, x_unit = scaled(sheet.axis[0], sheet.axis[1])
+def _draw_line(axes: Axes, sheet: RunData, values: np.ndarray, unit: str, name: str, color: str, whole: bool = False) -> None:
+    x, x_unit = scale_values(sheet.axis[0], sheet.axis[1])
     whole = whole or not _changes(values)
     if not whole and np.nanmax(np.abs(values - values[0])) < SMALL * abs(values[0]):
         values, name = values - values[0], f"change of {name}"
-    values, unit = scaled(values, unit)
+    values, unit = scale_values(values, unit)
     axes.plot(x, values, color=color, linewidth=1.4)
     axes.ticklabel_format(axis="y", useOffset=False)
     axes.set_ylabel(f"{name} ({unit})")
@@ -157,12 +157,12 @@ def _changes(values: np.ndarray) -> bool:
     return bool(np.nanmax(np.abs(values - values[0])) > NOTHING * abs(values[0]))
 
 
-def why_no_energy(sheet: Sheet) -> str:
+def why_no_energy(sheet: RunData) -> str:
     """Empty when the run has a ledger."""
     return _why_short(sheet) or ("" if "energy_plate_work" in sheet.series else "no energy ledger")
 
 
-def ledger(sheet: Sheet) -> dict[str, np.ndarray]:
+def ledger(sheet: RunData) -> dict[str, np.ndarray]:
     """Lines of the ledger by label, J, from the start of the drag; of those below rounding only friction and residual stay."""
     lines = {}
     for line in LEDGER:
@@ -170,31 +170,36 @@ def ledger(sheet: Sheet) -> dict[str, np.ndarray]:
         if parts:
             lines[line.label] = np.sum(parts, axis=0)
     sizes = {label: float(np.abs(values).max()) for label, values in lines.items()}
-    least = ROUNDING * max(sizes.values())
-    return {label: values for label, values in lines.items() if sizes[label] > least or label in KEPT}
+    minimum = ROUNDING * max(sizes.values())
+    return {label: values for label, values in lines.items() if sizes[label] > minimum or label in KEPT}
 
 
-def energy_title(sheet: Sheet) -> str:
+def energy_title(sheet: RunData) -> str:
     """Work and the share of friction in words, of the sliding alone; what the pressing before it took is told apart."""
     work, lost = (sheet.name(f"energy_{part}") for part in ("plate_work", "friction"))
     done, rubbed = float(work[-1] - work[0]), float(lost[-1] - lost[0])
     # the loss of a spot that never slips is a rounding error below zero
-    share = f", {percent(max(rubbed / done, 0.0))} of it lost in friction" if done > 0.0 and -1e-3 * done < rubbed <= done else ""
+    fraction = (
+        f", {percent(max(rubbed / done, 0.0))} of it lost in friction" if done > 0.0 and -1e-3 * done < rubbed <= done else ""
+    )
     if not sheet.start:
-        return f"Energy: {told(done, 'J')} of work{share}"
-    return f"Energy: {told(done, 'J')} of work while sliding{share}; {told(float(work[0]), 'J', 2)} of work while pressing"
+        return f"Energy: {quantity_text(done, 'J')} of work{fraction}"
+    return (
+        f"Energy: {quantity_text(done, 'J')} of work while sliding{fraction}; {quantity_text(float(work[0]), 'J', 2)} of "
+        f"work while pressing"
+    )
 
 
-def draw_energy(axes: Axes, sheet: Sheet) -> None:
+def draw_energy(axes: Axes, sheet: RunData) -> None:
     """Draw the cumulative lines of the ledger; the legend tells what they end at, which small ones do not show."""
     lines = ledger(sheet)
-    x, x_unit = scaled(sheet.axis[0], sheet.axis[1])
+    x, x_unit = scale_values(sheet.axis[0], sheet.axis[1])
     factor, unit = unit_for(np.concatenate(list(lines.values())), "J")
     for line in LEDGER:
         if line.label in lines:
             values = lines[line.label]
             end = values[-1] if abs(values[-1]) > ROUNDING * 1000.0 * factor else 0.0
-            label = f"{line.label}: {told(end, 'J')}"
+            label = f"{line.label}: {quantity_text(end, 'J')}"
             axes.plot(x, values / factor, color=line.color, linestyle=line.style, linewidth=1.4, label=label)
     axes.set_ylabel(f"energy ({unit})")
     axes.set_xlabel(f"{sheet.axis[2]} ({x_unit})")

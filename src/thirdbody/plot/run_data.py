@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
 
 
-class Sheet:
+class RunData:
     """One run, as its plots see it; contacts are those of `frame`. Raises IndexError for a frame outside the run."""
 
     def __init__(self, run: Run, frame: int = -1):
@@ -81,8 +81,8 @@ class Sheet:
     @cached_property
     def fractions(self) -> dict[str, np.ndarray]:
         """Shares of the states (F,) by name, empty for a run without labels."""
-        shares = {name: self.series.get(f"fraction_{name}") for name in self.run.state_names}
-        return {name: values for name, values in shares.items() if values is not None}
+        portions = {name: self.series.get(f"fraction_{name}") for name in self.run.state_names}
+        return {name: values for name, values in portions.items() if values is not None}
 
     @cached_property
     def scene(self) -> dict[str, Any]:
@@ -97,12 +97,12 @@ class Sheet:
         """Friction coefficients of the debris against the plates, as the scene gives them, each once, from small to large."""
         plates = {plate.get("material") for plate in self.scene.get("plates", {}).values()}
         debris = {part.get("material") for part in self.scene.get("debris", ())}
-        found = set()
+        result = set()
         for pair in self.scene.get("pairs", ()):
             first, second = pair["between"]
             if (first in plates and second in debris) or (second in plates and first in debris):
-                found.add(float(pair["friction"]))
-        return sorted(found)
+                result.add(float(pair["friction"]))
+        return sorted(result)
 
     @cached_property
     def contact_groups(self) -> dict[str, np.ndarray]:

@@ -20,8 +20,8 @@ from thirdbody.plot import panels_friction as friction
 from thirdbody.plot import panels_groups as groups
 from thirdbody.plot import panels_series as series
 from thirdbody.plot.forecast_plot import DOTS, check_format
-from thirdbody.plot.run_data import Sheet
-from thirdbody.quantity import GLUE, MINUS, told, unit_for
+from thirdbody.plot.run_data import RunData
+from thirdbody.quantity import GLUE, MINUS, quantity_text, unit_for
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -46,10 +46,10 @@ class Panel(NamedTuple):
     """A panel: when it can be drawn, what it says, how it is drawn."""
 
     name: str
-    missing: Callable[[Sheet], str]
+    missing: Callable[[RunData], str]
     """Why the run has no data for it, empty if it has."""
-    title: Callable[[Sheet], str]
-    draw: Callable[[Axes, Sheet], None]
+    title: Callable[[RunData], str]
+    draw: Callable[[Axes, RunData], None]
     height: float
     """Inch, with its title and axis."""
     half: bool = False
@@ -139,7 +139,7 @@ def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figu
     if not run.frames:
         raise InputError(f"{run.path}: nothing to plot: no frame was written yet")
     try:
-        sheet = Sheet(run, frame)
+        sheet = RunData(run, frame)
     except IndexError as error:
         raise InputError(str(error)) from None
     missing = {panel.name: panel.missing(sheet) for panel in PANELS}
@@ -154,12 +154,12 @@ def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figu
     return _compose(sheet, [next(panel for panel in PANELS if panel.name == name) for name in dict.fromkeys(wanted)])
 
 
-def _gap_is_set(sheet: Sheet) -> bool:
+def _gap_is_set(sheet: RunData) -> bool:
     """The scene prescribes the gap: then the load is what comes out."""
     return sheet.scene.get("plates", {}).get("upper", {}).get("gap") is not None
 
 
-def headline(sheet: Sheet) -> list[str]:
+def headline(sheet: RunData) -> list[str]:
     """Key figures and circumstances, one line each."""
     # broken between figures, not inside them
     lines = [", ".join(text.replace(" ", GLUE) for text in texts) for texts in (_figures(sheet), _circumstances(sheet)) if texts]
@@ -175,36 +175,40 @@ def headline(sheet: Sheet) -> list[str]:
     return [line for text in lines for line in textwrap.wrap(text[:1].upper() + text[1:], LETTERS)]
 
 
-def _figures(sheet: Sheet) -> list[str]:
-    found = []
+def _figures(sheet: RunData) -> list[str]:
+    result = []
     if sheet.fractions:
-        found.append(f"at the end {series.end_shares(sheet)}")
+        result.append(f"at the end {series.end_shares(sheet)}")
     residual = sheet.summary.get("energy_residual")
     if residual is not None:
-        found.append(f"energy residual {residual:.0e} of the work".replace("e-0", "e-").replace("-", MINUS))
-    return found
+        result.append(f"energy residual {residual:.0e} of the work".replace("e-0", "e-").replace("-", MINUS))
+    return result
 
 
-def _circumstances(sheet: Sheet) -> list[str]:
+def _circumstances(sheet: RunData) -> list[str]:
     header, bodies, times = sheet.run.header, sheet.summary.get("bodies", 0), sheet.run.times
-    found = [f"{bodies} bod{'ies' if bodies != 1 else 'y'}"]
+    result = [f"{bodies} bod{'ies' if bodies != 1 else 'y'}"]
     if bodies > 1 and str(header.get("debris_contact", "")).startswith("none"):
-        found[0] += " that do not see each other"
+        result[0] += " that do not see each other"
     law = header.get("law") or {}
     if law:
-        found.append(f"law {law.get('family')} ({law.get('level')})")
+        result.append(f"law {law.get('family')} ({law.get('level')})")
     if sheet.dragged:
         if times[sheet.start] > 0.0:
-            found.append(f"pressed for {told(times[sheet.start], 's', 2)}")
-        way, took = float(sheet.distance[-1]), float(times[-1] - times[sheet.start])
-        what = f"moved back and forth over {told(way, 'm')} in all" if sheet.stroke else f"dragged {told(way, 'm')}"
-        found.append(f"then {what} in {told(took, 's', 2)} ({told(way / took, 'm/s', 2)})")
+            result.append(f"pressed for {quantity_text(times[sheet.start], 's', 2)}")
+        path, took = float(sheet.distance[-1]), float(times[-1] - times[sheet.start])
+        what = (
+            f"moved back and forth over {quantity_text(path, 'm')} in all"
+            if sheet.stroke
+            else f"dragged {quantity_text(path, 'm')}"
+        )
+        result.append(f"then {what} in {quantity_text(took, 's', 2)} ({quantity_text(path / took, 'm/s', 2)})")
     elif times[-1] > 0.0:
-        found.append(f"{told(float(times[-1]), 's', 2)} without drag")
-    return found
+        result.append(f"{quantity_text(float(times[-1]), 's', 2)} without drag")
+    return result
 
 
-def _compose(sheet: Sheet, panels: list[Panel]) -> Figure:
+def _compose(sheet: RunData, panels: list[Panel]) -> Figure:
     title = textwrap.wrap(str(sheet.run.header.get("title") or sheet.run.path.parent.name), LETTERS_OF_TITLE)
     head, notes = headline(sheet), [line for panel in panels for line in textwrap.wrap(panel.note, LETTERS_OF_NOTE)]
     top, foot = TITLE_LINE * len(title) + LINE * len(head) + 0.1, NOTE_LINE * len(notes) + 0.05
@@ -222,7 +226,7 @@ def _compose(sheet: Sheet, panels: list[Panel]) -> Figure:
     return figure
 
 
-def _fill(place: SubFigure, sheet: Sheet, panels: list[Panel]) -> None:
+def _fill(place: SubFigure, sheet: RunData, panels: list[Panel]) -> None:
     """Draw wide panels below each other, or half ones in pairs."""
     columns = 2 if panels[0].half and len(panels) > 1 else 1
     rows = -(-len(panels) // columns)
@@ -277,7 +281,7 @@ def _write(figure: Figure, y: float, lines: list[str], size: float, step: float,
     return y
 
 
-def _draw(axes: Axes, sheet: Sheet, panel: Panel) -> None:
+def _draw(axes: Axes, sheet: RunData, panel: Panel) -> None:
     """The panel with what all have in common."""
     axes.set_label(panel.name)
     axes.tick_params(labelsize=8.0)

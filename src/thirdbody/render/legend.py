@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody.palette import INK, field_colors
-from thirdbody.quantity import prefixed, ticks, with_unit
+from thirdbody.quantity import prefix_for, ticks, with_unit
 from thirdbody.render.coloring import Legend
 from thirdbody.render.overlay import Overlay, rectangle
 
@@ -92,7 +92,7 @@ def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
     """A colour bar with round numbers below it."""
     assert legend.limits is not None
     low, high = legend.limits
-    factor, unit = prefixed(max(abs(low), abs(high)), legend.unit)
+    factor, unit = prefix_for(max(abs(low), abs(high)), legend.unit)
     title = legend.title + (f", {unit}" if unit else "")
     before = overlay.width_of(title, 28) + overlay.px(36)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from thirdbody.errors import ThirdbodyError
 from thirdbody.palette import state_colors
-from thirdbody.quantity import percent, told
+from thirdbody.quantity import percent, quantity_text
 
 if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
@@ -34,9 +34,9 @@ def _rows(run: Run) -> list[tuple[str, str]]:
     rows = [("run", escape(str(run.path.parent))), ("finished", end), ("frames", str(figures["frames"]))]
     if not figures["frames"]:
         return rows
-    rows += [("bodies", str(figures["bodies"])), ("time", told(figures["duration"], "s"))]
+    rows += [("bodies", str(figures["bodies"])), ("time", quantity_text(figures["duration"], "s"))]
     if figures.get("distance", 0.0) > 0.0:
-        rows += [("sliding distance", told(figures["distance"], "m"))]
+        rows += [("sliding distance", quantity_text(figures["distance"], "m"))]
         rows += [("friction coefficient", escape(str(run.friction)))]
     if "fractions" in figures:
         rows += [("states at the end", _states(figures["fractions"]))]

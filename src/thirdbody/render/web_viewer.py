@@ -17,7 +17,7 @@ import numpy as np
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.palette import FIELD_STOPS
-from thirdbody.quantity import prefixed, ticks, with_unit
+from thirdbody.quantity import prefix_for, ticks, with_unit
 from thirdbody.render.picture_data import PictureData
 
 
@@ -68,7 +68,7 @@ def _legend(data: PictureData) -> str:
         entries = [entry.format(color, html.escape(words)) for words, color in legend.entries]
         return "".join([f"<b>{html.escape(legend.title)}</b>" if legend.title else "", *entries])
     low, high = legend.limits
-    factor, unit = prefixed(max(abs(low), abs(high)), legend.unit)
+    factor, unit = prefix_for(max(abs(low), abs(high)), legend.unit)
     values = np.array(ticks(low * factor, high * factor))
     percent = 100.0 * (values / factor - low) / (high - low) if high > low else [50.0]
     marks = "".join(f'<span style="left:{left:.2f}%">{value:.6g}</span>' for left, value in zip(percent, values, strict=True))

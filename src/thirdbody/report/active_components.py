@@ -31,7 +31,7 @@ TOUCH = 0.02
 
 
 def parts(built: Simulation) -> list[dict[str, Any]]:
-    """Every effect and part of the machinery: `part`, `on`, `reason`, and `share` of the time per step (0 if absent).
+    """Every effect and part of the machinery: `part`, `on`, `reason`, and `fraction` of the time per step (0 if absent).
 
     Shares are estimates for the explicit integrator; None with the implicit one, whose time goes into iterations.
     """
@@ -45,22 +45,22 @@ def parts(built: Simulation) -> list[dict[str, Any]]:
 
 def part_warnings(built: Simulation) -> list[str]:
     """What is off or neglected and would matter in this scene, in words."""
-    found = []
+    result = []
     weight, load = _weight_over_load(built), _load(built)
     if built.scene.effects.gravity is None and weight > HEAVY and math.isfinite(load):
-        found.append(f"gravity is off, but a body weighs up to {weight:.2g} of its load: effects.gravity switches it on")
-    share, distance = neighbours(built)
-    if share > NEAR:
-        found.append(
+        result.append(f"gravity is off, but a body weighs up to {weight:.2g} of its load: effects.gravity switches it on")
+    fraction, distance = neighbours(built)
+    if fraction > NEAR:
+        result.append(
             f"spots of a body stand as near as {distance:.1f} contact radii: each presses its neighbour's surface down by about "
-            f"{100.0 * share:.0f} % of the overlap, which Hertz and Mindlin neglect"
+            f"{100.0 * fraction:.0f} % of the overlap, which Hertz and Mindlin neglect"
         )
     speed, wave = built.schedule.top_speed(), _wave_speed(built)
     if speed > FAST * wave:
-        found.append(
+        result.append(
             f"the drag, {speed:.3g} m/s, is {speed / wave:.2g} of the slowest shear wave: contacts are computed as quasi-static"
         )
-    return found
+    return result
 
 
 def neighbours(built: Simulation) -> tuple[float, float]:
@@ -125,14 +125,14 @@ def _machinery(built: Simulation) -> list[dict[str, Any]]:
     upper, meets = state.world.upper, state.world.debris_meets
     founded = upper is not None and upper.foundation is not None
     pairs = max(0, state.slots.count - 2 * state.n_spheres)
-    told = "bodies may meet" if meets else (
+    report = "bodies may meet" if meets else (
         "contact.debris_contact = 'none'" if built.scene.contact.debris_contact == "none" else "no two bodies can meet"
     )  # fmt: skip
     stride = max(1, state.physics.stride)
     return [
         _row("motion of bodies and their spheres", True, "always", NS["sphere"] * state.n_spheres),
         _row("contact geometry", True, "always", NS["contact"] * 2 * state.n_bodies + NS["pair"] * state.n_spheres),
-        _row("debris-debris contact", meets, told, NS["pair"] * pairs + 0.1 * NS["sphere"] * state.n_spheres),
+        _row("debris-debris contact", meets, report, NS["pair"] * pairs + 0.1 * NS["sphere"] * state.n_spheres),
         _row("labels", built.labeller is not None, built.labeller.name if built.labeller else "no labeller is installed",
              NS["labels"] * state.n_bodies / stride),
         _row("foundation", founded, "plates.upper.support", NS["body"] * state.n_bodies),
@@ -156,10 +156,10 @@ def _yield_reason(built: Simulation) -> str:
 
 
 def _spots_reason(built: Simulation) -> str:
-    share, distance = neighbours(built)
-    if share == 0.0:
+    fraction, distance = neighbours(built)
+    if fraction == 0.0:
         return "no two spots of a body are known to touch before the load comes"
-    return f"the nearest are {distance:.1f} contact radii apart: {100.0 * share:.1g} % of the overlap is neglected"
+    return f"the nearest are {distance:.1f} contact radii apart: {100.0 * fraction:.1g} % of the overlap is neglected"
 
 
 def _peak_pressure(built: Simulation) -> float:

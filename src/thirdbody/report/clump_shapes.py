@@ -41,14 +41,14 @@ def populations(scene: Scene) -> list[Population]:
     """The bodies of every population of a scene. Raises InputError when they cannot be made."""
     from thirdbody.build.clumps import shapes_of
 
-    found = []
+    result = []
     for index, debris in enumerate(scene.debris):
         clumps = shapes_of(scene, index, [])
         meshes = _followed(scene, index)
         density = scene.materials[debris.material].density
         name, notes = debris.name or f"debris[{index}]", debris.notes()
-        found.append(Population(name, debris.kind, debris.material, density, clumps, meshes, notes))
-    return found
+        result.append(Population(name, debris.kind, debris.material, density, clumps, meshes, notes))
+    return result
 
 
 def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int | None) -> Population:
@@ -121,7 +121,7 @@ def _followed(scene: Scene, index: int) -> list[MeshShape]:
     return scene.debris[index].mesh_shapes(population_context(scene, index, []))
 
 
-def told(population: Population) -> dict[str, Any]:
+def population_statistics(population: Population) -> dict[str, Any]:
     """Statistics of a population, SI; each over its bodies, but `sphere_radius` over all spheres.
 
     `contact_radius` is the radius of the sphere that a plane touches, mean over all directions; `sharpness` the same
@@ -182,11 +182,11 @@ def _fit(mesh: Mesh, fit: Fit) -> dict[str, Any]:
     }
 
 
-def shapes_report(found: list[Population], json: bool) -> None:
+def shapes_report(result: list[Population], json: bool) -> None:
     """Print the statistics of all populations, as tables or as JSON."""
     from thirdbody.report.tables import print_json
 
-    entries = [told(population) for population in found]
+    entries = [population_statistics(population) for population in result]
     if json:
         print_json({"populations": entries})
         return
@@ -244,11 +244,11 @@ def _print_fit(fit: dict[str, Any]) -> None:
     table("fit to the mesh", ("", ""), lines)
 
 
-def draw_shapes(found: list[Population], title: str, png: Path) -> Path:
+def draw_shapes(result: list[Population], title: str, png: Path) -> Path:
     """Draw a gallery of the populations' bodies; returns the path. Raises like `render.gallery.draw_gallery`."""
     from thirdbody.render.gallery import draw_gallery
 
-    return draw_gallery([_group(part) for population in found for part in _by_mesh(population)], title, png)
+    return draw_gallery([_group(part) for population in result for part in _by_mesh(population)], title, png)
 
 
 def _by_mesh(population: Population) -> list[Population]:
@@ -268,7 +268,7 @@ def _group(population: Population) -> Any:
     from thirdbody.quantity import with_unit
     from thirdbody.render.gallery import Group
 
-    entry = told(population)
+    entry = population_statistics(population)
     diameter, spheres = entry["diameter"], entry["spheres"]
     # the fonts of VTK draw square brackets round
     name = population.name.replace("[", " ").replace("]", "")

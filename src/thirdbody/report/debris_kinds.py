@@ -15,13 +15,13 @@ def kinds_report(kind: str | None, plugins: Sequence[Path], json: bool) -> None:
     from thirdbody.report.tables import print_json, table
     from thirdbody.scene.debris.registry import DebrisKinds
 
-    found = DebrisKinds(plugins)
-    failures = found.failures()
-    usable = found.usable()
+    result = DebrisKinds(plugins)
+    failures = result.failures()
+    usable = result.usable()
     if kind is not None and kind not in usable:
         raise UsageError(failures.get(kind) or f"--list {kind}: no such kind of debris, {nearest(kind, usable)}")
     entries: list[dict[str, Any]] = [
-        {"kind": name, "from": found.source(name), "description": _description(one), "schema": one.model_json_schema()}
+        {"kind": name, "from": result.source(name), "description": _description(one), "schema": one.model_json_schema()}
         for name, one in usable.items()
         if kind in (None, name)
     ]

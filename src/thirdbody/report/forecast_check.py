@@ -26,16 +26,17 @@ CAN_SLIDE, UNTOLD = 2, 4
 def forecast_against_fact(run: Run) -> dict[str, Any]:
     """Forecast when the drag starts (can the body go on without rolling?) against whether it is labelled rolling within 40 a.
 
-    Keys: `frame` of the forecast, `agree`, `told` (how many were told and watched), `unwatched` (bodies without any frame within
-    40 a), `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of bodies), and those of `_judged_closer`.
+    Keys: `frame` of the forecast, `agree`, `report` (how many were told and watched), `unwatched` (bodies without any frame
+    within
+    40 a), `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of bodies), and those of `_explanation`.
     Empty when the run has no forecast or no drag.
     """
     start = start_of_drag(run)
     if start is None:
         return {}
     watched = _watched(run, start)
-    told, rolled, seen = run.forecast[start], _rolled(run, start, watched), watched.any(axis=0)
-    known, slides = (told != UNTOLD) & seen, (told & CAN_SLIDE) > 0
+    report, rolled, seen = run.forecast[start], _rolled(run, start, watched), watched.any(axis=0)
+    known, slides = (report != UNTOLD) & seen, (report & CAN_SLIDE) > 0
     groups = {
         "rolls_as_told": known & ~slides & rolled,
         "slides_as_told": known & slides & ~rolled,
@@ -43,12 +44,12 @@ def forecast_against_fact(run: Run) -> dict[str, Any]:
         "slides_instead": known & ~slides & ~rolled,
     }
     lists = {name: np.flatnonzero(members).tolist() for name, members in groups.items()}
-    agree, unwatched = len(lists["rolls_as_told"]) + len(lists["slides_as_told"]), int(((told != UNTOLD) & ~seen).sum())
-    found = {"frame": start, "agree": agree, "told": int(known.sum()), "unwatched": unwatched} | lists
-    return found | (_judged_closer(run, start, watched, known) if known.any() else {})
+    agree, unwatched = len(lists["rolls_as_told"]) + len(lists["slides_as_told"]), int(((report != UNTOLD) & ~seen).sum())
+    result = {"frame": start, "agree": agree, "told": int(known.sum()), "unwatched": unwatched} | lists
+    return result | (_explanation(run, start, watched, known) if known.any() else {})
 
 
-def _judged_closer(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -> dict[str, Any]:
+def _explanation(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -> dict[str, Any]:
     """What explains an agreement: the count outside the band, with and without neighbours, and the conditions of the run.
 
     Keys: `clear` and `alone`, (agree, told) of the bodies outside the 2 % band and of those that meanwhile touch no other;
@@ -90,10 +91,10 @@ def draw_forecast(path: Path, picture: Path) -> None:
     from thirdbody.trajectory.reader import open_run
 
     with open_run(path) as run:
-        found = forecasts(run)
-        if not len(found.body):
+        result = forecasts(run)
+        if not len(result.body):
             raise InputError(f"{run.path}: nothing to draw: no body has a forecast, or there is no drag")
-        draw_forecasts(found, picture, run.header.get("title", ""))
+        draw_forecasts(result, picture, run.header.get("title", ""))
 
 
 def start_of_drag(run: Run) -> int | None:

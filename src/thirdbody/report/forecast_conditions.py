@@ -40,15 +40,16 @@ class Condition(NamedTuple):
     met: bool
 
 
-def conditions(run: Run, start: int, watched: np.ndarray, told: np.ndarray, friction: np.ndarray) -> list[Condition]:
+def conditions(run: Run, start: int, watched: np.ndarray, report: np.ndarray, friction: np.ndarray) -> list[Condition]:
     """The assumptions, each evaluated for the run.
 
-    `start` is the frame of the forecast, `watched` (F, B) the frames in which each body was watched, `told` (B,) the bodies that
+    `start` is the frame of the forecast, `watched` (F, B) the frames in which each body was watched, `report` (B,) the bodies
+    that
     have a forecast, `friction` (B,) their coefficients against the plates.
     """
-    neighbours = float(touches_others(run, watched)[told].mean())
-    overlap, inertia = _overlap(run, start), _inertia(run, start, told, friction)
-    frames, back = float(np.median(watched[:, told].sum(axis=0))), _turned_back(run, start, watched)
+    neighbours = float(touches_others(run, watched)[report].mean())
+    overlap, inertia = _overlap(run, start), _inertia(run, start, report, friction)
+    frames, back = float(np.median(watched[:, report].sum(axis=0))), _turned_back(run, start, watched)
     support, follows = _support(run)
     return [
         Condition("neighbours", "bodies that touch another one", neighbours, percent(neighbours),
@@ -65,13 +66,13 @@ def conditions(run: Run, start: int, watched: np.ndarray, told: np.ndarray, fric
 
 def touches_others(run: Run, watched: np.ndarray) -> np.ndarray:
     """Which bodies (B,) touch another body in a frame in which they are watched."""
-    found = np.zeros(watched.shape[1], bool)
+    result = np.zeros(watched.shape[1], bool)
     for frame in np.flatnonzero(watched.any(axis=1)):
         contacts = run.contacts(int(frame))
         between = contacts["partner"] >= 0
         members = np.unique(np.concatenate([contacts["body"][between], contacts["partner"][between]]))
-        found[members] |= watched[frame, members]
-    return found
+        result[members] |= watched[frame, members]
+    return result
 
 
 def _overlap(run: Run, start: int) -> float:
@@ -81,16 +82,16 @@ def _overlap(run: Run, start: int) -> float:
     return float(np.median((contacts["overlap"][loaded] / contacts["contact_radius"][loaded]) ** 2)) if loaded.any() else 0.0
 
 
-def _inertia(run: Run, start: int, told: np.ndarray, friction: np.ndarray) -> float:
+def _inertia(run: Run, start: int, report: np.ndarray, friction: np.ndarray) -> float:
     """Median of m v^2/(mu N a) of the bodies, with the mean speed of the drag; infinite without friction."""
-    bodies, contacts, count = run.bodies(start), run.contacts(start), len(told)
+    bodies, contacts, count = run.bodies(start), run.contacts(start), len(report)
     load, radius = np.zeros(count), np.zeros(count)
     np.add.at(load, contacts["body"], 0.5 * np.abs(contacts["normal_force"]))  # each side carries the load once
     np.maximum.at(radius, contacts["body"], contacts["contact_radius"])
     distance = run.series["distance"]
     speed = float(distance[-1] - distance[start]) / float(run.times[-1] - run.times[start])
-    resistance = (friction * load * radius)[told]
-    energy = np.asarray(bodies["mass"], float)[told] * speed**2
+    resistance = (friction * load * radius)[report]
+    energy = np.asarray(bodies["mass"], float)[report] * speed**2
     ratio = np.divide(energy, resistance, out=np.full(len(energy), np.inf), where=resistance > 0.0)
     return float(np.median(ratio))
 
@@ -99,11 +100,11 @@ def _turned_back(run: Run, start: int, watched: np.ndarray) -> float:
     """Share of the watched drag that is taken back: 0 for one-way sliding."""
     last = int(np.flatnonzero(watched.any(axis=1))[-1])
     ends = [run.plates(frame)["position"] for frame in (start, last)]
-    way = float(run.series["distance"][last] - run.series["distance"][start])
-    if not len(ends[0]) or way <= 0.0:
+    distance = float(run.series["distance"][last] - run.series["distance"][start])
+    if not len(ends[0]) or distance <= 0.0:
         return 0.0
     moved = (ends[1][4] - ends[1][0]) - (ends[0][4] - ends[0][0])
-    back = 1.0 - float(np.hypot(moved[0], moved[1])) / way
+    back = 1.0 - float(np.hypot(moved[0], moved[1])) / distance
     return back if back > ROUNDED else 0.0
 
 

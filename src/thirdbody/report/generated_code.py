@@ -18,9 +18,9 @@ def generated_code(scene: Scene, registry: Registry) -> dict[str, str]:
     `law`: the contact laws of an explicit step, with the stiffness that bounds it. `tangents`: what an implicit step needs of
     them besides; absent if a law has none. `effects` and `labeller`: absent from a scene without any. Raises InputError.
     """
-    from thirdbody.build.physics import choose
+    from thirdbody.build.physics import compile_physics
 
-    choice = choose(scene, registry)
+    choice = compile_physics(scene, registry)
     compiled: dict[str, Callable | None] = {
         "law": choice.chain.law,
         "tangents": choice.chain.tangents,

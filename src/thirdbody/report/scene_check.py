@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 from thirdbody.kernels import layout as at
-from thirdbody.quantity import duration, size
+from thirdbody.quantity import duration, file_size
 from thirdbody.report.active_components import part_warnings, parts
 from thirdbody.report.tables import table
 from thirdbody.runner.frame_cost import FrameCost, frame_cost
@@ -58,8 +58,8 @@ def check(
     from thirdbody.runner.simulate import prepare
     from thirdbody.scene.model import Scene
 
-    found = check_report(prepare(Scene.of(scene, plugins), plugins, force))
-    return Check({"warnings": found.pop("warnings")} | found)
+    result = check_report(prepare(Scene.of(scene, plugins), plugins, force))
+    return Check({"warnings": result.pop("warnings")} | result)
 
 
 def check_report(built: Simulation) -> dict[str, Any]:
@@ -218,9 +218,9 @@ def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str,
     from thirdbody.errors import GuardStop
 
     integrator = copy.deepcopy(original)
-    way, n = min(TRIAL_WAY, built.planned_distance), built.state.n_bodies
+    distance, n = min(TRIAL_WAY, built.planned_distance), built.state.n_bodies
     bodies = n if integrator.together else min(TRIAL_BODIES, n)
-    moved = built.schedule.time_of(way, 0.0) if way > 0.0 else built.settle
+    moved = built.schedule.time_of(distance, 0.0) if distance > 0.0 else built.settle
     try:
         integrator.trial(bodies, 1e-3 * built.settle)  # compiled, if it was not
         started = time.perf_counter()
@@ -230,7 +230,7 @@ def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str,
         dragged = time.perf_counter() - started - pressed
     except GuardStop as stop:
         return math.nan, str(stop), integrator
-    return (pressed + dragged * (built.planned_distance / way if way > 0.0 else 0.0)) * n / bodies, "", integrator
+    return (pressed + dragged * (built.planned_distance / distance if distance > 0.0 else 0.0)) * n / bodies, "", integrator
 
 
 def _memory(built: Simulation) -> int:
@@ -240,53 +240,53 @@ def _memory(built: Simulation) -> int:
     return int(spheres + sum(array.nbytes for array in arrays))
 
 
-def print_check(told: dict[str, Any]) -> None:
+def print_check(report: dict[str, Any]) -> None:
     """Print what `check_report` found: warnings first, then what a run is and costs, then the physics and the resolved scene."""
     from thirdbody.scene.toml_writer import toml_text
 
-    for warning in told["warnings"]:
+    for warning in report["warnings"]:
         say(f"warning: {warning}")
-    say(f"# {told['title'] or 'scene'}: {told['bodies']} bodies, {told['spheres']} spheres")
-    _print_costs(told)
-    _print_integration(told)
-    _print_plate(told)
-    _print_laws(told)
+    say(f"# {report['title'] or 'scene'}: {report['bodies']} bodies, {report['spheres']} spheres")
+    _print_costs(report)
+    _print_integration(report)
+    _print_plate(report)
+    _print_laws(report)
     print()
-    print(toml_text(told["scene"]))
-    if told["warnings"]:
-        print(f"# {len(told['warnings'])} warning(s): see the top")
+    print(toml_text(report["scene"]))
+    if report["warnings"]:
+        print(f"# {len(report['warnings'])} warning(s): see the top")
 
 
-def _print_costs(told: dict[str, Any]) -> None:
-    wall = told["estimated_wall_time"]
+def _print_costs(report: dict[str, Any]) -> None:
+    wall = report["estimated_wall_time"]
     taken = "wall time unknown (a guard stopped the trial)" if math.isnan(wall) else duration(wall)
-    framing = told["estimated_frame_time"]
-    frames = f"{told['frames']} frames" + ("" if math.isnan(framing) else f" (they take {duration(framing)} of it)")
-    print(f"estimated: {taken}, {size(told['memory'])} of memory, {frames}, {size(told['disk'])} on disk")
+    framing = report["estimated_frame_time"]
+    frames = f"{report['frames']} frames" + ("" if math.isnan(framing) else f" (they take {duration(framing)} of it)")
+    print(f"estimated: {taken}, {file_size(report['memory'])} of memory, {frames}, {file_size(report['disk'])} on disk")
 
 
-def _print_laws(told: dict[str, Any]) -> None:
-    law = told["law"]
+def _print_laws(report: dict[str, Any]) -> None:
+    law = report["law"]
     table(f"law {law['family']}, level {law['level']}", ("stage", "law", "source"),
           [(entry["stage"], entry["law"], entry["source"]) for entry in law["chain"]])  # fmt: skip
     if law["not_needed"]:
         say(f"absent, because no pair asks for it: {', '.join(law['not_needed'])}")
-    for pair in told["pairs"]:
+    for pair in report["pairs"]:
         values = ", ".join(f"{name} {value:.6g}" for name, value in pair.items() if name != "between")
         say(f"pair {pair['between'][0]}/{pair['between'][1]}: {values}")
-    on = ", ".join(effect["effect"] for effect in told["effects"]["on"]) or "none"
+    on = ", ".join(effect["effect"] for effect in report["effects"]["on"]) or "none"
     if law["explicit_only"]:
         say(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
-    contact, labels = told["effects"]["debris_contact"], told["effects"]["labels"]
+    contact, labels = report["effects"]["debris_contact"], report["effects"]["labels"]
     say(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
-    shares = ["" if row["share"] is None else f"{100.0 * row['share']:.0f} %" if row["on"] else "-" for row in told["parts"]]
+    fractions = ["" if row["share"] is None else f"{100.0 * row['share']:.0f} %" if row["on"] else "-" for row in report["parts"]]
     table("effects and parts, with their share of the time (estimated)", ("part", "", "share", "reason"),
           [(row["part"], "on" if row["on"] else "off", share, row["reason"])
-           for row, share in zip(told["parts"], shares, strict=True)])  # fmt: skip
+           for row, share in zip(report["parts"], fractions, strict=True)])  # fmt: skip
 
 
-def _print_plate(told: dict[str, Any]) -> None:
-    plate = told["upper_plate"]
+def _print_plate(report: dict[str, Any]) -> None:
+    plate = report["upper_plate"]
     if plate is None:
         return
     load = f"load {pretty(plate['load'], 'force')}" if plate["free"] else "height prescribed"
@@ -294,29 +294,29 @@ def _print_plate(told: dict[str, Any]) -> None:
     if plate["preload"]:
         total = plate["preload"] * plate["patches"]
         load += f" and {pretty(plate['preload'], 'force')} of preload on each patch ({pretty(total, 'force')} more in all)"
-    carried = f", carried by {plate['loaded_at_once']} of {told['bodies']} bodies at once" if plate["loaded_at_once"] else ""
+    carried = f", carried by {plate['loaded_at_once']} of {report['bodies']} bodies at once" if plate["loaded_at_once"] else ""
     each = " on each" if plate["support"] == "load_per_particle" else ""
     print(
         f"upper plate: {plate['support']}, {plate['patches']} patch(es), {load}{each}{carried}, "
         f"mass {plate['mass']:.3g} kg, damping {plate['damping']:.3g} kg/s, mean gap {pretty(plate['gap'], 'length')}"
     )
-    print(f"expected overlap {told['expected_overlap_over_radius']:.2g} of the radius")
+    print(f"expected overlap {report['expected_overlap_over_radius']:.2g} of the radius")
 
 
-def _print_integration(told: dict[str, Any]) -> None:
-    say(f"integrator {told['integrator']}: {told['integrator_reason']}")
-    settling, whole = pretty(told["settle"], "time"), pretty(told["simulated_time"], "time")
-    if "time_step" not in told:
-        chosen = told["accuracy"]
+def _print_integration(report: dict[str, Any]) -> None:
+    say(f"integrator {report['integrator']}: {report['integrator_reason']}")
+    settling, whole = pretty(report["settle"], "time"), pretty(report["simulated_time"], "time")
+    if "time_step" not in report:
+        chosen = report["accuracy"]
         far = chosen["largest_step"]
-        most = f"{chosen['radii']:g} contact radii of the drag" + ("" if math.isinf(far) else f" or {pretty(far, 'length')}")
+        maximum = f"{chosen['radii']:g} contact radii of the drag" + ("" if math.isinf(far) else f" or {pretty(far, 'length')}")
         inertia = "with inertia" if chosen["inertia"] else "without inertia (quasi-static)"
-        print(f"steps up to {most}, error at most {chosen['tolerance']:g} of a contact radius, {inertia}")
+        print(f"steps up to {maximum}, error at most {chosen['tolerance']:g} of a contact radius, {inertia}")
         print(f"settling {settling}, simulated {whole}, every body by steps of its own")
         return
-    step = told["time_step"]
+    step = report["time_step"]
     print(f"time step {pretty(step['step'], 'time')}, {_limit(step)} (Rayleigh time {pretty(step['rayleigh'], 'time')})")
-    print(f"settling {settling}, simulated {whole}, {told['steps']:.3g} steps")
+    print(f"settling {settling}, simulated {whole}, {report['steps']:.3g} steps")
 
 
 def _limit(step: dict[str, Any]) -> str:

@@ -70,10 +70,10 @@ def run_report(folder: Path, json: bool) -> None:
     from thirdbody.trajectory.reader import open_run
 
     with open_run(folder) as result:
-        told = result.summary()
+        report = result.summary()
         files = sorted(str(path) for path in folder.iterdir())
         if json:
-            print_json(told | {"files": files})
+            print_json(report | {"files": files})
             return
         fractions = [
             f"{name} {100.0 * result.series[f'fraction_{name}'][-1]:.1f} %"
@@ -81,22 +81,22 @@ def run_report(folder: Path, json: bool) -> None:
             if f"fraction_{name}" in result.series
         ]
         rows = [
-            ("wall time", f"{told['wall_time']:.1f} s"),
-            ("steps", f"{told['steps']} ({told['sphere_steps_per_second']:.3g} sphere-steps/s)"),
-            *([("steps limited by", step_words(told))] if step_words(told) else []),
-            ("sliding distance", pretty(told["distance"], "length")),
+            ("wall time", f"{report['wall_time']:.1f} s"),
+            ("steps", f"{report['steps']} ({report['sphere_steps_per_second']:.3g} sphere-steps/s)"),
+            *([("steps limited by", step_words(report))] if step_words(report) else []),
+            ("sliding distance", pretty(report["distance"], "length")),
             ("friction coefficient", str(result.friction)),
             ("states", ", ".join(fractions)),
-            *_group_rows(told),
-            ("peak pressure", yield_words(told) or "not known"),
-            ("energy residual", "not known" if told["energy_residual"] is None else f"{told['energy_residual']:.2e}"),
+            *_group_rows(report),
+            ("peak pressure", yield_words(report) or "not known"),
+            ("energy residual", "not known" if report["energy_residual"] is None else f"{report['energy_residual']:.2e}"),
             ("files", f"{folder} ({', '.join(Path(file).name for file in files)})"),
         ]
-        if told.get("stopped"):
+        if report.get("stopped"):
             # the full reason ends the command, on standard error
-            rows.insert(0, ("finished", f"no: {told['stopped'].split(' ')[0]} after {told['frames']} frame(s), kept"))
+            rows.insert(0, ("finished", f"no: {report['stopped'].split(' ')[0]} after {report['frames']} frame(s), kept"))
         table("", ("", ""), rows)
-        print_warnings([*filter(None, [yield_warning(told), told.get("energy_verdict")]), *ending_warnings(told)])
+        print_warnings([*filter(None, [yield_warning(report), report.get("energy_verdict")]), *ending_warnings(report)])
 
 
 def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -170,38 +170,38 @@ def _states_over_frames(run: Run, json: bool) -> None:
     _tell_forecast(forecast_against_fact(run))
 
 
-def _tell_forecast(found: dict[str, Any]) -> None:
+def _tell_forecast(result: dict[str, Any]) -> None:
     """Print the table, and the bodies in which forecast and fact differ."""
-    if found and found["unwatched"]:
-        count = found["unwatched"]
+    if result and result["unwatched"]:
+        count = result["unwatched"]
         print(f"{count} bodies have no frame within the first 40 contact radii of drag: output.every is too coarse")
-    if not found or not found["told"]:
+    if not result or not result["told"]:
         return
     from thirdbody.report.forecast_check import WATCHED
 
     table(
-        f"forecast at frame {found['frame']} against the first {WATCHED:g} contact radii of drag",
+        f"forecast at frame {result['frame']} against the first {WATCHED:g} contact radii of drag",
         ["", "was rolling", "never rolled"],
         [
-            ["can only roll", str(len(found["rolls_as_told"])), str(len(found["slides_instead"]))],
-            ["can slide", str(len(found["rolls_instead"])), str(len(found["slides_as_told"]))],
+            ["can only roll", str(len(result["rolls_as_told"])), str(len(result["slides_instead"]))],
+            ["can slide", str(len(result["rolls_instead"])), str(len(result["slides_as_told"]))],
         ],
     )
-    print(f"agreement {_of(found['agree'], found['told'])}")
-    print(f"  with friction more than 2 % from t_min and t_max: {_of(*found['clear'])}; of these, touching no other body: "
-          f"{_of(*found['alone'])}")  # fmt: skip
-    if found["turned"] is not None:
-        print(f"  by whether they turned by more than a/R in that drag, instead of by labels: {_of(*found['turned'])}")
+    print(f"agreement {_of(result['agree'], result['told'])}")
+    print(f"  with friction more than 2 % from t_min and t_max: {_of(*result['clear'])}; of these, touching no other body: "
+          f"{_of(*result['alone'])}")  # fmt: skip
+    if result["turned"] is not None:
+        print(f"  by whether they turned by more than a/R in that drag, instead of by labels: {_of(*result['turned'])}")
     for name, text in (("rolls_instead", "rolled although they can slide"), ("slides_instead", "never rolled although told to")):
-        if found[name]:
-            shown = ", ".join(map(str, found[name][:20]))
-            print(f"{text}: bodies {shown}" + (f" and {len(found[name]) - 20} more" if len(found[name]) > 20 else ""))
-    _print_conditions(found["conditions"])
+        if result[name]:
+            shown = ", ".join(map(str, result[name][:20]))
+            print(f"{text}: bodies {shown}" + (f" and {len(result[name]) - 20} more" if len(result[name]) > 20 else ""))
+    _print_conditions(result["conditions"])
 
 
-def _of(agree: int, told: int) -> str:
+def _of(agree: int, report: int) -> str:
     """`97 of 100 (97.0 %)`."""
-    return f"{agree} of {told}" + (f" ({100.0 * agree / told:.1f} %)" if told else "")
+    return f"{agree} of {report}" + (f" ({100.0 * agree / report:.1f} %)" if report else "")
 
 
 def _print_conditions(conditions: Sequence[dict[str, Any]]) -> None:
@@ -245,12 +245,12 @@ def _states_of_bodies(run: Run, frame: int, json: bool) -> None:
 
 
 def _reasons(states: np.ndarray, codes: np.ndarray, names: Sequence[str], reasons: Sequence[str]) -> dict[str, dict[str, int]]:
-    found: dict[str, dict[str, int]] = {}
+    result: dict[str, dict[str, int]] = {}
     for code, name in enumerate(names):
         counts = np.bincount(codes[states == code], minlength=len(reasons))
         if counts.any():
-            found[name] = {reasons[k]: int(n) for k, n in enumerate(counts) if n}
-    return found
+            result[name] = {reasons[k]: int(n) for k, n in enumerate(counts) if n}
+    return result
 
 
 def laws_report(registry: Registry, json: bool) -> None:

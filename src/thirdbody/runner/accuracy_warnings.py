@@ -44,9 +44,9 @@ def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]
     `histories_shortened`: contacts whose law had no room for all of their history and dropped the least of it.
     `damping_share`: what dashpots take of the plates' work; None where those of the patches play no part.
     """
-    share = conduct.ledger.relative_residual(simulation.state, lines["numerical"])
+    fraction = conduct.ledger.relative_residual(simulation.state, lines["numerical"])
     return {
-        "energy_numerical_share": math.copysign(share, lines["numerical"]),
+        "energy_numerical_share": math.copysign(fraction, lines["numerical"]),
         "load_ratio": _load_ratio(simulation, conduct),
         "damping_share": _damping_share(simulation, lines),
         "patches_not_carried": None if simulation.state.inertial else patches_not_carried(simulation),
@@ -87,15 +87,15 @@ def patches_not_carried(simulation: Simulation) -> int:
     return int(np.count_nonzero(alone & (carried < CARRIED * P[:, at.P_LOAD])))
 
 
-def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
+def ending_warnings(report: Mapping[str, Any]) -> Iterator[str]:
     """Warnings after a run, from its summary; runs of older versions have none. Losses of energy: `trajectory.energy_check`."""
-    ratio, left = told.get("load_ratio"), told.get("patches_not_carried")
-    if ratio is not None and abs(ratio - 1.0) > LOAD and told.get("finished"):
+    ratio, left = report.get("load_ratio"), report.get("patches_not_carried")
+    if ratio is not None and abs(ratio - 1.0) > LOAD and report.get("finished"):
         yield (
             f"over the last output interval the debris carried {ratio:.2f} times the load on the upper plate: the difference "
             "accelerates the plate's mass, which still bounces; more plates.upper.damping or a slower motion keeps it in contact"
         )
-    damped, energy = told.get("damping_share"), told.get("energy") or {}
+    damped, energy = report.get("damping_share"), report.get("energy") or {}
     friction = energy.get("friction", 0.0) / max(energy.get("plate_work", 0.0), 1e-300)
     if damped is not None and damped > DAMPED and friction > RUBBED:
         yield (
@@ -103,14 +103,14 @@ def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
             "upper plate that rise and fall with bodies that roll lose it, so friction work depends on plates.upper.damping; "
             "a lower one or a slower motion leaves more of it to friction"
         )
-    rolling = told.get("largest_fraction_rolling", 0.0)
+    rolling = report.get("largest_fraction_rolling", 0.0)
     if left is not None and rolling > ROLLING:
         yield (
             f"up to {100.0 * rolling:.0f} % of the bodies rolled or tipped at once, without inertia: where a body that tips "
             "comes to rest depends on its momentum, so some may end in another seat than with inertia, and the friction of "
             "few bodies may differ by some per cent"
         )
-    short = told.get("histories_shortened")
+    short = report.get("histories_shortened")
     if short:
         yield (
             f"{short} contacts bent their history more often than contact.nodes has room for, and dropped the least of it: an "
@@ -118,13 +118,13 @@ def ending_warnings(told: Mapping[str, Any]) -> Iterator[str]:
         )
     if left:
         yield (
-            f"at the end {left} of {told['bodies']} patches of the upper plate carry less than {CARRIED:g} of their load: "
+            f"at the end {left} of {report['bodies']} patches of the upper plate carry less than {CARRIED:g} of their load: "
             "their dashpots do, or their bodies are gone; lower plates.upper.damping or the speed, or leave solver.inertia out"
         )
 
 
-def step_words(told: Mapping[str, Any]) -> str:
+def step_words(report: Mapping[str, Any]) -> str:
     """What limited the steps of an implicit run, such as `error 60 %, growth 25 %`; empty for others."""
-    counts = told.get("steps_limited_by") or {}
+    counts = report.get("steps_limited_by") or {}
     whole = sum(counts.values())
     return ", ".join(f"{name.replace('_', ' ')} {100.0 * n / whole:.0f} %" for name, n in list(counts.items())[:3])

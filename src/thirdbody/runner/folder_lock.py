@@ -11,7 +11,7 @@ from thirdbody.errors import OutputError
 
 
 @contextmanager
-def held(folder: Path) -> Iterator[None]:
+def lock_folder(folder: Path) -> Iterator[None]:
     """Hold a folder while it is written to; the system frees it however the process ends, `kill -9` included.
 
     Raises OutputError if another process holds it. Where the system cannot lock a folder nothing is held.

@@ -99,13 +99,13 @@ def _bar(title: str) -> Iterator[Reporter]:
 
 
 def _plain() -> Reporter:
-    told = [-1]
+    message = [-1]
 
     def report(progress: Progress) -> None:
         tenth = int(LINES * progress.fraction)
-        if tenth <= told[0]:
+        if tenth <= message[0]:
             return
-        told[0] = tenth
+        message[0] = tenth
         left = progress.elapsed / progress.fraction * (1.0 - progress.fraction) if progress.fraction > 0.0 else math.nan
         remaining = "" if math.isnan(left) else f", {left:.0f} s left"
         print(

@@ -48,9 +48,9 @@ def resume(
     folder = _folder_of(out)
     for warning in check_threads(threads):
         warnings.warn(warning, stacklevel=2)
-    simulation, kept = prepare_resume(folder, settings or {}, plugins)
+    simulation, saved = prepare_resume(folder, settings or {}, plugins)
     with reporting(progress, simulation.scene.title) as report, stop_on_ctrl_c() as stop:
-        execute(simulation, folder, threads, report, stop=stop, kept=kept)
+        execute(simulation, folder, threads, report, stop=stop, kept=saved)
     return open_run(folder)
 
 
@@ -66,22 +66,22 @@ def prepare_resume(
     if not os.path.isdir(folder):  # unlike Path.is_dir, False for a name that is too long
         raise InputError(f"{folder}: no such folder; give that of a run")
     refuse_links(folder)
-    kept = read_checkpoint(folder)
+    saved = read_checkpoint(folder)
     plugins = tuple(plugins)
-    before, scene = _scenes(folder, kept, settings or {}, plugins)
-    if kept.frames:
+    before, scene = _scenes(folder, saved, settings or {}, plugins)
+    if saved.frames:
         with open_run(folder) as run:
-            if run.frames < kept.frames:
-                message = f"has {run.frames} frames, and the checkpoint was written after {kept.frames}"
+            if run.frames < saved.frames:
+                message = f"has {run.frames} frames, and the checkpoint was written after {saved.frames}"
                 raise InputError(f"{folder / FILE_NAME}: {message}")
-    simulation = prepare(scene, plugins, kept.force)
+    simulation = prepare(scene, plugins, saved.force)
     now = prints_of(simulation)
-    _refuse_other(folder, kept.prints, now)
-    if kept.prints.get(THE_VERSION) != now[THE_VERSION]:
+    _refuse_other(folder, saved.prints, now)
+    if saved.prints.get(THE_VERSION) != now[THE_VERSION]:
         simulation.warnings.append("taken up by another version of thirdbody or numba than before: not bit for bit the same run")
     if before.solver != scene.solver:  # a longer run
-        kept.stop = _stops(kept, simulation)
-    return simulation, kept
+        saved.stop = _stops(saved, simulation)
+    return simulation, saved
 
 
 def _scenes(

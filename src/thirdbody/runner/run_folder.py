@@ -17,7 +17,7 @@ from pathlib import Path
 from thirdbody.errors import Fault, InputError, OutputError
 from thirdbody.export.paraview import SCRIPT_NAME
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
-from thirdbody.runner.folder_lock import held
+from thirdbody.runner.folder_lock import lock_folder
 from thirdbody.trajectory.reader import FILE_NAME
 from thirdbody.trajectory.schema import BLOCKS
 
@@ -76,10 +76,10 @@ class RunFolder:
 def _identity(path: Path) -> tuple[int, int] | None:
     """Return what tells a folder from all others, whatever its name; None without a folder."""
     try:
-        found = os.stat(path)
+        result = os.stat(path)
     except OSError:
         return None
-    return found.st_dev, found.st_ino
+    return result.st_dev, result.st_ino
 
 
 @contextmanager
@@ -95,7 +95,7 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
     try:
         if new:
             _make(path)
-        with held(path), _files_of_new_run(path) as files:
+        with lock_folder(path), _files_of_new_run(path) as files:
             yield files
     finally:
         for folder in [path, *above] if new else ():  # from the innermost outwards; one that holds something stays
@@ -133,7 +133,7 @@ def _make(folder: Path) -> None:
 @contextmanager
 def old_run_folder(path: Path) -> Iterator[RunFolder]:
     """The folder of a run that goes on, held. Raises OutputError if it is being written."""
-    with held(path):
+    with lock_folder(path):
         _remove_leftovers(path)
         yield RunFolder(path)
 

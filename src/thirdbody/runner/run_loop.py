@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.guards import Looks
+from thirdbody.engine.guards import EnergyGuard
 from thirdbody.engine.snapshot import put, snapshot
 from thirdbody.errors import InputError, Interrupted, OutputError
 from thirdbody.runner.checkpoint import Checkpoint, prints_of, write_checkpoint
@@ -48,7 +48,7 @@ class Conduct:
         self.written = self.started
         self.series: dict[str, Any] = {}  # those of the last frame
         self.ledger = Ledger(simulation.state)
-        self.looks = Looks(self.ledger, 2 if simulation.integrator.divisible else 1)
+        self.looks = EnergyGuard(self.ledger, 2 if simulation.integrator.divisible else 1)
         self.pressure = PeakPressure(simulation)
         self.maker = FrameMaker(
             simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag, self.pressure.hertz
@@ -94,13 +94,13 @@ class Conduct:
     def keep(self) -> None:
         """Write a checkpoint."""
         begun = time.perf_counter()
-        kept = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
+        saved = snapshot(self.simulation.state, self.simulation.integrator, self.ledger)
         self.writer.sync()
         self.files.check()
         folder = str(self.simulation.scene.beside("").absolute())
         write_checkpoint(self.files.place, Checkpoint(
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
-            self.looks.above, np.array(self.maker.impulses), kept,
+            self.looks.above, np.array(self.maker.impulses), saved,
         ), self.folder)  # fmt: skip
         self.written = time.perf_counter()
         self.cost = self.written - begun

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from thirdbody.quantity import duration, size
+from thirdbody.quantity import duration, file_size
 from thirdbody.runner.output_schedule import settling_frames
 from thirdbody.units import pretty
 
@@ -43,7 +43,10 @@ def run_warnings(built: Simulation, wall: float, framing: float, disk: float, st
         )
     if disk > LARGE:
         every = _wider(built, disk / LARGE)
-        yield f'the trajectory would take about {size(disk)} on disk: output.every = "{every}" leaves {size(LARGE)} or less'
+        yield (
+            f'the trajectory would take about {file_size(disk)} on disk: output.every = "{every}" leaves {file_size(LARGE)} '
+            f"or less"
+        )
 
 
 def _wider(built: Simulation, times: float) -> str:

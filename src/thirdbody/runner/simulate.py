@@ -17,7 +17,7 @@ import numpy as np
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import GuardStop, Interrupted, OutputError, UsageError
 from thirdbody.export.paraview import write_paraview_files
-from thirdbody.jit.gc_pause import resting
+from thirdbody.jit.gc_pause import paused
 from thirdbody.runner.accuracy_warnings import endings
 from thirdbody.runner.checkpoint import Checkpoint
 from thirdbody.runner.progress import Reporter, reporting
@@ -71,12 +71,12 @@ def run(
 
 def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False) -> Simulation:
     """The simulation of a scene, compiled and in place at time zero. Raises UsageError and InputError."""
-    from thirdbody.engine.precompile import begin, tell, warm_up
+    from thirdbody.engine.precompile import report_compilation, start_compiling, warm_up
     from thirdbody.laws.registry import discover
 
-    with _preparing, resting("simulation"):
-        begin()
-        tell()
+    with _preparing, paused("simulation"):
+        start_compiling()
+        report_compilation()
         registry = discover(tuple(plugins))
         from thirdbody.build.simulation import build
 
@@ -155,18 +155,18 @@ def _writer(files: RunFolder, header: dict[str, Any], conduct: Conduct, kept: Ch
         return TrajectoryWriter(files.place / FILE_NAME, header, conduct.maker.static(), (path, 0))
     with open_run(path) as before:
         # what was told of an earlier part still holds for it
-        told = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
-    header = header | {"warnings": [*told, *header["warnings"]]}
+        report = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
+    header = header | {"warnings": [*report, *header["warnings"]]}
     return TrajectoryWriter.resume(path, kept.frames, header, conduct.stop_before_going_on)
 
 
 def check_threads(threads: int | None) -> list[str]:
     """Return a warning if more threads are asked for than there are cores. Raises UsageError for a number below 1."""
-    most = _most_threads()
+    maximum = _most_threads()
     if threads is not None and threads < 1:
         raise UsageError(f"threads = {threads}: must be at least 1")
-    if threads is not None and threads > most:
-        return [f"{threads} threads were asked for; {most} are used, as many as there are cores"]
+    if threads is not None and threads > maximum:
+        return [f"{threads} threads were asked for; {maximum} are used, as many as there are cores"]
     return []
 
 
@@ -174,8 +174,8 @@ def set_threads(threads: int | None) -> None:
     """Set the number of threads of the compiled loops: all cores if None, and never more than there are."""
     import numba
 
-    most = _most_threads()
-    numba.set_num_threads(most if threads is None else min(threads, most))
+    maximum = _most_threads()
+    numba.set_num_threads(maximum if threads is None else min(threads, maximum))
 
 
 def _most_threads() -> int:

@@ -66,20 +66,20 @@ class PeakPressure:
 
 def yield_words(summary: Mapping[str, Any]) -> str:
     """The largest peak pressure of a run in words, from its summary; empty for a run that has none."""
-    found, pressure = summary.get("first_yield"), summary.get("peak_pressure")
-    if not found or not pressure:
+    result, pressure = summary.get("first_yield"), summary.get("peak_pressure")
+    if not result or not pressure:
         return ""
     words = pretty(pressure, "pressure")
-    if found["pressure"] is None:
+    if result["pressure"] is None:
         return f"{words}; no yield strength is known or assumed"
-    where = limit_words(found["material"], found["pressure"], found["yield_strength"], found["assumed"])
-    return f"{words}; {found['between'][0]}/{found['between'][1]}: {found['ratio']:.2g} times {where}"
+    where = limit_words(result["material"], result["pressure"], result["yield_strength"], result["assumed"])
+    return f"{words}; {result['between'][0]}/{result['between'][1]}: {result['ratio']:.2g} times {where}"
 
 
 def yield_warning(summary: Mapping[str, Any]) -> str:
     """A warning of contacts above first yield, from the summary of a run; empty where there are none."""
-    found = summary.get("first_yield")
-    if not found or not found["ratio"] > 1.0:
+    result = summary.get("first_yield")
+    if not result or not result["ratio"] > 1.0:
         return ""
-    words = f"peak pressure {yield_words(summary)}, in {found['contacts']} contact(s) of one frame"
+    words = f"peak pressure {yield_words(summary)}, in {result['contacts']} contact(s) of one frame"
     return f"{words}: they would flow plastically, and are computed as elastic; a lower load stays below"

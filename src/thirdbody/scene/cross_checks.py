@@ -27,10 +27,10 @@ MOST_MATERIALS = MOST_POPULATIONS = 1000
 def number_faults(raw: dict[str, Any]) -> list[Wrong]:
     """More materials or debris tables than are read."""
     wrongs: list[Wrong] = []
-    for key, most, what in (("materials", MOST_MATERIALS, "materials"), ("debris", MOST_POPULATIONS, "debris tables")):
+    for key, maximum, what in (("materials", MOST_MATERIALS, "materials"), ("debris", MOST_POPULATIONS, "debris tables")):
         count = len(raw[key]) if isinstance(raw.get(key), Mapping | list | tuple) else 0
-        if count > most:
-            wrongs.append(((key,), f"{count} {what}, at most {most} are read"))
+        if count > maximum:
+            wrongs.append(((key,), f"{count} {what}, at most {maximum} are read"))
     return wrongs
 
 

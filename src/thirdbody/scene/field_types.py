@@ -92,8 +92,8 @@ class Range:
         if not all(kept for _, _, kept in limits):
             if self.ge is not None and self.ge == self.le:
                 raise ValueError(f"{shown} must be {self.ge:g}")
-            told = " and ".join(f"{word} {limit:g}" for word, limit, _ in limits if limit is not None)
-            raise ValueError(f"{shown} must be {told}")
+            report = " and ".join(f"{word} {limit:g}" for word, limit, _ in limits if limit is not None)
+            raise ValueError(f"{shown} must be {report}")
 
     def limits(self) -> dict[str, float]:
         """Return the limits in the words of JSON schema."""

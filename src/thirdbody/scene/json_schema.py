@@ -16,8 +16,8 @@ def quantity_schema(dimension: str, limits: Schema, words: tuple[str, ...] = ())
         schema: Schema = {"type": "number"} | limits
     else:
         accepted = units.accepted_units(dimension)
-        told = f"{units.DIMENSIONS[dimension].phrase} with its unit: {', '.join(accepted)}"
-        schema = {"type": "string", "description": told, "examples": [f"1 {accepted[len(accepted) // 2]}"]}
+        report = f"{units.DIMENSIONS[dimension].phrase} with its unit: {', '.join(accepted)}"
+        schema = {"type": "string", "description": report, "examples": [f"1 {accepted[len(accepted) // 2]}"]}
     return {"anyOf": [{"enum": list(words)}, schema]} if words else schema
 
 

@@ -49,13 +49,13 @@ def bundle(wrongs: Iterable[Wrong]) -> ValidationError:
 
 def wrongs_of(error: ValidationError) -> list[Wrong]:
     """Place and plain text of every error."""
-    found = []
+    result = []
     for entry in error.errors(include_url=False):
         text = MISSING if entry["type"] == "missing" else entry["msg"].removeprefix("Value error, ")
         if entry["type"] == "dict_type":
             text = f"expected a table, got {show(entry['input'])}"
-        found.append((tuple(entry["loc"]), text))
-    return found
+        result.append((tuple(entry["loc"]), text))
+    return result
 
 
 def key_path(place: Iterable[str | int]) -> str:
@@ -80,7 +80,7 @@ def key_place(path: str) -> Place:
     return tuple(int(number) if number else word for number, word in re.findall(r"\[(\d+)\]|([^.\[\]]+)", path))
 
 
-def tagged(key: str, kinds: Mapping[str, type[Part]], later: tuple[str, ...] = ()) -> WrapValidator:
+def union_by_key(key: str, kinds: Mapping[str, type[Part]], later: tuple[str, ...] = ()) -> WrapValidator:
     """Chooses the kind of table by the value of one of its keys, so only that kind's faults are told."""
 
     def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
@@ -172,8 +172,8 @@ class Part(BaseModel):
             part = handler(cls.arrange(raw))
             wrongs += part.checks()
         except ValidationError as error:
-            told = {place for place, _ in wrongs}
-            wrongs += [wrong for wrong in wrongs_of(error) if wrong[0] not in told]
+            report = {place for place, _ in wrongs}
+            wrongs += [wrong for wrong in wrongs_of(error) if wrong[0] not in report]
         if cls.later.keys() & data.keys():  # what the postponed key would have given is not missing
             wrongs = [(place, text) for place, text in wrongs if place and text != MISSING]
         if wrongs:
@@ -195,23 +195,23 @@ class Part(BaseModel):
 
         Reading on under the meant name keeps one misspelling from also being told as a missing key.
         """
-        kept = {key: value for key, value in raw.items() if key in cls.model_fields}
+        saved = {key: value for key, value in raw.items() if key in cls.model_fields}
         renamed: dict[str, str] = {}
         wrongs: list[Wrong] = []
-        strange = [key for key in raw if key not in kept]
+        strange = [key for key in raw if key not in saved]
         for key in strange[:MOST_STRANGE]:
             if key in cls.later:
                 text = f"{key} = {show(raw[key])} is known but not available in this version"
                 wrongs.append(((key,), f"{text}; available: {cls.later[key]}"))
                 continue
             wrongs.append(((key,), f"unknown key, {cls.suggestion(str(key))}"))
-            for meant in difflib.get_close_matches(str(key), cls.model_fields.keys() - kept.keys(), 1, 0.7):
-                kept[meant] = raw[key]
+            for meant in difflib.get_close_matches(str(key), cls.model_fields.keys() - saved.keys(), 1, 0.7):
+                saved[meant] = raw[key]
                 renamed[meant] = key
         if len(strange) > MOST_STRANGE:
             more = len(strange) - MOST_STRANGE
             wrongs.append(((strange[MOST_STRANGE],), f"unknown key, and so are {more - 1} more after it"))
-        return kept, renamed, wrongs
+        return saved, renamed, wrongs
 
     @model_serializer(mode="wrap")
     def _spread(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:

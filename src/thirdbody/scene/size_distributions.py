@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, ValidationInfo
 from thirdbody import units
 from thirdbody.scene.field_types import PositiveLength, PositiveNumber, Quantity
 from thirdbody.scene.json_schema import ShortForm, quantity_schema
-from thirdbody.scene.schema_base import Part, Wrong, tagged
+from thirdbody.scene.schema_base import Part, Wrong, union_by_key
 
 
 class SizeDistribution(Part):
@@ -109,7 +109,7 @@ def _constant_size(value: Any, info: ValidationInfo) -> Any:
 
 Size = Annotated[
     Constant | Lognormal | Normal | Uniform,
-    tagged("distribution", _SIZES),
+    union_by_key("distribution", _SIZES),
     BeforeValidator(_constant_size),
     ShortForm(quantity_schema("length", {})),
 ]

@@ -22,23 +22,23 @@ def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> 
         entries = list(value) if isinstance(value, list | tuple) else [value]
         if not entries:
             raise ValueError("the list of stages is empty")
-        found = []
+        result = []
         wrongs: list[Wrong] = []
         for k, entry in enumerate(entries):
             place: tuple[str | int, ...] = (k,) if isinstance(value, list | tuple) else ()
             try:
-                found.append(_stage_of(entry, info, kinds, example))
+                result.append(_stage_of(entry, info, kinds, example))
             except ValidationError as error:
                 wrongs += [((*place, *where), text) for where, text in wrongs_of(error)]
             except ValueError as error:
                 wrongs.append((place, str(error)))
-        for k, stage in enumerate(found[:-1]):
+        for k, stage in enumerate(result[:-1]):
             key = endless(stage)
             if key is not None:
                 wrongs.append(((k, key), f"{MISSING}: only the last stage may go on for ever"))
         if wrongs:
             raise bundle(wrongs)
-        return tuple(found)
+        return tuple(result)
 
     return WrapValidator(read)
 
@@ -63,7 +63,7 @@ def _nearest_key(key: str, kinds: Iterable[str]) -> str | None:
     return close[0] if close else None
 
 
-def plain_stages(found: tuple[Part, ...]) -> Any:
+def plain_stages(result: tuple[Part, ...]) -> Any:
     """A single stage as a table, several as a list."""
-    told = [stage.model_dump(exclude_none=True) for stage in found]
-    return told[0] if len(told) == 1 else told
+    report = [stage.model_dump(exclude_none=True) for stage in result]
+    return report[0] if len(report) == 1 else report

@@ -62,7 +62,7 @@ def _gap_is_set(text: str) -> bool:
     return "gap" in tomllib.loads(text).get("plates", {}).get("upper", {})
 
 
-def errors(found: Outcome, reference: Outcome) -> dict[str, float]:
+def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
     """Errors of a run against a reference, over the frames that both have. NaN where there is nothing to compare.
 
     `friction_error` and `load_error` (of the load where the gap is set, else of the gap) are the root of the mean square over the
@@ -71,28 +71,28 @@ def errors(found: Outcome, reference: Outcome) -> dict[str, float]:
     other way says nothing of the accuracy. `label_difference`: share of all labels, frame by frame. `dissipation_error` is
     relative.
     """
-    way = reference.distance if reference.distance > 0.0 else float(np.nanmean(reference.gap))
-    same = _same_labels(found, reference)
-    moved = found.position - reference.position
+    path = reference.distance if reference.distance > 0.0 else float(np.nanmean(reference.gap))
+    same = _same_labels(result, reference)
+    moved = result.position - reference.position
     with np.errstate(invalid="ignore"):
         wraps = np.where(np.isinf(reference.period), 0.0, np.round(moved[:, :2] / reference.period))
     moved[:, :2] -= np.where(wraps == 0.0, 0.0, wraps * np.where(np.isinf(reference.period), 0.0, reference.period))
-    load = (found.normal, reference.normal) if reference.gap_set else (found.gap, reference.gap)
+    load = (result.normal, reference.normal) if reference.gap_set else (result.gap, reference.gap)
     return {
-        "friction_error": rms_error(found.friction, reference.friction),
+        "friction_error": rms_error(result.friction, reference.friction),
         "load_error": rms_error(*load),
-        "position_error": _median(np.linalg.norm(moved, axis=1)[same]) / way,
-        "rotation_error": _median(turns(found.quaternion, reference.quaternion)[same]),
-        "label_difference": label_difference(found.states, reference.states),
-        "dissipation_error": _relative(found.dissipated, reference.dissipated),
+        "position_error": _median(np.linalg.norm(moved, axis=1)[same]) / path,
+        "rotation_error": _median(turns(result.quaternion, reference.quaternion)[same]),
+        "label_difference": label_difference(result.states, reference.states),
+        "dissipation_error": _relative(result.dissipated, reference.dissipated),
     }
 
 
-def rms_error(found: Array, reference: Array) -> float:
+def rms_error(result: Array, reference: Array) -> float:
     """Root of the mean square difference over the mean size of the reference, over common frames that have numbers; NaN
     without any."""
-    frames = min(len(found), len(reference))
-    a, b = found[:frames], reference[:frames]
+    frames = min(len(result), len(reference))
+    a, b = result[:frames], reference[:frames]
     known = np.isfinite(a) & np.isfinite(b)
     size = float(np.mean(np.abs(b[known]))) if known.any() else 0.0
     return float(np.sqrt(np.mean((a[known] - b[known]) ** 2))) / size if size > 0.0 else float("nan")
@@ -106,26 +106,26 @@ def turns(first: Array, second: Array) -> Array:
     return 2.0 * np.arctan2(np.linalg.norm(v, axis=1), w)
 
 
-def label_difference(found: Array | None, reference: Array | None) -> float:
+def label_difference(result: Array | None, reference: Array | None) -> float:
     """Share of labels (F, B) that differ; NaN without labels."""
-    if found is None or reference is None:
+    if result is None or reference is None:
         return float("nan")
-    frames = min(len(found), len(reference))
-    return float(np.mean(found[:frames] != reference[:frames])) if frames else float("nan")
+    frames = min(len(result), len(reference))
+    return float(np.mean(result[:frames] != reference[:frames])) if frames else float("nan")
 
 
-def _same_labels(found: Outcome, reference: Outcome) -> Array:
-    if found.states is None or reference.states is None:
+def _same_labels(result: Outcome, reference: Outcome) -> Array:
+    if result.states is None or reference.states is None:
         return np.ones(len(reference.position), bool)
-    return found.states[-1] == reference.states[-1]
+    return result.states[-1] == reference.states[-1]
 
 
 def _median(values: Array) -> float:
     return float(np.median(values)) if len(values) else float("nan")
 
 
-def _relative(found: float, reference: float) -> float:
-    return abs(found - reference) / abs(reference) if reference else float("nan")
+def _relative(result: float, reference: float) -> float:
+    return abs(result - reference) / abs(reference) if reference else float("nan")
 
 
 def order(sizes: Any, values: Any) -> float:

@@ -57,8 +57,8 @@ class Spots:
 
         The mean over the spots, weighted with their loads: a spot that hardly touches is hurt most, and matters least.
         """
-        shares = (self.load / (math.pi * self.e_star * self.apart)).sum(axis=1) / self.overlap
-        return float(np.average(shares, weights=self.load))
+        fractions = (self.load / (math.pi * self.e_star * self.apart)).sum(axis=1) / self.overlap
+        return float(np.average(fractions, weights=self.load))
 
 
 def interaction(folder: Path) -> dict[str, Any] | None:
@@ -72,24 +72,24 @@ def interaction(folder: Path) -> dict[str, Any] | None:
     if spots is None:
         return None
     nearest = float(np.min(spots.apart / np.maximum(spots.radius[:, None], spots.radius[None])))
-    told: dict[str, Any] = {
+    report: dict[str, Any] = {
         "body": spots.body, "plate": spots.plate, "spots": len(spots.load), "nearest": nearest,
         "share": spots.share, "closed_form": far_field(spots), "boundary_elements": None, "why": "",
     }  # fmt: skip
     try:
         import tamaas
     except ImportError:
-        return told | {"why": "tamaas is not installed (pip install 'thirdbody[bem]'): closed form only, no boundary elements"}
-    told["versions"] = {"tamaas": tamaas.__version__}
+        return report | {"why": "tamaas is not installed (pip install 'thirdbody[bem]'): closed form only, no boundary elements"}
+    report["versions"] = {"tamaas": tamaas.__version__}
     try:
-        return told | {"boundary_elements": solved(tamaas, spots)}
+        return report | {"boundary_elements": boundary_element_forces(tamaas, spots)}
     except ValueError as problem:
-        return told | {"why": f"no boundary elements: {problem}"}
+        return report | {"why": f"no boundary elements: {problem}"}
 
 
-def above(made: Study, folder: Path) -> dict[str, Any] | None:
+def above(built: Study, folder: Path) -> dict[str, Any] | None:
     """`interaction` of the study's reference."""
-    place = made.reference.place
+    place = built.reference.place
     return interaction(folder / RUNGS / place) if place else None
 
 
@@ -98,19 +98,19 @@ def closest(folder: Path) -> Spots | None:
     from thirdbody.trajectory.reader import open_run
 
     with open_run(folder) as run:
-        way = run.series["distance"]
-        moved = np.flatnonzero(way > 1e-3 * way[-1])  # the step at which the drag starts reaches a little beyond
+        distance = run.series["distance"]
+        moved = np.flatnonzero(distance > 1e-3 * distance[-1])  # the step at which the drag starts reaches a little beyond
         frame = max(0, int(moved[0]) - 1) if len(moved) else run.frames - 1
         table = run.contacts(frame)
-    found = []
+    result = []
     for partner, plate in ((-1, "lower"), (-2, "upper")):
         here = (table["partner"] == partner) & (table["overlap"] > 0.0)
         for body in np.unique(table["body"][here]):
             k = np.flatnonzero(here & (table["body"] == body))
             if len(k) > 1:
-                found.append(Spots(int(body), plate, table["position"][k, :2], table["overlap"][k], table["contact_radius"][k],
+                result.append(Spots(int(body), plate, table["position"][k, :2], table["overlap"][k], table["contact_radius"][k],
                                    table["normal_force"][k]))  # fmt: skip
-    return max(found, key=lambda spots: spots.share, default=None)
+    return max(result, key=lambda spots: spots.share, default=None)
 
 
 def far_field(spots: Spots) -> dict[str, Any]:
@@ -131,7 +131,7 @@ def far_field(spots: Spots) -> dict[str, Any]:
     return _told(spots, lift, stiff * down**1.5)
 
 
-def solved(tamaas: Any, spots: Spots) -> dict[str, Any]:
+def boundary_element_forces(tamaas: Any, spots: Spots) -> dict[str, Any]:
     """The same by boundary elements. What the grid makes of a lone spot is taken from the answer: each is solved alone first.
 
     Raises ValueError for spots that merge, or that stand too far apart for a grid.
@@ -187,21 +187,24 @@ def _told(spots: Spots, lift: float, loads: Array) -> dict[str, Any]:
     return {"approach": float(lift / spots.overlap.max()), "loads": (loads / spots.load - 1.0).tolist()}
 
 
-def print_interaction(told: dict[str, Any] | None) -> None:
+def print_interaction(report: dict[str, Any] | None) -> None:
     """Print what `interaction` found."""
-    if told is None:
+    if report is None:
         print("elastic interaction of spots: none, no body has two loaded spots on one plate")
         return
-    where = f"body {told['body']}, {told['spots']} spots on the {told['plate']} plate, {told['nearest']:.1f} contact radii apart"
+    where = (
+        f"body {report['body']}, {report['spots']} spots on the {report['plate']} plate, {report['nearest']:.1f} contact "
+        f"radii apart"
+    )
     print(f"above the finest law, what Hertz and Mindlin neglect: elastic interaction of spots; most in {where}:")
-    print(f"  a neighbour's load makes {_percent(told['share'])} of a spot's overlap, and of s_c when it slides")
+    print(f"  a neighbour's load makes {_percent(report['share'])} of a spot's overlap, and of s_c when it slides")
     for name, label in (("closed_form", "closed form, far point loads"), ("boundary_elements", "boundary elements, tamaas")):
-        found = told[name]
-        if found is not None:
-            loads = ", ".join(_percent(x, "+") for x in found["loads"])
-            print(f"  {label}: approach {_percent(found['approach'], '+')}, loads of the spots {loads}")
-    if told["why"]:
-        print(f"  {told['why']}")
+        result = report[name]
+        if result is not None:
+            loads = ", ".join(_percent(x, "+") for x in result["loads"])
+            print(f"  {label}: approach {_percent(result['approach'], '+')}, loads of the spots {loads}")
+    if report["why"]:
+        print(f"  {report['why']}")
 
 
 def _percent(share: float, sign: str = "") -> str:

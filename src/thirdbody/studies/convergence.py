@@ -19,37 +19,37 @@ SLOWEST = 1.0 + math.sqrt(2.0)
 """Rise of an error from one step to the next, at least, for the error of the reference to be extrapolated: order 1/2."""
 
 
-def convergence(made: Study) -> list[dict[str, Any]]:
+def convergence(built: Study) -> list[dict[str, Any]]:
     """Series of errors with their order: `what`, `against`, `sizes` (falling), `errors`, `order` (None when not known).
 
     Springs are judged against the finest law at the same step, steps against the shortest step with the same law: each against
     the limit that it converges to, which the reference of the study, finer in both, is not.
     """
-    return [*_of_springs(made), *_of_steps(made)]
+    return [*_of_springs(built), *_of_steps(built)]
 
 
-def _of_springs(made: Study) -> list[dict[str, Any]]:
-    laws = [row for row in made.rows if row.rung.axis == "law" and row.stable]
+def _of_springs(built: Study) -> list[dict[str, Any]]:
+    laws = [row for row in built.rows if row.rung.axis == "law" and row.stable]
     rows = [row for row in laws if row.rung.springs is not None]
     finest = laws[-1] if laws else None
-    verified = [row for row in made.rows if row.rung.axis == "verify" and row.stable]
+    verified = [row for row in built.rows if row.rung.axis == "verify" and row.stable]
     if verified:  # with steps so fine that they do not hide what the springs neglect
-        rows, finest = verified, made.reference
+        rows, finest = verified, built.reference
     if finest is None or not rows:
         return []
     if finest in rows:  # no law without springs: the most springs stand for it
         rows.remove(finest)
     sizes = [1.0 / row.rung.springs for row in rows]  # type: ignore[operator]
-    return [_series(made, "springs", [str(row.rung.springs) for row in rows], sizes, rows, finest)]
+    return [_series(built, "springs", [str(row.rung.springs) for row in rows], sizes, rows, finest)]
 
 
-def _of_steps(made: Study) -> list[dict[str, Any]]:
-    found = []
-    laws = [row for row in made.rows if row.rung.axis == "law"]
-    extra = {"step": made.default, "fine": laws[-1] if laws else None}
+def _of_steps(built: Study) -> list[dict[str, Any]]:
+    result = []
+    laws = [row for row in built.rows if row.rung.axis == "law"]
+    extra = {"step": built.default, "fine": laws[-1] if laws else None}
     for what, axis in (("step", "step"), ("other integrator's step", "integrator"), ("step of the finest law", "fine")):
-        rows = [row for row in made.rows if row.rung.axis == axis]
-        rows += [row for row in (extra.get(axis), made.reference if axis == "fine" else None) if row is not None]
+        rows = [row for row in built.rows if row.rung.axis == axis]
+        rows += [row for row in (extra.get(axis), built.reference if axis == "fine" else None) if row is not None]
         rows = sorted((row for row in rows if row.stable and row.step), key=lambda row: -float(row.step or 0.0))
         if len({row.integrator for row in rows}) != 1 or len(rows) < 3:
             continue
@@ -57,8 +57,8 @@ def _of_steps(made: Study) -> list[dict[str, Any]]:
         unit = " s" if explicit else ""
         names = [f"{row.step:.2g}{unit}" for row in rows[:-1]]
         sizes = [_size(row) for row in rows[:-1]]
-        found.append(_series(made, f"{what} ({'time step' if explicit else 'tolerance'})", names, sizes, rows[:-1], rows[-1]))
-    return found
+        result.append(_series(built, f"{what} ({'time step' if explicit else 'tolerance'})", names, sizes, rows[:-1], rows[-1]))
+    return result
 
 
 def _size(row: Row) -> float:
@@ -66,32 +66,32 @@ def _size(row: Row) -> float:
     return float(row.step or 0.0) ** (1.0 if row.integrator == "explicit" else 0.5)
 
 
-def _series(made: Study, what: str, names: list[str], sizes: list[float], rows: list[Row], limit: Row) -> dict[str, Any]:
-    merit = figure_of_merit(made)
+def _series(built: Study, what: str, names: list[str], sizes: list[float], rows: list[Row], limit: Row) -> dict[str, Any]:
+    merit = figure_of_merit(built)
     assert limit.outcome is not None
-    found = [errors(row.outcome, limit.outcome)[merit] if row.outcome is not None else math.nan for row in rows]
-    fitted = falling(found)
-    slope = order(sizes[:fitted], [e if e > FLOOR else math.nan for e in found[:fitted]])
-    return {"what": what, "against": limit.rung.name, "sizes": names, "errors": found, "order": slope, "fitted": fitted}
+    result = [errors(row.outcome, limit.outcome)[merit] if row.outcome is not None else math.nan for row in rows]
+    fitted = falling(result)
+    slope = order(sizes[:fitted], [e if e > FLOOR else math.nan for e in result[:fitted]])
+    return {"what": what, "against": limit.rung.name, "sizes": names, "errors": result, "order": slope, "fitted": fitted}
 
 
-def falling(found: list[float]) -> int:
+def falling(result: list[float]) -> int:
     """How many errors from the first on tell an order: all before the first that is not `FALLS` times its predecessor or less,
     where something else than what is refined has taken over; all where that leaves only one."""
-    for k in range(1, len(found)):
-        if not found[k] <= FALLS * found[k - 1]:
-            return k if k > 1 else len(found)
-    return len(found)
+    for k in range(1, len(result)):
+        if not result[k] <= FALLS * result[k - 1]:
+            return k if k > 1 else len(result)
+    return len(result)
 
 
-def reference_error(made: Study) -> float:
+def reference_error(built: Study) -> float:
     """What the error of the reference itself is about, relative; NaN when its steps do not tell.
 
     Errors C h^p against a limit of step h_L, of steps r h_L and r^2 h_L, are C h_L^p times (r^p - 1) and (r^2p - 1): their ratio
     is r^p + 1, and what is left at h_L is the first one over r^p - 1 (L.F. Richardson, Phil. Trans. A 210, 1911).
     """
-    merit, last = figure_of_merit(made), made.reference
-    rows = [row for row in made.rows if row.stable and row.integrator == last.integrator and row.step
+    merit, last = figure_of_merit(built), built.reference
+    rows = [row for row in built.rows if row.stable and row.integrator == last.integrator and row.step
             and (row.rung.level, row.rung.springs) == (last.rung.level, last.rung.springs) and row is not last]  # fmt: skip
     sizes = {_size(row) / _size(last): row.errors[merit] for row in rows}
     r = min((size for size in sizes if size > 1.0), default=math.nan)
@@ -101,10 +101,12 @@ def reference_error(made: Study) -> float:
     return first / (rise - 2.0) if rise > SLOWEST else math.nan
 
 
-def print_reference(made: Study) -> None:
+def print_reference(built: Study) -> None:
     """Print how far the reference itself may be off."""
-    told = reference_error(made)
-    words = "not known, its steps tell no order" if math.isnan(told) else f"about {percent(told)}, extrapolated from its steps"
+    report = reference_error(built)
+    words = (
+        "not known, its steps tell no order" if math.isnan(report) else f"about {percent(report)}, extrapolated from its steps"
+    )
     print(f"error of the reference itself: {words}; differences below it tell nothing")
 
 

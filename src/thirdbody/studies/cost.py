@@ -12,11 +12,11 @@ from typing import Any
 from thirdbody.errors import UsageError
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors
-from thirdbody.studies.study_setup import staged
+from thirdbody.studies.study_setup import prepare_study
 from thirdbody.studies.time_budget import BUDGET, Budget
 from thirdbody.studies.timing_statistics import slower
 from thirdbody.studies.variant_result import Row
-from thirdbody.studies.variant_runs import Climb
+from thirdbody.studies.variant_runs import VariantRuns
 from thirdbody.studies.worker_process import Worker
 
 REPEATS = 3
@@ -73,13 +73,13 @@ def study(
     scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
     with Worker() as worker:
-        stage = staged(path, settings or {}, folder, plugins, repeats, verify, clock, worker, tell)
-        climb = Climb(worker, folder, plugins, stage.base, stage.costs, stage.overheads, clock, tell)
+        stage = prepare_study(path, settings or {}, folder, plugins, repeats, verify, clock, worker, tell)
+        climb = VariantRuns(worker, folder, plugins, stage.base, stage.costs, stage.overheads, clock, tell)
         rows = climb.rows(stage.rungs, repeats)
     _one_pace(rows)
-    made = Study(str(path), scene.title, stage.reduction, machine(), rows, stage.alone, budget)
-    judge(made)
-    return made
+    built = Study(str(path), scene.title, stage.reduction, machine(), rows, stage.alone, budget)
+    compute_errors(built)
+    return built
 
 
 def _one_pace(rows: Sequence[Row]) -> None:
@@ -90,35 +90,35 @@ def _one_pace(rows: Sequence[Row]) -> None:
             row.cpu = [cpu * statistics.median(paces) / own for cpu, own in zip(row.cpu, row.beside, strict=True)]
 
 
-def judge(made: Study) -> None:
+def compute_errors(built: Study) -> None:
     """Errors of all rows against the reference. Another one takes its place where the finest rung failed."""
-    rows = made.rows
+    rows = built.rows
     if not rows[-1].stable:
         whole = [row for row in rows if row.stable and row.rung.axis == "law"]
         if not whole:
-            raise UsageError(f"no rung of {made.scene} came to its end: {rows[0].message or rows[-1].message}")
+            raise UsageError(f"no rung of {built.scene} came to its end: {rows[0].message or rows[-1].message}")
         for row in rows:
             row.rung = replace(row.rung, reference=row is whole[-1])
-    reference = made.reference.outcome
+    reference = built.reference.outcome
     assert reference is not None  # a stable run has frames
     for row in rows:
         if row.outcome is not None:
             row.errors = errors(row.outcome, reference)
 
 
-def figure_of_merit(made: Study) -> str:
+def figure_of_merit(built: Study) -> str:
     """The error that the front is drawn with: friction, or the load (gap) of a scene without a drag."""
-    known = [row.errors.get("friction_error", math.nan) for row in made.rows if row.stable]
+    known = [row.errors.get("friction_error", math.nan) for row in built.rows if row.stable]
     return "friction_error" if any(math.isfinite(x) for x in known) else "load_error"
 
 
-def efficient(made: Study) -> list[Row]:
+def efficient(built: Study) -> list[Row]:
     """The rungs of which no other one is both as accurate and told to be faster, by time; a rung that is less accurate than one
     that takes the same time but for the spread is none. The reference, whose error is zero by definition, ends them."""
-    merit = figure_of_merit(made)
-    rows = [row for row in made.rows if row.stable and row.rung.axis != "verify" and math.isfinite(row.errors[merit])]
-    kept = [row for row in rows if row is made.reference or not any(_beaten(row, other, merit) for other in rows)]
-    return sorted(kept, key=lambda row: (row is made.reference, row.seconds))
+    merit = figure_of_merit(built)
+    rows = [row for row in built.rows if row.stable and row.rung.axis != "verify" and math.isfinite(row.errors[merit])]
+    saved = [row for row in rows if row is built.reference or not any(_beaten(row, other, merit) for other in rows)]
+    return sorted(saved, key=lambda row: (row is built.reference, row.seconds))
 
 
 def _beaten(row: Row, other: Row, merit: str) -> bool:
@@ -129,21 +129,21 @@ def _beaten(row: Row, other: Row, merit: str) -> bool:
     return better < error and not slower(other.timing, row.timing)
 
 
-def possible(made: Study, row: Row) -> bool:
+def possible(built: Study, row: Row) -> bool:
     """Whether the scene itself could be computed like this: the implicit integrator has no contact between bodies."""
-    return not (made.alone and row.integrator == "implicit")
+    return not (built.alone and row.integrator == "implicit")
 
 
-def recommended(made: Study) -> tuple[Row, str]:
+def recommended(built: Study) -> tuple[Row, str]:
     """One rung, and why in words: of those whose friction is right to 1 % and that change at most 1 % of the labels the fastest,
     else the most accurate one of the front. Times that the spread does not tell apart are equal: of such rungs the scene's own
     stays, else the most accurate one is taken. Rungs that the scene itself cannot be computed with are told beside it."""
-    merit = figure_of_merit(made)
-    fit = Study(made.scene, made.title, [], {}, [row for row in made.rows if possible(made, row)])
-    rows = [row for row in efficient(fit) if not row.rung.reference] or [made.reference]
+    merit = figure_of_merit(built)
+    fit = Study(built.scene, built.title, [], {}, [row for row in built.rows if possible(built, row)])
+    rows = [row for row in efficient(fit) if not row.rung.reference] or [built.reference]
     good = [row for row in fit.rows if row.stable and row.rung.axis != "verify" and not row.rung.reference and _good(row, merit)]
     ties = _ties(good)
-    default = made.default
+    default = built.default
     row = _least(ties, merit, default) if good else rows[-1]
     own = ", what the scene asks for," if row is default else ""
     what = "friction" if merit == "friction_error" else "load"
@@ -156,7 +156,7 @@ def recommended(made: Study) -> tuple[Row, str]:
         words.append(f"; {_listed(others)} take{'s' if len(others) == 1 else ''} the same time within the spread")
     if not good:
         words.append("; no rung is within 1 % in both: bodies that tip make the rest")
-    faster = _least(_ties([other for other in made.rows if other.stable and not possible(made, other) and _good(other, merit)]),
+    faster = _least(_ties([other for other in built.rows if other.stable and not possible(built, other) and _good(other, merit)]),
                     merit, None)  # fmt: skip
     if faster is not None and slower(row.timing, faster.timing):
         words.append(f"; if bodies need not see each other (contact.debris_contact = \"none\"), `{faster.rung.name}` gives "
@@ -205,20 +205,20 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.2g} %"
 
 
-def as_json(made: Study) -> dict[str, Any]:
+def as_json(built: Study) -> dict[str, Any]:
     """The whole study as it is written; numbers in SI or relative."""
-    default, (row, words) = made.default, recommended(made)
+    default, (row, words) = built.default, recommended(built)
     base = default.seconds if default is not None and default.stable else math.nan
-    onfront = efficient(made)
+    onfront = efficient(built)
     return {
-        "scene": made.scene,
-        "title": made.title,
-        "machine": made.machine,
-        "reduction": made.reduction,
-        "apart": made.alone,
-        "budget_s": made.budget,
-        "took_s": made.took,
-        "reference": made.reference.rung.name,
+        "scene": built.scene,
+        "title": built.title,
+        "machine": built.machine,
+        "reduction": built.reduction,
+        "apart": built.alone,
+        "budget_s": built.budget,
+        "took_s": built.took,
+        "reference": built.reference.rung.name,
         "recommended": {"rung": row.rung.name, "words": words},
         "rungs": [
             {
@@ -244,7 +244,7 @@ def as_json(made: Study) -> dict[str, Any]:
                 "reference": entry.rung.reference,
                 "on_front": any(entry is other for other in onfront),
             }
-            for entry in made.rows
+            for entry in built.rows
             if entry.rung.axis != "verify"
         ],
     }

@@ -30,30 +30,30 @@ def cost_command(
 
     began = time.perf_counter()
     with new_study_folder(folder, overwrite) as place:
-        made = study(scene, place, settings, plugins, repeats, tell, verify, budget)
+        built = study(scene, place, settings, plugins, repeats, tell, verify, budget)
         tell("the elastic interaction of spots")
-        told: dict[str, Any] = {"convergence": convergence(made), "reference_error": reference_error(made)}
-        told["interaction"] = above(made, place)
+        report: dict[str, Any] = {"convergence": convergence(built), "reference_error": reference_error(built)}
+        report["interaction"] = above(built, place)
         if verify:
             from thirdbody.studies.impact import impact_table
 
             tell("an oblique impact")
-            told["impact"] = impact_table(made, plugins)
-        draw_study(made, place / PICTURE, (place / PICTURE).with_suffix(".pdf"))
-        made.took = time.perf_counter() - began
-        told = as_json(made) | told
-        _write(place / JSON_FILE, told)
+            report["impact"] = impact_table(built, plugins)
+        draw_study(built, place / PICTURE, (place / PICTURE).with_suffix(".pdf"))
+        built.took = time.perf_counter() - began
+        report = as_json(built) | report
+        _write(place / JSON_FILE, report)
     if json:
-        print_json(told)
+        print_json(report)
         return
-    print_study(made)
-    print_convergence(told["convergence"])
-    print_reference(made)
-    print_interaction(told["interaction"])
+    print_study(built)
+    print_convergence(report["convergence"])
+    print_reference(built)
+    print_interaction(report["interaction"])
     if verify:
         from thirdbody.studies.impact import print_impact
 
-        print_impact(told["impact"])
+        print_impact(report["impact"])
     print(f"{folder / PICTURE} (and .pdf), {folder / JSON_FILE}, runs of the rungs beside them")
 
 
@@ -64,19 +64,19 @@ def _effects(
     from thirdbody.studies.effects import effects_study, print_effects
 
     with new_study_folder(folder, overwrite) as place:
-        told = effects_study(scene, place, settings, plugins, repeats, tell)
-        _write(place / "effects.json", told)
+        report = effects_study(scene, place, settings, plugins, repeats, tell)
+        _write(place / "effects.json", report)
     if json:
-        print_json(told)
+        print_json(report)
     else:
-        print_effects(told)
+        print_effects(report)
         print(f"{folder / 'effects.json'}")
 
 
-def _write(path: Path, told: dict[str, Any]) -> None:
+def _write(path: Path, report: dict[str, Any]) -> None:
     from thirdbody.atomic_files import write_whole
 
     try:
-        write_whole(path, json_module.dumps(as_plain(told), indent=1).encode())
+        write_whole(path, json_module.dumps(as_plain(report), indent=1).encode())
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror or error})") from error

@@ -26,33 +26,33 @@ NOTHING = 1e-12
 """Errors below it are drawn there: a rung that gives the same bits has none."""
 
 
-def draw_study(made: Study, *paths: Path) -> None:
+def draw_study(built: Study, *paths: Path) -> None:
     """Write the picture (.png, .pdf or .svg), drawn once. Raises OutputError when it cannot be written."""
     from thirdbody.plot.summary_page import save
 
-    figure = picture(made)
+    figure = picture(built)
     for path in paths:
         save(figure, path)
 
 
-def picture(made: Study) -> Figure:
+def picture(built: Study) -> Figure:
     """The picture as a figure of matplotlib."""
     from matplotlib.figure import Figure
 
-    merit = figure_of_merit(made)
+    merit = figure_of_merit(built)
     figure = Figure(figsize=(8.27, 6.0), layout="constrained")
     axes = figure.add_subplot()
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.grid(True, which="major", alpha=0.25, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
-    heights = _heights(made, merit)
+    heights = _heights(built, merit)
     rows = [row for row, _ in heights]
     place = {id(row): (row.seconds, height) for row, height in heights}
-    _points(axes, [row for row in rows if row is not made.reference], place)
-    front = [row for row in efficient(made) if id(row) in place]
+    _points(axes, [row for row in rows if row is not built.reference], place)
+    front = [row for row in efficient(built) if id(row) in place]
     _front(axes, front, place)
-    ringed = _marks(axes, made, place, merit)
+    ringed = _marks(axes, built, place, merit)
     axes.margins(x=0.15, y=0.08)  # room for names
     _names(axes, rows, place, front, ringed)
     what = "friction curve" if merit == "friction_error" else "load or gap"
@@ -60,17 +60,17 @@ def picture(made: Study) -> Figure:
                     fontsize=9)  # fmt: skip
     axes.set_ylabel(f"error of the {what} (rms over the mean)", fontsize=9)
     axes.tick_params(which="both", labelsize=8)
-    _texts(figure, axes, made)
+    _texts(figure, axes, built)
     return figure
 
 
-def _heights(made: Study, merit: str) -> list[tuple[Row, float]]:
+def _heights(built: Study, merit: str) -> list[tuple[Row, float]]:
     """The rungs that are shown and their errors; the reference at what its own error is about, never above what ends the front,
     or below all others."""
-    rows = [row for row in made.rows if row.stable and row.rung.axis in AXES and row is not made.reference]
+    rows = [row for row in built.rows if row.stable and row.rung.axis in AXES and row is not built.reference]
     shown = [(row, max(row.errors[merit], NOTHING)) for row in rows if math.isfinite(row.errors[merit])]
-    own, least = reference_error(made), min((height for _, height in shown if height > NOTHING), default=1.0)
-    return [*shown, (made.reference, least / 3.0 if math.isnan(own) else min(own, least))]
+    own, minimum = reference_error(built), min((height for _, height in shown if height > NOTHING), default=1.0)
+    return [*shown, (built.reference, minimum / 3.0 if math.isnan(own) else min(own, minimum))]
 
 
 def _points(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]]) -> None:
@@ -95,9 +95,9 @@ def _front(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]]) ->
               label="efficient front, to the reference")  # fmt: skip
 
 
-def _marks(axes: Any, made: Study, place: dict[int, tuple[float, float]], merit: str) -> set[int]:
+def _marks(axes: Any, built: Study, place: dict[int, tuple[float, float]], merit: str) -> set[int]:
     """Rings, the reference and the line of what steps change; the ids of the rows with a ring."""
-    default, best, reference = made.default, recommended(made)[0], made.reference
+    default, best, reference = built.default, recommended(built)[0], built.reference
     ringed = set()
     for row, color, size, label in (
         (default, LINE_COLORS["black"], 15.0, "as the scene asks"), (best, LINE_COLORS["orange"], 20.0, "recommended"),
@@ -107,13 +107,13 @@ def _marks(axes: Any, made: Study, place: dict[int, tuple[float, float]], merit:
                       markeredgewidth=1.6, label=label, zorder=4)  # fmt: skip
             ringed.add(id(row))
     x, y = place[id(reference)]
-    own = reference_error(made)
+    own = reference_error(built)
     unknown = math.isnan(own)
     label = "reference (its error is 0 by definition)" if unknown else f"reference (its own error: about {percent(own)})"
     marker, size = ("v", 7.0) if unknown else ("*", 10.0)
     axes.errorbar([x], [y], xerr=_spread([reference]), fmt=marker, color=INK, markersize=size, markerfacecolor="white",
                   elinewidth=1.0, capsize=2.0, label=label, zorder=3)  # fmt: skip
-    laws = [row for row in made.rows if row.rung.axis == "law" and row.stable and row is not reference]
+    laws = [row for row in built.rows if row.rung.axis == "law" and row.stable and row is not reference]
     if laws and laws[-1].errors[merit] > 0.0:
         axes.axhline(laws[-1].errors[merit], color=SOFT, linewidth=1.0, linestyle="-.", zorder=1,
                      label=f"{laws[-1].rung.name}: what the step alone changes")  # fmt: skip
@@ -140,7 +140,7 @@ def _names(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]], fr
         off = 9.0 if id(row) in ringed else 0.0  # outside the ring
         others = [(px - r, py - r, px + r, py + r) for key, (px, py) in dots.items() if key != id(row)
                   for r in (scale * (10.5 if key in ringed else 1.5),)]  # fmt: skip
-        found: list[tuple[float, Box, tuple[float, float]]] = []
+        result: list[tuple[float, Box, tuple[float, float]]] = []
         for dx, dy in ((_further(dx, off), _further(dy, 0.5 * off)) for dx, dy in _AROUND):
             left, middle = x + dx * scale - (width if dx < 0 else 0.0), y + dy * scale
             box = (left, middle - 0.5 * height, left + width, middle + 0.5 * height)
@@ -148,8 +148,8 @@ def _names(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]], fr
             hidden = sum(_meet(box, other) for other in [*taken, *others]) + out
             crossed = any(_meet(box, step) for step in steps)
             away = 0.1 * math.hypot(dx, dy) + 0.8 * (dx < 0) + 0.4 * (dy < 0)  # rather above and to the right
-            found.append((10.0 * hidden + 1.5 * crossed + away, box, (dx, dy)))
-        _, box, shift = min(found)
+            result.append((10.0 * hidden + 1.5 * crossed + away, box, (dx, dy)))
+        _, box, shift = min(result)
         taken.append(box)
         far = max(abs(shift[0]) - 6.0, abs(shift[1])) > 12.0 + off
         axes.annotate(text, place[id(row)], xytext=shift, textcoords="offset points", fontsize=7.0, va="center",
@@ -178,19 +178,19 @@ _AROUND = [(dx, side * dy) for far in (3, 45, 90) for dy in (9, 18, 27, 36, 48) 
 """Offsets of a name from its point, in points."""
 
 
-def _texts(figure: Any, axes: Any, made: Study) -> None:
-    told = made.machine
-    failed = [f"{'; '.join(names)} ({_short(message)})" for message, names in stopped(made).items()]
+def _texts(figure: Any, axes: Any, built: Study) -> None:
+    report = built.machine
+    failed = [f"{'; '.join(names)} ({_short(message)})" for message, names in stopped(built).items()]
     alone = ["No two bodies of this copy meet; with the implicit integrator the whole scene needs contact.debris_contact = "
-             "\"none\"."] if made.alone else []  # fmt: skip
+             "\"none\"."] if built.alone else []  # fmt: skip
     lines = [
-        f"Recommended: {recommended(made)[1].replace('`', '')}.",
-        f"Computed: {'; '.join(made.reduction) or 'the whole scene'}; {told['cpu']}, one of {told['cores']} cores.",
+        f"Recommended: {recommended(built)[1].replace('`', '')}.",
+        f"Computed: {'; '.join(built.reduction) or 'the whole scene'}; {report['cpu']}, one of {report['cores']} cores.",
         *alone,
         *([f"Not shown: {'. '.join(failed)}."] if failed else []),
     ]
     text = "\n".join(line for text in lines for line in textwrap.wrap(text, 118))
-    figure.suptitle(f"What accuracy costs: {made.title or made.scene}", fontsize=12, fontweight="bold", x=0.01, ha="left",
+    figure.suptitle(f"What accuracy costs: {built.title or built.scene}", fontsize=12, fontweight="bold", x=0.01, ha="left",
                     color=INK)  # fmt: skip
     axes.set_title(text, loc="left", fontsize=8, color=SOFT)
     figure.legend(fontsize=8, frameon=False, loc="outside lower left", ncols=3, markerscale=0.6)
@@ -198,5 +198,5 @@ def _texts(figure: Any, axes: Any, made: Study) -> None:
 
 def _short(message: str) -> str:
     """What a message says, without where it says it, in some words."""
-    told = message.split(": ", 1)[1] if message.startswith("stopped at") and ": " in message else message
-    return textwrap.shorten(told.split(",")[0], 80, placeholder=" ...")
+    report = message.split(": ", 1)[1] if message.startswith("stopped at") and ": " in message else message
+    return textwrap.shorten(report.split(",")[0], 80, placeholder=" ...")

@@ -16,7 +16,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
 from thirdbody.studies.cost import percent
 from thirdbody.studies.machine_info import machine
-from thirdbody.studies.reduced_scene import reduced
+from thirdbody.studies.reduced_scene import reduce_scene
 from thirdbody.studies.study_setup import save
 from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, in_process
 
@@ -43,7 +43,7 @@ def effects_study(
     scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
     tell("building the scene and estimating its time")
-    scene, built, reduction = reduced(scene, plugins, SECONDS, meet=True)
+    scene, built, reduction = reduce_scene(scene, plugins, SECONDS, meet=True)
     save(scene, folder)
     rows: list[dict[str, Any]] = []
     left_out: list[str] = []
@@ -61,22 +61,22 @@ def candidates(
     from thirdbody.laws.registry import discover
 
     on = set(scene.effects.named) | ({"gravity"} if scene.effects.gravity is not None else set())
-    found: list[tuple[str, str, dict[str, Any]]] = []
+    result: list[tuple[str, str, dict[str, Any]]] = []
     known: dict[str, Law | BodyEffect] = discover(tuple(plugins)).effects
     for name in known:
         if name in on:
-            found.append((name, "switched off", {f"effects.{name}": None}))
+            result.append((name, "switched off", {f"effects.{name}": None}))
         elif name in TRIED:
             key, value, words = TRIED[name]
-            found.append((name, f"switched on: {words}", {key: value}))
+            result.append((name, f"switched on: {words}", {key: value}))
         else:
             left_out.append(f"{name}: off, and no value to try is known")
     if built.state.world.debris_meets:
-        found.append(("debris-debris contact", "switched off", {"contact.debris_contact": "none"}))
+        result.append(("debris-debris contact", "switched off", {"contact.debris_contact": "none"}))
     elif scene.contact.debris_contact == "none":
-        found.append(("debris-debris contact", "switched on", {"contact.debris_contact": "auto"}))
+        result.append(("debris-debris contact", "switched on", {"contact.debris_contact": "auto"}))
     # the integrator stays: what is compared is the effect
-    return [(name, what, {"solver.integrator": built.plan.kind, **changes}) for name, what, changes in found]
+    return [(name, what, {"solver.integrator": built.plan.kind, **changes}) for name, what, changes in result]
 
 
 def _compared(
@@ -93,15 +93,15 @@ def _compared(
     return row
 
 
-def print_effects(told: dict[str, Any]) -> None:
+def print_effects(message: dict[str, Any]) -> None:
     """Print what `effects_study` found."""
     from thirdbody.report.tables import table
     from thirdbody.system.terminal import say
 
-    say(f"{told['title'] or told['scene']}: each effect against the scene as it is")
-    say(f"reduced: {'; '.join(told['reduction']) or 'nothing'}")
+    say(f"{message['title'] or message['scene']}: each effect against the scene as it is")
+    say(f"reduced: {'; '.join(message['reduction']) or 'nothing'}")
     rows = []
-    for row in told["effects"]:
+    for row in message["effects"]:
         if "ratio" not in row:
             rows.append((row["effect"], row["what"], "failed", "", "", "", ""))
             continue
@@ -109,6 +109,6 @@ def print_effects(told: dict[str, Any]) -> None:
         change = [row["change"][key] for key in ("friction_error", "load_error", "label_difference", "dissipation_error")]
         rows.append((row["effect"], row["what"], cost, *("" if math.isnan(x) else percent(x) for x in change)))
     table("", ("effect", "what", "time (pairs)", "friction", "load|gap", "labels", "dissipated"), rows)
-    failed = [f"{row['effect']}: {row['message'].splitlines()[0]}" for row in told["effects"] if "ratio" not in row]
-    for line in [*failed, *told["left_out"]]:
+    failed = [f"{row['effect']}: {row['message'].splitlines()[0]}" for row in message["effects"] if "ratio" not in row]
+    for line in [*failed, *message["left_out"]]:
         say(line)

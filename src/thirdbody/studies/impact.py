@@ -99,14 +99,14 @@ def gross_slip(degrees: float) -> float:
     return 1.0 - FRICTION * (1.0 + RESTITUTION) / math.tan(math.radians(degrees))
 
 
-def impact_table(made: Study, plugins: Sequence[str | Path]) -> dict[str, Any]:
+def impact_table(built: Study, plugins: Sequence[str | Path]) -> dict[str, Any]:
     """Errors of the tangential impulse at both angles, by level and springs, and with the time step at the finest level."""
     from thirdbody.laws.registry import discover
 
-    law = Scene.load(made.scene, plugins).contact.law
+    law = Scene.load(built.scene, plugins).contact.law
     family = discover(tuple(plugins)).families[law]
     finest = list(family.levels)[-1]
-    found: dict[str, Any] = {"law": law, "reference": f"{finest}, {FINE} steps", "levels": [], "springs": None, "steps": None}
+    result: dict[str, Any] = {"law": law, "reference": f"{finest}, {FINE} steps", "levels": [], "springs": None, "steps": None}
     true = rebound(law, finest, springs_option(family, finest), SHALLOW, FINE, plugins)
     same = rebound(law, finest, springs_option(family, finest), SHALLOW, STEPS[-1], plugins)
     rows: list[dict[str, Any]] = []
@@ -120,12 +120,12 @@ def impact_table(made: Study, plugins: Sequence[str | Path]) -> dict[str, Any]:
             })  # fmt: skip
     sprung = [(row["springs"], row.pop("_springs_error")) for row in rows]
     sprung = [(n, error) for n, error in sprung if n is not None]
-    found["levels"] = rows
+    result["levels"] = rows
     if sprung:
-        found["springs"] = _series([n for n, _ in sprung], [error for _, error in sprung])
+        result["springs"] = _series([n for n, _ in sprung], [error for _, error in sprung])
     stepped = [rebound(law, finest, springs_option(family, finest), SHALLOW, n, plugins) for n in STEPS]
-    found["steps"] = _series(list(STEPS), [_impulse_error(x, true) for x in stepped])
-    return found
+    result["steps"] = _series(list(STEPS), [_impulse_error(x, true) for x in stepped])
+    return result
 
 
 def _impulse_error(ratio: float, true: float) -> float:
@@ -136,18 +136,18 @@ def _series(sizes: list[int], errors: list[float]) -> dict[str, Any]:
     return {"sizes": sizes, "errors": errors, "order": order([1.0 / n for n in sizes], errors)}
 
 
-def print_impact(told: dict[str, Any]) -> None:
+def print_impact(message: dict[str, Any]) -> None:
     """Print what `impact_table` found."""
     from thirdbody.report.tables import table
 
     rows = [
         (row["level"], str(row["springs"] or ""), percent(row["gross_slip_error"]), percent(row["partial_slip_error"]))
-        for row in told["levels"]
+        for row in message["levels"]
     ]
     title = f"an oblique impact: error of friction's impulse with {STEPS[-1]} steps"
-    table(title, ("level", "springs", f"{STEEP:g} degrees, closed form", f"{SHALLOW:g} degrees, {told['reference']}"), rows)
+    table(title, ("level", "springs", f"{STEEP:g} degrees, closed form", f"{SHALLOW:g} degrees, {message['reference']}"), rows)
     for name in ("springs", "steps"):
-        series = told[name]
+        series = message[name]
         if series:
             values = ", ".join(f"{n}: {percent(e)}" for n, e in zip(series["sizes"], series["errors"], strict=True))
             print(f"convergence with the {name} at {SHALLOW:g} degrees: {values}; order {series['order']:.2f}")

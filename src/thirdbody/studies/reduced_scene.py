@@ -37,10 +37,10 @@ WIDER = 8.0
 near each other in one copy of thirty; in the same domain two pairs did in each."""
 
 
-def reduced(
-    scene: Scene, plugins: Sequence[str | Path], most: float = SECONDS, meet: bool = False
+def reduce_scene(
+    scene: Scene, plugins: Sequence[str | Path], maximum: float = SECONDS, meet: bool = False
 ) -> tuple[Scene, Simulation, list[str]]:
-    """The scene, or a smaller copy of it that is integrated in `most` seconds; the simulation of it; what was reduced.
+    """The scene, or a smaller copy of it that is integrated in `maximum` seconds; the simulation of it; what was reduced.
 
     A thinned copy has its bodies apart, where its ladder tells accuracy and not which of two bodies tips first when they
     collide; with `meet` they stay as close to each other as they were.
@@ -48,18 +48,18 @@ def reduced(
     from thirdbody.runner.simulate import prepare, set_threads
 
     set_threads(1)
-    built, told = prepare(scene, plugins), []
+    built, report = prepare(scene, plugins), []
     for step in ("thin", "shorten"):
-        share = most / seconds_of(built)
+        fraction = maximum / seconds_of(built)
         if step == "thin":
-            changes, words = thinned(scene, built.state.n_bodies, share, meet and built.state.world.debris_meets)
+            changes, words = thin(scene, built.state.n_bodies, fraction, meet and built.state.world.debris_meets)
         else:
-            changes, words = shortened(built, share)
+            changes, words = shorten(built, fraction)
         if changes:
-            told += words
+            report += words
             scene = scene.with_settings(changes)
             built = prepare(scene, plugins)
-    return scene, built, told
+    return scene, built, report
 
 
 def seconds_of(built: Simulation) -> float:
@@ -67,13 +67,13 @@ def seconds_of(built: Simulation) -> float:
     from thirdbody.report.scene_check import check_report
 
     wall, cpu = time.perf_counter(), time.process_time()
-    told = check_report(built)["estimated_step_time"]
+    message = check_report(built)["estimated_step_time"]
     # what other processes took from the trial does not count
     busy = min(1.0, (time.process_time() - cpu) / max(time.perf_counter() - wall, 1e-9))
-    return math.inf if math.isnan(told) else max(told * busy, 1e-9)
+    return math.inf if math.isnan(message) else max(message * busy, 1e-9)
 
 
-def thinned(scene: Scene, bodies: int, share: float, meet: bool = False) -> tuple[dict[str, Any], list[str]]:
+def thin(scene: Scene, bodies: int, share: float, meet: bool = False) -> tuple[dict[str, Any], list[str]]:
     """A share of the bodies, if it is below 1 and bodies can be left out; what is told of it.
 
     They can where each carries its own load or the gap is prescribed, and where they are drawn at random on one layer. The
@@ -94,7 +94,7 @@ def thinned(scene: Scene, bodies: int, share: float, meet: bool = False) -> tupl
     return changes, [f"{left} of {bodies} bodies, {words}"]
 
 
-def shortened(built: Simulation, share: float) -> tuple[dict[str, Any], list[str]]:
+def shorten(built: Simulation, share: float) -> tuple[dict[str, Any], list[str]]:
     """A share of the time, if it is well below 1: a shorter way (or time) after settling, with the frames closer together."""
     solver, output = built.scene.solver, built.scene.output
     settled = built.settle / built.planned_time
@@ -106,15 +106,15 @@ def shortened(built: Simulation, share: float) -> tuple[dict[str, Any], list[str
     whole = solver.distance if solver.distance is not None else solver.duration
     assert whole is not None
     left = _round(share * whole)
-    told = f"{units.pretty(left, kind)} of {units.pretty(whole, kind)} of the {'way' if key == 'distance' else 'time'}"
+    report = f"{units.pretty(left, kind)} of {units.pretty(whole, kind)} of the {'way' if key == 'distance' else 'time'}"
     changes: dict[str, Any] = {f"solver.{key}": units.format_si(left, kind)}
     span = built.planned_distance if output.every_kind == "distance" else built.planned_time
     every = min(output.every, _round(share * span / FRAMES))
     if every < output.every:
         unit = "length" if output.every_kind == "distance" else "time"
         changes["output.every"] = units.format_si(every, unit)
-        told += f", a frame each {units.pretty(every, unit)}"
-    return changes, [told]
+        report += f", a frame each {units.pretty(every, unit)}"
+    return changes, [report]
 
 
 def coarsened(scene: Scene, built: Simulation) -> tuple[dict[str, Any], list[str]]:

@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from thirdbody.errors import OutputError
-from thirdbody.runner.folder_lock import held
+from thirdbody.runner.folder_lock import lock_folder
 from thirdbody.runner.run_folder import FILES, NAMED, PARTS, REPLACEMENT
 from thirdbody.studies.worker_process import RUNGS, SCENE_FILE
 
@@ -39,7 +39,7 @@ def new_study_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
     if not os.path.lexists(folder) or not os.listdir(folder):
         yield folder
         return
-    with held(folder):
+    with lock_folder(folder):
         place = folder / REPLACEMENT
         _remove(folder, place)
         try:

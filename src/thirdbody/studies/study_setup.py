@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 from thirdbody import units
 from thirdbody.errors import InputError, OutputError, ThirdbodyError, UsageError
 from thirdbody.scene.model import Scene
-from thirdbody.studies.reduced_scene import SECONDS, coarsened, reduced
-from thirdbody.studies.time_budget import BUDGET, PROBE, Budget, Costs, Overheads, fitting, probed
-from thirdbody.studies.variants import Base, Rung, ladder, springs_option
+from thirdbody.studies.reduced_scene import SECONDS, coarsened, reduce_scene
+from thirdbody.studies.time_budget import BUDGET, PROBE, Budget, Costs, Overheads, fitting, measure_costs
+from thirdbody.studies.variants import Base, Variant, springs_option, variants_of
 from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, Overdue, Worker, request
 
 if TYPE_CHECKING:
@@ -33,22 +33,22 @@ SAME = 0.1
 
 
 @dataclass(frozen=True)
-class Stage:
+class StudySetup:
     """What is climbed. `reduction`: what the copy leaves out, in words; `alone`: bodies of the scene may meet, those of the copy
     are apart; `costs`, `overheads`: what its rungs are expected to take."""
 
     base: Base
-    rungs: list[Rung]
+    rungs: list[Variant]
     reduction: list[str]
     alone: bool
     costs: Costs
     overheads: Overheads
 
 
-def staged(
+def prepare_study(
     scene: Path, settings: Mapping[str, Any], folder: Path, plugins: Sequence[str | Path], repeats: int, verify: bool,
     budget: Budget, worker: Worker, tell: Callable[[str], None],
-) -> Stage:  # fmt: skip
+) -> StudySetup:  # fmt: skip
     """The copy, saved in a study's folder, whose ladder fits the budget. Raises UsageError if not even the smallest one does."""
     part = min(1.0, budget.seconds / BUDGET)
     maker = _Maker(worker, scene, settings, folder, plugins, part < 1.0, budget)
@@ -56,21 +56,21 @@ def staged(
         tell("starting the worker")
         worker.start(budget.end(1.0))
         tell("building the scene and estimating its time")
-        base, rungs, reduction, alone = maker.made(part * SECONDS, verify)
+        base, variants, reduction, alone = maker.made(part * SECONDS, verify)
         tell("timing the costliest rungs")
-        costs, overheads = probed(worker, rungs, base, folder, plugins, part * PROBE, budget.end(worker.pace))
-        pace, codes = worker.pace, len({(rung.level, rung.springs, rung.integrator) for rung in rungs})
+        costs, overheads = measure_costs(worker, variants, base, folder, plugins, part * PROBE, budget.end(worker.pace))
+        pace, codes = worker.pace, len({(rung.level, rung.springs, rung.integrator) for rung in variants})
         left = (budget.end(pace) - time.perf_counter()) / pace
-        beside = max(0, codes - TRIED) * overheads.fresh + len(rungs) * overheads.known
-        share = fitting(rungs, base, costs, repeats, SAFE * max(left - beside, RUNNING * left))
-        if abs(share - 1.0) >= SAME and reduction:
-            tell(f"a copy {share:.2g} times as costly")
-            base, rungs, reduction, alone = maker.made(share * part * SECONDS, verify)
-            costs = replace(costs, scale=share)
+        beside = max(0, codes - TRIED) * overheads.fresh + len(variants) * overheads.known
+        fraction = fitting(variants, base, costs, repeats, SAFE * max(left - beside, RUNNING * left))
+        if abs(fraction - 1.0) >= SAME and reduction:
+            tell(f"a copy {fraction:.2g} times as costly")
+            base, variants, reduction, alone = maker.made(fraction * part * SECONDS, verify)
+            costs = replace(costs, scale=fraction)
     except Overdue:
         why = "it was over before the scene was built and its costliest rungs were timed; what was compiled till then is kept"
         raise budget.refuse(why, budget.spent()) from None
-    return Stage(base, rungs, reduction, alone, costs, overheads)
+    return StudySetup(base, variants, reduction, alone, costs, overheads)
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,9 @@ class _Maker:
     few: bool
     budget: Budget
 
-    def made(self, most: float, verify: bool) -> tuple[Base, list[Rung], list[str], bool]:
-        """A copy that integrates in `most` seconds as the scene asks, saved: its base, its ladder, what it leaves out, `alone`.
+    def made(self, maximum: float, verify: bool) -> tuple[Base, list[Variant], list[str], bool]:
+        """A copy that integrates in `maximum` seconds as the scene asks, saved: its base, its ladder, what it leaves out,
+        `alone`.
 
         Raises Overdue, and ThirdbodyError for what cannot be built.
         """
@@ -94,15 +95,15 @@ class _Maker:
 
         until = self.budget.end(self.worker.pace)
         job = request(self.scene, self.folder, self.settings, self.plugins)
-        told = self.worker.ask({"do": "make", "most": most, "few": self.few, **job}, until)
-        if not told["stable"]:
-            raise told_error(told)
-        base, reduction, copy = Base(**told["base"]), told["reduction"], Scene.load(self.folder / SCENE_FILE, self.plugins)
+        report = self.worker.ask({"do": "make", "most": maximum, "few": self.few, **job}, until)
+        if not report["stable"]:
+            raise error_of_reply(report)
+        base, reduction, copy = Base(**report["base"]), report["reduction"], Scene.load(self.folder / SCENE_FILE, self.plugins)
         if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
             base = replace(base, step=self._smallest_step(base.step, until))
             reduction.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
         family = discover(tuple(self.plugins)).families[copy.contact.law]
-        return base, ladder(copy, family, base, verify), reduction, told["alone"]
+        return base, variants_of(copy, family, base, verify), reduction, report["alone"]
 
     def _smallest_step(self, first: float, until: float) -> float:
         """The smallest time step, s, that a run of the saved scene with an automatic one takes; `first` if it does not end."""
@@ -116,18 +117,18 @@ class _Maker:
             return min(first, float(run.summary()["time_step_limit"]["smallest"]))
 
 
-def told_error(told: Mapping[str, Any]) -> ThirdbodyError:
+def error_of_reply(report: Mapping[str, Any]) -> ThirdbodyError:
     """The error of a request that failed, of the kind that has its exit code."""
     kinds = {kind.exit_code: kind for kind in (UsageError, InputError, OutputError)}
-    return kinds.get(told.get("exit_code", 1), ThirdbodyError)(told["message"])
+    return kinds.get(report.get("exit_code", 1), ThirdbodyError)(report["message"])
 
 
-def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], most: float, few: bool) -> dict[str, Any]:
-    """Reduce a scene until it integrates in `most` seconds, and save the copy in a study's folder: what a worker does.
+def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], maximum: float, few: bool) -> dict[str, Any]:
+    """Reduce a scene until it integrates in `maximum` seconds, and save the copy in a study's folder: what a worker does.
 
     `few`: with few frames, which take longer to write than a short run to integrate.
     """
-    copy, built, reduction = reduced(scene, plugins, most)
+    copy, built, reduction = reduce_scene(scene, plugins, maximum)
     changes, words = coarsened(copy, built) if few else ({}, [])
     base = base_of(copy, built, plugins)
     alone = copy.domain.size != scene.domain.size and bool(built.state.world.debris_meets)

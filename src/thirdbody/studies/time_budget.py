@@ -10,7 +10,7 @@ from typing import Any
 
 from thirdbody.errors import UsageError
 from thirdbody.quantity import duration
-from thirdbody.studies.variants import Base, Law, Rung
+from thirdbody.studies.variants import Base, Law, Variant
 from thirdbody.studies.worker_process import LIMIT, RUNGS, SCENE_FILE, Worker, request
 
 BUDGET = 420.0
@@ -42,7 +42,7 @@ def repeats_of(seconds: float, wished: int) -> int:
 @dataclass(frozen=True)
 class Costs:
     """Measured seconds of one run of a copy: `own`, as the scene asks; `springs`, with as many springs as the ladder has (None
-    without such a level), `most` of them; with the finest law, `best`; with the `other` integrator."""
+    without such a level), `maximum` of them; with the finest law, `best`; with the `other` integrator."""
 
     own: float
     most: int
@@ -52,20 +52,20 @@ class Costs:
     other: float
     scale: float = 1.0
 
-    def of(self, rung: Rung, base: Base) -> float:
+    def of(self, variant: Variant, base: Base) -> float:
         """Seconds that a run of a rung will take: linear in the springs and in the number of steps."""
-        law: Law = (rung.level, rung.springs)
-        if rung.integrator != base.kind:
+        law: Law = (variant.level, variant.springs)
+        if variant.integrator != base.kind:
             seconds = self.other
         elif law == self.best:
             seconds = self.finest
-        elif self.springs is None or rung.springs is None or law == (base.level, base.springs):
+        elif self.springs is None or variant.springs is None or law == (base.level, base.springs):
             seconds = self.own
         else:
             first = base.springs or 0
             each = (self.springs - self.own) / (self.most - first) if self.most > first else 0.0
-            seconds = max(self.own + each * (rung.springs - first), 0.1 * self.own)
-        return min(LIMIT, self.scale * seconds / (rung.factor if rung.integrator == "explicit" else rung.factor**0.5))
+            seconds = max(self.own + each * (variant.springs - first), 0.1 * self.own)
+        return min(LIMIT, self.scale * seconds / (variant.factor if variant.integrator == "explicit" else variant.factor**0.5))
 
 
 OPTIONAL, DEAR = ("springs", "other"), 0.1
@@ -92,14 +92,20 @@ class Overheads:
         return Overheads((n * self.fresh + took) / (n + 1), known, (n + 1, m + 1))
 
 
-def probed(
-    worker: Worker, rungs: Sequence[Rung], base: Base, folder: Path, plugins: Sequence[str | Path], most: float, until: float
-) -> tuple[Costs, Overheads]:  # fmt: skip
-    """The costs of the copy that is saved in a study's folder: the costliest rungs are tried, `most` seconds of one core each.
+def measure_costs(
+    worker: Worker,
+    variants: Sequence[Variant],
+    base: Base,
+    folder: Path,
+    plugins: Sequence[str | Path],
+    maximum: float,
+    until: float,
+) -> tuple[Costs, Overheads]:
+    """The costs of the copy that is saved in a study's folder: the costliest rungs are tried, `maximum` seconds of one core each.
 
     Raises Overdue at `until`.
     """
-    plain = [rung for rung in rungs if rung.factor == 1.0 and rung.axis in ("law", "integrator")]
+    plain = [rung for rung in variants if rung.factor == 1.0 and rung.axis in ("law", "integrator")]
     laws = [rung for rung in plain if rung.axis == "law"]
     springs = [rung for rung in laws if rung.springs is not None]
     tried = {
@@ -109,37 +115,37 @@ def probed(
     } | ({"springs": springs[-1]} if springs else {})
     took: dict[str, float] = {}
     overheads = Overheads()
-    for name, rung in tried.items():
+    for name, variant in tried.items():
         left = (until - time.perf_counter()) / worker.pace
-        if name in OPTIONAL and overheads.fresh + most > DEAR * left:
+        if name in OPTIONAL and overheads.fresh + maximum > DEAR * left:
             continue
-        job = request(folder / SCENE_FILE, folder / RUNGS / "costliest" / name, rung.changes, plugins, most)
-        told = worker.ask({"do": "run", **job}, until)
-        overheads = overheads.with_answer(told, True)
+        job = request(folder / SCENE_FILE, folder / RUNGS / "costliest" / name, variant.changes, plugins, maximum)
+        report = worker.ask({"do": "run", **job}, until)
+        overheads = overheads.with_answer(report, True)
         # one that stops early, or cannot run, costs little
-        took[name] = told["cpu_s"] / told["done"] if told.get("done") else 0.0
+        took[name] = report["cpu_s"] / report["done"] if report.get("done") else 0.0
     took.setdefault("other", took["own"])
     finest = springs[-1].springs or 0 if springs else 0
     costs = Costs(took["own"], finest, took.get("springs"), (laws[-1].level, laws[-1].springs), took["finest"], took["other"])
     return costs, overheads
 
 
-def whole(rungs: Sequence[Rung], base: Base, costs: Costs, repeats: int, share: float = 1.0) -> float:
+def whole(variants: Sequence[Variant], base: Base, costs: Costs, repeats: int, share: float = 1.0) -> float:
     """Seconds that all rungs take together when each run takes a share of what it took in the copy that was probed."""
     total = 0.0
-    for rung in rungs:
-        seconds = share * costs.of(rung, base)
-        times = repeats_of(seconds, 1 if rung.axis == "verify" else repeats)
+    for variant in variants:
+        seconds = share * costs.of(variant, base)
+        times = repeats_of(seconds, 1 if variant.axis == "verify" else repeats)
         total += seconds * (times + (seconds <= LONG))  # a short run's first one is not timed
     return total
 
 
-def fitting(rungs: Sequence[Rung], base: Base, costs: Costs, repeats: int, room: float) -> float:
-    """The share of the copy whose ladder takes `room` seconds of one core, at most 4 and at least 1 %."""
-    share = 4.0
-    while share > 0.01 and whole(rungs, base, costs, repeats, share) > room:
-        share *= 0.97
-    return share
+def fitting(variants: Sequence[Variant], base: Base, costs: Costs, repeats: int, margin: float) -> float:
+    """The share of the copy whose ladder takes `margin` seconds of one core, at most 4 and at least 1 %."""
+    fraction = 4.0
+    while fraction > 0.01 and whole(variants, base, costs, repeats, fraction) > margin:
+        fraction *= 0.97
+    return fraction
 
 
 class Budget:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from thirdbody.studies.compare import Outcome
 from thirdbody.studies.timing_statistics import Timing, timing
-from thirdbody.studies.variants import Rung
+from thirdbody.studies.variants import Variant
 
 
 @dataclass
@@ -15,7 +15,7 @@ class Row:
     """One rung as it came out. `wall`, `cpu`: seconds of its repeats; `outcome`: None for a rung that gave nothing; `place`: the
     folder of its run, beside those of the other rungs; `beside`: seconds of the scene's own rung, in turns with it."""
 
-    rung: Rung
+    rung: Variant
     wall: list[float] = field(default_factory=list)
     cpu: list[float] = field(default_factory=list)
     stable: bool = False

@@ -12,7 +12,7 @@ from thirdbody.quantity import duration
 from thirdbody.studies.compare import read_outcome
 from thirdbody.studies.time_budget import LONG, Budget, Costs, Overheads, repeats_of
 from thirdbody.studies.variant_result import Row
-from thirdbody.studies.variants import Base, Rung
+from thirdbody.studies.variants import Base, Variant
 from thirdbody.studies.worker import BATCH, ENOUGH
 from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, Overdue, Worker, request
 
@@ -28,7 +28,7 @@ HOPELESS = 1.5
 LEFT_OUT = "left out: no time in the budget"
 
 
-class Climb:
+class VariantRuns:
     """The rungs of one study, a worker, and the time that is left."""
 
     def __init__(
@@ -39,12 +39,12 @@ class Climb:
         self.costs, self.overheads, self.budget, self.tell = costs, overheads, budget, tell
         self.compiled: set[tuple[Any, ...]] = set()
 
-    def rows(self, rungs: Sequence[Rung], repeats: int) -> list[Row]:
+    def rows(self, variants: Sequence[Variant], repeats: int) -> list[Row]:
         """All rungs in their order, run and timed; one for which no time was left says so. Raises UsageError where that is the
         scene's own, or the reference."""
-        rows = {number: Row(rung, message=LEFT_OUT, integrator=rung.integrator) for number, rung in enumerate(rungs, 1)}
+        rows = {number: Row(rung, message=LEFT_OUT, integrator=rung.integrator) for number, rung in enumerate(variants, 1)}
         done: list[Row] = []
-        for number, row in sorted(rows.items(), key=lambda entry: _rank(entry[1].rung, entry[0], len(rungs))):
+        for number, row in sorted(rows.items(), key=lambda entry: _rank(entry[1].rung, entry[0], len(variants))):
             needed = row.rung.default or row.rung.reference
             if needed or self._predicted(row.rung) + KEPT * self._round([*done, row]) <= self._left():
                 self._run(row, f"{number:02d}_{_slug(row.rung.name)}", needed)
@@ -55,27 +55,29 @@ class Climb:
 
     def _run(self, row: Row, name: str, needed: bool) -> None:
         """Run one rung once."""
-        rung, fresh = row.rung, _code(row.rung) not in self.compiled
-        if needed and self._predicted(rung) > HOPELESS * self._left():
-            raise self.budget.refuse(f"`{rung.name}` takes about {duration(self._predicted(rung))}", self._predicted(rung))
+        variant, fresh = row.rung, _code(row.rung) not in self.compiled
+        if needed and self._predicted(variant) > HOPELESS * self._left():
+            raise self.budget.refuse(
+                f"`{variant.name}` takes about {duration(self._predicted(variant))}", self._predicted(variant)
+            )
         try:
-            told = self.worker.ask({"do": "run", **self._job(rung, name)}, self.budget.end(self.worker.pace))
+            report = self.worker.ask({"do": "run", **self._job(variant, name)}, self.budget.end(self.worker.pace))
         except Overdue:
             row.message = "stopped: the budget was over"
             self.compiled.clear()
             if needed:
-                raise self.budget.refuse(f"no time was left for `{rung.name}`", self._predicted(rung)) from None
+                raise self.budget.refuse(f"no time was left for `{variant.name}`", self._predicted(variant)) from None
             return
-        self.compiled.add(_code(rung))
-        self.overheads = self.overheads.with_answer(told, fresh)
-        row.stable, row.message, row.place = told["stable"], told["message"], name
-        row.integrator, row.step = told.get("integrator") or rung.integrator, told.get("step")
-        if "cpu_s" not in told:
+        self.compiled.add(_code(variant))
+        self.overheads = self.overheads.with_answer(report, fresh)
+        row.stable, row.message, row.place = report["stable"], report["message"], name
+        row.integrator, row.step = report.get("integrator") or variant.integrator, report.get("step")
+        if "cpu_s" not in report:
             return
-        row.cpu, row.wall = [told["cpu_s"]], [told["wall_s"]]
+        row.cpu, row.wall = [report["cpu_s"]], [report["wall_s"]]
         row.outcome = read_outcome(self.folder / RUNGS / name)
-        if rung.default and row.stable and (expected := self.costs.of(rung, self.base)) > 0.0:
-            self.costs = replace(self.costs, scale=self.costs.scale * told["cpu_s"] / expected)
+        if variant.default and row.stable and (expected := self.costs.of(variant, self.base)) > 0.0:
+            self.costs = replace(self.costs, scale=self.costs.scale * report["cpu_s"] / expected)
 
     def _repeat(self, rows: Sequence[Row], repeats: int) -> None:
         """Time rungs in turns, until each is known well or no time is left. What errors alone are needed of is not timed."""
@@ -87,8 +89,8 @@ class Climb:
             yardstick = self._timing(own, costs, again, None) if own is not None else None
             if own is not None and yardstick is None:
                 break
-            found = [self._timing(row, costs, again, yardstick) for row in going if not _known(again[id(row)], repeats)]
-            if not any(x is not None for x in found):
+            result = [self._timing(row, costs, again, yardstick) for row in going if not _known(again[id(row)], repeats)]
+            if not any(x is not None for x in result):
                 break
         for row in rows:
             self._settle(row, again.get(id(row), []), own is not None)
@@ -101,14 +103,14 @@ class Climb:
             return None
         began = time.perf_counter()
         try:
-            told = self.worker.ask({"do": "time", **self._job(row.rung, row.place)}, self.budget.end(self.worker.pace))
+            report = self.worker.ask({"do": "time", **self._job(row.rung, row.place)}, self.budget.end(self.worker.pace))
         except Overdue:
             return None
         costs[id(row)] = time.perf_counter() - began
-        if not told["stable"]:
+        if not report["stable"]:
             return None
-        again[id(row)].append((told["wall_s"], told["cpu_s"], told["cpu_s"] if yardstick is None else yardstick))
-        return float(told["cpu_s"])
+        again[id(row)].append((report["wall_s"], report["cpu_s"], report["cpu_s"] if yardstick is None else yardstick))
+        return float(report["cpu_s"])
 
     def _settle(self, row: Row, again: Sequence[tuple[float, float, float]], paired: bool) -> None:
         """Take the repeats for the row's times: a run that wrote its frames counts only where these do not matter."""
@@ -118,17 +120,17 @@ class Climb:
         row.wall, row.cpu, row.beside = (list(column) for column in zip(*first, *again, strict=True))
         row.beside = row.beside if paired else []
 
-    def _job(self, rung: Rung, name: str) -> dict[str, Any]:
-        return request(self.folder / SCENE_FILE, self.folder / RUNGS / name, rung.changes, self.plugins)
+    def _job(self, variant: Variant, name: str) -> dict[str, Any]:
+        return request(self.folder / SCENE_FILE, self.folder / RUNGS / name, variant.changes, self.plugins)
 
     def _left(self) -> float:
         """Seconds until the last rung must have ended."""
         return self.budget.end(self.worker.pace) - time.perf_counter()
 
-    def _predicted(self, rung: Rung) -> float:
+    def _predicted(self, variant: Variant) -> float:
         """Seconds of the wall that running a rung once will take."""
-        beside = self.overheads.known if _code(rung) in self.compiled else self.overheads.fresh
-        return self.worker.pace * (self.costs.of(rung, self.base) + beside)
+        beside = self.overheads.known if _code(variant) in self.compiled else self.overheads.fresh
+        return self.worker.pace * (self.costs.of(variant, self.base) + beside)
 
     def _round(self, rows: Sequence[Row]) -> float:
         """Seconds of the wall that timing these rungs once more will take."""
@@ -149,18 +151,18 @@ def _known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
     return timing([cpu / own for _, cpu, own in again if own > 0.0]).relative <= PRECISE
 
 
-def _rank(rung: Rung, number: int, count: int) -> int:
+def _rank(variant: Variant, number: int, count: int) -> int:
     """What is run first: the scene's own rung, the reference, the finest law at the same step, then the others in their order."""
-    if rung.default:
+    if variant.default:
         return 0
-    if rung.reference:
+    if variant.reference:
         return 1
-    return number + 1 + (count if rung.axis == "verify" else 0)
+    return number + 1 + (count if variant.axis == "verify" else 0)
 
 
-def _code(rung: Rung) -> tuple[Any, ...]:
+def _code(variant: Variant) -> tuple[Any, ...]:
     """What decides whether a rung has to be compiled."""
-    return rung.level, rung.springs, rung.integrator
+    return variant.level, variant.springs, variant.integrator
 
 
 def _slug(name: str) -> str:

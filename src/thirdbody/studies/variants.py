@@ -47,7 +47,7 @@ class Base:
 
 
 @dataclass(frozen=True)
-class Rung:
+class Variant:
     """One way to compute the scene. `changes`: keys of the scene and their new values, None to take the key out."""
 
     name: str
@@ -61,7 +61,7 @@ class Rung:
     changes: Mapping[str, Any] = field(default_factory=dict)
 
 
-def ladder(scene: Scene, family: LawFamily, base: Base, verify: bool = False) -> list[Rung]:
+def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = False) -> list[Variant]:
     """Some 18 rungs around a scene; the last one is the reference: the finest law, and steps as fine as the ladder has.
 
     The levels of a family go from the coarsest to the finest, as it lists them. Explicit rungs have a fixed time step, for an
@@ -71,31 +71,31 @@ def ladder(scene: Scene, family: LawFamily, base: Base, verify: bool = False) ->
     """
     laws = [(level, springs) for level in family.levels for springs in _springs_of(family, level, base)]
     other = "implicit" if base.kind == "explicit" else "explicit"
-    own, finest, least = (base.level, base.springs), laws[-1], FINEST[base.kind]
+    own, finest, minimum = (base.level, base.springs), laws[-1], FINEST[base.kind]
 
-    def rung(axis: str, law: Law, kind: str, factor: float = 1.0) -> Rung:
+    def rung(axis: str, law: Law, kind: str, factor: float = 1.0) -> Variant:
         words = [_law_name(*law)] + ([kind] if kind != base.kind else [])
         words += [_factor_name(kind, factor)] if factor != 1.0 else []
         default = axis == "law" and law == own
         changes = {**_law_changes(scene, family, law), **_step_changes(base, kind, factor)}
         if law == finest and (law != own or axis == "reference"):
             changes |= _resolved(scene, family, law[0])
-        return Rung(", ".join(words), axis, *law, kind, factor, default, axis == "reference", changes)
+        return Variant(", ".join(words), axis, *law, kind, factor, default, axis == "reference", changes)
 
-    rungs = [rung("law", law, base.kind) for law in laws]
-    rungs += [rung("step", own, base.kind, factor) for factor in FACTORS[base.kind]]
-    rungs += [rung("integrator", own, other, factor) for factor in AROUND[other]]
+    variants = [rung("law", law, base.kind) for law in laws]
+    variants += [rung("step", own, base.kind, factor) for factor in FACTORS[base.kind]]
+    variants += [rung("integrator", own, other, factor) for factor in AROUND[other]]
     if own != finest:
-        rungs += [rung("fine", finest, base.kind, factor) for factor in FINE[base.kind]]
+        variants += [rung("fine", finest, base.kind, factor) for factor in FINE[base.kind]]
     if verify:
-        rungs += [rung("verify", law, base.kind, least) for law in laws[:-1] if law[1] is not None]
-    return [*rungs, rung("reference", finest, base.kind, least)]
+        variants += [rung("verify", law, base.kind, minimum) for law in laws[:-1] if law[1] is not None]
+    return [*variants, rung("reference", finest, base.kind, minimum)]
 
 
 def springs_option(family: LawFamily, level: str) -> int | None:
     """The springs of a level when the scene does not tell them; None where it has no such option."""
-    found = [option.default for law in family.levels[level] for option in law.options if option.name == "springs"]
-    return int(found[0]) if found else None  # type: ignore[arg-type]
+    result = [option.default for law in family.levels[level] for option in law.options if option.name == "springs"]
+    return int(result[0]) if result else None  # type: ignore[arg-type]
 
 
 def _springs_of(family: LawFamily, level: str, base: Base) -> Sequence[int | None]:

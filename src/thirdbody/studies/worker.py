@@ -30,7 +30,7 @@ BATCH, ENOUGH = 9, 0.1
 processor's caches cold, which is nothing of theirs."""
 
 
-def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -> dict[str, Any]:
+def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -> dict[str, Any]:
     """One run into a folder: seconds of integration, its step, how it ended, and which share of it was `done`.
 
     Raises ThirdbodyError for what cannot be built.
@@ -48,11 +48,11 @@ def measured(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -
     except Interrupted:
         done = built.state.time / built.planned_time
         message = f"given up after {limit:.3g} s of one core, at {100.0 * done:.0f} % of the run"
-    told = {"wall_s": clock.wall, "cpu_s": clock.cpu, "done": built.state.time / built.planned_time,
+    report = {"wall_s": clock.wall, "cpu_s": clock.cpu, "done": built.state.time / built.planned_time,
             "integrator": built.plan.kind, "message": message, "stable": not message}  # fmt: skip
     if built.plan.kind == "implicit":
-        return told | {"step": built.integrator.accuracy.tolerance, "step_kind": "tolerance"}  # type: ignore[union-attr]
-    return told | {"step": built.state.dt, "step_kind": "time_step"}
+        return report | {"step": built.integrator.accuracy.tolerance, "step_kind": "tolerance"}  # type: ignore[union-attr]
+    return report | {"step": built.state.dt, "step_kind": "time_step"}
 
 
 def timed(scene: Scene, plugins: Sequence[str], limit: float) -> dict[str, Any]:
@@ -72,25 +72,25 @@ def answer(request: Mapping[str, Any]) -> dict[str, Any]:
     from thirdbody.studies.study_setup import make_copy
 
     began, folder, limit = time.process_time(), Path(request["folder"]), float(request["limit"])
-    found: dict[str, Any] = {"stable": False, "message": ""}
+    result: dict[str, Any] = {"stable": False, "message": ""}
     try:
         scene = Scene.load(request["scene"], request["plugins"])
         scene = scene.with_settings(request["changes"]) if request["changes"] else scene
         if request["do"] == "make":
             copied = make_copy(scene, folder, request["plugins"], request["most"], request["few"])
-            found |= copied | {"stable": True}
+            result |= copied | {"stable": True}
         elif request["do"] == "time":
-            found |= timed(scene, request["plugins"], limit)
+            result |= timed(scene, request["plugins"], limit)
         else:
             folder.parent.mkdir(parents=True, exist_ok=True)
-            measured(scene, folder, request["plugins"], 0.0)
-            found["compile_s"] = time.process_time() - began
-            found |= measured(scene, folder, request["plugins"], limit)
+            timed_run(scene, folder, request["plugins"], 0.0)
+            result["compile_s"] = time.process_time() - began
+            result |= timed_run(scene, folder, request["plugins"], limit)
     except Late:
-        found |= {"stable": False, "message": f"given up after {limit:.3g} s of one core"}
+        result |= {"stable": False, "message": f"given up after {limit:.3g} s of one core"}
     except ThirdbodyError as error:
-        found |= {"stable": False, "message": str(error), "exit_code": error.exit_code}
-    return found | {"used_cpu": time.process_time() - began}
+        result |= {"stable": False, "message": str(error), "exit_code": error.exit_code}
+    return result | {"used_cpu": time.process_time() - began}
 
 
 def serve() -> None:

@@ -123,22 +123,22 @@ def in_process(
     """What the variants of a scene took, run and then timed in turns in a process of their own; see `worker`."""
     with Worker() as worker:
         jobs = [request(scene, place / str(k), changes, plugins, limit) for k, changes in enumerate(variants)]
-        found = [worker.ask({"do": "run", **job}) | {"wall": [], "cpu": []} for job in jobs]
-        for told in (told for told in found if told["stable"] and told["cpu_s"] > LONG):
-            told["wall"].append(told["wall_s"])
-            told["cpu"].append(told["cpu_s"])
-        if len({len(told["cpu"]) for told in found if told["stable"]}) > 1:  # only some are long: no pair is to be torn
-            for told in found:
-                told["wall"], told["cpu"] = [], []
-        going = [(told, job) for told, job in zip(found, jobs, strict=True) if told["stable"]]
+        result = [worker.ask({"do": "run", **job}) | {"wall": [], "cpu": []} for job in jobs]
+        for report in (told for told in result if told["stable"] and told["cpu_s"] > LONG):
+            report["wall"].append(report["wall_s"])
+            report["cpu"].append(report["cpu_s"])
+        if len({len(told["cpu"]) for told in result if told["stable"]}) > 1:  # only some are long: no pair is to be torn
+            for report in result:
+                report["wall"], report["cpu"] = [], []
+        going = [(told, job) for told, job in zip(result, jobs, strict=True) if told["stable"]]
         while going and len(going[0][0]["cpu"]) < repeats:
-            for told, job in going:
+            for report, job in going:
                 answer = worker.ask({"do": "time", **job})
                 if not answer["stable"]:
-                    return found
-                told["wall"].append(answer["wall_s"])
-                told["cpu"].append(answer["cpu_s"])
-    return found
+                    return result
+                report["wall"].append(answer["wall_s"])
+                report["cpu"].append(answer["cpu_s"])
+    return result
 
 
 LONG = 2.0

@@ -32,8 +32,8 @@ def memory_shortage(problem: BaseException) -> MemoryShortage | None:
     """Return the error for what failed for lack of memory, None for any other problem."""
     lines = [" ".join(line.split()) for line in str(problem).splitlines()]
     telling = [line for line in lines if any(words in line.lower() for words in SHORT)]
-    told = telling and isinstance(problem, ImportError | OSError | RuntimeError)
-    if not told and not isinstance(problem, MemoryError):
+    report = telling and isinstance(problem, ImportError | OSError | RuntimeError)
+    if not report and not isinstance(problem, MemoryError):
         return None
     text = (telling or lines or [""])[-1]
     return MemoryShortage(f"not enough memory{f' ({text[:200]})' if text else ''}{limit_hint()}")

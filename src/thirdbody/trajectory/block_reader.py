@@ -9,7 +9,7 @@ import numpy as np
 
 from thirdbody.trajectory.named_arrays import Named, unknown_name
 from thirdbody.trajectory.schema import POSITION
-from thirdbody.trajectory.validate import damage_told
+from thirdbody.trajectory.validate import damage_as_fault
 
 
 class BlockReader:
@@ -34,7 +34,7 @@ class BlockReader:
         """One array of one frame."""
         if name != POSITION and name not in self._data:
             raise unknown_name(name, (POSITION, *self._data))
-        with damage_told(self._path, f"{self._group.name}/{name}"):
+        with damage_as_fault(self._path, f"{self._group.name}/{name}"):
             if name == POSITION:
                 data, offsets = self._group["Points"], self._steps["PointOffsets"]
             else:
@@ -43,19 +43,19 @@ class BlockReader:
             return self._known(name, data[start : start + self.rows(frame)])
 
     def rows(self, frame: int) -> int:
-        with damage_told(self._path, f"{self._group.name}/NumberOfPoints"):
+        with damage_as_fault(self._path, f"{self._group.name}/NumberOfPoints"):
             return int(self._group["NumberOfPoints"][int(self._steps["PartOffsets"][frame])])
 
     def history(self, name: str, frames: int) -> np.ndarray:
         """One varying array at all frames (frames, rows, ...), for a block whose row count never changes."""
         rows = self.rows(0) if frames else 0
-        with damage_told(self._path, f"{self._group.name}/{name}"):
+        with damage_as_fault(self._path, f"{self._group.name}/{name}"):
             data = self._data[name]
             return self._known(name, data[: frames * rows].reshape(frames, rows, *data.shape[1:]))
 
     def _known(self, name: str, codes: np.ndarray) -> np.ndarray:
         """The array, if its codes, when it holds some, all have a name."""
-        most = self.names_of.get(name)
-        if most is not None and codes.size and not 0 <= codes.min() <= codes.max() < most:
-            raise ValueError(f"codes {codes.min()} to {codes.max()}, of which {most} have names")
+        maximum = self.names_of.get(name)
+        if maximum is not None and codes.size and not 0 <= codes.min() <= codes.max() < maximum:
+            raise ValueError(f"codes {codes.min()} to {codes.max()}, of which {maximum} have names")
         return codes

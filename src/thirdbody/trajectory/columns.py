@@ -66,9 +66,9 @@ def _series(run: Run) -> list[Column]:
 
 
 def _transitions(run: Run) -> list[Column]:
-    found = run.transitions()
+    result = run.transitions()
     columns = []
-    for name, values in found.items():
+    for name, values in result.items():
         columns += _spread(name, values)
         if name in ("from", "to", "reason"):
             columns += _named(name, values, run.reason_names if name == "reason" else run.state_names)

@@ -24,16 +24,16 @@ def energy_verdict(summary: Mapping[str, Any], scene_text: str = "") -> str | No
     whether bodies have inertia.
     """
     residual, lines = summary.get("energy_residual"), summary.get("energy") or {}
-    solver, told = _solver(scene_text), []
+    solver, report = _solver(scene_text), []
     if residual is not None and residual > CLOSED:
         reason = _reason(summary, lines, solver)
-        told.append(f"energy balance open by {residual:.1e} of the largest energy (above {CLOSED:g}): {reason}")
-    share = summary.get("energy_numerical_share") or 0.0
-    if abs(share) > KEPT:
-        done = "lost" if share > 0.0 else "made"
-        what = f"the implicit integrator itself {done} {100.0 * abs(share):.1f} % of the energy (line `numerical`)"
-        told.append(f"{what}: {_numerical_reason(share, solver)}")
-    return "; ".join(told) or None
+        report.append(f"energy balance open by {residual:.1e} of the largest energy (above {CLOSED:g}): {reason}")
+    fraction = summary.get("energy_numerical_share") or 0.0
+    if abs(fraction) > KEPT:
+        done = "lost" if fraction > 0.0 else "made"
+        what = f"the implicit integrator itself {done} {100.0 * abs(fraction):.1f} % of the energy (line `numerical`)"
+        report.append(f"{what}: {_numerical_reason(fraction, solver)}")
+    return "; ".join(report) or None
 
 
 def _numerical_reason(share: float, solver: Mapping[str, Any]) -> str:
@@ -61,9 +61,9 @@ def _reason(summary: Mapping[str, Any], lines: Mapping[str, float], solver: Mapp
     if step and smallest and solver.get("time_step", "auto") != "auto" and step > 1.001 * smallest:
         return f"the time step is {step / smallest:.2g} times the automatic one; {remedy}"
     spent = {name: abs(lines.get(name, 0.0)) for name in ("damping", "friction")}
-    share = spent["damping"] / max(sum(spent.values()), 1e-300)
-    if share > MUCH:
-        return f"dashpots take {100.0 * share:.0f} % of what is lost and a step is too long for them; {remedy}"
+    fraction = spent["damping"] / max(sum(spent.values()), 1e-300)
+    if fraction > MUCH:
+        return f"dashpots take {100.0 * fraction:.0f} % of what is lost and a step is too long for them; {remedy}"
     return f"a step is too long for some impact or contact; {remedy}"
 
 

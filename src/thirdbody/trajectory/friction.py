@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.quantity import GLUE, MINUS, percent, told, with_error
+from thirdbody.quantity import GLUE, MINUS, percent, quantity_text, with_error
 from thirdbody.trajectory.statistics import LEAST, change_and_error, mean_and_error
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Friction:
             return self.verdict
         if not self.cycles:
             return with_error(self.value, self.error) + self._range()
-        energy = told(self.energy_per_cycle, "J").replace(GLUE, " ")
+        energy = quantity_text(self.energy_per_cycle, "J").replace(GLUE, " ")
         return f"{with_error(self.value, self.error)} (mean size over the last cycle, {energy} per cycle)"
 
     @property

@@ -13,7 +13,7 @@ import h5py
 
 from thirdbody.errors import InputError
 from thirdbody.trajectory.external_links import refuse_foreign
-from thirdbody.trajectory.validate import ClosedRun, damage_told
+from thirdbody.trajectory.validate import ClosedRun, damage_as_fault
 
 FILE_NAME = "run.vtkhdf"
 TRIES, PAUSE = 10, 0.05
@@ -51,7 +51,7 @@ class OpenFile:
         except OSError as error:
             what = "is cut short" if "truncated" in str(error) else "cannot be opened"
             raise InputError(f"{self.path}: the file {what} ({error})") from error
-        with damage_told(self.path):
+        with damage_as_fault(self.path):
             refuse_foreign(self.file)
 
     def steady(self, read: Callable[[], Result], again: Callable[[], None] | None = None) -> Result:

@@ -22,7 +22,7 @@ from thirdbody.trajectory.named_arrays import Named
 from thirdbody.trajectory.open_file import FILE_NAME, OpenFile
 from thirdbody.trajectory.schema import BLOCKS, POSITION, STATIC_TEXT, SUMMARY_TEXT, Frame
 from thirdbody.trajectory.texts import read_text, refuse_large_texts
-from thirdbody.trajectory.validate import damage_told, refuse_unsound
+from thirdbody.trajectory.validate import damage_as_fault, refuse_unsound
 
 if TYPE_CHECKING:
     import pyvista
@@ -54,7 +54,7 @@ class Run:
     def _connect(self) -> None:
         """Open the file and look at all that is needed to read it; of an open one the frames stay those that it had."""
         self._open.connect()
-        with damage_told(self.path):
+        with damage_as_fault(self.path):
             self._blocks = Named((name, BlockReader(self.file["VTKHDF"][name], self.path)) for name in BLOCKS)
             self._series_group, self._scene = self.file["series"], self.file["scene"]
             counts = [block.frames for block in self._blocks.values()]
@@ -78,13 +78,13 @@ class Run:
         """What `read` gives; damage is told with its place, and a file that is being written is read again."""
 
         def told() -> Result:
-            with damage_told(self.path, where):
+            with damage_as_fault(self.path, where):
                 return read()
 
         return self._open.steady(told, self._connect)
 
     def _text(self, name: str) -> Any:
-        with damage_told(self.path, f"/scene/{name}"):
+        with damage_as_fault(self.path, f"/scene/{name}"):
             return read_text(self._scene[name])
 
     @property
@@ -165,7 +165,7 @@ class Run:
         """The friction coefficient of the run: `value`, `error`, `verdict` on whether it is stationary, and more."""
         from thirdbody.trajectory.friction import friction_of
 
-        with damage_told(self.path, "the series of friction"):
+        with damage_as_fault(self.path, "the series of friction"):
             return friction_of(self)
 
     @cached_property
@@ -176,7 +176,7 @@ class Run:
         """
         from thirdbody.trajectory.friction import friction_cycles
 
-        with damage_told(self.path, "the series of friction"):
+        with damage_as_fault(self.path, "the series of friction"):
             return friction_cycles(self)
 
     def bodies(self, frame: int = -1) -> dict[str, np.ndarray]:
@@ -263,12 +263,12 @@ class Run:
         at the end) and `largest_fraction_rolling` (of all frames). Figures that the run has no series for are absent.
         """
         stored = self._steady("", lambda: dict(self._text(SUMMARY_TEXT)) if SUMMARY_TEXT in self._scene else None)
-        told = self._figures() | {"finished": stored is not None} | (stored or {})
+        report = self._figures() | {"finished": stored is not None} | (stored or {})
         rolling = self.series.get("fraction_rolling", ())
-        if told.get("patches_not_carried") is not None and len(rolling):
-            told["largest_fraction_rolling"] = float(np.max(rolling))
-        verdict = energy_verdict(told, str(self.header.get("scene_text", "")))
-        return told if verdict is None else told | {"energy_verdict": verdict}
+        if report.get("patches_not_carried") is not None and len(rolling):
+            report["largest_fraction_rolling"] = float(np.max(rolling))
+        verdict = energy_verdict(report, str(self.header.get("scene_text", "")))
+        return report if verdict is None else report | {"energy_verdict": verdict}
 
     def _figures(self) -> dict[str, Any]:
         from thirdbody.trajectory.state_groups import states_by_group
@@ -289,8 +289,8 @@ class Run:
                 figures |= {"cycles": friction.cycles, "energy_per_cycle": friction.energy_per_cycle}
         if self.has_states and figures["bodies"]:
             counts = np.bincount(self.bodies(-1)["state"], minlength=len(self.state_names))
-            shares = (counts / counts.sum()).tolist()
-            figures["fractions"] = dict(zip(self.state_names, shares, strict=False))
+            fractions = (counts / counts.sum()).tolist()
+            figures["fractions"] = dict(zip(self.state_names, fractions, strict=False))
             figures |= {f"{kind}s": rows for kind, rows in states_by_group(self).items()}
         return figures
 

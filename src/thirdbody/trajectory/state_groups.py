@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from thirdbody.kernels.layout import LOWER, UPPER
-from thirdbody.quantity import GLUE, percent, told
-from thirdbody.trajectory.validate import damage_told
+from thirdbody.quantity import GLUE, percent, quantity_text
+from thirdbody.trajectory.validate import damage_as_fault
 
 if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
@@ -50,11 +50,11 @@ def names_from_scene(text: str) -> list[str]:
 
 def groups_of(run: Run, bodies: dict[str, np.ndarray]) -> list[Group]:
     """All populations, materials and size classes of the bodies (arrays of a frame); runs without these arrays have none."""
-    found: list[Group] = []
+    result: list[Group] = []
     for kind, names in ((POPULATION, run.population_names), (MATERIAL, run.material_names)):
         codes = bodies.get(kind, np.zeros(0, np.int64))
-        found += [Group(kind, code_name(names, int(code)), codes == code) for code in np.unique(codes)]
-    return found + _size_classes(bodies.get("diameter"))
+        result += [Group(kind, code_name(names, int(code)), codes == code) for code in np.unique(codes)]
+    return result + _size_classes(bodies.get("diameter"))
 
 
 def _size_classes(diameter: np.ndarray | None) -> list[Group]:
@@ -66,7 +66,7 @@ def _size_classes(diameter: np.ndarray | None) -> list[Group]:
         return []
     edges = np.unique(np.quantile(diameter, np.linspace(0.0, 1.0, count + 1)))
     place = np.clip(np.searchsorted(edges, diameter, "right") - 1, 0, len(edges) - 2)
-    ends = [told(edge, "m", 2).replace(GLUE, " ") for edge in edges]
+    ends = [quantity_text(edge, "m", 2).replace(GLUE, " ") for edge in edges]
     return [Group(SIZE, f"{ends[k]} to {ends[k + 1]}", place == k) for k in range(len(edges) - 1) if (place == k).any()]
 
 
@@ -78,17 +78,17 @@ def states_by_group(run: Run, frame: int = -1) -> dict[str, list[dict[str, Any]]
     if not run.frames or not run.has_states:
         return {}
     bodies = run.bodies(frame)  # IndexError for a frame that the run has not
-    with damage_told(run.path, "bodies and contacts"):
+    with damage_as_fault(run.path, "bodies and contacts"):
         return _rows_of_groups(run, bodies, frame)
 
 
 def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict[str, list[dict[str, Any]]]:
     """The rows of `states_by_group`."""
     load = _load_shares(run, frame, len(bodies["state"]))
-    found: dict[str, list[dict[str, Any]]] = {}
+    result: dict[str, list[dict[str, Any]]] = {}
     for group in groups_of(run, bodies):
         states = bodies["state"][group.members]
-        shares = np.bincount(states, minlength=len(run.state_names)) / len(states)
+        fractions = np.bincount(states, minlength=len(run.state_names)) / len(states)
         row: dict[str, Any] = {"name": group.name, "bodies": len(states)}
         if group.kind == POPULATION and "material" in bodies:
             row["material"] = code_name(run.material_names, int(bodies["material"][group.members][0]))
@@ -97,9 +97,9 @@ def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict
             row |= {"smallest": float(sizes.min()), "largest": float(sizes.max())}
         if load is not None:
             row["load_share"] = float(load[group.members].sum())
-        row["fractions"] = dict(zip(run.state_names, shares.tolist(), strict=False))
-        found.setdefault(group.kind, []).append(row)
-    return found
+        row["fractions"] = dict(zip(run.state_names, fractions.tolist(), strict=False))
+        result.setdefault(group.kind, []).append(row)
+    return result
 
 
 def _load_shares(run: Run, frame: int, count: int) -> np.ndarray | None:
@@ -115,16 +115,16 @@ def _load_shares(run: Run, frame: int, count: int) -> np.ndarray | None:
     return None
 
 
-def telling(found: dict[str, list[dict[str, Any]]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
+def telling(result: dict[str, list[dict[str, Any]]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
     """The kinds of groups that tell something: of more than one group, and materials only where populations share one."""
     for kind in KINDS:
-        rows = found.get(kind, [])
-        same = kind == MATERIAL and len(rows) == len(found.get(POPULATION, []))
+        rows = result.get(kind, [])
+        same = kind == MATERIAL and len(rows) == len(result.get(POPULATION, []))
         if len(rows) > 1 and not same:
             yield kind, rows
 
 
-def shares_text(fractions: dict[str, float], most: int = 4) -> str:
+def shares_text(fractions: dict[str, float], maximum: int = 4) -> str:
     """`95 % rolling, 5 % sliding`, the largest first."""
-    shares = sorted(((share, name) for name, share in fractions.items() if share > 0.0), key=lambda entry: -entry[0])
-    return ", ".join(f"{percent(share)} {name}" for share, name in shares[:most]).replace(GLUE, " ")
+    portions = sorted(((share, name) for name, share in fractions.items() if share > 0.0), key=lambda entry: -entry[0])
+    return ", ".join(f"{percent(share)} {name}" for share, name in portions[:maximum]).replace(GLUE, " ")

@@ -18,9 +18,9 @@ def refuse_large_texts(group: h5py.Group) -> None:
     """Raise ValueError or TypeError for texts that are too large together, larger than their file, or no texts."""
     sizes = {name: _size(group[name]) for name in group}
     json_size = sum(size for name, size in sizes.items() if group[name].attrs["json"])
-    for what, size, most in (("texts", sum(sizes.values()), MOST_TEXT), ("JSON texts", json_size, MOST_JSON)):
-        if size > most:
-            raise ValueError(f"its {what} claim {size:.3g} bytes, at most {most:.3g} are read")
+    for what, size, maximum in (("texts", sum(sizes.values()), MOST_TEXT), ("JSON texts", json_size, MOST_JSON)):
+        if size > maximum:
+            raise ValueError(f"its {what} claim {size:.3g} bytes, at most {maximum:.3g} are read")
 
 
 def _size(dataset: h5py.Dataset) -> int:

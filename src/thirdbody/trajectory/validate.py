@@ -40,7 +40,7 @@ class ClosedRun(ValueError):
 
 
 @contextmanager
-def damage_told(path: Path | str, where: str = "") -> Iterator[None]:
+def damage_as_fault(path: Path | str, where: str = "") -> Iterator[None]:
     """Tells whatever reading a damaged file raises as one InputError with the place."""
     try:
         yield

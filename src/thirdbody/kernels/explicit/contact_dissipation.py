@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import LANES, at_least, get, put, spread
+from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, put
 from thirdbody.kernels.layout import (
     G_P,
     G_U,
@@ -51,7 +51,7 @@ def work_of_mean(q, old, new, x, y, I, O):  # noqa: E741
     displacements in fields x and y of I."""
     along = (get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + x * TILE)
     across = (get(I, q + (old + 1) * TILE) + get(O, q + (new + 1) * TILE)) * get(I, q + y * TILE)
-    return spread(0.5) * (along + across)
+    return broadcast(0.5) * (along + across)
 
 
 @njit(**BARE_CHUNK)
@@ -65,9 +65,9 @@ def book(n, force, moment, stored, n_history, I, O):  # noqa: E741
         work = work_of_mean(q, I_HISTORY + force, O_HISTORY + force, np.int64(I_SX), np.int64(I_SY), I, O)
         taken = get(I, q + (I_HISTORY + stored) * TILE) - work
         if moment >= 0:
-            turn = I_HISTORY + n_history
-            taken = taken - work_of_mean(q, I_HISTORY + moment, O_HISTORY + moment, turn + J_X, turn + J_Y, I, O)
-        taken = at_least(taken - get(O, q + O_STORED_T * TILE), 0.0)
+            rotation = I_HISTORY + n_history
+            taken = taken - work_of_mean(q, I_HISTORY + moment, O_HISTORY + moment, rotation + J_X, rotation + J_Y, I, O)
+        taken = clamp_below(taken - get(O, q + O_STORED_T * TILE), 0.0)
         put(O, q + O_WORK * TILE, get(O, q + O_WORK * TILE) + (taken - get(O, q + O_LOST * TILE)))
 
 
@@ -83,7 +83,7 @@ def book_opened(n, force, moment, stored, n_history, I, O):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def recall(n, place, moment, n_history, I):  # noqa: E741
+def load_dashpot_forces(n, place, moment, n_history, I):  # noqa: E741
     """Put the forces and, if any, the moments of the dashpots of n contacts in place of the velocities that they answered to."""
     old = I[(I_HISTORY + place) * TILE :]
     for q in range(n):
@@ -97,7 +97,7 @@ def recall(n, place, moment, n_history, I):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def remember(n, place, moment, n_history, O):  # noqa: E741
+def store_dashpot_forces(n, place, moment, n_history, O):  # noqa: E741
     """Put the forces and, if any, the moments of the dashpots of n contacts into the history."""
     new, behind = O[(O_HISTORY + place) * TILE :], O[(O_HISTORY + n_history) * TILE :]
     for q in range(n):
@@ -117,17 +117,17 @@ def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
 
     `place`: of their force in the history, in one number (`three_in_one`); their moment, if any, is the number behind it.
     """
-    moment, behind, turn, half = n_history >= place + 2, O_HISTORY + n_history, I_HISTORY + n_history, spread(0.5 * dt)
-    recall(n, place, moment, n_history, I)
+    moment, behind, rotation, half = n_history >= place + 2, O_HISTORY + n_history, I_HISTORY + n_history, broadcast(0.5 * dt)
+    load_dashpot_forces(n, place, moment, n_history, I)
     for q in range(0, n, LANES):
         x, y, z = get(G, q + G_P * TILE), get(G, q + (G_P + 1) * TILE), get(G, q + (G_P + 2) * TILE)
         apart = get(G, q + G_U * TILE) * x + get(G, q + (G_U + 1) * TILE) * y + get(G, q + (G_U + 2) * TILE) * z
         work = half * (get(I, q + I_VN * TILE) + get(O, q + (behind + Q_VISCOUS_N) * TILE)) * apart
         work = work + work_of_mean(q, np.int64(I_VX), behind + Q_VISCOUS_X, np.int64(I_SX), np.int64(I_SY), I, O)
         if moment:
-            work = work + work_of_mean(q, turn + J_RATE_X, behind + Q_VISCOUS_MX, turn + J_X, turn + J_Y, I, O)
-        put(O, q + O_POWER * TILE, at_least(spread(0.0) - work, 0.0))
-    remember(n, place, moment, n_history, O)
+            work = work + work_of_mean(q, rotation + J_RATE_X, behind + Q_VISCOUS_MX, rotation + J_X, rotation + J_Y, I, O)
+        put(O, q + O_POWER * TILE, clamp_below(broadcast(0.0) - work, 0.0))
+    store_dashpot_forces(n, place, moment, n_history, O)
 
 
 @njit(**BARE)

@@ -14,21 +14,21 @@ from thirdbody.jit.simd import (
     LANES,
     LINE,
     all_below,
-    below,
-    crossed,
+    broadcast,
+    cross,
+    extract,
     get,
-    lane,
+    less_mask,
     load,
-    spread,
+    select_greater,
     store,
-    transposed,
-    where_above,
+    transpose,
     with_last,
 )
-from thirdbody.kernels.contact_geometry import SPARE, push
-from thirdbody.kernels.contact_history import keep
+from thirdbody.kernels.contact_geometry import SPARE, force_and_torques
+from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
-from thirdbody.kernels.explicit.contact_tiles import SHARE, hand_out, let_go, stage
+from thirdbody.kernels.explicit.contact_tiles import SHARE, end_contacts, gather_tile, store_remote_force
 from thirdbody.kernels.layout import (
     B_F,
     B_T,
@@ -84,9 +84,9 @@ from thirdbody.kernels.layout import (
     S_V,
     TILE,
 )
-from thirdbody.kernels.narrow_phase import measure_pairs, measure_plates, sort_out
+from thirdbody.kernels.narrow_phase import compact_active, pair_overlaps, plate_overlaps
 from thirdbody.kernels.periodic import inverse
-from thirdbody.kernels.rigid_body import arm_of
+from thirdbody.kernels.rigid_body import arm_to_sphere
 from thirdbody.kernels.rolling_kinematics import MOMENTS, add_moments, record_rolling
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
 
@@ -107,7 +107,7 @@ SUM_UP, SUM_LOW = 8, 12  # forces of the upper and of the lower plate, 3 each
 SUM_COLS = 16
 
 
-def room_for(n_history, longest):
+def scratch_sizes(n_history, longest):
     """Scratch of a thread for chunks of at most `longest` slots: numbers of floats and of marks; whole lines of the cache, since
     a vector of eight that lies across two takes twice the time."""
     fields = I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS + G_COLS
@@ -115,104 +115,107 @@ def room_for(n_history, longest):
 
 
 @njit(**BARE)
-def push_body(b, B, force, torque):
+def add_force(b, B, force, torque):
     """Add a force and a torque, with friction work and slip behind them, to those on body b."""
     store(B, b, B_F, load(B, b, B_F) + force)
     store(B, b, B_T, load(B, b, B_T) + torque)
 
 
 @njit(**BARE)
-def push_one(k, c, own, partner, body, S, B, E, sums, force, torque):
+def scatter_plate_force(k, c, own, partner, body, S, B, E, sums, force, torque):
     """A contact with a plate acts on its body; `torque`: about the centre of the sphere."""
     i = np.uint64(own[k])
     b = np.uint64(body[i])
-    push_body(b, B, force, torque + crossed(arm_of(i, S), force))
-    low, alone = partner[k] == -1, with_last(force, spread(0.0))
+    add_force(b, B, force, torque + cross(arm_to_sphere(i, S), force))
+    low, alone = partner[k] == -1, with_last(force, broadcast(0.0))
     total = np.int64(SUM_LOW) if low else np.int64(SUM_UP)
-    E[b, E_PUSH] += 0.0 if low else lane(force, 2)
+    E[b, E_PUSH] += 0.0 if low else extract(force, 2)
     store(sums, c, total, load(sums, c, total) + alone)
 
 
 @njit(**BARE)
-def push_both(k, own, partner, body, outer, clumps, S, B, F, force, torque, back):
+def scatter_pair_force(k, own, partner, body, outer, clumps, S, B, F, force, torque, back):
     """A contact between spheres acts on both bodies; `torque` and `back`: about the centre of the owner and of the partner."""
     i, j = np.uint64(own[k]), np.uint64(partner[k])
-    against = with_last(spread(0.0) - force, force)
+    against = with_last(broadcast(0.0) - force, force)
     b, p = i, j
     if clumps:
         b, p = np.uint64(body[i]), np.uint64(body[j])
-        torque = torque + crossed(arm_of(i, S), force)
-        back = back + crossed(arm_of(j, S), against)
-    push_body(b, B, force, torque)
+        torque = torque + cross(arm_to_sphere(i, S), force)
+        back = back + cross(arm_to_sphere(j, S), against)
+    add_force(b, B, force, torque)
     if outer[k] < 0:
-        push_body(p, B, against, back)
+        add_force(p, B, against, back)
     else:
-        hand_out(outer[k], against, back, F)
+        store_remote_force(outer[k], against, back, F)
 
 
 @njit(**BARE)
 def four_rows(at, G, last):
     """Three fields as rows of four places, and behind them a number of each place."""
-    return transposed(get(G, at), get(G, at + TILE), get(G, at + 2 * TILE), last)
+    return transpose(get(G, at), get(G, at + TILE), get(G, at + 2 * TILE), last)
 
 
 @njit(**BARE_CHUNK)
-def push_flat(n, c, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
+def scatter_plate_tile(n, c, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
     """The contacts with plates slots[first:first + n], a tile, act on their bodies; the sums of their forces into row c."""
     for q in range(0, n, 4):
         work, slip = get(O, q + O_WORK * TILE), get(O, q + O_SLIP * TILE)
         p, f, t = first + q, four_rows(q + G_F * TILE, G, work), four_rows(q + G_TI * TILE, G, slip)
-        push_one(np.uint64(slots[p]), c, own, partner, body, S, B, E, sums, f[0], t[0])
+        scatter_plate_force(np.uint64(slots[p]), c, own, partner, body, S, B, E, sums, f[0], t[0])
         if q + 1 < n:
-            push_one(np.uint64(slots[p + 1]), c, own, partner, body, S, B, E, sums, f[1], t[1])
+            scatter_plate_force(np.uint64(slots[p + 1]), c, own, partner, body, S, B, E, sums, f[1], t[1])
         if q + 2 < n:
-            push_one(np.uint64(slots[p + 2]), c, own, partner, body, S, B, E, sums, f[2], t[2])
+            scatter_plate_force(np.uint64(slots[p + 2]), c, own, partner, body, S, B, E, sums, f[2], t[2])
         if q + 3 < n:
-            push_one(np.uint64(slots[p + 3]), c, own, partner, body, S, B, E, sums, f[3], t[3])
+            scatter_plate_force(np.uint64(slots[p + 3]), c, own, partner, body, S, B, E, sums, f[3], t[3])
 
 
 @njit(**BARE_CHUNK)
-def push_pairs(n, slots, first, own, partner, body, outer, S, O, G, B, F):  # noqa: E741
+def scatter_pair_tile(n, slots, first, own, partner, body, outer, S, O, G, B, F):  # noqa: E741
     """The contacts between spheres slots[first:first + n], a tile, act on their bodies."""
     clumps = S.shape[0] != B.shape[0]
     for q in range(0, n, 4):
-        work, slip = spread(SHARE) * get(O, q + O_WORK * TILE), get(O, q + O_SLIP * TILE)
+        work, slip = broadcast(SHARE) * get(O, q + O_WORK * TILE), get(O, q + O_SLIP * TILE)
         p, f = first + q, four_rows(q + G_F * TILE, G, work)
         t, w = four_rows(q + G_TI * TILE, G, slip), four_rows(q + G_TJ * TILE, G, slip)
-        push_both(np.uint64(slots[p]), own, partner, body, outer, clumps, S, B, F, f[0], t[0], w[0])
+        scatter_pair_force(np.uint64(slots[p]), own, partner, body, outer, clumps, S, B, F, f[0], t[0], w[0])
         if q + 1 < n:
-            push_both(np.uint64(slots[p + 1]), own, partner, body, outer, clumps, S, B, F, f[1], t[1], w[1])
+            scatter_pair_force(np.uint64(slots[p + 1]), own, partner, body, outer, clumps, S, B, F, f[1], t[1], w[1])
         if q + 2 < n:
-            push_both(np.uint64(slots[p + 2]), own, partner, body, outer, clumps, S, B, F, f[2], t[2], w[2])
+            scatter_pair_force(np.uint64(slots[p + 2]), own, partner, body, outer, clumps, S, B, F, f[2], t[2], w[2])
         if q + 3 < n:
-            push_both(np.uint64(slots[p + 3]), own, partner, body, outer, clumps, S, B, F, f[3], t[3], w[3])
+            scatter_pair_force(np.uint64(slots[p + 3]), own, partner, body, outer, clumps, S, B, F, f[3], t[3], w[3])
 
 
 @njit(**BARE)
-def nothing():
-    """What is found of no contacts: `tally`."""
-    return spread(0.0), spread(0.0), 0.0, np.int64(0), np.int64(0)
+def empty_sums():
+    """What is found of no contacts: `reduce_tile`."""
+    return broadcast(0.0), broadcast(0.0), 0.0, np.int64(0), np.int64(0)
 
 
 @njit(**BARE)
-def tally(m, slots, first, O, I, G, found):  # noqa: E741
-    """What was `found` in a chunk, and a tile of m contacts, slots[first:first + m]: what friction and dashpots took, by four
+def reduce_tile(m, slots, first, O, I, G, sums_of_tile):  # noqa: E741
+    """What was `sums_of_tile` in a chunk, and a tile of m contacts, slots[first:first + m]: what friction and dashpots took, by
+    four
     lanes; the largest overlap over the smaller radius, with its slot; the last slot whose force is no number (+ 1; 0: none)."""
-    work, damped, deepest, slot, bad = found
-    clear(m, O, I, G)
+    work, damped, deepest, slot, bad = sums_of_tile
+    zero_padding(m, O, I, G)
     for q in range(0, m, LANES):
         work, damped = work + get(O, q + O_WORK * TILE), damped + get(O, q + O_POWER * TILE)
         r_i, r_j = get(G, q + G_RI * TILE), get(G, q + G_RJ * TILE)
-        if below(spread(deepest) * where_above(r_i, r_j, r_j, r_i), get(I, q + I_OVERLAP * TILE)) != 0:  # few are the deepest
-            deepest, slot = deeper(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
+        if (
+            less_mask(broadcast(deepest) * select_greater(r_i, r_j, r_j, r_i), get(I, q + I_OVERLAP * TILE)) != 0
+        ):  # few are the deepest
+            deepest, slot = larger_overlap(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
         x, y, z = get(G, q + G_F * TILE), get(G, q + (G_F + 1) * TILE), get(G, q + (G_F + 2) * TILE)
         if not all_below(x * x + y * y + z * z, LARGEST):
-            bad = last_bad(q, min(q + LANES, m), slots, first, G, bad)
+            bad = last_nonfinite(q, min(q + LANES, m), slots, first, G, bad)
     return work, damped, deepest, slot, bad
 
 
 @njit(**BARE)
-def clear(m, O, I, G):  # noqa: E741
+def zero_padding(m, O, I, G):  # noqa: E741
     """Let the places behind m contacts, up to a multiple of four, add nothing to what is told of them."""
     for q in range(m, m + -m % LANES):
         O[q + O_WORK * TILE] = O[q + O_POWER * TILE] = I[q + I_OVERLAP * TILE] = 0.0
@@ -220,7 +223,7 @@ def clear(m, O, I, G):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def deeper(q, end, slots, first, I, G, deepest, slot):  # noqa: E741
+def larger_overlap(q, end, slots, first, I, G, deepest, slot):  # noqa: E741
     """The largest overlap over the smaller radius of the contacts in places q to `end` with its slot, or what there was."""
     for e in range(q, end):
         ratio = I[e + I_OVERLAP * TILE] / min(G[e + G_RI * TILE], G[e + G_RJ * TILE])
@@ -229,7 +232,7 @@ def deeper(q, end, slots, first, I, G, deepest, slot):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def last_bad(q, end, slots, first, G, bad):
+def last_nonfinite(q, end, slots, first, G, bad):
     """The last of the slots in places q to `end` whose force is not a number (+ 1), or `bad`."""
     for e in range(q, end):
         x, y, z = G[e + G_F * TILE], G[e + (G_F + 1) * TILE], G[e + (G_F + 2) * TILE]
@@ -238,20 +241,20 @@ def last_bad(q, end, slots, first, G, bad):
 
 
 @njit(**BARE)
-def total(v):
+def sum_of_lanes(v):
     """The sum of four lanes."""
-    return (lane(v, 0) + lane(v, 1)) + (lane(v, 2) + lane(v, 3))
+    return (extract(v, 0) + extract(v, 1)) + (extract(v, 2) + extract(v, 3))
 
 
 @njit(**BARE)
-def tell(c, lost, damped, found, sums):
-    """Put what a chunk lost to friction and to dashpots where contacts opened, and what was `found` in it, into row c."""
-    work, taken, sums[c, SUM_OVERLAP], sums[c, SUM_SLOT], sums[c, SUM_BAD] = found
-    sums[c, SUM_WORK], sums[c, SUM_DAMPED] = lost + total(work), damped + total(taken)
+def store_sums(c, lost, damped, sums_of_tile, sums):
+    """Put what a chunk lost to friction and to dashpots where contacts opened, and what was `sums_of_tile` in it, into row c."""
+    work, taken, sums[c, SUM_OVERLAP], sums[c, SUM_SLOT], sums[c, SUM_BAD] = sums_of_tile
+    sums[c, SUM_WORK], sums[c, SUM_DAMPED] = lost + sum_of_lanes(work), damped + sum_of_lanes(taken)
 
 
 @njit(**BARE_CHUNK)
-def add_stored(n, c, O, sums):  # noqa: E741
+def add_elastic_energy(n, c, O, sums):  # noqa: E741
     """Add the elastic energy of n contacts, normal and tangential, to row c."""
     for q in range(n):
         sums[c, SUM_STORED_N] += O[q + O_STORED_N * TILE]
@@ -259,9 +262,9 @@ def add_stored(n, c, O, sums):  # noqa: E741
 
 
 @njit(**BARE)
-def three(v):
+def first_three(v):
     """The first three numbers of v."""
-    return lane(v, 0), lane(v, 1), lane(v, 2)
+    return extract(v, 0), extract(v, 1), extract(v, 2)
 
 
 @njit(**BARE_CHUNK)
@@ -271,7 +274,7 @@ def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
     a_i, a_j = G[q + G_ARM_I * TILE], G[q + G_ARM_J * TILE]
     t_1, t_2 = O[q + O_TX * TILE], O[q + O_TY * TILE]
     n = (G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE])
-    arm, arm_j = three(arm_of(i, S)), three(arm_of(max(j, 0), S))
+    arm, arm_j = first_three(arm_to_sphere(i, S)), first_three(arm_to_sphere(max(j, 0), S))
     for d in range(3):
         R[k, R_POINT + d] = arm[d] - a_i * n[d]
         R[k, R_POINT_J + d] = arm_j[d] + a_j * n[d] if j >= 0 else 0.0
@@ -290,60 +293,106 @@ def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def contact_chunk(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, E, P, H, F, R, sums, law, pairs, dt,
-                  v_x, v_y, l_x, l_y, n_history, rolling, force, moment, stored, dashpots, observed, room, marks):  # fmt: skip
+def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, E, P, H, F, R, sums, law, pairs, dt,
+                  v_x, v_y, l_x, l_y, n_history, rolling, force, moment, stored, dashpots, observed, scratch, marks):  # fmt: skip
     """The candidate slots first to last act on their bodies; sums into row c: filter by gap, then the law in tiles.
 
-    `flat`: all of them are with plates; else all are between spheres. `room`, `marks`: scratch (`room_for`).
+    `flat`: all of them are with plates; else all are between spheres. `scratch`, `marks`: scratch (`scratch_sizes`).
     """
     begin, end = (I_HISTORY + n_history + J_COLS) * TILE, (I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS) * TILE
-    I, O, G, g = room[:begin], room[begin:end], room[end : end + G_COLS * TILE], room[end + G_COLS * TILE :]  # noqa: E741
+    I, O, G, g = scratch[:begin], scratch[begin:end], scratch[end : end + G_COLS * TILE], scratch[end + G_COLS * TILE :]  # noqa: E741
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
     c_x, c_y = inverse(l_x), inverse(l_y)
     if flat:
-        measure_plates(first, last, own, partner, S, P, g)
+        plate_overlaps(first, last, own, partner, S, P, g)
     else:
-        measure_pairs(first, last, own, partner, S, l_x, l_y, c_x, c_y, g)
-    m, o = sort_out(first, last, g, closed, slots, opened)
+        pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g)
+    m, o = compact_active(first, last, g, closed, slots, opened)
     sums[c, SUM_STORED_N] = sums[c, SUM_STORED_T] = 0.0
-    store(sums, c, SUM_UP, spread(0.0))
-    store(sums, c, SUM_LOW, spread(0.0))
-    lost, damped, found = 0.0, 0.0, nothing()
+    store(sums, c, SUM_UP, broadcast(0.0))
+    store(sums, c, SUM_LOW, broadcast(0.0))
+    lost, damped, sums_of_tile = 0.0, 0.0, empty_sums()
     for e in range(o, o + SPARE - 1 if o > 0 else o):
         opened[e] = opened[o - 1]  # so far it is looked ahead
     for t in range(0, o, TILE):
         count = min(TILE, o - t)
         if force >= 0 or dashpots >= 0:
-            stage(count + -count % 4, opened, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y,
-                  n_history, rolling, I, G)  # fmt: skip
+            gather_tile(
+                count + -count % 4,
+                opened,
+                t,
+                flat,
+                g,
+                first,
+                own,
+                partner,
+                body,
+                kind,
+                S,
+                B,
+                P,
+                H,
+                dt,
+                v_x,
+                v_y,
+                l_x,
+                l_y,
+                n_history,
+                rolling,
+                I,
+                G,
+            )
         if force >= 0:
             book_opened(count, force, moment, stored, n_history, I, O)
         if dashpots >= 0:
             damped += book_opened_dashpots(count, dashpots, n_history, dt, I, O, G)
-        lost += let_go(count, opened, t, force >= 0, stored, own, partner, body, outer, H, B, F, O)
+        lost += end_contacts(count, opened, t, force >= 0, stored, own, partner, body, outer, H, B, F, O)
     for t in range(0, m, TILE):
         count = min(TILE, m - t)
         filled = count + (-count % LINE if n_history <= LIGHT else 0)  # behind the last one it stands there again
-        stage(filled, slots, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y, n_history, rolling,
-              I, G)  # fmt: skip
+        gather_tile(
+            filled,
+            slots,
+            t,
+            flat,
+            g,
+            first,
+            own,
+            partner,
+            body,
+            kind,
+            S,
+            B,
+            P,
+            H,
+            dt,
+            v_x,
+            v_y,
+            l_x,
+            l_y,
+            n_history,
+            rolling,
+            I,
+            G,
+        )
         law(I, O, filled, pairs)
         if force >= 0:
             book(filled, force, moment, stored, n_history, I, O)
         if dashpots >= 0:
             book_dashpots(filled, dashpots, n_history, dt, I, O, G)
-        push(filled, I, O, G)
+        force_and_torques(filled, I, O, G)
         if rolling == MOMENTS:
             add_moments(filled, O, G, n_history)
-        found = tally(count, slots, t, O, I, G, found)
+        sums_of_tile = reduce_tile(count, slots, t, O, I, G, sums_of_tile)
         if flat:
-            push_flat(count, c, slots, t, own, partner, body, S, O, G, B, E, sums)
+            scatter_plate_tile(count, c, slots, t, own, partner, body, S, O, G, B, E, sums)
         else:
-            push_pairs(count, slots, t, own, partner, body, outer, S, O, G, B, F)
-        keep(count, slots, t, O, G, H, n_history)
+            scatter_pair_tile(count, slots, t, own, partner, body, outer, S, O, G, B, F)
+        store_history(count, slots, t, O, G, H, n_history)
         if observed:
-            add_stored(count, c, O, sums)
+            add_elastic_energy(count, c, O, sums)
             for q in range(count if R.shape[0] > 0 else 0):
                 record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)
                 if rolling == MOMENTS:
                     record_rolling(q, slots[t + q], O, G, R, n_history)
-    tell(c, lost, damped, found, sums)
+    store_sums(c, lost, damped, sums_of_tile, sums)

@@ -4,64 +4,70 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import of, spread, store
-from thirdbody.kernels.contact_geometry import meet, slide, stage_pairs, stage_plate, turn_frames
-from thirdbody.kernels.contact_history import release
+from thirdbody.jit.simd import broadcast, set4, store
+from thirdbody.kernels.contact_geometry import (
+    gather_pair_contacts,
+    gather_plate_contact,
+    pair_geometry,
+    slip_increment,
+    transport_frames,
+)
+from thirdbody.kernels.contact_history import reset_history
 from thirdbody.kernels.layout import B_WORK, F_F, F_T, O_WORK, P_V, TILE
 from thirdbody.kernels.periodic import inverse
-from thirdbody.kernels.rolling_kinematics import stage_rolling
+from thirdbody.kernels.rolling_kinematics import gather_rolling
 
 SHARE = 0.5
 """Of friction work between two bodies, for each."""
 
 
 @njit(**BARE)
-def hand_out(f, force, torque, F):
+def store_remote_force(f, force, torque, F):
     """Leave a force and a torque in row f for whoever sums the forces on the body."""
     store(F, f, F_F, force)
     store(F, f, F_T, torque)
 
 
 @njit(**BARE)
-def stage_plates(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history):  # noqa: E741
+def gather_plate_contacts(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history):  # noqa: E741
     """Put the contacts with plates, slots[first:first + n], into the first places; their overlaps stand in `g`."""
     for q in range(n):
         k = slots[first + q]
         rise = P[max(-partner[k] - 2, 0), P_V]
-        stage_plate(q, k, g[k - start], own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history)
+        gather_plate_contact(q, k, g[k - start], own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history)
 
 
 @njit(**BARE_CHUNK)
-def stage(n, slots, first, flat, g, start, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y, n_history,
+def gather_tile(n, slots, first, flat, g, start, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y, n_history,
           rolling, I, G):  # noqa: E741  # fmt: skip
     """Put the contacts slots[first:first + n] into a tile: geometry, slip and velocities, rotation, and what they remember."""
     if flat:
-        stage_plates(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history)
+        gather_plate_contacts(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history)
     else:
-        stage_pairs(n, slots, first, own, partner, body, kind, S, B, H, I, G, n_history)
-        meet(n, dt, l_x, l_y, inverse(l_x), inverse(l_y), I, G)
-    turn_frames(n, dt, G)
-    slide(n, dt, I, G)
+        gather_pair_contacts(n, slots, first, own, partner, body, kind, S, B, H, I, G, n_history)
+        pair_geometry(n, dt, l_x, l_y, inverse(l_x), inverse(l_y), I, G)
+    transport_frames(n, dt, G)
+    slip_increment(n, dt, I, G)
     if rolling > 0:
         for q in range(n):
-            stage_rolling(q, slots[first + q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
+            gather_rolling(q, slots[first + q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
 
 
 @njit(**BARE)
-def let_go(o, opened, first, booked, stored, own, partner, body, outer, H, B, F, O):  # noqa: E741
+def end_contacts(o, opened, first, booked, stored, own, partner, body, outer, H, B, F, O):  # noqa: E741
     """Release the contacts opened[first:first + o] that were closed; returns what was lost, which stands in a tile if it is
     `booked` there, else in the history (`stored`: `memory.held`). One that opened a step ago has nothing left: what it handed to
     another group then must go."""
     total = 0.0
     for e in range(o):
         k = np.int64(opened[first + e])
-        kept = release(k, stored, H)
-        lost = O[e + O_WORK * TILE] if booked else kept
+        saved = reset_history(k, stored, H)
+        lost = O[e + O_WORK * TILE] if booked else saved
         total += lost
-        share = lost if partner[k] < 0 else SHARE * lost
-        B[body[own[k]], B_WORK] += share
+        fraction = lost if partner[k] < 0 else SHARE * lost
+        B[body[own[k]], B_WORK] += fraction
         if outer[k] >= 0:
-            hand_out(outer[k], of(0.0, 0.0, 0.0, share), spread(0.0), F)
+            store_remote_force(outer[k], set4(0.0, 0.0, 0.0, fraction), broadcast(0.0), F)
         elif partner[k] >= 0:
-            B[body[partner[k]], B_WORK] += share
+            B[body[partner[k]], B_WORK] += fraction
     return total

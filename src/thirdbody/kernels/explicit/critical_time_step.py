@@ -11,9 +11,9 @@ import math
 import numpy as np
 from numba import njit, types
 
-from thirdbody.jit.function_pointers import pointed
+from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
-from thirdbody.jit.simd import crossed, lane, load, of, splat, spread, store, transposed, with_last
+from thirdbody.jit.simd import broadcast, broadcast_lane, cross, extract, load, set4, store, transpose, with_last
 from thirdbody.kernels.layout import (
     B_F,
     B_MASS,
@@ -39,9 +39,9 @@ from thirdbody.kernels.layout import (
     S_Z,
     TILE,
 )
-from thirdbody.kernels.narrow_phase import separation
+from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.periodic import image, inverse
-from thirdbody.kernels.rigid_body import arm_of
+from thirdbody.kernels.rigid_body import arm_to_sphere
 from thirdbody.kernels.rotation import matrix
 from thirdbody.kernels.signatures import LAW
 
@@ -85,7 +85,7 @@ def approach(i, j, body, S, B, P, n_x, n_y, n_z, horizon):
 
 
 @njit(**BARE)
-def keep_tile(m, first, told, answer, P, rows, patches):
+def store_stiffness(m, first, told, answer, P, rows, patches):
     """Write the stiffness of a tile of m contacts into their rows from `first` on, and add it to that of the patches."""
     for t in range(m):
         r = first + t
@@ -95,12 +95,12 @@ def keep_tile(m, first, told, answer, P, rows, patches):
         if p >= 0:
             patches[p, 0] += 2.0 * k_n / P[p, P_MASS]
             patches[p, 1] += 2.0 * c_n / P[p, P_MASS]
-        store(rows, r, np.int64(N_K), spread(twice) * of(k_n - k_t, k_t, k_r, 0.0))
-        store(rows, r, np.int64(N_C), spread(twice) * of(c_n - c_t, c_t, c_r, 0.0))
+        store(rows, r, np.int64(N_K), broadcast(twice) * set4(k_n - k_t, k_t, k_r, 0.0))
+        store(rows, r, np.int64(N_C), broadcast(twice) * set4(c_n - c_t, c_t, c_r, 0.0))
 
 
 @njit(**BARE_CHUNK)
-def list_near(n_plates, n, own, partner, S, l_x, l_y, near, place):
+def active_candidates(n_plates, n, own, partner, S, l_x, l_y, near, place):
     """List the candidates with plates, and those between spheres that touch; returns how many. `place`: -1 for all."""
     m, c_x, c_y = np.int64(n_plates), inverse(l_x), inverse(l_y)
     for k in range(n_plates):
@@ -123,7 +123,7 @@ def find_contacts(n, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, h
     m, first = np.int64(0), np.int64(0)
     for e in range(n):
         k = near[e]
-        overlap, n_x, n_y, n_z = separation(k, own, partner, S, P, l_x, l_y)
+        overlap, n_x, n_y, n_z = overlap_and_normal(k, own, partner, S, P, l_x, l_y)
         i, j = own[k], partner[k]
         overlap = max(overlap, min(overlap + approach(i, j, body, S, B, P, n_x, n_y, n_z, horizon), limit * S[i, S_R]))
         if overlap > 0.0:
@@ -142,7 +142,7 @@ def find_contacts(n, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, h
             m += 1
         if m == TILE or (e == n - 1 and m > 0):
             stiffness(told, answer, m, pairs)
-            keep_tile(m, first, told, answer, P, rows, patches)
+            store_stiffness(m, first, told, answer, P, rows, patches)
             first += m
             m = np.int64(0)
 
@@ -150,37 +150,38 @@ def find_contacts(n, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, h
 @njit(**BARE)
 def total(v):
     """Sum of the first three numbers of v."""
-    return lane(v, 0) + lane(v, 1) + lane(v, 2)
+    return extract(v, 0) + extract(v, 1) + extract(v, 2)
 
 
 @njit(**BARE)
-def shifted(v):
+def cyclic_shift(v):
     """The numbers y, z, x of v."""
-    return of(lane(v, 1), lane(v, 2), lane(v, 0), 0.0)
+    return set4(extract(v, 1), extract(v, 2), extract(v, 0), 0.0)
 
 
 @njit(**BARE)
-def levers(n, arm, reach):
+def contact_jacobian(n, arm, reach):
     """What the stiffness of a contact is a sum of: its normal is n, it acts at r = arm + reach n from the centre of mass.
 
     Products of n and w = r x n: n n^T, w w^T, n w^T; and r^2 1 - r r^T, r. Symmetric ones: diagonal and yz, zx, xy; others:
     diagonal, those, and zy, xz, yx.
     """
-    r, w = with_last(arm + spread(reach) * n, n), crossed(arm, n)
-    n_1, w_1, r_1 = shifted(n), shifted(w), shifted(r)
-    n_2, w_2, r_2 = shifted(n_1), shifted(w_1), shifted(r_1)
+    r, w = with_last(arm + broadcast(reach) * n, n), cross(arm, n)
+    n_1, w_1, r_1 = cyclic_shift(n), cyclic_shift(w), cyclic_shift(r)
+    n_2, w_2, r_2 = cyclic_shift(n_1), cyclic_shift(w_1), cyclic_shift(r_1)
     rr = r * r
     square = total(rr)
     return (
-        n * n, n_1 * n_2, w * w, w_1 * w_2, n * w, n_1 * w_2, n_2 * w_1, of(square, square, square, 0.0) - rr, r_1 * r_2, r
+        n * n, n_1 * n_2, w * w, w_1 * w_2, n * w, n_1 * w_2, n_2 * w_1, set4(square, square, square, 0.0) - rr, r_1 * r_2, r
     )  # fmt: skip
 
 
 @njit(**BARE)
-def added(s, k, g):
-    """The sum s and J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T), J = (1, -[r]x), of a contact with `levers` g: forces
+def add_stiffness(s, k, g):
+    """The sum s and J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T), J = (1, -[r]x), of a contact with `contact_jacobian`
+    g: forces
     per displacement, moments per turn, forces per turn; the third part resists all turns but those about n."""
-    d, t, r, one = splat(k, 0), splat(k, 1), splat(k, 2), of(1.0, 1.0, 1.0, 0.0)
+    d, t, r, one = broadcast_lane(k, 0), broadcast_lane(k, 1), broadcast_lane(k, 2), set4(1.0, 1.0, 1.0, 0.0)
     return (
         s[0] + (t * one + d * g[0]), s[1] + d * g[1],
         s[2] + (t * g[7] + d * g[2] + r * (one - g[0])), s[3] + (d * g[3] - t * g[8] - r * g[1]),
@@ -189,9 +190,9 @@ def added(s, k, g):
 
 
 @njit(**BARE_CHUNK)
-def gathered(b, own, partner, edges, incidence, place, near, rows, S):
-    """Sums of stiffness and damping over the contacts of body b (`added`). near: room for a list of them."""
-    z, m = spread(0.0), np.int64(0)
+def assemble(b, own, partner, edges, incidence, place, near, rows, S):
+    """Sums of stiffness and damping over the contacts of body b (`add_stiffness`). near: room for a list of them."""
+    z, m = broadcast(0.0), np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         near[m] = incidence[e]
         m += place[incidence[e] >> 1] >= 0
@@ -199,23 +200,23 @@ def gathered(b, own, partner, edges, incidence, place, near, rows, S):
     for e in range(m):
         k, back = np.uint64(near[e] >> 1), near[e] & 1
         i, r = np.uint64(partner[k] if back else own[k]), np.uint64(place[k])
-        g = levers(load(rows, r, np.int64(N_N)), arm_of(i, S), S[i, S_R] * (2.0 * back - 1.0))
-        K, C = added(K, load(rows, r, np.int64(N_K)), g), added(C, load(rows, r, np.int64(N_C)), g)
+        g = contact_jacobian(load(rows, r, np.int64(N_N)), arm_to_sphere(i, S), S[i, S_R] * (2.0 * back - 1.0))
+        K, C = add_stiffness(K, load(rows, r, np.int64(N_K)), g), add_stiffness(C, load(rows, r, np.int64(N_C)), g)
     return K, C
 
 
 @njit(**BARE)
-def ceiling(s, u, v):
+def eigenvalue_upper_bound(s, u, v):
     """No less than `eigenvalue` of a sum over a mass 1/u and moments of inertia 1/v, or over larger ones.
 
     From the trace t and the Frobenius norm f: eigenvalues do not exceed l = t/6 + (5/6 (f^2 - t^2/6))^(1/2) (Wolkowicz and Styan
     1980, theorem 2.1), so their powers sum to t l^15 at most; its root is concave in t, hence below its tangent at 3 l.
     """
-    two = spread(2.0)
+    two = broadcast(2.0)
     forces, moments = s[0] * s[0] + two * s[1] * s[1], s[2] * s[2] + two * s[3] * s[3]
     both = s[4] * s[4] + s[5] * s[5] + s[6] * s[6]
-    square = total(spread(u * u) * forces + spread(2.0 * u * v) * both + spread(v * v) * moments)
-    trace = total(spread(u) * s[0] + spread(v) * s[2])
+    square = total(broadcast(u * u) * forces + broadcast(2.0 * u * v) * both + broadcast(v * v) * moments)
+    trace = total(broadcast(u) * s[0] + broadcast(v) * s[2])
     largest = trace / 6.0 + math.sqrt(max(square - trace * trace / 6.0, 0.0) * (5.0 / 6.0))
     return SAFE * min(math.sqrt(square), 3.0 ** (1.0 / 16.0) * (45.0 * largest + trace) / 48.0)
 
@@ -224,15 +225,15 @@ def ceiling(s, u, v):
 def symmetric(s, o):
     """Rows of a symmetric matrix from its diagonal and yz, zx, xy."""
     return (
-        of(lane(s, 0), lane(o, 2), lane(o, 1), 0.0), of(lane(o, 2), lane(s, 1), lane(o, 0), 0.0),
-        of(lane(o, 1), lane(o, 0), lane(s, 2), 0.0),
+        set4(extract(s, 0), extract(o, 2), extract(o, 1), 0.0), set4(extract(o, 2), extract(s, 1), extract(o, 0), 0.0),
+        set4(extract(o, 1), extract(o, 0), extract(s, 2), 0.0),
     )  # fmt: skip
 
 
 @njit(**BARE)
 def times(v, X):
     """The row v times the matrix of rows X."""
-    return splat(v, 0) * X[0] + splat(v, 1) * X[1] + splat(v, 2) * X[2]
+    return broadcast_lane(v, 0) * X[0] + broadcast_lane(v, 1) * X[1] + broadcast_lane(v, 2) * X[2]
 
 
 @njit(**BARE)
@@ -240,30 +241,30 @@ def frame(b, B, E):
     """Rows of the matrix that turns moments and turns of body b into its own axes and divides them by the roots of its moments of
     inertia."""
     q = matrix(B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
-    i = of(1.0 / math.sqrt(E[b, E_I]), 1.0 / math.sqrt(E[b, E_I + 1]), 1.0 / math.sqrt(E[b, E_I + 2]), 0.0)
-    return of(q[0], q[1], q[2], 0.0) * i, of(q[3], q[4], q[5], 0.0) * i, of(q[6], q[7], q[8], 0.0) * i
+    i = set4(1.0 / math.sqrt(E[b, E_I]), 1.0 / math.sqrt(E[b, E_I + 1]), 1.0 / math.sqrt(E[b, E_I + 2]), 0.0)
+    return set4(q[0], q[1], q[2], 0.0) * i, set4(q[3], q[4], q[5], 0.0) * i, set4(q[6], q[7], q[8], 0.0) * i
 
 
 @njit(**BARE)
 def write(M, row, left, right, scale):
     """A row of a matrix of six, scaled; columns 3 and 7 are void."""
-    store(M, np.int64(row), np.int64(0), spread(scale) * left)
-    store(M, np.int64(row), np.int64(4), spread(scale) * right)
+    store(M, np.int64(row), np.int64(0), broadcast(scale) * left)
+    store(M, np.int64(row), np.int64(4), broadcast(scale) * right)
 
 
 @njit(**BARE_CHUNK)
 def normalise(s, mass, X, M):
     """Write a sum into M (6, 8), divided by mass and inertias (X: `frame`) and then by its trace; returns the traces of its
     translations and rotations."""
-    z, root, d, up, low = spread(0.0), spread(1.0 / math.sqrt(mass)), s[4], s[5], s[6]
-    A, D, Y = symmetric(s[0], s[1]), symmetric(s[2], s[3]), transposed(X[0], X[1], X[2], z)
-    x = root * times(of(lane(d, 0), lane(up, 2), lane(low, 1), 0.0), X)
-    y = root * times(of(lane(low, 2), lane(d, 1), lane(up, 0), 0.0), X)
-    w = root * times(of(lane(up, 1), lane(low, 0), lane(d, 2), 0.0), X)
+    z, root, d, up, low = broadcast(0.0), broadcast(1.0 / math.sqrt(mass)), s[4], s[5], s[6]
+    A, D, Y = symmetric(s[0], s[1]), symmetric(s[2], s[3]), transpose(X[0], X[1], X[2], z)
+    x = root * times(set4(extract(d, 0), extract(up, 2), extract(low, 1), 0.0), X)
+    y = root * times(set4(extract(low, 2), extract(d, 1), extract(up, 0), 0.0), X)
+    w = root * times(set4(extract(up, 1), extract(low, 0), extract(d, 2), 0.0), X)
     D = times(D[0], X), times(D[1], X), times(D[2], X)
     D = times(Y[0], D), times(Y[1], D), times(Y[2], D)
-    along, around = total(s[0]) / mass, lane(D[0], 0) + lane(D[1], 1) + lane(D[2], 2)
-    scale, u, T = 1.0 / max(along + around, 1e-300), spread(1.0 / mass), transposed(x, y, w, z)
+    along, around = total(s[0]) / mass, extract(D[0], 0) + extract(D[1], 1) + extract(D[2], 2)
+    scale, u, T = 1.0 / max(along + around, 1e-300), broadcast(1.0 / mass), transpose(x, y, w, z)
     write(M, 0, u * A[0], x, scale)
     write(M, 1, u * A[1], y, scale)
     write(M, 2, u * A[2], w, scale)
@@ -274,13 +275,13 @@ def normalise(s, mass, X, M):
 
 
 @njit(**BARE_CHUNK)
-def squared(M, to):
+def square_matrix(M, to):
     """Write the square of M into `to`; returns the sum of the squares of its numbers, which is the trace of M^4."""
-    size = spread(0.0)
+    size = broadcast(0.0)
     for p in range(6):
-        left, right = spread(0.0), spread(0.0)
+        left, right = broadcast(0.0), broadcast(0.0)
         for r in range(6):
-            x = spread(M[p, r + (r > 2)])
+            x = broadcast(M[p, r + (r > 2)])
             left, right = left + x * load(M, r, np.int64(0)), right + x * load(M, r, np.int64(4))
         store(to, p, np.int64(0), left)
         store(to, p, np.int64(4), right)
@@ -292,21 +293,24 @@ def squared(M, to):
 def eigenvalue(M, square):
     """An upper bound of the largest eigenvalue of a positive semidefinite matrix, at most 12 % high: tr(M^16)^(1/16).
     `square`: of M; both are scratch."""
-    squared(square, M)
-    return squared(M, square) ** (1.0 / 16.0)
+    square_matrix(square, M)
+    return square_matrix(M, square) ** (1.0 / 16.0)
 
 
 @njit(**BARE_CHUNK)
-def examine(b, sums, B, E, room, m, number, bodies, shortest):
+def candidate_bound(b, sums, B, E, scratch, m, number, bodies, shortest):
     """Row m of `bodies` for body b, if it can have the `shortest` steps, by frequency and by both; returns how many rows there
     are then, and the shortest steps."""
     by_frequency, by_both = shortest
-    X, mass, K, K_2, C, C_2 = frame(b, B, E), B[b, B_MASS], room[0], room[1], room[2], room[3]
+    X, mass, K, K_2, C, C_2 = frame(b, B, E), B[b, B_MASS], scratch[0], scratch[1], scratch[2], scratch[3]
     along, around = normalise(sums[0], mass, X, K)
     c_along, c_around = normalise(sums[1], mass, X, C)
     scale, c_scale = along + around, c_along + c_around
-    most, worst = SAFE * scale * squared(K, K_2) ** 0.25, SAFE * c_scale * squared(C, C_2) ** 0.25  # from traces of fourth powers
-    if stable_step(most, 0.0) > by_frequency and stable_step(most, worst) > by_both:
+    maximum, worst = (
+        SAFE * scale * square_matrix(K, K_2) ** 0.25,
+        SAFE * c_scale * square_matrix(C, C_2) ** 0.25,
+    )  # from traces of fourth powers
+    if stable_step(maximum, 0.0) > by_frequency and stable_step(maximum, worst) > by_both:
         return m, by_frequency, by_both
     every, rate = scale * eigenvalue(K, K_2), c_scale * eigenvalue(C, C_2)
     number[m], bodies[m, 0], bodies[m, 1] = b, along, around
@@ -315,7 +319,7 @@ def examine(b, sums, B, E, room, m, number, bodies, shortest):
 
 
 @njit(**BARE)
-def judge_patches(P, patches):
+def patch_bounds(P, patches):
     """Add the springs to the stiffness of the patches, and write their steps."""
     plate = P.shape[0] - 1
     for p in range(plate):
@@ -327,7 +331,7 @@ def judge_patches(P, patches):
 
 _F3, _F2, _F1 = (types.Array(types.float64, n, "C") for n in (3, 2, 1))
 _I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
-stiffness_at = pointed(LAW)
+stiffness_at = function_at(LAW)
 STIFFNESS = types.int64(
     types.int64, types.int64, _S1, _S1, _S1, _S1, _S1, _I1, _F2, _F2, _F2, _F2, _F1, types.float64, types.float64,
     types.float64, types.float64, types.int64, _F2, _I1, _F2, _F1, _F1, _F2, _S1, _S1, _F2, _F3
@@ -336,7 +340,7 @@ STIFFNESS = types.int64(
 
 @njit(STIFFNESS, **DIRECT, **NO_COUNTS)
 def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body, S, B, E, P, pairs, l_x, l_y, horizon, limit,
-                   stiffness, patches, number, bodies, told, answer, rows, near, place, least, room):  # fmt: skip
+                   stiffness, patches, number, bodies, told, answer, rows, near, place, minimum, scratch):  # fmt: skip
     """The longest stable steps, all bounds from below, of the patches and of those bodies that may have the shortest.
 
     `bodies` (m, 4): squared frequencies (traces) of translation and of rotation only, 1/s^2; longest step by the frequency alone
@@ -347,31 +351,31 @@ def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body, S, B
     A contact between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
     """
     law = stiffness_at(stiffness)
-    m = list_near(n_plates, n, own, partner, S, l_x, l_y, near, place)
+    m = active_candidates(n_plates, n, own, partner, S, l_x, l_y, near, place)
     find_contacts(m, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, limit, law, patches, told, answer,
                   rows, place)  # fmt: skip
-    judge_patches(P, patches)
+    patch_bounds(P, patches)
     first, by_frequency, by_both = (np.int64(0), np.int64(0)), np.inf, np.inf
     many = np.int64(B.shape[0]) if n > 0 else np.int64(0)
     for b in range(many):
-        K, C = gathered(b, own, partner, edges, incidence, place, near, rows, S)
+        K, C = assemble(b, own, partner, edges, incidence, place, near, rows, S)
         u, v = 1.0 / B[b, B_MASS], 1.0 / min(E[b, E_I], E[b, E_I + 1], E[b, E_I + 2])
-        most = ceiling(K, u, v)
-        least[b, 0], least[b, 1] = stable_step(most, 0.0), stable_step(most, ceiling(C, u, v))
-        if least[b, 0] < by_frequency:
-            first, by_frequency = (np.int64(b), first[1]), least[b, 0]
-        if least[b, 1] < by_both:
-            first, by_both = (first[0], np.int64(b)), least[b, 1]
+        maximum = eigenvalue_upper_bound(K, u, v)
+        minimum[b, 0], minimum[b, 1] = stable_step(maximum, 0.0), stable_step(maximum, eigenvalue_upper_bound(C, u, v))
+        if minimum[b, 0] < by_frequency:
+            first, by_frequency = (np.int64(b), first[1]), minimum[b, 0]
+        if minimum[b, 1] < by_both:
+            first, by_both = (first[0], np.int64(b)), minimum[b, 1]
     number[0], bodies[0, 0], bodies[0, 1], bodies[0, 2], bodies[0, 3] = 0, 0.0, 0.0, np.inf, np.inf
     m, by_frequency, by_both = np.int64(0), np.inf, np.inf
     for t in range(many + 2 if many > 0 else 0):
         one = first[t] if t < 2 else np.int64(t - 2)
         # so put that what is not a number comes through
-        if least[one, 1] != np.inf and not (least[one, 0] > by_frequency and least[one, 1] > by_both):
-            sums = gathered(one, own, partner, edges, incidence, place, near, rows, S)
-            found, by_frequency, by_both = examine(one, sums, B, E, room, m, number, bodies, (by_frequency, by_both))
+        if minimum[one, 1] != np.inf and not (minimum[one, 0] > by_frequency and minimum[one, 1] > by_both):
+            sums = assemble(one, own, partner, edges, incidence, place, near, rows, S)
+            result, by_frequency, by_both = candidate_bound(one, sums, B, E, scratch, m, number, bodies, (by_frequency, by_both))
             if t > 1:  # the first two come again in their place
-                m = found
+                m = result
     return max(m, 1)
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import AHEAD, LINE, fetch, load, put, spread, transposed
-from thirdbody.kernels.explicit.drift_spheres import drift_ball, judge_balls, none_seen
+from thirdbody.jit.simd import AHEAD, LINE, broadcast, load, prefetch, put, transpose
+from thirdbody.kernels.explicit.drift_spheres import check_sphere_limits, drift_ball, empty_extrema
 from thirdbody.kernels.layout import (
     B_BALL,
     B_COLS,
@@ -43,12 +43,12 @@ from thirdbody.kernels.rigid_body import (
     MOVE_WAY,
     RESTING_MOMENTUM,
     RESTING_SPEED,
+    check_position,
     columns,
-    in_one,
-    judge_place,
-    keep_last,
+    is_aliased,
     limits_of,
     place_sphere,
+    store_three,
     vector,
 )
 from thirdbody.kernels.rotation import free_rotation, matrix, spin
@@ -74,22 +74,23 @@ def put_three(Z, at, x, y, z):
 
 
 @njit(**BARE)
-def resting(x, least):
-    """x, with 0 for whatever is not larger than `least`, by size; what is not a number stays."""
-    return 0.0 if abs(x) <= least else x
+def flush_denormal(x, minimum):
+    """x, with 0 for whatever is not larger than `minimum`, by size; what is not a number stays."""
+    return 0.0 if abs(x) <= minimum else x
 
 
 @njit(**BARE)
-def kicked(v, left, change, least):
+def half_kick(v, left, change, minimum):
     """v after the closing kick of the last step, if it is `left`, and the first one of this step: the changes are the same."""
     return (
-        resting(v[0] + left * change[0], least) + change[0], resting(v[1] + left * change[1], least) + change[1],
-        resting(v[2] + left * change[2], least) + change[2],
-    )  # fmt: skip
+        flush_denormal(v[0] + left * change[0], minimum) + change[0],
+        flush_denormal(v[1] + left * change[1], minimum) + change[1],
+        flush_denormal(v[2] + left * change[2], minimum) + change[2],
+    )
 
 
 @njit(**BARE_CHUNK)
-def move(n, dt, left, Z):
+def drift_tile(n, dt, left, Z):
     """Half kick and full drift of n bodies, behind the last step's closing kick if it is `left` (1, else 0); and the longest way
     of a point of each in this step.
 
@@ -100,19 +101,19 @@ def move(n, dt, left, Z):
         kick = half / Z[p + B_MASS * BODIES]
         f_x, f_y, f_z = three(Z, p + B_F * BODIES)
         change = kick * f_x, kick * f_y, kick * f_z
-        v_x, v_y, v_z = kicked(three(Z, p + B_V * BODIES), left, change, RESTING_SPEED)
+        v_x, v_y, v_z = half_kick(three(Z, p + B_V * BODIES), left, change, RESTING_SPEED)
         x, y, z = three(Z, p + B_X * BODIES)
         x, y, z = x + dt * v_x, y + dt * v_y, z + dt * v_z
         t_x, t_y, t_z = three(Z, p + B_T * BODIES)
-        turn = half * t_x, half * t_y, half * t_z
-        momentum = kicked(three(Z, p + Z_L * BODIES), left, turn, RESTING_MOMENTUM)
+        rotation = half * t_x, half * t_y, half * t_z
+        momentum = half_kick(three(Z, p + Z_L * BODIES), left, rotation, RESTING_MOMENTUM)
         inertia = three(Z, p + Z_I * BODIES)
         at = p + B_Q * BODIES
         old = (Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES])
         new = free_rotation(old, momentum, inertia, dt)
         w_0, w_1 = spin(old, momentum, inertia), spin(new, momentum, inertia)
         w = (0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2]))
-        end = momentum[0] + turn[0], momentum[1] + turn[1], momentum[2] + turn[2]
+        end = momentum[0] + rotation[0], momentum[1] + rotation[1], momentum[2] + rotation[2]
         arm = Z[p + Z_ARM * BODIES]
         put_three(Z, p + B_X * BODIES, x, y, z)
         put_three(Z, p + B_V * BODIES, v_x, v_y, v_z)
@@ -122,35 +123,35 @@ def move(n, dt, left, Z):
         w_end = spin(new, end, inertia)
         put_three(Z, p + Z_END_W * BODIES, w_end[0], w_end[1], w_end[2])
         put_three(Z, p + Z_END_V * BODIES, v_x + change[0], v_y + change[1], v_z + change[2])
-        turn = matrix(new[0], new[1], new[2], new[3])
-        put_three(Z, p + Z_TURN * BODIES, turn[0], turn[1], turn[2])
-        put_three(Z, p + (Z_TURN + 3) * BODIES, turn[3], turn[4], turn[5])
-        put_three(Z, p + (Z_TURN + 6) * BODIES, turn[6], turn[7], turn[8])
+        rotation = matrix(new[0], new[1], new[2], new[3])
+        put_three(Z, p + Z_TURN * BODIES, rotation[0], rotation[1], rotation[2])
+        put_three(Z, p + (Z_TURN + 3) * BODIES, rotation[3], rotation[4], rotation[5])
+        put_three(Z, p + (Z_TURN + 6) * BODIES, rotation[6], rotation[7], rotation[8])
         fast = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z) + math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * arm
         Z[p + Z_WAY * BODIES] = fast * dt
 
 
 @njit(**BARE)
-def judge(b, way, share, x, limits, seen):
+def check_limits(b, distance, share, x, limits, seen):
     """What was `seen` of a chunk, and body b: the longest way and the largest share of a radius, with its body, and the last body
     that is not finite or left the domain (+ 1; 0: none)."""
     longest, step, body, bad, out = seen
     body = b if share > step else body
-    bad, out = judge_place(b, x, share, limits, bad, out)
-    return max(longest, way), max(step, share), body, bad, out
+    bad, out = check_position(b, x, share, limits, bad, out)
+    return max(longest, distance), max(step, share), body, bad, out
 
 
 @njit(**BARE)
-def forget(b, B):
+def reset_forces(b, B):
     """The contacts add up the forces on body b anew, but go on with its friction work and slip."""
-    keep_last(B, b, np.int64(B_F), spread(0.0))
-    keep_last(B, b, np.int64(B_T), spread(0.0))
+    store_three(B, b, np.int64(B_F), broadcast(0.0))
+    store_three(B, b, np.int64(B_T), broadcast(0.0))
 
 
 @njit(**BARE)
-def stage_columns(at, k, b, B, Z):
+def gather_columns(at, k, b, B, Z):
     """Put columns k to k + 3 of four bodies into the places from `at` on."""
-    fields = transposed(load(B, b[0], k), load(B, b[1], k), load(B, b[2], k), load(B, b[3], k))
+    fields = transpose(load(B, b[0], k), load(B, b[1], k), load(B, b[2], k), load(B, b[3], k))
     put(Z, at, fields[0])
     put(Z, at + BODIES, fields[1])
     put(Z, at + 2 * BODIES, fields[2])
@@ -158,32 +159,32 @@ def stage_columns(at, k, b, B, Z):
 
 
 @njit(**BARE)
-def stage_four(p, staged, B, E, Z):
+def gather_bodies(p, staged, B, E, Z):
     """Put the four bodies staged[p:p + 4], which are no balls, into the places from p on."""
     b = np.uint64(staged[p]), np.uint64(staged[p + 1]), np.uint64(staged[p + 2]), np.uint64(staged[p + 3])
     for k in range(B_X, B_W, 4):
-        stage_columns(p + k * BODIES, k, b, B, Z)
+        gather_columns(p + k * BODIES, k, b, B, Z)
     for k in range(B_F, B_COLS, 4):
-        stage_columns(p + k * BODIES, k, b, B, Z)
+        gather_columns(p + k * BODIES, k, b, B, Z)
     for k in range(0, E_EF, 4):
-        stage_columns(p + (B_COLS + k) * BODIES, k, b, E, Z)
+        gather_columns(p + (B_COLS + k) * BODIES, k, b, E, Z)
 
 
 @njit(**BARE)
-def unstage_body(p, b, Z, B, E):
+def scatter_body(p, b, Z, B, E):
     """Take the motion of body b from place p of the chunk."""
     for k in range(3):
         B[b, B_X + k], B[b, B_V + k] = Z[p + (B_X + k) * BODIES], Z[p + (B_V + k) * BODIES]
         E[b, E_L + k] = Z[p + (Z_L + k) * BODIES]
     for k in range(4):
         B[b, B_Q + k] = Z[p + (B_Q + k) * BODIES]
-    forget(b, B)
+    reset_forces(b, B)
 
 
 @njit(**BARE)
-def place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt):
+def place_spheres(p, b, start, near, beginning, everything, offsets, S, Z, dt):
     """Place those of body b's spheres that can meet something (`near`), or `everything`, from place p of the chunk."""
-    turn = columns((
+    rotation = columns((
         *three(Z, p + Z_TURN * BODIES), *three(Z, p + (Z_TURN + 3) * BODIES), *three(Z, p + (Z_TURN + 6) * BODIES),
     ))  # fmt: skip
     x, v = vector(three(Z, p + B_X * BODIES)), vector(three(Z, p + B_V * BODIES))
@@ -192,29 +193,33 @@ def place_staged(p, b, start, near, beginning, everything, offsets, S, Z, dt):
     begin = start[b] if everything else np.int64(beginning[b])
     end = start[b + 1] if everything else np.int64(beginning[b + 1])
     for e in range(begin, end):
-        place_sphere(e if everything else np.int64(near[e]), offsets, x, turn, v, w, v_end, w_end, 0.5 * dt, S)
+        place_sphere(e if everything else np.int64(near[e]), offsets, x, rotation, v, w, v_end, w_end, 0.5 * dt, S)
 
 
 @njit(**BARE)
-def foretell(b, start, S, B):
+def prefetch_body(b, start, S, B):
     """Ask for what the drift of body b will need, if it is a ball: a processor that sees where a table is read ahead of it does
     so within a page only, and a page is a dozen bodies."""
     s = np.uint64(start[b])
     for line in range(0, B_COLS, LINE):
-        fetch(B, np.uint64(b), np.int64(line))
-    if not in_one(S):
+        prefetch(B, np.uint64(b), np.int64(line))
+    if not is_aliased(S):
         for line in range(0, S_COLS, LINE):
-            fetch(S, s, np.int64(line))
+            prefetch(S, s, np.int64(line))
 
 
 @njit(**BARE_CHUNK)
-def drift_chunk(c, start, near, beginning, everything, offsets, S, B, E, D, dt, left, moves, Z, staged):
+def drift_bodies(c, start, near, beginning, everything, offsets, S, B, E, D, dt, left, moves, Z, staged):
     """Drift the bodies of chunk c, whose last closing kick is still `left` (1) or was made (0), and place those of their spheres
     that can meet something (`near`), or `everything`."""
     seen = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
-    balls, limits, n = none_seen(), limits_of(D), np.int64(0)  # not the literal 0, for which callees would be compiled once more
+    balls, limits, n = (
+        empty_extrema(),
+        limits_of(D),
+        np.int64(0),
+    )  # not the literal 0, for which callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
-        foretell(min(b + AHEAD, B.shape[0] - 1), start, S, B)
+        prefetch_body(min(b + AHEAD, B.shape[0] - 1), start, S, B)
         if B[b, B_BALL] != 0.0:
             balls = drift_ball(b, start[b], S, B, dt, left, balls)
         else:
@@ -223,15 +228,15 @@ def drift_chunk(c, start, near, beginning, everything, offsets, S, B, E, D, dt, 
     for p in range(n, n + -n % 4):
         staged[p] = staged[n - 1]  # up to a multiple of four
     for p in range(0, n, 4):
-        stage_four(np.int64(p), staged, B, E, Z)
-    move(n, dt, left, Z)
+        gather_bodies(np.int64(p), staged, B, E, Z)
+    drift_tile(n, dt, left, Z)
     for p in range(n):
         i = np.int64(staged[p])
-        unstage_body(p, i, Z, B, E)
-        way = Z[p + Z_WAY * BODIES]
-        seen = judge(i, way, way / S[start[i], S_R], load(B, i, B_X), limits, seen)
-        place_staged(p, i, start, near, beginning, everything, offsets, S, Z, dt)
+        scatter_body(p, i, Z, B, E)
+        distance = Z[p + Z_WAY * BODIES]
+        seen = check_limits(i, distance, distance / S[start[i], S_R], load(B, i, B_X), limits, seen)
+        place_spheres(p, i, start, near, beginning, everything, offsets, S, Z, dt)
     longest, step, body, bad, out = seen
-    way, share, ball, bad_ball, out_ball = judge_balls(c, start, S, B, D, limits, dt, balls)
-    moves[c, MOVE_WAY], moves[c, MOVE_BAD], moves[c, MOVE_OUT] = max(way, longest), max(bad, bad_ball), max(out, out_ball)
-    moves[c, MOVE_STEP], moves[c, MOVE_BODY] = (share, ball) if share > step else (step, body)
+    distance, fraction, ball, bad_ball, out_ball = check_sphere_limits(c, start, S, B, D, limits, dt, balls)
+    moves[c, MOVE_WAY], moves[c, MOVE_BAD], moves[c, MOVE_OUT] = max(distance, longest), max(bad, bad_ball), max(out, out_ball)
+    moves[c, MOVE_STEP], moves[c, MOVE_BODY] = (fraction, ball) if fraction > step else (step, body)

@@ -4,8 +4,8 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import AHEAD, above, fetch, lane, load, of, splat, spread, store, with_last
-from thirdbody.kernels.explicit.contact_forces import push_body
+from thirdbody.jit.simd import AHEAD, broadcast, broadcast_lane, extract, flush_below, load, prefetch, set4, store, with_last
+from thirdbody.kernels.explicit.contact_forces import add_force
 from thirdbody.kernels.layout import B_F, B_T, B_V, B_W, E_EF, E_ET, E_L, F_F, F_T  # fmt: skip
 from thirdbody.kernels.rigid_body import BODIES, GUESTS, MOVE_POWER, RESTING_MOMENTUM, RESTING_SPEED, RESTING_SPIN, spin_body
 
@@ -13,19 +13,19 @@ from thirdbody.kernels.rigid_body import BODIES, GUESTS, MOVE_POWER, RESTING_MOM
 @njit(**BARE)
 def kick_body(b, B, E, force, torque, dt):
     """Half kick of body b by a force and a torque, fours whose last number is something else."""
-    v, w, half, none = load(B, b, B_V), load(B, b, B_W), 0.5 * dt, spread(0.0)
-    turning = lane(w, 3)  # the moment of inertia of a ball
-    share = spread(half) / of(lane(v, 3), turning, 1.0, 1.0)
-    push, turn = with_last(force, none), with_last(torque, none)
-    store(B, b, B_V, above(v + splat(share, 0) * push, RESTING_SPEED))
+    v, w, half, none = load(B, b, B_V), load(B, b, B_W), 0.5 * dt, broadcast(0.0)
+    turning = extract(w, 3)  # the moment of inertia of a ball
+    fraction = broadcast(half) / set4(extract(v, 3), turning, 1.0, 1.0)
+    push, rotation = with_last(force, none), with_last(torque, none)
+    store(B, b, B_V, flush_below(v + broadcast_lane(fraction, 0) * push, RESTING_SPEED))
     if turning != 0.0:
-        store(B, b, B_W, above(w + splat(share, 1) * turn, RESTING_SPIN))
+        store(B, b, B_W, flush_below(w + broadcast_lane(fraction, 1) * rotation, RESTING_SPIN))
     else:
-        store(E, b, E_L, above(load(E, b, E_L) + spread(half) * turn, RESTING_MOMENTUM))
+        store(E, b, E_L, flush_below(load(E, b, E_L) + broadcast(half) * rotation, RESTING_MOMENTUM))
 
 
 @njit(**BARE_CHUNK)
-def act(c, first, last, B, E, dt, time, effects, effect_parameters, moves):
+def body_effect_forces(c, first, last, B, E, dt, time, effects, effect_parameters, moves):
     """Body effects on the bodies of chunk c, which see velocities at the end of the step."""
     effects(B, E, first, last, time, dt, effect_parameters)
     for b in range(first, last):
@@ -38,28 +38,28 @@ def act(c, first, last, B, E, dt, time, effects, effect_parameters, moves):
 
 
 @njit(**BARE)
-def collect(first, last, guests, F, B):
+def add_remote_forces(first, last, guests, F, B):
     """Add what the contacts of other groups did to their partners, rows first to last of F, in that order."""
     for f in range(first, last):
-        fetch(B, np.uint64(guests[min(f + AHEAD, last - 1)]), np.int64(B_F))
-        push_body(np.uint64(guests[f]), B, load(F, f, F_F), load(F, f, F_T))
+        prefetch(B, np.uint64(guests[min(f + AHEAD, last - 1)]), np.int64(B_F))
+        add_force(np.uint64(guests[f]), B, load(F, f, F_F), load(F, f, F_T))
 
 
 @njit(**BARE_CHUNK)
-def gather_chunk(c, cuts, guests, F, B, E, dt, time, effects, effect_parameters, has_effects, record, moves):
+def gather_forces(c, cuts, guests, F, B, E, dt, time, effects, effect_parameters, has_effects, record, moves):
     """Forces on the bodies of chunk c. Their closing half kick, and their spins, only where somebody looks (`record`) or acts on
     them: elsewhere the drift of the next step makes it, which has the forces at hand."""
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
-    collect(cuts[GUESTS, c], cuts[GUESTS, c + 1], guests, F, B)
+    add_remote_forces(cuts[GUESTS, c], cuts[GUESTS, c + 1], guests, F, B)
     moves[c, MOVE_POWER] = 0.0
     if has_effects or record:
-        close(first, last, B, E, dt)
+        closing_kick(first, last, B, E, dt)
     if has_effects:
-        act(c, first, last, B, E, dt, time, effects, effect_parameters, moves)
+        body_effect_forces(c, first, last, B, E, dt, time, effects, effect_parameters, moves)
 
 
 @njit(**BARE_CHUNK)
-def close(first, last, B, E, dt):
+def closing_kick(first, last, B, E, dt):
     """Closing half kick of bodies, and their spins."""
     for b in range(first, last):
         kick_body(b, B, E, load(B, b, B_F), load(B, b, B_T), dt)

@@ -4,18 +4,24 @@ the two can be compiled at the same time."""
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.function_pointers import pointed
+from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import NO_COUNTS, POINTED
-from thirdbody.jit.packed_arguments import known
-from thirdbody.kernels.explicit.contact_forces import GROUP, contact_chunk
-from thirdbody.kernels.explicit.drift import drift_chunk
-from thirdbody.kernels.explicit.gather_forces import gather_chunk
-from thirdbody.kernels.labeller_input import observe_chunk
+from thirdbody.jit.packed_arguments import make_unpacker
+from thirdbody.kernels.explicit.contact_forces import GROUP
+from thirdbody.kernels.explicit.contact_forces import contact_forces as contact_chunk
+from thirdbody.kernels.explicit.drift import drift_bodies
+from thirdbody.kernels.explicit.gather_forces import gather_forces as gather_chunk
+from thirdbody.kernels.labeller_input import update_memory
 from thirdbody.kernels.layout import D_LX, D_LY
-from thirdbody.kernels.rigid_body import FLAT, PAIRED, forget_plates
+from thirdbody.kernels.rigid_body import FLAT, PAIRED, reset_plate_forces
 from thirdbody.kernels.signatures import EARLY, EFFECTS, KINDS, LATE, LAW, LOOK, OBSERVE, SWEEP, WORK, Context
 
-context_of, law_at, effects_at, observe_at = known(KINDS, Context), pointed(LAW), pointed(EFFECTS), pointed(OBSERVE)
+context_of, law_at, effects_at, observe_at = (
+    make_unpacker(KINDS, Context),
+    function_at(LAW),
+    function_at(EFFECTS),
+    function_at(OBSERVE),
+)
 
 
 @njit(WORK, **POINTED, **NO_COUNTS)
@@ -29,15 +35,15 @@ def work(task, part, begin, end, number, record, time, v_x, v_y, dt, left, conte
     l_x, l_y, drag, chunks = max(k.D[D_LX], 0.0), max(k.D[D_LY], 0.0), (k.drag[0], k.drag[1]), k.moves.shape[0]
     for g in range(begin, end):
         first, last, alone = g * GROUP, min((g + 1) * GROUP, chunks), k.lowest[g] >= begin
-        asked = k.needs[g + 1] if task == SWEEP else k.needs[g] if task == EARLY and not alone else k.needs[g] - 1
-        for e in range(k.needs[g] - 1, asked):
+        requested = k.needs[g + 1] if task == SWEEP else k.needs[g] if task == EARLY and not alone else k.needs[g] - 1
+        for e in range(k.needs[g] - 1, requested):
             h = np.int64(k.needs[e]) if e >= k.needs[g] else g
             if k.moved[h] != number:
                 k.moved[h] = number
                 for c in range(h * GROUP, min((h + 1) * GROUP, chunks)):
-                    drift_chunk(c, k.start, k.near, k.beginning, record, k.offsets, k.S, k.B, k.E, k.D, dt, left, k.moves,
+                    drift_bodies(c, k.start, k.near, k.beginning, record, k.offsets, k.S, k.B, k.E, k.D, dt, left, k.moves,
                                 k.room[part], k.marks[part])  # fmt: skip
-                    forget_plates(k.cuts[FLAT, c], k.cuts[FLAT, c + 1], k.own, k.body, k.E)
+                    reset_plate_forces(k.cuts[FLAT, c], k.cuts[FLAT, c + 1], k.own, k.body, k.E)
         if task == SWEEP:
             for side in range(FLAT, PAIRED + 1):
                 contact_chunk(2 * g + side, k.cuts[side, first], k.cuts[side, last], side == FLAT, k.own, k.partner, k.kind,
@@ -51,5 +57,5 @@ def work(task, part, begin, end, number, record, time, v_x, v_y, dt, left, conte
         if task == LOOK:
             speed = (v_x * v_x + v_y * v_y) ** 0.5
             for c in range(first, last):
-                observe_chunk(c, k.edges, k.incidence, k.own, k.partner, k.H, k.R, k.B, k.E, k.A, k.M, drag, speed, k.n_history,
+                update_memory(c, k.edges, k.incidence, k.own, k.partner, k.H, k.R, k.B, k.E, k.A, k.M, drag, speed, k.n_history,
                               k.width, observe, k.room[part], k.rows[part])  # fmt: skip

@@ -6,10 +6,10 @@ It returns to Python only for events: a target reached, a new search, a new time
 import numpy as np
 from numba import njit, prange, types
 
-from thirdbody.jit.function_pointers import pointed
+from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
-from thirdbody.jit.packed_arguments import known
-from thirdbody.jit.simd import lane, load, spread
+from thirdbody.jit.packed_arguments import make_unpacker
+from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.kernels.clock import pass_time
 from thirdbody.kernels.explicit.contact_forces import (
     SUM_BAD,
@@ -22,7 +22,7 @@ from thirdbody.kernels.explicit.contact_forces import (
     SUM_UP,
     SUM_WORK,
 )
-from thirdbody.kernels.explicit.gather_forces import close
+from thirdbody.kernels.explicit.gather_forces import closing_kick
 from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patches, kick_patches, load_patches, patch_power
 from thirdbody.kernels.layout import (
     A_DAMPING,
@@ -50,7 +50,7 @@ from thirdbody.kernels.layout import (
     D_GUARD_TRAVEL,
     D_SKIN,
 )
-from thirdbody.kernels.rigid_body import MOVE_BAD, MOVE_BODY, MOVE_OUT, MOVE_POWER, MOVE_STEP, MOVE_WAY, farthest
+from thirdbody.kernels.rigid_body import MOVE_BAD, MOVE_BODY, MOVE_OUT, MOVE_POWER, MOVE_STEP, MOVE_WAY, largest_displacement
 from thirdbody.kernels.schedule import X, Y, mean_rate
 from thirdbody.kernels.signatures import EARLY, KINDS, LATE, LOOK, WORK, Context
 
@@ -69,7 +69,7 @@ something else holds their cores."""
 
 
 @njit(**BARE)
-def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
+def update_ledger(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
     """Add the step to the energy ledger, to impulses and distances, in a fixed order.
 
     Contacts give energies; other powers are integrated by the trapezoidal rule.
@@ -79,7 +79,7 @@ def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
     for c in range(sums.shape[0]):
         work += sums[c, SUM_WORK]
         damped += sums[c, SUM_DAMPED]
-    upper, lower, effects = spread(0.0), spread(0.0), 0.0
+    upper, lower, effects = broadcast(0.0), broadcast(0.0), 0.0
     for c in range(sums.shape[0]):
         upper, lower = upper - load(sums, c, SUM_UP), lower - load(sums, c, SUM_LOW)
     for c in range(moves.shape[0]):
@@ -88,11 +88,11 @@ def account(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
     A[A_FRICTION] += work
     A[A_DAMPING] += damped + half * (A[A_POWER_PATCH] + patch_damping)
     A[A_EFFECTS] += half * (A[A_POWER_EFFECTS] + effects)
-    drag = -half * ((A[A_UPPER] + lane(upper, 0)) * v_x + (A[A_UPPER + 1] + lane(upper, 1)) * v_y)
+    drag = -half * ((A[A_UPPER] + extract(upper, 0)) * v_x + (A[A_UPPER + 1] + extract(upper, 1)) * v_y)
     plate = drag + half * (A[A_POWER_LOAD] + lifted)
     A[A_PLATE_WORK] += plate
     A[A_PLATE_ABS] += abs(plate)
-    up, low = (lane(upper, 0), lane(upper, 1), lane(upper, 2)), (lane(lower, 0), lane(lower, 1), lane(lower, 2))
+    up, low = (extract(upper, 0), extract(upper, 1), extract(upper, 2)), (extract(lower, 0), extract(lower, 1), extract(lower, 2))
     for k in range(3):
         A[A_IMPULSE + k] += half * (A[A_UPPER + k] + up[k])
         A[A_IMPULSE_LOW + k] += half * (A[A_LOWER + k] + low[k])
@@ -127,26 +127,26 @@ def guard(D, sums, moves):
 
 
 @njit(**BARE)
-def reached(far, way, far_patch, skin):
+def skin_exhausted(far, distance, far_patch, skin):
     """Whether two things could have covered the skin between them by the end of the next step (10 % for acceleration)."""
-    return 1.1 * (far + way + max(far + way, far_patch)) > 0.9 * skin
+    return 1.1 * (far + distance + max(far + distance, far_patch)) > 0.9 * skin
 
 
 @njit(**BARE)
-def search_due(A, X0, B, E, moves, far_patch, skin):
+def rebuild_needed(A, X0, B, E, moves, far_patch, skin):
     """Whether a search must come before the next step. How far the bodies are is measured only where it could matter."""
-    way = 0.0
+    distance = 0.0
     for c in range(moves.shape[0]):
-        way = max(way, moves[c, MOVE_WAY])
-    A[A_FAR] += way
-    if reached(A[A_FAR], way, far_patch, skin):
-        A[A_FAR] = farthest(X0, B, E)
-        return reached(A[A_FAR], way, far_patch, skin)
+        distance = max(distance, moves[c, MOVE_WAY])
+    A[A_FAR] += distance
+    if skin_exhausted(A[A_FAR], distance, far_patch, skin):
+        A[A_FAR] = largest_displacement(X0, B, E)
+        return skin_exhausted(A[A_FAR], distance, far_patch, skin)
     return False
 
 
 @njit(**BARE)
-def pushed(sums):
+def patch_forces(sums):
     """Upward force of all debris on the upper plate, N."""
     push = 0.0
     for c in range(sums.shape[0]):
@@ -154,7 +154,7 @@ def pushed(sums):
     return push
 
 
-context_of, work_at = known(KINDS, Context), pointed(WORK)
+context_of, work_at = make_unpacker(KINDS, Context), function_at(WORK)
 
 _F2, _I1, _I = types.Array(types.float64, 2, "C"), types.Array(types.int64, 1, "C"), types.int64
 ADVANCE = types.Tuple((_I, _I))(
@@ -164,7 +164,7 @@ ADVANCE = types.Tuple((_I, _I))(
 
 
 @njit(**CHUNK_OF_THREADS)
-def share_out(parts, task, count, number, record, time, v_x, v_y, dt, left, context, work):
+def run_parallel(parts, task, count, number, record, time, v_x, v_y, dt, left, context, work):
     """The groups of one pass in as many parts, on all threads."""
     for p in prange(parts):
         work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, number, record, time, v_x, v_y, dt, left, context)
@@ -196,8 +196,8 @@ def run(budget, until, distance, dt, threads, context, X0, patch, schedule, firs
         for task in range(EARLY, LOOK + 1):
             if task == LOOK:
                 load_patches(P, schedule, first, time)
-                lifted, damping = kick_patches(P, k.E, patch, pushed(sums), dt)
-                account(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping, record)
+                lifted, damping = kick_patches(P, k.E, patch, patch_forces(sums), dt)
+                update_ledger(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping, record)
             if (task == LOOK and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
             number = np.int64(step + 1)
@@ -205,7 +205,7 @@ def run(budget, until, distance, dt, threads, context, X0, patch, schedule, firs
                 work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), number, record, time, v_x, v_y, dt, left,
                      context)  # fmt: skip
             else:
-                share_out(np.int64(parts), np.int64(task), np.int64(groups), number, record, time, v_x, v_y, dt, left, context,
+                run_parallel(np.int64(parts), np.int64(task), np.int64(groups), number, record, time, v_x, v_y, dt, left, context,
                           work)  # fmt: skip
         left = 0.0 if record or k.has_effects != 0 else 1.0
         if sampled:
@@ -213,7 +213,7 @@ def run(budget, until, distance, dt, threads, context, X0, patch, schedule, firs
         code, who = guard(D, sums, moves)
         if code != DONE:
             return code, who, left
-        due = search_due(A, X0, k.B, k.E, moves, far_patch, D[D_SKIN])
+        due = rebuild_needed(A, X0, k.B, k.E, moves, far_patch, D[D_SKIN])
         if last:
             return DONE, np.int64(due), left
         if due:
@@ -231,5 +231,5 @@ def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, 
     k = context_of(context)
     code, who, left = run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels)
     if left != 0.0:
-        close(np.int64(0), np.int64(k.B.shape[0]), k.B, k.E, dt)
+        closing_kick(np.int64(0), np.int64(k.B.shape[0]), k.B, k.E, dt)
     return code, who

@@ -19,7 +19,7 @@ from thirdbody.jit.options import CHUNK, INNER, OPTIONS
 from thirdbody.kernels.explicit.contact_forces import SUM_COLS
 from thirdbody.kernels.implicit.friction_work import LEAST, work_error
 from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton
-from thirdbody.kernels.implicit.residual import E_COLS, FREEDOMS, TURN, Z_ARM, Z_COLS, Z_PLATE, Z_PLATE_RISE, begin
+from thirdbody.kernels.implicit.residual import E_COLS, FREEDOMS, TURN, Z_ARM, Z_COLS, Z_PLATE, Z_PLATE_RISE, save_start
 from thirdbody.kernels.implicit.step_control import (
     GOING,
     NEARLY,
@@ -29,22 +29,22 @@ from thirdbody.kernels.implicit.step_control import (
     V_INERTIAL,
     V_SHORTEST,
     V_WORK,
+    accept_step,
     advance_clock,
-    at_corner,
-    error_of,
-    formula,
+    bdf2_weights,
     gaps,
-    guess,
-    look,
+    guard_code,
+    is_breakpoint,
+    local_error,
+    next_breakpoint,
+    next_dt,
     next_length,
-    next_try,
     plate_velocity,
+    predict,
+    reduction_factor,
+    reject_step,
     rotation_of,
-    shorter,
-    stay,
-    stopped,
-    stretch,
-    take,
+    update_labeller,
 )
 from thirdbody.kernels.implicit.step_limits import lands, why_cut
 from thirdbody.kernels.layout import (
@@ -78,19 +78,19 @@ BODIES = 8
 
 
 @njit(**CHUNK)
-def workspace(n_history, width, most):
+def workspace(n_history, width, maximum):
     """The group `work`."""
     tile = np.empty((I_HISTORY + n_history + J_COLS) * TILE)
     answer = np.empty((O_HISTORY + n_history + Q_COLS) * TILE)
     return (
-        tile, answer, np.empty(K_ROLLING_COLS * TILE), np.empty(G_COLS * TILE), np.zeros(TILE, np.int64), np.zeros(most),
+        tile, answer, np.empty(K_ROLLING_COLS * TILE), np.empty(G_COLS * TILE), np.zeros(TILE, np.int64), np.zeros(maximum),
         np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.empty((FREEDOMS, FREEDOMS)),
-        np.zeros(E_COLS), np.zeros((1, SUM_COLS)), np.zeros(O_COLS), np.empty((most, width)),
+        np.zeros(E_COLS), np.zeros((1, SUM_COLS)), np.zeros(O_COLS), np.empty((maximum, width)),
     )  # fmt: skip
 
 
 @njit(**INNER)
-def prescribed(p, P, t, dt, schedule, first, Z):
+def prescribed_rise(p, P, t, dt, schedule, first, Z):
     """Rise of the patch over the step if its height is prescribed; notes the height of the plate that it is sprung to."""
     driven = first[GAP + 1] > first[GAP]
     rise = mean_rate(schedule, first, np.int64(GAP), t, dt) * dt if driven else 0.0
@@ -101,7 +101,7 @@ def prescribed(p, P, t, dt, schedule, first, Z):
 
 
 @njit(**INNER)
-def loaded(p, P, t, dt, schedule, first):
+def scheduled_load(p, P, t, dt, schedule, first):
     """The load of the patch at the end of a step that passes no corner, if a schedule changes it."""
     if first[LOAD + 1] > first[LOAD] and P[p, P_LOAD0] != 0.0:
         P[p, P_LOAD] = P[p, P_LOAD0] * value_of(schedule, segment(schedule, first, np.int64(LOAD), t), t + dt)
@@ -111,23 +111,23 @@ def loaded(p, P, t, dt, schedule, first):
 def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents, effects,
          observe):  # fmt: skip
     """One step of body b, cut until it is good; a body that cannot go on gets its code."""
-    (_, B, P, _, _, _), y, told = state, work[6], work[11]
-    begin(b, p, shape, state, Z)
+    (_, B, P, _, _, _), y, diagnostics = state, work[6], work[11]
+    save_start(b, p, shape, state, Z)
     gaps(b, spots, state, work[5])
     time = W[A_TIME]
-    end = stretch(time, schedule, first, until)
+    end = next_breakpoint(time, schedule, first, until)
     if end - time < V[V_SHORTEST]:
         # a stop that misses a corner by rounding: no step is that short
         W[A_TIME], T[T_LAST] = end, 0.0
         return
-    (dt, limit), asked, cuts = next_length(T, W, V, schedule, first, end), T[T_DT], 0
+    (dt, limit), requested_dt, cuts = next_length(T, W, V, schedule, first, end), T[T_DT], 0
     while True:
         whole = dt >= NEARLY * (end - time)
         dt = end - time if whole else dt
         v_x, v_y = plate_velocity(schedule, first, time, dt)
-        formula(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, B[b, B_MASS], T, Z, V)
-        loaded(p, P, time, dt, schedule, first)
-        guess(p, y, dt, Z, P, prescribed(p, P, time, dt, schedule, first, Z))
+        bdf2_weights(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, B[b, B_MASS], T, Z, V)
+        scheduled_load(p, P, time, dt, schedule, first)
+        predict(p, y, dt, Z, P, prescribed_rise(p, P, time, dt, schedule, first, Z))
         how, m, iterations = newton(
             b,
             p,
@@ -150,33 +150,54 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
         )
         T[T_TRIES] += 1.0
         T[T_ITERATIONS] += iterations
-        error, turn = error_of(b, p, dt, Z, T, B, P, told, V), rotation_of(y, Z)
+        error, rotation = local_error(b, p, dt, Z, T, B, P, diagnostics, V), rotation_of(y, Z)
         if how == FOUND and V[V_INERTIAL] != 0.0 and dt > LEAST * V[V_SHORTEST]:
             error = max(error, work_error(b, m, dt, v_x, v_y, V[V_WORK], Z[Z_ARM], spots, state, known, work, T))
-        if how == FOUND and error <= 1.0 and turn <= TURN:
+        if how == FOUND and error <= 1.0 and rotation <= TURN:
             break
         cuts += 1
-        limit = why_cut(lands(b, m, spots, work), how == FOUND, error, turn)
-        dt *= shorter(how == FOUND, error, turn)
+        limit = why_cut(lands(b, m, spots, work), how == FOUND, error, rotation)
+        dt *= reduction_factor(how == FOUND, error, rotation)
         if how == CROWDED or dt < V[V_SHORTEST]:
             T[T_CODE] = TOO_MANY if how == CROWDED else UNSOLVED
-            stay(b, p, Z, T, shape, state)
+            reject_step(b, p, Z, T, shape, state)
             return
-    take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, False)
+    accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, False)
     advance_clock(W, dt, end, whole, v_x, v_y)
-    if whole and at_corner(time, end, schedule, first):
+    if whole and is_breakpoint(time, end, schedule, first):
         T[T_LAST] = 0.0  # what was learnt before a corner says nothing
-    next_try(T, W, V, dt, asked, error, iterations, cuts, limit)
+    next_dt(T, W, V, dt, requested_dt, error, iterations, cuts, limit)
     if known[6]:
-        look(b, spots, state, M, W, known, drag, observe, work[13], work[14])
-    T[T_CODE], T[T_SLOT] = stopped(b, told, B, D)
+        update_labeller(b, spots, state, M, W, known, drag, observe, work[13], work[14])
+    T[T_CODE], T[T_SLOT] = guard_code(b, diagnostics, B, D)
 
 
 @njit(**CHUNK)
-def march_chunk(low, high, until, tries, spots, shape, state, known, most, M, D, V, totals, memory, schedule, first, drag, law,
-                tangents, effects, observe):  # fmt: skip
+def advance_chunk(
+    low,
+    high,
+    until,
+    tries,
+    spots,
+    shape,
+    state,
+    known,
+    maximum,
+    M,
+    D,
+    V,
+    totals,
+    memory,
+    schedule,
+    first,
+    drag,
+    law,
+    tangents,
+    effects,
+    observe,
+):
     """The bodies from low to high, one after the other, in one workspace."""
-    work, Z, patch = workspace(known[2], known[4], most), np.zeros(Z_COLS), shape[2]
+    work, Z, patch = workspace(known[2], known[4], maximum), np.zeros(Z_COLS), shape[2]
     for b in range(low, high):
         T, W = memory[b], totals[b]
         last = T[T_TRIES] + tries
@@ -201,8 +222,29 @@ MARCH = types.void(
 
 
 @njit(MARCH, parallel=True, **OPTIONS)
-def march(low, high, until, tries, spots, shape, state, known, most, M, D, V, totals, memory, schedule, first, drag, law,
-          tangents, effects, observe):  # fmt: skip
+def advance_bodies(
+    low,
+    high,
+    until,
+    tries,
+    spots,
+    shape,
+    state,
+    known,
+    maximum,
+    M,
+    D,
+    V,
+    totals,
+    memory,
+    schedule,
+    first,
+    drag,
+    law,
+    tangents,
+    effects,
+    observe,
+):
     """Bring the bodies from `low` to `high` (excluded) to the time `until`, each by steps of its own.
 
     A body that has tried its last step of this call (`tries`) waits for the next one, which goes on with the same bits. A body
@@ -210,5 +252,5 @@ def march(low, high, until, tries, spots, shape, state, known, most, M, D, V, to
     """
     for c in prange((high - low + BODIES - 1) // BODIES):
         begin_at = low + c * BODIES
-        march_chunk(begin_at, min(begin_at + BODIES, high), until, tries, spots, shape, state, known, most, M, D, V, totals,
+        advance_chunk(begin_at, min(begin_at + BODIES, high), until, tries, spots, shape, state, known, maximum, M, D, V, totals,
                     memory, schedule, first, drag, law, tangents, effects, observe)  # fmt: skip

@@ -1,7 +1,8 @@
 """Bodies under a plate of their own: all share its height, so all take the same step.
 
 The equations have the shape of an arrow: every body with its own coordinates, and one row and column for the plate. The bodies
-are solved for a given rise of the plate (`solve`), which also tells how their push on the plate changes with that rise, the
+are solved for a given rise of the plate (`solve_bodies`), which also tells how their push on the plate changes with that rise,
+the
 bodies following: the Schur complement of the arrow. What is left is one equation for the plate (`engine.implicit_common_plate`).
 """
 
@@ -11,25 +12,26 @@ from numba import njit, prange, types
 
 from thirdbody.jit.options import CHUNK, INNER, OPTIONS
 from thirdbody.kernels.implicit.bdf2 import KNOWN, SHAPE, SPOTS, STATE, workspace
-from thirdbody.kernels.implicit.jacobian import linearise
-from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton, solved
-from thirdbody.kernels.implicit.residual import Z_NOW, Z_PLATE, Z_PLATE_RISE, balance, begin, loaded_spots, place
+from thirdbody.kernels.implicit.jacobian import assemble_jacobian
+from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton, solve_linear
+from thirdbody.kernels.implicit.residual import Z_NOW, Z_PLATE, Z_PLATE_RISE, active_contacts, save_start, set_configuration
+from thirdbody.kernels.implicit.residual import residual as balance
 from thirdbody.kernels.implicit.step_control import (
     V_DEEP,
     V_INERTIAL,
+    accept_step,
     advance_clock,
-    at_corner,
-    error_of,
-    formula,
+    bdf2_weights,
     gaps,
-    guess,
-    look,
+    guard_code,
+    is_breakpoint,
+    local_error,
+    next_breakpoint,
     plate_velocity,
+    predict,
+    reject_step,
     rotation_of,
-    stay,
-    stopped,
-    stretch,
-    take,
+    update_labeller,
 )
 from thirdbody.kernels.implicit.step_limits import lands
 from thirdbody.kernels.layout import A_TIME, B_MASS, G_N, O_FN, P_SPRING, P_Z, T_CODE, T_ITERATIONS, T_SLOT, T_TRIES, TILE
@@ -38,13 +40,13 @@ from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
 BODIES = 8
 """Bodies per chunk."""
 
-# what `solve` tells of every body
+# what `solve_bodies` tells of every body
 (H_FOUND, H_PUSH, H_SLOPE, H_ERROR, H_TURN, H_ITERATIONS, H_CROWDED, H_LANDS) = range(8)
 H_COLS = 8
 
 
 @njit(**INNER)
-def push_of(p, m, spots, P, work, Z):
+def plate_reaction(p, m, spots, P, work, Z):
     """Force of the body on the plate, upwards, N: through its patch's spring, or of its spots where the patch is the plate."""
     if P[p, P_SPRING] != 0.0:
         return P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
@@ -57,20 +59,20 @@ def push_of(p, m, spots, P, work, Z):
 
 
 @njit(**INNER)
-def slope_of(b, p, m, dt, spots, state, known, work, Z, tangents):
+def plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents):
     """How that force changes with the rise of the plate while the body stays in balance, N/m."""
     P, x, J = state[2], work[8], work[10]
-    linearise(b, p, m, dt, spots, state, known, work, Z, tangents, True, J)
+    assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, True, J)
     spring = P[p, P_SPRING]
     if spring != 0.0:
         for k in range(7):
             x[k] = spring if k == 6 else 0.0
-        return spring * (x[6] - 1.0) if solved(J, x, 7) else 0.0
+        return spring * (x[6] - 1.0) if solve_linear(J, x, 7) else 0.0
     own = J[6, 6]
     row = J[6, :6].copy()
     for k in range(6):
         x[k] = J[k, 6]
-    if not solved(J, x, 6):
+    if not solve_linear(J, x, 6):
         return 0.0
     for k in range(6):
         own += row[k] * x[k]
@@ -78,23 +80,46 @@ def slope_of(b, p, m, dt, spots, state, known, work, Z, tangents):
 
 
 @njit(**CHUNK)
-def solve_chunk(low, high, fresh, dt, rise, plate, v_x, v_y, spots, shape, state, known, most, V, totals, memory, starts, ends,
-                gone, told, law, tangents, effects):  # fmt: skip
-    """The bodies from low to high for this rise of the plate; see `solve`."""
-    work, patch, P, edges = workspace(known[2], known[4], most), shape[2], state[2], spots[3]
+def solve_chunk(
+    low,
+    high,
+    first_iteration,
+    dt,
+    rise,
+    plate,
+    v_x,
+    v_y,
+    spots,
+    shape,
+    state,
+    known,
+    maximum,
+    V,
+    totals,
+    memory,
+    starts,
+    ends,
+    initial_gap,
+    diagnostics,
+    law,
+    tangents,
+    effects,
+):
+    """The bodies from low to high for this rise of the plate; see `solve_bodies`."""
+    work, patch, P, edges = workspace(known[2], known[4], maximum), shape[2], state[2], spots[3]
     y, before = work[6], work[5]
     for b in range(low, high):
         p, Z, T, W = patch[b], starts[b], memory[b], totals[b]
-        if fresh:
-            begin(b, p, shape, state, Z)
+        if first_iteration:
+            save_start(b, p, shape, state, Z)
             gaps(b, spots, state, before)
-            formula(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, state[1][b, B_MASS], T, Z, V)
-            guess(p, y, dt, Z, P, rise)
+            bdf2_weights(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, state[1][b, B_MASS], T, Z, V)
+            predict(p, y, dt, Z, P, rise)
             for e in range(edges[b], edges[b + 1]):
-                gone[e] = before[e - edges[b]]
+                initial_gap[e] = before[e - edges[b]]
         else:
             for e in range(edges[b], edges[b + 1]):
-                before[e - edges[b]] = gone[e]
+                before[e - edges[b]] = initial_gap[e]
             for k in range(7):
                 y[k] = ends[b, k]
         if P[p, P_SPRING] == 0.0:
@@ -106,41 +131,65 @@ def solve_chunk(low, high, fresh, dt, rise, plate, v_x, v_y, spots, shape, state
         )  # fmt: skip
         T[T_TRIES] += 1.0
         T[T_ITERATIONS] += iterations
-        told[b, H_FOUND], told[b, H_CROWDED] = (1.0 if how == FOUND else 0.0), (1.0 if how == CROWDED else 0.0)
-        told[b, H_LANDS] = 1.0 if lands(b, m, spots, work) else 0.0
+        diagnostics[b, H_FOUND], diagnostics[b, H_CROWDED] = (1.0 if how == FOUND else 0.0), (1.0 if how == CROWDED else 0.0)
+        diagnostics[b, H_LANDS] = 1.0 if lands(b, m, spots, work) else 0.0
         for k in range(7):
             ends[b, k] = y[k]
         if how != FOUND:
             continue
-        told[b, H_PUSH] = push_of(p, m, spots, P, work, Z)
-        told[b, H_SLOPE] = slope_of(b, p, m, dt, spots, state, known, work, Z, tangents)
-        told[b, H_ERROR] = error_of(b, p, dt, Z, T, state[1], P, work[11], V)
-        told[b, H_TURN], told[b, H_ITERATIONS] = rotation_of(y, Z), iterations
+        diagnostics[b, H_PUSH] = plate_reaction(p, m, spots, P, work, Z)
+        diagnostics[b, H_SLOPE] = plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents)
+        diagnostics[b, H_ERROR] = local_error(b, p, dt, Z, T, state[1], P, work[11], V)
+        diagnostics[b, H_TURN], diagnostics[b, H_ITERATIONS] = rotation_of(y, Z), iterations
 
 
 @njit(**CHUNK)
-def take_chunk(low, high, dt, end, whole, v_x, v_y, spots, shape, state, known, most, M, D, V, totals, memory, starts, ends, gone,
-               drag, law, effects, observe):  # fmt: skip
-    """The bodies from low to high take the step that was found; see `take_all`.
+def accept_chunk(
+    low,
+    high,
+    dt,
+    end,
+    whole,
+    v_x,
+    v_y,
+    spots,
+    shape,
+    state,
+    known,
+    maximum,
+    M,
+    D,
+    V,
+    totals,
+    memory,
+    starts,
+    ends,
+    initial_gap,
+    drag,
+    law,
+    effects,
+    observe,
+):
+    """The bodies from low to high take the step that was found; see `accept_bodies`.
 
     Their forces are evaluated again: the tiles of all bodies, kept from the search, would be more to fetch than to fill.
     """
-    work, patch, edges, kept = workspace(known[2], known[4], most), shape[2], spots[3], known[6]
-    y, before, r, told = work[6], work[5], work[7], work[11]
+    work, patch, edges, saved = workspace(known[2], known[4], maximum), shape[2], spots[3], known[6]
+    y, before, r, diagnostics = work[6], work[5], work[7], work[11]
     for b in range(low, high):
         p, Z, T, W = patch[b], starts[b], memory[b], totals[b]
         for k in range(7):
             y[k] = ends[b, k]
         for e in range(edges[b], edges[b + 1]):
-            before[e - edges[b]] = gone[e]
-        place(b, p, y, dt, Z, T, shape, state)
-        m = loaded_spots(b, dt, Z[Z_NOW] / dt, v_x, v_y, spots, shape, state, known, work)
-        balance(b, p, m, y, dt, W[A_TIME] + dt, V[V_INERTIAL], spots, state, known, work, Z, T, law, effects, r, told)
-        take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, True)
+            before[e - edges[b]] = initial_gap[e]
+        set_configuration(b, p, y, dt, Z, T, shape, state)
+        m = active_contacts(b, dt, Z[Z_NOW] / dt, v_x, v_y, spots, shape, state, known, work)
+        balance(b, p, m, y, dt, W[A_TIME] + dt, V[V_INERTIAL], spots, state, known, work, Z, T, law, effects, r, diagnostics)
+        accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, True)
         advance_clock(W, dt, end, whole, v_x, v_y)
-        if kept:
-            look(b, spots, state, M, W, known, drag, observe, work[13], work[14])
-        T[T_CODE], T[T_SLOT] = stopped(b, told, state[1], D)
+        if saved:
+            update_labeller(b, spots, state, M, W, known, drag, observe, work[13], work[14])
+        T[T_CODE], T[T_SLOT] = guard_code(b, diagnostics, state[1], D)
 
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
@@ -158,33 +207,124 @@ TAKE = types.void(
 
 
 @njit(SOLVE, parallel=True, **OPTIONS)
-def solve(fresh, dt, rise, plate, v_x, v_y, spots, shape, state, known, most, V, totals, memory, starts, ends, gone, told, law,
-          tangents, effects):  # fmt: skip
+def solve_bodies(
+    first_iteration,
+    dt,
+    rise,
+    plate,
+    v_x,
+    v_y,
+    spots,
+    shape,
+    state,
+    known,
+    maximum,
+    V,
+    totals,
+    memory,
+    starts,
+    ends,
+    initial_gap,
+    diagnostics,
+    law,
+    tangents,
+    effects,
+):
     """Ends of a step of all bodies, for a plate that starts at the height `plate` and rises by `rise`.
 
-    `fresh`: the step begins now; else the search goes on from the ends found before. `told` (n, H_COLS) gets what is found.
+    `first_iteration`: the step begins now; else the search goes on from the ends found before. `diagnostics` (n, H_COLS) gets
+    what is found.
     """
     n = totals.shape[0]
     for c in prange((n + BODIES - 1) // BODIES):
-        solve_chunk(c * BODIES, min(c * BODIES + BODIES, n), fresh, dt, rise, plate, v_x, v_y, spots, shape, state, known, most,
-                    V, totals, memory, starts, ends, gone, told, law, tangents, effects)  # fmt: skip
+        solve_chunk(
+            c * BODIES,
+            min(c * BODIES + BODIES, n),
+            first_iteration,
+            dt,
+            rise,
+            plate,
+            v_x,
+            v_y,
+            spots,
+            shape,
+            state,
+            known,
+            maximum,
+            V,
+            totals,
+            memory,
+            starts,
+            ends,
+            initial_gap,
+            diagnostics,
+            law,
+            tangents,
+            effects,
+        )
 
 
 @njit(TAKE, parallel=True, **OPTIONS)
-def take_all(dt, end, whole, v_x, v_y, spots, shape, state, known, most, M, D, V, totals, memory, starts, ends, gone, drag, law,
-             effects, observe):  # fmt: skip
-    """All bodies take the step that `solve` found; `whole`: it ends at the time `end` exactly."""
+def accept_bodies(
+    dt,
+    end,
+    whole,
+    v_x,
+    v_y,
+    spots,
+    shape,
+    state,
+    known,
+    maximum,
+    M,
+    D,
+    V,
+    totals,
+    memory,
+    starts,
+    ends,
+    initial_gap,
+    drag,
+    law,
+    effects,
+    observe,
+):
+    """All bodies take the step that `solve_bodies` found; `whole`: it ends at the time `end` exactly."""
     n = totals.shape[0]
     for c in prange((n + BODIES - 1) // BODIES):
-        take_chunk(c * BODIES, min(c * BODIES + BODIES, n), dt, end, whole, v_x, v_y, spots, shape, state, known, most, M, D, V,
-                   totals, memory, starts, ends, gone, drag, law, effects, observe)  # fmt: skip
+        accept_chunk(
+            c * BODIES,
+            min(c * BODIES + BODIES, n),
+            dt,
+            end,
+            whole,
+            v_x,
+            v_y,
+            spots,
+            shape,
+            state,
+            known,
+            maximum,
+            M,
+            D,
+            V,
+            totals,
+            memory,
+            starts,
+            ends,
+            initial_gap,
+            drag,
+            law,
+            effects,
+            observe,
+        )
 
 
 @njit(types.void(SHAPE, STATE, _F2, _F2), **OPTIONS)
-def stay_all(shape, state, memory, starts):
+def restore_bodies(shape, state, memory, starts):
     """Put all bodies back to where the step began."""
     for b in range(starts.shape[0]):
-        stay(b, shape[2][b], starts[b], memory[b], shape, state)
+        reject_step(b, shape[2][b], starts[b], memory[b], shape, state)
 
 
 _I1 = types.Array(types.int64, 1, "C")
@@ -197,12 +337,12 @@ def plate_velocity_of(schedule, first, t, dt):
 
 
 @njit(_B(_F2, _I1, _D, _D), **OPTIONS)
-def corner_at(schedule, first, t, end):
+def is_breakpoint_at(schedule, first, t, end):
     """Whether the stretch that began at t ends at a corner of the motion."""
-    return at_corner(t, end, schedule, first)
+    return is_breakpoint(t, end, schedule, first)
 
 
 @njit(_D(_F2, _I1, _D, _D), **OPTIONS)
-def stretch_of(schedule, first, t, until):
+def next_breakpoint_after(schedule, first, t, until):
     """Where the stretch ends in which the motion has no corner, s."""
-    return stretch(t, schedule, first, until)
+    return next_breakpoint(t, schedule, first, until)

@@ -36,7 +36,7 @@ from thirdbody.kernels.layout import (
     T_ENERGY,
     TILE,
 )
-from thirdbody.kernels.narrow_phase import separation
+from thirdbody.kernels.narrow_phase import overlap_and_normal
 
 FLOOR = 0.02
 """Friction work, in parts of limit times critical displacement of all spots, below which its error is no longer judged by the
@@ -78,8 +78,8 @@ def dragged_off(k, before, dt, v_x, v_y, spots, state, force):
     x = S[i, S_U] - r * n * S[i, S_W + 1] - up * v_x
     y = S[i, S_U + 1] + r * n * S[i, S_W] - up * v_y
     f_1, f_2, e_x, e_y = H[k, H_LAW + force], H[k, H_LAW + force + 1], H[k, H_E], H[k, H_E + 1]
-    share = before / max(before - separation(k, own, partner, S, P, 0.0, 0.0)[0], 1e-300)
-    return -0.5 * share * dt * ((f_1 * e_x - f_2 * n * e_y) * x + (f_1 * e_y + f_2 * n * e_x) * y)
+    fraction = before / max(before - overlap_and_normal(k, own, partner, S, P, 0.0, 0.0)[0], 1e-300)
+    return -0.5 * fraction * dt * ((f_1 * e_x - f_2 * n * e_y) * x + (f_1 * e_y + f_2 * n * e_x) * y)
 
 
 @njit(**INNER)
@@ -104,8 +104,8 @@ def differing(m, force, stored, before, b, spots, work):
         taken = (I[old] + O[new]) * s_x + (I[old + TILE] + O[new + TILE]) * s_y
         lost = I[(I_HISTORY + stored) * TILE + q] - 0.5 * taken - O[q + O_STORED_T * TILE]
         slip = min(math.sqrt(s_x * s_x + s_y * s_y), O[q + O_CRITICAL * TILE])
-        share = math.sqrt(max(before[slots[q] - first], 0.0) / I[q + I_OVERLAP * TILE])
-        total += abs(lost - O[q + O_LOST * TILE]) + GROWN * min(abs(1.0 - share), 1.0) * O[q + O_LIMIT * TILE] * slip
+        fraction = math.sqrt(max(before[slots[q] - first], 0.0) / I[q + I_OVERLAP * TILE])
+        total += abs(lost - O[q + O_LOST * TILE]) + GROWN * min(abs(1.0 - fraction), 1.0) * O[q + O_LIMIT * TILE] * slip
     return total
 
 

@@ -35,7 +35,7 @@ from thirdbody.kernels.rolling_kinematics import MOMENTS
 
 
 @njit(**INNER)
-def linearise(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
+def assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
     """J (7, 7): how the unbalanced forces change with the coordinates, at the spots as staged.
 
     A patch whose height is prescribed has no equation of its own, unless `coupled` asks how the forces change with its height.
@@ -49,7 +49,7 @@ def linearise(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
         for j in range(FREEDOMS):
             J[i, j] = 0.0
     for q in range(m):
-        add_spot(q, slots[q], before[slots[q] - edges[b]], own, partner, S, I, O, K, G, rolling, J)
+        add_contact_stiffness(q, slots[q], before[slots[q] - edges[b]], own, partner, S, I, O, K, G, rolling, J)
     arm = 1.0 / Z[Z_ARM]
     xx, yy, zz, xy, xz, yz = inertia_of(b, B, E)
     rate = Z[Z_NOW] / dt
@@ -82,7 +82,7 @@ def linearise(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
 
 
 @njit(**INNER)
-def add_spot(q, slot, gap, own, partner, S, I, O, K, G, rolling, J):  # noqa: E741
+def add_contact_stiffness(q, slot, gap, own, partner, S, I, O, K, G, rolling, J):  # noqa: E741
     """Add the spot at place q of the tile to J, with rotations in radians: stiffness, turn of its arm, growth of its patch."""
     i, up, n_z = own[slot], partner[slot] < -1, G[q + (G_N + 2) * TILE]
     a_x, a_y, a_z = S[i, S_ARM], S[i, S_ARM + 1], S[i, S_ARM + 2]
@@ -95,14 +95,14 @@ def add_spot(q, slot, gap, own, partner, S, I, O, K, G, rolling, J):  # noqa: E7
     if gap < 0.0:
         # the share of the slip grows with the overlap that is reached
         overlap = I[I_OVERLAP * TILE + q]
-        share = overlap / (overlap - gap)
-        growth = -gap / ((overlap - gap) * (overlap - gap)) / share
+        fraction = overlap / (overlap - gap)
+        growth = -gap / ((overlap - gap) * (overlap - gap)) / fraction
         xd += (xx * I[I_SX * TILE + q] + xy * I[I_SY * TILE + q]) * growth
         yd += (yx * I[I_SX * TILE + q] + yy * I[I_SY * TILE + q]) * growth
-        xx, xy, yx, yy = share * xx, share * xy, share * yx, share * yy
+        xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
     for c in range(FREEDOMS):
         # overlap, slip and arm per coordinate
-        d, s_1, s_2, u_x, u_y, u_z = spot_moves(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up)
+        d, s_1, s_2, u_x, u_y, u_z = contact_displacements(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up)
         u_z += 0.5 * n_z * d
         f_n = K[K_NORMAL * TILE + q] * d
         d_1, d_2 = xx * s_1 + xy * s_2 + xd * d, yx * s_1 + yy * s_2 + yd * d
@@ -120,7 +120,7 @@ def add_spot(q, slot, gap, own, partner, S, I, O, K, G, rolling, J):  # noqa: E7
 
 
 @njit(**INNER)
-def spot_moves(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up):
+def contact_displacements(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up):
     """Changes with coordinate c: overlap, slip along both axes of the frame, and the arm of the sphere (3)."""
     if c == 0:
         return 0.0, e_x, g_x, 0.0, 0.0, 0.0

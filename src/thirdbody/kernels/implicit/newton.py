@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import CHUNK, INNER
-from thirdbody.kernels.implicit.jacobian import linearise
+from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.residual import (
     E_DEEPEST,
     E_NORMAL,
@@ -17,9 +17,11 @@ from thirdbody.kernels.implicit.residual import (
     Z_NOW,
     Z_PLATE,
     Z_PULL,
-    balance,
-    loaded_spots,
-    place,
+    active_contacts,
+    set_configuration,
+)
+from thirdbody.kernels.implicit.residual import (
+    residual as balance,
 )
 from thirdbody.kernels.layout import (
     B_MASS,
@@ -47,7 +49,7 @@ from thirdbody.kernels.layout import (
     T_RADIUS,
     TILE,
 )
-from thirdbody.kernels.narrow_phase import separation
+from thirdbody.kernels.narrow_phase import overlap_and_normal
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners.
@@ -73,7 +75,7 @@ FOUND, LOST, CROWDED = range(3)
 
 
 @njit(**CHUNK)
-def solved(J, r, n):
+def solve_linear(J, r, n):
     """Overwrite r with the solution x of J x = -r by elimination with row pivots; False for a singular matrix.
 
     Not `numpy.linalg.solve`, which allocates, calls LAPACK for six unknowns, and raises where the matrix is singular.
@@ -107,7 +109,7 @@ def solved(J, r, n):
 
 
 @njit(**INNER)
-def size_of(r):
+def residual_norm(r):
     """Euclidean norm of the unbalanced forces, N."""
     total = 0.0
     for k in range(FREEDOMS):
@@ -116,7 +118,7 @@ def size_of(r):
 
 
 @njit(**INNER)
-def scale_of(b, p, y, dt, Z, B, E, P, told):
+def force_scale(b, p, y, dt, Z, B, E, P, diagnostics):
     """Sum of all forces at work, N: what the unbalanced ones are compared with."""
     move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
     weight = abs(E[b, E_EF]) + abs(E[b, E_EF + 1]) + abs(E[b, E_EF + 2]) if E.shape[1] > E_EF else 0.0
@@ -125,65 +127,65 @@ def scale_of(b, p, y, dt, Z, B, E, P, told):
     # of a patch that touches nothing too: its spring pulls, its dashpot holds; without load, what it was loaded with counts
     patch = max(P[p, P_LOAD], P[p, P_LOAD0]) + P[p, P_MASS] * abs(y[6]) * square + P[p, P_DAMPING] * abs(P[p, P_V])
     patch += P[p, P_SPRING] * abs(P[p, P_Z] - Z[Z_PLATE])
-    return told[E_NORMAL] + weight + B[b, B_MASS] * move * square + free * patch
+    return diagnostics[E_NORMAL] + weight + B[b, B_MASS] * move * square + free * patch
 
 
 @njit(**INNER)
-def resolved(b, p, B, P, Z, told):
+def rounding_force(b, p, B, P, Z, diagnostics):
     """Force, N, below which the unbalanced one is rounding: overlaps are small differences of heights."""
-    if told[E_DEEPEST] <= 0.0:
+    if diagnostics[E_DEEPEST] <= 0.0:
         return 0.0
     height = max(abs(B[b, B_X + 2]) + Z[Z_ARM], abs(P[p, P_Z]))
-    return ROUNDING * height * 1.5 * told[E_NORMAL] / told[E_DEEPEST]  # Hertz: dN/dd = 1.5 N/d
+    return ROUNDING * height * 1.5 * diagnostics[E_NORMAL] / diagnostics[E_DEEPEST]  # Hertz: dN/dd = 1.5 N/d
 
 
 @njit(**INNER)
-def massless_at_rest(b, dt, share, r, Z, T, B, E, told, least):
+def massless_at_rest(b, dt, share, r, Z, T, B, E, diagnostics, minimum):
     """Whether the forces on a body without inertia balance to this share of the forces on the body itself.
 
     Those on its patch do not count: a body that both plates have left carries none of them, and would otherwise be taken for
-    balanced at any velocity. What may be left over then moves it by this share of a contact radius. `least`: rounding, N.
+    balanced at any velocity. What may be left over then moves it by this share of a contact radius. `minimum`: rounding, N.
     """
     square = 0.0
     for k in range(6):
         square += r[k] * r[k]
     weight = abs(E[b, E_EF]) + abs(E[b, E_EF + 1]) + abs(E[b, E_EF + 2]) if E.shape[1] > E_EF else 0.0
     held = (Z[Z_PULL] + Z[Z_MASS] * B[b, B_MASS] / (dt * dt)) * T[T_RADIUS]
-    return math.sqrt(square) <= max(share * (told[E_NORMAL] + weight + held), least)
+    return math.sqrt(square) <= max(share * (diagnostics[E_NORMAL] + weight + held), minimum)
 
 
 @njit(**INNER)
-def clipped(b, x, deep, spots, state, Z):
+def limit_overlap_change(b, x, deep, spots, state, Z):
     """Share of the change x of the coordinates that lets no spot sink in, or lose its side, by more than REACH of `deep`."""
     (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
     arm = 1.0 / Z[Z_ARM]
-    turn = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]) * arm
-    share = min(1.0, TURN / turn) if turn > 0.0 else 1.0
+    rotation = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]) * arm
+    fraction = min(1.0, TURN / rotation) if rotation > 0.0 else 1.0
     most_up, most_low, change_up, change_low = 0.0, 0.0, 0.0, 0.0
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
         i, up = own[k], partner[k] < -1
-        overlap, _, _, n_z = separation(k, own, partner, S, P, 0.0, 0.0)
+        overlap, _, _, n_z = overlap_and_normal(k, own, partner, S, P, 0.0, 0.0)
         rise = x[2] + (x[3] * S[i, S_ARM + 1] - x[4] * S[i, S_ARM]) * arm - (x[6] if up else 0.0)
         change = -n_z * rise
         if change > 0.0:
-            room = REACH * deep + max(-overlap, 0.0)
-            if change * share > room:
-                share = room / change
+            margin = REACH * deep + max(-overlap, 0.0)
+            if change * fraction > margin:
+                fraction = margin / change
         if up and overlap > most_up:
             most_up, change_up = overlap, change
         if not up and overlap > most_low:
             most_low, change_low = overlap, change
     # the deepest spot of a side stays closed, or the next iteration would know nothing of the plate
-    for most, change in ((most_up, change_up), (most_low, change_low)):
-        if -change * share > REACH * max(most, deep):
-            share = REACH * max(most, deep) / -change
-    return share
+    for maximum, change in ((most_up, change_up), (most_low, change_low)):
+        if -change * fraction > REACH * max(maximum, deep):
+            fraction = REACH * max(maximum, deep) / -change
+    return fraction
 
 
 @njit(**INNER)
-def turned_back(x, m, own, S, work, Z, share):
-    """Share of the change x, at most `share`, that brings no spot from slipping one way to slipping the other.
+def limit_slip_reversal(x, m, own, S, work, Z, share):
+    """Share of the change x, at most `fraction`, that brings no spot from slipping one way to slipping the other.
 
     In between it sticks. Where all other spots slip, that is often the answer, and a whole step jumps over it.
     """
@@ -203,16 +205,16 @@ def turned_back(x, m, own, S, work, Z, share):
         size = math.sqrt(s_x * s_x + s_y * s_y)
         back = -(along_1 * s_x + along_2 * s_y)
         # just inside what it can bear
-        room = size * (size + BACK * O[O_CRITICAL * TILE + q])
-        if back * share > room > 0.0:
-            share = room / back
+        margin = size * (size + BACK * O[O_CRITICAL * TILE + q])
+        if back * share > margin > 0.0:
+            share = margin / back
     return share
 
 
 @njit(**INNER)
 def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects):
     """Find the end y of a step from the guess that it holds; (how it ended, number of staged spots, iterations)."""
-    y, r, x, tried, J, told = work[6], work[7], work[8], work[9], work[10], work[11]
+    y, r, x, tried, J, diagnostics = work[6], work[7], work[8], work[9], work[10], work[11]
     S, B, P, _, _, E = state
     size, part, whole, halvings, leaps, iterations, m = 1e300, 0.0, 0.0, 0, 0, 0, np.int64(0)
     for k in range(FREEDOMS):
@@ -220,14 +222,14 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
     while True:
         for k in range(FREEDOMS):
             tried[k] = y[k] + part * x[k]
-        place(b, p, tried, dt, Z, T, shape, state)
-        m = loaded_spots(b, dt, Z[Z_NOW] / dt, v_x, v_y, spots, shape, state, known, work)
+        set_configuration(b, p, tried, dt, Z, T, shape, state)
+        m = active_contacts(b, dt, Z[Z_NOW] / dt, v_x, v_y, spots, shape, state, known, work)
         if m < 0:
             return CROWDED, m, iterations
-        balance(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told)
-        now, scale = size_of(r), scale_of(b, p, tried, dt, Z, B, E, P, told)
-        least = resolved(b, p, B, P, Z, told)
-        enough = max(CONVERGED * scale, least)
+        balance(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, diagnostics)
+        now, scale = residual_norm(r), force_scale(b, p, tried, dt, Z, B, E, P, diagnostics)
+        minimum = rounding_force(b, p, B, P, Z, diagnostics)
+        enough = max(CONVERGED * scale, minimum)
         if not now < 1e300:
             return LOST, m, iterations
         better = now < (1.0 - 1e-4 * part) * size
@@ -241,18 +243,18 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
         better = better or halvings > HALVINGS
         for k in range(FREEDOMS):
             y[k] = tried[k]
-        if now <= enough and (inertial != 0.0 or massless_at_rest(b, dt, CONVERGED, r, Z, T, B, E, told, least)):
+        if now <= enough and (inertial != 0.0 or massless_at_rest(b, dt, CONVERGED, r, Z, T, B, E, diagnostics, minimum)):
             return FOUND, m, iterations
         if not better or iterations == ITERATIONS:
             # the last digits of a law with corners do not settle
-            found = now <= ACCEPTED * scale
-            found = found and (inertial != 0.0 or massless_at_rest(b, dt, ACCEPTED, r, Z, T, B, E, told, least))
-            return (FOUND if found else LOST), m, iterations
+            result = now <= ACCEPTED * scale
+            result = result and (inertial != 0.0 or massless_at_rest(b, dt, ACCEPTED, r, Z, T, B, E, diagnostics, minimum))
+            return (FOUND if result else LOST), m, iterations
         size, halvings, iterations = now, 0, iterations + 1
-        linearise(b, p, m, dt, spots, state, known, work, Z, tangents, False, J)
+        assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, False, J)
         for k in range(FREEDOMS):
             x[k] = r[k]
-        if not solved(J, x, FREEDOMS):
+        if not solve_linear(J, x, FREEDOMS):
             return LOST, m, iterations
-        part = clipped(b, x, max(deep, told[E_DEEPEST]), spots, state, Z)
-        part = whole = turned_back(x, m, spots[0], S, work, Z, part)
+        part = limit_overlap_change(b, x, max(deep, diagnostics[E_DEEPEST]), spots, state, Z)
+        part = whole = limit_slip_reversal(x, m, spots[0], S, work, Z, part)

@@ -7,14 +7,16 @@ Tables come in groups, named alike in all these kernels:
 | spots | own, partner, kind, edges, incidence: the candidates, which here are all pairs of a sphere and a plate |
 | shape | body, start, patch, offsets |
 | state | S, B, P, H, R, E |
-| known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels, stored (`held`),
+| known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels, stored
+(`spring_energy`),
           places of the remembered force and moment in the history |
 | work | I, O, K, G: the law's tile; slots: candidates in it; before: gaps at the start of the step; then see `march` |
 
 The coordinates y of a step are the displacement of the centre of mass (3, m), the rotation vector of the step times the arm of
-the body (3, m, world axes), and the rise of the body's patch of the upper plate (m). `place` moves body, spheres and patch to
-the end of the step, `balance` asks the laws there and gives what is unbalanced (7, N); how that changes with y stands in
-`jacobian`. Nothing is remembered until `accept`. All contact geometry, slip and history is that of the explicit integrator
+the body (3, m, world axes), and the rise of the body's patch of the upper plate (m). `set_configuration` moves body, spheres
+and patch to
+the end of the step, `residual` asks the laws there and gives what is unbalanced (7, N); how that changes with y stands in
+`jacobian`. Nothing is remembered until `commit`. All contact geometry, slip and history is that of the explicit integrator
 (`contacts`), so both see the same laws in the same way; here a spot that closes within the step slips for the rest of it only.
 """
 
@@ -24,8 +26,8 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import CHUNK, INNER
-from thirdbody.kernels.contact_geometry import push, slide, stage_plate, turn_frames
-from thirdbody.kernels.contact_history import held, keep, release
+from thirdbody.kernels.contact_geometry import force_and_torques, gather_plate_contact, slip_increment, transport_frames
+from thirdbody.kernels.contact_history import reset_history, spring_energy, store_history
 from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import SUM_LOW, SUM_UP, SUM_WORK, record
 from thirdbody.kernels.implicit.friction_work import dragged_off
@@ -90,10 +92,10 @@ from thirdbody.kernels.layout import (
     T_Y,
     TILE,
 )
-from thirdbody.kernels.narrow_phase import separation
+from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.rigid_body import place_body
-from thirdbody.kernels.rolling_kinematics import MOMENTS, record_rolling, stage_rolling
-from thirdbody.kernels.rotation import matrix, turned_by
+from thirdbody.kernels.rolling_kinematics import MOMENTS, gather_rolling, record_rolling
+from thirdbody.kernels.rotation import matrix, rotate
 
 FREEDOMS = 7
 """Coordinates of a body and its patch."""
@@ -107,7 +109,7 @@ Z_LOAD = 25  # load of the patch as the step begins
 Z_OLD = 26  # weight of the force at the start of the step in what the plate and friction take: a half, or 0
 Z_COLS = 27
 
-# what `balance` tells beside the unbalanced forces
+# what `residual` tells beside the unbalanced forces
 E_NORMAL, E_DEEPEST, E_RADIUS, E_RATIO, E_SLOT, E_POWER = range(6)
 E_COLS = 6
 
@@ -117,7 +119,7 @@ TURN = 0.05
 
 
 @njit(**CHUNK)
-def begin(b, p, shape, state, Z):
+def save_start(b, p, shape, state, Z):
     """Note where a step of body b begins."""
     (S, B, P, _, _, E), (_, start, _, offsets) = state, shape
     for k in range(3):
@@ -134,7 +136,7 @@ def begin(b, p, shape, state, Z):
 
 
 @njit(**INNER)
-def place(b, p, y, dt, Z, T, shape, state):
+def set_configuration(b, p, y, dt, Z, T, shape, state):
     """Move body b, its spheres and its patch p to the end of the step: mean velocities of the step, then those at its end."""
     (S, B, P, _, _, _), (_, start, _, offsets) = state, shape
     inverse, arm = 1.0 / dt, 1.0 / Z[Z_ARM]
@@ -142,7 +144,7 @@ def place(b, p, y, dt, Z, T, shape, state):
     for k in range(3):
         B[b, B_X + k] = Z[Z_X + k] + y[k]
         B[b, B_V + k] = y[k] * inverse
-    q = turned_by((Z[Z_Q], Z[Z_Q + 1], Z[Z_Q + 2], Z[Z_Q + 3]), y[3] * arm, y[4] * arm, y[5] * arm)
+    q = rotate((Z[Z_Q], Z[Z_Q + 1], Z[Z_Q + 2], Z[Z_Q + 3]), y[3] * arm, y[4] * arm, y[5] * arm)
     for k in range(4):
         B[b, B_Q + k] = q[k]
     w = (y[3] * arm * inverse, y[4] * arm * inverse, y[5] * arm * inverse)
@@ -178,7 +180,7 @@ def momentum_of(b, B, E):
 
 
 @njit(**INNER)
-def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
+def active_contacts(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
     """Stage the loaded spots of body b in the law's tile; returns how many, or -1 if they are more than the tile holds.
 
     `rate`: change of a velocity per change of place over the step, 1/s; v_x, v_y: mean velocity of the upper plate.
@@ -189,38 +191,39 @@ def loaded_spots(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
     m = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
-        overlap = separation(k, own, partner, S, P, 0.0, 0.0)[0]
+        overlap = overlap_and_normal(k, own, partner, S, P, 0.0, 0.0)[0]
         if overlap <= 0.0:
             continue
         if m == TILE:
             return np.int64(-1)
         rise = P[max(-partner[k] - 2, 0), P_V]
-        stage_plate(m, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history)
+        gather_plate_contact(m, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history)
         slots[m] = k
         m += 1
-    turn_frames(m, dt, G)
-    slide(m, dt, I, G)
+    transport_frames(m, dt, G)
+    slip_increment(m, dt, I, G)
     for q in range(m):
         at = (I_HISTORY + n_history) * TILE + q
         if rolling > 0:
-            stage_rolling(q, slots[q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
+            gather_rolling(q, slots[q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
         I[at + J_INVERSE * TILE] = rate
         gap = before[slots[q] - edges[b]]
         if gap < 0.0:
-            share = I[I_OVERLAP * TILE + q] / (I[I_OVERLAP * TILE + q] - gap)
-            I[I_SX * TILE + q] *= share
-            I[I_SY * TILE + q] *= share
+            fraction = I[I_OVERLAP * TILE + q] / (I[I_OVERLAP * TILE + q] - gap)
+            I[I_SX * TILE + q] *= fraction
+            I[I_SY * TILE + q] *= fraction
             if rolling > 0:
-                I[at + J_X * TILE] *= share
-                I[at + J_Y * TILE] *= share
-                I[at + J_TRAVEL_X * TILE] *= share
-                I[at + J_TRAVEL_Y * TILE] *= share
+                I[at + J_X * TILE] *= fraction
+                I[at + J_Y * TILE] *= fraction
+                I[at + J_TRAVEL_X * TILE] *= fraction
+                I[at + J_TRAVEL_Y * TILE] *= fraction
     return m
 
 
 @njit(**INNER)
-def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, told):
-    """Unbalanced forces r (7) of body b and its patch, with m staged spots; `told` gets what else a step wants to know (E_*)."""
+def residual(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, diagnostics):
+    """Unbalanced forces r (7) of body b and its patch, with m staged spots; `diagnostics` gets what else a step wants to know
+    (E_*)."""
     own, partner, edges = spots[0], spots[1], spots[3]
     S, B, P, _, _, E = state
     pairs, parameters, n_history, rolling, _, has_effects = known[:6]
@@ -252,11 +255,17 @@ def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law
         overlap = I[I_OVERLAP * TILE + q]
         normal += abs(n)
         deepest, radius = max(deepest, overlap), max(radius, O[O_A * TILE + q])
-        power += O[O_POWER * TILE + q] * steadiness(q, dt, before[slots[q] - edges[b]], I)
+        power += O[O_POWER * TILE + q] * mean_velocity_factor(q, dt, before[slots[q] - edges[b]], I)
         if overlap > ratio * S[i, S_R]:
             ratio, slot = overlap / S[i, S_R], slots[q]
-    told[E_NORMAL], told[E_DEEPEST], told[E_RADIUS], told[E_RATIO], told[E_SLOT] = normal, deepest, radius, ratio, slot
-    told[E_POWER] = power
+    diagnostics[E_NORMAL], diagnostics[E_DEEPEST], diagnostics[E_RADIUS], diagnostics[E_RATIO], diagnostics[E_SLOT] = (
+        normal,
+        deepest,
+        radius,
+        ratio,
+        slot,
+    )
+    diagnostics[E_POWER] = power
     for k in range(3):
         B[b, B_F + k], B[b, B_T + k] = r[k], r[3 + k]
     if has_effects:
@@ -270,7 +279,7 @@ def balance(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law
 
 
 @njit(**INNER)
-def steadiness(q, dt, before, I):  # noqa: E741
+def mean_velocity_factor(q, dt, before, I):  # noqa: E741
     """Mean velocity of the step over that at its end, for the spot at place q.
 
     A dashpot's force is that of the end of the step, but it acts along the way of the step: what it takes is force times way.
@@ -288,22 +297,22 @@ def inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r):
     Without inertia (`inertial` 0) every step begins at rest, and a weak pull towards where it began lets a body that slides on
     all its spots, and could be anywhere, be somewhere; a share of the mass holds back what jumps within a step.
     """
-    now, last, pull, share = Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt, Z[Z_PULL], Z[Z_MASS]
+    now, last, pull, fraction = Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt, Z[Z_PULL], Z[Z_MASS]
     l_1 = momentum_of(b, B, E)
     for k in range(3):
-        r[k] -= share * B[b, B_MASS] * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) + pull * y[k]
-        r[3 + k] -= share * (now * (l_1[k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) + pull * y[3 + k] * Z[Z_ARM]
+        r[k] -= fraction * B[b, B_MASS] * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) + pull * y[k]
+        r[3 + k] -= fraction * (now * (l_1[k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) + pull * y[3 + k] * Z[Z_ARM]
     if P[p, P_FREE] == 0.0:
         r[6] = 0.0
         return
     rise = P[p, P_V]
     r[6] -= P[p, P_LOAD] + P[p, P_DAMPING] * rise
-    r[6] -= share * P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) + pull * y[6]
+    r[6] -= fraction * P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) + pull * y[6]
     r[6] -= P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
 
 
 @njit(**INNER)
-def emptied(q, k, stored, O, H):  # noqa: E741
+def unbooked_energy(q, k, stored, O, H):  # noqa: E741
     """Energy, J, that the contact of slot k, at place q, held and did not book although it carries nothing any more.
 
     Where the dashpot of a sphere that leaves cancels its normal force, friction ends in one step at a limit of zero. No force
@@ -311,12 +320,12 @@ def emptied(q, k, stored, O, H):  # noqa: E741
     """
     if O[O_TX * TILE + q] != 0.0 or O[O_TY * TILE + q] != 0.0 or O[O_STORED_T * TILE + q] != 0.0:
         return 0.0
-    return max(held(k, stored, H) - O[O_WORK * TILE + q], 0.0)
+    return max(spring_energy(k, stored, H) - O[O_WORK * TILE + q], 0.0)
 
 
 @njit(**INNER)
 def recoil(b, m, dt, spots, state, work):
-    """What the dashpots of spots that carried nothing as the step began dissipate beyond what `balance` told, J.
+    """What the dashpots of spots that carried nothing as the step began dissipate beyond what `residual` told, J.
 
     Such a spot is on its way out, its elastic force cancelled by its dashpot, which takes all that is still stored. As nothing
     accelerates the body, one step can lead from there to the open contact, and the force at its end knows nothing of it.
@@ -331,7 +340,7 @@ def recoil(b, m, dt, spots, state, work):
             if not staged:
                 total += R[k, R_STORED_N]
             elif O[O_FN * TILE + q] == 0.0:
-                taken = O[O_POWER * TILE + q] * steadiness(q, dt, before[e - edges[b]], I) * dt
+                taken = O[O_POWER * TILE + q] * mean_velocity_factor(q, dt, before[e - edges[b]], I) * dt
                 total += R[k, R_STORED_N] - O[O_STORED_N * TILE + q] - taken
         if staged:
             q += 1
@@ -339,7 +348,7 @@ def recoil(b, m, dt, spots, state, work):
 
 
 @njit(**INNER)
-def accept(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
+def commit(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
     """Take the staged spots as the end of a step: history, friction work and slip, records; into `sums` work and the forces of
     the plates on the body.
 
@@ -351,12 +360,12 @@ def accept(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
     n_history, rolling, moment = known[2], known[3], known[9]
     force = known[8] if Z[Z_OLD] > 0.0 else np.int64(-1)
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
-    push(m, I, O, G)
+    force_and_torques(m, I, O, G)
     if force >= 0:
         book(m, force, moment, known[7], n_history, I, O)
     for i in range(m if force < 0 else 0):
-        O[O_WORK * TILE + i] += emptied(i, slots[i], known[7], O, H)
-    keep(m, slots, 0, O, G, H, n_history)
+        O[O_WORK * TILE + i] += unbooked_energy(i, slots[i], known[7], O, H)
+    store_history(m, slots, 0, O, G, H, n_history)
     q = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
@@ -373,6 +382,6 @@ def accept(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
             q += 1
         elif H[k, H_ON] != 0.0:
             dragged = dragged_off(k, work[5][e - edges[b]], dt, v_x, v_y, spots, state, force) if force >= 0 else 0.0
-            lost = max(release(k, known[7], H) + dragged, 0.0)
+            lost = max(reset_history(k, known[7], H) + dragged, 0.0)
             sums[0, SUM_WORK] += lost
             B[b, B_WORK] += lost

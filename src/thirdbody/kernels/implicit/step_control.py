@@ -33,13 +33,13 @@ from thirdbody.kernels.implicit.residual import (
     Z_RISE,
     Z_V,
     Z_W,
-    accept,
+    commit,
     momentum_of,
-    place,
     recoil,
+    set_configuration,
 )
 from thirdbody.kernels.implicit.step_limits import ERROR, GROWTH, LARGEST, NEWTON, OUTPUT, REVERSAL
-from thirdbody.kernels.labeller_input import observe_body
+from thirdbody.kernels.labeller_input import update_body_memory
 from thirdbody.kernels.layout import (
     A_DAMPING,
     A_DX,
@@ -94,8 +94,8 @@ from thirdbody.kernels.layout import (
     T_WAY,
     T_Y,
 )
-from thirdbody.kernels.narrow_phase import separation
-from thirdbody.kernels.rigid_body import judge_place, limits_of
+from thirdbody.kernels.narrow_phase import overlap_and_normal
+from thirdbody.kernels.rigid_body import check_position, limits_of
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner
 
 GOING, UNSOLVED, TOO_DEEP, TOO_MANY, LEFT, NOT_A_NUMBER = range(6)
@@ -119,7 +119,7 @@ NEARLY = 1.0 - 1e-9
 
 
 @njit(**INNER)
-def stretch(t, schedule, first, until):
+def next_breakpoint(t, schedule, first, until):
     """Where the stretch ends in which the motion has no corner, s."""
     end = until
     for axis in (X, Y, GAP, LOAD):
@@ -128,9 +128,9 @@ def stretch(t, schedule, first, until):
 
 
 @njit(**INNER)
-def at_corner(t, end, schedule, first):
+def is_breakpoint(t, end, schedule, first):
     """Whether the stretch that began at t ends at a corner of the motion, and not only at a stop."""
-    return stretch(t, schedule, first, np.inf) <= end
+    return next_breakpoint(t, schedule, first, np.inf) <= end
 
 
 @njit(**INNER)
@@ -145,13 +145,13 @@ def next_length(T, W, V, schedule, first, end):
     t = W[A_TIME]
     left = end - t
     dt, limit = min(T[T_DT], left), np.int64(T[T_LIMIT])
-    ends = np.int64(REVERSAL if at_corner(t, end, schedule, first) else OUTPUT)
+    ends = np.int64(REVERSAL if is_breakpoint(t, end, schedule, first) else OUTPUT)
     longest = min(V[V_LONGEST], V[V_RADII] * T[T_RADIUS])
     for _ in range(3):
         v_x, v_y = plate_velocity(schedule, first, t, dt)
-        way = math.sqrt(v_x * v_x + v_y * v_y) * dt
-        if way > longest:
-            dt *= longest / way
+        distance = math.sqrt(v_x * v_x + v_y * v_y) * dt
+        if distance > longest:
+            dt *= longest / distance
             limit = np.int64(LARGEST)
     if dt >= NEARLY * left:
         return left, ends
@@ -160,10 +160,11 @@ def next_length(T, W, V, schedule, first, end):
 
 
 @njit(**INNER)
-def formula(dt, way, mass, T, Z, V):
+def bdf2_weights(dt, distance, mass, T, Z, V):
     """Choose the formula of a step of length dt: BDF2 for unequal steps, backward Euler after a corner or without inertia.
 
-    `way` is that of the drag in the step, m. Source: Curtiss and Hirschfelder 1952; unequal steps: Hairer, Norsett and Wanner,
+    `distance` is that of the drag in the step, m. Source: Curtiss and Hirschfelder 1952; unequal steps: Hairer, Norsett and
+    Wanner,
     Solving Ordinary Differential Equations I, III.5.
     """
     inertial = V[V_INERTIAL]
@@ -172,7 +173,7 @@ def formula(dt, way, mass, T, Z, V):
         Z[Z_PULL] = PULL * T[T_FIRM]
         longest = min(V[V_LONGEST], V[V_RADII] * T[T_RADIUS])
         # in a step of the longest way no more than the pull, whatever the speed; in shorter ones it grows
-        Z[Z_MASS] = min(1.0, Z[Z_PULL] * (longest * dt / way) ** 2 / mass) if way > 0.0 else 1.0
+        Z[Z_MASS] = min(1.0, Z[Z_PULL] * (longest * dt / distance) ** 2 / mass) if distance > 0.0 else 1.0
     if T[T_LAST] == 0.0 or inertial == 0.0:
         Z[Z_NOW], Z[Z_BEFORE] = 1.0, 0.0
         return
@@ -181,7 +182,7 @@ def formula(dt, way, mass, T, Z, V):
 
 
 @njit(**INNER)
-def error_of(b, p, dt, Z, T, B, P, told, V):
+def local_error(b, p, dt, Z, T, B, P, diagnostics, V):
     """Error of the step over what is allowed, a part of the radius of the largest contact.
 
     That of backward Euler is half the length of the step times the change of velocity; of BDF2, 2/9 of the length times what
@@ -190,14 +191,14 @@ def error_of(b, p, dt, Z, T, B, P, told, V):
     """
     first = T[T_LAST] == 0.0 or V[V_INERTIAL] == 0.0
     ratio = 0.0 if first else dt / T[T_LAST]
-    move, turn = 0.0, 0.0
+    move, rotation = 0.0, 0.0
     for k in range(3):
         move += (B[b, B_V + k] - Z[Z_V + k] - ratio * T[T_DV + k]) ** 2
-        turn += (B[b, B_W + k] - Z[Z_W + k] - ratio * T[T_DW + k]) ** 2
-    change = max(math.sqrt(move), math.sqrt(turn) * Z[Z_ARM], abs(P[p, P_V] - Z[Z_RISE] - ratio * T[T_DRISE]))
-    share = 0.5 if first else 2.0 / 9.0
+        rotation += (B[b, B_W + k] - Z[Z_W + k] - ratio * T[T_DW + k]) ** 2
+    change = max(math.sqrt(move), math.sqrt(rotation) * Z[Z_ARM], abs(P[p, P_V] - Z[Z_RISE] - ratio * T[T_DRISE]))
+    fraction = 0.5 if first else 2.0 / 9.0
     allowed = V[V_TOLERANCE] if V[V_INERTIAL] != 0.0 else min(1.0, LOOSER * V[V_TOLERANCE])
-    return share * dt * change / (allowed * max(told[E_RADIUS], T[T_RADIUS]))
+    return fraction * dt * change / (allowed * max(diagnostics[E_RADIUS], T[T_RADIUS]))
 
 
 @njit(**INNER)
@@ -211,11 +212,11 @@ def gaps(b, spots, state, before):
     """Overlaps of the slots of body b as the step begins: one that is negative then closes within the step, if at all."""
     (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
     for e in range(edges[b], edges[b + 1]):
-        before[e - edges[b]] = separation(incidence[e] >> 1, own, partner, S, P, 0.0, 0.0)[0]
+        before[e - edges[b]] = overlap_and_normal(incidence[e] >> 1, own, partner, S, P, 0.0, 0.0)[0]
 
 
 @njit(**INNER)
-def guess(p, y, dt, Z, P, rise):
+def predict(p, y, dt, Z, P, rise):
     """A first guess of the coordinates of a step: going on as before, and by `rise` where the height is prescribed."""
     for k in range(3):
         y[k], y[3 + k] = Z[Z_V + k] * dt, Z[Z_W + k] * Z[Z_ARM] * dt
@@ -223,7 +224,7 @@ def guess(p, y, dt, Z, P, rise):
 
 
 @njit(**INNER)
-def stored_in(b, spots, H, R):
+def elastic_energy(b, spots, H, R):
     """Elastic energy of the loaded spots of body b, J."""
     edges, incidence = spots[3], spots[4]
     total = 0.0
@@ -235,12 +236,12 @@ def stored_in(b, spots, H, R):
 
 
 @njit(**INNER)
-def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, E, P, W, inertial, hub):
+def update_ledger(b, p, y, dt, v_x, v_y, diagnostics, sums, gained, Z, T, B, E, P, W, inertial, hub):
     """Add the accepted step to the totals of body b. Every line is computed by itself; their balance is the residual.
 
     The method works with the forces at the end of the step: what they do beyond the energy that laws store and lose, and beyond
     the kinetic energy, is the integrator's own loss. The plate's work and its impulse are taken with the mean of the forces at
-    both ends of the step, or, where forces jump (`weight_of_old`), with those at its end, as that of friction is (`accept`);
+    both ends of the step, or, where forces jump (`weight_of_old`), with those at its end, as that of friction is (`commit`);
     how much this work differs from that of the method goes to the same line. What bodies and a common plate of their
     own (`hub`) do to each other is nobody's work. Without inertia bodies and patches have no kinetic energy.
     """
@@ -260,7 +261,7 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, E, P, W, inertia
     drag = (sums[0, SUM_UP] * v_x + sums[0, SUM_UP + 1] * v_y) * dt
     old = Z[Z_OLD]
     plate = (1.0 - old) * drag - old * (W[A_UPPER] * v_x + W[A_UPPER + 1] * v_y) * dt
-    lift, rise, damped, lost = sums[0, SUM_UP + 2] * y[6], P[p, P_V], told[E_POWER] * dt, plate - drag
+    lift, rise, damped, lost = sums[0, SUM_UP + 2] * y[6], P[p, P_V], diagnostics[E_POWER] * dt, plate - drag
     if P[p, P_FREE] != 0.0:
         spring = P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
         stretched = y[6] - Z[Z_PLATE_RISE]
@@ -279,7 +280,7 @@ def account(b, p, y, dt, v_x, v_y, told, sums, gained, Z, T, B, E, P, W, inertia
         held = (1.0 - old) * lift - old * W[A_UPPER + 2] * y[6]
         plate += held
         lost += held - lift
-    laws = drag + lift - contacts - gained - sums[0, SUM_WORK] - told[E_POWER] * dt
+    laws = drag + lift - contacts - gained - sums[0, SUM_WORK] - diagnostics[E_POWER] * dt
     W[A_NUMERICAL] += pushed - inertial * (after - before) + laws + lost
     W[A_FRICTION] += sums[0, SUM_WORK]
     W[A_DAMPING] += damped
@@ -302,15 +303,17 @@ def advance_clock(W, dt, end, whole, v_x, v_y):
 
 
 @njit(**INNER)
-def look(b, spots, state, M, W, known, drag, observe, seen, table):
+def update_labeller(b, spots, state, M, W, known, drag, observe, seen, table):
     """Let the labeller observe body b after its step."""
     (own, partner, _, edges, incidence), (_, B, _, H, R, E) = spots, state
-    observe_body(b, edges, incidence, own, partner, H, R, B, E, W, M, drag, W[A_SPEED], known[2], known[4], observe, seen, table)
+    update_body_memory(
+        b, edges, incidence, own, partner, H, R, B, E, W, M, drag, W[A_SPEED], known[2], known[4], observe, seen, table
+    )
     W[A_ELAPSED], W[A_DX], W[A_DY] = 0.0, 0.0, 0.0
 
 
 @njit(**INNER)
-def remember(b, p, y, dt, Z, T, B, E, P):
+def store_step(b, p, y, dt, Z, T, B, E, P):
     """Keep of an accepted step what the next one needs."""
     for k in range(FREEDOMS):
         T[T_Y + k] = y[k]
@@ -322,49 +325,49 @@ def remember(b, p, y, dt, Z, T, B, E, P):
 
 
 @njit(**INNER)
-def stay(b, p, Z, T, shape, state):
+def reject_step(b, p, Z, T, shape, state):
     """Put body b back to where its step began."""
     B, P, E = state[1], state[2], state[5]
     still = np.zeros(FREEDOMS)
-    place(b, p, still, 1.0, Z, T, shape, state)
+    set_configuration(b, p, still, 1.0, Z, T, shape, state)
     for k in range(3):
         B[b, B_V + k], B[b, B_W + k], E[b, E_L + k] = Z[Z_V + k], Z[Z_W + k], Z[Z_L + k]
     P[p, P_Z], P[p, P_V], P[p, P_LOAD] = Z[Z_PATCH], Z[Z_RISE], Z[Z_LOAD]
 
 
 @njit(**INNER)
-def take(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
+def accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
     """Make the step of body b, as it is staged, part of its past."""
-    (_, B, P, H, R, E), told, sums = state, work[11], work[12]
+    (_, B, P, H, R, E), diagnostics, sums = state, work[11], work[12]
     for k in range(SUM_COLS):
         sums[0, k] = 0.0
-    told[E_POWER] += recoil(b, m, dt, spots, state, work) / dt
-    Z[Z_OLD] = weight_of_old(m, dt, T[T_LAST], told[E_POWER], work)
-    accept(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums)
+    diagnostics[E_POWER] += recoil(b, m, dt, spots, state, work) / dt
+    Z[Z_OLD] = weight_of_old(m, dt, T[T_LAST], diagnostics[E_POWER], work)
+    commit(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums)
     E[b, E_L], E[b, E_L + 1], E[b, E_L + 2] = momentum_of(b, B, E)
     for k in range(3 if E.shape[1] > E_EF else 0):
         B[b, B_F + k] += E[b, E_EF + k]
         B[b, B_T + k] += E[b, E_ET + k]
-    stored = stored_in(b, spots, H, R)
-    account(b, p, y, dt, v_x, v_y, told, sums, stored - T[T_STORED], Z, T, B, E, P, W, V[V_INERTIAL], hub)
-    remember(b, p, y, dt, Z, T, B, E, P)
+    stored = elastic_energy(b, spots, H, R)
+    update_ledger(b, p, y, dt, v_x, v_y, diagnostics, sums, stored - T[T_STORED], Z, T, B, E, P, W, V[V_INERTIAL], hub)
+    store_step(b, p, y, dt, Z, T, B, E, P)
     T[T_STORED] = stored
     T[T_ENERGY] = max(T[T_ENERGY], energy_of_spots(m, work[0], work[1]))
-    if told[E_RADIUS] > 0.0:
-        T[T_RADIUS], T[T_FIRM] = told[E_RADIUS], told[E_NORMAL] / told[E_DEEPEST]
+    if diagnostics[E_RADIUS] > 0.0:
+        T[T_RADIUS], T[T_FIRM] = diagnostics[E_RADIUS], diagnostics[E_NORMAL] / diagnostics[E_DEEPEST]
 
 
 @njit(**INNER)
-def shorter(found, error, turn):
+def reduction_factor(result, error, turn):
     """By what factor a step that was no good is cut."""
-    if not found:
+    if not result:
         return 0.5
     from_turn = 0.9 * TURN / max(turn, 1e-30)
     return max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), from_turn))
 
 
 @njit(**INNER)
-def next_try(T, W, V, dt, asked, error, iterations, cuts, limit):
+def next_dt(T, W, V, dt, requested_dt, error, iterations, cuts, limit):
     """Choose the length to try next, and count; `limit`: what limited this step."""
     T[T_LIMITED + limit] += 1.0
     T[T_CUTS] += cuts
@@ -377,20 +380,20 @@ def next_try(T, W, V, dt, asked, error, iterations, cuts, limit):
         T[T_LIMIT] = limit
     elif grown < 1.0:
         T[T_LIMIT] = ERROR
-    elif dt * grown >= asked:
+    elif dt * grown >= requested_dt:
         T[T_LIMIT] = NEWTON if iterations > EASY else (GROWTH if grown == V[V_GROWTH] else ERROR)
     # a step that was short only because a stretch ended tells nothing
-    T[T_DT] = max(dt * grown, asked) if cuts == 0 and grown >= 1.0 else dt * grown
+    T[T_DT] = max(dt * grown, requested_dt) if cuts == 0 and grown >= 1.0 else dt * grown
 
 
 @njit(**INNER)
-def stopped(b, told, B, D):
+def guard_code(b, diagnostics, B, D):
     """(code, slot) of the guard that body b trips after a step."""
-    bad, out = judge_place(b, load(B, b, B_X), 0.0, limits_of(D), np.int64(0), np.int64(0))
+    bad, out = check_position(b, load(B, b, B_X), 0.0, limits_of(D), np.int64(0), np.int64(0))
     if bad > 0:
         return NOT_A_NUMBER, -1.0
-    if told[E_RATIO] > D[D_GUARD_OVERLAP]:
-        return TOO_DEEP, told[E_SLOT]
+    if diagnostics[E_RATIO] > D[D_GUARD_OVERLAP]:
+        return TOO_DEEP, diagnostics[E_SLOT]
     if out > 0:
         return LEFT, -1.0
     return GOING, -1.0

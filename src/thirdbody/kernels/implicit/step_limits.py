@@ -49,10 +49,10 @@ def lands(b, m, spots, work):
 
 
 @njit(**CHUNK)
-def why_cut(landing, found, error, turn):
+def why_cut(landing, result, error, turn):
     """What asks for a shorter step (`limits`)."""
     if landing:
         return np.int64(LANDING)
-    if not found:
+    if not result:
         return np.int64(NEWTON)
     return np.int64(ERROR if error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30) else TURNING)

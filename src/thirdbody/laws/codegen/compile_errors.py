@@ -42,8 +42,8 @@ def _raised_by_numba(problem: Exception) -> bool:
 
 def _place(lines: list[str]) -> str:
     """Return file and line of the kernel; of the generated code, into which kernels are inlined, nothing can be learnt."""
-    found = next((line for line in lines if line.startswith("File ") and not GENERATED.search(line)), "")
-    return found.rstrip(":").replace("File ", "in file ", 1)
+    result = next((line for line in lines if line.startswith("File ") and not GENERATED.search(line)), "")
+    return result.rstrip(":").replace("File ", "in file ", 1)
 
 
 def foreign(parts: Iterable[Law | BodyEffect | Labeller]) -> list[str]:

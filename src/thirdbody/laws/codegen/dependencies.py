@@ -69,8 +69,8 @@ def _named_in(module: ModuleType) -> list[ModuleType]:
     values = list(vars(module).values())
     names = {getattr(value, "__module__", None) for value in values}
     names |= {getattr(plain(value), "__module__", None) for value in values if callable(value)}
-    found = [value for value in values if isinstance(value, ModuleType)]
-    return found + [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
+    result = [value for value in values if isinstance(value, ModuleType)]
+    return result + [sys.modules[name] for name in names if isinstance(name, str) and name in sys.modules]
 
 
 def _installed(module: ModuleType, own: set[str]) -> bool:
@@ -98,8 +98,8 @@ class Reached:
 
     def files(self) -> set[Path]:
         """Return the source files of the modules."""
-        found = [getattr(sys.modules.get(name), "__file__", None) for name in self._modules]
-        return {Path(name) for name in found if name and name.endswith(".py")}
+        result = [getattr(sys.modules.get(name), "__file__", None) for name in self._modules]
+        return {Path(name) for name in result if name and name.endswith(".py")}
 
     def _add(self, *words: object) -> None:
         self._hash.update("\0".join([*map(str, words), "\n"]).encode("utf-8", "surrogatepass"))

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from thirdbody.kernels import layout as at
 from thirdbody.laws.codegen.dependencies import plain
 from thirdbody.laws.codegen.fragments import HEAD, field_names, imports_of
-from thirdbody.laws.codegen.module_cache import load
+from thirdbody.laws.codegen.module_cache import load_module
 from thirdbody.laws.contract import BodyEffect, Labeller
 
 
@@ -40,7 +40,7 @@ def effects(B, E, first, last, time, dt, P):
 """ + "\n".join(lines)
     title = " + ".join(effect.name for effect in effects)
     text = HEAD.format(title=title, imports="\n".join(imports)) + body + "\n"
-    module, _ = load("effects", text, [effect.kernel for effect in effects])
+    module, _ = load_module("effects", text, [effect.kernel for effect in effects])
     return module.effects
 
 
@@ -93,5 +93,5 @@ def compose_labeller(labeller: Labeller, effects: bool = True) -> tuple[Callable
         text += f"from {function.__module__} import {function.__name__} as {name}_kernel\n"
     for name in ("observe", "label"):
         text += f'{name} = njit({name.upper()}, **OTHERS)(own({name}_kernel, "{name}"))\n'
-    module, _ = load("labeller", text, [labeller.observe, chosen])
+    module, _ = load_module("labeller", text, [labeller.observe, chosen])
     return module.observe, module.label

@@ -14,10 +14,10 @@ import math
 import numpy as np
 from numba import njit
 from thirdbody.jit.options import OPTIONS
-from thirdbody.kernels.tile_parameters import spread
+from thirdbody.kernels.tile_parameters import broadcast_parameters
 from thirdbody.kernels.signatures import EFFECTS, LAW
 from thirdbody.laws.contract import Adhesion, Body, Contact, Load, Normal, Turn, Wrench
-from thirdbody.laws.codegen.module_cache import taken
+from thirdbody.laws.codegen.module_cache import as_kernel
 {imports}
 
 """
@@ -44,7 +44,7 @@ def imports_of(k: int, kernel: Callable, parameters: type) -> list[str]:
     function = plain(kernel)
     return [
         f"from {function.__module__} import {function.__name__} as kernel_{k}",
-        f"kernel_{k} = taken(kernel_{k})",
+        f"kernel_{k} = as_kernel(kernel_{k})",
         f"from {parameters.__module__} import {parameters.__name__} as parameters_{k}",
     ]
 
@@ -57,7 +57,7 @@ def head_of(chain: Sequence[Law]) -> str:
         if law.tangent is not None:
             function = plain(law.tangent)
             imports.append(f"from {function.__module__} import {function.__name__} as tangent_{k}")
-            imports.append(f"tangent_{k} = taken(tangent_{k})")
+            imports.append(f"tangent_{k} = as_kernel(tangent_{k})")
     return HEAD.format(title=" > ".join(law.name for law in chain), imports="\n".join(imports))
 
 
@@ -65,10 +65,10 @@ def memory_names(chain: Sequence[Law]) -> tuple[str, ...]:
     """Names of all floats kept per contact: those of the laws, fields included, the stored energy where none of these is it, then
     the forces of the dashpots."""
     laws = tuple(f"{law.name}.{name}" for law in chain for name in law.memory())
-    return laws + (("springs.energy",) if stored_of(chain) == len(laws) else ()) + viscous_names(chain)
+    return laws + (("springs.energy",) if energy_column(chain) == len(laws) else ()) + viscous_names(chain)
 
 
-def stored_of(chain: Sequence[Law]) -> int:
+def energy_column(chain: Sequence[Law]) -> int:
     """Place in the history of the energy that tangential and rolling springs store; -1: the chain has no such springs.
 
     It is the law's own `energy` where one law has all the springs, else a column behind the histories of all laws.
@@ -98,9 +98,9 @@ def field_of(offset: int) -> str:
 def contact_of(chain: Sequence[Law], still: bool = False) -> str:
     names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY")
     behind = at.I_HISTORY + len(memory_names(chain))
-    told = not still and any(law.rolls for law in chain)
+    report = not still and any(law.rolls for law in chain)
     places = (behind + at.J_TRAVEL_X, behind + at.J_TRAVEL_Y)
-    roll = ", ".join(f"I[{field_of(place)}]" if told else "0.0" for place in places)
+    roll = ", ".join(f"I[{field_of(place)}]" if report else "0.0" for place in places)
     return CONTACT.format(roll=roll, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
 
 
@@ -114,7 +114,7 @@ def history_of(chain: Sequence[Law], k: int) -> tuple[int, int]:
     return sum(len(law.memory()) for law in chain[:k]), len(chain[k].history)
 
 
-def remembered_of(chain: Sequence[Law], k: int) -> tuple[list[str], str]:
+def history_arguments(chain: Sequence[Law], k: int) -> tuple[list[str], str]:
     """Lines that read the field of law k, and the arguments for its memory."""
     start, count = history_of(chain, k)
     if not count:
@@ -136,19 +136,19 @@ def scratch_of(chain: Sequence[Law]) -> str:
 def tile_function(name: str, chain: Sequence[Law], contact: str, lines: Sequence[str]) -> str:
     width = width_of(chain)
     head = f"@njit(LAW, **OPTIONS)\ndef {name}(I, O, n_contacts, P):\n"
-    head += f"    U = np.empty({width * at.TILE})\n    spread(I, n_contacts, P, {width}, U)\n"
+    head += f"    U = np.empty({width * at.TILE})\n    broadcast_parameters(I, n_contacts, P, {width}, U)\n"
     return head + scratch_of(chain) + "    for q in range(n_contacts):\n" + contact + "\n".join(lines) + "\n"
 
 
-def virgin(chain: Sequence[Law], k: int) -> str:
+def empty_history(chain: Sequence[Law], k: int) -> str:
     """Arguments for the memory of law k when there is none yet."""
     count = history_of(chain, k)[1]
     field = ", w" if len(chain[k].memory()) > count else ""
     return ", (" + "0.0, " * count + ")" + field if count else ""
 
 
-def virgin_call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
+def call_without_history(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str]:
     """Lines that call law k without any history."""
     first = "[0]" if history_of(chain, k)[1] else ""
-    call = f"kernel_{k}({arguments}, p{k}{virgin(chain, k)}){first}"
+    call = f"kernel_{k}({arguments}, p{k}{empty_history(chain, k)}){first}"
     return [f"        p{k} = {parameters_of(chain, k)}", f"        {answer} = {call}"]

@@ -16,21 +16,21 @@ from thirdbody.kernels import layout as at
 from thirdbody.kernels.rolling_kinematics import MOMENTS
 from thirdbody.laws.codegen.fragments import (
     STILL,
+    call_without_history,
     contact_of,
+    empty_history,
+    energy_column,
     field_of,
     head_of,
+    history_arguments,
     history_of,
     memory_names,
     parameters_of,
-    remembered_of,
-    stored_of,
     tile_function,
-    virgin,
-    virgin_call,
     viscous_names,
     width_of,
 )
-from thirdbody.laws.codegen.module_cache import load
+from thirdbody.laws.codegen.module_cache import load_module
 from thirdbody.laws.contract import STAGES, STIFF, Law
 
 
@@ -56,7 +56,7 @@ class Chain:
             return None
         from thirdbody.laws.codegen.tangents import tangent_module
 
-        return load("tangents", tangent_module(self.laws), _functions(self.laws))[0].tangents
+        return load_module("tangents", tangent_module(self.laws), _functions(self.laws))[0].tangents
 
     @property
     def without_tangent(self) -> tuple[str, ...]:
@@ -74,16 +74,16 @@ class Chain:
                 places.append(-1)
                 continue
             law = self.laws[stages[stage]]
-            found = [i for i in range(len(law.history)) if law.history[i : i + 2] == names]
-            if not found:
+            result = [i for i in range(len(law.history)) if law.history[i : i + 2] == names]
+            if not result:
                 return -1, -1
-            places.append(history_of(self.laws, stages[stage])[0] + found[0])
+            places.append(history_of(self.laws, stages[stage])[0] + result[0])
         return places[0], places[1]
 
     @property
     def stored(self) -> int:
         """Place in the history of the energy that tangential and rolling springs store; -1 without any."""
-        return stored_of(self.laws)
+        return energy_column(self.laws)
 
     @property
     def dashpots(self) -> int:
@@ -119,7 +119,7 @@ def compose(laws: Iterable[Law]) -> Chain:
     """Compile the chain of contact laws; raises ValueError as `ordered` does."""
     chain = ordered(laws)
     text = _contact_module(chain)
-    module, path = load("law", text, _functions(chain))
+    module, path = load_module("law", text, _functions(chain))
     return Chain(chain, module.law, getattr(module, "stiffness", None), memory_names(chain), width_of(chain), path)
 
 
@@ -141,7 +141,7 @@ def _call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str
     lines = [f"        p{k} = {parameters_of(chain, k)}"]
     if not count:
         return lines + [f"        {answer} = kernel_{k}({arguments}, p{k})"]
-    before, memory = remembered_of(chain, k)
+    before, memory = history_arguments(chain, k)
     size = len(chain[k].memory()) - count
     lines += [*before, f"        {answer}, h{k} = kernel_{k}({arguments}, p{k}{memory}{', w_new' if size else ''})"]
     lines += [f"        O[{field_of(at.O_HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
@@ -187,17 +187,17 @@ def _law_function(chain: Sequence[Law]) -> str:
     }
     lines += [f"        O[{field_of(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
     own = sum(len(law.memory()) for law in chain)
-    if stored_of(chain) == own:
+    if energy_column(chain) == own:
         lines.append(f"        O[{field_of(at.O_HISTORY + own)}] = stored_t")
     return tile_function("law", chain, contact_of(chain), lines + _viscous_lines(chain))
 
 
 def _viscous_lines(chain: Sequence[Law]) -> list[str]:
     """Forces and moment of the dashpots behind the history; what is kept of them is left to whoever needs it, zero here."""
-    history, kept = len(memory_names(chain)), len(viscous_names(chain))
-    outputs = {at.Q_VISCOUS_N: "viscous_n", at.Q_VISCOUS_X: "tv_x", at.Q_VISCOUS_Y: "tv_y"} if kept else {}
-    outputs |= {at.Q_VISCOUS_MX: "mv_x", at.Q_VISCOUS_MY: "mv_y"} if kept > 1 else {}
-    lines = [f"        O[{field_of(at.O_HISTORY + history - kept + i)}] = 0.0" for i in range(kept)]
+    history, saved = len(memory_names(chain)), len(viscous_names(chain))
+    outputs = {at.Q_VISCOUS_N: "viscous_n", at.Q_VISCOUS_X: "tv_x", at.Q_VISCOUS_Y: "tv_y"} if saved else {}
+    outputs |= {at.Q_VISCOUS_MX: "mv_x", at.Q_VISCOUS_MY: "mv_y"} if saved > 1 else {}
+    lines = [f"        O[{field_of(at.O_HISTORY + history - saved + i)}] = 0.0" for i in range(saved)]
     return lines + [f"        O[{field_of(at.O_HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
 
 
@@ -220,8 +220,8 @@ def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]
 def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
     """The moment; its spring and its losses join those of friction. Its columns stand behind the history."""
     history = len(memory_names(chain))
-    turn = ", ".join(f"I[{field_of(at.I_HISTORY + history + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
-    lines = [f"        turn = Turn({turn})", *_call(chain, k, "c, turn, load", "r")]
+    rotation = ", ".join(f"I[{field_of(at.I_HISTORY + history + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
+    lines = [f"        turn = Turn({rotation})", *_call(chain, k, "c, turn, load", "r")]
     lines += _fitted("r.x", "r.y", "r.viscosity", "turn.w", "r.limit", "m")
     lines += ["        stored_t += r.stored", "        work, lost = work + r.dissipated, lost + r.dissipated"]
     outputs = {at.Q_X: "m_x", at.Q_Y: "m_y", at.Q_LIMIT: "r.limit"}
@@ -258,11 +258,11 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
     lines.append("        c_n, c_t, c_r = 0.0, 0.0, 0.0")
     lines.append("        load = Load(n.force, n.force, n.contact_radius, k_n)")
     if "damping" in stages:
-        lines += virgin_call(chain, stages["damping"], "c, n", "c_n")
+        lines += call_without_history(chain, stages["damping"], "c, n", "c_n")
     if "tangential_damping" in stages:
-        lines += virgin_call(chain, stages["tangential_damping"], "c, load", "c_t")
+        lines += call_without_history(chain, stages["tangential_damping"], "c, load", "c_t")
     if "rolling" in stages:
-        lines += virgin_call(chain, stages["rolling"], f"c, {STILL}, load", "r") + ["        c_r = r.viscosity"]
+        lines += call_without_history(chain, stages["rolling"], f"c, {STILL}, load", "r") + ["        c_r = r.viscosity"]
     for stage, name, moved in (("tangential", "k_t", "c"), ("rolling", "k_r", f"c, {STILL}")):
         if stage not in stages:
             lines.append(f"        {name} = 0.0")
@@ -282,7 +282,7 @@ def _pressed(chain: Sequence[Law], k: int, moved: str) -> list[str]:
     if not history_of(chain, k)[1]:
         return lines
     field = ", w_new" if len(chain[k].memory()) > len(chain[k].history) else ""
-    return [*lines, f"        pressed, h{k} = kernel_{k}({moved}, load, p{k}{virgin(chain, k)}{field})"]
+    return [*lines, f"        pressed, h{k} = kernel_{k}({moved}, load, p{k}{empty_history(chain, k)}{field})"]
 
 
 def _settled(chain: Sequence[Law], k: int) -> str:

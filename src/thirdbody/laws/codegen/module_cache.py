@@ -22,7 +22,7 @@ from thirdbody.laws.codegen.dependencies import plain, sources
 from thirdbody.system.module_import import import_lock, import_text
 
 
-def taken(kernel: Callable) -> Callable:
+def as_kernel(kernel: Callable) -> Callable:
     """The same kernel for kernels only: without what Python needs to call it, which takes as long to compile as most laws."""
     if plain(kernel) is kernel:
         return kernel
@@ -30,7 +30,7 @@ def taken(kernel: Callable) -> Callable:
     return numba.njit(**options | {name: HELPER[name] for name in HELPER if name != "error_model"})(plain(kernel))
 
 
-def load(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
+def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
     """Write the generated text under a name that hashes all it depends on, and import it; several threads may.
 
     Raises OutputError if it cannot be written.

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from thirdbody.kernels import layout as at
 from thirdbody.laws.codegen.fragments import (
     STILL,
+    call_without_history,
     contact_of,
     field_of,
     head_of,
+    history_arguments,
     memory_names,
     parameters_of,
-    remembered_of,
     tile_function,
-    virgin_call,
 )
 from thirdbody.laws.contract import Law
 
@@ -32,7 +32,7 @@ def _tangent_function(chain: Sequence[Law]) -> str:
     """
     stages = {law.stage: k for k, law in enumerate(chain)}
     k = stages["normal"]
-    before, memory = remembered_of(chain, k)
+    before, memory = history_arguments(chain, k)
     lines = [*before, f"        p{k} = {parameters_of(chain, k)}", f"        k_n = tangent_{k}(c, p{k}{memory})"]
     lines.append(f"        n = kernel_{k}(c, p{k}{memory})" + ("[0]" if memory else ""))
     behind = at.I_HISTORY + len(memory_names(chain))
@@ -40,7 +40,7 @@ def _tangent_function(chain: Sequence[Law]) -> str:
     lines += _damped_lines(chain, stages)
     for k, law in enumerate(chain):
         if law.stage == "adhesion" and law.tangent is not None:
-            before, memory = remembered_of(chain, k)
+            before, memory = history_arguments(chain, k)
             lines += [*before, f"        p{k} = {parameters_of(chain, k)}", f"        k_n += tangent_{k}(c, n, p{k}{memory})"]
     lines.append("        t, back = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0")
     if "tangential" in stages:
@@ -50,9 +50,12 @@ def _tangent_function(chain: Sequence[Law]) -> str:
     lines.append(f"        O[{field_of(at.K_NORMAL)}] = k_n")
     lines += [f"        O[{field_of(at.K_XX + i)}] = t[{i}]{' - back' if i in (0, 3) else ''}" for i in range(6)]
     if "rolling" in stages:
-        k, turn = stages["rolling"], ", ".join(f"I[{field_of(behind + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
-        lines += [f"        turn = Turn({turn})", *_remembering(chain, k, "m", "c, turn, load")]
-        lines += virgin_call(chain, k, f"c, {STILL}, load", "r")
+        k, rotation = (
+            stages["rolling"],
+            ", ".join(f"I[{field_of(behind + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y)),
+        )
+        lines += [f"        turn = Turn({rotation})", *_remembering(chain, k, "m", "c, turn, load")]
+        lines += call_without_history(chain, k, f"c, {STILL}, load", "r")
         viscous = " - r.viscosity * rate"
         lines += [f"        O[{field_of(at.K_ROLL + i)}] = m[{i}]{viscous if i in (0, 3) else ''}" for i in range(6)]
     return tile_function("tangents", chain, contact_of(chain), lines)
@@ -60,7 +63,7 @@ def _tangent_function(chain: Sequence[Law]) -> str:
 
 def _remembering(chain: Sequence[Law], k: int, name: str, arguments: str) -> list[str]:
     """Lines that ask the tangent of law k with its memory."""
-    before, memory = remembered_of(chain, k)
+    before, memory = history_arguments(chain, k)
     return [*before, f"        p{k} = {parameters_of(chain, k)}", f"        {name} = tangent_{k}({arguments}, p{k}{memory})"]
 
 
@@ -70,7 +73,7 @@ def _damped_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
         return ["        load = Load(n.force, n.force, n.contact_radius, k_n)"]
     k = stages["damping"]
     closing = "Contact(c.overlap, c.radius, c.mass, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)"
-    lines = virgin_call(chain, k, "c, n", "viscous") + virgin_call(chain, k, f"{closing}, n", "c_n")
+    lines = call_without_history(chain, k, "c, n", "viscous") + call_without_history(chain, k, f"{closing}, n", "c_n")
     # a dashpot that would pull the contact is cut with all the force
     lines.append("        force = max(n.force + viscous, 0.0)")
     lines.append("        k_n = k_n + c_n * rate if force > 0.0 else 0.0")
@@ -81,9 +84,9 @@ def _dragged_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
     """The tangential dashpot where all of it acts: where spring and dashpot together stay within the limit."""
     k, d = stages["tangential"], stages["tangential_damping"]
     field = ", w_new" if len(chain[k].memory()) > len(chain[k].history) else ""
-    memory = remembered_of(chain, k)[1]
+    memory = history_arguments(chain, k)[1]
     first = "[0]" if memory else ""
     lines = [f"        s = kernel_{k}(c, load, p{k}{memory}{field}){first}"]
-    lines += virgin_call(chain, d, "c, load", "viscosity")
+    lines += call_without_history(chain, d, "c, load", "viscosity")
     lines.append("        x, y = s.x - viscosity * c.v_x, s.y - viscosity * c.v_y")
     return [*lines, "        back = viscosity * rate if x * x + y * y < s.limit * s.limit else 0.0"]

@@ -21,9 +21,9 @@ from thirdbody.laws.conformance.paths import (
     Path,
     closed_cycles,
     compiler_is_off,
+    follow_path,
     plain,
     random_paths,
-    walk,
 )
 from thirdbody.laws.contract import Contact, Load, Normal, Turn
 from thirdbody.laws.hertz import hertz, hertz_tangent
@@ -53,24 +53,24 @@ def account(bench: Bench, path: Path, m: int) -> Account:
     tangential = bench.sheared
     column = at.O_STORED_T if tangential else at.O_STORED_N
     zero = np.zeros_like(path.overlap[0])
-    work, total, heat, stored, made, negative = zero, zero, zero, zero, zero, zero
+    work, total, heat, stored, built, negative = zero, zero, zero, zero, zero, zero
     depth, force = zero, zero
-    for moment in walk(bench, path, m):
-        answer, asked = moment.answer, moment.asked
-        new_depth = np.maximum(asked.overlap, 0.0)
+    for moment in follow_path(bench, path, m):
+        answer, requested = moment.answer, moment.asked
+        new_depth = np.maximum(requested.overlap, 0.0)
         if tangential:
-            done = -np.sum(answer[:, at.O_TX : at.O_TY + 1] * asked.slip, 1)
+            done = -np.sum(answer[:, at.O_TX : at.O_TY + 1] * requested.slip, 1)
             lost = np.where(new_depth > 0.0, 0.0, stored)
         else:
             done, lost = 0.5 * (answer[:, at.O_FN] + force) * (new_depth - depth), zero
         force, depth = answer[:, at.O_FN], new_depth
         work, total = work + done, total + np.abs(done)
         stored, heat = answer[:, column], heat + answer[:, at.O_WORK] + answer[:, at.O_POWER] * (SPAN / m) + lost
-        made = np.maximum(made, stored - work)
+        built = np.maximum(built, stored - work)
         negative = np.minimum(negative, answer[:, at.O_WORK])
         total = np.maximum(total, np.abs(stored))
     scale = np.maximum(total, 1e-300)
-    return Account(made / scale, np.abs(work - stored - heat) / scale, negative / scale)
+    return Account(built / scale, np.abs(work - stored - heat) / scale, negative / scale)
 
 
 def energy(bench: Bench) -> Result:
@@ -78,15 +78,15 @@ def energy(bench: Bench) -> Result:
     virgin start."""
     repeats = 1 if compiler_is_off() else 4  # thousands of paths, but not one contact at a time in the interpreter
     cases = {"random": random_paths(bench, 8, repeats), "press-shear cycle": closed_cycles(bench)}
-    worst, told = 0.0, ""
+    worst, report = 0.0, ""
     for name, path in cases.items():
-        for m, made in _excess(bench, path):
-            if not made.max() <= worst:
-                worst = float(made.max())
-                tile = int(np.argmax(made.max(1))) % len(bench.settings)
+        for m, built in _excess(bench, path):
+            if not built.max() <= worst:
+                worst = float(built.max())
+                tile = int(np.argmax(built.max(1))) % len(bench.settings)
                 where = f"{name} path, {m} steps a segment, {bench.settings[tile].label}"
-                told = f"makes {worst:.2e} of the work, {where}"
-    return worst <= ROUND_OFF, told if not worst <= ROUND_OFF else f"{worst:.0e}"
+                report = f"makes {worst:.2e} of the work, {where}"
+    return worst <= ROUND_OFF, report if not worst <= ROUND_OFF else f"{worst:.0e}"
 
 
 def _excess(bench: Bench, path: Path) -> Iterator[tuple[int, Array]]:
@@ -111,8 +111,8 @@ def ledger(bench: Bench) -> Result:
     bad = np.flatnonzero(_lasting(rough, smooth))
     tile = int(bad[0]) if len(bad) else int(np.argmax(smooth.mean(1)))
     before, after = rough[tile].mean(), smooth[tile].mean()
-    told = f"work differs by {before:.1e}, with steps of a quarter by {after:.1e}"
-    return not len(bad), told + (f", {bench.settings[tile].label}" if len(bad) else "")
+    report = f"work differs by {before:.1e}, with steps of a quarter by {after:.1e}"
+    return not len(bad), report + (f", {bench.settings[tile].label}" if len(bad) else "")
 
 
 def touching(path: Path) -> Path:
@@ -146,16 +146,16 @@ def samples(bench: Bench) -> list[Sample]:
     usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
     first = at.I_HISTORY + sum(len(law.memory()) for law in bench.chain.laws[: bench.place])
     own = slice(first, first + len(bench.law.memory()))
-    found: list[Sample] = []
-    for moment in walk(bench, random_paths(bench, 3), 4):
+    result: list[Sample] = []
+    for moment in follow_path(bench, random_paths(bench, 3), 4):
         I = bench.inputs(moment.asked, moment.before)  # noqa: E741
         for k in usual:
             for lane in rng.integers(at.TILE, size=3):
                 numbers = I[k, :, lane].tolist()
                 if numbers[at.I_OVERLAP] > 0.0:
                     memory = tuple(numbers[own])
-                    found.append(Sample(k, Contact._make((*numbers[: at.I_TYPE], 0.0, 0.0)), memory))
-    return found
+                    result.append(Sample(k, Contact._make((*numbers[: at.I_TYPE], 0.0, 0.0)), memory))
+    return result
 
 
 def tangent(bench: Bench) -> Result:
@@ -164,7 +164,7 @@ def tangent(bench: Bench) -> Result:
     if law.tangent is None:
         return True, "explicit only: the law has no tangent"
     cases = samples(bench)
-    kept, worst, told = 0, 0.0, ""
+    saved, worst, report = 0, 0.0, ""
     for sample in cases:
         expected, one_sided = _difference(bench, sample)
         given = np.atleast_1d(np.array(_tangent(bench, sample), float))
@@ -173,13 +173,13 @@ def tangent(bench: Bench) -> Result:
         size = _size(bench, sample, expected, given)
         if np.any(one_sided > 1e-3 * size):
             continue  # a kink between the two sides
-        kept += 1
+        saved += 1
         error = float(np.nan_to_num(np.abs(given - expected) / size, nan=np.inf).max())
         if error > worst:
-            worst, told = error, f"differs by {error:.1e}, {bench.settings[sample.setting].label}"
-    if kept < len(cases) // 2:
-        return False, f"only {kept} of {len(cases)} contacts are smooth enough to compare"
-    return worst <= 1e-4, told if worst > 1e-4 else f"{worst:.0e}, {kept} contacts"
+            worst, report = error, f"differs by {error:.1e}, {bench.settings[sample.setting].label}"
+    if saved < len(cases) // 2:
+        return False, f"only {saved} of {len(cases)} contacts are smooth enough to compare"
+    return worst <= 1e-4, report if worst > 1e-4 else f"{worst:.0e}, {saved} contacts"
 
 
 def _size(bench: Bench, sample: Sample, expected: Array, given: Array) -> Array:
@@ -212,8 +212,8 @@ def _arguments(bench: Bench, sample: Sample, c: Contact) -> tuple[Any, ...]:
     n, stiffness = _load(bench, sample, c)
     if bench.law.stage == "adhesion":
         return (c, n, p, *memory)
-    turn = (Turn(c.slip_x / c.radius, c.slip_y / c.radius, c.v_x / c.radius, c.v_y / c.radius),) if bench.rolling else ()
-    return (c, *turn, Load(n.force, n.force, n.contact_radius, stiffness), p, *memory)
+    rotation = (Turn(c.slip_x / c.radius, c.slip_y / c.radius, c.v_x / c.radius, c.v_y / c.radius),) if bench.rolling else ()
+    return (c, *rotation, Load(n.force, n.force, n.contact_radius, stiffness), p, *memory)
 
 
 def _answer(bench: Bench, sample: Sample, c: Contact) -> Any:

@@ -94,10 +94,10 @@ def forms_of(law: Law) -> list[Law]:
     forms = [replace(law, variant=None)]
     variant = law.variant or (lambda options: None)
     for name, word in [(option.name, word) for option in law.options for word in option.words]:
-        found = variant({option.name: word if option.name == name else option.default for option in law.options})
-        if found:
-            options = tuple(replace(one, default=word) if one.name == name else one for one in found.options)
-            forms.append(replace(found, name=f"{law.name}_variant", options=options))
+        result = variant({option.name: word if option.name == name else option.default for option in law.options})
+        if result:
+            options = tuple(replace(one, default=word) if one.name == name else one for one in result.options)
+            forms.append(replace(result, name=f"{law.name}_variant", options=options))
     return forms
 
 
@@ -154,24 +154,24 @@ class Bench:
         """Friction coefficient of the pair."""
         return self.per_tile([s.pair.friction for s in self.settings], tiles)
 
-    def inputs(self, asked: Contacts, history: Array) -> Array:
+    def inputs(self, requested: Contacts, history: Array) -> Array:
         """The tiles as the engine stages them, (T, fields, TILE)."""
-        tiles = len(asked.overlap)
+        tiles = len(requested.overlap)
         radius = self.radius(tiles)
         end = at.I_HISTORY + self.width
         I = np.zeros((tiles, end + (at.J_COLS if self.chain.rolling else 0), at.TILE))  # noqa: E741
-        I[:, at.I_OVERLAP], I[:, at.I_RADIUS], I[:, at.I_MASS] = asked.overlap, radius, 8e3 * radius**3
-        I[:, at.I_VN] = asked.v_n
-        I[:, at.I_SX : at.I_SY + 1], I[:, at.I_VX : at.I_VY + 1] = asked.slip, asked.v
+        I[:, at.I_OVERLAP], I[:, at.I_RADIUS], I[:, at.I_MASS] = requested.overlap, radius, 8e3 * radius**3
+        I[:, at.I_VN] = requested.v_n
+        I[:, at.I_SX : at.I_SY + 1], I[:, at.I_VX : at.I_VY + 1] = requested.slip, requested.v
         I[:, at.I_TYPE] = self.setting_of(tiles)[:, None]
         I[:, at.I_HISTORY : end] = history
         if self.rolling:
-            I[:, end : end + 2], I[:, end + 2 : end + 4] = asked.slip / radius[:, None], asked.v / radius[:, None]
+            I[:, end : end + 2], I[:, end + 2 : end + 4] = requested.slip / radius[:, None], requested.v / radius[:, None]
         return I
 
-    def call(self, asked: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
+    def call(self, requested: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
         """Answers (T, 13, TILE) by `kernels.layout` names O_*, and the new history (T, h, TILE)."""
-        I = self.inputs(asked, history)  # noqa: E741
+        I = self.inputs(requested, history)  # noqa: E741
         end = at.O_HISTORY + self.width
         O = np.full((len(I), end + at.Q_COLS, at.TILE), np.nan)  # noqa: E741
         flat, out, table = I.reshape(len(I), -1), O.reshape(len(I), -1), self.table.ravel()
@@ -191,7 +191,7 @@ class Bench:
         """The tile function without the compiler, on Python floats: a division by zero raises."""
         text = plain(self.chain.law)
         names = dict(text.__globals__)
-        names["spread"] = plain(names["spread"])
+        names["broadcast_parameters"] = plain(names["broadcast_parameters"])
         names["np"] = types.SimpleNamespace(empty=lambda n: [0.0] * n, zeros=np.zeros)
         for k, one in enumerate(self.chain.laws):
             names[f"kernel_{k}"] = plain(one.kernel)
@@ -241,17 +241,17 @@ class Moment(NamedTuple):
     after: Array
 
 
-def walk(bench: Bench, path: Path, m: int) -> Iterator[Moment]:
+def follow_path(bench: Bench, path: Path, m: int) -> Iterator[Moment]:
     """Drive the law along the paths as the engine does: open contacts are not asked and forget their
     history."""
     tiles = len(path.overlap[0])
     history, radius = bench.virgin(tiles), bench.radius(tiles)
-    for asked in path.steps(m):
-        is_open = (asked.overlap <= 0.0)[:, None]
-        idle = asked._replace(overlap=np.where(is_open[:, 0], 1e-3 * radius, asked.overlap))
+    for requested in path.steps(m):
+        is_open = (requested.overlap <= 0.0)[:, None]
+        idle = requested._replace(overlap=np.where(is_open[:, 0], 1e-3 * radius, requested.overlap))
         answer, after = bench.call(idle, history)
         answer, after = np.where(is_open, 0.0, answer), np.where(is_open, 0.0, after)
-        yield Moment(asked, history, answer, after)
+        yield Moment(requested, history, answer, after)
         history = after
 
 

@@ -66,10 +66,10 @@ def _measured(law: Law) -> list[Finding]:
         faults = parameter_faults(bench)
     except Exception as problem:  # the law is anyone's code: whatever it raises is a finding
         faults = [_told(problem)]
-    found = [Finding(law.name, "parameters", not faults, "; ".join(faults[:3]))]
+    result = [Finding(law.name, "parameters", not faults, "; ".join(faults[:3]))]
     if not faults:
-        found += [_tested(name, test, bench) for name, stages, test in TESTS if law.stage in stages]
-    return found
+        result += [_tested(name, test, bench) for name, stages, test in TESTS if law.stage in stages]
+    return result
 
 
 def report(findings: Sequence[Finding]) -> str:

@@ -8,7 +8,17 @@ from dataclasses import replace
 import numpy as np
 
 from thirdbody.kernels import layout as at
-from thirdbody.laws.conformance.paths import Array, Bench, Contacts, Moment, Path, compiler_is_off, extremes, random_paths, walk
+from thirdbody.laws.conformance.paths import (
+    Array,
+    Bench,
+    Contacts,
+    Moment,
+    Path,
+    compiler_is_off,
+    extremes,
+    follow_path,
+    random_paths,
+)
 
 Result = tuple[bool, str]
 
@@ -30,14 +40,14 @@ NAMES = {
 def finite(bench: Bench) -> Result:
     """Finite answers and history on absurd contacts, each after another one."""
     memory = bench.virgin(len(bench.settings))
-    for asked in extremes(bench, 24):
-        answer, memory = bench.call(asked, memory)
+    for requested in extremes(bench, 24):
+        answer, memory = bench.call(requested, memory)
         for what, values in (("answer", answer), ("history", memory)):
             bad = np.argwhere(~np.isfinite(values))
             if len(bad):
                 tile, column, lane = bad[0]
                 name = NAMES[column] if what == "answer" else bench.chain.history[column]
-                return False, f"{name} is {values[tile, column, lane]}, {_place(bench, asked, tile, lane)}"
+                return False, f"{name} is {values[tile, column, lane]}, {_place(bench, requested, tile, lane)}"
             memory = np.where(np.isfinite(memory), memory, 0.0)
     return True, ""
 
@@ -47,7 +57,7 @@ def no_touch(bench: Bench) -> Result:
     path = random_paths(bench, 3)
     tiles = len(bench.settings)
     moved = Contacts(np.zeros_like(path.overlap[0]), path.slip[0], -np.abs(path.overlap[0]) * 1e3, path.slip[0] * 1e3)
-    memories = [bench.virgin(tiles), *(moment.after for moment in walk(bench, path, 2))]
+    memories = [bench.virgin(tiles), *(moment.after for moment in follow_path(bench, path, 2))]
     for memory in memories:
         answer, _ = bench.call(moved, memory)
         bad = np.argwhere(answer[:, FORCES] != 0.0)  # a NaN counts
@@ -89,8 +99,8 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
     path = random_paths(bench, 5)
     image = Path(path.overlap, np.einsum("ijtl,ktjl->ktil", matrix, path.slip))
     size = np.full((len(bench.settings), at.O_HISTORY, at.TILE), 1e-300)
-    worst, told = 0.0, ""
-    for one, two in zip(walk(bench, path, 3), walk(bench, image, 3), strict=True):
+    worst, report = 0.0, ""
+    for one, two in zip(follow_path(bench, path, 3), follow_path(bench, image, 3), strict=True):
         expected = one.answer.copy()
         expected[:, at.O_TX : at.O_TY + 1] = np.einsum("ijtl,tjl->til", matrix, one.answer[:, at.O_TX : at.O_TY + 1])
         size = np.maximum(size, np.abs(expected))
@@ -104,8 +114,8 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
         if error.max() > worst:
             worst = float(error.max())
             tile, column, lane = np.unravel_index(np.argmax(error), error.shape)
-            told = f"{NAMES[int(column)]} differs by {worst:.1e}, {bench.settings[tile].label}"
-    return worst <= tolerance, told if worst > tolerance else f"{worst:.0e}"
+            report = f"{NAMES[int(column)]} differs by {worst:.1e}, {bench.settings[tile].label}"
+    return worst <= tolerance, report if worst > tolerance else f"{worst:.0e}"
 
 
 def friction_limit(bench: Bench) -> Result:
@@ -118,7 +128,7 @@ def friction_limit(bench: Bench) -> Result:
     if bench.rolling and has_mu:
         mu = bench.per_tile([bench.parameters(k).mu_r for k in range(len(bench.settings))], tiles)
     for m in (1, 4):
-        for moment in walk(bench, path, m):
+        for moment in follow_path(bench, path, m):
             answer = moment.answer
             size, limit = np.hypot(answer[:, at.O_TX], answer[:, at.O_TY]), answer[:, at.O_LIMIT]
             over = np.argwhere(~(size <= limit * (1.0 + ROUND_OFF)))
@@ -139,20 +149,20 @@ def passive(bench: Bench) -> Result:
     acted."""
     path = random_paths(bench, 5)
     rng = np.random.default_rng(11)
-    for moment in walk(bench, path, 2):
-        asked, rest = moment.asked, np.zeros_like(moment.asked.v_n)
-        open_at = np.maximum(asked.overlap, 0.0)
+    for moment in follow_path(bench, path, 2):
+        requested, rest = moment.asked, np.zeros_like(moment.asked.v_n)
+        open_at = np.maximum(requested.overlap, 0.0)
         speed = np.sqrt(9.81 * bench.radius(len(rest))) * 10.0 ** rng.uniform(-3.0, 2.0, rest.shape)
-        v = speed[:, None] * rng.uniform(-1.0, 1.0, asked.v.shape)
+        v = speed[:, None] * rng.uniform(-1.0, 1.0, requested.v.shape)
         v_n = speed * rng.uniform(-1.0, 1.0, rest.shape)
-        moving, _ = bench.call(Contacts(open_at, asked.slip, v_n, v), moment.before)
-        still, _ = bench.call(Contacts(open_at, asked.slip, rest, np.zeros_like(v)), moment.before)
+        moving, _ = bench.call(Contacts(open_at, requested.slip, v_n, v), moment.before)
+        still, _ = bench.call(Contacts(open_at, requested.slip, rest, np.zeros_like(v)), moment.before)
         power = moving[:, at.O_POWER]
         scale = np.abs(still[:, at.O_FN]) * speed
         bad = np.argwhere(~(power >= -ROUND_OFF * scale))
         if len(bad):
             tile, lane = bad[0]
-            return False, f"power is {power[tile, lane]:.3g} W, {_place(bench, asked, tile, lane)}"
+            return False, f"power is {power[tile, lane]:.3g} W, {_place(bench, requested, tile, lane)}"
         if np.any(still[:, at.O_POWER] != 0.0):
             return False, "power without velocity"
     return True, ""
@@ -165,15 +175,15 @@ def compiled(bench: Bench) -> Result:
     law = bench.interpreted()
     cases: list[tuple[Contacts, Array]] = [
         (moment.asked._replace(overlap=np.maximum(moment.asked.overlap, 0.0)), moment.before)
-        for moment in walk(bench, random_paths(bench, 2), 1)
+        for moment in follow_path(bench, random_paths(bench, 2), 1)
     ]
     memory = bench.virgin(len(bench.settings))
-    for asked in extremes(bench, 2):
-        cases.append((asked, memory))
-        _, memory = bench.call(asked, memory)
+    for requested in extremes(bench, 2):
+        cases.append((requested, memory))
+        _, memory = bench.call(requested, memory)
     worst = 0.0
-    for asked, before in cases:
-        a, b = (np.concatenate(bench.call(asked, before, which), 1) for which in (None, law))
+    for requested, before in cases:
+        a, b = (np.concatenate(bench.call(requested, before, which), 1) for which in (None, law))
         size = np.maximum(np.abs(a), np.abs(b))
         size[:, ENERGIES] = np.max(size[:, ENERGIES], 1, keepdims=True)
         error = np.where((a == b) | (np.isnan(a) & np.isnan(b)), 0.0, np.abs(a - b) / np.maximum(size, 1e-300))
@@ -185,7 +195,7 @@ def history(bench: Bench) -> Result:
     """Continuing from copied history gives the same bits, elsewhere in the tile too: no hidden memory. What is named `energy` in
     it is the stored energy."""
     path = random_paths(bench, 4)
-    moments: list[Moment] = list(walk(bench, path, 3))
+    moments: list[Moment] = list(follow_path(bench, path, 3))
     order = np.random.default_rng(3).permutation(at.TILE)
     memory = moments[5].after.copy()
     for moment in moments[6:]:
@@ -209,9 +219,9 @@ def _energy(bench: Bench, moment: Moment) -> Array:
     return moment.after[:, bench.chain.stored] if own else moment.answer[:, at.O_STORED_T]
 
 
-def _place(bench: Bench, asked: Contacts, tile: int, lane: int) -> str:
+def _place(bench: Bench, requested: Contacts, tile: int, lane: int) -> str:
     """Which contact it was, in words."""
     setting = bench.settings[tile % len(bench.settings)]
-    depth = asked.overlap[tile, lane] / setting.radius
-    slip = float(np.hypot(*asked.slip[tile, :, lane])) / setting.radius
+    depth = requested.overlap[tile, lane] / setting.radius
+    slip = float(np.hypot(*requested.slip[tile, :, lane])) / setting.radius
     return f"overlap/radius {depth:.2g}, slip/radius {slip:.2g}, {setting.label}"

@@ -47,9 +47,9 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
 
     def including(self, kinds: Iterable[type[DebrisKind]]) -> DebrisKinds:
         """Return these kinds and others, those of tables that were made from their classes."""
-        found = DebrisKinds()
-        found.of_files = self.of_files | {name: (kind.__module__, kind) for kind in kinds if (name := name_of(kind)) not in self}
-        return found
+        result = DebrisKinds()
+        result.of_files = self.of_files | {name: (kind.__module__, kind) for kind in kinds if (name := name_of(kind)) not in self}
+        return result
 
     def source(self, name: str) -> str:
         """Return what brings a kind: thirdbody, a file, or an entry point."""
@@ -84,13 +84,13 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
 
     def failures(self) -> dict[str, str]:
         """Return why installed kinds cannot be imported, by name."""
-        found = {}
+        result = {}
         for name in self.installed:
             try:
                 self[name]
             except ValueError as problem:
-                found[name] = str(problem)
-        return found
+                result[name] = str(problem)
+        return result
 
     def _or_none(self, name: str) -> type[DebrisKind] | None:
         try:
@@ -139,10 +139,10 @@ def _kinds_of_files(files: Iterable[str | Path]) -> Iterator[tuple[str, tuple[st
     for file in files:
         from thirdbody.laws.registry import DEBRIS_KINDS, load_module
 
-        found = getattr(load_module(Path(file)), DEBRIS_KINDS, ())
-        if not isinstance(found, tuple | list):
+        result = getattr(load_module(Path(file)), DEBRIS_KINDS, ())
+        if not isinstance(result, tuple | list):
             raise UsageError(f"plug-in {file}: {DEBRIS_KINDS} must be a tuple of classes derived from DebrisKind")
-        for kind in found:
+        for kind in result:
             try:
                 name = name_of(checked_kind(kind))
             except TypeError as problem:
@@ -155,8 +155,8 @@ def _kinds_of_files(files: Iterable[str | Path]) -> Iterator[tuple[str, tuple[st
 
 def kinds_of(context: Any) -> DebrisKinds:
     """Return the kinds that a scene is read with, from the context of the validation."""
-    found = context.get("kinds") if isinstance(context, dict) else None
-    return DebrisKinds() if found is None else found
+    result = context.get("kinds") if isinstance(context, dict) else None
+    return DebrisKinds() if result is None else result
 
 
 _ANYTHING = core_schema.any_schema()
@@ -177,9 +177,9 @@ class _DebrisTable:
 
     def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         """The built-in kinds, and those that are installed now."""
-        found = handler(schema)
+        result = handler(schema)
         others = [kind for name, kind in DebrisKinds().usable().items() if name not in built_in()]
-        return found | {"anyOf": found["anyOf"] + [handler(kind.__pydantic_core_schema__) for kind in others]}
+        return result | {"anyOf": result["anyOf"] + [handler(kind.__pydantic_core_schema__) for kind in others]}
 
 
 Debris = Annotated[DebrisKind, _DebrisTable()]

@@ -15,7 +15,7 @@ import numpy as np
 from thirdbody.kernels import layout as at
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause
-from thirdbody.studies.robustness.case import Course, Trial
+from thirdbody.studies.robustness.case import CaseRun, Trial
 from thirdbody.studies.robustness.scenes import (
     BOX,
     HEIGHT,
@@ -245,7 +245,7 @@ def many_dashpots(trial: Trial) -> None:
     trial.hold("lost in dashpots over the work of the plate", course.state.A[at.A_DAMPING] / course.state.A[at.A_PLATE_ABS], 1.0)
 
 
-def plain_slide(trial: Trial) -> Course:
+def plain_slide(trial: Trial) -> CaseRun:
     """A tripod that slides, settled: the course of cases about the time step."""
     course = trial.start(pressed(trial, clump(TRIPOD), 0.3, materials={"ball": STEEL}))
     course.follow(WAY[:2])

@@ -11,7 +11,7 @@ import numpy as np
 
 from thirdbody.build.simulation import Simulation, build
 from thirdbody.engine.energy import Ledger
-from thirdbody.engine.guards import RESIDUAL_GUARD, Looks
+from thirdbody.engine.guards import RESIDUAL_GUARD, EnergyGuard
 from thirdbody.engine.state import rotation_matrices
 from thirdbody.kernels import layout as at
 from thirdbody.scene.model import Scene
@@ -78,11 +78,11 @@ class Trial:
         step = {"time_step": self.setting.factor * steps[self.built]} if steps else {}
         return {"integrator": self.setting.integrator} | step
 
-    def start(self, scene: Scene) -> Course:
+    def start(self, scene: Scene) -> CaseRun:
         """A simulation of the scene, in place at time zero."""
         simulation = build(scene, force=self.sweeping)
         self.built += 1
-        return Course(self, simulation)
+        return CaseRun(self, simulation)
 
     def hold(self, name: str, value: float, limit: float, stable: float | None = None) -> None:
         """An invariant. `stable`: its limit in a sweep of the time step, by default the same, infinite for truncation alone."""
@@ -98,18 +98,18 @@ class Trial:
 
 
 @dataclass
-class Course:
+class CaseRun:
     """One simulation on its way."""
 
     trial: Trial
     simulation: Simulation
     ledger: Ledger = field(init=False)
-    looks: Looks = field(init=False)
+    looks: EnergyGuard = field(init=False)
 
     def __post_init__(self) -> None:
         self.state, self.integrator = self.simulation.state, self.simulation.integrator
         self.ledger = Ledger(self.state)
-        self.looks = Looks(self.ledger, 2 if self.integrator.divisible else 1)
+        self.looks = EnergyGuard(self.ledger, 2 if self.integrator.divisible else 1)
 
     def _watch(self) -> None:
         self.ledger.watch(self.state)
@@ -130,8 +130,8 @@ class Course:
         norms = np.linalg.norm(state.B[:, at.B_Q : at.B_Q + 4], axis=1)
         trial.hold("length of quaternions - 1", np.abs(norms - 1.0).max(), NORM)
         if kind == "implicit":
-            made = -state.A[at.A_NUMERICAL] / max(state.A[at.A_PLATE_ABS], self.ledger.peak, 1e-300)
-            trial.hold("energy made by the integrator", made, GAINED)
+            built = -state.A[at.A_NUMERICAL] / max(state.A[at.A_PLATE_ABS], self.ledger.peak, 1e-300)
+            trial.hold("energy made by the integrator", built, GAINED)
             trial.hold_true("every step solved", not self.integrator.summary()["unsolved"])
 
     def follow(self, stops: Sequence[float], kind: str = "distance", see: Callable[[], None] = lambda: None) -> None:
@@ -208,6 +208,6 @@ class Course:
         self.end()
 
 
-def turn_of(course: Course, body: int = 0) -> np.ndarray:
+def turn_of(course: CaseRun, body: int = 0) -> np.ndarray:
     """Rotation matrix of a body (3, 3), body to world."""
     return rotation_matrices(course.state.B[body : body + 1, at.B_Q : at.B_Q + 4])[0]

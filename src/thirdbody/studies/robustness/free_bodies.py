@@ -13,7 +13,7 @@ from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels import layout as at
 from thirdbody.scene.model import Domain
 from thirdbody.studies.robustness.between_plates import plain_slide
-from thirdbody.studies.robustness.case import Course, Trial, turn_of
+from thirdbody.studies.robustness.case import CaseRun, Trial, turn_of
 from thirdbody.studies.robustness.scenes import LONG, STEEL, TRIPOD, ball, clump, on_plane, particle, pressed, scene, solid
 
 RADIUS = 1e-3
@@ -72,13 +72,13 @@ def rigid_plane(trial: Trial) -> None:
 
 def incompressible(trial: Trial) -> None:
     """nu -> .5 in a rebound that sticks and slips: every result finite, and no jump towards the limit."""
-    found = []
+    result = []
     nus = (0.49, 0.4999, 0.5)
     for nu in nus:
         course = trial.start(on_plane(trial, solid(1e9, nu, 1000.0), RADIUS, (0.8, 0.0, -1.0), 0.5))
         course.leave(5e-6)
-        found.append([*course.velocity(), RADIUS * course.state.B[0, at.B_W + 1]])
-    change = np.abs(np.array(found) - found[-1]).max(axis=1)
+        result.append([*course.velocity(), RADIUS * course.state.B[0, at.B_W + 1]])
+    change = np.abs(np.array(result) - result[-1]).max(axis=1)
     # proportional to .5 - nu, with a factor of order one; steps of a twentieth of the contact time leave 2e-3
     allowed = 3.0 * (0.5 - np.array(nus)) + ENERGY
     trial.hold("change towards nu = .5 over what is smooth", float((change / allowed).max()), 1.0, math.inf)
@@ -88,7 +88,7 @@ FLAKE, WOBBLE = (1.0, 1.1, 2.09), (4e4, -2e4, 2e5)
 """Moments of a thin sheet, I_3 close to I_1 + I_2, in those of the ball that carries them; its spin, rad/s: .05 rad a step."""
 
 
-def _flake(trial: Trial) -> Course:
+def _flake(trial: Trial) -> CaseRun:
     """A body with the moments of a thin sheet, alone, spinning about its thin axis with a wobble.
 
     It is a ball, whose centre is at rest: a sheet of balls would need a search in every step.
@@ -251,7 +251,7 @@ def hundredfold_step(trial: Trial) -> None:
         message = str(error)
     trial.hold_true(f"refused ({message})", "is above the bound" in message)
     forced = build(pressed(trial, clump(TRIPOD), 0.3, solver=solver), force=True)
-    course = Course(Trial(trial.setting), forced)
+    course = CaseRun(Trial(trial.setting), forced)
     try:
         course.to(time=2000.0 * step)
         message = "ran on"
@@ -269,11 +269,11 @@ def turning_pair(trial: Trial) -> None:
     the normal -> the same. Slip at mid-step -> .001 to 1, and work from nothing.
     """
     for axis in ((1.0, 0.0, 0.0), (1.0, 2.0, -2.0)):
-        before, after, turn, made = _turned(trial, np.array(axis) / np.linalg.norm(axis), 2000)
+        before, after, rotation, built = _turned(trial, np.array(axis) / np.linalg.norm(axis), 2000)
         # chords for arcs: second order in the turn of a step, 1e-3 radians
-        missed = float(np.linalg.norm(after - turn @ before) / np.linalg.norm(before))
+        missed = float(np.linalg.norm(after - rotation @ before) / np.linalg.norm(before))
         trial.hold(f"T that did not turn, axis {axis}", missed, 4e-4)
-        trial.hold(f"work of the turn over stored energy, axis {axis}", made, 8e-4)
+        trial.hold(f"work of the turn over stored energy, axis {axis}", built, 8e-4)
 
 
 def _turned(trial: Trial, axis: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
@@ -302,12 +302,12 @@ def _turned(trial: Trial, axis: np.ndarray, count: int) -> tuple[np.ndarray, np.
         before = drive(offset * (RADIUS - 5e-6) + offset[:, [1, 2, 0]] * 3e-7 * k / 20, still)
     centres, work = B[:, at.B_X : at.B_X + 3].copy(), float(simulation.state.A[at.A_FRICTION])
     for k in range(1, count + 1):
-        turn = _rotation(axis, 2.0 * k / count)
-        after = drive(centres @ turn.T, axis * 2.0 / count / step)
+        rotation = _rotation(axis, 2.0 * k / count)
+        after = drive(centres @ rotation.T, axis * 2.0 / count / step)
     stored = float(before[at.R_STORED_T])
-    made = abs(simulation.state.A[at.A_FRICTION] - work) + abs(after[at.R_STORED_T] - stored)
+    built = abs(simulation.state.A[at.A_FRICTION] - work) + abs(after[at.R_STORED_T] - stored)
     shear = slice(at.R_T, at.R_T + 3)
-    return before[shear], after[shear], turn, float(made) / stored
+    return before[shear], after[shear], rotation, float(built) / stored
 
 
 def _rotation(axis: np.ndarray, angle: float) -> np.ndarray:

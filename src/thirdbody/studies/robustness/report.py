@@ -24,32 +24,32 @@ def hard_command(names: Sequence[str], out: Path | None, json: bool, quick: bool
     from thirdbody.engine.precompile import warm_up
 
     warm_up()
-    found = list(rows(cases, quick, sweep=not quick, tell=tell))
+    result = list(rows(cases, quick, sweep=not quick, tell=tell))
     if json:
-        print_json([as_json(row) for row in found])
+        print_json([as_json(row) for row in result])
     else:
-        print_rows(found)
+        print_rows(result)
     if out is not None:
         from thirdbody.studies.robustness.plot import draw_stability
 
-        draw_stability([as_json(row) for row in found], out, (LEAST, MOST))
+        draw_stability([as_json(row) for row in result], out, (LEAST, MOST))
         tell(f"{out}")
-    failed = [row for row in found if not row.holds]
+    failed = [row for row in result if not row.holds]
     if failed:
         for row in failed:
             say(f"{row.case}, {row.integrator}, {row.level}: {'; '.join(_why(row))}", err=True)
-        raise GuardStop(f"{len(failed)} of {len(found)} hard cases fail")
+        raise GuardStop(f"{len(failed)} of {len(result)} hard cases fail")
 
 
-def print_rows(found: Sequence[Row]) -> None:
+def print_rows(result: Sequence[Row]) -> None:
     """Print the table, one row per case and integrator with its levels in one line, and the verdicts."""
     cells = [
         [row.case, row.integrator, row.level, _factor(row), _residual(row), f"{row.seconds:.1f} s", _verdict(row)]
-        for row in found
+        for row in result
     ]
     table("", ("case", "integrator", "level", "largest step", "residual", "time", "verdict"), cells)
-    held = sum(row.holds for row in found)
-    print(f"{held} of {len(found)} hold; largest step: over the automatic one, up to which every invariant holds")
+    held = sum(row.holds for row in result)
+    print(f"{held} of {len(result)} hold; largest step: over the automatic one, up to which every invariant holds")
 
 
 def as_json(row: Row) -> dict[str, Any]:

@@ -93,14 +93,14 @@ def scene(
         for names in itertools.combinations_with_replacement(materials, 2)
     )
     settle = tables.pop("settle", "auto")
-    found = {
+    result = {
         "domain": Domain(size=(size, size), periodic=lower is not None),
         "plates": Plates(lower=LowerPlate(material=lower) if lower else None, upper=upper),
         "contact": Contact(level=trial.setting.level, debris_contact="auto" if upper is None else "none"),
         "solver": Solver(duration=LONG, settle=settle, **trial.solver()),
         "output": Output(every=LONG, every_kind="time"),
     }
-    return Scene(materials=materials, pairs=pairs, debris=tuple(debris), **(found | tables))
+    return Scene(materials=materials, pairs=pairs, debris=tuple(debris), **(result | tables))
 
 
 def on_plane(trial: Trial, material: Material, radius: float, velocity: Sequence[float], friction: float, **keys: Any) -> Scene:

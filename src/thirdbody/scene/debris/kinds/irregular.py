@@ -111,8 +111,8 @@ class Irregular(VolumeKeys):
 
     def checks(self) -> list[Wrong]:
         """Faults between the limits."""
-        least, most = self.spheres
-        return [(("spheres",), f"the least, {least}, is more than the most, {most}")] if least > most else []
+        minimum, maximum = self.spheres
+        return [(("spheres",), f"the least, {minimum}, is more than the most, {maximum}")] if minimum > maximum else []
 
     def max_spheres(self) -> int:
         """Return the largest number of spheres, those of the asperities included."""

@@ -116,13 +116,13 @@ class Mesh(VolumeKeys):
         if not os.path.isdir(path):  # that of a path raises for names that are too long
             return [("file", self.file, path)]
         try:
-            found = meshes_in(path)
+            result = meshes_in(path)
         except OSError as error:
             raise InputError(Fault("file", f"{path}: cannot be read ({error.strerror})")) from None
-        if not found:
+        if not result:
             empty = Fault("mesh", f"is a folder that holds no mesh file ({', '.join(SUFFIXES)})", str(path))
             raise InputError(Fault("file", str(empty)))
-        return [("file", file.name, file) for file in found]
+        return [("file", file.name, file) for file in result]
 
     def _too_large(self, context: PopulationContext, shapes: list[MeshShape]) -> list[Fault]:
         """A fault where the unit makes bodies that do not fit into the domain."""

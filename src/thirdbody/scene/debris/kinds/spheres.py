@@ -111,9 +111,9 @@ class Spheres(VolumeKeys):
         from thirdbody.bodies.clump import quaternion_product
 
         body, frame = self._body(context.index)
-        turn = np.array(UPRIGHT if self.orientation is None else self.orientation)
+        rotation = np.array(UPRIGHT if self.orientation is None else self.orientation)
         positions = None if self.positions is None else np.array(self.positions, float)
-        return PlacedClumps([body] * self.count, quaternion_product(turn, frame), positions)
+        return PlacedClumps([body] * self.count, quaternion_product(rotation, frame), positions)
 
     def _body(self, population: int) -> tuple[Clump, np.ndarray]:
         """The body, and the quaternion of its principal frame in the frame of `shape`."""

@@ -69,9 +69,9 @@ def layout(form: str, axial_ratio: float, spheres: int) -> Layout:
     else:
         rings = next(k for k in RINGS if spheres_in_rings(k) == spheres)
         ring = np.repeat(np.arange(rings + 1), [1, *(6 * k for k in range(1, rings + 1))])
-        turn = np.concatenate([[0.0], *(np.arange(6 * k) * (math.pi / (3 * k)) for k in range(1, rings + 1))])
+        rotation = np.concatenate([[0.0], *(np.arange(6 * k) * (math.pi / (3 * k)) for k in range(1, rings + 1))])
         far = _graded(ring / rings, squared)
-        u, v = far * np.cos(turn), far * np.sin(turn)
+        u, v = far * np.cos(rotation), far * np.sin(rotation)
     radii = axial_ratio * np.sqrt(1.0 - squared * (u**2 + v**2))
     return Layout(squared * np.column_stack((u, v, np.zeros(spheres))), radii, volume ** (1.0 / 3.0))
 
@@ -82,8 +82,8 @@ def _graded(steps: np.ndarray, squared: float) -> np.ndarray:
 
     u = np.linspace(0.0, 1.0, 4097)
     weight = (1.0 - squared * u**2) ** -0.25
-    way = np.concatenate(([0.0], np.cumsum(0.5 * (weight[1:] + weight[:-1]))))
-    return np.interp(steps, way / way[-1], u)
+    distance = np.concatenate(([0.0], np.cumsum(0.5 * (weight[1:] + weight[:-1]))))
+    return np.interp(steps, distance / distance[-1], u)
 
 
 def corrugation(form: str, axial_ratio: float, spheres: int) -> float:
@@ -93,7 +93,7 @@ def corrugation(form: str, axial_ratio: float, spheres: int) -> float:
     """
     import numpy as np
 
-    made = layout(form, axial_ratio, spheres)
+    built = layout(form, axial_ratio, spheres)
     if spheres == 1:
         return 0.0
     if form == "prolate":
@@ -101,12 +101,12 @@ def corrugation(form: str, axial_ratio: float, spheres: int) -> float:
         points = np.column_stack((np.cos(t), axial_ratio * np.sin(t), np.zeros_like(t)))
     else:
         grid = np.meshgrid(np.linspace(0.0, 0.5 * math.pi, 241), np.linspace(0.0, math.pi / 6.0, 61))
-        t, turn = (angle.ravel() for angle in grid)
-        points = np.column_stack((np.cos(t) * np.cos(turn), np.cos(t) * np.sin(turn), axial_ratio * np.sin(t)))
+        t, rotation = (angle.ravel() for angle in grid)
+        points = np.column_stack((np.cos(t) * np.cos(rotation), np.cos(t) * np.sin(rotation), axial_ratio * np.sin(t)))
     gap = np.full(len(points), np.inf)
-    for center, radius in zip(made.centers, made.radii, strict=True):
+    for center, radius in zip(built.centers, built.radii, strict=True):
         gap = np.minimum(gap, np.linalg.norm(points - center, axis=1) - radius)
-    return float(gap.max()) / made.equivalent_radius
+    return float(gap.max()) / built.equivalent_radius
 
 
 def in_one_piece(form: str, axial_ratio: float, spheres: int) -> bool:
@@ -161,10 +161,10 @@ class Spheroid(PlacedDebris):
         """Return the bodies at unit density: one shape, each scaled to its size. Raises InputError."""
         from thirdbody.bodies.clump import clump
 
-        made = layout(self.form, self.axial_ratio, self.max_spheres())
-        shape = clump(made.centers, made.radii)
+        built = layout(self.form, self.axial_ratio, self.max_spheres())
+        shape = clump(built.centers, built.radii)
         sizes = random.diameters(self.size, self.count)
-        return [shape.scaled(0.5 * size / made.equivalent_radius) for size in sizes]
+        return [shape.scaled(0.5 * size / built.equivalent_radius) for size in sizes]
 
     def notes(self) -> list[str]:
         """Return how far the spheres are from the spheroid."""
