@@ -49,7 +49,7 @@ import math
 
 from numba import njit
 
-from thirdbody.plugin import C_A, C_CRITICAL, C_FN, C_LIMIT, C_POINT, C_SLIP, C_T, O_DRAG, O_F, O_LDOT, O_MA, O_T  # fmt: skip
+from thirdbody.plugin import loaded_contact, observed_body
 
 from .forecast_output import UNTOLD, write_outlook, write_plain_outlook
 from .motion_history import (
@@ -135,7 +135,10 @@ OUTPUTS = 2 + len(MARGINS) + len(EXTRAS)
 OUT_FRICTION, OUT_UPPER, OUT_LOWER, OUT_FORCE, OUT_MOMENT, OUT_DETERMINACY, OUT_ROTATION = range(2, 9)
 OUT_SIDE, OUT_ROLL, OUT_SLIP, OUT_ROLLED, OUT_FORECAST = range(9, 14)
 OUTLOOK = is_plain(OUT_FORECAST)
-PUSH, PUSH_RATE, TWIST, TWIST_RATE = is_plain(O_F), is_plain(O_MA), is_plain(O_T), is_plain(O_LDOT)
+PUSH = is_plain(observed_body.FORCE)
+PUSH_RATE = is_plain(observed_body.MOMENTUM_RATE)
+TWIST = is_plain(observed_body.TORQUE)
+TWIST_RATE = is_plain(observed_body.ANGULAR_MOMENTUM_RATE)
 
 EPS_LIMIT = 0.02
 TURN = 0.5  # share of the drag that a body which is not held takes up by turning
@@ -147,16 +150,23 @@ LOWEST = -1e9  # margins stay finite and fit a float32
 @helper
 def slipping(C: Array, i: int) -> bool:
     """Whether a spot slipped by more than its critical displacement in this window or in the last."""
-    minimum = max(C[i, C_CRITICAL], ROUND_OFF * C[i, C_A])
-    return max(C[i, C_SLIP] - C[i, SLIP_REFERENCE], C[i, SLIP_LAST]) > minimum
+    minimum = max(C[i, loaded_contact.CRITICAL_SLIP], ROUND_OFF * C[i, loaded_contact.CONTACT_RADIUS])
+    return max(C[i, loaded_contact.SLIP] - C[i, SLIP_REFERENCE], C[i, SLIP_LAST]) > minimum
 
 
 @helper
 def utilisation(C: Array, i: int) -> float:
     """eta = |T|/(mu N); without friction 1 if slipping, else 0."""
-    if C[i, C_LIMIT] <= 0.0:
+    if C[i, loaded_contact.FRICTION_LIMIT] <= 0.0:
         return 1.0 if slipping(C, i) else 0.0
-    return length(C[i, C_T], C[i, C_T + 1], C[i, C_T + 2]) / C[i, C_LIMIT]
+    return (
+        length(
+            C[i, loaded_contact.TANGENTIAL_FORCE],
+            C[i, loaded_contact.TANGENTIAL_FORCE + 1],
+            C[i, loaded_contact.TANGENTIAL_FORCE + 2],
+        )
+        / C[i, loaded_contact.FRICTION_LIMIT]
+    )
 
 
 @helper
@@ -202,12 +212,13 @@ def determinacy(C: Array, n: int, b: Array, a: float) -> float:
 
     Where nothing drags the spread is taken in any horizontal direction.
     """
-    ex, ey = b[O_DRAG], b[O_DRAG + 1]
+    ex, ey = b[observed_body.DRAG], b[observed_body.DRAG + 1]
     widest = 0.0
     for i in range(n):
         for j in range(i):
             if side_of(C, i) == side_of(C, j) and side_of(C, i) != NEITHER:
-                x, y = C[i, C_POINT] - C[j, C_POINT], C[i, C_POINT + 1] - C[j, C_POINT + 1]
+                x = C[i, loaded_contact.POINT] - C[j, loaded_contact.POINT]
+                y = C[i, loaded_contact.POINT + 1] - C[j, loaded_contact.POINT + 1]
                 apart = length(x, y, 0.0) if ex == 0.0 and ey == 0.0 else abs(x * ex + y * ey)
                 widest = max(widest, apart)
     return min(widest / a - 1.0, -LOWEST)
@@ -257,7 +268,7 @@ def ratios_so_far(C: Array, n: int, m: Array, pose: Posture, turn: Triple, out: 
     elif m[TRAVEL] >= LEAST_TRAVEL * pose[1] and m[TRAVEL] > 0.0:
         out[OUT_ROLL] = length(turn[0], turn[1], turn[2]) * pose[2] / m[TRAVEL]
         for i in range(n):
-            out[OUT_SLIP] = max(out[OUT_SLIP], (C[i, C_SLIP] - C[i, SLIP_REFERENCE]) / m[TRAVEL])
+            out[OUT_SLIP] = max(out[OUT_SLIP], (C[i, loaded_contact.SLIP] - C[i, SLIP_REFERENCE]) / m[TRAVEL])
 
 
 @helper
@@ -265,7 +276,7 @@ def normal_sum(C: Array, n: int) -> float:
     """Sum of |N| over the loaded spots, N."""
     total = 0.0
     for i in range(n):
-        total += abs(C[i, C_FN])
+        total += abs(C[i, loaded_contact.NORMAL_FORCE])
     return total
 
 

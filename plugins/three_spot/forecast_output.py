@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from thirdbody.plugin import C_LIMIT, C_LOAD, C_POINT, O_DRAG, O_EF
+from thirdbody.plugin import loaded_contact, observed_body
 
 from .forecast import forecast
 from .support_geometry import ABOVE, BELOW, BOTH, NEITHER, Array, Posture, helper, is_plain, load_mean, only_plates, side_of
@@ -31,7 +31,7 @@ NEGLIGIBLE = 0.01
 HEAVIEST = 1e6
 """Body force over load beyond which there is no forecast."""
 
-POINT = is_plain(C_POINT)
+POINT = is_plain(loaded_contact.POINT)
 
 
 @helper
@@ -39,8 +39,8 @@ def friction_coefficient(C: Array, n: int, sides: int) -> float:
     """Least friction coefficient of the loaded spots on `sides` (bits; NEITHER: all)."""
     minimum = FARTHEST
     for i in range(n):
-        if C[i, C_LOAD] > 0.0 and (sides == NEITHER or side_of(C, i) == sides):
-            minimum = min(minimum, C[i, C_LIMIT] / C[i, C_LOAD])
+        if C[i, loaded_contact.LOAD] > 0.0 and (sides == NEITHER or side_of(C, i) == sides):
+            minimum = min(minimum, C[i, loaded_contact.FRICTION_LIMIT] / C[i, loaded_contact.LOAD])
     return minimum
 
 
@@ -50,7 +50,7 @@ def upper_load(C: Array, n: int) -> float:
     total = 0.0
     for i in range(n):
         if side_of(C, i) == ABOVE:
-            total += max(C[i, C_LOAD], 0.0)
+            total += max(C[i, loaded_contact.LOAD], 0.0)
     return total
 
 
@@ -65,7 +65,7 @@ def side_places(C: Array, n: int, side: int) -> Array:
     m = 0
     for i in range(n):
         if side_of(C, i) == side:
-            places[m, 0], places[m, 1] = C[i, C_POINT], C[i, C_POINT + 1]
+            places[m, 0], places[m, 1] = C[i, loaded_contact.POINT], C[i, loaded_contact.POINT + 1]
             m += 1
     return places
 
@@ -97,7 +97,9 @@ def write_plain_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, f
     if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
         return
     upper, lower = side_places(C, n, ABOVE), side_places(C, n, BELOW)
-    required, low, high = forecast(upper, len(upper), lower, len(lower), pose[2], b[O_DRAG], b[O_DRAG + 1])
+    required, low, high = forecast(
+        upper, len(upper), lower, len(lower), pose[2], b[observed_body.DRAG], b[observed_body.DRAG + 1]
+    )
     write_ratios(C, n, required, low, high, out, first)
 
 
@@ -110,7 +112,7 @@ def write_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: 
     upper, lower = side_places(C, n, ABOVE), side_places(C, n, BELOW)
     load, wrench = upper_load(C, n), np.empty(6)
     for k in range(6):
-        wrench[k] = b[O_EF + k]
+        wrench[k] = b[observed_body.EFFECT_FORCE + k]
     heights = load_mean(C, n, ABOVE, POINT)[2], load_mean(C, n, BELOW, POINT)[2]
     size = body_size(upper, lower, heights)
     fraction = body_force_share(wrench, load, size)
@@ -119,6 +121,6 @@ def write_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: 
     elif fraction <= HEAVIEST and heights[0] > heights[1]:
         # a side may carry a contact that presses nothing at this instant
         frictions = min(friction_coefficient(C, n, ABOVE), HEAVIEST), min(friction_coefficient(C, n, BELOW), HEAVIEST)
-        drag = b[O_DRAG], b[O_DRAG + 1]
+        drag = b[observed_body.DRAG], b[observed_body.DRAG + 1]
         required, low, high = weighted_forecast(upper, lower, heights, wrench, load, frictions, drag)
         write_ratios(C, n, required, low, high, out, first)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from numba import njit
 
-from thirdbody.plugin import C_LOAD, C_MEMORY, C_SLIP, O_DRAG, O_ELAPSED, O_MASS, O_Q, O_SHIFT, O_SPEED, O_V, O_W
+from thirdbody.plugin import Table, loaded_contact, observed_body
 
 from .support_geometry import (
     BOTH,
@@ -24,43 +24,44 @@ from .support_geometry import (
     support_of,
 )
 
-CONTACT_MEMORY = ("slip_at_reference", "slip_last_window", "stamp")
-SLIP_REFERENCE, SLIP_LAST, STAMP = range(C_MEMORY, C_MEMORY + 3)
+contact_memory = Table("C, from MEMORY on", "a loaded contact of a body")
+SLIP_REFERENCE = loaded_contact.MEMORY + contact_memory.scalar("slip_at_reference", "m", "slip at the reference")
+SLIP_LAST = loaded_contact.MEMORY + contact_memory.scalar("slip_last_window", "m", "slip in the last closed window")
+STAMP = loaded_contact.MEMORY + contact_memory.scalar("stamp", "", "number of the last observation in which it was loaded")
+CONTACT_MEMORY = contact_memory.names()
 
-MEMORY = (
-    "reference_w",
-    "reference_x",
-    "reference_y",
-    "reference_z",
-    "change_w",
-    "change_x",
-    "change_y",
-    "change_z",
-    "travel",
-    "change_drag_x",
-    "change_drag_y",
-    "windows",
-    "roll_ratio",
-    "pivoted",
-    "slip_over_travel",
-    "heading_x",
-    "heading_y",
-    "way_back",
-    "rest_time",
-    "rest_path",
-    "rolled_distance",
-    "lifted",
-    "loaded_count",
-    "serial",
-    "plate_direction_x",
-    "plate_direction_y",
-    "plates_moving",
-    "turned_free",
-)
-TRAVEL, CHANGE_X, CHANGE_Y = 8, 9, 10
+memory = Table("m", "a body")
+memory.scalar("reference_w", "", "orientation at the reference, w")
+memory.scalar("reference_x", "", "x")
+memory.scalar("reference_y", "", "y")
+memory.scalar("reference_z", "", "z")
+memory.scalar("change_w", "", "orientation where the rule for free bodies began, w")
+memory.scalar("change_x", "", "x")
+memory.scalar("change_y", "", "y")
+memory.scalar("change_z", "", "z")
+TRAVEL = memory.scalar("travel", "m", "path of the drag since the reference")
+CHANGE_X = memory.scalar("change_drag_x", "m", "drag since the rule for free bodies began, x")
+CHANGE_Y = memory.scalar("change_drag_y", "m", "y")
 # from WINDOWS up to ROLLED: what a stop or a reversal wipes out
-WINDOWS, ROLL_RATIO, PIVOTED, SLIP_RATIO, HEADING_X, HEADING_Y, WAY_BACK, REST_TIME, REST_PATH = range(11, 20)
-ROLLED, LIFTED, COUNT, SERIAL, PLATE_X, PLATE_Y, MOVING, TURNED_FREE = range(20, 28)
+WINDOWS = memory.scalar("windows", "", "number of closed windows")
+ROLL_RATIO = memory.scalar("roll_ratio", "", "roll ratio of the last closed window")
+PIVOTED = memory.scalar("pivoted", "", "1: that window turned more about the normal than in plane")
+SLIP_RATIO = memory.scalar("slip_over_travel", "", "largest slip over the path in that window")
+HEADING_X = memory.scalar("heading_x", "m", "heading of a one-sided body, x")
+HEADING_Y = memory.scalar("heading_y", "m", "y")
+WAY_BACK = memory.scalar("way_back", "m", "how far it came back against its heading")
+REST_TIME = memory.scalar("rest_time", "s", "time since the last test for rest")
+REST_PATH = memory.scalar("rest_path", "m", "path since then")
+ROLLED = memory.scalar("rolled_distance", "m", "length rolled")
+LIFTED = memory.scalar("lifted", "", "1: a spot lifted off since the reference")
+COUNT = memory.scalar("loaded_count", "", "number of loaded spots")
+SERIAL = memory.scalar("serial", "", "number of the last observation with contacts")
+PLATE_X = memory.scalar("plate_direction_x", "", "direction of the drag at the last observation, x")
+PLATE_Y = memory.scalar("plate_direction_y", "", "y")
+MOVING = memory.scalar("plates_moving", "", "1: the plates moved then")
+TURNED_FREE = memory.scalar("turned_free", "rad", "rotation while the body was free")
+MEMORY = memory.names()
+
 REFERENCE, CHANGE = is_plain(0), is_plain(4)
 
 WINDOW = 4.0  # contact radii of travel
@@ -74,7 +75,7 @@ REST_SPAN = 50.0
 def store_orientation(b: Array, m: Array, k: int) -> None:
     """Store the present orientation at m[k:k+4]."""
     for j in range(4):
-        m[k + j] = b[O_Q + j]
+        m[k + j] = b[observed_body.QUATERNION + j]
 
 
 @helper
@@ -88,12 +89,12 @@ def anchor_change(b: Array, m: Array) -> None:
 @helper
 def note_plates(b: Array, m: Array) -> bool:
     """Whether the plates stopped, started or reversed since the last observation."""
-    moving = 1.0 if b[O_SPEED] > 0.0 else 0.0
-    along = b[O_DRAG] * m[PLATE_X] + b[O_DRAG + 1] * m[PLATE_Y]
+    moving = 1.0 if b[observed_body.PLATE_SPEED] > 0.0 else 0.0
+    along = b[observed_body.DRAG] * m[PLATE_X] + b[observed_body.DRAG + 1] * m[PLATE_Y]
     broke = moving != m[MOVING] or along < 0.0
     m[MOVING] = moving
-    m[PLATE_X] = b[O_DRAG]
-    m[PLATE_Y] = b[O_DRAG + 1]
+    m[PLATE_X] = b[observed_body.DRAG]
+    m[PLATE_Y] = b[observed_body.DRAG + 1]
     return broke
 
 
@@ -127,12 +128,12 @@ def is_reversed(m: Array, a: float, x: float, y: float) -> bool:
 @helper
 def has_rested(C: Array, n: int, b: Array, m: Array, a: float, path: float) -> bool:
     """Whether the body did not travel during the span in which its load could have moved it far."""
-    m[REST_TIME] += b[O_ELAPSED]
+    m[REST_TIME] += b[observed_body.ELAPSED]
     m[REST_PATH] += path
     load = 0.0
     for i in range(n):
-        load += max(C[i, C_LOAD], 0.0)
-    if m[REST_TIME] * m[REST_TIME] * load < REST_SPAN * REST_SPAN * b[O_MASS] * a or load <= 0.0:
+        load += max(C[i, loaded_contact.LOAD], 0.0)
+    if m[REST_TIME] * m[REST_TIME] * load < REST_SPAN * REST_SPAN * b[observed_body.MASS] * a or load <= 0.0:
         return False
     still = m[REST_PATH] < LEAST_TRAVEL * a
     m[REST_TIME] = 0.0
@@ -156,11 +157,13 @@ def follow_free(b: Array, m: Array, broke: bool) -> None:
             m[k] = 0.0
         m[TRAVEL] = m[TURNED_FREE] = 0.0
     elif was_loaded(m):
-        m[TURNED_FREE] += length(b[O_W], b[O_W + 1], b[O_W + 2]) * b[O_ELAPSED]
-        if b[O_SPEED] > 0.0:
-            m[TRAVEL] += length(b[O_SHIFT], b[O_SHIFT + 1], 0.0)
+        m[TURNED_FREE] += (
+            length(b[observed_body.SPIN], b[observed_body.SPIN + 1], b[observed_body.SPIN + 2]) * b[observed_body.ELAPSED]
+        )
+        if b[observed_body.PLATE_SPEED] > 0.0:
+            m[TRAVEL] += length(b[observed_body.PLATE_SHIFT], b[observed_body.PLATE_SHIFT + 1], 0.0)
         else:
-            m[TRAVEL] += length(b[O_V], b[O_V + 1], 0.0) * b[O_ELAPSED]
+            m[TRAVEL] += length(b[observed_body.VELOCITY], b[observed_body.VELOCITY + 1], 0.0) * b[observed_body.ELAPSED]
 
 
 @helper
@@ -170,7 +173,7 @@ def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Trip
         m[HEADING_X] = m[HEADING_Y] = m[WAY_BACK] = 0.0
         if broke:
             return True
-        if b[O_SPEED] > 0.0:
+        if b[observed_body.PLATE_SPEED] > 0.0:
             m[REST_TIME] = m[REST_PATH] = 0.0
             return False
     elif is_reversed(m, pose[1], step[0], step[1]):
@@ -195,7 +198,7 @@ def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, turn: Tri
         m[ROLLED] += 0.5 * pose[2] * max(tilt - m[TURNED_FREE], 0.0)
     slip = 0.0
     for i in range(n):
-        C[i, SLIP_LAST] = C[i, C_SLIP] - C[i, SLIP_REFERENCE] if complete else 0.0
+        C[i, SLIP_LAST] = C[i, loaded_contact.SLIP] - C[i, SLIP_REFERENCE] if complete else 0.0
         slip = max(slip, C[i, SLIP_LAST])
     if not complete:
         for k in range(WINDOWS, ROLLED):
@@ -215,7 +218,7 @@ def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, turn: Tri
 def update_history(C: Array, n: int, b: Array, m: Array) -> None:
     """Follow one body: bring its memory `m` and that of its loaded contacts `C[:n]` to the present instant.
 
-    `C` (n or more, C_MEMORY + len(CONTACT_MEMORY)), `b` (O_COLS,), `m` (len(MEMORY),) as in the contract of
+    `C` (n or more rows, `loaded_contact` and CONTACT_MEMORY), `b` (`observed_body`), `m` (MEMORY) as in the contract of
     labellers. To be called for unloaded bodies too (n = 0). The memory of a contact between two debris must
     be kept once for each of them.
     """
@@ -232,7 +235,7 @@ def update_history(C: Array, n: int, b: Array, m: Array) -> None:
     closes = False
     if landed:  # spots that closed just now
         for i in range(n):
-            C[i, SLIP_REFERENCE], C[i, SLIP_LAST] = C[i, C_SLIP], 0.0
+            C[i, SLIP_REFERENCE], C[i, SLIP_LAST] = C[i, loaded_contact.SLIP], 0.0
     if not fresh:
         if not ends:
             m[TRAVEL] += step[2]
@@ -247,7 +250,7 @@ def update_history(C: Array, n: int, b: Array, m: Array) -> None:
         store_orientation(b, m, REFERENCE)
         m[TRAVEL] = m[LIFTED] = m[TURNED_FREE] = 0.0
         for i in range(n):
-            C[i, SLIP_REFERENCE] = C[i, C_SLIP]
+            C[i, SLIP_REFERENCE] = C[i, loaded_contact.SLIP]
     rotation = rotation_since(b, m, CHANGE)
     if landed or ends or length(rotation[0], rotation[1], rotation[2]) > WHOLE_TURN:
         anchor_change(b, m)

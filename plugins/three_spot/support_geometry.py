@@ -7,22 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.plugin import (
-    C_A,
-    C_CURVATURE,
-    C_LOAD,
-    C_NORMAL,
-    C_PARTNER,
-    C_POINT,
-    C_V,
-    DEBRIS,
-    LOWER,
-    O_ELAPSED,
-    O_Q,
-    O_SHIFT,
-    O_V,
-    helper,
-)
+from thirdbody.plugin import DEBRIS, LOWER, helper, loaded_contact, observed_body
 
 Array = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -39,17 +24,17 @@ def is_plain(value: int) -> int:
 
 # sides are bits, so that their sum names both
 NEITHER, BELOW, ABOVE, BOTH = (is_plain(side) for side in range(4))
-ARM, NORMAL, SURFACE = is_plain(C_POINT), is_plain(C_NORMAL), is_plain(C_V)
+ARM, NORMAL, SURFACE = is_plain(loaded_contact.POINT), is_plain(loaded_contact.NORMAL), is_plain(loaded_contact.PARTNER_VELOCITY)
 
 
 @helper
 def side_of(C: Array, i: int) -> int:
     """BELOW, ABOVE or NEITHER: by the plate or, between debris, by the vertical part of the normal."""
-    if C[i, C_PARTNER] < DEBRIS:
-        return BELOW if C[i, C_PARTNER] == LOWER else ABOVE
-    if abs(C[i, C_NORMAL + 2]) < LATERAL:
+    if C[i, loaded_contact.PARTNER] < DEBRIS:
+        return BELOW if C[i, loaded_contact.PARTNER] == LOWER else ABOVE
+    if abs(C[i, loaded_contact.NORMAL + 2]) < LATERAL:
         return NEITHER
-    return BELOW if C[i, C_NORMAL + 2] > 0.0 else ABOVE
+    return BELOW if C[i, loaded_contact.NORMAL + 2] > 0.0 else ABOVE
 
 
 @helper
@@ -64,7 +49,7 @@ def load_mean(C: Array, n: int, sides: int, k: int) -> Triple:
     total = x = y = z = 0.0
     for i in range(n):
         if sides == NEITHER or (side_of(C, i) & sides) != 0:
-            load = max(C[i, C_LOAD], 0.0)
+            load = max(C[i, loaded_contact.LOAD], 0.0)
             total += load
             x += load * C[i, k]
             y += load * C[i, k + 1]
@@ -81,7 +66,7 @@ def support_of(C: Array, n: int) -> Posture:
     a = TINY
     for i in range(n):
         sides |= side_of(C, i)
-        a = max(a, C[i, C_A])
+        a = max(a, C[i, loaded_contact.CONTACT_RADIUS])
     if sides == BOTH:
         apart = load_mean(C, n, ABOVE, ARM)[2] - load_mean(C, n, BELOW, ARM)[2]
         return sides, a, abs(apart), 0.0, 0.0, 1.0
@@ -97,7 +82,7 @@ def support_of(C: Array, n: int) -> Posture:
 def only_plates(C: Array, n: int) -> bool:
     """Whether no debris takes part in a side."""
     for i in range(n):
-        if C[i, C_PARTNER] >= DEBRIS and side_of(C, i) != NEITHER:
+        if C[i, loaded_contact.PARTNER] >= DEBRIS and side_of(C, i) != NEITHER:
             return False
     return True
 
@@ -107,23 +92,26 @@ def drag(C: Array, n: int, b: Array, pose: Posture) -> Triple:
     """Drag since the last observation: its x and y parts and the length of its path, m."""
     if pose[0] == BOTH:
         if only_plates(C, n):
-            x, y = b[O_SHIFT], b[O_SHIFT + 1]
+            x, y = b[observed_body.PLATE_SHIFT], b[observed_body.PLATE_SHIFT + 1]
         else:
             up = load_mean(C, n, ABOVE, SURFACE)
             low = load_mean(C, n, BELOW, SURFACE)
-            x, y = b[O_ELAPSED] * (up[0] - low[0]), b[O_ELAPSED] * (up[1] - low[1])
+            x, y = b[observed_body.ELAPSED] * (up[0] - low[0]), b[observed_body.ELAPSED] * (up[1] - low[1])
         return x, y, length(x, y, 0.0)
     u, v, w = load_mean(C, n, pose[0], SURFACE)
-    u, v, w = b[O_V] - u, b[O_V + 1] - v, b[O_V + 2] - w
+    u, v, w = b[observed_body.VELOCITY] - u, b[observed_body.VELOCITY + 1] - v, b[observed_body.VELOCITY + 2] - w
     away = u * pose[3] + v * pose[4] + w * pose[5]
     x, y, z = u - away * pose[3], v - away * pose[4], w - away * pose[5]
-    return b[O_ELAPSED] * x, b[O_ELAPSED] * y, b[O_ELAPSED] * length(x, y, z)
+    return b[observed_body.ELAPSED] * x, b[observed_body.ELAPSED] * y, b[observed_body.ELAPSED] * length(x, y, z)
 
 
 @helper
 def rotation_since(b: Array, m: Array, k: int) -> Triple:
     """Rotation vector (rad, world axes) from the orientation stored at m[k:k+4] to the present one."""
-    w, x, y, z = b[O_Q], b[O_Q + 1], b[O_Q + 2], b[O_Q + 3]
+    w = b[observed_body.QUATERNION]
+    x = b[observed_body.QUATERNION + 1]
+    y = b[observed_body.QUATERNION + 2]
+    z = b[observed_body.QUATERNION + 3]
     p, q, r, s = m[k], -m[k + 1], -m[k + 2], -m[k + 3]
     real = w * p - x * q - y * r - z * s
     i = w * q + x * p + y * s - z * r
@@ -149,10 +137,10 @@ def patch_travel(C: Array, n: int, turn: Triple) -> float:
     cx, cy, cz = load_mean(C, n, NEITHER, ARM)
     p = 0.0
     for i in range(n):
-        nx, ny, nz = C[i, C_NORMAL], C[i, C_NORMAL + 1], C[i, C_NORMAL + 2]
+        nx, ny, nz = C[i, loaded_contact.NORMAL], C[i, loaded_contact.NORMAL + 1], C[i, loaded_contact.NORMAL + 2]
         tilt, twist = split(turn, nx, ny, nz)
-        x, y, z = C[i, C_POINT] - cx, C[i, C_POINT + 1] - cy, C[i, C_POINT + 2] - cz
+        x, y, z = C[i, loaded_contact.POINT] - cx, C[i, loaded_contact.POINT + 1] - cy, C[i, loaded_contact.POINT + 2] - cz
         height = x * nx + y * ny + z * nz
         arm = length(x - height * nx, y - height * ny, z - height * nz)
-        p = max(p, C[i, C_CURVATURE] * tilt, arm * twist)
+        p = max(p, C[i, loaded_contact.CURVATURE] * tilt, arm * twist)
     return p

@@ -24,7 +24,7 @@ from rich.console import Console
 from rich.table import Table
 
 from thirdbody.engine import explicit
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import run_totals
 
 TRIES, SHORT = 30, 2e-3
 """Timings of a pass, and how long each takes, s: shorter than what the system leaves a process undisturbed."""
@@ -124,14 +124,14 @@ class Clock:
         """The same function, timed."""
 
         def call(*given: Any, **named: Any) -> Any:
-            before, started = self.A[at.A_STEPS], time.perf_counter()
+            before, started = self.A[run_totals.STEPS], time.perf_counter()
             self.between += started - self.ended if self.ended else 0.0
             if name == LOOP and self.ended:
                 self.spent[PYTHON].append((self.between, 0.0))
                 self.between = 0.0
             answer = function(*given, **named)
             self.ended = time.perf_counter()
-            self.spent[name].append((self.ended - started, self.A[at.A_STEPS] - before))
+            self.spent[name].append((self.ended - started, self.A[run_totals.STEPS] - before))
             return answer
 
         return call

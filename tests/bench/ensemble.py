@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import thirdbody
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import run_totals
 from thirdbody.runner.simulate import prepare, set_threads
 
 SCENE = Path(__file__).resolve().parents[2] / "scenes" / "sheared_debris.toml"
@@ -112,14 +112,14 @@ def time_implicit(case: Case, repeats: int) -> dict[str, Any]:
     seconds, busy = [], []
     for _ in range(repeats):
         integrator = copy.deepcopy(simulation.integrator)
-        before = integrator.totals[:, at.A_STEPS].copy()
+        before = integrator.totals[:, run_totals.STEPS].copy()
         started, used = time.perf_counter(), time.process_time()
         for stop in np.arange(1, round(case.way / case.every) + 1) * case.every:
             integrator.advance_to(distance=float(stop))
         elapsed = time.perf_counter() - started
         busy.append((time.process_time() - used) / elapsed)
         seconds.append(elapsed / case.bodies * WAY / case.way)
-    taken = (integrator.totals[:, at.A_STEPS] - before) * WAY / case.way
+    taken = (integrator.totals[:, run_totals.STEPS] - before) * WAY / case.way
     steps = float(taken.mean())
     result = middle(seconds)
     return {
@@ -145,13 +145,13 @@ def time_explicit(case: Case, repeats: int, patience: float) -> dict[str, Any]:
     for _ in range(repeats):
         integrator = copy.deepcopy(simulation.integrator)
         state = integrator.state
-        time_before, steps_before = state.time, state.A[at.A_STEPS]
+        time_before, steps_before = state.time, state.A[run_totals.STEPS]
         started, used = time.perf_counter(), time.process_time()
         while time.perf_counter() - started < patience and state.distance < case.way:
             integrator.advance_to(state.time + 100.0 * state.dt, case.way)
         elapsed = time.perf_counter() - started
         busy.append((time.process_time() - used) / elapsed)
-        steps, simulated = float(state.A[at.A_STEPS] - steps_before), state.time - time_before
+        steps, simulated = float(state.A[run_totals.STEPS] - steps_before), state.time - time_before
         seconds.append(elapsed / steps)
         shares.append(state.distance / WAY)
     step, per_step = simulated / steps, middle(seconds)

@@ -158,30 +158,28 @@ class Engine:
     def trip(self) -> dict[str, Any]:
         """Whether a limit that every body exceeds stops the run, and what a step saw: largest overlap and way over radius."""
         from thirdbody.errors import GuardStop
-        from thirdbody.kernels import layout as at
-        from thirdbody.kernels import rigid_body
-        from thirdbody.kernels.explicit import contact_forces
+        from thirdbody.kernels.columns import chunk_motion, contact_sums, domain
 
         self.go_back()
-        limit, self.state.D[at.D_GUARD_TRAVEL] = float(self.state.D[at.D_GUARD_TRAVEL]), 0.0
+        limit, self.state.D[domain.TRAVEL_GUARD] = float(self.state.D[domain.TRAVEL_GUARD]), 0.0
         stopped = False
         try:
             self._advance(1)
         except GuardStop:
             stopped = True
-        self.state.D[at.D_GUARD_TRAVEL] = limit
+        self.state.D[domain.TRAVEL_GUARD] = limit
         sums, moves = self.integrator.sums, self.integrator.moves
         return {
             "stopped": stopped,
-            "seen": [float(sums[:, contact_forces.SUM_OVERLAP].max()), float(moves[:, rigid_body.MOVE_STEP].max())],
+            "seen": [float(sums[:, contact_sums.MAX_OVERLAP].max()), float(moves[:, chunk_motion.MAX_TRAVEL].max())],
         }
 
     def bits(self) -> str:
         """A fingerprint of the state and its ledger. Of records only those of loaded contacts count: others are left over."""
-        from thirdbody.kernels import layout as at
+        from thirdbody.kernels.columns import contact_state
 
         now = self.snapshot()
-        now.arrays["slots_R"][now.arrays["slots_H"][:, at.H_ON] <= 0.0] = 0.0
+        now.arrays["slots_R"][now.arrays["slots_H"][:, contact_state.SLIP] <= 0.0] = 0.0
         digest = hashlib.sha256(repr((now.notes["dt"], now.notes["searches"])).encode())
         for name in sorted(now.arrays):
             digest.update(name.encode() + now.arrays[name].tobytes())

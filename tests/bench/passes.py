@@ -20,7 +20,8 @@ from numba import njit
 from thirdbody.engine.state import table
 from thirdbody.jit.options import NO_COUNTS
 from thirdbody.kernels import contact_geometry, contact_history, narrow_phase, rigid_body
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, domain, geometry, law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit import contact_dissipation, contact_forces, contact_tiles, drift_spheres, gather_forces
 from thirdbody.kernels.explicit import drift as motion
 from thirdbody.kernels.explicit.contact_forces import GROUP
@@ -139,13 +140,17 @@ class Tables:
         self.marks = np.empty((2, max(s.slots.count + contact_geometry.SPARE, BODIES)), np.int32)
         self.overlaps = np.full(s.slots.n_plates, 1e-9)  # m; what a plate's contact costs does not depend on it
         self.h, self.groups = len(s.physics.history), len(s.slots.lowest)
-        fields = (at.I_HISTORY + self.h + at.J_COLS, at.O_HISTORY + self.h + at.Q_COLS, at.G_COLS)
-        self.I, self.O, self.G = (table(n, at.TILE).ravel() for n in fields)
+        fields = (
+            law_input.HISTORY + self.h + rolling_input.WIDTH,
+            law_output.HISTORY + self.h + rolling_output.WIDTH,
+            geometry.WIDTH,
+        )
+        self.I, self.O, self.G = (table(n, TILE).ravel() for n in fields)
         behind = [max(s.slots.count - 1, 0)] * contact_geometry.SPARE  # as far as it is looked ahead
         self.touching = np.append(np.flatnonzero(self.closed == 1), behind).astype(np.int32)
         self.flat, self.paired = self._tiles(FLAT), self._tiles(PAIRED)
         self.tiles = np.concatenate((self.flat, self.paired))
-        length = max(s.D[at.D_LX], 0.0), max(s.D[at.D_LY], 0.0)
+        length = max(s.D[domain.LENGTH_X], 0.0), max(s.D[domain.LENGTH_Y], 0.0)
         self.periods = (*length, *(1.0 / x if x else 0.0 for x in length))
 
     def _tiles(self, side: int) -> np.ndarray:
@@ -153,7 +158,7 @@ class Tables:
         found = []
         for g in range(self.groups):
             first, last = np.searchsorted(self.touching[: -contact_geometry.SPARE], ends(g, self.slots.cuts, side))
-            found += [(t, min(at.TILE, last - t)) for t in range(first, last, at.TILE)]
+            found += [(t, min(TILE, last - t)) for t in range(first, last, TILE)]
         return np.array(found, np.int64).reshape(-1, 2)
 
 
@@ -166,7 +171,7 @@ def passes_of(k: Tables) -> list[Pass]:
 def drift_of(k: Tables) -> Pass:
     """Motion of the bodies, places of their spheres. Of a ball: B up to its orientation, both ways, but for what comes newly; of
     its sphere in a table of its own, the columns up to the last velocity."""
-    s, slots, round_ones = k.state, k.slots, k.B[:, at.B_BALL] != 0.0
+    s, slots, round_ones = k.state, k.slots, k.B[:, body.SPHERE_INERTIA] != 0.0
     many, clumps = int(round_ones.sum()), int((~round_ones).sum())
     placed = int(np.diff(slots.beginning)[~round_ones].sum())
     apart = 0 if k.S is k.B else 4 + 20
@@ -221,10 +226,10 @@ def fields_of(k: Tables) -> list[Pass]:
         tiled(k, "meet", contact_geometry.pair_geometry, k.paired, meeting, 10 + 11),
         tiled(k, "turn frames", contact_geometry.transport_frames, k.tiles, (dt, k.G), 13 + 6),
         tiled(k, "slide", contact_geometry.slip_increment, k.tiles, (dt, k.I, k.G), 31 + 5),
-        tiled(k, "law", law, k.tiles, laws, at.I_HISTORY + at.O_HISTORY + 2 * k.h, k.physics.law),
+        tiled(k, "law", law, k.tiles, laws, law_input.HISTORY + law_output.HISTORY + 2 * k.h, k.physics.law),
         *booking_of(k),
         tiled(k, "push", contact_geometry.force_and_torques, k.tiles, (k.I, k.O, k.G), 15 + 9),
-        slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * at.TILE, contact_forces.reduce_tile, 4),
+        slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * TILE, contact_forces.reduce_tile, 4),
     ]
 
 
@@ -304,7 +309,7 @@ def tiled(k: Tables, name: str, one: Any, tiles: np.ndarray, given: tuple, field
     """A pass over fields of tiles."""
     n = int(tiles[:, 1].sum())
     return Pass(name, lambda many: over_tiles(many, one, tiles, given), len(tiles), n, "contacts", 8 * fields * n,
-                8 * fields * at.TILE, [(counted or one, n)])  # fmt: skip
+                8 * fields * TILE, [(counted or one, n)])  # fmt: skip
 
 
 def slotted(k: Tables, name: str, one: Any, tiles: np.ndarray, given: tuple, each: int, tables: float, counted: Any,

@@ -14,7 +14,7 @@ import numpy as np
 from ensemble import WAY, Case, scene_of
 
 from thirdbody.engine.time_step import rayleigh_time
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import sphere
 from thirdbody.runner.simulate import prepare
 
 NAME, NS_PER_SPHERE_STEP, FRACTION = "LIGGGHTS 3.8.0", 58.0, 0.18
@@ -69,5 +69,5 @@ def ensemble_of(bodies: int) -> dict[str, float]:
     return {
         "bodies": bodies,
         "spheres_per_particle": state.n_spheres / state.n_bodies,
-        "rayleigh_of_smallest_sphere": float((unit * state.S[:, at.S_R]).min()),
+        "rayleigh_of_smallest_sphere": float((unit * state.spheres.radius).min()),
     }

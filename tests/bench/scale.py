@@ -22,7 +22,7 @@ import numpy as np
 from ensemble import Case, scene_of, spread_of, warm_up
 
 from thirdbody.errors import GuardStop
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import run_totals
 from thirdbody.runner.simulate import execute, prepare
 
 CLOCKED = {
@@ -56,7 +56,7 @@ def measure(case: Case, threads: int | None) -> dict[str, Any]:
         "seconds": seconds,
         "seconds_per_particle": seconds["slide"] / case.bodies,
         "steps_per_particle": summary["steps_per_body"],
-        "steps": spread_of(simulation.integrator.totals[:, at.A_STEPS]),
+        "steps": spread_of(simulation.integrator.totals[:, run_totals.STEPS]),
         "unsolved": len(summary["unsolved"]),
         "stopped": stopped,
         "disk": disk,

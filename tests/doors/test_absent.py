@@ -17,7 +17,7 @@ import pytest
 from steel import STEEL
 
 from thirdbody.build.simulation import Simulation, build
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import contact_state
 from thirdbody.laws.codegen.dependencies import plain, source_files
 from thirdbody.laws.codegen.tangents import tangent_module
 from thirdbody.laws.contract import Law
@@ -178,14 +178,18 @@ def test_a_level_without_friction_remembers_nothing():
     bare, rough = (build(scene(contact__law="hertz_mindlin", contact__level=level)) for level in ("frictionless", "mindlin"))
     assert bare.state.physics.history == ("viscous.force",)  # which the ledger needs, not a law
     assert set(rough.state.physics.history) == {"viscous.force", "mindlin.force_x", "mindlin.force_y", "mindlin.energy"}
-    assert rough.state.slots.H.shape[1] == bare.state.slots.H.shape[1] == at.H_COLS + 2 * rough.state.physics.contact_memory
+    assert (
+        rough.state.slots.H.shape[1]
+        == bare.state.slots.H.shape[1]
+        == contact_state.MIN_WIDTH + 2 * rough.state.physics.contact_memory
+    )
 
 
 def test_without_a_labeller_no_body_has_labels(tmp_path):
     bare, labelled = build(scene(), less("three_spot", labeller=None)), build(scene(), engine())
     assert modules(bare)["law"] == modules(labelled)["law"] and modules(bare)["effects"] == modules(labelled)["effects"]
     assert bare.state.physics.memory == bare.state.physics.contact_memory == 0
-    assert bare.state.slots.H.shape[1] == at.H_LAW + len(bare.state.physics.history) < labelled.state.slots.H.shape[1]
+    assert bare.state.slots.H.shape[1] == contact_state.LAW + len(bare.state.physics.history) < labelled.state.slots.H.shape[1]
     first, second = results(bare, tmp_path / "bare")[0], results(labelled, tmp_path / "labelled")[0]
     assert not any(word in name for name in first for word in ("state", "margin", "fraction"))
     added = ends(second.keys() - first.keys())

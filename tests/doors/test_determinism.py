@@ -14,9 +14,9 @@ from steel import STEEL
 
 import thirdbody
 from thirdbody.build.simulation import build
+from thirdbody.kernels.columns.sides import DEBRIS
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.step_loop import FEW
-from thirdbody.kernels.layout import DEBRIS
 from thirdbody.kernels.rigid_body import BODIES
 
 # Crowded, so that bodies collide; enough of them that the passes over contacts and bodies have several chunks.

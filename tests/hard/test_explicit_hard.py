@@ -11,7 +11,7 @@ from thirdbody_three_spot import theory
 
 from thirdbody.build.simulation import build
 from thirdbody.errors import GuardStop, InputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, contact_state, record, run_totals
 from thirdbody.runner.simulate import run
 from thirdbody.scene.model import ConstantVelocity, Contact, Domain, Motion, Scene, UpperPlate
 from thirdbody.trajectory.reader import open_run
@@ -54,19 +54,19 @@ def test_mass_ratio_of_a_million(make, heavy_first):
     materials = {"heavy": heavy, "light": light} if heavy_first else {"light": light, "heavy": heavy}
     radii = (10.0 * RADIUS, RADIUS) if heavy_first else (RADIUS, 10.0 * RADIUS)
     simulation, mass, radius, e, found = pair_impact(make, materials, radii, 1.0)
-    assert simulation.state.B[:, at.B_MASS].max() / simulation.state.B[:, at.B_MASS].min() == pytest.approx(1e6, rel=1e-9)
+    assert simulation.state.bodies.mass.max() / simulation.state.bodies.mass.min() == pytest.approx(1e6, rel=1e-9)
     # second order at 200 steps: 5e-5 of overlap and time (test_impacts)
     assert found.overlap.max() == pytest.approx(theory.impact_overlap(mass, radius, e, 1.0), rel=1e-4)
     assert found.end == pytest.approx(theory.impact_duration(mass, radius, e, 1.0), rel=1e-4)
-    masses = simulation.state.B[:, at.B_MASS]
+    masses = simulation.state.bodies.mass
     before = masses[0] * 1.0
     p, _ = make.momenta(simulation)
     # 200 steps with half a unit in the last place of the larger momentum each
     assert p[0] == pytest.approx(before, rel=1e-13)
     expected = (masses[0] - masses[1]) / masses.sum(), 2.0 * masses[0] / masses.sum()
-    for body in (0, 1):
+    for number in (0, 1):
         # the relative speed is exact to 1e-6 (test_impacts)
-        assert abs(make.velocity(simulation, body)[0] - expected[body]) < 2e-6 * max(abs(expected[0]), abs(expected[1]))
+        assert abs(make.velocity(simulation, number)[0] - expected[number]) < 2e-6 * max(abs(expected[0]), abs(expected[1]))
     assert np.all(make.spin(simulation) == 0.0)
 
 
@@ -104,7 +104,7 @@ def test_without_friction_a_dragged_ball_stays_where_it_is(make):
     one = [make.ball(RADIUS, (5.0, 5.0, RADIUS), spin=(3.0, 4.0, 5.0))]
     simulation = build(make.scene(one, {"ball": make.STEEL}, lower="ball", upper=upper, friction=0.0, restitution=0.5))
     simulation.integrator.advance_to(time=simulation.settle + 1e-3)
-    assert np.all(simulation.state.slots.R[:, at.R_T : at.R_T + 3] == 0.0)
+    assert np.all(simulation.state.slots.records.tangential_force == 0.0)
     assert np.all(make.velocity(simulation)[:2] == 0.0)
     # from the angular momentum and back: two roundings
     assert make.spin(simulation) == pytest.approx([3.0, 4.0, 5.0], rel=1e-15)
@@ -130,12 +130,12 @@ def test_no_level_makes_energy(make, level, friction, degrees, step, truncation)
 def test_a_contact_that_opened_remembers_nothing(make):
     simulation = make.ball_on_plane(make.STEEL, RADIUS, (1.0, 0.5, -1.0), friction=1e3, time_step=5e-8)
     make.advance(simulation, 50)
-    assert np.abs(simulation.state.slots.H[0, at.H_LAW : at.H_LAW + 3]).max() > 0.0
+    assert np.abs(simulation.state.slots.H[0, contact_state.LAW : contact_state.LAW + 3]).max() > 0.0
     make.leave(simulation, 1e-5)
     # but for the work and way of which the body is told at the next search
     assert np.all(simulation.state.slots.H == 0.0)
     # what the spring still held is booked as dissipated, not lost
-    assert simulation.state.A[at.A_FRICTION] > 0.0
+    assert simulation.state.A[run_totals.FRICTION_WORK] > 0.0
 
 
 PERIOD = 0.1
@@ -157,8 +157,12 @@ def crossing(make, corner):
     rows = []
     for _ in range(300):
         make.advance(simulation)
-        record = make.contact(simulation)
-        rows.append(np.concatenate([[record[at.R_FN]], record[at.R_T : at.R_T + 3], simulation.state.B[0, at.B_T : at.B_T + 3]]))
+        contact = make.contact(simulation)
+        rows.append(
+            np.concatenate(
+                [[contact[record.NORMAL_FORCE]], contact[record.TANGENTIAL_FORCE3], simulation.state.bodies.torque[0]]
+            )
+        )
     return np.array(rows)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, contact_state, record, run_totals
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Pause, Ramp, Spots, Stroke
 
 LEVELS = ("coulomb", "mindlin", "mdr", "exact")
@@ -63,7 +63,7 @@ def follow(make, simulation, stops, kind="distance", load=LOAD, gained=1e-3):
         target = {"distance": stop} if kind == "distance" else {"time": simulation.settle + stop}
         simulation.integrator.advance_to(**target, watch=lambda: ledger.watch(state))
         labels.append(make.label(simulation))
-        rows.append((-state.A[at.A_UPPER] / load, state.A[at.A_FRICTION]))
+        rows.append((-state.A[run_totals.UPPER_FORCE] / load, state.A[run_totals.FRICTION_WORK]))
         contacts.add(tuple(make.touching(simulation)))
         for table in (state.S, state.B, state.P, state.A, state.slots.H):
             assert np.all(np.isfinite(table))
@@ -86,26 +86,26 @@ def test_symmetric_particle_slides_below_its_limit(make, level):
     course = follow(make, simulation, WAY)
     assert course.labels[-1] == "sliding"
     assert course.force[-1] == pytest.approx(0.3, rel=1e-4)  # what the dashpot of the patch carries
-    assert simulation.state.B[0, at.B_X + 1] == PLACE[1]  # planar to the last bit
+    assert simulation.state.bodies.position[0, 1] == PLACE[1]  # planar to the last bit
 
 
 def test_symmetric_particle_pressed_only_does_nothing(make):
     simulation = start(make, particle([0.0], [-SPAN, SPAN]), Motion(), settle=2e-5)
     assert follow(make, simulation, [2e-5, 4e-5], "time").labels == ["sticking", "sticking"]
     # mirror images add up in opposite order: rounding
-    assert abs(simulation.state.B[0, at.B_X] - PLACE[0]) < 1e-18 + 1e-15 * PLACE[0]
-    assert np.all(np.abs(simulation.state.B[0, at.B_W : at.B_W + 3]) < 1e-6)
+    assert abs(simulation.state.bodies.position[0, 0] - PLACE[0]) < 1e-18 + 1e-15 * PLACE[0]
+    assert np.all(np.abs(simulation.state.bodies.spin[0]) < 1e-6)
 
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_both_sides_slide_with_equal_friction(make, level):
     """Neutral: whether the body rides on one plate or the other is undecided; the force and the label are not."""
-    body = particle([-SPAN, SPAN], [-SPAN, SPAN])
-    simulation = start(make, body, drag(), level=level)
+    one = particle([-SPAN, SPAN], [-SPAN, SPAN])
+    simulation = start(make, one, drag(), level=level)
     course = follow(make, simulation, WAY)
     assert set(course.labels[1:]) == {"sliding"}
     assert course.force[-1] == pytest.approx(0.3, rel=1e-4)
-    moved = simulation.state.B[0, at.B_X] - PLACE[0]
+    moved = simulation.state.bodies.position[0, 0] - PLACE[0]
     assert -1e-8 < moved < WAY[-1] + 1e-8
 
 
@@ -131,12 +131,12 @@ def test_above_t_max_it_tips(make, level):
 
 @pytest.mark.parametrize("level", LEVELS)
 def test_without_friction_nothing_is_dragged(make, level):
-    body = tripod(make)
-    simulation = start(make, body, drag(), level=level, friction=0.0)
+    one = tripod(make)
+    simulation = start(make, one, drag(), level=level, friction=0.0)
     assert set(follow(make, simulation, WAY).labels) == {"sliding"}
-    assert np.all(simulation.state.slots.R[:, at.R_T : at.R_T + 3] == 0.0)
-    assert simulation.state.A[at.A_FRICTION] == 0.0
-    assert np.all(simulation.state.B[0, [at.B_X, at.B_X + 1]] == PLACE)
+    assert np.all(simulation.state.slots.records.tangential_force == 0.0)
+    assert simulation.state.A[run_totals.FRICTION_WORK] == 0.0
+    assert np.all(simulation.state.B[0, [body.POSITION, body.POSITION + 1]] == PLACE)
 
 
 @pytest.mark.parametrize("level", LEVELS)
@@ -179,7 +179,7 @@ def test_rocking_body_loses_and_finds_spots(make, level, tolerance, gained):
     course = follow(make, simulation, np.arange(1, 41) * 2.5e-7, gained=gained)
     assert len(course.contacts) > 2, "no spot came or went"
     # the history of an open spot is forgotten
-    open_spots = simulation.state.slots.H[:, at.H_ON] == 0.0
+    open_spots = simulation.state.slots.histories.slip == 0.0
     assert np.all(simulation.state.slots.H[open_spots] == 0.0)
 
 
@@ -228,13 +228,13 @@ def test_pause_leaves_a_body_sticking(make, level):
 def test_weight_and_drag_act_while_nothing_else_does(make):
     """Gravity of a tenth of the load: the lower side carries both, the upper the load, and the upper slides."""
     gravity = (0.0, 0.0, -0.1 * LOAD / 1e-13)
-    body = particle([-SPAN, SPAN], [-SPAN, SPAN])
-    simulation = start(make, body, drag(), effects=Effects(gravity=gravity))
+    one = particle([-SPAN, SPAN], [-SPAN, SPAN])
+    simulation = start(make, one, drag(), effects=Effects(gravity=gravity))
     assert follow(make, simulation, WAY).labels[-1] == "sliding"
     A = simulation.state.A
-    assert abs(A[at.A_LOWER + 2] / A[at.A_UPPER + 2]) == pytest.approx(1.1, rel=1e-4)
-    assert abs(A[at.A_UPPER] / A[at.A_UPPER + 2]) == pytest.approx(0.3, rel=1e-6)
-    assert simulation.state.B[0, at.B_X] - PLACE[0] < 1e-8  # it stays with the lower plate
+    assert abs(A[run_totals.LOWER_FORCE + 2] / A[run_totals.UPPER_FORCE + 2]) == pytest.approx(1.1, rel=1e-4)
+    assert abs(A[run_totals.UPPER_FORCE] / A[run_totals.UPPER_FORCE + 2]) == pytest.approx(0.3, rel=1e-6)
+    assert simulation.state.bodies.position[0, 0] - PLACE[0] < 1e-8  # it stays with the lower plate
 
 
 @pytest.mark.parametrize("tolerance, gained", [(5e-4, 5e-3), (3e-5, 1e-3)])

@@ -19,7 +19,7 @@ from trajectories import contents
 import thirdbody
 from thirdbody.engine import implicit
 from thirdbody.errors import Interrupted
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import run_totals
 from thirdbody.runner.checkpoint import FILE
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
@@ -65,7 +65,7 @@ def test_a_run_cut_within_a_batch_goes_on_to_the_same_bits(tmp_path, monkeypatch
     simulation, looks = prepare(scene_of(60, "2 um")), itertools.count()
     with pytest.raises(Interrupted, match=r"thirdbody\.resume\("):
         execute(simulation, tmp_path / "cut", stop=lambda: next(looks) > 20)
-    times = simulation.integrator.totals[:, at.A_TIME]
+    times = simulation.integrator.totals[:, run_totals.TIME]
     assert len(set(times)) > 10  # bodies stopped on their way, each at a time of its own
     monkeypatch.setattr(implicit, "CALL", math.inf)
     simulation, kept = prepare_resume(tmp_path / "cut")

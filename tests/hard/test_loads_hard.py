@@ -9,7 +9,7 @@ import pytest
 
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, run_totals
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause
 
@@ -47,7 +47,7 @@ def test_a_load_that_vanishes_comes_back_and_jumps(make, integrator, support):
     pushes = []
     for t in (2.5e-7, 4.8e-7, 9.8e-7, END):
         simulation.integrator.advance_to(time=simulation.settle + t, watch=lambda: ledger.watch(state))
-        pushes.append(float(state.A[at.A_UPPER + 2]))
+        pushes.append(float(state.A[run_totals.UPPER_FORCE + 2]))
         for table in (state.S, state.B, state.P, state.A, state.slots.H):
             assert np.all(np.isfinite(table))
     # a rigid plate and a foundation share what load_per_particle gives to each
@@ -69,7 +69,7 @@ def test_both_integrators_agree(make):
     for integrator in ("explicit", "implicit"):
         simulation = start(make, "load_per_particle", integrator)
         simulation.integrator.advance_to(time=simulation.settle + END)
-        places.append(simulation.state.B[:, at.B_X].copy())
+        places.append(simulation.state.bodies.position[:, 0].copy())
     assert np.abs(places[1] - places[0]).max() < 0.01 * END
 
 

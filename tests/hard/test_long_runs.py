@@ -10,7 +10,7 @@ import pytest
 import thirdbody
 from thirdbody.build.simulation import Simulation
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, run_totals
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion
 
@@ -25,17 +25,17 @@ def drift(simulation: Simulation, steps: int) -> tuple[float, float, float]:
     """
     state, ledger = simulation.state, Ledger(simulation.state)
     start, gravity = momentum(simulation), np.array(simulation.scene.effects.gravity or (0.0, 0.0, 0.0))
-    mass = float(state.B[:, at.B_MASS].sum())
+    mass = float(state.bodies.mass.sum())
     worst = np.zeros(3)
     exchanged, before = 0.0, np.zeros(6)
     for look in range(1, LOOKS + 1):
-        while state.A[at.A_STEPS] < steps * look / LOOKS:
+        while state.A[run_totals.STEPS] < steps * look / LOOKS:
             simulation.integrator.advance_to(time=state.time + 500.0 * state.dt, watch=lambda: ledger.watch(state))
-        given = state.A[at.A_IMPULSE : at.A_IMPULSE + 6].copy()
+        given = state.A[run_totals.UPPER_IMPULSE : run_totals.UPPER_IMPULSE + 6].copy()
         exchanged += float(np.abs(given - before).sum())
         before = given
         gained = momentum(simulation) - start + given[:3] + given[3:] - mass * gravity * state.time
-        norms = np.linalg.norm(state.B[:, at.B_Q : at.B_Q + 4], axis=1)
+        norms = np.linalg.norm(state.bodies.quaternion, axis=1)
         residual = ledger.relative_residual(state, ledger.lines(state)["residual"])
         worst = np.maximum(worst, [residual, np.abs(norms - 1.0).max(), np.abs(gained).max() / exchanged])
         assert np.all(np.isfinite(state.B)) and np.all(np.isfinite(state.slots.H))
@@ -46,7 +46,7 @@ def drift(simulation: Simulation, steps: int) -> tuple[float, float, float]:
 
 def momentum(simulation: Simulation) -> np.ndarray:
     B = simulation.state.B
-    return np.asarray(B[:, [at.B_MASS]] * B[:, at.B_V : at.B_V + 3]).sum(axis=0)
+    return np.asarray(B[:, [body.MASS]] * B[:, body.VELOCITY3]).sum(axis=0)
 
 
 @pytest.mark.hard

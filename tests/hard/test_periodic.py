@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from thirdbody.build.simulation import build
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body
 from thirdbody.scene.model import Domain
 
 RADIUS, LENGTH, WIDTH, COUNT = 1e-3, 8e-3, 6e-3, 14
@@ -33,9 +33,9 @@ def world(make, length, shifts):
 
 def test_a_doubled_box_moves_alike(make):
     one, two = world(make, LENGTH, (0.0,)), world(make, 2.0 * LENGTH, (0.0, LENGTH))
-    columns = [*range(at.B_V, at.B_V + 3), *range(at.B_W, at.B_W + 3)]
-    assert np.any(one.state.B[:, at.B_WORK] > 0.0), "balls have rubbed on each other"
-    crossed = (one.state.B[:, at.B_X] < 0.0) | (one.state.B[:, at.B_X] > LENGTH)
+    columns = [*range(body.VELOCITY, body.VELOCITY + 3), *range(body.SPIN, body.SPIN + 3)]
+    assert np.any(one.state.bodies.friction_work > 0.0), "balls have rubbed on each other"
+    crossed = (one.state.bodies.position[:, 0] < 0.0) | (one.state.bodies.position[:, 0] > LENGTH)
     assert crossed.any(), "some balls are beyond a face"
     scale = np.abs(one.state.B[:, columns]).max(axis=0)
     for copy in (slice(0, COUNT), slice(COUNT, 2 * COUNT)):

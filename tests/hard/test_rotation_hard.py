@@ -10,7 +10,7 @@ from thirdbody_three_spot import theory
 
 from thirdbody.build.simulation import build
 from thirdbody.engine.state import angular_momentum, rotation_matrices
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, record, run_totals
 
 RADIUS = 1e-3
 
@@ -34,12 +34,14 @@ def turned_pair(make, axis, count):
     step = 1e-7
     simulation = build(make.scene(make_pair(make), {"ball": make.STEEL}, friction=0.5, time_step=step), force=True)
     B, E = simulation.state.B, simulation.state.E
-    B[:, at.B_MASS] = E[:, at.E_I] = E[:, at.E_I + 1] = E[:, at.E_I + 2] = B[:, at.B_BALL] = 1e30
+    B[:, body.MASS] = E[:, body_extra.INERTIA] = E[:, body_extra.INERTIA + 1] = E[:, body_extra.INERTIA + 2] = B[
+        :, body.SPHERE_INERTIA
+    ] = 1e30
 
     def drive(target, spin=(0.0, 0.0, 0.0)):
-        B[:, at.B_V : at.B_V + 3] = (target - B[:, at.B_X : at.B_X + 3]) / step
-        B[:, at.B_W : at.B_W + 3] = spin
-        E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
+        B[:, body.VELOCITY3] = (target - B[:, body.POSITION3]) / step
+        B[:, body.SPIN3] = spin
+        E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
         make.advance(simulation)
         return make.contact(simulation)
 
@@ -49,13 +51,13 @@ def turned_pair(make, axis, count):
     centres = offset * (RADIUS - 5e-6)
     for k in range(1, 21):
         before = drive(centres + offset[:, [1, 2, 0]] * 3e-7 * k / 20)
-    centres, work = B[:, at.B_X : at.B_X + 3].copy(), simulation.state.A[at.A_FRICTION]
+    centres, work = B[:, body.POSITION3].copy(), simulation.state.A[run_totals.FRICTION_WORK]
     for k in range(1, count + 1):
         turn = rotation(axis, 2.0 * k / count)
         after = drive(centres @ turn.T, axis * 2.0 / count / step)
-    stored = before[at.R_STORED_T]
-    made = simulation.state.A[at.A_FRICTION] - work, after[at.R_STORED_T] - stored
-    return before[at.R_T : at.R_T + 3], after[at.R_T : at.R_T + 3], turn, np.abs(made) / stored
+    stored = before[record.STORED_TANGENTIAL]
+    made = simulation.state.A[run_totals.FRICTION_WORK] - work, after[record.STORED_TANGENTIAL] - stored
+    return before[record.TANGENTIAL_FORCE3], after[record.TANGENTIAL_FORCE3], turn, np.abs(made) / stored
 
 
 @pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 2.0, -2.0)])
@@ -82,9 +84,9 @@ def spinning_flake(make, step):
     """A thin body, I_3 close to I_1 + I_2, spinning about its axis with a wobble."""
     simulation = build(make.scene([make.ball(1.0, (0.0, 0.0, 0.0))], {"ball": make.STEEL}, time_step=step), force=True)
     B, E = simulation.state.B, simulation.state.E
-    E[:, at.E_I : at.E_I + 3], B[:, at.B_BALL] = FLAKE, 0.0
-    B[:, at.B_W : at.B_W + 3] = WOBBLE
-    E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
+    E[:, body_extra.INERTIA3], B[:, body.SPHERE_INERTIA] = FLAKE, 0.0
+    B[:, body.SPIN3] = WOBBLE
+    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
     return simulation
 
 
@@ -92,11 +94,11 @@ def spinning_flake(make, step):
 def test_quaternion_and_momentum_over_many_steps(make, steps):
     simulation = spinning_flake(make, 0.05)
     B, E = simulation.state.B, simulation.state.E
-    momentum, energy = E[0, at.E_L : at.E_L + 3].copy(), make.kinetic(simulation)
+    momentum, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), make.kinetic(simulation)
     simulation.integrator.advance_to(time=(steps - 0.5) * 0.05)
-    assert simulation.state.A[at.A_STEPS] == steps
-    assert abs(np.linalg.norm(B[0, at.B_Q : at.B_Q + 4]) - 1.0) < 1e-12
-    assert np.array_equal(E[0, at.E_L : at.E_L + 3], momentum)
+    assert simulation.state.A[run_totals.STEPS] == steps
+    assert abs(np.linalg.norm(B[0, body.QUATERNION4]) - 1.0) < 1e-12
+    assert np.array_equal(E[0, body_extra.ANGULAR_MOMENTUM3], momentum)
     # no drift: the splitting's energy error stays (omega dt)^2/12, whatever the time
     assert make.kinetic(simulation) == pytest.approx(energy, rel=0.05**2 / 12.0)
 
@@ -108,8 +110,8 @@ def test_spinning_flake_keeps_its_period(make):
     while simulation.state.time < 10.6 * period:
         make.advance(simulation)
         B = simulation.state.B
-        turn = rotation_matrices(B[:1, at.B_Q : at.B_Q + 4])[0]
-        rows.append((simulation.state.time, (turn.T @ B[0, at.B_W : at.B_W + 3])[0]))
+        turn = rotation_matrices(B[:1, body.QUATERNION4])[0]
+        rows.append((simulation.state.time, (turn.T @ B[0, body.SPIN3])[0]))
     time, first = np.array(rows).T
     k = np.flatnonzero((first[:-1] < 0.0) & (first[1:] >= 0.0))
     zeros = time[k] - first[k] * (time[k + 1] - time[k]) / (first[k + 1] - first[k])

@@ -1,6 +1,6 @@
 """The motion of one rigid body by velocity Verlet, in Python floats: kick, drift, turn, and where its spheres are.
 
-Rows are lists of floats with the columns of `thirdbody.kernels.layout`. What the engine does for 64 bodies field by field is
+Rows are lists of floats with the columns of `thirdbody.kernels.columns`. What the engine does for 64 bodies field by field is
 done here for one body.
 """
 
@@ -9,12 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, sphere
 
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-E_L, E_ARM, E_I, E_PUSH, E_EF, E_ET = (at.B_COLS + c for c in (at.E_L, at.E_ARM, at.E_I, at.E_PUSH, at.E_EF, at.E_ET))
+ANGULAR_MOMENTUM, REACH, INERTIA, UPPER_PUSH, EFFECT_FORCE, EFFECT_TORQUE = (
+    body.WIDTH + c
+    for c in (
+        body_extra.ANGULAR_MOMENTUM,
+        body_extra.REACH,
+        body_extra.INERTIA,
+        body_extra.UPPER_PUSH,
+        body_extra.EFFECT_FORCE,
+        body_extra.EFFECT_TORQUE,
+    )
+)
 """Columns of E: a row of a body is that of B, and behind it that of E."""
 
 LEAST_SPEED, LEAST_SPIN, LEAST_MOMENTUM = 1e-60, 1e-60, 1e-90
@@ -103,43 +113,41 @@ def turned(q: Quaternion, r: Vector) -> Quaternion:
 
 def quaternion(B: list[float]) -> Quaternion:
     """Orientation of a body."""
-    return B[at.B_Q], B[at.B_Q + 1], B[at.B_Q + 2], B[at.B_Q + 3]
+    return B[body.QUATERNION], B[body.QUATERNION + 1], B[body.QUATERNION + 2], B[body.QUATERNION + 3]
 
 
 def see_spin(B: list[float]) -> None:
     """The angular velocity of a body from its momentum, rad/s; of a ball the momentum from the velocity."""
-    if B[at.B_BALL] != 0.0:
-        B[E_L : E_L + 3] = [B[at.B_BALL] * B[at.B_W + k] for k in range(3)]
+    if B[body.SPHERE_INERTIA] != 0.0:
+        B[ANGULAR_MOMENTUM : ANGULAR_MOMENTUM + 3] = [B[body.SPHERE_INERTIA] * B[body.SPIN + k] for k in range(3)]
     else:
-        B[at.B_W : at.B_W + 3] = spin(quaternion(B), three(B, E_L), three(B, E_I))
+        B[body.SPIN3] = spin(quaternion(B), three(B, ANGULAR_MOMENTUM), three(B, INERTIA))
 
 
 def is_ball(B: list[float], offsets: Sequence[Vector]) -> bool:
     """Whether a body is spheres round one point with one moment of inertia: it turns without a matrix."""
-    inertia = three(B, E_I)
+    inertia = three(B, INERTIA)
     return all(offset == (0.0, 0.0, 0.0) for offset in offsets) and inertia[0] == inertia[1] == inertia[2]
 
 
-def place(
-    sphere: list[float], offset: Vector, B: list[float], v: Vector, w: Vector, end: tuple[Vector, Vector], h: float
-) -> None:
+def place(row: list[float], offset: Vector, B: list[float], v: Vector, w: Vector, end: tuple[Vector, Vector], h: float) -> None:
     """Put a sphere where its body is: v, w of the step act at its arm of h seconds ago, those of the `end` at that of now."""
     turn = rows_of(quaternion(B))
     arm = dot(turn[0], offset), dot(turn[1], offset), dot(turn[2], offset)
     way = cross(w, arm)
     middle = arm[0] - h * way[0], arm[1] - h * way[1], arm[2] - h * way[2]
-    sphere[at.S_X : at.S_X + 3] = added(three(B, at.B_X), arm)
-    sphere[at.S_U : at.S_U + 3] = carried(v, w, middle)
-    sphere[at.S_W : at.S_W + 3] = w
-    sphere[at.S_V : at.S_V + 3] = carried(end[0], end[1], arm)
-    sphere[at.S_O : at.S_O + 3] = end[1]
-    if len(sphere) == at.S_COLS:
-        sphere[at.S_ARM : at.S_ARM + 3] = arm
+    row[sphere.POSITION3] = added(three(B, body.POSITION), arm)
+    row[sphere.MID_VELOCITY3] = carried(v, w, middle)
+    row[sphere.MID_SPIN3] = w
+    row[sphere.END_VELOCITY3] = carried(end[0], end[1], arm)
+    row[sphere.END_SPIN3] = end[1]
+    if len(row) == sphere.WIDTH:
+        row[sphere.ARM3] = arm
 
 
-def arm_of(sphere: list[float]) -> Vector:
+def arm_of(row: list[float]) -> Vector:
     """The centre of a sphere from its body's centre of mass; a row that tells of both has none."""
-    return three(sphere, at.S_ARM) if len(sphere) == at.S_COLS else (0.0, 0.0, 0.0)
+    return three(row, sphere.ARM) if len(row) == sphere.WIDTH else (0.0, 0.0, 0.0)
 
 
 def carried(v: Vector, w: Vector, r: Vector) -> Vector:
@@ -150,40 +158,40 @@ def carried(v: Vector, w: Vector, r: Vector) -> Vector:
 def place_now(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector]) -> None:
     """The spin of a synchronised body and its spheres, all with the velocities of now."""
     see_spin(B)
-    v, w = three(B, at.B_V), three(B, at.B_W)
-    for sphere, offset in zip(spheres, offsets, strict=True):
-        place(sphere, offset, B, v, w, (v, w), 0.0)
+    v, w = three(B, body.VELOCITY), three(B, body.SPIN)
+    for sphere_number, offset in zip(spheres, offsets, strict=True):
+        place(sphere_number, offset, B, v, w, (v, w), 0.0)
 
 
-def drift_ball(B: list[float], sphere: list[float], dt: float) -> None:
+def drift_ball(B: list[float], row: list[float], dt: float) -> None:
     """Half kick and full drift of a ball."""
     half = 0.5 * dt
-    change = [half / B[at.B_MASS] * f for f in three(B, at.B_F)]
-    turn = [half / B[at.B_BALL] * t for t in three(B, at.B_T)]
-    v = [B[at.B_V + k] + change[k] for k in range(3)]
-    w = [B[at.B_W + k] + turn[k] for k in range(3)]
-    B[at.B_X : at.B_X + 3] = x = [B[at.B_X + k] + dt * v[k] for k in range(3)]
-    B[at.B_V : at.B_V + 3], B[at.B_W : at.B_W + 3] = v, w
-    sphere[at.S_X : at.S_X + 3], sphere[at.S_U : at.S_U + 3], sphere[at.S_W : at.S_W + 3] = x, v, w
-    sphere[at.S_V : at.S_V + 3] = [v[k] + change[k] for k in range(3)]
-    sphere[at.S_O : at.S_O + 3] = [w[k] + turn[k] for k in range(3)]
-    B[at.B_Q : at.B_Q + 4] = turned(quaternion(B), (dt * w[0], dt * w[1], dt * w[2]))
+    change = [half / B[body.MASS] * f for f in three(B, body.FORCE)]
+    turn = [half / B[body.SPHERE_INERTIA] * t for t in three(B, body.TORQUE)]
+    v = [B[body.VELOCITY + k] + change[k] for k in range(3)]
+    w = [B[body.SPIN + k] + turn[k] for k in range(3)]
+    B[body.POSITION3] = x = [B[body.POSITION + k] + dt * v[k] for k in range(3)]
+    B[body.VELOCITY3], B[body.SPIN3] = v, w
+    row[sphere.POSITION3], row[sphere.MID_VELOCITY3], row[sphere.MID_SPIN3] = x, v, w
+    row[sphere.END_VELOCITY3] = [v[k] + change[k] for k in range(3)]
+    row[sphere.END_SPIN3] = [w[k] + turn[k] for k in range(3)]
+    B[body.QUATERNION4] = turned(quaternion(B), (dt * w[0], dt * w[1], dt * w[2]))
 
 
 def drift_body(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector], dt: float) -> None:
     """Half kick and full drift of any body, and its spheres with the velocities of the step and those foretold for its end."""
-    half, kick = 0.5 * dt, 0.5 * dt / B[at.B_MASS]
-    force, torque, inertia, before = three(B, at.B_F), three(B, at.B_T), three(B, E_I), quaternion(B)
-    v = added(three(B, at.B_V), force, kick)
-    momentum = added(three(B, E_L), torque, half)
+    half, kick = 0.5 * dt, 0.5 * dt / B[body.MASS]
+    force, torque, inertia, before = three(B, body.FORCE), three(B, body.TORQUE), three(B, INERTIA), quaternion(B)
+    v = added(three(B, body.VELOCITY), force, kick)
+    momentum = added(three(B, ANGULAR_MOMENTUM), torque, half)
     after = turned_freely(before, momentum, inertia, dt)
     w_0, w_1 = spin(before, momentum, inertia), spin(after, momentum, inertia)
     w = 0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2])
-    B[at.B_X : at.B_X + 3] = added(three(B, at.B_X), v, dt)
-    B[at.B_V : at.B_V + 3], B[E_L : E_L + 3], B[at.B_Q : at.B_Q + 4] = v, momentum, after
+    B[body.POSITION3] = added(three(B, body.POSITION), v, dt)
+    B[body.VELOCITY3], B[ANGULAR_MOMENTUM : ANGULAR_MOMENTUM + 3], B[body.QUATERNION4] = v, momentum, after
     end = added(v, force, kick), spin(after, added(momentum, torque, half), inertia)
-    for sphere, offset in zip(spheres, offsets, strict=True):
-        place(sphere, offset, B, v, w, end, 0.5 * dt)
+    for sphere_number, offset in zip(spheres, offsets, strict=True):
+        place(sphere_number, offset, B, v, w, end, 0.5 * dt)
 
 
 def drift(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector], dt: float) -> None:
@@ -192,22 +200,29 @@ def drift(B: list[float], spheres: list[list[float]], offsets: Sequence[Vector],
         drift_ball(B, spheres[0], dt)
     else:
         drift_body(B, spheres, offsets, dt)
-    for column in (at.B_F, at.B_T):  # the contacts add them up anew
+    for column in (body.FORCE, body.TORQUE):  # the contacts add them up anew
         B[column : column + 3] = 0.0, 0.0, 0.0
-    B[E_PUSH] = 0.0
+    B[UPPER_PUSH] = 0.0
 
 
 def act(B: list[float], force: Vector, torque: Vector) -> None:
     """Add a force and a torque about the centre of mass to those on a body."""
-    for column, push in ((at.B_F, force), (at.B_T, torque)):
+    for column, push in ((body.FORCE, force), (body.TORQUE, torque)):
         B[column : column + 3] = added(three(B, column), push)
 
 
 def kick(B: list[float], force: Vector, torque: Vector, dt: float) -> None:
     """Closing half kick of a body."""
     half = 0.5 * dt
-    inertia, turn, least = (B[at.B_BALL], at.B_W, LEAST_SPIN) if B[at.B_BALL] != 0.0 else (1.0, E_L, LEAST_MOMENTUM)
-    for column, push, share, limit in ((at.B_V, force, half / B[at.B_MASS], LEAST_SPEED), (turn, torque, half / inertia, least)):
+    inertia, turn, least = (
+        (B[body.SPHERE_INERTIA], body.SPIN, LEAST_SPIN)
+        if B[body.SPHERE_INERTIA] != 0.0
+        else (1.0, ANGULAR_MOMENTUM, LEAST_MOMENTUM)
+    )
+    for column, push, share, limit in (
+        (body.VELOCITY, force, half / B[body.MASS], LEAST_SPEED),
+        (turn, torque, half / inertia, least),
+    ):
         for k in range(3):
             moved = B[column + k] + share * push[k]
             B[column + k] = 0.0 if abs(moved) <= limit else moved  # what is not a number is not hidden

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from scalar_bodies import Vector, added, arm_of, cross, dot, three
 from scalar_laws import Answer, Laws
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import contact_state, patch, record, sphere
 from thirdbody.laws.contract import Contact, Turn
 
 
@@ -52,21 +52,21 @@ def image(d: float, length: float) -> float:
 
 def between(a: list[float], b: list[float], world: Surroundings) -> Vector:
     """From the centre of sphere b to that of a."""
-    d = [a[at.S_X + k] - b[at.S_X + k] for k in range(3)]
+    d = [a[sphere.POSITION + k] - b[sphere.POSITION + k] for k in range(3)]
     return image(d[0], world.l_x), image(d[1], world.l_y), d[2]
 
 
-def plate_overlap(sphere: list[float], partner: int, P: list[list[float]]) -> float:
+def plate_overlap(row: list[float], partner: int, P: list[list[float]]) -> float:
     """Overlap of a sphere with the plate -1, the lower one, or with patch p of the upper one, -2 - p."""
-    z, r = sphere[at.S_Z], sphere[at.S_R]
-    return r - z if partner == -1 else r - (P[-partner - 2][at.P_Z] - z)
+    z, r = row[sphere.Z], row[sphere.RADIUS]
+    return r - z if partner == -1 else r - (P[-partner - 2][patch.HEIGHT] - z)
 
 
 def touches(S: list[list[float]], i: int, j: int, world: Surroundings) -> bool:
     """Whether a candidate is closed."""
     if j < 0:
         return plate_overlap(S[i], j, world.P) > 0.0
-    d, reach = between(S[i], S[j], world), S[i][at.S_R] + S[j][at.S_R]
+    d, reach = between(S[i], S[j], world), S[i][sphere.RADIUS] + S[j][sphere.RADIUS]
     return reach * reach - dot(d, d) > 0.0
 
 
@@ -78,26 +78,35 @@ def frame_of(S: list[list[float]], i: int, j: int, world: Surroundings) -> Frame
 def with_plate(a: list[float], partner: int, world: Surroundings) -> Frame:
     """A sphere and a plate, which neither turns nor has a mass."""
     up = 1.0 if partner < -1 else 0.0
-    plate = up * world.v_x, up * world.v_y, up * world.P[max(-partner - 2, 0)][at.P_V]
-    n, r, overlap = (0.0, 0.0, 1.0 - 2.0 * up), a[at.S_R], plate_overlap(a, partner, world.P)
+    plate = up * world.v_x, up * world.v_y, up * world.P[max(-partner - 2, 0)][patch.VELOCITY]
+    n, r, overlap = (0.0, 0.0, 1.0 - 2.0 * up), a[sphere.RADIUS], plate_overlap(a, partner, world.P)
 
     def motion(velocity: int, spin: int) -> tuple[Vector, Vector, Vector]:
         w = three(a, spin)
         return added(three(a, velocity), plate, -1.0), w, (r * w[0], r * w[1], r * w[2])
 
-    return Frame(overlap, n, n, (r - 0.5 * overlap, 0.0), r, a[at.S_MASS], motion(at.S_U, at.S_W), motion(at.S_V, at.S_O))
+    return Frame(
+        overlap,
+        n,
+        n,
+        (r - 0.5 * overlap, 0.0),
+        r,
+        a[sphere.MASS],
+        motion(sphere.MID_VELOCITY, sphere.MID_SPIN),
+        motion(sphere.END_VELOCITY, sphere.END_SPIN),
+    )
 
 
 def with_sphere(a: list[float], b: list[float], world: Surroundings) -> Frame:
     """Two spheres. The slip of a step belongs to its middle, hence the second normal."""
-    way, r_i, r_j, m_i, m_j = between(a, b, world), a[at.S_R], b[at.S_R], a[at.S_MASS], b[at.S_MASS]
+    way, r_i, r_j, m_i, m_j = between(a, b, world), a[sphere.RADIUS], b[sphere.RADIUS], a[sphere.MASS], b[sphere.MASS]
 
     def motion(velocity: int, spin: int) -> tuple[Vector, Vector, Vector]:
         w_i, w_j = three(a, spin), three(b, spin)
         rolled = (r_i * w_i[0] + r_j * w_j[0], r_i * w_i[1] + r_j * w_j[1], r_i * w_i[2] + r_j * w_j[2])
         return added(three(a, velocity), three(b, velocity), -1.0), added(w_i, w_j), rolled
 
-    moved = motion(at.S_U, at.S_W)
+    moved = motion(sphere.MID_VELOCITY, sphere.MID_SPIN)
     distance = math.sqrt(dot(way, way))
     inverse, reach = 1.0 / max(distance, 1e-300), r_i + r_j
     overlap = reach - distance
@@ -106,7 +115,7 @@ def with_sphere(a: list[float], b: list[float], world: Surroundings) -> Frame:
     back = 1.0 / max(math.sqrt(dot(past, past)), 1e-300)
     return Frame(
         overlap, scaled(way, inverse), scaled(past, back), (r_i - 0.5 * overlap, r_j - 0.5 * overlap), r_i * r_j / reach,
-        m_i * m_j / (m_i + m_j), moved, motion(at.S_V, at.S_O),
+        m_i * m_j / (m_i + m_j), moved, motion(sphere.END_VELOCITY, sphere.END_SPIN),
     )  # fmt: skip
 
 
@@ -117,11 +126,11 @@ def scaled(a: Vector, factor: float) -> Vector:
 
 def carry(frame: Frame, memory: Sequence[float], dt: float) -> None:
     """Turn the remembered axis with the contact, or choose one at first touch; the other is normal times it."""
-    n, p, e = frame.n, frame.middle, three(memory, at.H_E)
+    n, p, e = frame.n, frame.middle, three(memory, contact_state.AXIS)
     twist = 0.5 * dt
     twist *= dot(frame.moved[1], p)
     e = added(e, cross(p, e), twist)
-    if memory[at.H_ON] == 0.0:
+    if memory[contact_state.SLIP] == 0.0:
         e = (1.0, 0.0, 0.0) if abs(n[2]) > 0.5 else (0.0, 0.0, 1.0)
     along = dot(e, n) / dot(p, n)
     e = e[0] - along * p[0], e[1] - along * p[1], e[2] - along * p[2]
@@ -145,13 +154,13 @@ def rolling(S: list[list[float]], i: int, j: int, frame: Frame, world: Surroundi
         w = three(S[i], column)
         return w if j < 0 else added(w, three(S[j], column), -1.0)
 
-    w, end = relative(at.S_W), relative(at.S_O)
+    w, end = relative(sphere.MID_SPIN), relative(sphere.END_SPIN)
     turn = Turn(dot(w, e) * dt, dot(w, d) * dt, dot(end, e), dot(end, d))
-    a, b = surfaces(S, i, j, frame, world, at.S_U, at.S_W)
+    a, b = surfaces(S, i, j, frame, world, sphere.MID_VELOCITY, sphere.MID_SPIN)
     share, p = 0.0, (0.0, 0.0, 0.0)
     if j >= 0:
-        share, p = S[i][at.S_R] / (S[i][at.S_R] + S[j][at.S_R]), three(S[j], at.S_U)
-    u = three(S[i], at.S_U)
+        share, p = S[i][sphere.RADIUS] / (S[i][sphere.RADIUS] + S[j][sphere.RADIUS]), three(S[j], sphere.MID_VELOCITY)
+    u = three(S[i], sphere.MID_VELOCITY)
     c = tuple((1.0 - share) * u[k] + share * p[k] - 0.5 * (a[k] + b[k]) for k in range(3))
     along, across = dot((c[0], c[1], c[2]), e), dot((c[0], c[1], c[2]), d)
     return turn, (along * dt, across * dt)
@@ -168,7 +177,7 @@ def surfaces(S: list[list[float]], i: int, j: int, frame: Frame, world: Surround
     if j == -1:
         return own, (0.0, 0.0, 0.0)
     if j < -1:
-        return own, (world.v_x, world.v_y, world.P[-j - 2][at.P_V])
+        return own, (world.v_x, world.v_y, world.P[-j - 2][patch.VELOCITY])
     return own, surface(S[j], scaled(frame.n, frame.arms[1]))
 
 
@@ -217,9 +226,9 @@ def interact(
     torque, back = torques(S, i, j, frame, (x, y))
     if laws.turns:
         torque, back = added(torque, moment), added(back, moment, -1.0)
-    memory[at.H_E : at.H_E + 3] = e
-    memory[at.H_SLIP] = max(memory[at.H_SLIP] + answer.slip, at.H_LEAST)
-    memory[at.H_LAW : at.H_LAW + laws.kept + laws.dashpots] = laws.joined(answer)
+    memory[contact_state.AXIS3] = e
+    memory[contact_state.SLIP] = max(memory[contact_state.SLIP] + answer.slip, contact_state.CLOSED)
+    memory[contact_state.LAW : contact_state.LAW + laws.kept + laws.dashpots] = laws.joined(answer)
     damped = laws.dashpots_take(viscous, answer.viscous, parted(frame, world.dt), told, turn)
     return Done((force[0], force[1], force[2]), torque, back, moment, frame, answer, damped)
 
@@ -234,7 +243,7 @@ def torques(S: list[list[float]], i: int, j: int, frame: Frame, friction: tuple[
     (x, y), e, d, half = friction, frame.e, frame.d, 0.5 * frame.overlap
     turning = (x * d[0] - y * e[0], x * d[1] - y * e[1], x * d[2] - y * e[2])  # normal times tangential force
     none = (0.0, 0.0, 0.0)
-    return scaled(turning, half - S[i][at.S_R]), scaled(turning, half - S[j][at.S_R]) if j >= 0 else none
+    return scaled(turning, half - S[i][sphere.RADIUS]), scaled(turning, half - S[j][sphere.RADIUS]) if j >= 0 else none
 
 
 def let_go(
@@ -250,19 +259,26 @@ def let_go(
     return lost, damped
 
 
-def record(S: list[list[float]], i: int, j: int, done: Done, world: Surroundings, moments: bool) -> list[float]:
+def write_record(S: list[list[float]], i: int, j: int, done: Done, world: Surroundings, moments: bool) -> list[float]:
     """A row of R: everything that output and labels need of a contact."""
     frame, answer, n = done.frame, done.answer, done.frame.n
-    R = [0.0] * (at.R_ROLLING_COLS if moments else at.R_COLS)
-    R[at.R_POINT : at.R_POINT + 3] = added(arm_of(S[i]), n, -frame.arms[0])
-    R[at.R_POINT_J : at.R_POINT_J + 3] = added(arm_of(S[j]), n, frame.arms[1]) if j >= 0 else (0.0, 0.0, 0.0)
-    R[at.R_N : at.R_N + 3] = n
-    R[at.R_T : at.R_T + 3] = [answer.x * frame.e[k] + answer.y * frame.d[k] for k in range(3)]
-    R[at.R_CURVATURE], R[at.R_CURVATURE_J] = S[i][at.S_R], S[j][at.S_R] if j >= 0 else 0.0
-    R[at.R_A], R[at.R_OVERLAP], R[at.R_FN], R[at.R_LOAD] = answer.radius, frame.overlap, answer.normal, answer.load
-    R[at.R_LIMIT], R[at.R_CRITICAL], R[at.R_EFFECTIVE] = answer.limit, answer.critical, frame.radius
-    R[at.R_STORED_N], R[at.R_STORED_T] = answer.stored_n, answer.stored_t
-    R[at.R_VI : at.R_VI + 3], R[at.R_VJ : at.R_VJ + 3] = surfaces(S, i, j, frame, world, at.S_V, at.S_O)
+    R = [0.0] * (record.ROLLING_WIDTH if moments else record.WIDTH)
+    R[record.POINT3] = added(arm_of(S[i]), n, -frame.arms[0])
+    R[record.PARTNER_POINT3] = added(arm_of(S[j]), n, frame.arms[1]) if j >= 0 else (0.0, 0.0, 0.0)
+    R[record.NORMAL3] = n
+    R[record.TANGENTIAL_FORCE3] = [answer.x * frame.e[k] + answer.y * frame.d[k] for k in range(3)]
+    R[record.CURVATURE], R[record.PARTNER_CURVATURE] = S[i][sphere.RADIUS], S[j][sphere.RADIUS] if j >= 0 else 0.0
+    R[record.CONTACT_RADIUS] = answer.radius
+    R[record.OVERLAP] = frame.overlap
+    R[record.NORMAL_FORCE] = answer.normal
+    R[record.LOAD] = answer.load
+    R[record.FRICTION_LIMIT] = answer.limit
+    R[record.CRITICAL_SLIP] = answer.critical
+    R[record.EFFECTIVE_RADIUS] = frame.radius
+    R[record.STORED_NORMAL], R[record.STORED_TANGENTIAL] = answer.stored_n, answer.stored_t
+    R[record.SURFACE_VELOCITY3], R[record.PARTNER_VELOCITY3] = surfaces(
+        S, i, j, frame, world, sphere.END_VELOCITY, sphere.END_SPIN
+    )
     if moments:
-        R[at.R_M : at.R_M + 3], R[at.R_M_LIMIT] = done.moment, answer.moment_limit
+        R[record.MOMENT3], R[record.MOMENT_LIMIT] = done.moment, answer.moment_limit
     return R

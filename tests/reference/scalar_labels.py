@@ -5,9 +5,10 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from scalar_bodies import E_EF, E_ET
+from scalar_bodies import EFFECT_FORCE, EFFECT_TORQUE
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, contact_state, loaded_contact, observed_body, record, run_totals
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 
 FAR = 67108864.0
 """2^26: spheres that a name of a contact can tell apart."""
@@ -18,51 +19,69 @@ def look(reference: Any, v: tuple[float, float]) -> None:
     behind = reference.columns - 2 * reference.physics.contact_memory
     speed = (v[0] * v[0] + v[1] * v[1]) ** 0.5
     for b, B in enumerate(reference.B):
-        seen = [entry for entry in reference.slots(b) if reference.memory[reference.pairs[entry[0]]][at.H_ON] != 0.0]
+        seen = [entry for entry in reference.slots(b) if reference.memory[reference.pairs[entry[0]]][contact_state.SLIP] != 0.0]
         # its memory per contact: that of the owner's body, then that of the partner's
         parts = [behind + (reference.physics.contact_memory if sign < 0.0 else 0) for _, sign in seen]
         pairs = [reference.pairs[k] for k, _ in seen]
-        C = np.zeros((len(seen), at.C_MEMORY + reference.physics.contact_memory))
+        C = np.zeros((len(seen), loaded_contact.MEMORY + reference.physics.contact_memory))
         for n, (pair, (_, sign), part) in enumerate(zip(pairs, seen, parts, strict=True)):
-            C[n, : at.C_MEMORY] = contact_row(pair, sign, reference.memory[pair], reference.records[pair])
-            C[n, at.C_MEMORY :] = reference.memory[pair][part : part + reference.physics.contact_memory]
+            C[n, : loaded_contact.MEMORY] = contact_row(pair, sign, reference.memory[pair], reference.records[pair])
+            C[n, loaded_contact.MEMORY :] = reference.memory[pair][part : part + reference.physics.contact_memory]
         memory = np.array(reference.M[b])
         reference.physics.observe(C, len(seen), body_row(B, reference.A, reference.drag, speed), memory)
         reference.M[b] = memory.tolist()
         for n, (pair, part) in enumerate(zip(pairs, parts, strict=True)):
-            reference.memory[pair][part : part + reference.physics.contact_memory] = C[n, at.C_MEMORY :].tolist()
+            reference.memory[pair][part : part + reference.physics.contact_memory] = C[n, loaded_contact.MEMORY :].tolist()
 
 
 def contact_row(pair: tuple[int, int], sign: float, H: list[float], R: list[float]) -> np.ndarray:
     """A contact as its owner (sign 1) or its partner (-1) sees it; the labeller's own memory is left out."""
-    C = [0.0] * at.C_MEMORY
+    C = [0.0] * loaded_contact.MEMORY
     owner, (i, j) = sign > 0.0, pair
-    C[at.C_PARTNER] = at.DEBRIS if j >= 0 else (at.LOWER if j == -1 else at.UPPER)
-    of_owner, of_partner = (at.R_POINT, at.R_VJ, at.R_CURVATURE), (at.R_POINT_J, at.R_VI, at.R_CURVATURE_J)
+    C[loaded_contact.PARTNER] = DEBRIS if j >= 0 else (LOWER if j == -1 else UPPER)
+    of_owner = (record.POINT, record.PARTNER_VELOCITY, record.CURVATURE)
+    of_partner = (record.PARTNER_POINT, record.SURFACE_VELOCITY, record.PARTNER_CURVATURE)
     point, velocity, curvature = of_owner if owner else of_partner
-    C[at.C_POINT : at.C_POINT + 3] = R[point : point + 3]
-    C[at.C_V : at.C_V + 3] = R[velocity : velocity + 3]
-    C[at.C_NORMAL : at.C_NORMAL + 3] = [sign * n for n in R[at.R_N : at.R_N + 3]]
-    C[at.C_T : at.C_T + 3] = [sign * t for t in R[at.R_T : at.R_T + 3]]
-    C[at.C_CURVATURE], C[at.C_SLIP] = R[curvature], H[at.H_SLIP] - at.H_LEAST
-    for to, column in ((at.C_A, at.R_A), (at.C_OVERLAP, at.R_OVERLAP), (at.C_FN, at.R_FN), (at.C_LOAD, at.R_LOAD),
-                       (at.C_LIMIT, at.R_LIMIT), (at.C_CRITICAL, at.R_CRITICAL)):  # fmt: skip
+    C[loaded_contact.POINT3] = R[point : point + 3]
+    C[loaded_contact.PARTNER_VELOCITY3] = R[velocity : velocity + 3]
+    C[loaded_contact.NORMAL3] = [sign * n for n in R[record.NORMAL3]]
+    C[loaded_contact.TANGENTIAL_FORCE3] = [sign * t for t in R[record.TANGENTIAL_FORCE3]]
+    C[loaded_contact.CURVATURE], C[loaded_contact.SLIP] = R[curvature], H[contact_state.SLIP] - contact_state.CLOSED
+    for to, column in (
+        (loaded_contact.CONTACT_RADIUS, record.CONTACT_RADIUS),
+        (loaded_contact.OVERLAP, record.OVERLAP),
+        (loaded_contact.NORMAL_FORCE, record.NORMAL_FORCE),
+        (loaded_contact.LOAD, record.LOAD),
+        (loaded_contact.FRICTION_LIMIT, record.FRICTION_LIMIT),
+        (loaded_contact.CRITICAL_SLIP, record.CRITICAL_SLIP),
+    ):
         C[to] = R[column]
     here, there = (i, max(j, -2)) if owner else (j, i)
-    C[at.C_IDENTITY] = here * FAR + there + 3.0
+    C[loaded_contact.IDENTITY] = here * FAR + there + 3.0
     return np.array(C)
 
 
 def body_row(B: list[float], A: list[float], drag: tuple[float, float], speed: float) -> np.ndarray:
     """The motion of a body and of the plates."""
-    O = [0.0] * at.O_COLS  # noqa: E741
-    O[at.O_MASS] = B[at.B_MASS]
-    for to, column in ((at.O_X, at.B_X), (at.O_V, at.B_V), (at.O_W, at.B_W), (at.O_F, at.B_F), (at.O_T, at.B_T),
-                       (at.O_MA, at.B_F), (at.O_LDOT, at.B_T), (at.O_EF, E_EF), (at.O_ET, E_ET)):  # fmt: skip
+    O = [0.0] * observed_body.WIDTH  # noqa: E741
+    O[observed_body.MASS] = B[body.MASS]
+    for to, column in (
+        (observed_body.POSITION, body.POSITION),
+        (observed_body.VELOCITY, body.VELOCITY),
+        (observed_body.SPIN, body.SPIN),
+        (observed_body.FORCE, body.FORCE),
+        (observed_body.TORQUE, body.TORQUE),
+        (observed_body.MOMENTUM_RATE, body.FORCE),
+        (observed_body.ANGULAR_MOMENTUM_RATE, body.TORQUE),
+        (observed_body.EFFECT_FORCE, EFFECT_FORCE),
+        (observed_body.EFFECT_TORQUE, EFFECT_TORQUE),
+    ):
         O[to : to + 3] = B[column : column + 3] if column < len(B) else (0.0, 0.0, 0.0)
-    O[at.O_Q : at.O_Q + 4] = B[at.B_Q : at.B_Q + 4]
-    O[at.O_ELAPSED], O[at.O_SHIFT], O[at.O_SHIFT + 1] = A[at.A_ELAPSED], A[at.A_DX], A[at.A_DY]
-    heading = A[at.A_HEADING], A[at.A_HEADING + 1]
-    O[at.O_DRAG : at.O_DRAG + 2] = drag if heading == (0.0, 0.0) else heading
-    O[at.O_SPEED] = speed
+    O[observed_body.QUATERNION4] = B[body.QUATERNION4]
+    O[observed_body.ELAPSED] = A[run_totals.ELAPSED]
+    O[observed_body.PLATE_SHIFT] = A[run_totals.SHIFT_X]
+    O[observed_body.PLATE_SHIFT + 1] = A[run_totals.SHIFT_Y]
+    heading = A[run_totals.HEADING], A[run_totals.HEADING + 1]
+    O[observed_body.DRAG2] = drag if heading == (0.0, 0.0) else heading
+    O[observed_body.PLATE_SPEED] = speed
     return np.array(O)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scalar_bodies import E_I
+from scalar_bodies import INERTIA
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, contact_state
 from thirdbody.laws.contract import Body, BodyEffect, Contact, Law, Load, Turn, Wrench
 
 
@@ -68,8 +68,8 @@ class Laws:
 
     def split(self, row: list[float]) -> tuple[list[float], float, list[float]]:
         """History of the laws, energy of the springs and forces of the dashpots in a row of H."""
-        history, behind = row[at.H_LAW : at.H_LAW + self.many], at.H_LAW + self.kept
-        stored = row[at.H_LAW + self.stored] if self.stored < self.kept else 0.0
+        history, behind = row[contact_state.LAW : contact_state.LAW + self.many], contact_state.LAW + self.kept
+        stored = row[contact_state.LAW + self.stored] if self.stored < self.kept else 0.0
         viscous = [force for one in row[behind : behind + self.dashpots] for force in three_of(one)]
         return history, stored, (viscous + [0.0] * 5)[:5]
 
@@ -207,21 +207,21 @@ class Effects:
 
     def on(self, B: list[float], time: float, dt: float) -> list[float]:
         """Force and torque (6) of all effects on a body."""
-        mean = (B[E_I] + B[E_I + 1] + B[E_I + 2]) / 3.0
-        moving = [*B[at.B_V : at.B_V + 3], *B[at.B_W : at.B_W + 3]]
-        pushed = [*B[at.B_F : at.B_F + 3], *B[at.B_T : at.B_T + 3]]
-        body = Body(B[at.B_MASS], *B[at.B_X : at.B_X + 3], *moving, mean, time)
+        mean = (B[INERTIA] + B[INERTIA + 1] + B[INERTIA + 2]) / 3.0
+        moving = [*B[body.VELOCITY3], *B[body.SPIN3]]
+        pushed = [*B[body.FORCE3], *B[body.TORQUE3]]
+        motion = Body(B[body.MASS], *B[body.POSITION3], *moving, mean, time)
         answers: list[Any] = [None] * len(self.effects)
         for k, effect in enumerate(self.effects):
             if not effect.sees_forces:
-                answers[k] = plain(effect.kernel)(body, self.parameters[k])
+                answers[k] = plain(effect.kernel)(motion, self.parameters[k])
         first = [answer for answer in answers if answer is not None]
         for k, effect in enumerate(self.effects):
             if effect.sees_forces:
                 # they see the body after the closing half kick of those that do not, and all forces but their own
-                late = [moving[i] + 0.5 * dt / (mean if i > 2 else body.mass) * summed(first, i, 0.0) for i in range(6)]
+                late = [moving[i] + 0.5 * dt / (mean if i > 2 else motion.mass) * summed(first, i, 0.0) for i in range(6)]
                 total = Wrench(*(summed(first, i, pushed[i]) for i in range(6)))
-                seen = Body(body.mass, body.x, body.y, body.z, *late, mean, time)
+                seen = Body(motion.mass, motion.x, motion.y, motion.z, *late, mean, time)
                 answers[k] = plain(effect.kernel)(seen, total, self.parameters[k])
             if effect.settling and time >= self.until:
                 answers[k] = Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from scalar_bodies import E_PUSH
+from scalar_bodies import UPPER_PUSH
 
-from thirdbody.kernels import layout as at
 from thirdbody.kernels import schedule as motion
+from thirdbody.kernels.columns import patch
 
 Schedule = list[list[float]]
 
@@ -58,49 +58,51 @@ class Patches:
         """Velocity of what has a prescribed height."""
         if self.plan.rows[motion.GAP]:
             for p in self.P:
-                if p[at.P_SPRING] == 0.0 and p[at.P_FREE] == 0.0:
-                    p[at.P_V] = self.plan.rate(motion.GAP, t, dt)
+                if p[patch.SPRING] == 0.0 and p[patch.FREE] == 0.0:
+                    p[patch.VELOCITY] = self.plan.rate(motion.GAP, t, dt)
 
     def drift(self, dt: float) -> None:
         """Half kick and drift."""
         for p in self.P:
-            if p[at.P_FREE] != 0.0:
-                force = p[at.P_F] - p[at.P_LOAD] - p[at.P_DAMPING] * p[at.P_V]
-                p[at.P_V] += 0.5 * dt / p[at.P_MASS] * force
-            p[at.P_Z] += dt * p[at.P_V]
+            if p[patch.FREE] != 0.0:
+                force = p[patch.FORCE] - p[patch.LOAD] - p[patch.DAMPING] * p[patch.VELOCITY]
+                p[patch.VELOCITY] += 0.5 * dt / p[patch.MASS] * force
+            p[patch.HEIGHT] += dt * p[patch.VELOCITY]
 
     def load(self, t: float) -> None:
         """Loads where a schedule changes them."""
         if self.plan.rows[motion.LOAD]:
             factor = self.plan.value(motion.LOAD, t)
             for p in self.P:
-                if p[at.P_LOAD0] != 0.0:
-                    p[at.P_LOAD] = factor * p[at.P_LOAD0]
+                if p[patch.NOMINAL_LOAD] != 0.0:
+                    p[patch.LOAD] = factor * p[patch.NOMINAL_LOAD]
 
     def press(self, B: list[list[float]], push: float) -> None:
         """Upward forces: `push` of all debris on one patch, else of every body on its own, and of the springs."""
         P = self.P
         if len(P) == 1:
-            P[0][at.P_F] = push
+            P[0][patch.FORCE] = push
             return
         for p in P:
-            p[at.P_F] = 0.0
+            p[patch.FORCE] = 0.0
         for b, body in enumerate(B):
-            P[self.patch[b]][at.P_F] -= body[E_PUSH]
+            P[self.patch[b]][patch.FORCE] -= body[UPPER_PUSH]
         for p in P[:-1]:
-            spring = p[at.P_SPRING] * (p[at.P_Z] - P[-1][at.P_Z])
-            p[at.P_F] -= spring
-            P[-1][at.P_F] += spring
+            spring = p[patch.SPRING] * (p[patch.HEIGHT] - P[-1][patch.HEIGHT])
+            p[patch.FORCE] -= spring
+            P[-1][patch.FORCE] += spring
 
     def kick(self, dt: float) -> tuple[float, float, float]:
         """Closing half kick; powers of the loads, of what is prescribed, and of the dashpots, W."""
         load, damping, driven = 0.0, 0.0, 0.0
         for p in self.P:
-            if p[at.P_FREE] != 0.0:
-                half = 0.5 * dt / p[at.P_MASS]
-                p[at.P_V] = (p[at.P_V] + half * (p[at.P_F] - p[at.P_LOAD])) / (1.0 + half * p[at.P_DAMPING])
-                load -= p[at.P_LOAD] * p[at.P_V]
-                damping += p[at.P_DAMPING] * p[at.P_V] * p[at.P_V]
+            if p[patch.FREE] != 0.0:
+                half = 0.5 * dt / p[patch.MASS]
+                p[patch.VELOCITY] = (p[patch.VELOCITY] + half * (p[patch.FORCE] - p[patch.LOAD])) / (
+                    1.0 + half * p[patch.DAMPING]
+                )
+                load -= p[patch.LOAD] * p[patch.VELOCITY]
+                damping += p[patch.DAMPING] * p[patch.VELOCITY] * p[patch.VELOCITY]
             else:
-                driven -= p[at.P_F] * p[at.P_V]
+                driven -= p[patch.FORCE] * p[patch.VELOCITY]
         return load, driven, damping

@@ -14,14 +14,28 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scalar_bodies import E_EF, E_ET, E_PUSH, Vector, act, added, arm_of, cross, drift, kick, place_now, see_spin, three
-from scalar_contact import Done, Surroundings, interact, let_go, record, touches
+from scalar_bodies import (
+    EFFECT_FORCE,
+    EFFECT_TORQUE,
+    UPPER_PUSH,
+    Vector,
+    act,
+    added,
+    arm_of,
+    cross,
+    drift,
+    kick,
+    place_now,
+    see_spin,
+    three,
+)
+from scalar_contact import Done, Surroundings, interact, let_go, touches, write_record
 from scalar_labels import look
 from scalar_laws import Effects, Laws
 from scalar_plates import Patches, Plan
 
-from thirdbody.kernels import layout as at
 from thirdbody.kernels import schedule as motion
+from thirdbody.kernels.columns import body, contact_state, domain, run_totals
 from thirdbody.kernels.rolling_kinematics import MOMENTS
 
 Pair = tuple[int, int]
@@ -57,7 +71,7 @@ class Reference:
         self.S = self.B if state.S is state.B else state.S.tolist()
         self.body, self.start = state.body.tolist(), state.start.tolist()
         self.offsets = [tuple(row) for row in state.offsets.tolist()]
-        self.size = max(float(state.D[at.D_LX]), 0.0), max(float(state.D[at.D_LY]), 0.0)
+        self.size = max(float(state.D[domain.LENGTH_X]), 0.0), max(float(state.D[domain.LENGTH_Y]), 0.0)
         self.plan = Plan(state.schedule.tolist(), state.first.tolist())
         self.patches = Patches(self.P, state.patch.tolist(), self.plan)
         self.laws = Laws(choice.chain.laws, state.physics.pairs.tolist())
@@ -75,7 +89,7 @@ class Reference:
     def take(self, slots: Any) -> None:
         """Other candidates, after a search of the engine's. A closed contact that is none of them is lost: AssertionError."""
         pairs = pairs_of(slots)
-        assert {pair for pair, memory in self.memory.items() if memory[at.H_ON] != 0.0} <= set(pairs)
+        assert {pair for pair, memory in self.memory.items() if memory[contact_state.SLIP] != 0.0} <= set(pairs)
         self.pairs, self.kinds, self.plates = pairs, slots.kind.tolist(), slots.n_plates
         self.of_sphere: list[list[tuple[int, float]]] = [[] for _ in self.S]
         for k, (i, j) in enumerate(pairs):
@@ -102,9 +116,9 @@ class Reference:
 
     def step(self, dt: float) -> None:
         """One step, and what a labeller sees of it."""
-        t = self.A[at.A_TIME]
+        t = self.A[run_totals.TIME]
         v = self.plan.rate(motion.X, t, dt), self.plan.rate(motion.Y, t, dt)
-        sampled = self.physics.labels and (int(self.A[at.A_STEPS]) + 1) % self.physics.stride == 0
+        sampled = self.physics.labels and (int(self.A[run_totals.STEPS]) + 1) % self.physics.stride == 0
         self.patches.drive(t, dt)
         self.patches.drift(dt)
         for b, B in enumerate(self.B):
@@ -116,7 +130,7 @@ class Reference:
         self.account(spent, self.total(powers), self.patches.kick(dt), v, dt)
         if sampled:
             look(self, v)
-            self.A[at.A_ELAPSED], self.A[at.A_DX], self.A[at.A_DY] = 0.0, 0.0, 0.0
+            self.A[run_totals.ELAPSED], self.A[run_totals.SHIFT_X], self.A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
     def contacts(self, world: Surroundings) -> Sums:
         """All contacts act on their bodies, in the order of the candidates."""
@@ -131,7 +145,7 @@ class Reference:
                 if k < self.plates:
                     total.press(done.force, lower=self.pairs[k][1] == -1)
                 self.push(k, done)
-            elif self.memory[self.pairs[k]][at.H_ON] != 0.0:
+            elif self.memory[self.pairs[k]][contact_state.SLIP] != 0.0:
                 self.opened += 1
                 i, j = self.pairs[k]
                 lost, damped = let_go(self.S, i, j, self.memory[i, j], self.laws, self.physics.rolling > 0, world)
@@ -148,22 +162,22 @@ class Reference:
     def give(self, b: int, force: Vector, torque: Vector, work: float, slip: float) -> None:
         """A contact acts on a body, which has its shares of friction work and slip."""
         act(self.B[b], force, torque)
-        self.B[b][at.B_WORK] += work
-        self.B[b][at.B_SLIP] += slip
+        self.B[b][body.FRICTION_WORK] += work
+        self.B[b][body.SLIP_DISTANCE] += slip
 
     def lose(self, k: int, lost: float) -> None:
         """What an opened contact lost is friction work of its bodies."""
         i, j = self.pairs[k]
-        self.B[self.body[i]][at.B_WORK] += lost if j < 0 else 0.5 * lost
+        self.B[self.body[i]][body.FRICTION_WORK] += lost if j < 0 else 0.5 * lost
         if j >= 0:
-            self.B[self.body[j]][at.B_WORK] += 0.5 * lost
+            self.B[self.body[j]][body.FRICTION_WORK] += 0.5 * lost
 
     def meet(self, k: int, world: Surroundings) -> Done:
         """What the closed contact in slot k does; its memory and its record are brought up to date."""
         (i, j), memory = self.pairs[k], self.memory[self.pairs[k]]
-        self.closed += memory[at.H_ON] == 0.0
+        self.closed += memory[contact_state.SLIP] == 0.0
         done = interact(self.S, i, j, self.kinds[k], memory, self.laws, self.physics.rolling > 0, world)
-        self.records[i, j] = record(self.S, i, j, done, world, self.physics.rolling == MOMENTS)
+        self.records[i, j] = write_record(self.S, i, j, done, world, self.physics.rolling == MOMENTS)
         return done
 
     def push(self, k: int, done: Done) -> None:
@@ -172,7 +186,7 @@ class Reference:
         here, force, slip = self.body[i], done.force, done.answer.slip
         if j < 0:
             self.give(here, force, self.about(i, done.torque, force), done.answer.work, slip)
-            self.B[here][E_PUSH] += 0.0 if j == -1 else force[2]
+            self.B[here][UPPER_PUSH] += 0.0 if j == -1 else force[2]
             return
         there, against = self.body[j], added((0.0, 0.0, 0.0), force, -1.0)
         torque, back = done.torque, done.back
@@ -189,16 +203,16 @@ class Reference:
     def close(self, b: int, time: float, dt: float) -> list[float]:
         """The closing half kick of a body and its effects; returns the powers of the effects along the axes, W."""
         B, powers = self.B[b], [0.0, 0.0, 0.0]
-        kick(B, three(B, at.B_F), three(B, at.B_T), dt)
+        kick(B, three(B, body.FORCE), three(B, body.TORQUE), dt)
         see_spin(B)
         if self.physics.has_effects:
             acting = self.effects.on(B, time, dt)
             force, torque = three(acting, 0), three(acting, 3)
-            B[E_EF : E_EF + 3], B[E_ET : E_ET + 3] = force, torque
+            B[EFFECT_FORCE : EFFECT_FORCE + 3], B[EFFECT_TORQUE : EFFECT_TORQUE + 3] = force, torque
             kick(B, force, torque, dt)
             see_spin(B)
             act(B, force, torque)
-            powers = [force[k] * B[at.B_V + k] + torque[k] * B[at.B_W + k] for k in range(3)]
+            powers = [force[k] * B[body.VELOCITY + k] + torque[k] * B[body.SPIN + k] for k in range(3)]
         return powers
 
     def total(self, powers: Sequence[list[float]]) -> float:
@@ -209,26 +223,32 @@ class Reference:
         """The step in the ledger, by the trapezoid, and on the clock."""
         A, half, upper, lower = self.A, 0.5 * dt, spent.upper, spent.lower
         load, damping = patches[0] + patches[1], patches[2]
-        A[at.A_FRICTION] += spent.work
-        A[at.A_DAMPING] += spent.damped + half * (A[at.A_POWER_PATCH] + damping)
-        A[at.A_EFFECTS] += half * (A[at.A_POWER_EFFECTS] + effects)
-        drag = -half * ((A[at.A_UPPER] + upper[0]) * v[0] + (A[at.A_UPPER + 1] + upper[1]) * v[1])
-        plate = drag + half * (A[at.A_POWER_LOAD] + load)
-        A[at.A_PLATE_WORK] += plate
-        A[at.A_PLATE_ABS] += abs(plate)
+        A[run_totals.FRICTION_WORK] += spent.work
+        A[run_totals.DAMPING_WORK] += spent.damped + half * (A[run_totals.PATCH_POWER] + damping)
+        A[run_totals.EFFECT_WORK] += half * (A[run_totals.EFFECT_POWER] + effects)
+        drag = -half * ((A[run_totals.UPPER_FORCE] + upper[0]) * v[0] + (A[run_totals.UPPER_FORCE + 1] + upper[1]) * v[1])
+        plate = drag + half * (A[run_totals.LOAD_POWER] + load)
+        A[run_totals.PLATE_WORK] += plate
+        A[run_totals.PLATE_WORK_SIZE] += abs(plate)
         for k in range(3):
-            A[at.A_IMPULSE + k] += half * (A[at.A_UPPER + k] + upper[k])
-            A[at.A_IMPULSE_LOW + k] += half * (A[at.A_LOWER + k] + lower[k])
-        A[at.A_UPPER : at.A_UPPER + 3], A[at.A_LOWER : at.A_LOWER + 3] = upper, lower
-        A[at.A_POWER_EFFECTS], A[at.A_POWER_PATCH], A[at.A_POWER_LOAD] = effects, damping, load
-        A[at.A_STORED_N], A[at.A_STORED_T] = spent.stored_n, spent.stored_t
+            A[run_totals.UPPER_IMPULSE + k] += half * (A[run_totals.UPPER_FORCE + k] + upper[k])
+            A[run_totals.LOWER_IMPULSE + k] += half * (A[run_totals.LOWER_FORCE + k] + lower[k])
+        A[run_totals.UPPER_FORCE3], A[run_totals.LOWER_FORCE3] = upper, lower
+        A[run_totals.EFFECT_POWER], A[run_totals.PATCH_POWER], A[run_totals.LOAD_POWER] = effects, damping, load
+        A[run_totals.STORED_NORMAL], A[run_totals.STORED_TANGENTIAL] = spent.stored_n, spent.stored_t
         speed = math.sqrt(v[0] * v[0] + v[1] * v[1])
-        for column, change in ((at.A_TIME, dt), (at.A_ELAPSED, dt), (at.A_DX, v[0] * dt), (at.A_DY, v[1] * dt),
-                               (at.A_DISTANCE, speed * dt), (at.A_STEPS, 1.0)):  # fmt: skip
+        for column, change in (
+            (run_totals.TIME, dt),
+            (run_totals.ELAPSED, dt),
+            (run_totals.SHIFT_X, v[0] * dt),
+            (run_totals.SHIFT_Y, v[1] * dt),
+            (run_totals.DISTANCE, speed * dt),
+            (run_totals.STEPS, 1.0),
+        ):
             A[column] += change
-        A[at.A_SPEED] = speed
+        A[run_totals.PLATE_SPEED] = speed
         if speed > 0.0:
-            A[at.A_HEADING], A[at.A_HEADING + 1] = v[0] / speed, v[1] / speed
+            A[run_totals.HEADING], A[run_totals.HEADING + 1] = v[0] / speed, v[1] / speed
 
 
 def pairs_of(slots: Any) -> list[Pair]:

@@ -7,7 +7,7 @@ import peers_scenes
 from thirdbody_three_spot import PLUGIN as THREE_SPOT
 
 from thirdbody.build.simulation import Simulation, build
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, contact_state, patch, record, run_totals
 from thirdbody.laws.builtin import PLUGIN as CATALOGUE
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.model import Scene
@@ -129,11 +129,11 @@ torn = crowd
 def tear(simulation: Simulation) -> None:
     """Lift the plate and the upper half of the bodies out of contact at once, so that contacts open with their springs loaded."""
     state = simulation.state
-    lift = 2.0 * state.slots.R[state.slots.H[:, at.H_ON] > 0.0, at.R_OVERLAP].max()
-    upper = state.B[:, at.B_X + 2] > np.median(state.B[:, at.B_X + 2])
-    state.B[upper, at.B_X + 2] += lift
-    state.P[:, at.P_Z] += 2.0 * lift
-    state.A[at.A_FAR] += 2.0 * lift
+    lift = 2.0 * state.slots.records.overlap[state.slots.histories.slip > 0.0].max()
+    upper = state.bodies.position[:, 2] > np.median(state.bodies.position[:, 2])
+    state.bodies.position[upper, 2] += lift
+    state.patches.height[:] += 2.0 * lift
+    state.A[run_totals.MAX_DISPLACEMENT] += 2.0 * lift
 
 
 def swarm() -> Simulation:

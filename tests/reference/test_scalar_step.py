@@ -30,8 +30,9 @@ from thirdbody.engine import explicit, thread_tuner
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import Candidates, Physics, rotation_matrices
 from thirdbody.jit.packed_arguments import make_unpacker
-from thirdbody.kernels import layout as at
 from thirdbody.kernels import schedule
+from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, search_pose, sphere
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import work
@@ -63,23 +64,41 @@ SEEN = 1e3
 """Tolerances by which a fault of the plain step changes some number at least: far above all rounding."""
 
 MOTION = {
-    "B": [*range(at.B_X, at.B_F), *range(at.B_Q, at.B_COLS)],
-    "E": range(at.E_PUSH),
-    "S": range(at.S_COLS),
-    "P": [at.P_Z, at.P_V],
+    "B": [*range(body.POSITION, body.FORCE), *range(body.QUATERNION, body.WIDTH)],
+    "E": range(body_extra.UPPER_PUSH),
+    "S": range(sphere.WIDTH),
+    "P": [patch.HEIGHT, patch.VELOCITY],
 }
 """Columns of positions and velocities."""
 
-OF_THE_SEARCH = {"P": (slice(None), at.P_Z0), "A": at.A_FAR}
+OF_THE_SEARCH = {"P": (slice(None), patch.SEARCH_HEIGHT), "A": run_totals.MAX_DISPLACEMENT}
 """What only the search looks at."""
 
 VECTORS = {
-    "B": [(at.B_X, 3), (at.B_V, 3), (at.B_W, 3), (at.B_F, 3), (at.B_T, 3), (at.B_Q, 4)],
-    "E": [(at.E_L, 3), (at.E_I, 3), (at.E_EF, 3), (at.E_ET, 3)],
-    "S": [(at.S_X, 3), (at.S_U, 3), (at.S_W, 3), (at.S_V, 3), (at.S_O, 3), (at.S_ARM, 3)],
-    "A": [(at.A_IMPULSE, 3), (at.A_IMPULSE_LOW, 3), (at.A_UPPER, 3), (at.A_LOWER, 3)],
-    "H": [(at.H_E, 3)],
-    "R": [(column, 3) for column in (at.R_POINT, at.R_POINT_J, at.R_N, at.R_T, at.R_VI, at.R_VJ, at.R_M)],
+    "B": [(body.POSITION, 3), (body.VELOCITY, 3), (body.SPIN, 3), (body.FORCE, 3), (body.TORQUE, 3), (body.QUATERNION, 4)],
+    "E": [(body_extra.ANGULAR_MOMENTUM, 3), (body_extra.INERTIA, 3), (body_extra.EFFECT_FORCE, 3), (body_extra.EFFECT_TORQUE, 3)],
+    "S": [
+        (sphere.POSITION, 3),
+        (sphere.MID_VELOCITY, 3),
+        (sphere.MID_SPIN, 3),
+        (sphere.END_VELOCITY, 3),
+        (sphere.END_SPIN, 3),
+        (sphere.ARM, 3),
+    ],
+    "A": [(run_totals.UPPER_IMPULSE, 3), (run_totals.LOWER_IMPULSE, 3), (run_totals.UPPER_FORCE, 3), (run_totals.LOWER_FORCE, 3)],
+    "H": [(contact_state.AXIS, 3)],
+    "R": [
+        (column, 3)
+        for column in (
+            record.POINT,
+            record.PARTNER_POINT,
+            record.NORMAL,
+            record.TANGENTIAL_FORCE,
+            record.SURFACE_VELOCITY,
+            record.PARTNER_VELOCITY,
+            record.MOMENT,
+        )
+    ],
 }
 """First columns and lengths of the vectors in the tables."""
 
@@ -92,7 +111,7 @@ Event = tuple[int, Candidates | None]
 def lead(simulation: Simulation, steps: int) -> None:
     """About so many steps of the engine, as a run makes them."""
     state = simulation.state
-    while int(state.A[at.A_STEPS]) < steps:
+    while int(state.A[run_totals.STEPS]) < steps:
         simulation.integrator.advance_to(time=state.time + 15.5 * state.dt)
 
 
@@ -100,13 +119,13 @@ def follow(simulation: Simulation, steps: int) -> list[Event]:
     """So many steps of the engine, all of the same length."""
     state, engine, events, left = simulation.state, simulation.integrator, [], steps
     while left > 0:
-        before = int(state.A[at.A_STEPS])
+        before = int(state.A[run_totals.STEPS])
         code, _ = engine._advance(left, math.inf, math.inf, state.dt)  # type: ignore[union-attr]
         assert code in (step_loop.SEARCH, step_loop.BUDGET)
         if code == step_loop.SEARCH:
             search(state)
             engine._tables()  # type: ignore[union-attr]
-        made = int(state.A[at.A_STEPS]) - before
+        made = int(state.A[run_totals.STEPS]) - before
         events.append((made, state.slots if code == step_loop.SEARCH else None))
         left -= made
     return events
@@ -119,17 +138,17 @@ def walk(reference: Reference, events: list[Event], dt: float) -> Tables:
         if slots is not None:
             reference.take(slots)
     found = {name: np.array(getattr(reference, name)) for name in "BSPAM"}
-    found["B"], found["E"] = np.hsplit(found["B"], [at.B_COLS])
-    found["S"] = found["S"][:, : at.B_COLS]  # where bodies and spheres are one table
-    closed = [pair for pair in reference.pairs if reference.memory[pair][at.H_ON] > 0.0]
+    found["B"], found["E"] = np.hsplit(found["B"], [body.WIDTH])
+    found["S"] = found["S"][:, : body.WIDTH]  # where bodies and spheres are one table
+    closed = [pair for pair in reference.pairs if reference.memory[pair][contact_state.SLIP] > 0.0]
     rows = np.array([reference.memory[pair] for pair in reference.pairs])
     return found | split(rows, reference.physics) | {"R": np.array([reference.records[pair] for pair in closed])}
 
 
 def split(H: np.ndarray, physics: Physics) -> Tables:
     """The rows of H without the forces of dashpots, and these (`D`)."""
-    first = at.H_LAW + (physics.dashpots if physics.dashpots >= 0 else len(physics.history))
-    last = at.H_LAW + len(physics.history)
+    first = contact_state.LAW + (physics.dashpots if physics.dashpots >= 0 else len(physics.history))
+    last = contact_state.LAW + len(physics.history)
     forces = [[force for one in row for force in scalar_laws.three_of(one)] for row in H[:, first:last]]
     return {"H": np.delete(H, range(first, last), axis=1), "D": np.array(forces)}
 
@@ -138,7 +157,7 @@ def tables(simulation: Simulation) -> Tables:
     """Every table that the engine's step writes: R where it is read, of closed contacts."""
     state, slots = simulation.state, simulation.state.slots
     found = {name: getattr(state, name).copy() for name in "BESPAM"}
-    return found | split(slots.H, state.physics) | {"R": slots.R[slots.H[:, at.H_ON] > 0.0]}
+    return found | split(slots.H, state.physics) | {"R": slots.R[slots.histories.slip > 0.0]}
 
 
 def differing_bits(one: Tables, other: Tables) -> set[str]:
@@ -165,7 +184,7 @@ def tolerances(name: str, table: np.ndarray) -> np.ndarray:
     """How far a number in every column of a table may be off."""
     relative = np.full(table.shape[-1], OF_REMEMBERED if name == "D" else OF_FORCES)
     if name == "A":
-        relative[at.A_DAMPING] = 0.5 * OF_REMEMBERED
+        relative[run_totals.DAMPING_WORK] = 0.5 * OF_REMEMBERED
     relative[[column for column in MOTION.get(name, ()) if column < len(relative)]] = TOLERANCE
     return relative * scales(name, table)
 
@@ -267,17 +286,17 @@ def test_threads_may_change_on_the_way(two_threads, monkeypatch):
 @pytest.mark.parametrize("name", SCENES)
 def test_nothing_is_farther_from_the_last_search_than_the_engine_thinks(name):
     state = both(name).simulation.state
-    turn = rotation_matrices(state.X0[:, at.X_Q : at.X_Q + 4])[state.body]
-    before = state.X0[state.body, at.X_X : at.X_X + 3] + np.einsum("nij,nj->ni", turn, state.offsets)
-    gone = np.linalg.norm(state.S[:, at.S_X : at.S_X + 3] - before, axis=1).max()
+    turn = rotation_matrices(state.search_poses.quaternion)[state.body]
+    before = state.search_poses.position[state.body] + np.einsum("nij,nj->ni", turn, state.offsets)
+    gone = np.linalg.norm(state.spheres.position - before, axis=1).max()
     # a place is rounded by 1e-20 m in each of some hundred steps of more than 1e-10 m
-    assert 0.0 < gone <= state.A[at.A_FAR] * (1.0 + 1e-9)
+    assert 0.0 < gone <= state.A[run_totals.MAX_DISPLACEMENT] * (1.0 + 1e-9)
 
 
 def pairs_of_groups(found: Pass) -> tuple[np.ndarray, np.ndarray]:
     """The groups of both bodies of every closed contact between spheres."""
     state, slots = found.simulation.state, found.simulation.state.slots
-    closed = (slots.H[:, at.H_ON] > 0.0) & (slots.partner >= 0)
+    closed = (slots.histories.slip > 0.0) & (slots.partner >= 0)
     owner, partner = state.body[slots.own[closed]], state.body[slots.partner[closed]]
     return owner // (GROUP * BODIES), partner // (GROUP * BODIES)
 
@@ -312,7 +331,7 @@ def test_the_scenes_are_hard_enough():
     layer, crowd, swarm, springs, foundation, rolled, torn = (both(name) for name in SCENES)
     assert all(found.reference.opened > 0 for found in (layer, crowd, springs, rolled))
     assert all(found.reference.closed > 0 for found in (layer, crowd, springs))
-    assert len(layer.engine["R"]) > 2 * at.TILE
+    assert len(layer.engine["R"]) > 2 * TILE
     for found in (layer, swarm):  # contacts between bodies of two groups
         hosts, guests = pairs_of_groups(found)
         assert np.count_nonzero(hosts != guests) > 10
@@ -325,18 +344,18 @@ def test_the_scenes_are_hard_enough():
     assert any(slots is not None for found in (layer, crowd, springs, rolled) for _, slots in found.events)
     for found in (crowd, springs, rolled):  # unlike materials in one tile
         slots = found.simulation.state.slots
-        closed = np.flatnonzero(slots.H[:, at.H_ON] > 0.0)
-        tiles = [row[first : first + at.TILE] for row in rows(found, closed) for first in range(0, len(row), at.TILE)]
+        closed = np.flatnonzero(slots.histories.slip > 0.0)
+        tiles = [row[first : first + TILE] for row in rows(found, closed) for first in range(0, len(row), TILE)]
         assert any(len(set(slots.kind[tile])) > 1 for tile in tiles)
     assert [found.simulation.state.physics.labels for found in (layer, crowd, springs)] == [False, True, True]
     assert springs.simulation.state.slots.n_plates == springs.simulation.state.slots.count
     assert springs.simulation.state.n_bodies > BODIES and len(springs.reference.P) == springs.simulation.state.n_bodies
     assert len(foundation.reference.P) == foundation.simulation.state.n_bodies + 1
     assert foundation.reference.plan.rows[schedule.LOAD] and foundation.reference.plan.rows[schedule.Y]
-    clock, settled = rolled.engine["A"][at.A_TIME], rolled.simulation.settle  # what ends with settling ends on the way
+    clock, settled = rolled.engine["A"][run_totals.TIME], rolled.simulation.settle  # what ends with settling ends on the way
     assert clock - SCENES["rolled"][1] * rolled.simulation.state.dt < settled < clock
-    assert torn.reference.opened > 50 and torn.reference.lost > SEEN * OF_FORCES * torn.engine["A"][at.A_FRICTION]
-    assert np.any(rolled.engine["R"][:, at.R_M : at.R_M + 3] != 0.0) and rolled.simulation.state.physics.rolling == MOMENTS
+    assert torn.reference.opened > 50 and torn.reference.lost > SEEN * OF_FORCES * torn.engine["A"][run_totals.FRICTION_WORK]
+    assert np.any(rolled.engine["R"][:, record.MOMENT3] != 0.0) and rolled.simulation.state.physics.rolling == MOMENTS
 
 
 def other_sign(patch: pytest.MonkeyPatch) -> None:

@@ -16,7 +16,7 @@ import pytest
 
 import thirdbody
 from thirdbody.engine.state import refresh_spheres
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, run_totals
 from thirdbody.runner.simulate import prepare
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
@@ -44,8 +44,10 @@ def story(integrator: str, nudge: float = 0.0) -> Story:
     state = built.state
     if nudge:
         rng = np.random.default_rng(1)
-        state.B[:, at.B_X : at.B_X + 2] += nudge * state.rayleigh_radius[:, None] * rng.standard_normal((state.n_bodies, 2))
-        q = state.B[:, at.B_Q : at.B_Q + 4]
+        state.B[:, body.POSITION : body.POSITION + 2] += (
+            nudge * state.rayleigh_radius[:, None] * rng.standard_normal((state.n_bodies, 2))
+        )
+        q = state.bodies.quaternion
         q += nudge * rng.standard_normal(q.shape)
         q /= np.linalg.norm(q, axis=1)[:, None]
         refresh_spheres(state)
@@ -54,10 +56,10 @@ def story(integrator: str, nudge: float = 0.0) -> Story:
     for stop in np.arange(1, STOPS + 1) * WAY / STOPS:
         before = state.A.copy()
         built.integrator.advance_to(distance=float(stop))
-        push = (state.A - before)[at.A_IMPULSE : at.A_IMPULSE + 3]
+        push = (state.A - before)[run_totals.UPPER_IMPULSE3]
         labels.append(built.integrator.label()[:, 0])
         friction.append(-push[0] / abs(push[2]))
-        centres.append(state.B[:, at.B_X : at.B_X + 3].copy())
+        centres.append(state.bodies.position.copy())
     return Story(np.array(labels), np.array(friction), np.array(centres), time.perf_counter() - started)
 
 

@@ -17,8 +17,8 @@ from thirdbody.build.physics import compile_physics
 from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.state import Placed, World, assemble
 from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate
-from thirdbody.kernels import layout as at
 from thirdbody.kernels import schedule
+from thirdbody.kernels.columns import body, contact_state, patch, run_totals
 from thirdbody.laws.contract import LawFamily, Plugin
 from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from thirdbody.laws.hertz import HERTZ
@@ -119,12 +119,12 @@ def measure(run: Explicit, end: float, intervals: int) -> np.ndarray:
         old, since = state.A.copy(), state.time
         run.advance_to(time=begin + (end - begin) * k / intervals)
         force = (state.A - old) / (state.time - since)
-        up, low = force[at.A_IMPULSE : at.A_IMPULSE + 3], force[at.A_IMPULSE_LOW : at.A_IMPULSE_LOW + 3]
-        closed = state.slots.H[:, at.H_ON] > 0.0
+        up, low = force[run_totals.UPPER_IMPULSE3], force[run_totals.LOWER_IMPULSE3]
+        closed = state.slots.histories.slip > 0.0
         n = state.slots.n_plates
-        height = state.B[:, at.B_X + 2] / state.P[0, at.P_Z]
-        middle = state.B[np.abs(height - 0.5) < 0.25, at.B_MASS].sum() / STEEL["density"]
-        share = middle / (0.5 * np.prod(state.world.size) * state.P[0, at.P_Z])
+        height = state.bodies.position[:, 2] / state.patches.height[0]
+        middle = state.bodies.mass[np.abs(height - 0.5) < 0.25].sum() / STEEL["density"]
+        share = middle / (0.5 * np.prod(state.world.size) * state.patches.height[0])
         rows.append((up[0], up[2], low[0], low[2], closed[n:].sum(), closed[:n].sum(), share))
     return np.array(rows)
 

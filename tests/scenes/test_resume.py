@@ -19,7 +19,7 @@ from trajectories import contents
 import thirdbody
 from thirdbody.engine.snapshot import Snapshot
 from thirdbody.errors import InputError, Interrupted
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, patch, run_totals, sphere, step_memory
 from thirdbody.runner.checkpoint import FILE, NOTES, Checkpoint, read_checkpoint
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
@@ -254,7 +254,12 @@ def test_forged_numbers_that_no_run_has_are_refused(copy):
     """Bodies without mass, and a clock before the start, from which a run would go on for ever."""
     with np.load(copy / FILE) as archive:
         arrays = {name: archive[name] for name in archive.files}
-    for name, columns in (("B", (at.B_MASS,)), ("E", (at.E_I + 2,)), ("S", (at.S_R, at.S_MASS)), ("P", (at.P_MASS,))):
+    for name, columns in (
+        ("B", (body.MASS,)),
+        ("E", (body_extra.INERTIA + 2,)),
+        ("S", (sphere.RADIUS, sphere.MASS)),
+        ("P", (patch.MASS,)),
+    ):
         for column in columns:
             other = arrays[name].copy()
             other[-1, column] = 0.0
@@ -262,7 +267,7 @@ def test_forged_numbers_that_no_run_has_are_refused(copy):
             with pytest.raises(InputError, match=f"{name} holds other bodies or plates"):
                 simulation, kept = prepare_resume(copy)
                 execute(simulation, copy, kept=kept)
-    for column in (at.A_TIME, at.A_DISTANCE, at.A_STEPS):
+    for column in (run_totals.TIME, run_totals.DISTANCE, run_totals.STEPS):
         other = arrays["A"].copy()
         other[column] = -1.0
         forged(copy, **(arrays | {"A": other}))
@@ -297,7 +302,7 @@ def test_forged_notes_of_the_time_step_are_refused(copy, key, lie):
 
 @pytest.mark.parametrize(
     ("table", "column", "lie"),
-    [("totals", at.A_TIME, -1e99), ("totals", at.A_STEPS, 1e99), ("memory", at.T_TRIES, 1e99)],
+    [("totals", run_totals.TIME, -1e99), ("totals", run_totals.STEPS, 1e99), ("memory", step_memory.TRIES, 1e99)],
 )
 def test_forged_clocks_of_bodies_are_refused(tmp_path, table, column, lie):
     """A body that stands at no time of the run, or cannot count its trials up, would go on for ever."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from thirdbody.build.simulation import Simulation, build
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, contact_state, record, run_totals, sphere
 from thirdbody.scene.model import (
     Contact,
     Domain,
@@ -101,26 +101,26 @@ def two_balls(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0.0),
     return build(scene(pair, {"ball": material}, **keys))
 
 
-def velocity(simulation: Simulation, body: int = 0) -> np.ndarray:
+def velocity(simulation: Simulation, number: int = 0) -> np.ndarray:
     """Velocity (3,) of a body, m/s."""
-    return simulation.state.B[body, at.B_V : at.B_V + 3].copy()
+    return simulation.state.bodies.velocity[number].copy()
 
 
-def spin(simulation: Simulation, body: int = 0) -> np.ndarray:
+def spin(simulation: Simulation, number: int = 0) -> np.ndarray:
     """Angular velocity (3,) of a body, rad/s."""
-    return simulation.state.B[body, at.B_W : at.B_W + 3].copy()
+    return simulation.state.bodies.spin[number].copy()
 
 
 def touching(simulation: Simulation) -> np.ndarray:
     """Which candidate contacts are closed."""
-    return simulation.state.slots.H[:, at.H_ON] > 0.0
+    return simulation.state.slots.histories.slip > 0.0
 
 
 def contact(simulation: Simulation) -> np.ndarray:
     """Record (columns R_*) of the only closed contact; zeros when there is none."""
     closed = touching(simulation)
     assert closed.sum() <= 1
-    return simulation.state.slots.R[closed][0].copy() if closed.any() else np.zeros(at.R_COLS)
+    return simulation.state.slots.R[closed][0].copy() if closed.any() else np.zeros(record.WIDTH)
 
 
 def advance(simulation: Simulation, steps: int = 1) -> None:
@@ -152,9 +152,9 @@ def impact(simulation: Simulation, gap_rate) -> Impact:
     while True:
         advance(simulation)
         row = contact(simulation)
-        if row[at.R_A] == 0.0 and rows:
+        if row[record.CONTACT_RADIUS] == 0.0 and rows:
             break
-        rows.append((state.time, row[at.R_OVERLAP], row[at.R_FN], np.linalg.norm(row[at.R_T : at.R_T + 3])))
+        rows.append((state.time, row[record.OVERLAP], row[record.NORMAL_FORCE], np.linalg.norm(row[record.TANGENTIAL_FORCE3])))
         assert len(rows) < 100_000
     gap, rate = gap_rate()
     return Impact(*np.array(rows).T, end=state.time - gap / rate)
@@ -163,7 +163,7 @@ def impact(simulation: Simulation, gap_rate) -> Impact:
 def plane_impact(simulation: Simulation) -> Impact:
     """`impact` of a ball on the lower plate."""
     state = simulation.state
-    return impact(simulation, lambda: (state.S[0, at.S_Z] - state.S[0, at.S_R], velocity(simulation)[2]))
+    return impact(simulation, lambda: (state.spheres.position[0, 2] - state.spheres.radius[0], velocity(simulation)[2]))
 
 
 def leave(simulation: Simulation, period: float) -> None:
@@ -178,15 +178,15 @@ def leave(simulation: Simulation, period: float) -> None:
 def kinetic(simulation: Simulation) -> float:
     """Kinetic energy of all bodies, J."""
     B, E = simulation.state.B, simulation.state.E
-    spins = np.sum(E[:, at.E_L : at.E_L + 3] * B[:, at.B_W : at.B_W + 3])
-    return 0.5 * float(np.sum(B[:, at.B_MASS, None] * B[:, at.B_V : at.B_V + 3] ** 2) + spins)
+    spins = np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3])
+    return 0.5 * float(np.sum(B[:, body.MASS, None] * B[:, body.VELOCITY3] ** 2) + spins)
 
 
 def momenta(simulation: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """Linear and angular momentum (about the origin) of all bodies."""
     B, E = simulation.state.B, simulation.state.E
-    linear = B[:, at.B_MASS, None] * B[:, at.B_V : at.B_V + 3]
-    angular = np.cross(B[:, at.B_X : at.B_X + 3], linear) + E[:, at.E_L : at.E_L + 3]
+    linear = B[:, body.MASS, None] * B[:, body.VELOCITY3]
+    angular = np.cross(B[:, body.POSITION3], linear) + E[:, body_extra.ANGULAR_MOMENTUM3]
     return linear.sum(axis=0), angular.sum(axis=0)
 
 
@@ -228,7 +228,7 @@ def under_patches(
 def numerical_share(simulation: Simulation) -> float:
     """What the integrator itself has lost so far, as a part of the plate's work; negative where it made energy."""
     A = simulation.state.A
-    return float(A[at.A_NUMERICAL] / A[at.A_PLATE_ABS])
+    return float(A[run_totals.NUMERICAL_LOSS] / A[run_totals.PLATE_WORK_SIZE])
 
 
 LUMP = tuple(
@@ -256,12 +256,12 @@ def clump(shape: Sequence[dict[str, Any]], x: float = 1e-4, y: float = 1e-4, gap
 
 def plate_force(simulation: Simulation) -> np.ndarray:
     """Force (3,) of the debris on the upper plate at this instant, N."""
-    return simulation.state.A[at.A_UPPER : at.A_UPPER + 3].copy()
+    return simulation.state.A[run_totals.UPPER_FORCE3].copy()
 
 
 def mean_force(simulation: Simulation, way: float) -> np.ndarray:
     """Mean force (3,) on the upper plate while it moves on by `way` (m), N."""
     A, state = simulation.state.A, simulation.state
-    time, impulse = state.time, A[at.A_IMPULSE : at.A_IMPULSE + 3].copy()
+    time, impulse = state.time, A[run_totals.UPPER_IMPULSE3].copy()
     simulation.integrator.advance_to(distance=state.distance + way)
-    return (A[at.A_IMPULSE : at.A_IMPULSE + 3] - impulse) / (state.time - time)
+    return (A[run_totals.UPPER_IMPULSE3] - impulse) / (state.time - time)

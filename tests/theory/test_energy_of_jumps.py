@@ -14,7 +14,8 @@ from numba import njit
 
 from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import law_input, law_output, run_totals
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit import contact_dissipation
 from thirdbody.scene.model import Scene
 
@@ -88,7 +89,7 @@ def residual(path, values):
     simulation.integrator.advance_to(simulation.settle, math.inf, watch)
     simulation.integrator.advance_to(simulation.settle + float(values["duration"].split()[0]) * 1e-6, math.inf, watch)
     lines = ledger.lines(state, ledger.watch(state))
-    assert lines["friction"] > 0.05 * max(state.A[at.A_PLATE_ABS], ledger.peak)  # the case is about friction
+    assert lines["friction"] > 0.05 * max(state.A[run_totals.PLATE_WORK_SIZE], ledger.peak)  # the case is about friction
     return ledger.relative_residual(state, lines["residual"])
 
 
@@ -117,13 +118,13 @@ def booked(I, O):  # noqa: E741
 
 def test_a_law_that_makes_energy_stays_visible():
     """Friction never takes less than nothing: what a spring holds more than was done to it is left for the residual."""
-    I, O = np.zeros((at.I_HISTORY + 3) * at.TILE), np.zeros((at.O_HISTORY + 3) * at.TILE)  # noqa: E741
-    table = I.reshape(-1, at.TILE), O.reshape(-1, at.TILE)
-    table[0][at.I_SX] = -2.0
-    table[1][at.O_HISTORY] = 3.0  # the mean force 1.5 over the way 2: a work of 3
-    table[0][at.I_HISTORY + 2] = 1.0
-    table[1][at.O_STORED_T, :2] = 1.5, 9.0
-    table[1][at.O_LOST], table[1][at.O_WORK] = 0.25, 0.75  # half of a joule is not of friction
+    I, O = np.zeros((law_input.HISTORY + 3) * TILE), np.zeros((law_output.HISTORY + 3) * TILE)  # noqa: E741
+    table = I.reshape(-1, TILE), O.reshape(-1, TILE)
+    table[0][law_input.SLIP_X] = -2.0
+    table[1][law_output.HISTORY] = 3.0  # the mean force 1.5 over the way 2: a work of 3
+    table[0][law_input.HISTORY + 2] = 1.0
+    table[1][law_output.STORED_TANGENTIAL, :2] = 1.5, 9.0
+    table[1][law_output.FRICTION_LOSS], table[1][law_output.DISSIPATED] = 0.25, 0.75  # half of a joule is not of friction
     booked(I, O)
-    assert table[1][at.O_WORK, 0] == pytest.approx(0.5 + 1.0 + 3.0 - 1.5, rel=1e-15)
-    assert table[1][at.O_WORK, 1] == pytest.approx(0.5, rel=1e-15)
+    assert table[1][law_output.DISSIPATED, 0] == pytest.approx(0.5 + 1.0 + 3.0 - 1.5, rel=1e-15)
+    assert table[1][law_output.DISSIPATED, 1] == pytest.approx(0.5, rel=1e-15)

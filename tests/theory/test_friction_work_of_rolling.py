@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body
 from thirdbody.runner.simulate import prepare
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"
@@ -29,9 +29,9 @@ def friction_work(way: float = WAY, **settings: str) -> tuple[np.ndarray, np.nda
     chosen = SLOW | {name.replace("__", "."): value for name, value in settings.items()}
     built = prepare(thirdbody.Scene.load(SCENE).with_settings(chosen))
     built.integrator.advance_to(time=built.settle)
-    before = built.state.B[:, at.B_WORK].copy()
+    before = built.state.bodies.friction_work.copy()
     built.integrator.advance_to(distance=way)
-    return built.state.B[:, at.B_WORK] - before, built.integrator.label()[:, 0]
+    return built.state.bodies.friction_work - before, built.integrator.label()[:, 0]
 
 
 def fine_work(way: float = WAY, **settings: str) -> np.ndarray:

@@ -12,7 +12,7 @@ from thirdbody_three_spot.balance import balance
 
 from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, record
 from thirdbody.scene.model import Constant, ConstantVelocity, Effects, Irregular, Motion, Ramp, Scene, Spots, Stroke
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -39,14 +39,14 @@ def micro(make, debris, motion, integrator="implicit", **keys):
     return make.under_patches(debris, {"ball": make.STEEL}, keys.pop("load", LOAD), motion, integrator=integrator, **keys)
 
 
-def path(simulation, stops, body=0):
+def path(simulation, stops, number=0):
     """Place (m) and attitude (times the size, m) of a body, relative to the start, at sliding distances after settling."""
     simulation.integrator.advance_to(time=simulation.settle)
     rows = []
     for stop in stops:
         simulation.integrator.advance_to(distance=stop)
-        B = simulation.state.B[body]
-        rows.append(np.concatenate([B[at.B_X : at.B_X + 3] - MIDDLE, MICRO * B[at.B_Q : at.B_Q + 4]]))
+        B = simulation.state.B[number]
+        rows.append(np.concatenate([B[body.POSITION3] - MIDDLE, MICRO * B[body.QUATERNION4]]))
     return np.array(rows)
 
 
@@ -66,7 +66,7 @@ def test_steps_are_of_second_order(make):
         assert simulation.integrator.summary()["longest_step"] == pytest.approx(length, rel=1e-3)
         decay = math.exp(-rate * duration)
         way = v0 / rate * (1.0 - decay)
-        gone = simulation.state.B[0, at.B_X] - MIDDLE
+        gone = simulation.state.bodies.position[0, 0] - MIDDLE
         found = (make.velocity(simulation)[0] / v0, make.spin(simulation)[2] / spin, decay * gone / way)
         errors.append(np.abs(np.array(found) / decay - 1.0))
     slopes = np.polyfit(np.log(lengths), np.log(errors), 1)[0]
@@ -113,8 +113,8 @@ def pinched(make):
     for part in np.arange(0.05, 2.01, 0.05):
         simulation.integrator.advance_to(time=start + part * slip_time)
         R = simulation.state.slots.R
-        arm = RADIUS - 0.5 * R[0, at.R_OVERLAP]
-        forces = np.linalg.norm(R[:, at.R_T : at.R_T + 3], axis=1) / (MU * PRESS)
+        arm = RADIUS - 0.5 * R[0, record.OVERLAP]
+        forces = np.linalg.norm(R[:, record.TANGENTIAL_FORCE3], axis=1) / (MU * PRESS)
         rows.append((part, make.velocity(simulation)[0] / SPEED, make.spin(simulation)[1] * arm / SPEED, *forces))
         labels.append(make.label(simulation))
     return np.array(rows), labels
@@ -150,12 +150,12 @@ def test_ball_rolls_at_half_the_speed_at_any_speed(make, level):
     simulation = micro(make, [make.ball(MICRO, (MIDDLE, MIDDLE, MICRO))], drag(speed), level=level)
     simulation.integrator.advance_to(time=simulation.settle)
     simulation.integrator.advance_to(distance=2e-6)
-    start = simulation.state.B[0, at.B_X]
+    start = simulation.state.bodies.position[0, 0]
     force = make.mean_force(simulation, 8e-6)
     # Rigid rolling over the way that is left; the contacts' creep is T/k_t, and T is nothing.
-    assert simulation.state.B[0, at.B_X] - start == pytest.approx(4e-6, rel=1e-5)
+    assert simulation.state.bodies.position[0, 0] - start == pytest.approx(4e-6, rel=1e-5)
     assert make.velocity(simulation)[0] == pytest.approx(0.5 * speed, rel=1e-5)
-    arm = MICRO - 0.5 * simulation.state.slots.R[0, at.R_OVERLAP]
+    arm = MICRO - 0.5 * simulation.state.slots.records.overlap[0]
     assert make.spin(simulation)[1] == pytest.approx(0.5 * speed / arm, rel=1e-5)
     assert abs(force[0]) < 1e-6 * LOAD
     assert make.label(simulation) == "rolling"
@@ -217,12 +217,14 @@ def test_three_spot_particle_slides_as_theory_says(make, level):
     simulation.integrator.advance_to(time=simulation.settle)
     simulation.integrator.advance_to(distance=1e-7)
     R = simulation.state.slots.R
-    loaded = R[R[:, at.R_A] > 0.0]
-    normal = dict(zip(np.round(loaded[:, at.R_POINT] * 1e6), loaded[:, at.R_FN], strict=True))
+    loaded = R[R[:, record.CONTACT_RADIUS] > 0.0]
+    normal = dict(zip(np.round(loaded[:, record.POINT] * 1e6), loaded[:, record.NORMAL_FORCE], strict=True))
     ratio = normal[-2.0] / normal[0.0]
     # the tilt of 1e-3 moves each spot of radius 2 um or less, on arms of 2 um: 4e-9 m of 3.5 um
     assert ratio == pytest.approx(theory.lower_force_share((0.2e-6, -2e-6, 1.5e-6), 0.3 * 4e-6), rel=2e-3)
-    assert np.linalg.norm(loaded[:, at.R_T : at.R_T + 3], axis=1) == pytest.approx(0.3 * loaded[:, at.R_FN], rel=1e-6)
+    assert np.linalg.norm(loaded[:, record.TANGENTIAL_FORCE3], axis=1) == pytest.approx(
+        0.3 * loaded[:, record.NORMAL_FORCE], rel=1e-6
+    )
     assert make.plate_force(simulation)[0] / LOAD == pytest.approx(0.3, rel=1e-4)
 
 

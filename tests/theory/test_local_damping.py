@@ -11,7 +11,7 @@ from thirdbody_three_spot import theory
 from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, record, sphere
 from thirdbody.scene.model import Effects, Solver
 
 RADIUS, GRAVITY, DROP = 1e-3, 1e4, 1e-3
@@ -28,7 +28,7 @@ def dropped(make, alpha, settle, drop=DROP, step="auto", **more):
 
 def height(simulation):
     """Gap below the ball, m."""
-    return simulation.state.S[0, at.S_Z] - RADIUS
+    return simulation.state.spheres.position[0, 2] - RADIUS
 
 
 @pytest.mark.parametrize("alpha", [0.1, 0.3, 0.6])
@@ -70,7 +70,7 @@ def test_a_dropped_ball_comes_to_rest_in_the_time_of_a_geometric_series(make):
     assert abs(make.velocity(simulation)[2]) < 1e-4 * math.sqrt(2.0 * GRAVITY * DROP)
     # it rests where it would without: the damping vanishes with the unbalanced force
     weight = GRAVITY * make.ball_mass(make.STEEL, RADIUS)
-    assert make.contact(simulation)[at.R_FN] == pytest.approx(weight, rel=1e-6)
+    assert make.contact(simulation)[record.NORMAL_FORCE] == pytest.approx(weight, rel=1e-6)
 
 
 def test_a_rocking_ball_decays_by_the_logarithmic_decrement(make):
@@ -80,7 +80,7 @@ def test_a_rocking_ball_decays_by_the_logarithmic_decrement(make):
     simulation = dropped(make, alpha, 1.0, drop=0.0, **rolling)
     simulation.integrator.advance_to(time=2e-3)
     B, E = simulation.state.B, simulation.state.E
-    B[0, at.B_W + 1], E[0, at.E_L + 1] = 1.0, E[0, at.E_I]
+    B[0, body.SPIN + 1], E[0, body_extra.ANGULAR_MOMENTUM + 1] = 1.0, E[0, body_extra.INERTIA]
     spins = []
     while len(spins) < 20000 and np.count_nonzero(np.diff(np.sign(spins))) < 9:
         make.advance(simulation)
@@ -99,8 +99,8 @@ def test_it_ends_with_the_settling(make):
     start, speed = simulation.state.time, make.velocity(simulation)[2]
     # the step that ends the settling may be half damped: 1 in 1000 steps
     assert speed == pytest.approx(-0.5 * GRAVITY * start, rel=2e-3)
-    force = simulation.state.B[0, at.B_F : at.B_F + 3]
-    assert np.array_equal(force, simulation.state.B[0, at.B_MASS] * np.array([0.0, 0.0, -GRAVITY]))
+    force = simulation.state.bodies.force[0]
+    assert np.array_equal(force, simulation.state.bodies.mass[0] * np.array([0.0, 0.0, -GRAVITY]))
     simulation.integrator.advance_to(time=1.5 * settle)
     # free fall: only round-off
     assert make.velocity(simulation)[2] - speed == pytest.approx(-GRAVITY * (simulation.state.time - start), rel=1e-10)

@@ -8,7 +8,7 @@ from thirdbody_three_spot import theory
 
 from thirdbody.build.simulation import build
 from thirdbody.engine.state import angular_momentum, rotation_matrices
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra
 from thirdbody.scene.model import Constant, Effects, Irregular, Spheres
 
 MOMENTS, SPIN = (1.0, 2.0, 3.0), (0.05, 1.0, 0.05)
@@ -20,15 +20,15 @@ def top(make, step):
     """A body with the principal moments `MOMENTS`, alone in space, spinning with `SPIN`."""
     simulation = build(make.scene([make.ball(1.0, (0.0, 0.0, 0.0))], {"ball": make.STEEL}, time_step=step), force=True)
     B, E = simulation.state.B, simulation.state.E
-    E[:, at.E_I : at.E_I + 3], B[:, at.B_BALL] = MOMENTS, 0.0
-    B[:, at.B_W : at.B_W + 3] = SPIN
-    E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
+    E[:, body_extra.INERTIA3], B[:, body.SPHERE_INERTIA] = MOMENTS, 0.0
+    B[:, body.SPIN3] = SPIN
+    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
     return simulation
 
 
 def body_spin(B):
     """Angular velocity (3,) in the body's own frame."""
-    return rotation_matrices(B[:1, at.B_Q : at.B_Q + 4])[0].T @ B[0, at.B_W : at.B_W + 3]
+    return rotation_matrices(B[:1, body.QUATERNION4])[0].T @ B[0, body.SPIN3]
 
 
 def swing(make, step):
@@ -58,15 +58,15 @@ def test_top_period_is_of_second_order(make):
 def test_top_keeps_momentum_and_energy(make):
     simulation = top(make, 0.05)
     B, E = simulation.state.B, simulation.state.E
-    momentum, energy = E[0, at.E_L : at.E_L + 3].copy(), make.kinetic(simulation)
+    momentum, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), make.kinetic(simulation)
     worst = 0.0
     for _ in range(60):
         simulation.integrator.advance_to(time=simulation.state.time + 10.0)
         worst = max(worst, abs(make.kinetic(simulation) / energy - 1.0))
     # world axes: nothing ever touches L; the splitting keeps a neighbour of the energy, (dt omega)^2/12 off at most
-    assert np.array_equal(E[0, at.E_L : at.E_L + 3], momentum)
+    assert np.array_equal(E[0, body_extra.ANGULAR_MOMENTUM3], momentum)
     assert worst < 0.05**2 / 12.0
-    assert abs(np.linalg.norm(B[0, at.B_Q : at.B_Q + 4]) - 1.0) < 1e-14
+    assert abs(np.linalg.norm(B[0, body.QUATERNION4]) - 1.0) < 1e-14
 
 
 def test_top_turns_as_a_fine_solution_does(make):
@@ -77,7 +77,7 @@ def test_top_turns_as_a_fine_solution_does(make):
         # all steps divide the time: the same instant for each
         simulation.integrator.advance_to(time=5.0)
         assert simulation.state.time == pytest.approx(5.0, rel=1e-12)
-        attitude.append(simulation.state.B[0, at.B_Q : at.B_Q + 4].copy())
+        attitude.append(simulation.state.bodies.quaternion[0].copy())
     halvings = [np.linalg.norm(b - a) for a, b in zip(attitude[:-1], attitude[1:], strict=True)]
     assert np.log2(halvings[0] / halvings[1]) == pytest.approx(2.0, abs=0.02)
     assert np.log2(halvings[1] / halvings[2]) == pytest.approx(2.0, abs=0.01)
@@ -110,11 +110,13 @@ def test_free_collision_conserves_momenta(make, friction, restitution):
     simulation = build(make.scene(bodies, {"ball": make.STEEL}, friction=friction, restitution=restitution))
     (p, angular), energy = make.momenta(simulation), make.kinetic(simulation)
     B, E = simulation.state.B, simulation.state.E
-    largest = B[0, at.B_MASS] * 4.0
-    start = E[:, at.E_L : at.E_L + 3].copy()
+    largest = B[0, body.MASS] * 4.0
+    start = E[:, body_extra.ANGULAR_MOMENTUM3].copy()
     simulation.integrator.advance_to(time=1.2e-3)
     after_p, after_angular = make.momenta(simulation)
-    assert np.all(np.abs(E[:, at.E_L : at.E_L + 3] - start).max(axis=1) > 0.1 * np.abs(start).max())  # all of them collided
+    assert np.all(
+        np.abs(E[:, body_extra.ANGULAR_MOMENTUM3] - start).max(axis=1) > 0.1 * np.abs(start).max()
+    )  # all of them collided
     # some 1e4 steps with an error of half a unit in the last place each, at random: 1e2 * 1e-16 of the largest momentum
     assert np.abs(after_p - p).max() < 1e-13 * largest
     assert np.abs(after_angular - angular).max() < 1e-13 * largest * 5e-3
@@ -132,7 +134,7 @@ def tumble(make, scale):
     for k in range(1, 9):
         simulation.integrator.advance_to(time=1.5 * k * scale)
         B = simulation.state.B[0]
-        rows.append(np.concatenate([B[at.B_X : at.B_X + 3] / scale, B[at.B_Q : at.B_Q + 4], B[at.B_W : at.B_W + 3] * scale]))
+        rows.append(np.concatenate([B[body.POSITION3] / scale, B[body.QUATERNION4], B[body.SPIN3] * scale]))
     return np.array(rows)
 
 
@@ -156,5 +158,5 @@ def test_irregular_populations_scale_alike(make):
         simulation = build(make.scene([debris], {"ball": make.STEEL}, lower="ball", friction=0.3, size=10.0 * scale))
         simulation.integrator.advance_to(time=2.0 * scale)
         B = simulation.state.B
-        found.append(np.hstack([B[:, at.B_Q : at.B_Q + 4], B[:, at.B_W : at.B_W + 3] * scale]))
+        found.append(np.hstack([B[:, body.QUATERNION4], B[:, body.SPIN3] * scale]))
     assert found[1] == pytest.approx(found[0], rel=1e-9, abs=1e-9)

@@ -15,7 +15,7 @@ from thirdbody.engine.energy import Ledger
 from thirdbody.engine.numerical_energy_guard import MADE_GUARD
 from thirdbody.engine.upper_plate import Segment, mean_value
 from thirdbody.errors import GuardStop, InputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, patch, run_totals
 from thirdbody.runner.accuracy_warnings import patches_not_carried
 from thirdbody.scene.model import ConstantVelocity, Motion, Scene, Stroke
 
@@ -43,12 +43,12 @@ def ensemble(count, speed, **settings):
 def test_a_body_that_nothing_presses_does_not_fly_on(make):
     """A body without mass has no flight: where both plates have left it, it stays."""
     simulation = one(make, make.ball(MICRO, (1e-4, 1e-4, 2.0 * MICRO), (1.0, 0.0, 0.5), (0.0, 1e5, 0.0)), settle=1e-7)
-    simulation.state.P[0, at.P_Z] += 1e-6  # the patch is still on its way down
+    simulation.state.patches.height[0] += 1e-6  # the patch is still on its way down
     start = simulation.state.B[0].copy()
     simulation.integrator.advance_to(time=1e-9)
     assert not make.touching(simulation).any()
     # on the way of a flight, 1e-9 m; without inertia nothing moves it but what is left unbalanced: 1e-9 contact radii
-    assert simulation.state.B[0, at.B_X : at.B_X + 3] == pytest.approx(start[at.B_X : at.B_X + 3], abs=1e-15)
+    assert simulation.state.bodies.position[0] == pytest.approx(start[body.POSITION3], abs=1e-15)
     assert np.abs(make.velocity(simulation)).max() < 1e-9
     assert patches_not_carried(simulation) == 1
     simulation.integrator.advance_to(time=1e-3)
@@ -62,7 +62,7 @@ def test_a_tipping_body_stays_between_the_plates():
     for time in np.linspace(20e-6, 23.22e-6, 200):
         integrator.march(30, 31, float(time))
         # the patch comes down at most at load over dashpot, 1.4 m/s, and the drag goes at 1 m/s
-        assert np.linalg.norm(state.B[30, at.B_V : at.B_V + 3]) < 3.0
+        assert np.linalg.norm(state.bodies.velocity[30]) < 3.0
 
 
 def test_rolling_makes_no_energy_without_inertia():
@@ -72,7 +72,7 @@ def test_rolling_makes_no_energy_without_inertia():
     integrator.advance_to(time=simulation.settle)
     for stop in np.arange(1, 13) * 5e-7:
         integrator.advance_to(distance=float(stop))
-        made = -integrator.totals[:, at.A_NUMERICAL] / integrator.totals[:, at.A_PLATE_ABS]
+        made = -integrator.totals[:, run_totals.NUMERICAL_LOSS] / integrator.totals[:, run_totals.PLATE_WORK_SIZE]
         # of second order in the length of a step; the force at its end alone, of first order, makes .14 here
         assert made.max() < 0.01
     ledger = Ledger(simulation.state)
@@ -115,7 +115,9 @@ def test_a_sound_run_is_far_from_the_guard():
     simulation = ensemble(12, 1e-3, **{"solver.inertia": "true", "solver.distance": "1 um"})
     simulation.integrator.advance_to(distance=1e-6)
     simulation.integrator.refuse_made_energy()
-    simulation.integrator.totals[7, at.A_NUMERICAL] = -1.5 * MADE_GUARD * simulation.integrator.totals[7, at.A_PLATE_ABS]
+    simulation.integrator.totals[7, run_totals.NUMERICAL_LOSS] = (
+        -1.5 * MADE_GUARD * simulation.integrator.totals[7, run_totals.PLATE_WORK_SIZE]
+    )
     with pytest.raises(GuardStop, match=f"body {simulation.state.order[7]} at"):
         simulation.integrator.refuse_made_energy()
 

@@ -10,7 +10,7 @@ import pytest
 from thirdbody_three_spot import exact, mdr, theory
 
 from thirdbody.build.physics import _value
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body
 from thirdbody.laws.contract import Contact, Load, Material, Pair
 from thirdbody.laws.coulomb import COULOMB, COULOMB_ROLLING
 from thirdbody.laws.mindlin import MINDLIN, MINDLIN_ROLLING
@@ -411,9 +411,9 @@ def test_a_pinched_ball_creeps_where_its_springs_forget(make, integrator):
         )  # fmt: skip
         assert simulation.state.physics.rolling == (0 if renewal == 0.0 else 1)
         simulation.integrator.advance_to(distance=1e-5)  # a way of 13 contact radii of the patch
-        start = simulation.state.B[0, at.B_X]
+        start = simulation.state.bodies.position[0, 0]
         simulation.integrator.advance_to(distance=1.4e-5)
-        behind[renewal] = 1.0 - (simulation.state.B[0, at.B_X] - start) / 2e-6
+        behind[renewal] = 1.0 - (simulation.state.bodies.position[0, 0] - start) / 2e-6
     steel = make.STEEL.shear(), make.STEEL.poisson_ratio
     overlap = theory.hertz_overlap(theory.e_star(*steel, *steel), 1e-5, 1e-3)
     creep = 0.5 * SIDE / (steel[0] * theory.contact_radius(1e-5, overlap) ** 2 * creep_coefficient(0.3))

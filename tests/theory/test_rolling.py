@@ -9,7 +9,7 @@ import pytest
 from thirdbody_three_spot import theory
 
 from thirdbody.build.simulation import build
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import record
 from thirdbody.scene.model import ConstantVelocity, Motion, UpperPlate
 
 RADIUS = 1e-3
@@ -44,8 +44,8 @@ def test_ball_rolls_down_a_slope(make, friction):
     speed = 5.0 / 7.0 * 5.0 * simulation.state.time
     assert make.velocity(simulation)[0] == pytest.approx(speed, rel=1e-4)
     assert make.spin(simulation)[1] * RADIUS == pytest.approx(speed, rel=1e-4)
-    record = make.contact(simulation)
-    assert record[at.R_T] / record[at.R_FN] == pytest.approx(-2.0 / 7.0, rel=1e-3)
+    contact = make.contact(simulation)
+    assert contact[record.TANGENTIAL_FORCE] / contact[record.NORMAL_FORCE] == pytest.approx(-2.0 / 7.0, rel=1e-3)
     assert make.label(simulation) == "rolling"
 
 
@@ -54,12 +54,12 @@ def test_settled_weight_is_carried_by_hertz_contact(make):
     weight = 5.0 * make.ball_mass(make.STEEL, RADIUS)
     g, nu = make.STEEL.shear(), make.STEEL.poisson_ratio
     e = theory.e_star(g, nu, g, nu)
-    record = make.contact(simulation)
+    contact = make.contact(simulation)
     # the bounce has died out: 1e-8 of the weight is left after 5 ms
-    assert record[at.R_FN] == pytest.approx(weight, rel=1e-6)
-    assert record[at.R_OVERLAP] == pytest.approx(theory.hertz_overlap(e, RADIUS, weight), rel=1e-6)
-    assert record[at.R_A] == pytest.approx(math.sqrt(RADIUS * record[at.R_OVERLAP]), rel=1e-9)
-    assert record[at.R_LIMIT] == pytest.approx(0.2 * weight, rel=1e-6)
+    assert contact[record.NORMAL_FORCE] == pytest.approx(weight, rel=1e-6)
+    assert contact[record.OVERLAP] == pytest.approx(theory.hertz_overlap(e, RADIUS, weight), rel=1e-6)
+    assert contact[record.CONTACT_RADIUS] == pytest.approx(math.sqrt(RADIUS * contact[record.OVERLAP]), rel=1e-9)
+    assert contact[record.FRICTION_LIMIT] == pytest.approx(0.2 * weight, rel=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -82,8 +82,8 @@ def pinched(make):
     for part in np.arange(0.05, 2.01, 0.05):
         simulation.integrator.advance_to(time=start + part * slip_time)
         R = simulation.state.slots.R
-        arm = RADIUS - 0.5 * R[0, at.R_OVERLAP]
-        forces = np.linalg.norm(R[:, at.R_T : at.R_T + 3], axis=1) / (friction * load)
+        arm = RADIUS - 0.5 * R[0, record.OVERLAP]
+        forces = np.linalg.norm(R[:, record.TANGENTIAL_FORCE3], axis=1) / (friction * load)
         moved = (simulation.state.time - start) / slip_time
         rows.append((moved, make.velocity(simulation)[0] / speed, make.spin(simulation)[1] * arm / speed, *forces))
         labels.append(make.label(simulation))

@@ -11,7 +11,7 @@ from thirdbody_three_spot import theory
 from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.time_step import bound
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, record, run_totals
 from thirdbody.scene.model import Effects
 
 RADIUS, GRAVITY = 1e-3, 9.81
@@ -51,12 +51,12 @@ def test_rolling_ball_is_braked(make, mu_r):
     # while it lands the load swings about m g, for some 1e-4 of the time; the arm is R - d/2 with d/R = 1e-6
     assert lost == pytest.approx(5.0 / 7.0 * mu_r * GRAVITY * simulation.state.time, rel=2e-4)
     assert make.spin(simulation)[1] * RADIUS == pytest.approx(make.velocity(simulation)[0], rel=1e-5)
-    record = make.contact(simulation)
+    contact = make.contact(simulation)
     weight = GRAVITY * make.ball_mass(make.STEEL, RADIUS)
-    assert record[at.R_T] == pytest.approx(-5.0 / 7.0 * mu_r * weight, rel=1e-3)
+    assert contact[record.TANGENTIAL_FORCE] == pytest.approx(-5.0 / 7.0 * mu_r * weight, rel=1e-3)
     # the moment opposes the spin about y and stands at its limit
-    assert record[at.R_M : at.R_M + 3] == pytest.approx([0.0, -mu_r * RADIUS * weight, 0.0], rel=1e-6, abs=1e-12 * weight)
-    assert record[at.R_M_LIMIT] == pytest.approx(mu_r * RADIUS * weight, rel=1e-6)
+    assert contact[record.MOMENT3] == pytest.approx([0.0, -mu_r * RADIUS * weight, 0.0], rel=1e-6, abs=1e-12 * weight)
+    assert contact[record.MOMENT_LIMIT] == pytest.approx(mu_r * RADIUS * weight, rel=1e-6)
     lines = ledger.lines(simulation.state)
     assert ledger.relative_residual(simulation.state, lines["residual"]) < CLOSED
     # what the moment took, it took as mu_r R m g times the angle; landing with a bounce takes 1e-8 of that
@@ -89,11 +89,11 @@ def rocked(make, mu_r, ratio=0.0):
     simulation = on_plane(make, named(mu_r, (0.0, 0.0, -GRAVITY), damping=ratio), friction=0.0)
     simulation.integrator.advance_to(time=2e-3)
     B, E = simulation.state.B, simulation.state.E
-    weight = GRAVITY * B[0, at.B_MASS]
+    weight = GRAVITY * B[0, body.MASS]
     k_r = stiffness(make, mu_r, weight)
-    omega = math.sqrt(k_r / E[0, at.E_I])
+    omega = math.sqrt(k_r / E[0, body_extra.INERTIA])
     spin = 0.5 * mu_r * RADIUS * weight / k_r * omega
-    B[0, at.B_W + 1], E[0, at.E_L + 1] = spin, spin * E[0, at.E_I]
+    B[0, body.SPIN + 1], E[0, body_extra.ANGULAR_MOMENTUM + 1] = spin, spin * E[0, body_extra.INERTIA]
     return simulation, omega, spin
 
 
@@ -108,15 +108,15 @@ def follow(make, simulation, duration):
 
 def test_elastic_rocking_has_the_frequency_of_its_spring_and_loses_nothing(make):
     simulation, omega, spin = rocked(make, 0.5)
-    friction = simulation.state.A[at.A_FRICTION]
+    friction = simulation.state.A[run_totals.FRICTION_WORK]
     time, spins = follow(make, simulation, 8.0 * 2.0 * math.pi / omega)
     # velocity Verlet's own error is (omega dt)^2/24 = 3e-5 of the frequency, here over 16 pi of phase
     assert spins == pytest.approx(spin * np.cos(omega * time), abs=5e-3 * spin)
     last = spins[time > 7.0 * 2.0 * math.pi / omega]
     assert abs(last).max() == pytest.approx(spin, rel=1e-3)
     # below the limit nothing is dissipated but what a load that still trembles by 1e-6 of itself takes
-    energy = 0.5 * simulation.state.E[0, at.E_I] * spin**2
-    assert simulation.state.A[at.A_FRICTION] - friction < 1e-5 * energy
+    energy = 0.5 * simulation.state.bodies.inertia[0, 0] * spin**2
+    assert simulation.state.A[run_totals.FRICTION_WORK] - friction < 1e-5 * energy
 
 
 def test_viscous_part_is_relative_to_the_critical_damping_of_a_rolling_ball(make):
@@ -157,14 +157,14 @@ def test_two_balls_keep_their_angular_momentum(make):
     keys = {"effects": named(0.5, damping=0.2), "friction": 0.3, "restitution": 0.7}
     simulation = make.two_balls(make.STEEL, RADIUS, (1.0, 0.3, 0.0), (300.0, 4000.0, -2000.0), **keys)
     state, before = simulation.state, make.momenta(simulation)
-    state.B[1, at.B_W : at.B_W + 3] *= 0.2  # not mirror images: the total is not zero by symmetry
-    state.E[1, at.E_L : at.E_L + 3] *= 0.2
+    state.bodies.spin[1] *= 0.2  # not mirror images: the total is not zero by symmetry
+    state.bodies.angular_momentum[1] *= 0.2
     before = make.momenta(simulation)
-    scale = float(np.abs(state.E[:, at.E_L : at.E_L + 3]).sum())
-    spins = state.B[:, at.B_W : at.B_W + 3].copy()
+    scale = float(np.abs(state.bodies.angular_momentum).sum())
+    spins = state.bodies.spin.copy()
     make.leave(simulation, 2e-6)
     after = make.momenta(simulation)
-    assert np.abs(state.B[:, at.B_W : at.B_W + 3] - spins).max() > 100.0
+    assert np.abs(state.bodies.spin - spins).max() > 100.0
     # round-off of some hundred steps
     assert np.allclose(after[1], before[1], rtol=0.0, atol=1e-12 * scale)
     assert np.allclose(after[0], before[0], rtol=0.0, atol=1e-12 * scale / RADIUS)
@@ -175,8 +175,8 @@ def test_the_rolling_spring_counts_in_the_bound_of_the_time_step(make, mu_r):
     """2/omega of the sway and turn of a ball on its tangential and rolling springs, against the bound that the engine takes."""
     simulation = on_plane(make, named(mu_r, (0.0, 0.0, -1e4)), restitution=1.0)
     make.advance(simulation, 50)
-    state, a = simulation.state, make.contact(simulation)[at.R_A]
-    mass, inertia = state.B[0, at.B_MASS], state.E[0, at.E_I]
+    state, a = simulation.state, make.contact(simulation)[record.CONTACT_RADIUS]
+    mass, inertia = state.bodies.mass[0], state.bodies.inertia[0, 0]
     g, nu = make.STEEL.shear(), make.STEEL.poisson_ratio
     k_t, k_r = 2.0 * theory.g_star(g, nu, g, nu) * a, 2.25 * 2.0 * theory.e_star(g, nu, g, nu) * a * (mu_r * RADIUS) ** 2
     coupled = k_t * RADIUS / math.sqrt(mass * inertia)

@@ -13,8 +13,8 @@ from thirdbody_three_spot import theory
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.implicit_common_plate import Shared
 from thirdbody.errors import GuardStop
-from thirdbody.kernels import layout as at
-from thirdbody.kernels.implicit import common_plate, step_control
+from thirdbody.kernels.columns import body, body_solution, patch, record, run_totals, step_memory
+from thirdbody.kernels.implicit import step_control
 from thirdbody.scene import model
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -70,7 +70,7 @@ def pushes(simulation):
     """Normal force of the upper plate on every body, N."""
     state = simulation.state
     upper = state.slots.partner < -1
-    return np.bincount(state.body[state.slots.own[upper]], state.slots.R[upper, at.R_FN], minlength=state.n_bodies)
+    return np.bincount(state.body[state.slots.own[upper]], state.slots.records.normal_force[upper], minlength=state.n_bodies)
 
 
 def hertz(make, radius, squeeze, spots=1):
@@ -120,7 +120,7 @@ def test_rigid_plate_shares_its_load_after_hertz(make, kind):
     # what is still coming down as the time for settling ends
     assert found.sum() == pytest.approx(LOAD, rel=1e-6)
     assert found == pytest.approx(expected, abs=1e-5 * LOAD)
-    assert simulation.state.P[-1, at.P_Z] == pytest.approx(gap, abs=1e-13)
+    assert simulation.state.patches.height[-1] == pytest.approx(gap, abs=1e-13)
     for stop in np.arange(1, 9) * 2.5e-7:
         simulation.integrator.advance_to(distance=stop)
         force = make.plate_force(simulation)
@@ -138,7 +138,7 @@ def dragged(make, bodies, integrator, speed=0.1, way=2e-7, **keys):
     simulation.integrator.advance_to(time=simulation.settle)
     simulation.integrator.advance_to(distance=0.75 * way)
     force = make.mean_force(simulation, 0.25 * way)
-    return simulation.state.P[-1, at.P_Z], pushes(simulation), force, simulation.state.B[:, :3].copy()
+    return simulation.state.patches.height[-1], pushes(simulation), force, simulation.state.B[:, :3].copy()
 
 
 @supports
@@ -159,7 +159,7 @@ def test_foundation_balances_load_and_springs(make, preload):
     assert isinstance(simulation.integrator, Shared)
     simulation.integrator.advance_to(time=simulation.settle)
     P, found = simulation.state.P, pushes(simulation)
-    springs = P[:-1, at.P_SPRING] * (P[:-1, at.P_Z] - P[-1, at.P_Z])
+    springs = P[:-1, patch.SPRING] * (P[:-1, patch.HEIGHT] - P[-1, patch.HEIGHT])
     radii = MICRO + TALLER * np.arange(COUNT)
     # a patch carries its own load beside its spring
     total = LOAD + COUNT * preload
@@ -170,14 +170,14 @@ def test_foundation_balances_load_and_springs(make, preload):
     expected = sprung(make, radii, plate, preload)
     assert np.ptp(expected) > 0.05 * LOAD
     assert found == pytest.approx(expected, abs=5e-5 * LOAD)
-    assert P[-1, at.P_Z] == pytest.approx(plate, abs=2e-12)  # 1e-4 of the load over 6 times 48 N/mm of spring and contacts
+    assert P[-1, patch.HEIGHT] == pytest.approx(plate, abs=2e-12)  # 1e-4 of the load over 6 times 48 N/mm of spring and contacts
 
 
 def test_foundation_at_a_height_is_one_that_came_there(make):
     """A free plate finds its height under the load while bodies slide; held there, each with steps of its own, it is the same."""
     free = carried(make, flakes(make), drag(), plate=SPRINGS)
     free.integrator.advance_to(distance=5e-7)
-    height = float(free.state.P[-1, at.P_Z])
+    height = float(free.state.patches.height[-1])
     held = carried(make, flakes(make), drag(), plate=SPRINGS | {"load": None, "gap": height})
     assert not isinstance(held.integrator, Shared)
     held.integrator.advance_to(distance=5e-7)
@@ -202,12 +202,14 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, way, level):
         one._bodies(True, dt, rise, one._velocity(simulation.state.time, dt))
         told.append(one.told.copy())
         one._stay()
-    assert all(part[:, common_plate.H_FOUND].all() for part in told)
-    quotient = (told[2][:, common_plate.H_PUSH] - told[0][:, common_plate.H_PUSH]) / (2.0 * h)
+    assert all(part[:, body_solution.FOUND].all() for part in told)
+    quotient = (told[2][:, body_solution.PUSH] - told[0][:, body_solution.PUSH]) / (2.0 * h)
     assert np.all(quotient < -1e4)
     # the push is curved: a fourth of h^2 over the square of an overlap of some nm, and its rounding of 1e-9 N/m over h
-    assert told[1][:, common_plate.H_SLOPE] == pytest.approx(quotient, rel=2e-5)
-    moved = np.abs(simulation.state.B - start)[:, [*range(at.B_X, at.B_W), *range(at.B_Q, at.B_Q + 4)]]
+    assert told[1][:, body_solution.SLOPE] == pytest.approx(quotient, rel=2e-5)
+    moved = np.abs(simulation.state.B - start)[
+        :, [*range(body.POSITION, body.SPIN), *range(body.QUATERNION, body.QUATERNION + 4)]
+    ]
     assert moved[:, :3].max() < 1e-15 and moved.max() < 1e-12, "bodies were not put back"
 
 
@@ -219,11 +221,11 @@ def test_ledger_closes_under_a_common_plate(make, plate, level):
     # long steps of a patch that is renewed book part of what it held here: it is .01 of the work at most
     assert -1e-3 < make.numerical_share(simulation) < 1e-2
     own, row = simulation.integrator.plate, simulation.state.P[-1]
-    fallen = row[at.P_Z0] - row[at.P_Z]
-    assert own[at.A_PLATE_WORK] == pytest.approx(LOAD * fallen, rel=1e-9)  # the load has lost this height, step by step
-    assert 0.0 < own[at.A_DAMPING] < own[at.A_PLATE_WORK]  # as it came down
+    fallen = row[patch.SEARCH_HEIGHT] - row[patch.HEIGHT]
+    assert own[run_totals.PLATE_WORK] == pytest.approx(LOAD * fallen, rel=1e-9)  # the load has lost this height, step by step
+    assert 0.0 < own[run_totals.DAMPING_WORK] < own[run_totals.PLATE_WORK]  # as it came down
     # backward Euler and BDF2 lose less than the kinetic energy that it had, and make none to speak of
-    assert abs(own[at.A_NUMERICAL]) < 0.1 * own[at.A_PLATE_WORK]
+    assert abs(own[run_totals.NUMERICAL_LOSS]) < 0.1 * own[run_totals.PLATE_WORK]
 
 
 def alone(make, debris, motion, **keys):
@@ -238,7 +240,7 @@ def test_flake_needs_no_inertia(make):
         simulation = alone(make, [make.clump(make.HEXAGON)], drag(), inertia=inertia)
         assert residual_after(simulation, 5e-7) < CLOSED
         R = simulation.state.slots.R
-        told.append(np.concatenate([R[:, at.R_FN], make.plate_force(simulation)]))
+        told.append(np.concatenate([R[:, record.NORMAL_FORCE], make.plate_force(simulation)]))
         assert make.label(simulation) == "sliding"
     # inertia counts for 1e-10 at 1 mm/s, and Newton's method leaves 1e-9
     assert told[1] == pytest.approx(told[0], abs=1e-8 * 1e-4)
@@ -252,7 +254,7 @@ def test_three_spots_need_no_inertia(make):
     simulation.integrator.advance_to(time=simulation.settle)
     simulation.integrator.advance_to(distance=1e-7)
     loaded = simulation.state.slots.R[make.touching(simulation)]
-    normal = dict(zip(np.round(loaded[:, at.R_POINT] * 1e6), loaded[:, at.R_FN], strict=True))
+    normal = dict(zip(np.round(loaded[:, record.POINT] * 1e6), loaded[:, record.NORMAL_FORCE], strict=True))
     # the tilt of 1e-3 moves each spot of radius 2 um or less, on arms of 2 um: 4e-9 m of 3.5 um
     expected = theory.lower_force_share((0.2e-6, -2e-6, 1.5e-6), MU * 4e-6)
     assert normal[-2.0] / normal[0.0] == pytest.approx(expected, rel=2e-3)
@@ -269,7 +271,9 @@ def test_without_inertia_the_speed_is_nothing(make):
         rows.append([])
         for stop in np.arange(1, 9) * 2.5e-7:
             simulation.integrator.advance_to(distance=stop)
-            rows[-1].append(np.append(make.plate_force(simulation) / 1e-4, simulation.state.slots.R[:, at.R_FN] / 1e-4))
+            rows[-1].append(
+                np.append(make.plate_force(simulation) / 1e-4, simulation.state.slots.records.normal_force / 1e-4)
+            )
     # what is left of the patch's dashpot: 1e-9 kg/s times 1 m/s of tilt, 1e-5 of the load, while it tilts by some nm per um
     assert rows[0] == pytest.approx(np.array(rows[1]), abs=1e-6)
 
@@ -283,15 +287,15 @@ def test_without_inertia_a_ball_rolls_at_half_any_speed(make, speed, step):
     simulation.integrator.advance_to(distance=5e-7)
     # no force where nothing resists; what the contacts yield at the start is T/k_t
     assert make.plate_force(simulation)[0] / 1e-4 == pytest.approx(0.0, abs=1e-3)
-    assert simulation.state.B[0, at.B_X] - 1e-4 == pytest.approx(2.5e-7, rel=1e-3)
+    assert simulation.state.bodies.position[0, 0] - 1e-4 == pytest.approx(2.5e-7, rel=1e-3)
 
 
 def test_body_between_equal_plates_stays(make):
     spots = [{"side": s, "x": x, "z": z, "radius": 1.5e-6} for s, z in (("upper", 2e-6), ("lower", -2e-6)) for x in (-2e-6, 2e-6)]
-    body = model.Spots(
+    one = model.Spots(
         material="ball", planar=True, mass=1e-13, inertia=(2e-25,) * 3, spots=tuple(spots), positions=((1e-4, 1e-4),)
     )
-    simulation = alone(make, [body], drag(), inertia=False)
+    simulation = alone(make, [one], drag(), inertia=False)
     simulation.integrator.advance_to(time=simulation.settle)
     for stop in (1e-7, 5e-7, 1e-6):
         simulation.integrator.advance_to(distance=stop)
@@ -299,7 +303,7 @@ def test_body_between_equal_plates_stays(make):
         assert -make.plate_force(simulation)[0] / 1e-4 == pytest.approx(MU, rel=1e-6)
         # what holds it back is weak, but all that is left: of the drag's 1 mm/s it takes nothing
         assert np.abs(make.velocity(simulation)).max() < 1e-6 * 1e-3
-    assert abs(simulation.state.B[0, at.B_X] - 1e-4) < 1e-8  # the elastic way of its spots
+    assert abs(simulation.state.bodies.position[0, 0] - 1e-4) < 1e-8  # the elastic way of its spots
 
 
 def test_tipping_clump_ends_in_the_same_seat(make):
@@ -309,7 +313,7 @@ def test_tipping_clump_ends_in_the_same_seat(make):
         simulation = alone(make, [make.clump(make.LUMP, gap=2.1e-6)], drag(), inertia=inertia)
         assert residual_after(simulation, 2e-6) < CLOSED
         seat = make.label(simulation), list(make.touching(simulation))
-        told.append((seat, make.plate_force(simulation) / 1e-4, simulation.state.B[0, at.B_Q : at.B_Q + 4].copy()))
+        told.append((seat, make.plate_force(simulation) / 1e-4, simulation.state.bodies.quaternion[0].copy()))
     with_inertia, without = told
     assert with_inertia[0] == without[0] and without[0][0] == "rolling"
     # .2 um on a clump of 10 um turn it by some 3e-3, and forces follow from geometry
@@ -324,7 +328,7 @@ def test_a_body_that_cannot_be_solved(make, choice):
     one = simulation.integrator
     one.advance_to(time=simulation.settle)
     assert one.summary()["unsolved"] == {}
-    one.memory[1, at.T_CODE] = step_control.UNSOLVED
+    one.memory[1, step_memory.CODE] = step_control.UNSOLVED
     if choice == "stop":
         with pytest.raises(GuardStop, match="no step of body 1 at"):
             one.advance_to(distance=1e-7)
@@ -332,11 +336,13 @@ def test_a_body_that_cannot_be_solved(make, choice):
     before = one.totals.copy()
     one.advance_to(distance=5e-7)
     gone = one.totals - before
-    assert gone[:, at.A_DISTANCE] == pytest.approx([5e-7, 0.0, 5e-7], rel=1e-9)
-    assert gone[1, at.A_STEPS] == 0 and gone[[0, 2], at.A_STEPS].min() > 0
+    assert gone[:, run_totals.DISTANCE] == pytest.approx([5e-7, 0.0, 5e-7], rel=1e-9)
+    assert gone[1, run_totals.STEPS] == 0 and gone[[0, 2], run_totals.STEPS].min() > 0
     assert [make.label(simulation, body) for body in (0, 2)] == ["sliding", "sliding"]
     lost = one.summary()["unsolved"]
-    assert list(lost) == [1] and lost[1].startswith(f"stopped at t = {one.totals[1, at.A_TIME]:.6g} s: no step of body 1 at")
+    assert list(lost) == [1] and lost[1].startswith(
+        f"stopped at t = {one.totals[1, run_totals.TIME]:.6g} s: no step of body 1 at"
+    )
     for spot in (f"sphere {k} on the {side} plate" for k in range(7) for side in ("lower", "upper")):
         assert f"{spot} with N = 1.43e-05 N" in lost[1]  # a seventh of 0.1 mN
 

@@ -10,7 +10,8 @@ import pytest
 from numba import njit
 from thirdbody_three_spot import mdr, theory
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import geometry, patch, sphere
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.rolling_kinematics import travel
 from thirdbody.laws.contract import Contact as Touch
 from thirdbody.laws.contract import Load
@@ -184,9 +185,9 @@ def test_rolling_renews_the_material():
 
 def spheres(*rows):
     """A table of spheres from (radius, velocity, spin)."""
-    S = np.zeros((len(rows), at.S_COLS))
+    S = np.zeros((len(rows), sphere.WIDTH))
     for k, (radius, velocity, spin) in enumerate(rows):
-        S[k, at.S_R], S[k, at.S_U : at.S_U + 3], S[k, at.S_W : at.S_W + 3] = radius, velocity, spin
+        S[k, sphere.RADIUS], S[k, sphere.MID_VELOCITY3], S[k, sphere.MID_SPIN3] = radius, velocity, spin
     return S
 
 
@@ -198,11 +199,11 @@ def travel_speed(i, j, S, P, G, plate):
 
 def way(S, i, j, normal, arms, plate=0.0):
     """Velocity of the patch over its ground, along x and y, or y and z for a normal along x."""
-    G = np.zeros((at.G_COLS, at.TILE))
+    G = np.zeros((geometry.WIDTH, TILE))
     e, f = ((1, 0, 0), (0, 1, 0)) if abs(normal[2]) == 1 else ((0, 1, 0), (0, 0, 1))
-    G[at.G_N : at.G_N + 3, 0], G[at.G_E : at.G_E + 3, 0], G[at.G_D : at.G_D + 3, 0] = normal, e, f
-    G[at.G_ARM_I, 0], G[at.G_ARM_J, 0] = arms
-    return travel_speed(i, j, S, np.zeros((1, at.P_COLS)), G.ravel(), plate)
+    G[geometry.NORMAL3, 0], G[geometry.AXIS3, 0], G[geometry.CROSS_AXIS3, 0] = normal, e, f
+    G[geometry.ARM, 0], G[geometry.PARTNER_ARM, 0] = arms
+    return travel_speed(i, j, S, np.zeros((1, patch.WIDTH)), G.ravel(), plate)
 
 
 def test_the_way_of_the_patch():

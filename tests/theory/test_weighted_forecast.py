@@ -26,17 +26,19 @@ WRENCHES = {
 def label(upper, lower, heights, wrench, frictions, drag, kernel=classify.label):
     """The forecast columns of the labeller for a body whose spots share the load of their side."""
     n = len(upper) + len(lower)
-    C, b, out = np.zeros((n, k.C_MEMORY + len(classify.CONTACT_MEMORY))), np.zeros(k.O_COLS), np.zeros(classify.OUTPUTS)
+    C = np.zeros((n, k.loaded_contact.MEMORY + len(classify.CONTACT_MEMORY)))
+    b = np.zeros(k.observed_body.WIDTH)
+    out = np.zeros(classify.OUTPUTS)
     above = np.arange(n) < len(upper)
-    C[:, k.C_PARTNER] = np.where(above, k.UPPER, k.LOWER)
-    C[:, k.C_POINT : k.C_POINT + 2] = UM * np.concatenate([upper, lower])
-    C[:, k.C_POINT + 2] = UM * np.where(above, *heights)
-    C[:, k.C_NORMAL + 2] = np.where(above, -1.0, 1.0)
-    C[:, k.C_A], C[:, k.C_CURVATURE] = RADIUS, UM
-    C[:, k.C_LOAD] = LOAD / np.where(above, len(upper), len(lower))
-    C[:, k.C_LIMIT] = np.where(above, *frictions) * C[:, k.C_LOAD]
-    b[k.O_Q], b[k.O_DRAG : k.O_DRAG + 2] = 1.0, drag
-    b[k.O_EF : k.O_EF + 6] = LOAD * np.array(wrench) * (1.0, 1.0, 1.0, UM, UM, UM)
+    C[:, k.loaded_contact.PARTNER] = np.where(above, k.UPPER, k.LOWER)
+    C[:, k.loaded_contact.POINT : k.loaded_contact.POINT + 2] = UM * np.concatenate([upper, lower])
+    C[:, k.loaded_contact.POINT + 2] = UM * np.where(above, *heights)
+    C[:, k.loaded_contact.NORMAL + 2] = np.where(above, -1.0, 1.0)
+    C[:, k.loaded_contact.CONTACT_RADIUS], C[:, k.loaded_contact.CURVATURE] = RADIUS, UM
+    C[:, k.loaded_contact.LOAD] = LOAD / np.where(above, len(upper), len(lower))
+    C[:, k.loaded_contact.FRICTION_LIMIT] = np.where(above, *frictions) * C[:, k.loaded_contact.LOAD]
+    b[k.observed_body.QUATERNION], b[k.observed_body.DRAG2] = 1.0, drag
+    b[k.observed_body.EFFECT_FORCE : k.observed_body.EFFECT_FORCE + 6] = LOAD * np.array(wrench) * (1.0, 1.0, 1.0, UM, UM, UM)
     memory = np.zeros(len(classify.MEMORY))
     classify.update_history(C, n, b, memory)
     kernel(C, n, b, memory, out)

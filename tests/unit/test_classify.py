@@ -80,35 +80,36 @@ class Rig:
     def table(self):
         order = self.spots[::-1] if self.view.backward else self.spots
         C, unit, v = (
-            np.zeros((len(order) + 1, k.C_MEMORY + len(c.CONTACT_MEMORY))),
+            np.zeros((len(order) + 1, k.loaded_contact.MEMORY + len(c.CONTACT_MEMORY))),
             self.view.unit,
             self.view.vector,
         )
         C[-1] = 7.0  # a row beyond n is none of the labeller's business
         for row, s in zip(C, order, strict=False):
-            row[k.C_PARTNER], row[k.C_POINT : k.C_POINT + 3], row[k.C_NORMAL : k.C_NORMAL + 3] = (
-                s.partner,
-                unit * v(s.point),
-                v(s.normal),
-            )
-            row[k.C_CURVATURE], row[k.C_A], row[k.C_OVERLAP] = unit, unit * A, unit * A * A
-            row[k.C_FN] = row[k.C_LOAD] = s.load
-            row[k.C_T : k.C_T + 3], row[k.C_LIMIT] = s.limit * s.load * v(s.force), s.limit * s.load
-            row[k.C_CRITICAL], row[k.C_SLIP] = unit * S_C * s.limit / 0.3, unit * s.slip
-            row[k.C_V : k.C_V + 3] = unit * v(s.surface)
-            row[k.C_MEMORY :] = s.memory
+            row[k.loaded_contact.PARTNER] = s.partner
+            row[k.loaded_contact.POINT3] = unit * v(s.point)
+            row[k.loaded_contact.NORMAL3] = v(s.normal)
+            row[k.loaded_contact.CURVATURE] = unit
+            row[k.loaded_contact.CONTACT_RADIUS] = unit * A
+            row[k.loaded_contact.OVERLAP] = unit * A * A
+            row[k.loaded_contact.NORMAL_FORCE] = row[k.loaded_contact.LOAD] = s.load
+            row[k.loaded_contact.TANGENTIAL_FORCE3] = s.limit * s.load * v(s.force)
+            row[k.loaded_contact.FRICTION_LIMIT] = s.limit * s.load
+            row[k.loaded_contact.CRITICAL_SLIP], row[k.loaded_contact.SLIP] = unit * S_C * s.limit / 0.3, unit * s.slip
+            row[k.loaded_contact.PARTNER_VELOCITY3] = unit * v(s.surface)
+            row[k.loaded_contact.MEMORY :] = s.memory
         return order, C
 
     def body(self, drag, dt, moving):
-        b, unit, v = np.zeros(k.O_COLS), self.view.unit, self.view.vector
-        b[k.O_MASS] = 4e-6 / unit  # at four units of load sqrt(m a/N) is .17 ms, and rest takes 8.7 ms
-        b[k.O_Q : k.O_Q + 4] = self.q
-        b[k.O_V : k.O_V + 3] = unit * v(self.velocity)
-        b[k.O_W : k.O_W + 3] = v(self.spin, axial=True)
-        b[k.O_F : k.O_F + 3], b[k.O_T : k.O_T + 3] = v(self.force), unit * v(self.torque, axial=True)
-        b[k.O_ELAPSED], b[k.O_SHIFT : k.O_SHIFT + 2] = dt, unit * v((*drag, 0.0))[:2]
-        b[k.O_DRAG : k.O_DRAG + 2] = v(self.direction)[:2]
-        b[k.O_SPEED] = unit * moving
+        b, unit, v = np.zeros(k.observed_body.WIDTH), self.view.unit, self.view.vector
+        b[k.observed_body.MASS] = 4e-6 / unit  # at four units of load sqrt(m a/N) is .17 ms, and rest takes 8.7 ms
+        b[k.observed_body.QUATERNION4] = self.q
+        b[k.observed_body.VELOCITY3] = unit * v(self.velocity)
+        b[k.observed_body.SPIN3] = v(self.spin, axial=True)
+        b[k.observed_body.FORCE3], b[k.observed_body.TORQUE3] = v(self.force), unit * v(self.torque, axial=True)
+        b[k.observed_body.ELAPSED], b[k.observed_body.PLATE_SHIFT2] = dt, unit * v((*drag, 0.0))[:2]
+        b[k.observed_body.DRAG2] = v(self.direction)[:2]
+        b[k.observed_body.PLATE_SPEED] = unit * moving
         return b
 
     def move(self, dx=0.0, dy=0.0, turn=STILL, slip=(), dt=DT, moving=None):
@@ -126,7 +127,7 @@ class Rig:
             self.last = (C, self.body((share * dx, share * dy), share * dt, moving))
             c.update_history(C, len(order), self.last[1], self.m)
             for s, row in zip(order, C, strict=False):
-                s.memory = row[k.C_MEMORY :].copy()
+                s.memory = row[k.loaded_contact.MEMORY :].copy()
         return self
 
     def label(self):
@@ -576,10 +577,10 @@ def test_extreme_numbers_stay_finite():
     rng = np.random.default_rng(0)
     for scale in (0.0, 1e-150, 1.0, 1e50):
         for _ in range(20):
-            C = scale * rng.normal(size=(4, k.C_MEMORY + len(c.CONTACT_MEMORY)))
-            C[:, k.C_PARTNER] = rng.integers(0, 3, 4)
-            b, m, out = scale * rng.normal(size=k.O_COLS), np.zeros(len(c.MEMORY)), np.full(c.OUTPUTS, np.nan)
-            b[k.O_Q : k.O_Q + 4] = quaternion(rng.normal(size=3))
+            C = scale * rng.normal(size=(4, k.loaded_contact.MEMORY + len(c.CONTACT_MEMORY)))
+            C[:, k.loaded_contact.PARTNER] = rng.integers(0, 3, 4)
+            b, m, out = scale * rng.normal(size=k.observed_body.WIDTH), np.zeros(len(c.MEMORY)), np.full(c.OUTPUTS, np.nan)
+            b[k.observed_body.QUATERNION4] = quaternion(rng.normal(size=3))
             for _ in range(3):
                 c.update_history(C, 4, b, m)
                 c.label(C, 4, b, m, out)

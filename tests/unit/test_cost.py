@@ -14,7 +14,7 @@ from steel import STEEL
 from thirdbody_three_spot import THREE_SPOT
 
 from thirdbody.errors import OutputError, UsageError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_plot, cost_table, worker
@@ -302,7 +302,7 @@ def test_bodies_of_a_copy_are_apart_for_the_implicit_integrator():
     """It has no contact between bodies and stops where two come near each other."""
     copy, built, words = reduce_scene(crowd(), [], 1e-9)
     assert copy.debris[0].count == FEWEST and built.state.world.debris_meets and "apart" in words[0]
-    place = built.state.B[:, at.B_X : at.B_X + 2]
+    place = built.state.B[:, body.POSITION : body.POSITION + 2]
     apart = place[:, None] - place[None]
     apart -= np.array(copy.domain.size) * np.round(apart / np.array(copy.domain.size))
     distance = np.linalg.norm(apart, axis=2)[~np.eye(len(place), dtype=bool)]
@@ -419,8 +419,8 @@ def test_what_is_timed_is_the_run(integrator, tmp_path):
     built = prepare(scene)
     wall, cpu = bare(built, 30.0)
     ran = read_outcome(folder)
-    assert np.array_equal(built.state.B[:, at.B_X : at.B_X + 3], ran.position)
-    assert np.array_equal(built.state.B[:, at.B_Q : at.B_Q + 4], ran.quaternion)
+    assert np.array_equal(built.state.bodies.position, ran.position)
+    assert np.array_equal(built.state.bodies.quaternion, ran.quaternion)
     assert 0.0 < wall and 0.0 < cpu
 
 

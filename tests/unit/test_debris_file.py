@@ -14,7 +14,7 @@ from thirdbody.build.populate import populate, sphere_centres
 from thirdbody.build.simulation import build
 from thirdbody.engine.state import Placed
 from thirdbody.errors import InputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body
 from thirdbody.laws.registry import discover
 from thirdbody.scene.debris.kinds.file import File
 from thirdbody.scene.model import Scene
@@ -101,9 +101,9 @@ def test_mass_is_that_of_the_union(placed):
     lens = math.pi * (r + s - d) ** 2 * (d * d + 2 * d * (r + s) - 3 * (r * r + s * s) + 6 * r * s) / (12.0 * d)
     volume = 4.0 / 3.0 * math.pi * (r**3 + s**3) - lens
     # the stated error of the union
-    assert built.state.B[1, at.B_MASS] == pytest.approx(7850.0 * volume * 1e-18, rel=bodies.clumps[1].error + 1e-14)
-    assert built.state.B[0, at.B_MASS] == pytest.approx(7850.0 * 4.0 / 3.0 * math.pi * 343e-18, rel=1e-14)
-    assert built.state.B[0, at.B_X : at.B_X + 3] == pytest.approx([60e-6, 60e-6, 40e-6], rel=1e-15)
+    assert built.state.bodies.mass[1] == pytest.approx(7850.0 * volume * 1e-18, rel=bodies.clumps[1].error + 1e-14)
+    assert built.state.bodies.mass[0] == pytest.approx(7850.0 * 4.0 / 3.0 * math.pi * 343e-18, rel=1e-14)
+    assert built.state.bodies.position[0] == pytest.approx([60e-6, 60e-6, 40e-6], rel=1e-15)
 
 
 def test_units_names_and_order_of_columns_are_free(placed):
@@ -176,10 +176,12 @@ def test_copies_of_a_shape_share_their_clump(tmp_path):
     (tmp_path / "b.csv").write_text("clump,x [um],y [um],z [um],radius [um]\n" + "\n".join(rows))
     bodies = load_bodies(tmp_path / "b.csv", parse)
     # arms are rounded to 1e-11 radii, and places at 200 radii to 3e-14: one in hundreds falls across the edge of a digit
-    assert len({id(body) for body in bodies.clumps}) <= 5
+    assert len({id(body_number) for body_number in bodies.clumps}) <= 5
     alone = clump(np.array([[0, 0, 5], [3, 0, 6]]) * 1e-6, np.array([5, 4.5]) * 1e-6)
-    for body in bodies.clumps:
-        assert body.volume == pytest.approx(alone.volume, rel=1e-9) and body.inertia == pytest.approx(alone.inertia, rel=1e-9)
+    for body_number in bodies.clumps:
+        assert body_number.volume == pytest.approx(alone.volume, rel=1e-9) and body_number.inertia == pytest.approx(
+            alone.inertia, rel=1e-9
+        )
 
 
 # Placement

@@ -9,8 +9,8 @@ import thirdbody
 from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels import layout as at
-from thirdbody.kernels.layout import DEBRIS
+from thirdbody.kernels.columns import body, contact_state, record
+from thirdbody.kernels.columns.sides import DEBRIS
 from thirdbody.scene.model import Scene
 
 TEXT = """\
@@ -76,7 +76,7 @@ def told(*texts: str) -> str:
 def test_an_effect_that_is_not_named_leaves_nothing_behind():
     bare, rolling = build(scene()), build(scene(ROLLING))
     assert not any("rolling" in law.name for law in bare.choice.chain.laws)
-    assert bare.state.slots.R.shape[1] == at.R_COLS and rolling.state.slots.R.shape[1] == at.R_ROLLING_COLS
+    assert bare.state.slots.R.shape[1] == record.WIDTH and rolling.state.slots.R.shape[1] == record.ROLLING_WIDTH
     assert set(rolling.choice.chain.history) - set(bare.choice.chain.history) == {
         "rolling_resistance.moment_x", "rolling_resistance.moment_y", "rolling_resistance.stiffness", "springs.energy",
         "viscous.moment",
@@ -106,16 +106,16 @@ def test_the_ledger_of_a_sheared_layer_closes_and_moments_are_balanced():
     assert ledger.relative_residual(state, ledger.lines(state)["residual"]) < 1e-3
     slots = state.slots
     torque = np.zeros((state.n_bodies, 3))
-    for k in np.flatnonzero(slots.H[:, at.H_ON] > 0.0):
+    for k in np.flatnonzero(slots.histories.slip > 0.0):
         R = slots.R[k]
-        force = R[at.R_FN] * R[at.R_N : at.R_N + 3] + R[at.R_T : at.R_T + 3]
-        moment = R[at.R_M : at.R_M + 3]
-        torque[state.body[slots.own[k]]] += np.cross(R[at.R_POINT : at.R_POINT + 3], force) + moment
+        force = R[record.NORMAL_FORCE] * R[record.NORMAL3] + R[record.TANGENTIAL_FORCE3]
+        moment = R[record.MOMENT3]
+        torque[state.body[slots.own[k]]] += np.cross(R[record.POINT3], force) + moment
         if slots.partner[k] >= 0:
             other = state.body[slots.partner[k]]
-            torque[other] -= np.cross(R[at.R_POINT_J : at.R_POINT_J + 3], force) + moment
+            torque[other] -= np.cross(R[record.PARTNER_POINT3], force) + moment
     # sums of a few numbers in another order
-    assert np.allclose(torque, state.B[:, at.B_T : at.B_T + 3], rtol=0.0, atol=1e-12 * np.abs(torque).max())
+    assert np.allclose(torque, state.bodies.torque, rtol=0.0, atol=1e-12 * np.abs(torque).max())
 
 
 def test_a_pair_may_have_its_own_coefficient():
@@ -154,6 +154,6 @@ def test_debris_meets_debris_with_a_moment():
     built = build(Scene.parse(text.replace('"60 um", "50 um"', '"80 um", "70 um"')))
     built.integrator.advance_to(distance=1.5e-6)
     slots = built.state.slots
-    on = (slots.H[:, at.H_ON] > 0.0) & (slots.partner >= 0)
+    on = (slots.histories.slip > 0.0) & (slots.partner >= 0)
     assert DEBRIS == 2 and on.any(), "the layer is crowded enough that bodies collide"
-    assert np.linalg.norm(slots.R[on, at.R_M : at.R_M + 3], axis=1).max() > 0.0
+    assert np.linalg.norm(slots.records.moment[on], axis=1).max() > 0.0

@@ -10,7 +10,7 @@ from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import EnergyGuard
 from thirdbody.errors import GuardStop
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, contact_state, patch, run_totals
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import Conduct
 from thirdbody.runner.simulate import execute
@@ -35,8 +35,8 @@ def balls(velocity=(1.0, 0.0, 0.0), spin=(0.0, 0.0, 0.0), size=10.0, radius=1e-3
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])
 def test_overlap(integrator):
     simulation = pressed(integrator)
-    simulation.state.P[:, at.P_LOAD] *= 1e4  # behind the back of the scene, which would warn
-    simulation.state.P[:, at.P_LOAD0] *= 1e4
+    simulation.state.patches.load[:] *= 1e4  # behind the back of the scene, which would warn
+    simulation.state.patches.nominal_load[:] *= 1e4
     with pytest.raises(GuardStop, match=r"stopped at t = .*body 0 at \(.*(overlap|sinks).* of the .*radius \(guard: 0\.3\)"):
         simulation.integrator.advance_to(time=1e-5)
 
@@ -50,7 +50,7 @@ def test_travel():
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_place_that_is_not_a_number(value):
     simulation = balls()
-    simulation.state.B[1, at.B_X + 2] = value
+    simulation.state.bodies.position[1, 2] = value
     with pytest.raises(GuardStop, match="stopped at t = .*the position of body 1 is not a number"):
         simulation.integrator.advance_to(time=1e-5)
 
@@ -68,9 +68,9 @@ def test_energy_that_comes_from_nowhere():
     """A guard of the energy balance judges twice where forces may jump, once where they cannot."""
     simulation = balls()
     ledger = Ledger(simulation.state)
-    simulation.state.B[0, at.B_V] *= 1.04  # 8 % of the energy
+    simulation.state.bodies.velocity[0, 0] *= 1.04  # 8 % of the energy
     EnergyGuard(ledger).look(simulation.state)
-    simulation.state.B[0, at.B_V] *= 1.04
+    simulation.state.bodies.velocity[0, 0] *= 1.04
     with pytest.raises(GuardStop, match=r"stopped at t = 0 s .*residual is 0\.1\d of the .*\(guard: 0\.1\); a smaller"):
         EnergyGuard(ledger).look(simulation.state)
     patient = EnergyGuard(ledger, 2)
@@ -84,14 +84,14 @@ def test_a_single_look_above_the_limit_is_forgiven():
     ledger = Ledger(simulation.state)
     looks, row = EnergyGuard(ledger, 2), simulation.state.B[0]
     for factor in (1.2, 1.0 / 1.2) * 3:
-        row[at.B_V] *= factor
+        row[body.VELOCITY] *= factor
         looks.look(simulation.state)
 
 
 def test_energy_that_is_not_a_number():
     simulation = balls()
     ledger = Ledger(simulation.state)
-    simulation.state.A[at.A_FRICTION] = math.nan
+    simulation.state.A[run_totals.FRICTION_WORK] = math.nan
     with pytest.raises(GuardStop, match="residual is nan"):
         EnergyGuard(ledger).look(simulation.state)
 
@@ -99,10 +99,10 @@ def test_energy_that_is_not_a_number():
 @pytest.mark.parametrize("factor", [1.0 + 2e-6, 1.0 - 2e-6, math.nan])
 def test_a_quaternion_that_is_no_rotation(factor):
     simulation = balls()
-    simulation.state.B[1, at.B_Q : at.B_Q + 4] *= factor
+    simulation.state.bodies.quaternion[1] *= factor
     with pytest.raises(GuardStop, match="stopped at t = .*orientation of body 1 is no rotation any more.*guard: 1 within 1e-06"):
         EnergyGuard(Ledger(simulation.state)).look(simulation.state)
-    simulation.state.B[1, at.B_Q : at.B_Q + 4] = (1.0 - 0.9e-6, 0.0, 0.0, 0.0)
+    simulation.state.bodies.quaternion[1] = (1.0 - 0.9e-6, 0.0, 0.0, 0.0)
     EnergyGuard(Ledger(simulation.state)).look(simulation.state)
 
 
@@ -115,9 +115,9 @@ def test_a_run_is_stopped_by_its_energy_and_keeps_its_frames(tmp_path, monkeypat
 
     def leaky(*arguments, **keys):
         advance(*arguments, **keys)
-        simulation.state.A[at.A_FRICTION] += 0.3 * max(simulation.state.A[at.A_PLATE_ABS], 1e-12)
+        simulation.state.A[run_totals.FRICTION_WORK] += 0.3 * max(simulation.state.A[run_totals.PLATE_WORK_SIZE], 1e-12)
         if hasattr(simulation.integrator, "totals"):
-            simulation.integrator.totals[0, at.A_FRICTION] = simulation.state.A[at.A_FRICTION]
+            simulation.integrator.totals[0, run_totals.FRICTION_WORK] = simulation.state.A[run_totals.FRICTION_WORK]
 
     monkeypatch.setattr(simulation.integrator, "advance_to", leaky)
     with pytest.raises(GuardStop, match="the energy balance does not close") as stop:
@@ -140,7 +140,7 @@ def test_a_sound_run_is_looked_at_and_goes_on(tmp_path):
 def test_a_force_that_is_not_a_number():
     simulation = pressed()
     simulation.integrator.advance_to(time=5e-7)
-    assert simulation.state.slots.H[:, at.H_ON].any()
+    assert simulation.state.slots.histories.slip.any()
     simulation.state.physics.pairs[:] = math.nan
     with pytest.raises(GuardStop, match=r"stopped at t = .*the force between body 0 at \(.*plate is not a number"):
         simulation.integrator.advance_to(time=6e-7)

@@ -12,7 +12,7 @@ from thirdbody.bodies.mesh_to_clump import clump_from_mesh
 from thirdbody.build.clumps import shapes_of
 from thirdbody.build.simulation import build
 from thirdbody.errors import InputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra
 from thirdbody.laws.registry import discover
 from thirdbody.scene.model import Scene
 from thirdbody.studies.study_setup import save
@@ -58,16 +58,16 @@ def test_bodies_weigh_what_the_mesh_weighs(tmp_path, rock):
     built = made(tmp_path)
     volume = rock.volume * 1e-18
     # STL holds single precision
-    assert built.state.B[:, at.B_MASS] == pytest.approx(7850.0 * volume, rel=1e-6, abs=0.0)
+    assert built.state.bodies.mass == pytest.approx(7850.0 * volume, rel=1e-6, abs=0.0)
     moments = np.sort(np.linalg.eigvalsh(rock.moment_inertia)) * 1e-30 * 7850.0
-    assert built.state.E[0, at.E_I : at.E_I + 3] == pytest.approx(moments, rel=1e-5, abs=0.0)
+    assert built.state.bodies.inertia[0] == pytest.approx(moments, rel=1e-5, abs=0.0)
     assert built.state.n_spheres == 40
     assert any("8 spheres follow the mesh to" in warning for warning in built.warnings)
 
 
 def test_sizes_rescale_each_body(tmp_path, rock):
     built = made(tmp_path, 'size = {distribution = "uniform", min = "6 um", max = "12 um"}')
-    diameter = np.cbrt(6.0 * built.state.B[:, at.B_MASS] / 7850.0 / np.pi)
+    diameter = np.cbrt(6.0 * built.state.bodies.mass / 7850.0 / np.pi)
     assert np.all((diameter >= 6e-6) & (diameter <= 12e-6))
     assert len(np.unique(diameter)) == 5
 

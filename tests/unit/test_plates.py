@@ -12,7 +12,7 @@ from steel import STEEL
 from thirdbody.build.schedule import schedule
 from thirdbody.build.simulation import build
 from thirdbody.engine.upper_plate import Schedule, Segment
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import contact_state, patch, record, run_totals
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin
@@ -103,9 +103,9 @@ def test_the_engine_follows_the_schedule():
     built = build(scene(f'load = "1 mN"\nmotion = {{x = {text}}}', 'duration = "0.6 us"\nsettle = "0.1 us"'), discover())
     shift = 0.0
     while built.state.time < 0.6e-6:
-        before = built.state.A[at.A_DX]
+        before = built.state.A[run_totals.SHIFT_X]
         built.integrator.advance_to(time=built.state.time + 0.5 * built.state.dt)
-        after = built.state.A[at.A_DX]
+        after = built.state.A[run_totals.SHIFT_X]
         shift += after - before if after != 0.0 else -before  # reset by the labeller's look
     assert built.schedule.place(0.3e-6)[0] > 0.0
     # the path's length is the sum of the steps' lengths: chords of a curve, relative (omega dt)^2/24
@@ -124,9 +124,9 @@ def test_a_closing_gap_presses():
     debris = ball("5 um", "50 um")
     built = build(scene('gap = "10.001 um"\nclosing = "10 mm/s"', 'duration = "0.5 us"', debris), discover())
     built.integrator.advance_to(time=0.5e-6)
-    assert built.state.P[0, at.P_Z] == pytest.approx(10.001e-6 - 0.5e-6 * 10e-3, rel=1e-4)
-    assert built.state.A[at.A_UPPER + 2] > 0.0
-    assert built.state.A[at.A_PLATE_WORK] > 0.0
+    assert built.state.patches.height[0] == pytest.approx(10.001e-6 - 0.5e-6 * 10e-3, rel=1e-4)
+    assert built.state.A[run_totals.UPPER_FORCE + 2] > 0.0
+    assert built.state.A[run_totals.PLATE_WORK] > 0.0
 
 
 def settled(upper: str, time: float = 40e-6):
@@ -134,9 +134,9 @@ def settled(upper: str, time: float = 40e-6):
     built.integrator.advance_to(time=time)
     slots = built.state.slots
     force = np.zeros(3)
-    on = slots.H[:, at.H_ON] > 0.0
+    on = slots.histories.slip > 0.0
     for k in np.flatnonzero(on & (slots.partner < -1)):
-        force[built.state.body[slots.own[k]]] += slots.R[k, at.R_FN]
+        force[built.state.body[slots.own[k]]] += slots.records.normal_force[k]
     return built, force
 
 
@@ -194,10 +194,10 @@ def test_check_says_that_preload_comes_on_top_of_the_load(capsys):
 
 def test_a_rigid_plate_reaches_its_load_and_does_work():
     built, force = settled('support = "rigid"\nload = "20 uN"')
-    assert built.state.A[at.A_UPPER + 2] == pytest.approx(20e-6, rel=0.01)
+    assert built.state.A[run_totals.UPPER_FORCE + 2] == pytest.approx(20e-6, rel=0.01)
     assert built.upper.loaded == 1
     assert any("rests on about 1 of 3" in warning for warning in built.warnings) is False  # three bodies are no larger layer
-    assert built.state.A[at.A_PLATE_WORK] > 0.0
+    assert built.state.A[run_totals.PLATE_WORK] > 0.0
 
 
 def test_a_reversal_clears_the_windows_of_the_labels():
@@ -213,9 +213,9 @@ def test_a_reversal_clears_the_windows_of_the_labels():
     # the stroke turns after 1 us; each way is 0.6 um at 0.6 m/s
     steps = built.state.dt * built.labeller.stride
     before = travelled(2e-6 + 0.3e-6)
-    assert before > 0.0 and built.state.A[at.A_HEADING] == 1.0
+    assert before > 0.0 and built.state.A[run_totals.HEADING] == 1.0
     after = travelled(3e-6 + 2.0 * steps)
-    assert built.state.A[at.A_HEADING] == -1.0
+    assert built.state.A[run_totals.HEADING] == -1.0
     # two looks after the turn the window has seen no more than they have
     assert after <= 0.6 * 3.0 * steps
 
@@ -235,10 +235,10 @@ def test_without_friction_a_dragged_ball_slips_all_the_way():
     )
     built = build(plain, discover())
     built.integrator.advance_to(time=2e-6)
-    on = built.state.slots.H[:, at.H_ON] > 0.0
+    on = built.state.slots.histories.slip > 0.0
     upper = on & (built.state.slots.partner < -1)
     # the plate slides over balls at rest; the step in which the drag starts is shared
-    assert built.state.slots.H[upper, at.H_SLIP] == pytest.approx(0.5e-6, rel=2e-3)
+    assert built.state.slots.histories.slip[upper] == pytest.approx(0.5e-6, rel=2e-3)
 
 
 @pytest.mark.parametrize("shape", [SINE, TRIANGLE])

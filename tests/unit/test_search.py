@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import sphere
+from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_LOWER
 from thirdbody.kernels.neighbour_search import pair_candidates
 
 SKIN = 0.1
@@ -16,11 +17,11 @@ REACH = 2.0 * LARGEST + SKIN
 def spheres(n: int, box: tuple[float, float, float], seed: int) -> np.ndarray:
     """A table of n spheres of many sizes; some meet only one plate."""
     rng = np.random.default_rng(seed)
-    S = np.zeros((n, at.S_COLS))
-    S[:, : at.S_R] = rng.uniform(0.0, 1.0, (n, 3)) * box
-    S[:, at.S_R] = rng.uniform(0.2, 1.0, n) * LARGEST
-    S[0, at.S_R] = LARGEST
-    S[:, at.S_SIDE] = np.where(rng.uniform(size=n) < 0.1, at.ONLY_LOWER, at.EVERYTHING)
+    S = np.zeros((n, sphere.WIDTH))
+    S[:, : sphere.RADIUS] = rng.uniform(0.0, 1.0, (n, 3)) * box
+    S[:, sphere.RADIUS] = rng.uniform(0.2, 1.0, n) * LARGEST
+    S[0, sphere.RADIUS] = LARGEST
+    S[:, sphere.SIDE] = np.where(rng.uniform(size=n) < 0.1, ONLY_LOWER, EVERYTHING)
     return S
 
 
@@ -37,11 +38,11 @@ def found(S: np.ndarray, body: np.ndarray, box: tuple[float, float, float], peri
 def expected(S: np.ndarray, body: np.ndarray, box: tuple[float, float, float], periodic: tuple[bool, bool]) -> np.ndarray:
     """The same, plainly."""
     i, j = np.triu_indices(len(S), 1)
-    d = S[i, : at.S_R] - S[j, : at.S_R]
+    d = S[i, : sphere.RADIUS] - S[j, : sphere.RADIUS]
     for k in (0, 1):
         d[:, k] -= box[k] * np.rint(d[:, k] / box[k]) if periodic[k] else 0.0
-    near = np.sum(d * d, axis=1) < (S[i, at.S_R] + S[j, at.S_R] + SKIN) ** 2
-    both = (S[i, at.S_SIDE] == at.EVERYTHING) & (S[j, at.S_SIDE] == at.EVERYTHING)
+    near = np.sum(d * d, axis=1) < (S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + SKIN) ** 2
+    both = (S[i, sphere.SIDE] == EVERYTHING) & (S[j, sphere.SIDE] == EVERYTHING)
     keep = near & both & (body[i] != body[j])
     return np.column_stack((i[keep], j[keep]))
 
@@ -66,7 +67,7 @@ def test_one_cell_is_enough_where_nothing_is_periodic():
 def test_spheres_beyond_the_grid_are_found_in_its_outermost_cells():
     box = (4.0, 4.0, 4.0)
     S = spheres(80, box, 2)
-    S[:, : at.S_R] = 1.3 * S[:, : at.S_R] - 0.6
+    S[:, : sphere.RADIUS] = 1.3 * S[:, : sphere.RADIUS] - 0.6
     body = np.arange(80)
     assert np.array_equal(found(S, body, box, (False, False), 4000), expected(S, body, box, (False, False)))
 
@@ -79,4 +80,4 @@ def test_too_little_room_is_told(room):
 
 
 def test_no_spheres_no_pairs():
-    assert found(np.zeros((0, at.S_COLS)), np.zeros(0, np.int64), (4.0, 4.0, 4.0), (True, True), 10).shape == (0, 2)
+    assert found(np.zeros((0, sphere.WIDTH)), np.zeros(0, np.int64), (4.0, 4.0, 4.0), (True, True), 10).shape == (0, 2)

@@ -9,7 +9,7 @@ from steel import STEEL
 from thirdbody.bodies.spots import rows, spot_body
 from thirdbody.build.simulation import build
 from thirdbody.errors import InputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, record, sphere
 from thirdbody.scene.model import Scene
 from thirdbody.scene.toml_writer import toml_text
 
@@ -58,13 +58,13 @@ def faults(**texts: str) -> str:
 def test_summits_stand_on_the_plates_and_meet_their_own_side_only():
     built = build(scene())
     state = built.state
-    summit = state.S[:, 2] + np.array([1.0, -1.0, -1.0]) * state.S[:, at.S_R]
+    summit = state.S[:, 2] + np.array([1.0, -1.0, -1.0]) * state.spheres.radius
     # the clearance at the start is 1e-9 of the height
     assert summit == pytest.approx([4e-6, 0.0, 0.0], abs=1e-14)
     # all three spheres are close to both plates, yet each is a candidate of one plate only
     assert sorted(zip(state.slots.own.tolist(), state.slots.partner.tolist(), strict=True)) == [(0, -2), (1, -1), (2, -1)]
-    assert state.B[0, at.B_MASS] == pytest.approx(1e-13, rel=1e-15)
-    assert state.E[0, at.E_I : at.E_I + 3] == pytest.approx([2e-25] * 3, rel=1e-15)
+    assert state.bodies.mass[0] == pytest.approx(1e-13, rel=1e-15)
+    assert state.bodies.inertia[0] == pytest.approx([2e-25] * 3, rel=1e-15)
 
 
 def test_spots_do_not_meet_other_bodies():
@@ -79,13 +79,17 @@ def test_gross_sliding_of_the_planar_particle():
     built = build(scene(SPOTS + MASS + "planar = true\n"))
     built.integrator.advance_to(distance=20e-9)
     state = built.state
-    assert np.all(state.B[0, [at.B_V + 1, at.B_Q + 1, at.B_Q + 3]] == 0.0) and np.all(state.E[0, [at.E_L, at.E_L + 2]] == 0.0)
+    assert np.all(state.B[0, [body.VELOCITY + 1, body.QUATERNION + 1, body.QUATERNION + 3]] == 0.0) and np.all(
+        state.E[0, [body_extra.ANGULAR_MOMENTUM, body_extra.ANGULAR_MOMENTUM + 2]] == 0.0
+    )
     forces = np.zeros(3)
-    forces[state.slots.own] = state.slots.R[:, at.R_FN]
+    forces[state.slots.own] = state.slots.records.normal_force
     # finite rotation of 4.5e-4 rad moves the spots by 1e-3 um
     assert forces[1] / forces[0] == pytest.approx((1.5 - 0.2 + 0.3 * 4.0) / 3.5, rel=1e-3)
     assert forces[0] == pytest.approx(1e-4, rel=1e-3)
-    assert state.slots.R[:, at.R_T] == pytest.approx(np.array([-1, 1, 1]) * 0.3 * forces[state.slots.own], rel=1e-3)
+    assert state.slots.records.tangential_force[:, 0] == pytest.approx(
+        np.array([-1, 1, 1]) * 0.3 * forces[state.slots.own], rel=1e-3
+    )
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ from thirdbody.engine.state import rotation_matrices
 from thirdbody.engine.time_step import DAMPING_FRACTION, STABILITY_FRACTION, _found, bound
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.simd import load
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, law_input, patch, sphere
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit.critical_time_step import eigenvalue_upper_bound
 from thirdbody.kernels.neighbour_search import incidences
 from thirdbody.kernels.signatures import LAW
@@ -36,10 +37,10 @@ def answers(overlap, radius, mass, kind, P):
 def stiffness(I, O, n, P):  # noqa: E741
     """`answers` of a tile."""
     for q in range(n):
-        kind = int(I[q + at.I_TYPE * at.TILE])
-        told = answers(I[q + at.I_OVERLAP * at.TILE], I[q + at.I_RADIUS * at.TILE], I[q + at.I_MASS * at.TILE], kind, P)
+        kind = int(I[q + law_input.PAIR_TYPE * TILE])
+        told = answers(I[q + law_input.OVERLAP * TILE], I[q + law_input.RADIUS * TILE], I[q + law_input.MASS * TILE], kind, P)
         for f in range(6):
-            O[q + f * at.TILE] = told[f]
+            O[q + f * TILE] = told[f]
 
 
 PAIRS = np.array([1.0, 0.8, 0.0, 0.0, 2.0, 0.0, 0.0, 0.5, 0.5, 1.1, 0.3, 1.5, 1.0, 0.7, 0.2, 0.0])
@@ -51,25 +52,27 @@ def heap(seed: int, bodies: int, most: int, size: float = 2.0, foundation: bool 
     rng = np.random.default_rng(seed)
     counts = rng.integers(1, most + 1, bodies)
     start = np.concatenate(([0], np.cumsum(counts)))
-    body = np.repeat(np.arange(bodies), counts)
-    radii = rng.uniform(0.2, 0.4, len(body))
-    B, E, S = (np.zeros(shape) for shape in ((bodies, at.B_COLS), (bodies, at.E_EF), (len(body), at.S_COLS)))
-    B[:, at.B_X : at.B_X + 3] = rng.uniform(0.0, size, (bodies, 3))
-    B[:, at.B_MASS] = np.exp(rng.normal(0.0, 0.5, bodies))
-    E[:, at.E_I : at.E_I + 3] = (B[:, at.B_MASS] * rng.uniform(0.02, 0.08, bodies))[:, None]
+    body_of = np.repeat(np.arange(bodies), counts)
+    radii = rng.uniform(0.2, 0.4, len(body_of))
+    B, E, S = (
+        np.zeros(shape) for shape in ((bodies, body.WIDTH), (bodies, body_extra.EFFECT_FORCE), (len(body_of), sphere.WIDTH))
+    )
+    B[:, body.POSITION3] = rng.uniform(0.0, size, (bodies, 3))
+    B[:, body.MASS] = np.exp(rng.normal(0.0, 0.5, bodies))
+    E[:, body_extra.INERTIA3] = (B[:, body.MASS] * rng.uniform(0.02, 0.08, bodies))[:, None]
     clump = counts > 1
-    E[clump, at.E_I : at.E_I + 3] *= rng.uniform(0.7, 1.3, (clump.sum(), 3))
+    E[clump, body_extra.INERTIA3] *= rng.uniform(0.7, 1.3, (clump.sum(), 3))
     q = rng.normal(size=(bodies, 4))
-    B[:, at.B_Q : at.B_Q + 4] = q / np.linalg.norm(q, axis=1)[:, None]
-    arms = rng.normal(0.0, 0.2, (len(body), 3)) * clump[body][:, None]
-    S[:, :3], S[:, at.S_R] = B[body, :3] + arms, radii
-    S[:, at.S_ARM : at.S_ARM + 3], S[:, at.S_ARM + 3], S[:, at.S_MASS] = arms, 7.0, B[body, at.B_MASS]
-    patch = np.arange(bodies) if foundation else np.zeros(bodies, int)
-    P = np.zeros((bodies + 1 if foundation else 1, at.P_COLS))
-    P[:, at.P_Z], P[:, at.P_MASS], P[:, at.P_FREE] = size, rng.uniform(0.5, 2.0, len(P)), free
-    P[:-1, at.P_SPRING] = rng.uniform(0.0, 20.0, len(P) - 1)
+    B[:, body.QUATERNION4] = q / np.linalg.norm(q, axis=1)[:, None]
+    arms = rng.normal(0.0, 0.2, (len(body_of), 3)) * clump[body_of][:, None]
+    S[:, :3], S[:, sphere.RADIUS] = B[body_of, :3] + arms, radii
+    S[:, sphere.ARM3], S[:, sphere.ARM + 3], S[:, sphere.MASS] = arms, 7.0, B[body_of, body.MASS]
+    patch_of = np.arange(bodies) if foundation else np.zeros(bodies, int)
+    P = np.zeros((bodies + 1 if foundation else 1, patch.WIDTH))
+    P[:, patch.HEIGHT], P[:, patch.MASS], P[:, patch.FREE] = size, rng.uniform(0.5, 2.0, len(P)), free
+    P[:-1, patch.SPRING] = rng.uniform(0.0, 20.0, len(P) - 1)
     state = SimpleNamespace(
-        n_bodies=bodies, body=body, start=start, B=B, E=E, S=S, P=P, D=np.array([size, size, 0.0]), patch=patch, dt=0.0,
+        n_bodies=bodies, body=body_of, start=start, B=B, E=E, S=S, P=P, D=np.array([size, size, 0.0]), patch=patch_of, dt=0.0,
         time=0.0, order=rng.permutation(bodies), material=np.zeros(bodies, int), rayleigh_radius=np.full(bodies, 1e6),
         physics=SimpleNamespace(stiffness=stiffness, stiffness_at=address(stiffness, LAW), pairs=PAIRS),
         world=SimpleNamespace(upper=None),
@@ -82,7 +85,7 @@ def find(state, rng) -> None:
     """The candidates of a state, in their order: plates first."""
     S, body = state.S, state.body
     flat = [(i, -1) for i in range(len(S)) if S[i, 2] - S[i, 3] < NEAR]
-    flat += [(i, -2 - state.patch[body[i]]) for i in range(len(S)) if S[i, 2] + S[i, 3] > state.P[0, at.P_Z] - NEAR]
+    flat += [(i, -2 - state.patch[body[i]]) for i in range(len(S)) if S[i, 2] + S[i, 3] > state.P[0, patch.HEIGHT] - NEAR]
     pairs = [(i, j) for i in range(len(S)) for j in range(i + 1, len(S)) if body[i] != body[j] and gap(state, i, j)[0] < NEAR]
     own, partner = np.array(sorted(flat) + pairs, np.int32).reshape(-1, 2).T.copy()
     spheres, incidence = incidences(len(own), own, partner, len(S))
@@ -96,7 +99,7 @@ def gap(state, i: int, j: int) -> tuple[float, np.ndarray]:
     """How far sphere i is from sphere j or from a plate, and the normal from there."""
     S = state.S
     if j < 0:
-        top = state.P[max(-j - 2, 0), at.P_Z]
+        top = state.P[max(-j - 2, 0), patch.HEIGHT]
         return (S[i, 2] if j == -1 else top - S[i, 2]) - S[i, 3], np.array([0.0, 0.0, 1.0 if j == -1 else -1.0])
     apart = S[i, :3] - S[j, :3]
     apart[:2] -= state.D[:2] * np.round(apart[:2] / state.D[:2])
@@ -116,23 +119,23 @@ def everything(state) -> tuple[np.ndarray, np.ndarray]:
         distance, n = gap(state, i, j)
         if distance >= 0.0:
             continue
-        radius, mass, twice = state.S[i, at.S_R], state.S[i, at.S_MASS], 1.0
+        radius, mass, twice = state.S[i, sphere.RADIUS], state.S[i, sphere.MASS], 1.0
         if j >= 0:
-            other, heavy = state.S[j, at.S_R], state.S[j, at.S_MASS]
+            other, heavy = state.S[j, sphere.RADIUS], state.S[j, sphere.MASS]
             radius, mass, twice = radius * other / (radius + other), mass * heavy / (mass + heavy), 2.0
         told = answers.py_func(-distance, radius, mass, kind, PAIRS)
-        if j < -1 and state.P[-2 - j, at.P_FREE]:
-            patches[-2 - j] += 2.0 * np.array(told)[[0, 3]] / state.P[-2 - j, at.P_MASS]
+        if j < -1 and state.P[-2 - j, patch.FREE]:
+            patches[-2 - j] += 2.0 * np.array(told)[[0, 3]] / state.P[-2 - j, patch.MASS]
             twice = 2.0
         along = np.outer(n, n)
-        for sphere, reach in ((i, -state.S[i, at.S_R]), *([(j, state.S[j, at.S_R])] if j >= 0 else [])):
-            J = np.hstack((np.eye(3), -cross(state.S[sphere, at.S_ARM : at.S_ARM + 3] + reach * n)))
+        for number, reach in ((i, -state.S[i, sphere.RADIUS]), *([(j, state.S[j, sphere.RADIUS])] if j >= 0 else [])):
+            J = np.hstack((np.eye(3), -cross(state.S[number, sphere.ARM3] + reach * n)))
             for w, (normal, across, roll) in enumerate((told[:3], told[3:])):
-                sums[state.body[sphere], w] += twice * J.T @ (across * np.eye(3) + (normal - across) * along) @ J
-                sums[state.body[sphere], w, 3:, 3:] += twice * roll * (np.eye(3) - along)
-    spring = 2.0 * state.P[:-1, at.P_SPRING]
-    patches[:-1, 0] += spring / state.P[:-1, at.P_MASS]
-    patches[-1, 0] += spring.sum() / state.P[-1, at.P_MASS] * state.P[-1, at.P_FREE]
+                sums[state.body[number], w] += twice * J.T @ (across * np.eye(3) + (normal - across) * along) @ J
+                sums[state.body[number], w, 3:, 3:] += twice * roll * (np.eye(3) - along)
+    spring = 2.0 * state.P[:-1, patch.SPRING]
+    patches[:-1, 0] += spring / state.P[:-1, patch.MASS]
+    patches[-1, 0] += spring.sum() / state.P[-1, patch.MASS] * state.P[-1, patch.FREE]
     return sums, patches
 
 
@@ -145,12 +148,12 @@ def root(values: np.ndarray) -> float:
 def full(state) -> list[tuple[float, str, int, float]]:
     """Step, mechanism, body and longest stable step of every body and patch, the one that limits first."""
     sums, patches = everything(state)
-    turns = rotation_matrices(state.B[:, at.B_Q : at.B_Q + 4])
+    turns = rotation_matrices(state.B[:, body.QUATERNION4])
     rows = []
     for b in range(state.n_bodies):
-        inertia = turns[b] @ np.diag(state.E[b, at.E_I : at.E_I + 3]) @ turns[b].T
+        inertia = turns[b] @ np.diag(state.E[b, body_extra.INERTIA3]) @ turns[b].T
         mass = np.zeros((6, 6))
-        mass[:3, :3], mass[3:, 3:] = state.B[b, at.B_MASS] * np.eye(3), inertia
+        mass[:3, :3], mass[3:, 3:] = state.B[b, body.MASS] * np.eye(3), inertia
         square, rate = (root(eigh(matrix, mass, eigvals_only=True)) for matrix in sums[b])
         shares = np.diag(np.linalg.solve(mass, sums[b, 0]))
         mechanism = "rotation" if shares[3:].sum() > shares[:3].sum() else "translation"
@@ -253,18 +256,18 @@ def test_nothing_touches():
 def test_a_contact_to_come_counts_as_deep_as_it_gets():
     """A ball that falls onto the plate is bounded as if it were there already, but no deeper than is foreseen."""
     state, horizon, speed = heap(0, 1, 1, size=100.0), 1e-3, 50.0
-    height = state.S[0, at.S_R] + 0.02
-    state.S[0, 2], state.S[0, at.S_V + 2] = height, -speed
+    height = state.S[0, sphere.RADIUS] + 0.02
+    state.S[0, 2], state.S[0, sphere.END_VELOCITY + 2] = height, -speed
     find(state, np.random.default_rng(0))
     state.slots.kind[:] = 1
     ahead = [_found(state, horizon, deepest)[1][0] for deepest in (0.3, 0.01)]
-    state.S[0, at.S_V + 2] = 0.0
-    for found, overlap in zip(ahead, (speed * horizon - 0.02, 0.01 * state.S[0, at.S_R]), strict=True):
-        state.S[0, 2] = state.S[0, at.S_R] - overlap
+    state.S[0, sphere.END_VELOCITY + 2] = 0.0
+    for found, overlap in zip(ahead, (speed * horizon - 0.02, 0.01 * state.S[0, sphere.RADIUS]), strict=True):
+        state.S[0, 2] = state.S[0, sphere.RADIUS] - overlap
         assert found == pytest.approx(_found(state, 0.0, 0.0)[1][0], rel=1e-12)  # overlaps as differences
 
 
 def test_what_is_no_number_is_told():
     state = heap(3, 20, 1)
-    state.B[state.body[state.slots.own[0]], at.B_MASS] = math.nan
+    state.B[state.body[state.slots.own[0]], body.MASS] = math.nan
     assert math.isnan(bound(state, [SOFT], 0, 0.3).stability)

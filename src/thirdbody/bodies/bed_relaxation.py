@@ -13,7 +13,7 @@ from numba import njit
 from thirdbody.bodies.overlap_grid import enter, free
 from thirdbody.jit.options import CHUNK, OPTIONS
 from thirdbody.jit.simd import load, set4, store
-from thirdbody.kernels.layout import S_R, S_X, S_Y, S_Z
+from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.periodic import nearest_image
 from thirdbody.kernels.rotation import matrix, rotate_small
 
@@ -78,8 +78,8 @@ def pose(X, Q, rel, radii, starts, scale, arms, S):
         for s in range(starts[b], starts[b + 1]):
             x, y, z = scale * rel[s, 0], scale * rel[s, 1], scale * rel[s, 2]
             arms[s, 0], arms[s, 1], arms[s, 2] = a * x + e * y + i * z, d * x + f * y + j * z, g * x + h * y + k * z
-            S[s, S_X], S[s, S_Y], S[s, S_Z] = X[b, 0] + arms[s, 0], X[b, 1] + arms[s, 1], X[b, 2] + arms[s, 2]
-            S[s, S_R] = scale * radii[s]
+            S[s, sphere.X], S[s, sphere.Y], S[s, sphere.Z] = X[b, 0] + arms[s, 0], X[b, 1] + arms[s, 1], X[b, 2] + arms[s, 2]
+            S[s, sphere.RADIUS] = scale * radii[s]
 
 
 @njit(**CHUNK)
@@ -101,10 +101,10 @@ def _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F):
     l_x, l_y = (box[0], box[1]) if periodic else (0.0, 0.0)
     for k in range(own.shape[0]):
         i, j = own[k], partner[k]
-        d_x = nearest_image(S[i, S_X] - S[j, S_X], l_x)
-        d_y = nearest_image(S[i, S_Y] - S[j, S_Y], l_y)
-        d_z = S[i, S_Z] - S[j, S_Z]
-        sum_r = S[i, S_R] + S[j, S_R]
+        d_x = nearest_image(S[i, sphere.X] - S[j, sphere.X], l_x)
+        d_y = nearest_image(S[i, sphere.Y] - S[j, sphere.Y], l_y)
+        d_z = S[i, sphere.Z] - S[j, sphere.Z]
+        sum_r = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
         reach = sum_r * (1.0 + clearance)
         square = d_x * d_x + d_y * d_y + d_z * d_z
         if square < reach * reach:
@@ -115,11 +115,11 @@ def _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F):
             _add_force(body[i], arms, i, w * d_x, w * d_y, w * d_z, lever, F)
             _add_force(body[j], arms, j, -w * d_x, -w * d_y, -w * d_z, lever, F)
     for i in range(S.shape[0]):
-        reach = S[i, S_R] * (1.0 + clearance)
+        reach = S[i, sphere.RADIUS] * (1.0 + clearance)
         for axis in range(2 if periodic else 0, 3):
             inward = max(reach - S[i, axis], 0.0) - max(S[i, axis] + reach - box[axis], 0.0)
             if inward != 0.0:
-                deepest, worst = max(deepest, abs(inward)), max(worst, abs(inward) / S[i, S_R])
+                deepest, worst = max(deepest, abs(inward)), max(worst, abs(inward) / S[i, sphere.RADIUS])
                 f_x, f_y = inward if axis == 0 else 0.0, inward if axis == 1 else 0.0
                 _add_force(body[i], arms, i, f_x, f_y, inward if axis == 2 else 0.0, lever, F)
     return deepest, worst

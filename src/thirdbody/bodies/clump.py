@@ -31,7 +31,7 @@ class Clump:
 
     centers (k, 3) m, radii (k,) m, volume m3, inertia (3,) m5 with I1 <= I2 <= I3 (times density: kg m2),
     error: bound on the relative error of volume and principal moments, 0 for a single sphere. sides (k,): what
-    each sphere can meet (`kernels.layout`), None for everything.
+    each sphere can meet (`columns.sides`), None for everything.
     """
 
     centers: np.ndarray

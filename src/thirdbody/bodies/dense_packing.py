@@ -12,7 +12,8 @@ from thirdbody.bodies import bed_relaxation as kernels
 from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.random_sequential import refuse_long, scatter
 from thirdbody.errors import Fault, InputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import sphere
+from thirdbody.kernels.columns.sides import EVERYTHING
 from thirdbody.kernels.neighbour_search import pair_candidates
 
 # Least gap aimed at over the sum of radii; a state counts as free of overlap at half of it, so that pushing apart, which
@@ -91,8 +92,8 @@ class _Growing:
         self.X, self.Q = np.empty((len(clumps), 3)), np.empty((len(clumps), 4))
         self.S, self.arms = np.empty((len(self.radii), 4)), np.empty((len(self.radii), 3))
         # the search reads the engine's wide table, the pushing a narrow one that stays in the cache
-        self.wide = np.zeros((len(self.radii), at.S_COLS))
-        self.wide[:, at.S_SIDE] = at.EVERYTHING
+        self.wide = np.zeros((len(self.radii), sphere.WIDTH))
+        self.wide[:, sphere.SIDE] = EVERYTHING
 
     def start(self, fraction: float, rng: np.random.Generator) -> float:
         """Scatter the bodies, shrunk; returns their size over the true one. Raises InputError when none is small enough."""

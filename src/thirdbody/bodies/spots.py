@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from thirdbody.bodies.clump import Clump
-from thirdbody.kernels.layout import ONLY_LOWER, ONLY_UPPER
+from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
 
 
 def spot_body(

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from thirdbody import units
 from thirdbody.engine.upper_plate import Schedule, ends_of
 from thirdbody.errors import InputError
-from thirdbody.kernels import layout as at
 from thirdbody.kernels import schedule as motion
-from thirdbody import units
+from thirdbody.kernels.columns import body, sphere
 
 if TYPE_CHECKING:
     from thirdbody.engine.state import State
@@ -73,7 +73,7 @@ def _per_body(state: State) -> tuple[np.ndarray, np.ndarray]:
     upper, n = state.world.upper, state.n_bodies
     assert upper is not None
     pieces = [min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(upper.schedule.load)]
-    minimum, B, f = min(pieces, default=1.0), state.B[:, at.B_MASS], upper.foundation
+    minimum, B, f = min(pieces, default=1.0), state.bodies.mass, upper.foundation
     if f is not None:
         return B + upper.mass + f.mass / n, np.full(n, minimum * f.load / n)
     if len(upper.heights) == n:
@@ -83,8 +83,8 @@ def _per_body(state: State) -> tuple[np.ndarray, np.ndarray]:
 
 def _diameters(state: State) -> np.ndarray:
     """Twice the distance of each body's farthest surface from its centre (n,), m."""
-    centre = np.repeat(state.B[:, at.B_X : at.B_X + 3], np.diff(state.start), axis=0)
-    far = np.linalg.norm(state.S[:, at.S_X : at.S_X + 3] - centre, axis=1) + state.S[:, at.S_R]
+    centre = np.repeat(state.bodies.position, np.diff(state.start), axis=0)
+    far = np.linalg.norm(state.spheres.position - centre, axis=1) + state.spheres.radius
     return 2.0 * np.maximum.reduceat(far, state.start[:-1])
 
 

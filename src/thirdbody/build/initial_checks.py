@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from thirdbody import units
 from thirdbody.bodies.layer_packing import overlaps
+from thirdbody.build.placement import spheres_of
 from thirdbody.engine.state import Placed
 from thirdbody.errors import Fault, InputError
-from thirdbody.kernels.layout import EVERYTHING, ONLY_UPPER
-from thirdbody import units
+from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_UPPER
 from thirdbody.scene.model import Scene
-from thirdbody.build.placement import spheres_of
 
 TINY = 1e-11
 """Least radius of a sphere over the size of the domain: overlaps of a thousandth of it are then still numbers of two digits."""

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.engine.upper_plate import ends_of
-from thirdbody.engine.state import State
-from thirdbody.errors import InputError
-from thirdbody.kernels import layout as at
 from thirdbody.build.physics import CompiledPhysics
+from thirdbody.build.upper_plate import Upper
+from thirdbody.engine.state import State
+from thirdbody.engine.upper_plate import ends_of
+from thirdbody.errors import InputError
+from thirdbody.kernels.columns import sphere
 from thirdbody.scene.model import Scene
 from thirdbody.scene.tables import IMPLICIT_KEYS
-from thirdbody.build.upper_plate import Upper
 
 if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
@@ -47,7 +47,7 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State) -> Plan:
             raise InputError(scene.fault(("solver", "integrator"), f"'implicit' cannot run this scene: {obstacle}"))
         return Plan("implicit", "the scene asks for it")
     if not obstacle and state.world.debris_meets:
-        obstacle = "bodies may meet each other; contact.debris_contact = \"none\" would declare that they do not"
+        obstacle = 'bodies may meet each other; contact.debris_contact = "none" would declare that they do not'
     if not obstacle and scene.solver.time_step != "auto":
         obstacle = "the scene gives a time step"
     if not obstacle:
@@ -105,7 +105,7 @@ def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, 
     given = {"tolerance": solver.tolerance, "largest_step": solver.largest_step, "inertia": solver.inertia}
     options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     chosen = Accuracy(**options, go_on=solver.on_failure == "continue")
-    smallest = float(np.min(state.S[:, at.S_R]))
+    smallest = float(np.min(state.spheres.radius))
     built = _kind(state)(state, list(choice.materials), tangents, upper.overlap * smallest, chosen)
     built.start()
     return built

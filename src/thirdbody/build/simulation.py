@@ -10,23 +10,24 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from thirdbody import units
+from thirdbody.build.inertial_number import examine_inertia
+from thirdbody.build.integrator import Plan, implicit, plan
+from thirdbody.build.physics import CompiledPhysics, compile_physics
+from thirdbody.build.populate import populate
+from thirdbody.build.upper_plate import Upper, upper_plate
 from thirdbody.engine.spatial_order import in_columns
-from thirdbody.engine.upper_plate import Schedule
 from thirdbody.engine.state import Placed, State, World, assemble
+from thirdbody.engine.upper_plate import Schedule
 from thirdbody.errors import InputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import sphere
+from thirdbody.kernels.columns.sides import EVERYTHING
 from thirdbody.laws.contract import Labeller
 from thirdbody.laws.elasticity import dundurs_beta
 from thirdbody.laws.registry import Registry, discover
-from thirdbody import units
-from thirdbody.build.physics import CompiledPhysics, compile_physics
 from thirdbody.scene.cross_checks import too_long, too_long_message
-from thirdbody.build.inertial_number import examine_inertia
-from thirdbody.build.integrator import Plan, implicit, plan
 from thirdbody.scene.model import Scene
 from thirdbody.scene.plausibility import unusual_values
-from thirdbody.build.populate import populate
-from thirdbody.build.upper_plate import Upper, upper_plate
 
 if TYPE_CHECKING:
     from thirdbody.engine.explicit import Explicit
@@ -161,7 +162,7 @@ def _diameter(placed: Placed) -> float:
 
 def _meeting(placed: Placed) -> int:
     """Number of bodies that can meet other debris: those of given spots meet plates only."""
-    return sum(clump.sides is None or bool(np.any(clump.sides == at.EVERYTHING)) for clump in placed.clumps)
+    return sum(clump.sides is None or bool(np.any(clump.sides == EVERYTHING)) for clump in placed.clumps)
 
 
 def _end_settling(scene: Scene, choice: CompiledPhysics, upper: Upper) -> None:
@@ -206,7 +207,7 @@ def _refuse_narrow_domain(scene: Scene, state: State) -> None:
     """Nearest images are unique only if a period is wider than twice the longest reach."""
     if not scene.domain.periodic or not state.world.debris_meets:
         return
-    reach = 2.0 * float(state.S[:, at.S_R].max()) + state.skin
+    reach = 2.0 * float(state.spheres.radius.max()) + state.skin
     if min(scene.domain.size) < 2.0 * reach:
         message = f"a periodic side must be at least {units.pretty(2.0 * reach, 'length')}, twice the reach of the largest sphere"
         raise InputError(scene.fault(("domain", "size"), message))

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from thirdbody.engine.upper_plate import Foundation, UpperPlate
-from thirdbody.engine.static_response import overlap_at, response
-from thirdbody.engine.state import Placed
-from thirdbody.errors import InputError
-from thirdbody.kernels.layout import ONLY_LOWER
 from thirdbody import units
+from thirdbody.build.load_checks import Pressing, pressing_warnings, refuse_crushing
 from thirdbody.build.physics import CompiledPhysics
-from thirdbody.scene.model import Scene
 from thirdbody.build.placement import CLEARANCE
 from thirdbody.build.populate import sphere_centres
-from thirdbody.build.load_checks import Pressing, pressing_warnings, refuse_crushing
 from thirdbody.build.schedule import first_load, schedule
+from thirdbody.engine.state import Placed
+from thirdbody.engine.static_response import overlap_at, response
+from thirdbody.engine.upper_plate import Foundation, UpperPlate
+from thirdbody.errors import InputError
+from thirdbody.kernels.columns.sides import ONLY_LOWER
+from thirdbody.scene.model import Scene
 
 HANDFUL = 3
 """So few loaded bodies of a larger layer are worth a warning: a parallel rigid plate on stiff bodies rests on one of them."""
@@ -94,7 +94,9 @@ def _at_gap(scene: Scene, crown: TopSpheres, material: int, gap: float, warnings
     return Upper(built, settle)
 
 
-def _each_loaded(scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]) -> Upper:
+def _each_loaded(
+    scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]
+) -> Upper:
     """Every body under its own free patch."""
     n, load = len(crown.top), first_load(scene)
     loads = np.full(n, load)
@@ -145,7 +147,9 @@ def _shared(choice: CompiledPhysics, crown: TopSpheres, load: float) -> Pressing
     return Pressing(fraction, crown.radius[on], crown.kind[on])
 
 
-def _on_foundation(scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]) -> Upper:
+def _on_foundation(
+    scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]
+) -> Upper:
     """Every body under its own patch, sprung to a common plate that has a load or a height."""
     plate = scene.plates.upper
     assert plate is not None and plate.stiffness is not None
@@ -168,9 +172,7 @@ def _on_foundation(scene: Scene, choice: CompiledPhysics, placed: Placed, crown:
         on = np.flatnonzero(carried)
         warnings += pressing_warnings(choice, Pressing(carried[on] * _largest(scene), crown.radius[on], crown.kind[on]))
     total = float(mass.sum())
-    common = Foundation(
-        stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None
-    )
+    common = Foundation(stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None)
     touches = loaded > 0 and carried[largest[0]] > 0.0
     if not touches and isinstance(scene.solver.settle, str):
         settle = 0.0  # a plate that is yet to come down presses nobody

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from thirdbody.engine.state import State
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals
 
 LINES = (
     "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical",
@@ -19,19 +19,19 @@ Stored = tuple[float, float, float, float]
 def stored_energies(state: State) -> Stored:
     """Kinetic, elastic normal, elastic tangential and foundation energy, as of the last observed step."""
     P, kinetic = state.P, _kinetic(state) if state.inertial else 0.0
-    springs = 0.5 * float(np.sum(P[:, at.P_SPRING] * (P[:, at.P_Z] - P[-1, at.P_Z]) ** 2))
+    springs = 0.5 * float(np.sum(P[:, patch.SPRING] * (P[:, patch.HEIGHT] - P[-1, patch.HEIGHT]) ** 2))
     if state.summed:
-        return kinetic, float(state.A[at.A_STORED_N]), float(state.A[at.A_STORED_T]), springs
-    loaded, R = state.slots.H[:, at.H_ON] > 0.0, state.slots.R
-    return kinetic, float(R[loaded, at.R_STORED_N].sum()), float(R[loaded, at.R_STORED_T].sum()), springs
+        return kinetic, float(state.A[run_totals.STORED_NORMAL]), float(state.A[run_totals.STORED_TANGENTIAL]), springs
+    loaded, R = state.slots.histories.slip > 0.0, state.slots.R
+    return kinetic, float(R[loaded, record.STORED_NORMAL].sum()), float(R[loaded, record.STORED_TANGENTIAL].sum()), springs
 
 
 def _kinetic(state: State) -> float:
     """Kinetic energy of bodies and free patches, J."""
     B, E, P = state.B, state.E, state.P
-    kinetic = 0.5 * float(np.sum(B[:, at.B_MASS] * np.sum(B[:, at.B_V : at.B_V + 3] ** 2, axis=1)))
-    kinetic += 0.5 * float(np.sum(E[:, at.E_L : at.E_L + 3] * B[:, at.B_W : at.B_W + 3]))
-    kinetic += 0.5 * float(np.sum(P[:, at.P_FREE] * P[:, at.P_MASS] * P[:, at.P_V] ** 2))
+    kinetic = 0.5 * float(np.sum(B[:, body.MASS] * np.sum(B[:, body.VELOCITY3] ** 2, axis=1)))
+    kinetic += 0.5 * float(np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3]))
+    kinetic += 0.5 * float(np.sum(P[:, patch.FREE] * P[:, patch.MASS] * P[:, patch.VELOCITY] ** 2))
     return kinetic
 
 
@@ -61,13 +61,20 @@ class Ledger:
         if known."""
         kinetic, normal, tangential, springs = result or stored_energies(state)
         A = state.A
-        gained = A[at.A_PLATE_WORK] + A[at.A_EFFECTS]
-        spent = kinetic + normal + tangential + springs - self.start + A[at.A_DAMPING] + A[at.A_FRICTION]
-        spent += A[at.A_NUMERICAL]
+        gained = A[run_totals.PLATE_WORK] + A[run_totals.EFFECT_WORK]
+        spent = kinetic + normal + tangential + springs - self.start + A[run_totals.DAMPING_WORK] + A[run_totals.FRICTION_WORK]
+        spent += A[run_totals.NUMERICAL_LOSS]
         values = (
-            kinetic, normal, tangential, A[at.A_DAMPING], A[at.A_FRICTION], A[at.A_PLATE_WORK], A[at.A_EFFECTS],
-            A[at.A_NUMERICAL], gained - spent,
-        )  # fmt: skip
+            kinetic,
+            normal,
+            tangential,
+            A[run_totals.DAMPING_WORK],
+            A[run_totals.FRICTION_WORK],
+            A[run_totals.PLATE_WORK],
+            A[run_totals.EFFECT_WORK],
+            A[run_totals.NUMERICAL_LOSS],
+            gained - spent,
+        )
         lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
         if not state.physics.has_effects:  # absent, not a line of zeros
             del lines["body_effects"]
@@ -76,5 +83,5 @@ class Ledger:
 
     def relative_residual(self, state: State, residual: float) -> float:
         """|residual| by the contract's definition, dimensionless."""
-        scale = max(float(state.A[at.A_PLATE_ABS]), self.peak)
+        scale = max(float(state.A[run_totals.PLATE_WORK_SIZE]), self.peak)
         return abs(residual) / scale if scale > 0.0 else 0.0

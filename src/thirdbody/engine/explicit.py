@@ -19,11 +19,10 @@ from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import argument_specs, pack
-from thirdbody.kernels import layout as at
 from thirdbody.kernels import rigid_body as body_pass
+from thirdbody.kernels.columns import body, chunk_motion, contact_sums, domain, drift_tile, loaded_contact, run_totals
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import step_loop
-from thirdbody.kernels.explicit.drift import Z_COLS
 from thirdbody.kernels.explicit.passes import work
 from thirdbody.kernels.signatures import EFFECTS, KINDS, LAW, OBSERVE, WORK, Context
 from thirdbody.laws.contract import Material
@@ -76,7 +75,7 @@ class Explicit:
         search(self.state)
         self._tables()
         self._advance(1, math.inf, math.inf, 0.0)
-        self.state.A[at.A_STEPS] = self.state.A[at.A_ELAPSED] = 0.0
+        self.state.A[run_totals.STEPS] = self.state.A[run_totals.ELAPSED] = 0.0
         self._choose_step()
 
     def advance_to(
@@ -93,7 +92,7 @@ class Explicit:
         """
         state = self.state
         while state.time < time and state.distance < distance:
-            budget = min(BUDGET - int(state.A[at.A_STEPS]) % BUDGET, max(1, int(CALL / self.seconds)))
+            budget = min(BUDGET - int(state.A[run_totals.STEPS]) % BUDGET, max(1, int(CALL / self.seconds)))
             code, number = self._advance(budget, time, distance, state.dt)
             if code == step_loop.RECORD:  # no step was made
                 state.slots.R = table(state.slots.count, state.slots.R.shape[1])
@@ -103,10 +102,10 @@ class Explicit:
                 self._tables()
             elif code not in (step_loop.SEARCH, step_loop.BUDGET, step_loop.DONE):
                 raise GuardStop(self._explain(code, number))
-            if int(state.A[at.A_STEPS]) % BUDGET == 0:
+            if int(state.A[run_totals.STEPS]) % BUDGET == 0:
                 self._choose_step()
             if code == step_loop.BUDGET:  # here the run could be put away and taken up again
-                (watch if int(state.A[at.A_STEPS]) % BUDGET == 0 else between)()
+                (watch if int(state.A[run_totals.STEPS]) % BUDGET == 0 else between)()
             if code == step_loop.DONE:
                 return
 
@@ -123,9 +122,9 @@ class Explicit:
 
     def _tables(self) -> None:
         chunks = -(-self.state.n_bodies // body_pass.BODIES)
-        self.sums = np.zeros((2 * -(-chunks // contact_pass.GROUP), contact_pass.SUM_COLS))
+        self.sums = np.zeros((2 * -(-chunks // contact_pass.GROUP), contact_sums.WIDTH))
         self.moved = np.zeros(len(self.sums) // 2, np.int32)
-        self.moves = np.zeros((chunks, body_pass.MOVE_COLS))
+        self.moves = np.zeros((chunks, chunk_motion.WIDTH))
         self._scratch(numba.get_num_threads())
 
     def _scratch(self, threads: int) -> None:
@@ -135,14 +134,14 @@ class Explicit:
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
         longest = int(np.diff(slots.cuts[: body_pass.GUESTS, ends], axis=1).max(initial=0))
         floats, marks = contact_pass.scratch_sizes(len(physics.history), longest)
-        self.room = table(parts, max(floats, Z_COLS * body_pass.BODIES))
+        self.room = table(parts, max(floats, drift_tile.WIDTH * body_pass.BODIES))
         self.marks = np.empty((parts, max(marks, body_pass.BODIES)), np.int32)
         maximum = slots.most if physics.labels else 0
-        self.rows = np.empty((parts, maximum, at.C_MEMORY + physics.contact_memory))
+        self.rows = np.empty((parts, maximum, loaded_contact.MEMORY + physics.contact_memory))
 
     def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
         s, physics, (began, worked) = self.state, self.state.physics, clocks()
-        before = s.A[at.A_STEPS]
+        before = s.A[run_totals.STEPS]
         threads = self.pace.threads(numba.get_num_threads(), began)
         if len(self.room) < step_loop.SHARES * threads:
             self._scratch(threads)
@@ -151,7 +150,7 @@ class Explicit:
             physics.labels,
         )  # fmt: skip
         now, busy = clocks()
-        done = int(s.A[at.A_STEPS] - before)
+        done = int(s.A[run_totals.STEPS] - before)
         self.pace.note(threads, done, now - began, busy - worked, now)
         self.seconds = max(now - began, 1e-9) / max(done, 1)
         refresh_spheres(s)  # the kernel places only spheres that can meet something
@@ -167,7 +166,7 @@ class Explicit:
             physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, self.ahead,
             self.room, self.marks, self.rows, self.moved,
             len(physics.history), physics.rolling, *physics.remembered_forces, physics.stored, physics.dashpots,
-            at.C_MEMORY + physics.contact_memory, int(physics.has_effects),
+            loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects),
             self.law, self.effects, self.observe, self.work,
         )  # fmt: skip
         if self.known is None or any(map(operator.is_not, now, self.known)):
@@ -177,7 +176,7 @@ class Explicit:
     def _choose_step(self) -> None:
         # a fixed step is judged by the contacts as they are
         steps = BUDGET if self.fixed is None else 0
-        self.bound = bound(self.state, self.materials, steps, float(self.state.D[at.D_GUARD_OVERLAP]))
+        self.bound = bound(self.state, self.materials, steps, float(self.state.D[domain.OVERLAP_GUARD]))
         if self.tightest is None or self.bound.step < self.tightest.step:
             self.tightest = self.bound
         if self.fixed is not None:
@@ -201,7 +200,7 @@ class Explicit:
 
     def summary(self) -> dict[str, Any]:
         """What the summary of a run tells of its integration."""
-        limit, steps = self.tightest, int(self.state.A[at.A_STEPS])
+        limit, steps = self.tightest, int(self.state.A[run_totals.STEPS])
         assert limit is not None
         return {
             "integrator": "explicit",
@@ -218,29 +217,31 @@ class Explicit:
 
     def _explain(self, code: int, number: int) -> str:
         s = self.state
-        when = f"stopped at t = {s.time:.6g} s (step {int(s.A[at.A_STEPS])}, time step {s.dt:.3g} s)"
+        when = f"stopped at t = {s.time:.6g} s (step {int(s.A[run_totals.STEPS])}, time step {s.dt:.3g} s)"
         laws = ", ".join(sorted({name.split(".")[0] for name in s.physics.history})) or "contact laws"
         if code in (step_loop.OVERLAP, step_loop.BAD_CONTACT):
-            body, partner = self._who(number)
+            who, partner = self._who(number)
             if code == step_loop.BAD_CONTACT:
-                return f"{when}: the force between {body} and {partner} is not a number ({laws})"
-            ratio = float(self.sums[:, contact_pass.SUM_OVERLAP].max())
+                return f"{when}: the force between {who} and {partner} is not a number ({laws})"
+            ratio = float(self.sums[:, contact_sums.MAX_OVERLAP].max())
             return (
-                f"{when}: {body} and {partner} overlap by {ratio:.2f} of the smaller radius "
-                f"(guard: {s.D[at.D_GUARD_OVERLAP]:g}); a smaller time step, a lower load or a stiffer material is needed"
+                f"{when}: {who} and {partner} overlap by {ratio:.2f} of the smaller radius "
+                f"(guard: {s.D[domain.OVERLAP_GUARD]:g}); a smaller time step, a lower load or a stiffer material is needed"
             )
-        where = ", ".join(f"{x:.4g}" for x in s.B[number, at.B_X : at.B_X + 3])
-        body = f"body {s.order[number]} at ({where}) m"
+        where = ", ".join(f"{x:.4g}" for x in s.bodies.position[number])
+        who = f"body {s.order[number]} at ({where}) m"
         if code == step_loop.BAD_BODY:
             return f"{when}: the position of body {s.order[number]} is not a number; the time step is too large"
         if code == step_loop.LEFT:
-            return f"{when}: {body} left the domain"
-        return f"{when}: {body} moves more than {s.D[at.D_GUARD_TRAVEL]:g} of a radius in one step; a smaller time step is needed"
+            return f"{when}: {who} left the domain"
+        return (
+            f"{when}: {who} moves more than {s.D[domain.TRAVEL_GUARD]:g} of a radius in one step; a smaller time step is needed"
+        )
 
     def _explain_step(self, limit: Bound) -> str:
         s = self.state
         return (
-            f"stopped at t = {s.time:.6g} s (step {int(s.A[at.A_STEPS])}): the time step {s.dt:.3g} s exceeds the "
+            f"stopped at t = {s.time:.6g} s (step {int(s.A[run_totals.STEPS])}): the time step {s.dt:.3g} s exceeds the "
             f"stability limit {limit.stability:.3g} s of body {limit.body}, whose contacts have become stiffer"
         )
 
@@ -250,7 +251,7 @@ class Explicit:
         names = {-1: "the lower plate"}
         other = names.get(j, "the upper plate") if j < 0 else f"body {s.order[s.body[j]]}"
         b = int(s.body[slots.own[slot]])
-        where = ", ".join(f"{x:.4g}" for x in s.B[b, at.B_X : at.B_X + 3])
+        where = ", ".join(f"{x:.4g}" for x in s.bodies.position[b])
         return f"body {s.order[b]} at ({where}) m", other
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from thirdbody.engine.energy import Ledger, Stored
 from thirdbody.engine.state import State
 from thirdbody.errors import GuardStop
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, domain, run_totals
 
 OVERLAP_GUARD = 0.3
 """Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape mean nothing."""
@@ -37,9 +37,9 @@ class Guards:
 
     def put(self, state: State) -> None:
         """Write the limits into the tables of a state."""
-        state.D[at.D_GUARD_OVERLAP], state.D[at.D_GUARD_TRAVEL] = self.overlap, self.travel
+        state.D[domain.OVERLAP_GUARD], state.D[domain.TRAVEL_GUARD] = self.overlap, self.travel
         if state.world.lower is not None:
-            state.D[at.D_FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
+            state.D[domain.FLOOR] = -FLOOR * float(state.rayleigh_radius.max())
 
 
 class EnergyGuard:
@@ -67,15 +67,15 @@ class EnergyGuard:
 
 
 def _judge_norms(state: State, maximum: float) -> None:
-    norms = np.sqrt(np.sum(state.B[:, at.B_Q : at.B_Q + 4] ** 2, axis=1))
+    norms = np.sqrt(np.sum(state.bodies.quaternion ** 2, axis=1))
     bad = np.flatnonzero(~(np.abs(norms - 1.0) <= maximum))
     if len(bad):
-        body = int(bad[0])
+        who = int(bad[0])
         raise GuardStop(
-            f"{_when(state)}: the orientation of body {state.order[body]} is no rotation any more: its quaternion has the length "
-            f"{norms[body]:.9g} (guard: 1 within {maximum:g}); a smaller time step is needed"
+            f"{_when(state)}: the orientation of body {state.order[who]} is no rotation any more: its quaternion has the length "
+            f"{norms[who]:.9g} (guard: 1 within {maximum:g}); a smaller time step is needed"
         )
 
 
 def _when(state: State) -> str:
-    return f"stopped at t = {state.time:.6g} s (step {int(state.A[at.A_STEPS])})"
+    return f"stopped at t = {state.time:.6g} s (step {int(state.A[run_totals.STEPS])})"

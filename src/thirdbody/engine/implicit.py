@@ -26,7 +26,19 @@ from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
 from thirdbody.engine.time_step import rayleigh_time
 from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import (
+    body,
+    contact_state,
+    domain,
+    loaded_contact,
+    patch,
+    record,
+    run_totals,
+    sphere,
+    step_memory,
+    step_settings,
+)
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit import bdf2 as kernel
 from thirdbody.kernels.implicit import step_control, step_limits
 from thirdbody.laws.contract import Material
@@ -94,28 +106,29 @@ class Implicit:
         times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
         self.rayleigh = float(times.min())
         _own_patches(state)
-        self.totals = np.zeros((state.n_bodies, at.A_COLS))
-        self.memory = np.zeros((state.n_bodies, at.T_COLS))
-        smallest = np.minimum.reduceat(state.S[:, at.S_R], state.start[:-1])
-        self.memory[:, at.T_DT], self.memory[:, at.T_RADIUS] = FIRST * self.rayleigh, UNLOADED * smallest
-        self.memory[:, at.T_LIMIT] = step_limits.GROWTH
+        self.totals = np.zeros((state.n_bodies, run_totals.WIDTH))
+        self.memory = np.zeros((state.n_bodies, step_memory.WIDTH))
+        smallest = np.minimum.reduceat(state.spheres.radius, state.start[:-1])
+        self.memory[:, step_memory.NEXT_DT], self.memory[:, step_memory.CONTACT_RADIUS] = (
+            FIRST * self.rayleigh,
+            UNLOADED * smallest,
+        )
+        self.memory[:, step_memory.LIMIT] = step_limits.GROWTH
         overlap = overlap if overlap > 0.0 else 1e-4 * float(smallest.min())
-        self.memory[:, at.T_FIRM] = float(state.P[:, at.P_LOAD].max()) / overlap
-        self.memory[:, at.T_ENERGY] = HELD * float(state.P[:, at.P_LOAD].max()) * overlap
+        self.memory[:, step_memory.STIFFNESS] = float(state.patches.load.max()) / overlap
+        self.memory[:, step_memory.MAX_ENERGY] = HELD * float(state.patches.load.max()) * overlap
         self.settings = self._settings(overlap)
         self.pace = PACE  # tries per second of the last call
         self._told, self._limit = self.memory.copy(), ""  # what `tell_limit` saw and said before
 
     def _settings(self, overlap: float) -> Array:
-        V, chosen = np.zeros(step_control.V_COLS), self.accuracy
-        V[step_control.V_TOLERANCE], V[step_control.V_LONGEST], V[step_control.V_RADII] = (
-            chosen.tolerance,
-            chosen.largest_step,
-            chosen.radii,
-        )
-        V[step_control.V_SHORTEST], V[step_control.V_INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
-        V[step_control.V_DEEP], V[step_control.V_GROWTH] = overlap, chosen.growth
-        V[step_control.V_WORK] = WORK * chosen.tolerance
+        V, chosen = np.zeros(step_settings.WIDTH), self.accuracy
+        V[step_settings.TOLERANCE] = chosen.tolerance
+        V[step_settings.LONGEST] = chosen.largest_step
+        V[step_settings.RADII] = chosen.radii
+        V[step_settings.SHORTEST], V[step_settings.INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
+        V[step_settings.DEEP], V[step_settings.GROWTH] = overlap, chosen.growth
+        V[step_settings.WORK] = WORK * chosen.tolerance
         return V
 
     def start(self) -> None:
@@ -152,26 +165,26 @@ class Implicit:
                 reached = True
             finally:
                 # also where a guard or the user stops it: the bodies are as far as they came
-                now = until if reached else float(self.totals[:, at.A_TIME].min())
+                now = until if reached else float(self.totals[:, run_totals.TIME].min())
                 self._sum_up(now, self._distance(now, state.distance + path if by_distance > until else stop, reached))
             self._judge()
             if self.near is not None:
-                self.near.check(self.memory[:, at.T_WAY])
+                self.near.check(self.memory[:, step_memory.PATH])
 
     def _reach(self, until: float, watch: Callable[[], None], _between: Callable[[], None]) -> None:
         for first in range(0, self.state.n_bodies, BATCH):
             last = min(first + BATCH, self.state.n_bodies)
             while waiting := self._waiting(first, last, until):
-                begun, before = clock.perf_counter(), self.memory[first:last, at.T_TRIES].sum()
+                begun, before = clock.perf_counter(), self.memory[first:last, step_memory.TRIES].sum()
                 self.march(first, last, until, max(FEW, CALL * self.pace / waiting))
-                done = self.memory[first:last, at.T_TRIES].sum() - before
+                done = self.memory[first:last, step_memory.TRIES].sum() - before
                 self.pace = float(done) / max(clock.perf_counter() - begun, 1e-9)
                 watch()
 
     def _waiting(self, first: int, last: int, until: float) -> int:
         """How many of the bodies have not come to a time, s; of a run that was put away some have."""
-        going = self.memory[first:last, at.T_CODE] == step_control.GOING
-        return int(np.count_nonzero(going & (self.totals[first:last, at.A_TIME] < until)))
+        going = self.memory[first:last, step_memory.CODE] == step_control.GOING
+        return int(np.count_nonzero(going & (self.totals[first:last, run_totals.TIME] < until)))
 
     def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """Arrays and notes of what the integrator itself remembers."""
@@ -206,7 +219,7 @@ class Implicit:
             (slots.own, slots.partner, slots.kind, slots.edges, slots.incidence), (s.body, s.start, s.patch, s.offsets),
             (s.S, s.B, s.P, slots.H, slots.R, s.E),
             (physics.pairs, physics.effect_parameters, len(physics.history), physics.rolling,
-             at.C_MEMORY + physics.contact_memory, physics.has_effects, physics.labels, physics.stored,
+             loaded_contact.MEMORY + physics.contact_memory, physics.has_effects, physics.labels, physics.stored,
              *physics.remembered_forces),
         )  # fmt: skip
 
@@ -223,20 +236,27 @@ class Implicit:
         A = self.state.A
         summed = self._summed()
         for column in (
-            at.A_FRICTION, at.A_DAMPING, at.A_PLATE_WORK, at.A_PLATE_ABS, at.A_EFFECTS, at.A_NUMERICAL, at.A_STEPS,
-            *range(at.A_IMPULSE, at.A_IMPULSE + 6), *range(at.A_UPPER, at.A_UPPER + 6),
-        ):  # fmt: skip
+            run_totals.FRICTION_WORK,
+            run_totals.DAMPING_WORK,
+            run_totals.PLATE_WORK,
+            run_totals.PLATE_WORK_SIZE,
+            run_totals.EFFECT_WORK,
+            run_totals.NUMERICAL_LOSS,
+            run_totals.STEPS,
+            *range(run_totals.UPPER_IMPULSE, run_totals.UPPER_IMPULSE + 6),
+            *range(run_totals.UPPER_FORCE, run_totals.UPPER_FORCE + 6),
+        ):
             A[column] = summed[column]
-        A[at.A_TIME], A[at.A_DISTANCE] = time, distance
-        ahead = self.totals[int(np.argmax(self.totals[:, at.A_TIME]))]
-        A[at.A_SPEED] = ahead[at.A_SPEED]
-        A[at.A_HEADING : at.A_HEADING + 2] = ahead[at.A_HEADING : at.A_HEADING + 2]
+        A[run_totals.TIME], A[run_totals.DISTANCE] = time, distance
+        ahead = self.totals[int(np.argmax(self.totals[:, run_totals.TIME]))]
+        A[run_totals.PLATE_SPEED] = ahead[run_totals.PLATE_SPEED]
+        A[run_totals.HEADING2] = ahead[run_totals.HEADING2]
         if self.schedule.gap and self.state.world.upper is not None and self.state.world.upper.foundation is not None:
-            self.state.P[-1, at.P_Z] = at_time(self.schedule.gap, time)
+            self.state.patches.height[-1] = at_time(self.schedule.gap, time)
 
     def _judge(self) -> None:
         """Raise GuardStop for the first body that was stopped; one without a solution is left behind where the scene says so."""
-        codes = self.memory[:, at.T_CODE]
+        codes = self.memory[:, step_memory.CODE]
         stopped = np.flatnonzero(codes != step_control.GOING)
         if self.accuracy.go_on:
             stopped = stopped[codes[stopped] != step_control.UNSOLVED]
@@ -245,13 +265,13 @@ class Implicit:
 
     def refuse_made_energy(self) -> None:
         """Raise GuardStop where the integrator itself has made more than a share of the energy exchanged (`MADE_GUARD`)."""
-        held = body_energies(self.state, self.memory[:, at.T_STORED])
+        held = body_energies(self.state, self.memory[:, step_memory.STORED])
         built = created_fraction(self.totals, held)
         body, whole = int(np.argmax(built)), float(created_fraction(self._summed()[None], float(held.sum()))[0])
         if built[body] > MADE_GUARD:
-            fraction, who, when = built[body], self._who(body), self.totals[body, at.A_TIME]
+            fraction, who, when = built[body], self._who(body), self.totals[body, run_totals.TIME]
         elif whole > MADE_GUARD:
-            fraction, who, when = whole, "all bodies and the upper plate together", self.totals[:, at.A_TIME].min()
+            fraction, who, when = whole, "all bodies and the upper plate together", self.totals[:, run_totals.TIME].min()
         else:
             return
         inertia = "" if self.accuracy.inertia else "solver.inertia = true, or "
@@ -263,18 +283,18 @@ class Implicit:
 
     def summary(self) -> dict[str, Any]:
         """What the summary of a run tells of its integration; steps are those of single bodies."""
-        taken, T, state = self.totals[:, at.A_STEPS], self.memory, self.state
+        taken, T, state = self.totals[:, run_totals.STEPS], self.memory, self.state
         total = max(float(taken.sum()), 1.0)
-        lost = np.flatnonzero(T[:, at.T_CODE] == step_control.UNSOLVED)
+        lost = np.flatnonzero(T[:, step_memory.CODE] == step_control.UNSOLVED)
         return {
             "integrator": "implicit",
             "steps": int(taken.sum()),
             "sphere_steps": int(taken @ np.diff(state.start)),
             "steps_per_body": float(taken.mean()),
-            "longest_step": float(T[:, at.T_LONGEST].max()),
-            "iterations_per_step": float(T[:, at.T_ITERATIONS].sum()) / total,
-            "cuts_per_step": float(T[:, at.T_CUTS].sum()) / total,
-            "hard_steps": float(T[:, at.T_HARD].sum()) / total,
+            "longest_step": float(T[:, step_memory.LONGEST_DRAG].max()),
+            "iterations_per_step": float(T[:, step_memory.ITERATIONS].sum()) / total,
+            "cuts_per_step": float(T[:, step_memory.CUTS].sum()) / total,
+            "hard_steps": float(T[:, step_memory.HARD_STEPS].sum()) / total,
             "steps_limited_by": limited_by(T),
             "limiting_body": limiting_body(T, state.order),
             "unsolved": {int(body): self._explain(int(body)) for body in lost},
@@ -288,7 +308,7 @@ class Implicit:
 
     def mean_time(self) -> float:
         """Simulated time that bodies have reached in the mean, s: between two stops each is at a time of its own."""
-        return float(self.totals[:, at.A_TIME].mean())
+        return float(self.totals[:, run_totals.TIME].mean())
 
     def label(self) -> Array:
         """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""
@@ -296,44 +316,44 @@ class Implicit:
 
     def _explain(self, body: int) -> str:
         s, totals = self.state, self.totals[body]
-        code, when = int(self.memory[body, at.T_CODE]), f"stopped at t = {totals[at.A_TIME]:.6g} s"
+        code, when = int(self.memory[body, step_memory.CODE]), f"stopped at t = {totals[run_totals.TIME]:.6g} s"
         who = self._who(body)
         if code == step_control.TOO_DEEP:
-            slot = int(self.memory[body, at.T_SLOT])
+            slot = int(self.memory[body, step_memory.SLOT])
             plate = "lower" if s.slots.partner[slot] == -1 else "upper"
-            ratio = s.slots.R[slot, at.R_OVERLAP] / s.S[s.slots.own[slot], at.S_R]
-            limit = s.D[at.D_GUARD_OVERLAP]
+            ratio = s.slots.records.overlap[slot] / s.spheres.radius[s.slots.own[slot]]
+            limit = s.D[domain.OVERLAP_GUARD]
             deep = f"sinks into the {plate} plate by {ratio:.2f} of the radius (guard: {limit:g})"
             return f"{when}: {who} {deep}; a lower load is needed"
         if code == step_control.LEFT:
             return f"{when}: {who} left the domain"
         if code == step_control.TOO_MANY:
-            return f"{when}: {who} has more than {at.TILE} loaded spots, which the implicit integrator cannot hold"
+            return f"{when}: {who} has more than {TILE} loaded spots, which the implicit integrator cannot hold"
         if code == step_control.NOT_A_NUMBER:
             return f"{when}: the position of body {s.order[body]} is not a number"
-        shortest = self.settings[step_control.V_SHORTEST]
+        shortest = self.settings[step_settings.SHORTEST]
         return f"{when}: no step of {who} could be solved, down to {shortest:.2g} s; {self._spots(body)}"
 
-    def _who(self, body: int) -> str:
+    def _who(self, number: int) -> str:
         """A body by its number in the scene, and where it is."""
-        where = ", ".join(f"{x:.4g}" for x in self.state.B[body, at.B_X : at.B_X + 3])
-        return f"body {self.state.order[body]} at ({where}) m"
+        where = ", ".join(f"{x:.4g}" for x in self.state.bodies.position[number])
+        return f"body {self.state.order[number]} at ({where}) m"
 
     def _spots(self, body: int) -> str:
         """The loaded spots of a body in words."""
         slots = self.state.slots
         report = []
         for k in range(slots.edges[body], slots.edges[body + 1]):
-            if slots.H[k, at.H_ON] > 0.0:
+            if slots.histories.slip[k] > 0.0:
                 plate = "lower" if slots.partner[k] == -1 else "upper"
                 sphere = int(slots.own[k] - self.state.start[body])
-                force, shear = slots.R[k, at.R_FN], float(np.linalg.norm(slots.R[k, at.R_T : at.R_T + 3]))
+                force, shear = slots.records.normal_force[k], float(np.linalg.norm(slots.records.tangential_force[k]))
                 report.append(f"sphere {sphere} on the {plate} plate with N = {force:.3g} N, T = {shear:.3g} N")
         return "its loaded spots: " + ("; ".join(report) or "none")
 
 
 def _own_patches(state: State) -> None:
     """A plate at a prescribed height is the same for all bodies: each gets a copy, for each has a time of its own."""
-    if state.world.upper is not None and len(state.P) == 1 and state.P[0, at.P_FREE] == 0.0:
+    if state.world.upper is not None and len(state.P) == 1 and state.patches.free[0] == 0.0:
         state.P = np.repeat(state.P, state.n_bodies, axis=0)
         state.patch = np.arange(state.n_bodies)

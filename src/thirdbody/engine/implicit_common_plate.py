@@ -18,10 +18,19 @@ from thirdbody.engine.implicit import BATCH, Implicit
 from thirdbody.engine.state import Array, State
 from thirdbody.engine.upper_plate import value_before
 from thirdbody.errors import GuardStop
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import (
+    body_solution,
+    contact_state,
+    patch,
+    record,
+    run_totals,
+    step_memory,
+    step_settings,
+    step_start,
+)
 from thirdbody.kernels.implicit import common_plate as kernel
 from thirdbody.kernels.implicit import step_control, step_limits
-from thirdbody.kernels.implicit.residual import TURN, Z_COLS
+from thirdbody.kernels.implicit.residual import TURN
 
 CONVERGED, ROUNDS = 1e-8, 30
 """Unbalanced force on the plate as a share of its load and of what bodies push, and how often its rise is corrected."""
@@ -43,9 +52,11 @@ class Shared(Implicit):
         _one_plate(state)
         super().__init__(state, *arguments, **options)
         n = state.n_bodies
-        self.starts, self.ends, self.told = np.zeros((n, Z_COLS)), np.zeros((n, 7)), np.zeros((n, kernel.H_COLS))
-        self.plate = np.zeros(at.A_COLS)  # energy that is the plate's alone
-        self.length, self.last = float(self.memory[0, at.T_DT]), 0.0
+        self.starts = np.zeros((n, step_start.WIDTH))
+        self.ends = np.zeros((n, 7))
+        self.told = np.zeros((n, body_solution.WIDTH))
+        self.plate = np.zeros(run_totals.WIDTH)  # energy that is the plate's alone
+        self.length, self.last = float(self.memory[0, step_memory.NEXT_DT]), 0.0
         self.moved, self.change = 0.0, 0.0  # rise and change of velocity of the plate in its last step
 
     together = True
@@ -72,22 +83,22 @@ class Shared(Implicit):
         self.length, self.last, self.moved, self.change = (float(notes[name]) for name in ("length", "last", "moved", "change"))
 
     def _reach(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
-        while self.totals[0, at.A_TIME] < until:
+        while self.totals[0, run_totals.TIME] < until:
             self._step(until)
             self._judge()
             # counted from the start of the run, so that a run that was put away looks at the same instants
-            noted = int(self.totals[0, at.A_STEPS]) % max(1, BATCH // self.state.n_bodies) == 0
+            noted = int(self.totals[0, run_totals.STEPS]) % max(1, BATCH // self.state.n_bodies) == 0
             (watch if noted else between)()
 
     def _step(self, until: float) -> None:
         """One step of all bodies and the plate, cut until it is good. Raises GuardStop if none is."""
-        time = float(self.totals[0, at.A_TIME])
+        time = float(self.totals[0, run_totals.TIME])
         end = self._stretch(time, until)
-        if end - time < self.settings[step_control.V_SHORTEST]:
+        if end - time < self.settings[step_settings.SHORTEST]:
             # a stop that misses a corner by rounding: no step is that short
-            self.totals[:, at.A_TIME], self.memory[:, at.T_LAST], self.last = end, 0.0, 0.0
+            self.totals[:, run_totals.TIME], self.memory[:, step_memory.LAST_DT], self.last = end, 0.0, 0.0
             return
-        (dt, cause), cuts, load = self._length(time, end), 0, float(self.state.P[-1, at.P_LOAD])
+        (dt, cause), cuts, load = self._length(time, end), 0, float(self.state.patches.load[-1])
         requested, body = self.length, 0
         while True:
             whole = dt >= step_control.NEARLY * (end - time)
@@ -95,39 +106,41 @@ class Shared(Implicit):
             velocity = self._velocity(time, dt)
             self._load(time, dt)
             rise, result = self._solve(dt, velocity)
-            error, rotation = self._error(rise, dt), float(self.told[:, kernel.H_TURN].max())
+            error, rotation = self._error(rise, dt), float(self.told[:, body_solution.TURN].max())
             if result and error <= 1.0 and rotation <= TURN:
                 break
             cuts += 1
             body, cause = self._why(result, error, rotation)
             self._stay()
             dt *= 0.5 if not result else max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), 0.9 * TURN / max(rotation, 1e-30)))
-            if dt < self.settings[step_control.V_SHORTEST] or self.told[:, kernel.H_CROWDED].any():
+            if dt < self.settings[step_settings.SHORTEST] or self.told[:, body_solution.CROWDED].any():
                 self._give_up()
         self._take(dt, end, whole, velocity, rise, load)
-        body = body if cuts else int(np.argmax(self.told[:, kernel.H_ERROR]))
-        self.memory[body, at.T_LIMITED + cause] += 1.0
-        self.memory[:, at.T_CUTS] += cuts
-        self.memory[:, at.T_HARD] += float(cuts > step_control.HARD)
-        self.memory[:, at.T_LONGEST] = np.maximum(self.memory[:, at.T_LONGEST], math.hypot(*velocity) * dt)
+        body = body if cuts else int(np.argmax(self.told[:, body_solution.ERROR]))
+        self.memory[body, step_memory.LIMITED + cause] += 1.0
+        self.memory[:, step_memory.CUTS] += cuts
+        self.memory[:, step_memory.HARD_STEPS] += float(cuts > step_control.HARD)
+        self.memory[:, step_memory.LONGEST_DRAG] = np.maximum(
+            self.memory[:, step_memory.LONGEST_DRAG], math.hypot(*velocity) * dt
+        )
         grown = min(self.accuracy.growth, 0.9 / math.sqrt(max(error, 1e-30)))
-        if cuts or self.told[:, kernel.H_ITERATIONS].max() > 2 * step_control.EASY:
+        if cuts or self.told[:, body_solution.ITERATIONS].max() > 2 * step_control.EASY:
             grown = min(grown, 1.0)
         if cuts:
-            self.memory[:, at.T_LIMIT] = cause
+            self.memory[:, step_memory.LIMIT] = cause
         elif grown < 1.0 or dt * grown >= requested:
-            self.memory[:, at.T_LIMIT] = self._why_not_longer(grown)
+            self.memory[:, step_memory.LIMIT] = self._why_not_longer(grown)
         self.length = max(dt * grown, requested) if not cuts and grown >= 1.0 else dt * grown
         if whole and kernel.is_breakpoint_at(self.state.schedule, self.state.first, time, end):
-            self.memory[:, at.T_LAST], self.last = 0.0, 0.0
+            self.memory[:, step_memory.LAST_DT], self.last = 0.0, 0.0
 
     def _why(self, result: bool, error: float, turn: float) -> tuple[int, int]:
         """The body that asks for a shorter step, and why (`kernels.implicit.step_limits`, as
         `kernels.implicit.step_control.why_cut`)."""
-        lost = self.told[:, kernel.H_FOUND] == 0.0
+        lost = self.told[:, body_solution.FOUND] == 0.0
         turning = result and not (error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30))
-        body = int(np.argmax(lost if lost.any() else self.told[:, kernel.H_TURN if turning else kernel.H_ERROR]))
-        if self.told[body, kernel.H_LANDS] > 0.0:
+        body = int(np.argmax(lost if lost.any() else self.told[:, body_solution.TURN if turning else body_solution.ERROR]))
+        if self.told[body, body_solution.LANDS] > 0.0:
             return body, step_limits.LANDING
         return body, step_limits.TURNING if turning else (step_limits.ERROR if result else step_limits.NEWTON)
 
@@ -137,29 +150,29 @@ class Shared(Implicit):
             return step_limits.GROWTH
         return (
             step_limits.NEWTON
-            if self.told[:, kernel.H_ITERATIONS].max() > 2 * step_control.EASY and grown == 1.0
+            if self.told[:, body_solution.ITERATIONS].max() > 2 * step_control.EASY and grown == 1.0
             else step_limits.ERROR
         )
 
     def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
         """The rise at which the plate is in balance, and whether it was found."""
         row, first_iteration = self.state.P[-1], True
-        distance, low, high = float(row[at.P_V]) * dt, -math.inf, math.inf
+        distance, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
             self._bodies(first_iteration, dt, distance, velocity)
             first_iteration = False
             rise = self._rise(distance, dt)
-            if not self.told[:, kernel.H_FOUND].all():
+            if not self.told[:, body_solution.FOUND].all():
                 return rise, False
-            push, slope = float(self.told[:, kernel.H_PUSH].sum()), float(self.told[:, kernel.H_SLOPE].sum())
+            push, slope = float(self.told[:, body_solution.PUSH].sum()), float(self.told[:, body_solution.SLOPE].sum())
             rate = self._now(dt) / dt
-            force = push - row[at.P_LOAD] - row[at.P_DAMPING] * rise.velocity - row[at.P_MASS] * rise.acceleration
-            scale = abs(push) + max(row[at.P_LOAD], row[at.P_LOAD0]) + row[at.P_MASS] * abs(rise.acceleration)
-            scale += row[at.P_DAMPING] * abs(rise.velocity)
+            force = push - row[patch.LOAD] - row[patch.DAMPING] * rise.velocity - row[patch.MASS] * rise.acceleration
+            scale = abs(push) + max(row[patch.LOAD], row[patch.NOMINAL_LOAD]) + row[patch.MASS] * abs(rise.acceleration)
+            scale += row[patch.DAMPING] * abs(rise.velocity)
             if abs(force) <= CONVERGED * scale:
                 return rise, True
             low, high = (distance, high) if force > 0.0 else (low, distance)
-            slope -= row[at.P_DAMPING] * rate + float(self.accuracy.inertia) * row[at.P_MASS] * rate * rate
+            slope -= row[patch.DAMPING] * rate + float(self.accuracy.inertia) * row[patch.MASS] * rate * rate
             # never down by more than the bodies can be expected to yield: their push grows faster than its slope tells
             change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
             distance = distance + change if low < distance + change < high else 0.5 * (low + high)
@@ -170,8 +183,8 @@ class Shared(Implicit):
     def _yielding(self) -> float:
         """Largest fall of the plate in one correction, m: half the deepest overlap, or half of the one to expect."""
         H, R = self.state.slots.H, self.state.slots.R
-        deepest = float(np.max(R[:, at.R_OVERLAP], where=H[:, at.H_ON] > 0.0, initial=0.0))
-        return 0.5 * max(deepest, float(self.settings[step_control.V_DEEP]))
+        deepest = float(np.max(R[:, record.OVERLAP], where=H[:, contact_state.SLIP] > 0.0, initial=0.0))
+        return 0.5 * max(deepest, float(self.settings[step_settings.DEEP]))
 
     def _now(self, dt: float) -> float:
         """Weight of the change of this step in the formula of its end velocity (`kernels.implicit.step_control.bdf2_weights`)."""
@@ -195,24 +208,24 @@ class Shared(Implicit):
 
     @property
     def _plate_velocity(self) -> float:
-        return float(self.state.P[-1, at.P_V])
+        return float(self.state.patches.velocity[-1])
 
     def _error(self, rise: PlateStep, dt: float) -> float:
         """Largest error of the step over what is allowed, of bodies and plate (`kernels.implicit.step_control.local_error`)."""
         first = self.last == 0.0 or not self.accuracy.inertia
         ratio = 0.0 if first else dt / self.last
         change = abs(rise.velocity - self._plate_velocity - ratio * self.change)
-        radius = float(self.memory[:, at.T_RADIUS].max())
+        radius = float(self.memory[:, step_memory.CONTACT_RADIUS].max())
         allowed = self.accuracy.tolerance if self.accuracy.inertia else min(1.0, step_control.LOOSER * self.accuracy.tolerance)
         own = (0.5 if first else 2.0 / 9.0) * dt * change / (allowed * radius)
-        return max(own, float(self.told[:, kernel.H_ERROR].max()))
+        return max(own, float(self.told[:, body_solution.ERROR].max()))
 
     def _length(self, time: float, end: float) -> tuple[float, int]:
         """Length of the next step, s, and what limits it (`kernels.implicit.step_limits`)."""
         left = end - time
-        dt, cause = min(self.length, left), int(self.memory[0, at.T_LIMIT])
-        loaded = self.memory[:, at.T_STORED] > 0.0
-        radii = self.memory[loaded, at.T_RADIUS] if loaded.any() else self.memory[:, at.T_RADIUS]
+        dt, cause = min(self.length, left), int(self.memory[0, step_memory.LIMIT])
+        loaded = self.memory[:, step_memory.STORED] > 0.0
+        radii = self.memory[loaded, step_memory.CONTACT_RADIUS] if loaded.any() else self.memory[:, step_memory.CONTACT_RADIUS]
         longest = min(self.accuracy.largest_step, self.accuracy.radii * float(radii.min()))
         for _ in range(3):
             distance = math.hypot(*self._velocity(time, dt)) * dt
@@ -232,7 +245,7 @@ class Shared(Implicit):
         """The load of the plate at the end of a step that passes no corner, if a schedule changes it."""
         if self.schedule.load:
             row = self.state.P[-1]
-            row[at.P_LOAD] = row[at.P_LOAD0] * value_before(self.schedule.load, time, time + dt)
+            row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(self.schedule.load, time, time + dt)
 
     def _take(self, dt: float, end: float, whole: bool, velocity: tuple[float, float], rise: PlateStep, load: float) -> None:
         """All bodies and the plate take the step; the plate's own energy. `load`: its load as the step begins, N."""
@@ -243,26 +256,40 @@ class Shared(Implicit):
         )  # fmt: skip
         before = self._plate_velocity
         old = 0.5 if self.last > 0.0 else 0.0
-        carried = (1.0 - old) * float(row[at.P_LOAD]) + old * load
-        mass, work = float(row[at.P_MASS]), -carried * rise.way
+        carried = (1.0 - old) * float(row[patch.LOAD]) + old * load
+        mass, work = float(row[patch.MASS]), -carried * rise.way
         kinetic = 0.5 * mass * (rise.velocity**2 - before**2) * float(self.accuracy.inertia)
-        self.plate[at.A_PLATE_WORK] += work
-        self.plate[at.A_PLATE_ABS] += abs(work)
-        felt = float(row[at.P_DAMPING]) * rise.velocity * rise.way
-        self.plate[at.A_DAMPING] += max(felt, 0.0)
-        lost = min(felt, 0.0) + (float(row[at.P_LOAD]) - carried) * rise.way
-        self.plate[at.A_NUMERICAL] += mass * rise.acceleration * rise.way - kinetic + lost
+        self.plate[run_totals.PLATE_WORK] += work
+        self.plate[run_totals.PLATE_WORK_SIZE] += abs(work)
+        felt = float(row[patch.DAMPING]) * rise.velocity * rise.way
+        self.plate[run_totals.DAMPING_WORK] += max(felt, 0.0)
+        lost = min(felt, 0.0) + (float(row[patch.LOAD]) - carried) * rise.way
+        self.plate[run_totals.NUMERICAL_LOSS] += mass * rise.acceleration * rise.way - kinetic + lost
         self.moved, self.change, self.last = rise.way, rise.velocity - before, dt
-        row[at.P_Z] += rise.way
-        row[at.P_V] = rise.velocity
+        row[patch.HEIGHT] += rise.way
+        row[patch.VELOCITY] = rise.velocity
 
     def _bodies(self, first_iteration: bool, dt: float, rise: float, velocity: tuple[float, float]) -> None:
         s, physics = self.state, self.state.physics
         kernel.solve_bodies(
-            first_iteration, dt, rise, float(s.P[-1, at.P_Z]), *velocity, *self._groups(), self.most, self.settings, self.totals,
+            first_iteration,
+            dt,
+            rise,
+            float(s.patches.height[-1]),
+            *velocity,
+            *self._groups(),
+            self.most,
+            self.settings,
+            self.totals,
             self.memory,
-            self.starts, self.ends, self.gone, self.told, physics.law, self.tangents, physics.effects,
-        )  # fmt: skip
+            self.starts,
+            self.ends,
+            self.gone,
+            self.told,
+            physics.law,
+            self.tangents,
+            physics.effects,
+        )
 
     def _stay(self) -> None:
         groups = self._groups()
@@ -270,12 +297,12 @@ class Shared(Implicit):
 
     def _give_up(self) -> None:
         """Raise GuardStop for the first body that could not be solved, else for the plate."""
-        lost = np.flatnonzero(self.told[:, kernel.H_FOUND] == 0.0)
+        lost = np.flatnonzero(self.told[:, body_solution.FOUND] == 0.0)
         if not len(lost):
-            when = f"stopped at t = {self.totals[0, at.A_TIME]:.6g} s"
+            when = f"stopped at t = {self.totals[0, run_totals.TIME]:.6g} s"
             raise GuardStop(f"{when}: no balance was found for the upper plate, which all bodies carry together")
-        crowded = self.told[lost[0], kernel.H_CROWDED] > 0.0
-        self.memory[lost[0], at.T_CODE] = step_control.TOO_MANY if crowded else step_control.UNSOLVED
+        crowded = self.told[lost[0], body_solution.CROWDED] > 0.0
+        self.memory[lost[0], step_memory.CODE] = step_control.TOO_MANY if crowded else step_control.UNSOLVED
         raise GuardStop(self._explain(int(lost[0])))
 
     def _velocity(self, time: float, dt: float) -> tuple[float, float]:
@@ -295,7 +322,7 @@ def _one_plate(state: State) -> None:
     if len(state.P) > 1 or state.world.upper is None or state.world.upper.foundation is not None:
         return
     copies = np.repeat(state.P, state.n_bodies, axis=0)
-    for column in (at.P_FREE, at.P_MASS, at.P_DAMPING, at.P_LOAD, at.P_LOAD0):
+    for column in (patch.FREE, patch.MASS, patch.DAMPING, patch.LOAD, patch.NOMINAL_LOAD):
         copies[:, column] = 0.0
     state.P = np.concatenate([copies, state.P])
     state.patch = np.arange(state.n_bodies)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from thirdbody.engine.state import Array, State
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import loaded_contact, observed_body, run_totals
 
 
 def labels(state: State, drag: tuple[float, float]) -> Array:
@@ -17,10 +17,26 @@ def labels(state: State, drag: tuple[float, float]) -> Array:
 
     slots, physics = state.slots, state.physics
     out = np.zeros((state.n_bodies, physics.outputs))
-    width = at.C_MEMORY + physics.contact_memory
+    width = loaded_contact.MEMORY + physics.contact_memory
     label_bodies(
-        slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, state.B, state.E, state.A, state.M.copy(),
-        drag, float(state.A[at.A_SPEED]),
-        len(physics.history), width, physics.observe, physics.label, out, np.empty(at.O_COLS), np.empty((slots.most, width)),
-    )  # fmt: skip
+        slots.edges,
+        slots.incidence,
+        slots.own,
+        slots.partner,
+        slots.H,
+        slots.R,
+        state.B,
+        state.E,
+        state.A,
+        state.M.copy(),
+        drag,
+        float(state.A[run_totals.PLATE_SPEED]),
+        len(physics.history),
+        width,
+        physics.observe,
+        physics.label,
+        out,
+        np.empty(observed_body.WIDTH),
+        np.empty((slots.most, width)),
+    )
     return out

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from thirdbody.engine.state import Array, Candidates, Ints, Numbers, State, table
-from thirdbody.kernels import layout as at
 from thirdbody.kernels import neighbour_search as passes
+from thirdbody.kernels.columns import body, contact_state, domain, patch, remote_force, run_totals, search_pose, sphere
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.rigid_body import BODIES
 
@@ -22,10 +22,10 @@ def search(state: State, recorded: bool = True) -> None:
     if recorded:
         _carry(n_plates, own, partner, old, old.R, R)
     state.slots = slots_of(state, own, partner, n_plates, H, R)
-    state.X0[:, at.X_X : at.X_X + 3] = state.B[:, at.B_X : at.B_X + 3]
-    state.X0[:, at.X_Q : at.X_Q + 4] = state.B[:, at.B_Q : at.B_Q + 4]
-    state.A[at.A_FAR] = 0.0
-    state.P[:, at.P_Z0] = state.P[:, at.P_Z]
+    state.search_poses.position[:] = state.bodies.position
+    state.search_poses.quaternion[:] = state.bodies.quaternion
+    state.A[run_totals.MAX_DISPLACEMENT] = 0.0
+    state.patches.search_height[:] = state.patches.height
     state.searches += 1
 
 
@@ -42,7 +42,7 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
         own=own,
         partner=partner,
         kind=kinds_of(state, own, partner),
-        closed=(H[:, at.H_ON] > 0.0).astype(np.int32),
+        closed=(H[:, contact_state.SLIP] > 0.0).astype(np.int32),
         outer=np.concatenate((np.full(n_plates, -1, np.int32), outer)),
         edges=spheres[state.start],
         incidence=incidence,
@@ -54,7 +54,7 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
         needs=needs,
         n_plates=n_plates,
         H=H,
-        F=np.zeros((len(guests), at.F_COLS)),
+        F=np.zeros((len(guests), remote_force.WIDTH)),
         R=R,
     )
 
@@ -100,7 +100,7 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
         n_plates = n
         if world.debris_meets:
             low, size, count, periodic = grid(state, state.skin)
-            l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
+            l_x, l_y = max(state.D[domain.LENGTH_X], 0.0), max(state.D[domain.LENGTH_Y], 0.0)
             n = passes.pair_candidates(state.S, state.body, l_x, l_y, state.skin, low, size, count, periodic, n, own, partner)
         if n <= capacity:
             return n_plates, own[:n].copy(), partner[:n].copy()
@@ -109,14 +109,14 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
 
 def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Origin, cell size, cell counts and periodicity of the search grid; cells are never smaller than the longest reach."""
-    columns = np.ascontiguousarray(state.S[:, : at.S_R + 1].T)  # numpy is ten times slower along short rows
-    reach = 2.0 * float(columns[at.S_R].max()) + skin
+    columns = np.ascontiguousarray(state.S[:, : sphere.RADIUS + 1].T)  # numpy is ten times slower along short rows
+    reach = 2.0 * float(columns[sphere.RADIUS].max()) + skin
     lowest, highest = columns[:3].min(axis=1), columns[:3].max(axis=1)
     low, length = lowest - 0.5 * reach, highest - lowest + reach
-    periodic = np.array([state.D[at.D_LX] > 0.0, state.D[at.D_LY] > 0.0])
+    periodic = np.array([state.D[domain.LENGTH_X] > 0.0, state.D[domain.LENGTH_Y] > 0.0])
     for axis in (0, 1):
         if periodic[axis]:
-            low[axis], length[axis] = 0.0, state.D[at.D_LX + axis]
+            low[axis], length[axis] = 0.0, state.D[domain.LENGTH_X + axis]
     # no more cells than spheres along any axis: an escaping body must not blow the grid up
     count = np.clip((length / reach).astype(np.int64), 1, max(1, 2 * int(np.ceil(np.sqrt(state.n_spheres)))))
     return low, length / count, count, periodic

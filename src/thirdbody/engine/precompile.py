@@ -152,18 +152,18 @@ def _stability() -> None:
 def _search() -> None:
     import numpy as np
 
-    from thirdbody.kernels import layout as at
     from thirdbody.kernels import neighbour_search
+    from thirdbody.kernels.columns import body, body_extra, patch, sphere
     from thirdbody.kernels.rigid_body import place_all
 
-    S, P, H = np.zeros((1, at.S_COLS)), np.zeros((1, at.P_COLS)), np.zeros((0, 1))
-    body, own, count = np.zeros(1, np.int64), np.zeros(0, np.int32), np.ones(3, np.int64)
+    S, P, H = np.zeros((1, sphere.WIDTH)), np.zeros((1, patch.WIDTH)), np.zeros((0, 1))
+    body_of, own, count = np.zeros(1, np.int64), np.zeros(0, np.int32), np.ones(3, np.int64)
     periodic = np.array([True, True])
-    neighbour_search.plate_candidates(S, P, body, body, True, True, 0.0, own, own)
-    neighbour_search.pair_candidates(S, body, 1.0, 1.0, 0.0, np.zeros(3), np.ones(3), count, periodic, 0, own, own)
+    neighbour_search.plate_candidates(S, P, body_of, body_of, True, True, 0.0, own, own)
+    neighbour_search.pair_candidates(S, body_of, 1.0, 1.0, 0.0, np.zeros(3), np.ones(3), count, periodic, 0, own, own)
     neighbour_search.carry_history(0, 0, own, own, H, 0, 0, own, own, H)
     neighbour_search.incidences(0, own, own, 1)
-    place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], np.zeros((0, at.B_COLS)), np.zeros((0, at.E_COLS)))
+    place_all(np.zeros(1, np.int64), np.zeros((0, 3)), S[:0], np.zeros((0, body.WIDTH)), np.zeros((0, body_extra.WIDTH)))
 
 
 UNITS: tuple[Callable[[], None], ...] = (_work, _step, _stability, _search)

@@ -7,8 +7,8 @@ import numpy as np
 from thirdbody.engine.neighbours import grid
 from thirdbody.engine.state import Array, Numbers, State
 from thirdbody.errors import GuardStop
-from thirdbody.kernels import layout as at
 from thirdbody.kernels import neighbour_search
+from thirdbody.kernels.columns import body, domain, sphere
 
 STRIDE = 0.25
 """Way of the drag between two looks, in radii of the smallest sphere."""
@@ -19,7 +19,7 @@ class Nearness:
 
     def __init__(self, state: State) -> None:
         self.state = state
-        self.stride = STRIDE * float(state.S[:, at.S_R].min())
+        self.stride = STRIDE * float(state.spheres.radius.min())
         self.places, self.ways = state.S[:, :3].copy(), np.zeros(state.n_bodies)
 
     def check(self, distances: Array) -> None:
@@ -44,18 +44,18 @@ class Nearness:
         strayed = 0.5 * np.sqrt(np.maximum(initial_gap[body] ** 2 - np.sum(moved**2, axis=1), 0.0))
         now = S[own, :3] - S[partner, :3]
         for axis in (0, 1):
-            length = max(float(self.state.D[at.D_LX + axis]), 0.0)
+            length = max(float(self.state.D[domain.LENGTH_X + axis]), 0.0)
             if length > 0.0:
                 now[:, axis] -= length * np.rint(now[:, axis] / length)
         # each has a pace of its own on its way, so it is the ways that must be apart, not the places at one time
-        reach = S[own, at.S_R] + S[partner, at.S_R] + strayed[own] + strayed[partner]
+        reach = S[own, sphere.RADIUS] + S[partner, sphere.RADIUS] + strayed[own] + strayed[partner]
         return _apart(now, moved[own], moved[partner]) - reach
 
     def _candidates(self, skin: float) -> tuple[Numbers, Numbers]:
         """Pairs of spheres of different bodies that are nearer to each other than `skin`."""
         state = self.state
         low, size, count, periodic = grid(state, skin)
-        l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
+        l_x, l_y = max(state.D[domain.LENGTH_X], 0.0), max(state.D[domain.LENGTH_Y], 0.0)
         capacity = max(64, state.n_spheres)
         while True:
             own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
@@ -67,7 +67,7 @@ class Nearness:
     def _explain(self, i: int, j: int) -> str:
         state = self.state
         a, b = int(state.body[i]), int(state.body[j])
-        x, y = state.B[a, at.B_X], state.B[a, at.B_X + 1]
+        x, y = state.bodies.position[a, 0], state.bodies.position[a, 1]
         one, other = state.order[a], state.order[b]
         return (
             f"stopped at t = {state.time:.6g} s: body {one} at ({x:.4g}, {y:.4g}) m and body {other} come near enough to touch, "

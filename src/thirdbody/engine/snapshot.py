@@ -15,7 +15,7 @@ import numpy as np
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.neighbours import slots_of
 from thirdbody.engine.state import Array, Candidates, State
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, patch, run_totals, sphere, step_memory
 
 if TYPE_CHECKING:
     from thirdbody.engine.explicit import Explicit
@@ -25,10 +25,10 @@ FIXED = ("S", "B", "E", "P", "A", "M", "X0")
 """Tables of a state whose shape follows from the scene; of S and B only one where they are the same."""
 
 GIVEN = {
-    "B": (at.S_R, at.B_MASS, at.B_BALL, at.S_SIDE),
-    "E": (at.E_ARM, at.E_I, at.E_I + 1, at.E_I + 2),
-    "S": (at.S_R, at.S_MASS, at.S_SIDE),
-    "P": (at.P_MASS, at.P_DAMPING, at.P_FREE, at.P_SPRING, at.P_LOAD0),
+    "B": (sphere.RADIUS, body.MASS, body.SPHERE_INERTIA, sphere.SIDE),
+    "E": (body_extra.REACH, body_extra.INERTIA, body_extra.INERTIA + 1, body_extra.INERTIA + 2),
+    "S": (sphere.RADIUS, sphere.MASS, sphere.SIDE),
+    "P": (patch.MASS, patch.DAMPING, patch.FREE, patch.SPRING, patch.NOMINAL_LOAD),
 }
 """Columns that the scene decides on and a run leaves alone; those of spheres are zero in B where S is a table of its own."""
 
@@ -39,9 +39,15 @@ SAME = 1e-9
 """Relative: other versions of libraries may round the last digits of a mass elsewhere."""
 
 CLOCKS = {
-    "A": (at.A_TIME, at.A_DISTANCE, at.A_STEPS),
-    "integrator_totals": (at.A_TIME, at.A_DISTANCE, at.A_STEPS),
-    "integrator_memory": (at.T_CUTS, at.T_HARD, at.T_TRIES, at.T_ITERATIONS, *range(at.T_LIMITED, at.T_COLS)),
+    "A": (run_totals.TIME, run_totals.DISTANCE, run_totals.STEPS),
+    "integrator_totals": (run_totals.TIME, run_totals.DISTANCE, run_totals.STEPS),
+    "integrator_memory": (
+        step_memory.CUTS,
+        step_memory.HARD_STEPS,
+        step_memory.TRIES,
+        step_memory.ITERATIONS,
+        *range(step_memory.LIMITED, step_memory.WIDTH),
+    ),
 }
 """Columns that only grow, from zero; beyond LAST they would not, and a loop that waits for them would wait for ever."""
 

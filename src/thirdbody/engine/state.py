@@ -13,8 +13,19 @@ from numpy.typing import NDArray
 from thirdbody.bodies.clump import Clump
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.jit.function_pointers import address
-from thirdbody.kernels import layout as at
 from thirdbody.kernels import rigid_body as body_pass
+from thirdbody.kernels.columns import (
+    body,
+    body_extra,
+    contact_state,
+    domain,
+    patch,
+    record,
+    remote_force,
+    run_totals,
+    search_pose,
+    sphere,
+)
 from thirdbody.kernels.rolling_kinematics import MOMENTS
 from thirdbody.kernels.signatures import LAW
 
@@ -60,7 +71,7 @@ class Placed:
         )  # fmt: skip
 
     def sides(self) -> Ints:
-        """What every sphere can meet (`kernels.layout`)."""
+        """What every sphere can meet (`columns.sides`)."""
         given = [np.zeros(len(c.radii), np.int64) if c.sides is None else c.sides for c in self.clumps]
         return np.concatenate(given)
 
@@ -158,7 +169,7 @@ class Candidates:
 
 @dataclass
 class State:
-    """Tables at one synchronised instant; columns are named in `kernels.layout`. S may be B itself (`unite`).
+    """Tables at one synchronised instant; columns are named in `kernels.columns`. S may be B itself (`unite`).
 
     `order` (n_bodies,): the number by which the scene and all outputs know each body. `summed`: the integrator itself sums up
     what contacts store; else their records tell. `inertial`: bodies and patches have inertia, so kinetic energy too.
@@ -216,24 +227,24 @@ class State:
     @property
     def time(self) -> float:
         """Time since the start, s."""
-        return float(self.A[at.A_TIME])
+        return float(self.A[run_totals.TIME])
 
     @property
     def distance(self) -> float:
         """Path of the upper plate relative to the lower since the start, m."""
-        return float(self.A[at.A_DISTANCE])
+        return float(self.A[run_totals.DISTANCE])
 
 
 def empty_slots(memory: int, record: int) -> Candidates:
     """No candidates."""
     none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
-    H, F, R = np.zeros((0, memory)), np.zeros((0, at.F_COLS)), np.zeros((0, record))
+    H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH)), np.zeros((0, record))
     return Candidates(none, none, none, none, none, none, none, none, none, none, cuts, none, none, 0, H, F, R)
 
 
 def memory_columns(physics: Physics) -> int:
     """Columns of H: the engine's own, the laws' history, and the labeller's memory for both bodies of a contact."""
-    return max(at.H_LAW + len(physics.history), at.H_COLS) + 2 * physics.contact_memory
+    return max(contact_state.LAW + len(physics.history), contact_state.MIN_WIDTH) + 2 * physics.contact_memory
 
 
 def table(rows: int, columns: int) -> Array:
@@ -250,27 +261,28 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     counts = np.array([len(clump.radii) for clump in placed.clumps], np.int64)
     start = np.concatenate(([0], np.cumsum(counts)))
     n_bodies, n_spheres = len(counts), int(start[-1])
-    B, E = table(n_bodies, at.B_COLS), table(n_bodies, at.E_COLS if physics.has_effects else at.E_EF)
+    B = table(n_bodies, body.WIDTH)
+    E = table(n_bodies, body_extra.WIDTH if physics.has_effects else body_extra.WIDTH_WITHOUT_EFFECTS)
     volume = np.array([clump.volume for clump in placed.clumps])
     inertia = np.array([clump.inertia for clump in placed.clumps])
-    B[:, at.B_X : at.B_X + 3] = placed.positions
-    B[:, at.B_V : at.B_V + 3] = placed.velocities
-    B[:, at.B_Q : at.B_Q + 4] = placed.quaternions
-    B[:, at.B_MASS] = placed.densities * volume
-    E[:, at.E_I : at.E_I + 3] = placed.densities[:, None] * inertia
+    B[:, body.POSITION3] = placed.positions
+    B[:, body.VELOCITY3] = placed.velocities
+    B[:, body.QUATERNION4] = placed.quaternions
+    B[:, body.MASS] = placed.densities * volume
+    E[:, body_extra.INERTIA3] = placed.densities[:, None] * inertia
     offsets = np.ascontiguousarray(np.concatenate([clump.centers for clump in placed.clumps]))
-    E[:, at.E_ARM] = np.maximum.reduceat(np.linalg.norm(offsets, axis=1), start[:-1])
-    ball = (E[:, at.E_ARM] == 0.0) & np.all(inertia == inertia[:, :1], axis=1)
-    B[:, at.B_BALL] = np.where(ball, E[:, at.E_I], 0.0)
-    B[:, at.B_W : at.B_W + 3] = placed.angular_velocities
-    E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
-    S = table(n_spheres, at.S_COLS)
-    S[:, at.S_R] = np.concatenate([clump.radii for clump in placed.clumps])
-    S[:, at.S_SIDE] = placed.sides()
-    S[:, at.S_MASS] = np.repeat(B[:, at.B_MASS], counts)
+    E[:, body_extra.REACH] = np.maximum.reduceat(np.linalg.norm(offsets, axis=1), start[:-1])
+    ball = (E[:, body_extra.REACH] == 0.0) & np.all(inertia == inertia[:, :1], axis=1)
+    B[:, body.SPHERE_INERTIA] = np.where(ball, E[:, body_extra.INERTIA], 0.0)
+    B[:, body.SPIN3] = placed.angular_velocities
+    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
+    S = table(n_spheres, sphere.WIDTH)
+    S[:, sphere.RADIUS] = np.concatenate([clump.radii for clump in placed.clumps])
+    S[:, sphere.SIDE] = placed.sides()
+    S[:, sphere.MASS] = np.repeat(B[:, body.MASS], counts)
     upper = world.upper
     # kernels index the patch of every body; without an upper plate nothing is ever a candidate with it
-    P = np.ones((1, at.P_COLS)) * (np.arange(at.P_COLS) == at.P_MASS) if upper is None else upper.table()
+    P = np.ones((1, patch.WIDTH)) * (np.arange(patch.WIDTH) == patch.MASS) if upper is None else upper.table()
     schedule, first = (Schedule() if upper is None else upper.schedule).tables()
     state = State(
         world=world,
@@ -279,20 +291,20 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
         E=E,
         S=S,
         P=P,
-        A=np.zeros(at.A_COLS),
+        A=np.zeros(run_totals.WIDTH),
         D=_limits(world, skin),
         schedule=schedule,
         first=first,
         M=np.zeros((n_bodies, max(physics.memory, 1))),
         offsets=offsets,
-        X0=np.zeros((n_bodies, at.X_COLS)),
+        X0=np.zeros((n_bodies, search_pose.WIDTH)),
         body=np.repeat(np.arange(n_bodies), counts),
         start=start,
         patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch,
         material=placed.materials,
         population=placed.populations,
         rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
-        slots=empty_slots(memory_columns(physics), at.R_ROLLING_COLS if physics.moments else at.R_COLS),
+        slots=empty_slots(memory_columns(physics), record.ROLLING_WIDTH if physics.moments else record.WIDTH),
         skin=skin,
         order=np.arange(n_bodies) if order is None else order,
     )
@@ -304,17 +316,17 @@ def unite(state: State) -> None:
     """Let the rows of the bodies tell of the spheres, too, where every body is one sphere round its centre of mass: a step then
     reads and writes a third less."""
     if state.n_spheres == state.n_bodies and not state.offsets.any():
-        state.B[:, [at.S_R, at.S_SIDE]] = state.S[:, [at.S_R, at.S_SIDE]]
+        state.B[:, [sphere.RADIUS, sphere.SIDE]] = state.S[:, [sphere.RADIUS, sphere.SIDE]]
         state.S = state.B
         refresh_spheres(state)
 
 
 def _limits(world: World, skin: float) -> Array:
-    D = np.zeros(at.D_COLS)
+    D = np.zeros(domain.WIDTH)
     sign = 1.0 if world.periodic else (-1.0 if world.bounded else 0.0)
-    D[at.D_LX], D[at.D_LY] = sign * world.size[0], sign * world.size[1]
-    D[at.D_SKIN] = skin
-    D[at.D_FLOOR] = -np.inf if world.lower is None else 0.0
+    D[domain.LENGTH_X], D[domain.LENGTH_Y] = sign * world.size[0], sign * world.size[1]
+    D[domain.SKIN] = skin
+    D[domain.FLOOR] = -np.inf if world.lower is None else 0.0
     return D
 
 
@@ -332,8 +344,8 @@ def rotation_matrices(q: Array) -> Array:
 
 def angular_momentum(B: Array, E: Array) -> Array:
     """(n, 3) angular momenta, world axes, from the spins, orientations and moments in the tables."""
-    rotation = rotation_matrices(B[:, at.B_Q : at.B_Q + 4])
-    in_body = np.einsum("nji,nj->ni", rotation, B[:, at.B_W : at.B_W + 3]) * E[:, at.E_I : at.E_I + 3]
+    rotation = rotation_matrices(B[:, body.QUATERNION4])
+    in_body = np.einsum("nji,nj->ni", rotation, B[:, body.SPIN3]) * E[:, body_extra.INERTIA3]
     return np.einsum("nij,nj->ni", rotation, in_body)
 
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from thirdbody.engine.state import Array, Ints
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import law_input, law_output, rolling_input
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.laws.codegen.laws import Chain, compose
 from thirdbody.laws.contract import Law, Pair
 
@@ -62,8 +63,8 @@ class Contacts:
         self.radius, self.kind = np.asarray(radius, float), np.asarray(kind, np.int64)
         # tables of the compiled laws, kept because those of a law with a long history take longer to allocate than to fill
         history = len(chain.history)
-        self._inputs = np.zeros((at.I_HISTORY + history + at.J_COLS, at.TILE))
-        self._outputs = np.zeros((max(TANGENTS, at.O_HISTORY + history), at.TILE))
+        self._inputs = np.zeros((law_input.HISTORY + history + rolling_input.WIDTH, TILE))
+        self._outputs = np.zeros((max(TANGENTS, law_output.HISTORY + history), TILE))
 
     def virgin(self) -> Array:
         """The memory (n, width) of spots that never touched."""
@@ -71,11 +72,13 @@ class Contacts:
 
     def ask(self, overlap: Array, slip: Array, memory: Array) -> Answer:
         """Forces (n,) after a straight step to `overlap` (n,) with `slip` (n, 2) from `memory`."""
-        count = at.O_HISTORY + len(self.chain.history)
+        count = law_output.HISTORY + len(self.chain.history)
         out = self._call(self.chain.law, count, overlap, slip, memory)
-        tangential = np.stack([out[at.O_TX], out[at.O_TY]], axis=1)
-        limit, critical, slid, radius = (out[k] for k in (at.O_LIMIT, at.O_CRITICAL, at.O_SLIP, at.O_A))
-        return Answer(out[at.O_FN], tangential, limit, critical, slid, radius, out[at.O_HISTORY :].T)
+        tangential = np.stack([out[law_output.TANGENTIAL_X], out[law_output.TANGENTIAL_Y]], axis=1)
+        limit, critical, slid, radius = (
+            out[k] for k in (law_output.FRICTION_LIMIT, law_output.CRITICAL_SLIP, law_output.SLIP, law_output.CONTACT_RADIUS)
+        )
+        return Answer(out[law_output.NORMAL_FORCE], tangential, limit, critical, slid, radius, out[law_output.HISTORY :].T)
 
     def stiffness(self, overlap: Array, slip: Array, memory: Array) -> Array:
         """(7, n): dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd of the step, N/m; 0 for open spots."""
@@ -100,14 +103,14 @@ class Contacts:
         loaded = np.flatnonzero(overlap > 0.0)
         history = len(self.chain.history)
         inputs, outputs = self._inputs, self._outputs
-        for first in range(0, len(loaded), at.TILE):
-            part = loaded[first : first + at.TILE]
+        for first in range(0, len(loaded), TILE):
+            part = loaded[first : first + TILE]
             n = len(part)
             outputs[:, :n] = 0.0
-            inputs[at.I_OVERLAP, :n], inputs[at.I_RADIUS, :n] = overlap[part], self.radius[part]
-            inputs[at.I_MASS, :n], inputs[at.I_TYPE, :n] = 1.0, self.kind[part]
-            inputs[at.I_SX, :n], inputs[at.I_SY, :n] = slip[part, 0], slip[part, 1]
-            inputs[at.I_HISTORY : at.I_HISTORY + history, :n] = memory[part].T
+            inputs[law_input.OVERLAP, :n], inputs[law_input.RADIUS, :n] = overlap[part], self.radius[part]
+            inputs[law_input.MASS, :n], inputs[law_input.PAIR_TYPE, :n] = 1.0, self.kind[part]
+            inputs[law_input.SLIP_X, :n], inputs[law_input.SLIP_Y, :n] = slip[part, 0], slip[part, 1]
+            inputs[law_input.HISTORY : law_input.HISTORY + history, :n] = memory[part].T
             function(inputs.ravel(), outputs.ravel(), n, self.pairs.ravel())
             answer[:, part] = outputs[:count, :n]
         return answer

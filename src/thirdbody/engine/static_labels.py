@@ -6,7 +6,8 @@ import numpy as np
 
 from thirdbody.engine.quasistatic import Balance, Grip
 from thirdbody.engine.state import Array
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import loaded_contact, observed_body
+from thirdbody.kernels.columns.sides import LOWER, UPPER
 from thirdbody.laws.codegen.effects import compose_labeller
 from thirdbody.laws.contract import Labeller
 
@@ -31,7 +32,7 @@ class StaticLabels:
         contacts, body = self._contacts(point, loaded), self._body(point)
         self._observe(contacts, len(loaded), body, self.memory)
         self.contact_memory[:] = 0.0
-        self.contact_memory[loaded] = contacts[:, at.C_MEMORY :]
+        self.contact_memory[loaded] = contacts[:, loaded_contact.MEMORY :]
         names = ("state", "reason", *self.labeller.margins, *self.labeller.extras)
         out = np.zeros(len(names))
         self._label(contacts, len(loaded), body, self.memory, out)
@@ -40,36 +41,42 @@ class StaticLabels:
 
     def _contacts(self, point: Balance, loaded: np.ndarray) -> Array:
         """One row per loaded spot (C_ columns)."""
-        rows = np.zeros((len(loaded), at.C_MEMORY + self.contact_memory.shape[1]))
+        rows = np.zeros((len(loaded), loaded_contact.MEMORY + self.contact_memory.shape[1]))
         up, answer = self.grip.upper[loaded], point.answer
-        rows[:, at.C_PARTNER] = np.where(up, at.UPPER, at.LOWER)
-        rows[:, at.C_POINT : at.C_POINT + 3] = self.grip.place[loaded]
-        rows[:, at.C_NORMAL + 2] = np.where(up, -1.0, 1.0)
-        rows[:, at.C_CURVATURE], rows[:, at.C_OVERLAP] = self.radius[loaded], point.overlap[loaded]
-        rows[:, at.C_A] = answer.contact_radius[loaded]
-        rows[:, at.C_FN] = rows[:, at.C_LOAD] = answer.normal[loaded]
-        rows[:, at.C_T : at.C_T + 2] = answer.tangential[loaded]
-        rows[:, at.C_LIMIT], rows[:, at.C_CRITICAL] = answer.limit[loaded], answer.critical[loaded]
-        rows[:, at.C_SLIP] = point.slip[loaded]
-        rows[:, at.C_V : at.C_V + 2] = np.where(up[:, None], self._dragged(point) / STEP, 0.0)
-        rows[:, at.C_IDENTITY] = loaded + 1.0
-        rows[:, at.C_MEMORY :] = self.contact_memory[loaded]
+        rows[:, loaded_contact.PARTNER] = np.where(up, UPPER, LOWER)
+        rows[:, loaded_contact.POINT3] = self.grip.place[loaded]
+        rows[:, loaded_contact.NORMAL + 2] = np.where(up, -1.0, 1.0)
+        rows[:, loaded_contact.CURVATURE], rows[:, loaded_contact.OVERLAP] = self.radius[loaded], point.overlap[loaded]
+        rows[:, loaded_contact.CONTACT_RADIUS] = answer.contact_radius[loaded]
+        rows[:, loaded_contact.NORMAL_FORCE] = rows[:, loaded_contact.LOAD] = answer.normal[loaded]
+        rows[:, loaded_contact.TANGENTIAL_FORCE : loaded_contact.TANGENTIAL_FORCE + 2] = answer.tangential[loaded]
+        rows[:, loaded_contact.FRICTION_LIMIT] = answer.limit[loaded]
+        rows[:, loaded_contact.CRITICAL_SLIP] = answer.critical[loaded]
+        rows[:, loaded_contact.SLIP] = point.slip[loaded]
+        rows[:, loaded_contact.PARTNER_VELOCITY : loaded_contact.PARTNER_VELOCITY + 2] = np.where(
+            up[:, None], self._dragged(point) / STEP, 0.0
+        )
+        rows[:, loaded_contact.IDENTITY] = loaded + 1.0
+        rows[:, loaded_contact.MEMORY :] = self.contact_memory[loaded]
         return rows
 
     def _body(self, point: Balance) -> Array:
         """The particle, its motion since the last balance, and the plates (O_ columns)."""
         from scipy.spatial.transform import Rotation  # a fifth of a second of imports
 
-        row = np.zeros(at.O_COLS)
+        row = np.zeros(observed_body.WIDTH)
         before = point.motion if self.last is None else self.last.motion
-        row[at.O_X : at.O_X + 3] = point.motion[:3]
-        row[at.O_V : at.O_V + 3] = (point.motion[:3] - before[:3]) / STEP
-        row[at.O_W : at.O_W + 3] = (point.motion[3:] - before[3:]) / STEP
-        row[at.O_Q : at.O_Q + 4] = np.roll(Rotation.from_rotvec(point.motion[3:]).as_quat(), 1)
-        row[at.O_F : at.O_F + 3], row[at.O_T : at.O_T + 3] = self._unbalanced(point)
-        row[at.O_ELAPSED] = STEP
-        row[at.O_SHIFT : at.O_SHIFT + 2] = self._dragged(point)
-        row[at.O_DRAG : at.O_DRAG + 2], row[at.O_SPEED] = self.heading, 1.0  # as in a drag that begins at the pressed state
+        row[observed_body.POSITION3] = point.motion[:3]
+        row[observed_body.VELOCITY3] = (point.motion[:3] - before[:3]) / STEP
+        row[observed_body.SPIN3] = (point.motion[3:] - before[3:]) / STEP
+        row[observed_body.QUATERNION4] = np.roll(Rotation.from_rotvec(point.motion[3:]).as_quat(), 1)
+        row[observed_body.FORCE3], row[observed_body.TORQUE3] = self._unbalanced(point)
+        row[observed_body.ELAPSED] = STEP
+        row[observed_body.PLATE_SHIFT2] = self._dragged(point)
+        row[observed_body.DRAG2], row[observed_body.PLATE_SPEED] = (
+            self.heading,
+            1.0,
+        )  # as in a drag that begins at the pressed state
         return row
 
     def _dragged(self, point: Balance) -> Array:

@@ -5,23 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from thirdbody.engine.state import Array, Ints, Physics
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.columns.tile import TILE
 
 
 def response(physics: Physics, overlap: Array, radius: Array, kind: Ints) -> tuple[Array, Array]:
     """Normal force (n,) N and normal stiffness (n,) N/m of virgin contacts at rest; the stiffness is NaN without tangents."""
     force, stiffness = np.empty(len(overlap)), np.full(len(overlap), np.nan)
-    width, answers = at.I_HISTORY + len(physics.history), at.O_HISTORY + len(physics.history) + at.Q_COLS
+    width = law_input.HISTORY + len(physics.history)
+    answers = law_output.HISTORY + len(physics.history) + rolling_output.WIDTH
     if physics.rolling:
-        width += at.J_COLS
-    for first in range(0, len(overlap), at.TILE):
-        part = slice(first, min(first + at.TILE, len(overlap)))
+        width += rolling_input.WIDTH
+    for first in range(0, len(overlap), TILE):
+        part = slice(first, min(first + TILE, len(overlap)))
         n = part.stop - part.start
-        inputs, outputs = np.zeros((width, at.TILE)), np.zeros((answers, at.TILE))
-        inputs[at.I_OVERLAP, :n], inputs[at.I_RADIUS, :n] = overlap[part], radius[part]
-        inputs[at.I_MASS], inputs[at.I_TYPE, :n] = 1.0, kind[part]
+        inputs, outputs = np.zeros((width, TILE)), np.zeros((answers, TILE))
+        inputs[law_input.OVERLAP, :n], inputs[law_input.RADIUS, :n] = overlap[part], radius[part]
+        inputs[law_input.MASS], inputs[law_input.PAIR_TYPE, :n] = 1.0, kind[part]
         physics.law(inputs.ravel(), outputs.ravel(), n, physics.pairs)
-        force[part] = outputs[at.O_FN, :n]
+        force[part] = outputs[law_output.NORMAL_FORCE, :n]
         if physics.stiffness is not None:
             physics.stiffness(inputs.ravel(), outputs.ravel(), n, physics.pairs)
             stiffness[part] = outputs[0, :n]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from thirdbody.engine.state import Array
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import step_memory
 from thirdbody.kernels.implicit.step_limits import CAUSES, OF_A_BODY, WORDS
 
 
 def _counts(memory: Array) -> Array:
     """Steps that each cause has limited, over all bodies."""
-    return memory[:, at.T_LIMITED : at.T_LIMITED + len(CAUSES)].sum(axis=0)
+    return memory[:, step_memory.LIMITED : step_memory.LIMITED + len(CAUSES)].sum(axis=0)
 
 
 def limited_by(memory: Array) -> dict[str, int]:
@@ -22,7 +22,7 @@ def limited_by(memory: Array) -> dict[str, int]:
 
 def limiting_body(memory: Array, order: np.ndarray) -> dict[str, int]:
     """The body that has limited most steps, by its number in the scene, and how many."""
-    steps = memory[:, at.T_LIMITED : at.T_LIMITED + OF_A_BODY].sum(axis=1)
+    steps = memory[:, step_memory.LIMITED : step_memory.LIMITED + OF_A_BODY].sum(axis=1)
     body = int(np.argmax(steps))
     return {"body": int(order[body]), "steps": int(steps[body])}
 
@@ -36,4 +36,4 @@ def in_words(memory: Array, order: np.ndarray) -> str:
     fraction = f"{100.0 * counts[k] / counts.sum():.0f} % of steps limited by {WORDS[k]}"
     if len(memory) == 1 or k >= OF_A_BODY:
         return fraction
-    return f"{fraction}, most of them of body {order[int(np.argmax(memory[:, at.T_LIMITED + k]))]}"
+    return f"{fraction}, most of them of body {order[int(np.argmax(memory[:, step_memory.LIMITED + k]))]}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thirdbody.engine.state import Array, Ints, State
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import domain, patch
 from thirdbody.kernels.explicit import critical_time_step
 from thirdbody.laws.contract import Material
 
@@ -69,7 +69,7 @@ def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, A
     """Which bodies may have the shortest step, with their frequencies and steps, and those of the patches."""
     slots, physics = state.slots, state.physics
     patches, margin = np.zeros((len(state.P), 4)), critical_time_step.scratch(state.n_bodies, slots.count)
-    l_x, l_y = max(state.D[at.D_LX], 0.0), max(state.D[at.D_LY], 0.0)
+    l_x, l_y = max(state.D[domain.LENGTH_X], 0.0), max(state.D[domain.LENGTH_Y], 0.0)
     result = critical_time_step.shortest_steps(
         slots.n_plates, slots.count, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body,
         state.S, state.B, state.E, _pressed(state, horizon), physics.pairs, l_x, l_y, horizon, deepest, physics.stiffness_at,
@@ -85,7 +85,7 @@ def _pressed(state: State, horizon: float) -> Array:
         return state.P
     P = state.P.copy()
     largest = upper.schedule.largest_load(state.time, state.time + 1.5 * horizon)
-    P[:, at.P_LOAD] = np.maximum(P[:, at.P_LOAD], largest * P[:, at.P_LOAD0])
+    P[:, patch.LOAD] = np.maximum(P[:, patch.LOAD], largest * P[:, patch.NOMINAL_LOAD])
     return P
 
 

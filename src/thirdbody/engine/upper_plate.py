@@ -11,8 +11,8 @@ from itertools import zip_longest
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.kernels import layout as at
 from thirdbody.kernels import schedule as motion
+from thirdbody.kernels.columns import patch
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -289,17 +289,17 @@ class UpperPlate:
 
     def table(self) -> Array:
         """Rows of the patches, then that of the common plate if there is a foundation."""
-        P = np.zeros((len(self.heights) + (self.foundation is not None), at.P_COLS))
+        P = np.zeros((len(self.heights) + (self.foundation is not None), patch.WIDTH))
         n = len(self.heights)
-        P[:n, at.P_Z], P[:n, at.P_MASS], P[:n, at.P_DAMPING] = self.heights, self.mass, self.damping
-        P[:n, at.P_LOAD], P[:n, at.P_FREE] = self.load, float(self.free)
+        P[:n, patch.HEIGHT], P[:n, patch.MASS], P[:n, patch.DAMPING] = self.heights, self.mass, self.damping
+        P[:n, patch.LOAD], P[:n, patch.FREE] = self.load, float(self.free)
         if self.foundation is not None:
             f = self.foundation
-            P[:n, at.P_SPRING] = f.stiffness
-            P[n, at.P_Z], P[n, at.P_MASS], P[n, at.P_DAMPING] = f.height, f.mass, f.damping
-            P[n, at.P_LOAD], P[n, at.P_FREE] = f.load, float(f.free)
-        P[:, at.P_Z0] = P[:, at.P_Z]
+            P[:n, patch.SPRING] = f.stiffness
+            P[n, patch.HEIGHT], P[n, patch.MASS], P[n, patch.DAMPING] = f.height, f.mass, f.damping
+            P[n, patch.LOAD], P[n, patch.FREE] = f.load, float(f.free)
+        P[:, patch.SEARCH_HEIGHT] = P[:, patch.HEIGHT]
         # what a changing load changes: that of the plate, or of patches that have no common one
         pressed = slice(0, n) if self.foundation is None else slice(n, n + 1)
-        P[pressed, at.P_LOAD0] = P[pressed, at.P_LOAD]
+        P[pressed, patch.NOMINAL_LOAD] = P[pressed, patch.LOAD]
         return P

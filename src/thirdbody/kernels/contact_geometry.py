@@ -12,56 +12,15 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import AHEAD, LINE, load, prefetch, put, set4, transpose, with_last
-from thirdbody.kernels.layout import (
-    B_T,
-    G_ARM_I,
-    G_ARM_J,
-    G_D,
-    G_E,
-    G_F,
-    G_MJ,
-    G_N,
-    G_ON,
-    G_P,
-    G_RI,
-    G_RJ,
-    G_RW,
-    G_TI,
-    G_TJ,
-    G_U,
-    G_V,
-    G_W,
-    H_E,
-    H_LAW,
-    H_ON,
-    I_HISTORY,
-    I_MASS,
-    I_OVERLAP,
-    I_RADIUS,
-    I_SX,
-    I_SY,
-    I_TYPE,
-    I_VN,
-    I_VX,
-    I_VY,
-    O_FN,
-    O_TX,
-    O_TY,
-    S_MASS,
-    S_O,
-    S_R,
-    S_U,
-    S_V,
-    S_W,
-    S_X,
-    TILE,
-)
+from thirdbody.kernels.columns import body, contact_state, geometry, law_input, law_output, sphere
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.periodic import image
+from thirdbody.kernels.predicates import is_upper
 
-AT_END = (G_V - G_U) * TILE
+AT_END = (geometry.END_VELOCITY - geometry.MID_VELOCITY) * TILE
 """From a field of the step to that of its end."""
 
-TO_END = S_V - S_U
+TO_END = sphere.END_VELOCITY - sphere.MID_VELOCITY
 """The same for the columns of spheres."""
 
 SPARE = AHEAD + LINE
@@ -71,36 +30,42 @@ SPARE = AHEAD + LINE
 @njit(**BARE)
 def load_history(q, k, kind, H, I, G, n_history):  # noqa: E741
     """Put what slot k remembers into place q."""
-    G[q + G_ON * TILE] = H[k, H_ON]
+    G[q + geometry.PREVIOUS_SLIP * TILE] = H[k, contact_state.SLIP]
     for d in range(3):
-        G[q + (G_E + d) * TILE] = H[k, H_E + d]
-    I[q + I_TYPE * TILE] = kind[k]
+        G[q + (geometry.AXIS + d) * TILE] = H[k, contact_state.AXIS + d]
+    I[q + law_input.PAIR_TYPE * TILE] = kind[k]
     for h in range(n_history):
-        I[q + (I_HISTORY + h) * TILE] = H[k, H_LAW + h]
+        I[q + (law_input.HISTORY + h) * TILE] = H[k, contact_state.LAW + h]
 
 
 @njit(**BARE)
 def gather_plate_contact(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history):  # noqa: E741
     """Put slot k, a contact with a plate, into place q; the upper plate moves with v_x, v_y and `rise`."""
     i = own[k]
-    up = 1.0 if partner[k] < -1 else 0.0
-    r = S[i, S_R]
-    G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE] = 0.0, 0.0, 1.0 - 2.0 * up
-    G[q + G_P * TILE], G[q + (G_P + 1) * TILE], G[q + (G_P + 2) * TILE] = 0.0, 0.0, 1.0 - 2.0 * up
+    up = 1.0 if is_upper(partner[k]) else 0.0
+    r = S[i, sphere.RADIUS]
+    G[q + geometry.NORMAL * TILE] = 0.0
+    G[q + (geometry.NORMAL + 1) * TILE] = 0.0
+    G[q + (geometry.NORMAL + 2) * TILE] = 1.0 - 2.0 * up
+    G[q + geometry.MID_NORMAL * TILE] = 0.0
+    G[q + (geometry.MID_NORMAL + 1) * TILE] = 0.0
+    G[q + (geometry.MID_NORMAL + 2) * TILE] = 1.0 - 2.0 * up
     for d in range(3):
         for t in range(2):
             at = q + d * TILE + t * AT_END
-            w = S[i, S_W + d + t * TO_END]
-            G[at + G_U * TILE] = S[i, S_U + d + t * TO_END]
-            G[at + G_W * TILE], G[at + G_RW * TILE] = w, r * w
+            w = S[i, sphere.MID_SPIN + d + t * TO_END]
+            G[at + geometry.MID_VELOCITY * TILE] = S[i, sphere.MID_VELOCITY + d + t * TO_END]
+            G[at + geometry.MID_SPIN * TILE], G[at + geometry.MID_RIM * TILE] = w, r * w
     for t in range(2):
         at = q + t * AT_END
-        G[at + G_U * TILE] -= up * v_x
-        G[at + (G_U + 1) * TILE] -= up * v_y
-        G[at + (G_U + 2) * TILE] -= up * rise
-    G[q + G_ARM_I * TILE], G[q + G_ARM_J * TILE] = r - 0.5 * overlap, 0.0
-    G[q + G_RI * TILE], G[q + G_RJ * TILE] = r, r
-    I[q + I_OVERLAP * TILE], I[q + I_RADIUS * TILE], I[q + I_MASS * TILE] = overlap, r, S[i, S_MASS]
+        G[at + geometry.MID_VELOCITY * TILE] -= up * v_x
+        G[at + (geometry.MID_VELOCITY + 1) * TILE] -= up * v_y
+        G[at + (geometry.MID_VELOCITY + 2) * TILE] -= up * rise
+    G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE] = r - 0.5 * overlap, 0.0
+    G[q + geometry.RADIUS * TILE], G[q + geometry.PARTNER_RADIUS * TILE] = r, r
+    I[q + law_input.OVERLAP * TILE] = overlap
+    I[q + law_input.RADIUS * TILE] = r
+    I[q + law_input.MASS * TILE] = S[i, sphere.MASS]
     load_history(q, k, kind, H, I, G, n_history)
 
 
@@ -140,34 +105,43 @@ def with_last_column(a, c):
 def gather_spins(q, a, b, r_i, r_j, G):
     """Sums of the spins of the owners, a, and of the partners, columns, plainly and times the radii, into the fields from place q
     on."""
-    put_three(G, q + G_W * TILE, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
-    put_three(G, q + G_RW * TILE, (r_i * a[0] + r_j * b[0], r_i * a[1] + r_j * b[1], r_i * a[2] + r_j * b[2]))
+    put_three(G, q + geometry.MID_SPIN * TILE, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
+    put_three(G, q + geometry.MID_RIM * TILE, (r_i * a[0] + r_j * b[0], r_i * a[1] + r_j * b[1], r_i * a[2] + r_j * b[2]))
 
 
 @njit(**BARE)
 def gather_history(q, k, kind, H, I, G, n_history):  # noqa: E741
     """Put what the four slots k remember into the places from q on."""
-    axes = columns(four_rows_of(k, np.int64(H_E), H))  # and whether they touch
-    put_three(G, q + G_E * TILE, axes)
-    put(G, q + G_ON * TILE, axes[3])
-    put(I, q + I_TYPE * TILE, set4(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
-    first = columns(four_rows_of(k, np.int64(H_LAW), H))  # of a shorter history the last of these are zero
-    put_three(I, q + I_HISTORY * TILE, first)
-    put(I, q + (I_HISTORY + 3) * TILE, first[3])
+    axes = columns(four_rows_of(k, np.int64(contact_state.AXIS), H))  # and whether they touch
+    put_three(G, q + geometry.AXIS * TILE, axes)
+    put(G, q + geometry.PREVIOUS_SLIP * TILE, axes[3])
+    put(I, q + law_input.PAIR_TYPE * TILE, set4(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
+    first = columns(four_rows_of(k, np.int64(contact_state.LAW), H))  # of a shorter history the last of these are zero
+    put_three(I, q + law_input.HISTORY * TILE, first)
+    put(I, q + (law_input.HISTORY + 3) * TILE, first[3])
     for h in range(4, n_history):
-        put(I, q + (I_HISTORY + h) * TILE, set4(H[k[0], H_LAW + h], H[k[1], H_LAW + h], H[k[2], H_LAW + h], H[k[3], H_LAW + h]))
+        put(
+            I,
+            q + (law_input.HISTORY + h) * TILE,
+            set4(
+                H[k[0], contact_state.LAW + h],
+                H[k[1], contact_state.LAW + h],
+                H[k[2], contact_state.LAW + h],
+                H[k[3], contact_state.LAW + h],
+            ),
+        )
 
 
 @njit(**BARE)
-def prefetch_contacts(p, slots, partner, body, S, B, H):
+def prefetch_contacts(p, slots, partner, body_of, S, B, H):
     """Ask for what the four contacts from place p of the list will need: a partner may lie anywhere."""
     for e in range(p, p + 4):
         k = np.uint64(slots[e])
         j = np.uint64(partner[k])
-        prefetch(S, j, np.int64(S_W))
-        prefetch(S, j, np.int64(S_O))
-        prefetch(H, k, np.int64(H_E))
-        prefetch(B, np.uint64(body[j]), np.int64(B_T))
+        prefetch(S, j, np.int64(sphere.MID_SPIN))
+        prefetch(S, j, np.int64(sphere.END_SPIN))
+        prefetch(H, k, np.int64(contact_state.AXIS))
+        prefetch(B, np.uint64(body_of[j]), np.int64(body.TORQUE))
 
 
 @njit(**BARE_CHUNK)
@@ -180,21 +154,35 @@ def gather_pair_contacts(n, slots, first, own, partner, body, kind, S, B, H, I, 
         k = np.uint64(slots[p]), np.uint64(slots[p + 1]), np.uint64(slots[p + 2]), np.uint64(slots[p + 3])
         i = np.uint64(own[k[0]]), np.uint64(own[k[1]]), np.uint64(own[k[2]]), np.uint64(own[k[3]])
         j = np.uint64(partner[k[0]]), np.uint64(partner[k[1]]), np.uint64(partner[k[2]]), np.uint64(partner[k[3]])
-        x_i, x_j = four_rows_of(i, np.int64(S_X), S), four_rows_of(j, np.int64(S_X), S)  # behind centres are radii,
-        u_i, u_j = four_rows_of(i, np.int64(S_U), S), four_rows_of(j, np.int64(S_U), S)  # behind velocities masses
+        x_i, x_j = (
+            four_rows_of(i, np.int64(sphere.POSITION), S),
+            four_rows_of(j, np.int64(sphere.POSITION), S),
+        )  # behind centres are radii,
+        u_i, u_j = (
+            four_rows_of(i, np.int64(sphere.MID_VELOCITY), S),
+            four_rows_of(j, np.int64(sphere.MID_VELOCITY), S),
+        )  # behind velocities masses
         centres, step = with_last_column(row_differences(x_i, x_j), x_i), with_last_column(row_differences(u_i, u_j), x_j)
-        end = with_last_column(row_differences(four_rows_of(i, np.int64(S_V), S), four_rows_of(j, np.int64(S_V), S)), u_i)
-        r_i, r_j, w_j = centres[3], step[3], with_last_column(four_rows_of(j, np.int64(S_W), S), u_j)
-        put_three(G, q + G_N * TILE, centres)
-        put_three(G, q + G_U * TILE, step)
-        put_three(G, q + G_V * TILE, end)
-        put(G, q + G_RI * TILE, r_i)
-        put(G, q + G_RJ * TILE, r_j)
-        put(I, q + I_MASS * TILE, end[3])
-        put(G, q + G_MJ * TILE, w_j[3])
-        gather_spins(q, columns(four_rows_of(i, np.int64(S_W), S)), w_j, r_i, r_j, G)
+        end = with_last_column(
+            row_differences(four_rows_of(i, np.int64(sphere.END_VELOCITY), S), four_rows_of(j, np.int64(sphere.END_VELOCITY), S)),
+            u_i,
+        )
+        r_i, r_j, w_j = centres[3], step[3], with_last_column(four_rows_of(j, np.int64(sphere.MID_SPIN), S), u_j)
+        put_three(G, q + geometry.NORMAL * TILE, centres)
+        put_three(G, q + geometry.MID_VELOCITY * TILE, step)
+        put_three(G, q + geometry.END_VELOCITY * TILE, end)
+        put(G, q + geometry.RADIUS * TILE, r_i)
+        put(G, q + geometry.PARTNER_RADIUS * TILE, r_j)
+        put(I, q + law_input.MASS * TILE, end[3])
+        put(G, q + geometry.PARTNER_MASS * TILE, w_j[3])
+        gather_spins(q, columns(four_rows_of(i, np.int64(sphere.MID_SPIN), S)), w_j, r_i, r_j, G)
         gather_spins(
-            q + AT_END, columns(four_rows_of(i, np.int64(S_O), S)), columns(four_rows_of(j, np.int64(S_O), S)), r_i, r_j, G
+            q + AT_END,
+            columns(four_rows_of(i, np.int64(sphere.END_SPIN), S)),
+            columns(four_rows_of(j, np.int64(sphere.END_SPIN), S)),
+            r_i,
+            r_j,
+            G,
         )
         gather_history(q, k, kind, H, I, G, n_history)
 
@@ -207,21 +195,29 @@ def pair_geometry(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
     """
     half = 0.5 * dt
     for q in range(n):
-        x, y, z = image(G[q + G_N * TILE], l_x, c_x), image(G[q + (G_N + 1) * TILE], l_y, c_y), G[q + (G_N + 2) * TILE]
-        r_i, r_j = G[q + G_RI * TILE], G[q + G_RJ * TILE]
-        m_i, m_j = I[q + I_MASS * TILE], G[q + G_MJ * TILE]
+        x = image(G[q + geometry.NORMAL * TILE], l_x, c_x)
+        y = image(G[q + (geometry.NORMAL + 1) * TILE], l_y, c_y)
+        z = G[q + (geometry.NORMAL + 2) * TILE]
+        r_i, r_j = G[q + geometry.RADIUS * TILE], G[q + geometry.PARTNER_RADIUS * TILE]
+        m_i, m_j = I[q + law_input.MASS * TILE], G[q + geometry.PARTNER_MASS * TILE]
         distance = math.sqrt(x * x + y * y + z * z)
         inverse = 1.0 / max(distance, 1e-300)
         reach = r_i + r_j
         overlap = reach - distance
-        p_x, p_y, p_z = x - half * G[q + G_U * TILE], y - half * G[q + (G_U + 1) * TILE], z - half * G[q + (G_U + 2) * TILE]
+        p_x = x - half * G[q + geometry.MID_VELOCITY * TILE]
+        p_y = y - half * G[q + (geometry.MID_VELOCITY + 1) * TILE]
+        p_z = z - half * G[q + (geometry.MID_VELOCITY + 2) * TILE]
         back = 1.0 / max(math.sqrt(p_x * p_x + p_y * p_y + p_z * p_z), 1e-300)
-        G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE] = x * inverse, y * inverse, z * inverse
-        G[q + G_P * TILE], G[q + (G_P + 1) * TILE], G[q + (G_P + 2) * TILE] = p_x * back, p_y * back, p_z * back
-        G[q + G_ARM_I * TILE], G[q + G_ARM_J * TILE] = r_i - 0.5 * overlap, r_j - 0.5 * overlap
-        I[q + I_OVERLAP * TILE] = overlap
-        I[q + I_RADIUS * TILE] = r_i * r_j / reach
-        I[q + I_MASS * TILE] = m_i * m_j / (m_i + m_j)
+        G[q + geometry.NORMAL * TILE] = x * inverse
+        G[q + (geometry.NORMAL + 1) * TILE] = y * inverse
+        G[q + (geometry.NORMAL + 2) * TILE] = z * inverse
+        G[q + geometry.MID_NORMAL * TILE] = p_x * back
+        G[q + (geometry.MID_NORMAL + 1) * TILE] = p_y * back
+        G[q + (geometry.MID_NORMAL + 2) * TILE] = p_z * back
+        G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE] = r_i - 0.5 * overlap, r_j - 0.5 * overlap
+        I[q + law_input.OVERLAP * TILE] = overlap
+        I[q + law_input.RADIUS * TILE] = r_i * r_j / reach
+        I[q + law_input.MASS * TILE] = m_i * m_j / (m_i + m_j)
 
 
 @njit(**BARE_CHUNK)
@@ -229,15 +225,23 @@ def transport_frames(n, dt, G):
     """Carry the frames of n contacts with their normals, turned by half the sum of the spins; made anew at first touch."""
     half = 0.5 * dt
     for q in range(n):
-        n_x, n_y, n_z = G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE]
-        p_x, p_y, p_z = G[q + G_P * TILE], G[q + (G_P + 1) * TILE], G[q + (G_P + 2) * TILE]
-        e_x, e_y, e_z = G[q + G_E * TILE], G[q + (G_E + 1) * TILE], G[q + (G_E + 2) * TILE]
-        twist = half * (G[q + G_W * TILE] * p_x + G[q + (G_W + 1) * TILE] * p_y + G[q + (G_W + 2) * TILE] * p_z)
+        n_x = G[q + geometry.NORMAL * TILE]
+        n_y = G[q + (geometry.NORMAL + 1) * TILE]
+        n_z = G[q + (geometry.NORMAL + 2) * TILE]
+        p_x = G[q + geometry.MID_NORMAL * TILE]
+        p_y = G[q + (geometry.MID_NORMAL + 1) * TILE]
+        p_z = G[q + (geometry.MID_NORMAL + 2) * TILE]
+        e_x, e_y, e_z = G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE]
+        twist = half * (
+            G[q + geometry.MID_SPIN * TILE] * p_x
+            + G[q + (geometry.MID_SPIN + 1) * TILE] * p_y
+            + G[q + (geometry.MID_SPIN + 2) * TILE] * p_z
+        )
         e_x, e_y, e_z = (
             e_x + twist * (p_y * e_z - p_z * e_y), e_y + twist * (p_z * e_x - p_x * e_z), e_z + twist * (p_x * e_y - p_y * e_x),
         )  # fmt: skip
         # at first touch any direction that is never parallel to the normal; the law cannot tell which
-        new = G[q + G_ON * TILE] == 0.0
+        new = G[q + geometry.PREVIOUS_SLIP * TILE] == 0.0
         steep = abs(n_z) > 0.5
         e_x = (1.0 if steep else 0.0) if new else e_x
         e_y = 0.0 if new else e_y
@@ -247,17 +251,20 @@ def transport_frames(n, dt, G):
         e_x, e_y, e_z = e_x - along * p_x, e_y - along * p_y, e_z - along * p_z
         scale = 1.0 / math.sqrt(e_x * e_x + e_y * e_y + e_z * e_z)
         e_x, e_y, e_z = e_x * scale, e_y * scale, e_z * scale
-        G[q + G_E * TILE], G[q + (G_E + 1) * TILE], G[q + (G_E + 2) * TILE] = e_x, e_y, e_z
-        G[q + G_D * TILE], G[q + (G_D + 1) * TILE] = n_y * e_z - n_z * e_y, n_z * e_x - n_x * e_z
-        G[q + (G_D + 2) * TILE] = n_x * e_y - n_y * e_x
+        G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE] = e_x, e_y, e_z
+        G[q + geometry.CROSS_AXIS * TILE] = n_y * e_z - n_z * e_y
+        G[q + (geometry.CROSS_AXIS + 1) * TILE] = n_z * e_x - n_x * e_z
+        G[q + (geometry.CROSS_AXIS + 2) * TILE] = n_x * e_y - n_y * e_x
 
 
 @njit(**BARE)
 def relative_velocity(q, at, normal, I, G):  # noqa: E741
     """Relative velocity of the two surfaces, from fields `at` behind those of the step and the normal in field `normal`."""
-    half = 0.5 * I[q + I_OVERLAP * TILE]
+    half = 0.5 * I[q + law_input.OVERLAP * TILE]
     n = np.uint64(q + normal * TILE)  # of these the compiler does not see that they do not count from the end
-    v, w, rw = np.uint64(q + at + G_U * TILE), np.uint64(q + at + G_W * TILE), np.uint64(q + at + G_RW * TILE)
+    v = np.uint64(q + at + geometry.MID_VELOCITY * TILE)
+    w = np.uint64(q + at + geometry.MID_SPIN * TILE)
+    rw = np.uint64(q + at + geometry.MID_RIM * TILE)
     x, y, z = G[n], G[n + TILE], G[n + 2 * TILE]
     o_x, o_y, o_z = G[rw] - half * G[w], G[rw + TILE] - half * G[w + TILE], G[rw + 2 * TILE] - half * G[w + 2 * TILE]
     return (
@@ -269,30 +276,44 @@ def relative_velocity(q, at, normal, I, G):  # noqa: E741
 def slip_increment(n, dt, I, G):  # noqa: E741
     """Slip of the step and velocities at its end of n contacts, along their normals and the axes of their frames."""
     for q in range(n):
-        e_x, e_y, e_z = G[q + G_E * TILE], G[q + (G_E + 1) * TILE], G[q + (G_E + 2) * TILE]
-        d_x, d_y, d_z = G[q + G_D * TILE], G[q + (G_D + 1) * TILE], G[q + (G_D + 2) * TILE]
-        x, y, z = relative_velocity(q, np.int64(0), np.int64(G_P), I, G)
-        I[q + I_SX * TILE] = (x * e_x + y * e_y + z * e_z) * dt
-        I[q + I_SY * TILE] = (x * d_x + y * d_y + z * d_z) * dt
-        x, y, z = relative_velocity(q, np.int64(AT_END), np.int64(G_N), I, G)
-        I[q + I_VN * TILE] = x * G[q + G_N * TILE] + y * G[q + (G_N + 1) * TILE] + z * G[q + (G_N + 2) * TILE]
-        I[q + I_VX * TILE] = x * e_x + y * e_y + z * e_z
-        I[q + I_VY * TILE] = x * d_x + y * d_y + z * d_z
+        e_x, e_y, e_z = G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE]
+        d_x = G[q + geometry.CROSS_AXIS * TILE]
+        d_y = G[q + (geometry.CROSS_AXIS + 1) * TILE]
+        d_z = G[q + (geometry.CROSS_AXIS + 2) * TILE]
+        x, y, z = relative_velocity(q, np.int64(0), np.int64(geometry.MID_NORMAL), I, G)
+        I[q + law_input.SLIP_X * TILE] = (x * e_x + y * e_y + z * e_z) * dt
+        I[q + law_input.SLIP_Y * TILE] = (x * d_x + y * d_y + z * d_z) * dt
+        x, y, z = relative_velocity(q, np.int64(AT_END), np.int64(geometry.NORMAL), I, G)
+        I[q + law_input.NORMAL_VELOCITY * TILE] = (
+            x * G[q + geometry.NORMAL * TILE] + y * G[q + (geometry.NORMAL + 1) * TILE] + z * G[q + (geometry.NORMAL + 2) * TILE]
+        )
+        I[q + law_input.VELOCITY_X * TILE] = x * e_x + y * e_y + z * e_z
+        I[q + law_input.VELOCITY_Y * TILE] = x * d_x + y * d_y + z * d_z
 
 
 @njit(**BARE_CHUNK)
 def force_and_torques(n, I, O, G):  # noqa: E741
     """Forces of n contacts on the owners, and the torques about the centres of both spheres, in world axes."""
     for q in range(n):
-        f_n, t_1, t_2 = O[q + O_FN * TILE], O[q + O_TX * TILE], O[q + O_TY * TILE]
-        n_x, n_y, n_z = G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE]
-        e_x, e_y, e_z = G[q + G_E * TILE], G[q + (G_E + 1) * TILE], G[q + (G_E + 2) * TILE]
-        d_x, d_y, d_z = G[q + G_D * TILE], G[q + (G_D + 1) * TILE], G[q + (G_D + 2) * TILE]
-        half = 0.5 * I[q + I_OVERLAP * TILE]
-        a_i, a_j = half - G[q + G_RI * TILE], half - G[q + G_RJ * TILE]
+        f_n = O[q + law_output.NORMAL_FORCE * TILE]
+        t_1 = O[q + law_output.TANGENTIAL_X * TILE]
+        t_2 = O[q + law_output.TANGENTIAL_Y * TILE]
+        n_x = G[q + geometry.NORMAL * TILE]
+        n_y = G[q + (geometry.NORMAL + 1) * TILE]
+        n_z = G[q + (geometry.NORMAL + 2) * TILE]
+        e_x, e_y, e_z = G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE]
+        d_x = G[q + geometry.CROSS_AXIS * TILE]
+        d_y = G[q + (geometry.CROSS_AXIS + 1) * TILE]
+        d_z = G[q + (geometry.CROSS_AXIS + 2) * TILE]
+        half = 0.5 * I[q + law_input.OVERLAP * TILE]
+        a_i, a_j = half - G[q + geometry.RADIUS * TILE], half - G[q + geometry.PARTNER_RADIUS * TILE]
         x, y, z = t_1 * d_x - t_2 * e_x, t_1 * d_y - t_2 * e_y, t_1 * d_z - t_2 * e_z  # normal times tangential force
-        G[q + G_F * TILE] = f_n * n_x + t_1 * e_x + t_2 * d_x
-        G[q + (G_F + 1) * TILE] = f_n * n_y + t_1 * e_y + t_2 * d_y
-        G[q + (G_F + 2) * TILE] = f_n * n_z + t_1 * e_z + t_2 * d_z
-        G[q + G_TI * TILE], G[q + (G_TI + 1) * TILE], G[q + (G_TI + 2) * TILE] = a_i * x, a_i * y, a_i * z
-        G[q + G_TJ * TILE], G[q + (G_TJ + 1) * TILE], G[q + (G_TJ + 2) * TILE] = a_j * x, a_j * y, a_j * z
+        G[q + geometry.FORCE * TILE] = f_n * n_x + t_1 * e_x + t_2 * d_x
+        G[q + (geometry.FORCE + 1) * TILE] = f_n * n_y + t_1 * e_y + t_2 * d_y
+        G[q + (geometry.FORCE + 2) * TILE] = f_n * n_z + t_1 * e_z + t_2 * d_z
+        G[q + geometry.TORQUE * TILE] = a_i * x
+        G[q + (geometry.TORQUE + 1) * TILE] = a_i * y
+        G[q + (geometry.TORQUE + 2) * TILE] = a_i * z
+        G[q + geometry.PARTNER_TORQUE * TILE] = a_j * x
+        G[q + (geometry.PARTNER_TORQUE + 1) * TILE] = a_j * y
+        G[q + (geometry.PARTNER_TORQUE + 2) * TILE] = a_j * z

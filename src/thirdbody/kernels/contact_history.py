@@ -5,19 +5,20 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, store, transpose
-from thirdbody.kernels.layout import G_E, G_ON, H_COLS, H_E, H_LAW, H_LEAST, O_HISTORY, O_SLIP, TILE
+from thirdbody.kernels.columns import contact_state, geometry, law_output
+from thirdbody.kernels.columns.tile import TILE
 
 
 @njit(**BARE)
 def labeller_column(n_history):
     """Column of H behind the history of the laws, where the memory of the labeller begins."""
-    return max(H_LAW + n_history, H_COLS)
+    return max(contact_state.LAW + n_history, contact_state.MIN_WIDTH)
 
 
 @njit(**BARE)
 def spring_energy(k, stored, H):
     """Energy of the tangential and rolling springs of slot k, J. `stored`: its place in the history; -1: there are no springs."""
-    return H[k, H_LAW + stored] if stored >= 0 else 0.0
+    return H[k, contact_state.LAW + stored] if stored >= 0 else 0.0
 
 
 @njit(**BARE)
@@ -33,10 +34,10 @@ def reset_history(k, stored, H):
 @njit(**BARE)
 def store_one(k, q, axis, first, O, H, n_history):  # noqa: E741
     """Slot k learns the axis of its frame, and that it touches; the `first` numbers of its history, and the rest from place q."""
-    store(H, k, H_E, axis)
-    store(H, k, H_LAW, first)
+    store(H, k, contact_state.AXIS, axis)
+    store(H, k, contact_state.LAW, first)
     for h in range(LANES, n_history):
-        H[k, H_LAW + h] = O[q + (O_HISTORY + h) * TILE]
+        H[k, contact_state.LAW + h] = O[q + (law_output.HISTORY + h) * TILE]
 
 
 @njit(**BARE_CHUNK)
@@ -44,8 +45,8 @@ def store_history(n, slots, first, O, G, H, n_history):  # noqa: E741
     """What the slots[first:first + n] remember of the step, from a tile."""
     none = broadcast(0.0)
     for q in range(0, n, LANES):
-        e, h, p = q + G_E * TILE, q + O_HISTORY * TILE, first + q
-        on = clamp_below(get(G, q + G_ON * TILE) + get(O, q + O_SLIP * TILE), H_LEAST)
+        e, h, p = q + geometry.AXIS * TILE, q + law_output.HISTORY * TILE, first + q
+        on = clamp_below(get(G, q + geometry.PREVIOUS_SLIP * TILE) + get(O, q + law_output.SLIP * TILE), contact_state.CLOSED)
         axes = transpose(get(G, e), get(G, e + TILE), get(G, e + 2 * TILE), on)
         report = transpose(
             get(O, h) if n_history > 0 else none, get(O, h + TILE) if n_history > 1 else none,

@@ -4,9 +4,9 @@ import numpy as np
 from numba import njit, types
 
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
+from thirdbody.kernels.columns import loaded_contact, run_totals
 from thirdbody.kernels.contact_history import labeller_column
 from thirdbody.kernels.labeller_input import body_contacts, body_row
-from thirdbody.kernels.layout import A_ELAPSED, C_FN, C_LOAD
 from thirdbody.kernels.signatures import LABEL, OBSERVE
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
@@ -25,7 +25,7 @@ def compact_loaded(C, n):
     """
     m = np.int64(0)
     for i in range(n):
-        if C[i, C_FN] != 0.0 or C[i, C_LOAD] > 0.0:
+        if C[i, loaded_contact.NORMAL_FORCE] != 0.0 or C[i, loaded_contact.LOAD] > 0.0:
             for k in range(C.shape[1]):
                 C[m, k] = C[i, k]
             m += 1
@@ -36,12 +36,12 @@ def compact_loaded(C, n):
 def label_bodies(edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, label, out, O, table):  # noqa: E741
     """State, reason, margins and extras of every body at this instant, from the contacts that carry a load.
 
-    M: a copy of the labeller's memory. Scratch: O (O_COLS,), table (most contacts of a body, width).
+    M: a copy of the labeller's memory. Scratch: O (observed_body.WIDTH,), table (most contacts of a body, width).
     """
     for b in range(B.shape[0]):
         n = body_contacts(b, edges, incidence, own, partner, H, R, width, labeller_column(n_history), table)
         body_row(b, B, E, A, drag, speed, O)
-        if A[A_ELAPSED] > 0.0:
+        if A[run_totals.ELAPSED] > 0.0:
             observe(table[:n], n, O, M[b])
         n = compact_loaded(table, n)
         label(table[:n], n, O, M[b], out[b])

@@ -4,72 +4,10 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
+from thirdbody.kernels.columns import body, body_extra, contact_state, loaded_contact, observed_body, record, run_totals
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.contact_history import labeller_column
-from thirdbody.kernels.layout import (
-    A_DX,
-    A_DY,
-    A_ELAPSED,
-    A_HEADING,
-    B_F,
-    B_MASS,
-    B_Q,
-    B_T,
-    B_V,
-    B_W,
-    B_X,
-    C_A,
-    C_CRITICAL,
-    C_CURVATURE,
-    C_FN,
-    C_IDENTITY,
-    C_LIMIT,
-    C_LOAD,
-    C_MEMORY,
-    C_NORMAL,
-    C_OVERLAP,
-    C_PARTNER,
-    C_POINT,
-    C_SLIP,
-    C_T,
-    C_V,
-    DEBRIS,
-    E_EF,
-    E_ET,
-    H_LEAST,
-    H_ON,
-    H_SLIP,
-    LOWER,
-    O_DRAG,
-    O_EF,
-    O_ELAPSED,
-    O_ET,
-    O_F,
-    O_LDOT,
-    O_MA,
-    O_MASS,
-    O_Q,
-    O_SHIFT,
-    O_SPEED,
-    O_T,
-    O_V,
-    O_W,
-    O_X,
-    R_A,
-    R_CRITICAL,
-    R_CURVATURE,
-    R_CURVATURE_J,
-    R_FN,
-    R_LIMIT,
-    R_LOAD,
-    R_N,
-    R_OVERLAP,
-    R_POINT,
-    R_POINT_J,
-    R_T,
-    R_VI,
-    R_VJ,
-    UPPER,
-)
+from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower, is_sphere
 from thirdbody.kernels.rigid_body import BODIES
 
 
@@ -78,40 +16,54 @@ def contact_row(C, n, k, second, own, partner, H, R, memory_at):
     """Row n of a body's contact table from slot k, seen from the owner or from its partner (`second`)."""
     j = partner[k]
     sign = -1.0 if second else 1.0
-    C[n, C_PARTNER] = DEBRIS if j >= 0 else (LOWER if j == -1 else UPPER)
+    C[n, loaded_contact.PARTNER] = DEBRIS if is_sphere(j) else (LOWER if is_lower(j) else UPPER)
     for d in range(3):
-        C[n, C_POINT + d] = R[k, R_POINT_J + d] if second else R[k, R_POINT + d]
-        C[n, C_NORMAL + d] = sign * R[k, R_N + d]
-        C[n, C_T + d] = sign * R[k, R_T + d]
-        C[n, C_V + d] = R[k, R_VI + d] if second else R[k, R_VJ + d]
-    C[n, C_CURVATURE] = R[k, R_CURVATURE_J] if second else R[k, R_CURVATURE]
-    C[n, C_A], C[n, C_OVERLAP], C[n, C_FN], C[n, C_LOAD] = R[k, R_A], R[k, R_OVERLAP], R[k, R_FN], R[k, R_LOAD]
-    C[n, C_LIMIT], C[n, C_CRITICAL], C[n, C_SLIP] = R[k, R_LIMIT], R[k, R_CRITICAL], H[k, H_SLIP] - H_LEAST
+        C[n, loaded_contact.POINT + d] = R[k, record.PARTNER_POINT + d] if second else R[k, record.POINT + d]
+        C[n, loaded_contact.NORMAL + d] = sign * R[k, record.NORMAL + d]
+        C[n, loaded_contact.TANGENTIAL_FORCE + d] = sign * R[k, record.TANGENTIAL_FORCE + d]
+        C[n, loaded_contact.PARTNER_VELOCITY + d] = (
+            R[k, record.SURFACE_VELOCITY + d] if second else R[k, record.PARTNER_VELOCITY + d]
+        )
+    C[n, loaded_contact.CURVATURE] = R[k, record.PARTNER_CURVATURE] if second else R[k, record.CURVATURE]
+    C[n, loaded_contact.CONTACT_RADIUS] = R[k, record.CONTACT_RADIUS]
+    C[n, loaded_contact.OVERLAP] = R[k, record.OVERLAP]
+    C[n, loaded_contact.NORMAL_FORCE] = R[k, record.NORMAL_FORCE]
+    C[n, loaded_contact.LOAD] = R[k, record.LOAD]
+    C[n, loaded_contact.FRICTION_LIMIT] = R[k, record.FRICTION_LIMIT]
+    C[n, loaded_contact.CRITICAL_SLIP] = R[k, record.CRITICAL_SLIP]
+    C[n, loaded_contact.SLIP] = H[k, contact_state.SLIP] - contact_state.CLOSED
     # unique within the body: its own sphere and the partner, which is a plate (-1, -2) or a sphere
     here, there = (j, own[k]) if second else (own[k], max(j, -2))
-    C[n, C_IDENTITY] = here * 67108864.0 + there + 3.0
-    for m in range(C.shape[1] - C_MEMORY):
-        C[n, C_MEMORY + m] = H[k, memory_at + m]
+    C[n, loaded_contact.IDENTITY] = here * 67108864.0 + there + 3.0
+    for m in range(C.shape[1] - loaded_contact.MEMORY):
+        C[n, loaded_contact.MEMORY + m] = H[k, memory_at + m]
 
 
 @njit(**BARE)
 def body_row(b, B, E, A, drag, speed, O):  # noqa: E741
     """Fill O with body b's state and its surroundings."""
-    O[O_MASS] = B[b, B_MASS]
+    O[observed_body.MASS] = B[b, body.MASS]
     for k in range(3):
-        O[O_X + k], O[O_V + k], O[O_W + k] = B[b, B_X + k], B[b, B_V + k], B[b, B_W + k]
-        O[O_F + k], O[O_T + k] = B[b, B_F + k], B[b, B_T + k]
+        O[observed_body.POSITION + k] = B[b, body.POSITION + k]
+        O[observed_body.VELOCITY + k] = B[b, body.VELOCITY + k]
+        O[observed_body.SPIN + k] = B[b, body.SPIN + k]
+        O[observed_body.FORCE + k], O[observed_body.TORQUE + k] = B[b, body.FORCE + k], B[b, body.TORQUE + k]
         # Newton's second law as the integrator applies it: the acceleration is the force of this instant
-        O[O_MA + k], O[O_LDOT + k] = B[b, B_F + k], B[b, B_T + k]
-        O[O_EF + k], O[O_ET + k] = (E[b, E_EF + k], E[b, E_ET + k]) if E.shape[1] > E_EF else (0.0, 0.0)
+        O[observed_body.MOMENTUM_RATE + k] = B[b, body.FORCE + k]
+        O[observed_body.ANGULAR_MOMENTUM_RATE + k] = B[b, body.TORQUE + k]
+        O[observed_body.EFFECT_FORCE + k], O[observed_body.EFFECT_TORQUE + k] = (
+            (E[b, body_extra.EFFECT_FORCE + k], E[b, body_extra.EFFECT_TORQUE + k]) if has_effect_columns(E) else (0.0, 0.0)
+        )
     for k in range(4):
-        O[O_Q + k] = B[b, B_Q + k]
-    O[O_ELAPSED], O[O_SHIFT], O[O_SHIFT + 1] = A[A_ELAPSED], A[A_DX], A[A_DY]
-    moved = A[A_HEADING] != 0.0 or A[A_HEADING + 1] != 0.0
+        O[observed_body.QUATERNION + k] = B[b, body.QUATERNION + k]
+    O[observed_body.ELAPSED] = A[run_totals.ELAPSED]
+    O[observed_body.PLATE_SHIFT] = A[run_totals.SHIFT_X]
+    O[observed_body.PLATE_SHIFT + 1] = A[run_totals.SHIFT_Y]
+    moved = A[run_totals.HEADING] != 0.0 or A[run_totals.HEADING + 1] != 0.0
     # the planned direction until the plates have moved; then that of their last motion, which a stroke reverses
-    O[O_DRAG] = A[A_HEADING] if moved else drag[0]
-    O[O_DRAG + 1] = A[A_HEADING + 1] if moved else drag[1]
-    O[O_SPEED] = speed
+    O[observed_body.DRAG] = A[run_totals.HEADING] if moved else drag[0]
+    O[observed_body.DRAG + 1] = A[run_totals.HEADING + 1] if moved else drag[1]
+    O[observed_body.PLATE_SPEED] = speed
 
 
 @njit(**BARE)
@@ -120,8 +72,10 @@ def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at, C):
     n = np.int64(0)  # not the literal 0, for which the callees would be compiled once more
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
-        if H[k, H_ON] != 0.0:
-            contact_row(C, n, k, incidence[e] & 1, own, partner, H, R, memory_at + (incidence[e] & 1) * (width - C_MEMORY))
+        if is_closed(k, H):
+            contact_row(
+                C, n, k, incidence[e] & 1, own, partner, H, R, memory_at + (incidence[e] & 1) * (width - loaded_contact.MEMORY)
+            )
             n += 1
     return n
 
@@ -135,10 +89,10 @@ def update_body_memory(b, edges, incidence, own, partner, H, R, B, E, A, M, drag
     n = 0
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
-        if H[k, H_ON] != 0.0:
-            to = labeller_column(n_history) + (incidence[e] & 1) * (width - C_MEMORY)
-            for m in range(width - C_MEMORY):
-                H[k, to + m] = C[n, C_MEMORY + m]
+        if is_closed(k, H):
+            to = labeller_column(n_history) + (incidence[e] & 1) * (width - loaded_contact.MEMORY)
+            for m in range(width - loaded_contact.MEMORY):
+                H[k, to + m] = C[n, loaded_contact.MEMORY + m]
             n += 1
 
 

@@ -10,23 +10,24 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, active_bits, compress_store, get, put, transpose
+from thirdbody.kernels.columns import patch, sphere
 from thirdbody.kernels.contact_geometry import SPARE, four_rows_of
-from thirdbody.kernels.layout import P_Z, S_R, S_X, S_Y, S_Z
 from thirdbody.kernels.periodic import image, images, nearest_image
+from thirdbody.kernels.predicates import is_plate, is_upper, patch_of_partner
 
 
 @njit(**BARE)
 def overlap_and_normal(k, own, partner, S, P, l_x, l_y):
     """Overlap of candidate k (not positive: apart) and the unit normal, partner to owner, of one that touches."""
     i, j = own[k], partner[k]
-    if j < 0:
+    if is_plate(j):
         overlap, up = plate_overlap(k, own, partner, S, P)
         return overlap, 0.0, 0.0, 1.0 - 2.0 * up
-    d_x = nearest_image(S[i, S_X] - S[j, S_X], l_x)
-    d_y = nearest_image(S[i, S_Y] - S[j, S_Y], l_y)
-    d_z = S[i, S_Z] - S[j, S_Z]
+    d_x = nearest_image(S[i, sphere.X] - S[j, sphere.X], l_x)
+    d_y = nearest_image(S[i, sphere.Y] - S[j, sphere.Y], l_y)
+    d_z = S[i, sphere.Z] - S[j, sphere.Z]
     square = d_x * d_x + d_y * d_y + d_z * d_z
-    reach = S[i, S_R] + S[j, S_R]
+    reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
     if square >= reach * reach:
         return -1.0, 0.0, 0.0, 0.0
     d = math.sqrt(square)
@@ -38,10 +39,10 @@ def overlap_and_normal(k, own, partner, S, P, l_x, l_y):
 def plate_overlap(k, own, partner, S, P):
     """Overlap of candidate k with its plate (not positive: apart), and whether that is the upper one."""
     i, j = own[k], partner[k]
-    z, r = S[i, S_Z], S[i, S_R]
-    up = 1.0 if j < -1 else 0.0
-    top = P[max(-j - 2, 0), P_Z]
-    return r - (top - z if j < -1 else z), up
+    z, r = S[i, sphere.Z], S[i, sphere.RADIUS]
+    up = 1.0 if is_upper(j) else 0.0
+    top = P[patch_of_partner(j), patch.HEIGHT]
+    return r - (top - z if is_upper(j) else z), up
 
 
 @njit(**BARE_CHUNK)
@@ -56,7 +57,7 @@ def four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y):
     """How much the spheres of the candidates k to k + 3 touch, one after the other: `pair_overlaps`."""
     i = np.uint64(own[k]), np.uint64(own[k + 1]), np.uint64(own[k + 2]), np.uint64(own[k + 3])
     j = np.uint64(partner[k]), np.uint64(partner[k + 1]), np.uint64(partner[k + 2]), np.uint64(partner[k + 3])
-    a, b = four_rows_of(i, np.int64(S_X), S), four_rows_of(j, np.int64(S_X), S)
+    a, b = four_rows_of(i, np.int64(sphere.POSITION), S), four_rows_of(j, np.int64(sphere.POSITION), S)
     x_i, y_i, z_i, r_i = transpose(a[0], a[1], a[2], a[3])
     x_j, y_j, z_j, r_j = transpose(b[0], b[1], b[2], b[3])
     d_x, d_y, d_z, reach = x_i - x_j, y_i - y_j, z_i - z_j, r_i + r_j
@@ -72,9 +73,9 @@ def pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
         put(g, k - first, four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y))
     for k in range(fours, last):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
-        d_x, d_y, d_z = S[i, S_X] - S[j, S_X], S[i, S_Y] - S[j, S_Y], S[i, S_Z] - S[j, S_Z]
+        d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
         d_x, d_y = image(d_x, l_x, c_x), image(d_y, l_y, c_y)
-        reach = S[i, S_R] + S[j, S_R]
+        reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
         g[k - first] = reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
 
 

@@ -9,24 +9,26 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import LANES, broadcast, less_mask, load
-from thirdbody.kernels.layout import EVERYTHING, ONLY_LOWER, ONLY_UPPER, P_Z, S_R, S_SIDE, S_X, S_Y, S_Z
+from thirdbody.kernels.columns import patch, sphere
+from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_LOWER, ONLY_UPPER
 from thirdbody.kernels.periodic import images, inverse
+from thirdbody.kernels.predicates import is_lower, is_sphere, partner_of_patch
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def plate_candidates(S, P, body, patch, has_lower, has_upper, skin, own, partner):
+def plate_candidates(S, P, body, patch_of, has_lower, has_upper, skin, own, partner):
     """Fill own and partner with the spheres within `skin` of a plate; returns how many (also beyond the capacity)."""
     n = 0
     for i in range(S.shape[0]):
-        if has_lower and S[i, S_SIDE] != ONLY_UPPER and S[i, S_Z] - S[i, S_R] < skin:
+        if has_lower and S[i, sphere.SIDE] != ONLY_UPPER and S[i, sphere.Z] - S[i, sphere.RADIUS] < skin:
             if n < own.shape[0]:
                 own[n], partner[n] = i, -1
             n += 1
-        if has_upper and S[i, S_SIDE] != ONLY_LOWER:
-            p = patch[body[i]]
-            if P[p, P_Z] - S[i, S_Z] - S[i, S_R] < skin:
+        if has_upper and S[i, sphere.SIDE] != ONLY_LOWER:
+            p = patch_of[body[i]]
+            if P[p, patch.HEIGHT] - S[i, sphere.Z] - S[i, sphere.RADIUS] < skin:
                 if n < own.shape[0]:
-                    own[n], partner[n] = i, -2 - p
+                    own[n], partner[n] = i, partner_of_patch(p)
                 n += 1
     return n
 
@@ -45,18 +47,18 @@ def fill_cells(S, body, low, size, count, periodic, edges, cells, Q):
     """The spheres that meet others in the order of their cells, z fastest, then of their numbers: centre, radius, number and body
     into Q (6, n and some), and where each cell begins, one further on, into `edges`, which is zero at first."""
     for i in range(S.shape[0]):
-        a = cell_of(S[i, S_X], low[0], size[0], count[0], periodic[0])
-        b = cell_of(S[i, S_Y], low[1], size[1], count[1], periodic[1])
-        c = cell_of(S[i, S_Z], low[2], size[2], count[2], np.bool_(False))
+        a = cell_of(S[i, sphere.X], low[0], size[0], count[0], periodic[0])
+        b = cell_of(S[i, sphere.Y], low[1], size[1], count[1], periodic[1])
+        c = cell_of(S[i, sphere.Z], low[2], size[2], count[2], np.bool_(False))
         cells[i] = (a * count[1] + b) * count[2] + c
-        edges[cells[i] + 2] += S[i, S_SIDE] == EVERYTHING
+        edges[cells[i] + 2] += S[i, sphere.SIDE] == EVERYTHING
     for h in range(2, edges.shape[0]):
         edges[h] += edges[h - 1]
     for i in range(S.shape[0]):
-        if S[i, S_SIDE] == EVERYTHING:
+        if S[i, sphere.SIDE] == EVERYTHING:
             at = edges[cells[i] + 1]
             edges[cells[i] + 1] += 1
-            Q[0, at], Q[1, at], Q[2, at], Q[3, at] = S[i, S_X], S[i, S_Y], S[i, S_Z], S[i, S_R]
+            Q[0, at], Q[1, at], Q[2, at], Q[3, at] = S[i, sphere.X], S[i, sphere.Y], S[i, sphere.Z], S[i, sphere.RADIUS]
             Q[4, at], Q[5, at] = i, body[i]
 
 
@@ -180,7 +182,7 @@ def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own,
 @njit(**BARE)
 def rank(j):
     """Order of partners of one owner within the plates' or the pairs' part."""
-    return j if j >= 0 else (0 if j == -1 else 1)
+    return j if is_sphere(j) else (0 if is_lower(j) else 1)
 
 
 @njit(**DIRECT, **NO_COUNTS)
@@ -208,7 +210,7 @@ def list_slots(n, own, partner, edges, at, incidence):
     """Fill the tables of `incidences`; edges: zero at first, `at`: room."""
     for k in range(n):
         edges[own[k] + 1] += 1
-        if partner[k] >= 0:
+        if is_sphere(partner[k]):
             edges[partner[k] + 1] += 1
     for s in range(at.shape[0]):
         at[s] = edges[s]
@@ -217,7 +219,7 @@ def list_slots(n, own, partner, edges, at, incidence):
         s = own[k]
         incidence[at[s]] = 2 * k
         at[s] += 1
-        if partner[k] >= 0:
+        if is_sphere(partner[k]):
             s = partner[k]
             incidence[at[s]] = 2 * k + 1
             at[s] += 1

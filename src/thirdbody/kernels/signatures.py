@@ -29,7 +29,7 @@ KINDS: Kinds = {
     "cuts": _S2, "lowest": _S1, "needs": _S1,
     # which sphere belongs to which body
     "body": _I1, "start": _I1, "offsets": _TABLE,
-    # state (`layout`), parameters, what a step sums up
+    # state (`columns`), parameters, what a step sums up
     **dict.fromkeys(("S", "B", "E", "P", "H", "F", "R", "M"), _TABLE),
     "pairs": _ROW, "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "sums": _TABLE, "moves": _TABLE,
     # direction of the drag that is planned; room of each part to work in

@@ -3,7 +3,8 @@
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.layout import P_V
+from thirdbody.kernels.columns import patch
+from thirdbody.kernels.predicates import is_lower, is_upper, patch_of_partner
 
 
 @njit(**BARE)
@@ -18,8 +19,8 @@ def surface_velocity(S, i, v, w, r_x, r_y, r_z):
 @njit(**BARE)
 def partner_velocity(S, P, j, v, w, r_x, r_y, r_z, v_x, v_y):
     """Velocity of the partner's surface: a plate (the upper one moves with v_x, v_y) or a sphere."""
-    if j == -1:
+    if is_lower(j):
         return 0.0, 0.0, 0.0
-    if j < -1:
-        return v_x, v_y, P[-j - 2, P_V]
+    if is_upper(j):
+        return v_x, v_y, P[patch_of_partner(j), patch.VELOCITY]
     return surface_velocity(S, j, v, w, r_x, r_y, r_z)

@@ -3,15 +3,16 @@
 from numba import njit
 
 from thirdbody.jit.options import CHUNK
-from thirdbody.kernels.layout import I_TYPE, TILE
+from thirdbody.kernels.columns import law_input
+from thirdbody.kernels.columns.tile import TILE
 
 
 @njit(**CHUNK)
 def broadcast_parameters(I, n_contacts, P, width, U):  # noqa: E741
     """Copy row `type` of P, `width` long, to each contact's place in U, stride TILE; mostly all contacts are of one type."""
-    first, alike = I[I_TYPE * TILE], True
+    first, alike = I[law_input.PAIR_TYPE * TILE], True
     for q in range(n_contacts):
-        alike &= I[q + I_TYPE * TILE] == first
+        alike &= I[q + law_input.PAIR_TYPE * TILE] == first
     if alike:
         for f in range(width):
             value = P[int(first) * width + f]
@@ -19,6 +20,6 @@ def broadcast_parameters(I, n_contacts, P, width, U):  # noqa: E741
                 U[f * TILE + q] = value
     else:
         for q in range(n_contacts):
-            o = int(I[q + I_TYPE * TILE]) * width
+            o = int(I[q + law_input.PAIR_TYPE * TILE]) * width
             for f in range(width):
                 U[f * TILE + q] = P[o + f]

@@ -277,10 +277,10 @@ class Labeller:
     """Tags every body with a state, the reason, and margins.
 
     `observe(contacts, n, body, memory)` runs every `stride` steps and `label(contacts, n, body, memory, out)` at output
-    frames, on a copy of the memory, so that output changes nothing. Columns: `thirdbody.kernels.layout`, names C_* for
-    contacts and O_* for the body. `out` holds state, reason, then `margins`, then `extras`. `memory` and `contact_memory`
+    frames, on a copy of the memory, so that output changes nothing. Columns: `loaded_contact` for contacts and `observed_body`
+    for the body (`thirdbody.plugin`). `out` holds state, reason, then `margins`, then `extras`. `memory` and `contact_memory`
     name the floats that the engine keeps per body and per contact, zero at the start. `label_without_effects` may be a variant
-    of `label` that compiles faster: it is taken where no effect acts on bodies (O_EF and O_ET are zero).
+    of `label` that compiles faster: it is taken where no effect acts on bodies.
     """
 
     name: str

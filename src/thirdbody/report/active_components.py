@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, sphere
+from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
 from thirdbody.laws.elasticity import e_star
 from thirdbody.units import pretty
 
@@ -74,13 +75,13 @@ def neighbours(built: Simulation) -> tuple[float, float]:
     if overlap <= 0.0:
         return 0.0, math.inf
     S, near, nearest = state.S, TOUCH, math.inf
-    radius, body = S[:, at.S_R], state.body
+    radius, body = S[:, sphere.RADIUS], state.body
     upper = state.world.upper
-    sides = [(S[:, at.S_Z] - radius, at.ONLY_UPPER)]
+    sides = [(S[:, sphere.Z] - radius, ONLY_UPPER)]
     if upper is not None:
-        sides.append((upper.heights[upper.patch[body]] - S[:, at.S_Z] - radius, at.ONLY_LOWER))
+        sides.append((upper.heights[upper.patch[body]] - S[:, sphere.Z] - radius, ONLY_LOWER))
     for gap, other in sides:
-        touching = np.flatnonzero((np.abs(gap) < near * radius) & (S[:, at.S_SIDE] != other))
+        touching = np.flatnonzero((np.abs(gap) < near * radius) & (S[:, sphere.SIDE] != other))
         for b in np.unique(body[touching]):
             spots = touching[body[touching] == b]
             for k, i in enumerate(spots[:-1]):
@@ -180,7 +181,7 @@ def _load(built: Simulation) -> float:
 def _weight_over_load(built: Simulation) -> float:
     """Weight of the heaviest body over the load on one; NaN without a load."""
     load = _load(built)
-    return float(np.max(built.state.B[:, at.B_MASS])) * STANDARD_GRAVITY / load if math.isfinite(load) else math.nan
+    return float(np.max(built.state.bodies.mass)) * STANDARD_GRAVITY / load if math.isfinite(load) else math.nan
 
 
 def _wave_speed(built: Simulation) -> float:

@@ -12,7 +12,7 @@ from contextlib import redirect_stdout
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import patch
 from thirdbody.quantity import duration, file_size
 from thirdbody.report.active_components import part_warnings, parts
 from thirdbody.report.tables import table
@@ -147,7 +147,7 @@ def _plate_report(built: Simulation) -> dict[str, Any] | None:
         "damping": float(upper.damping.mean()),
         "gap": float(upper.heights.mean()),
         "moves": upper.schedule.moves,
-        "largest_load": upper.schedule.largest_load() * float(upper.table()[:, at.P_LOAD0].max()),
+        "largest_load": upper.schedule.largest_load() * float(upper.table()[:, patch.NOMINAL_LOAD].max()),
         "loaded_at_once": built.upper.loaded,
         "foundation": None if upper.foundation is None else upper.foundation.stiffness,
         "preload": 0.0 if upper.foundation is None else float(upper.load.max()),
@@ -192,7 +192,7 @@ def _seconds_per_step(original: Explicit) -> tuple[float, str, Explicit]:
     The first call is not counted.
     """
     from thirdbody.errors import GuardStop
-    from thirdbody.kernels.layout import A_STEPS
+    from thirdbody.kernels.columns import run_totals
 
     trial = copy.deepcopy(original.state)
     integrator = copy.copy(original)
@@ -203,7 +203,7 @@ def _seconds_per_step(original: Explicit) -> tuple[float, str, Explicit]:
         started, steps, before = time.perf_counter(), 0, trial.A.copy()
         while time.perf_counter() - started < TRIAL_SECONDS:
             integrator.advance_to(trial.time + 100.0 * trial.dt)
-        steps = int(trial.A[A_STEPS] - before[A_STEPS])
+        steps = int(trial.A[run_totals.STEPS] - before[run_totals.STEPS])
         return (time.perf_counter() - started) / max(steps, 1), "", integrator
     except GuardStop as stop:
         return math.nan, str(stop), integrator

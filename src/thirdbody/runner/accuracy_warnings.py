@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.engine.upper_plate import mean_value
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import contact_state, patch, record
 
 if TYPE_CHECKING:
     from thirdbody.build.simulation import Simulation
@@ -57,14 +57,14 @@ def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]
 def histories_shortened(simulation: Simulation) -> int:
     """Contacts that touch and whose law counts what it dropped of their history, under the name `dropped`."""
     slots, names = simulation.state.slots, simulation.choice.chain.history
-    columns = [at.H_LAW + k for k, name in enumerate(names) if name.endswith(".dropped")]
-    return int(np.count_nonzero((slots.H[:, columns] > 0.0).any(axis=1) & (slots.H[:, at.H_ON] > 0.0)))
+    columns = [contact_state.LAW + k for k, name in enumerate(names) if name.endswith(".dropped")]
+    return int(np.count_nonzero((slots.H[:, columns] > 0.0).any(axis=1) & (slots.histories.slip > 0.0)))
 
 
 def _load_ratio(simulation: Simulation, conduct: Conduct) -> float | None:
     force, P = conduct.series.get("upper_force"), simulation.state.P
-    held = P[-1:] if (P[:, at.P_SPRING] != 0.0).any() else P  # patches on a foundation pass on the load of the common plate
-    load = float((held[:, at.P_FREE] * (held[:, at.P_LOAD0] if simulation.schedule.load else held[:, at.P_LOAD])).sum())
+    held = P[-1:] if (P[:, patch.SPRING] != 0.0).any() else P  # patches on a foundation pass on the load of the common plate
+    load = float((held[:, patch.FREE] * (held[:, patch.NOMINAL_LOAD] if simulation.schedule.load else held[:, patch.LOAD])).sum())
     if simulation.schedule.load:
         now = simulation.state.time
         load *= mean_value(simulation.schedule.load, now - conduct.maker.interval, now)
@@ -73,18 +73,18 @@ def _load_ratio(simulation: Simulation, conduct: Conduct) -> float | None:
 
 def _damping_share(simulation: Simulation, lines: Mapping[str, float]) -> float | None:
     P, speed = simulation.state.P, simulation.schedule.top_speed()
-    loaded = (P[:, at.P_FREE] > 0.0) & (P[:, at.P_LOAD] > 0.0)
-    felt = bool((P[loaded, at.P_DAMPING] * speed > FELT * P[loaded, at.P_LOAD]).any())
+    loaded = (P[:, patch.FREE] > 0.0) & (P[:, patch.LOAD] > 0.0)
+    felt = bool((P[loaded, patch.DAMPING] * speed > FELT * P[loaded, patch.LOAD]).any())
     return lines["damping"] / lines["plate_work"] if felt and lines["plate_work"] > 0.0 else None
 
 
 def patches_not_carried(simulation: Simulation) -> int:
     """Patches under a load of their own that carry less than a share of it (`CARRIED`)."""
     P, slots = simulation.state.P, simulation.state.slots
-    upper = (slots.partner < -1) & (slots.H[:, at.H_ON] > 0.0)
-    carried = np.bincount(-slots.partner[upper] - 2, slots.R[upper, at.R_FN], len(P))
-    alone = (P[:, at.P_FREE] > 0.0) & (P[:, at.P_SPRING] == 0.0)
-    return int(np.count_nonzero(alone & (carried < CARRIED * P[:, at.P_LOAD])))
+    upper = (slots.partner < -1) & (slots.histories.slip > 0.0)
+    carried = np.bincount(-slots.partner[upper] - 2, slots.records.normal_force[upper], len(P))
+    alone = (P[:, patch.FREE] > 0.0) & (P[:, patch.SPRING] == 0.0)
+    return int(np.count_nonzero(alone & (carried < CARRIED * P[:, patch.LOAD])))
 
 
 def ending_warnings(report: Mapping[str, Any]) -> Iterator[str]:

@@ -21,7 +21,7 @@ import numpy as np
 
 from thirdbody.engine.snapshot import LARGEST, Snapshot
 from thirdbody.errors import Fault, InputError, OutputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, run_totals, sphere
 
 if TYPE_CHECKING:
     from thirdbody.build.simulation import Simulation
@@ -62,13 +62,13 @@ def prints_of(simulation: Simulation) -> dict[str, str]:
     tables: dict[str, list[Any]] = {
         "the bodies at the start": [
             state.offsets,
-            state.S[:, at.S_R],
+            state.spheres.radius,
             state.body,
             state.material,
-            state.B[:, at.B_X : at.B_X + 3],
-            state.B[:, at.B_V : at.B_MASS + 1],
-            state.B[:, at.B_Q : at.B_Q + 4],
-            state.E[:, at.E_ARM : at.E_I + 3],
+            state.bodies.position,
+            state.B[:, body.VELOCITY : body.MASS + 1],
+            state.bodies.quaternion,
+            state.E[:, body_extra.REACH : body_extra.INERTIA + 3],
         ],
         "the parameters of laws and effects": [physics.pairs, physics.effect_parameters],
         "the motion of the plates": [state.schedule, state.first],
@@ -184,7 +184,7 @@ def _refuse_lies(notes: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
             raise ValueError(f"{name}: {str(count)[:40]}")
     A = arrays["A"]
     # a run that stood before its start would be on its way there for ever
-    if A.shape != (at.A_COLS,) or not A[[at.A_TIME, at.A_DISTANCE, at.A_STEPS]].min() >= 0.0:
+    if A.shape != (run_totals.WIDTH,) or not A[[run_totals.TIME, run_totals.DISTANCE, run_totals.STEPS]].min() >= 0.0:
         raise ValueError("its clock stands before the start")
     times = {"wall_time": notes["wall_time"], "dt": inner["dt"], "energy_start": inner["energy_start"]}
     for name, value in (times | {"energy_peak": inner["energy_peak"]}).items():

@@ -148,7 +148,7 @@ def _stops(kept: Checkpoint, simulation: Simulation) -> int:
 
 def _reached(kept: Checkpoint) -> tuple[float, float]:
     """Time, s, and distance, m, of a checkpoint."""
-    from thirdbody.kernels import layout as at
+    from thirdbody.kernels.columns import run_totals
 
     A = kept.snapshot.arrays["A"]
-    return float(A[at.A_TIME]), float(A[at.A_DISTANCE]) or -math.inf
+    return float(A[run_totals.TIME]), float(A[run_totals.DISTANCE]) or -math.inf

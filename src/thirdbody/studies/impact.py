@@ -76,7 +76,7 @@ def _deepest(normal: float) -> float:
 
 def rebound(law: str, level: str, springs: int | None, degrees: float, steps: int, plugins: Sequence[str | Path]) -> float:
     """Tangential velocity of the centre after the impact over that before; `steps` time steps in its duration."""
-    from thirdbody.kernels import layout as at
+    from thirdbody.kernels.columns import body
     from thirdbody.runner.simulate import prepare
 
     angle, step = math.radians(degrees), duration() / steps
@@ -87,7 +87,7 @@ def rebound(law: str, level: str, springs: int | None, degrees: float, steps: in
         "debris.0.velocity": [f"{along!r} m/s", "0 m/s", f"{-normal!r} m/s"],
     }), plugins)  # fmt: skip
     built.integrator.advance_to(3.0 * duration() * (math.cos(math.radians(SHALLOW)) / math.cos(angle)) ** 0.2)
-    return float(built.state.B[0, at.B_V]) / along
+    return float(built.state.bodies.velocity[0, 0]) / along
 
 
 def gross_slip(degrees: float) -> float:

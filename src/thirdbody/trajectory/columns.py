@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from thirdbody.kernels.layout import DEBRIS, LOWER, UPPER
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.quantity import ARRAY_UNITS
 from thirdbody.trajectory.friction import CYCLE_UNITS
 from thirdbody.trajectory.schema import POSITION

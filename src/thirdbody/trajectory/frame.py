@@ -8,7 +8,8 @@ import numpy as np
 
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.state import State
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, contact_state, patch, record, run_totals, sphere
+from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.peak_pressure import HertzPressure
 from thirdbody.trajectory.schema import Frame
@@ -43,10 +44,14 @@ class FrameMaker:
             "id": np.arange(s.n_bodies),
             "population": s.population[self.given],
             "material": s.material[self.given],
-            "mass": s.B[self.given, at.B_MASS],
+            "mass": s.bodies.mass[self.given],
             "diameter": 2.0 * s.rayleigh_radius[self.given],
         }
-        spheres = {"radius": s.S[self.spheres, at.S_R], "id": np.arange(s.n_spheres), "clump": s.order[s.body[self.spheres]]}
+        spheres = {
+            "radius": s.spheres.radius[self.spheres],
+            "id": np.arange(s.n_spheres),
+            "clump": s.order[s.body[self.spheres]],
+        }
         return {"spheres": spheres, "clumps": clumps}
 
     def frame(self, labels: np.ndarray | None) -> Frame:
@@ -56,7 +61,7 @@ class FrameMaker:
         contacts = self._contacts()
         clumps = self._clumps(labels, contacts)
         S = s.S[self.spheres]
-        spheres = {"points": S[:, :3].copy(), "velocity": S[:, at.S_V : at.S_V + 3].copy()}
+        spheres = {"points": S[:, :3].copy(), "velocity": S[:, sphere.END_VELOCITY3].copy()}
         if labels is not None:
             clump = s.order[s.body[self.spheres]]
             spheres["state"] = clumps["state"][clump]
@@ -65,31 +70,31 @@ class FrameMaker:
 
     def _contacts(self) -> dict[str, np.ndarray]:
         s, slots = self.state, self.state.slots
-        on = np.flatnonzero(slots.H[:, at.H_ON] > 0.0)
-        R, body, partner = slots.R[on], s.body[slots.own[on]], slots.partner[on]
+        on = np.flatnonzero(slots.histories.slip > 0.0)
+        R, owner, partner = slots.R[on], s.body[slots.own[on]], slots.partner[on]
         plate = partner < 0
         other = np.where(plate, np.maximum(partner, -2), s.order[s.body[np.where(plate, 0, partner)]])
-        tangential = R[:, at.R_T : at.R_T + 3]
-        size, limit = np.linalg.norm(tangential, axis=1), R[:, at.R_LIMIT]
+        tangential = R[:, record.TANGENTIAL_FORCE3]
+        size, limit = np.linalg.norm(tangential, axis=1), R[:, record.FRICTION_LIMIT]
         eta = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
         arrays = {
-            "points": s.B[body, at.B_X : at.B_X + 3] + R[:, at.R_POINT : at.R_POINT + 3],
-            "body": s.order[body],
+            "points": s.bodies.position[owner] + R[:, record.POINT3],
+            "body": s.order[owner],
             "partner": other,
-            "side": np.where(partner == -1, at.LOWER, np.where(plate, at.UPPER, at.DEBRIS)).astype(np.uint8),
-            "normal": R[:, at.R_N : at.R_N + 3],
-            "normal_force": R[:, at.R_FN],
+            "side": np.where(partner == -1, LOWER, np.where(plate, UPPER, DEBRIS)).astype(np.uint8),
+            "normal": R[:, record.NORMAL3],
+            "normal_force": R[:, record.NORMAL_FORCE],
             "tangential_force": tangential,
-            "force": R[:, [at.R_FN]] * R[:, at.R_N : at.R_N + 3] + tangential,
+            "force": R[:, [record.NORMAL_FORCE]] * R[:, record.NORMAL3] + tangential,
             "utilisation": eta,
-            "slip": slots.H[on, at.H_SLIP] - at.H_LEAST,
-            "overlap": R[:, at.R_OVERLAP],
-            "contact_radius": R[:, at.R_A],
-            "critical_slip": R[:, at.R_CRITICAL],
+            "slip": slots.histories.slip[on] - contact_state.CLOSED,
+            "overlap": R[:, record.OVERLAP],
+            "contact_radius": R[:, record.CONTACT_RADIUS],
+            "critical_slip": R[:, record.CRITICAL_SLIP],
         }
         if s.physics.moments:
-            moment = R[:, at.R_M : at.R_M + 3]
-            size, limit = np.linalg.norm(moment, axis=1), R[:, at.R_M_LIMIT]
+            moment = R[:, record.MOMENT3]
+            size, limit = np.linalg.norm(moment, axis=1), R[:, record.MOMENT_LIMIT]
             arrays["moment"] = moment
             arrays["rolling_utilisation"] = np.divide(size, limit, out=np.zeros_like(size), where=limit > 0.0)
         return arrays
@@ -97,14 +102,14 @@ class FrameMaker:
     def _clumps(self, labels: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
         s, B = self.state, self.state.B[self.given]
         arrays = {
-            "points": B[:, at.B_X : at.B_X + 3].copy(),
-            "quaternion": B[:, at.B_Q : at.B_Q + 4].copy(),
-            "velocity": B[:, at.B_V : at.B_V + 3].copy(),
-            "angular_velocity": B[:, at.B_W : at.B_W + 3].copy(),
-            "force": B[:, at.B_F : at.B_F + 3].copy(),
-            "torque": B[:, at.B_T : at.B_T + 3].copy(),
-            "friction_work": B[:, at.B_WORK].copy(),
-            "slip_distance": B[:, at.B_SLIP].copy(),
+            "points": B[:, body.POSITION3].copy(),
+            "quaternion": B[:, body.QUATERNION4].copy(),
+            "velocity": B[:, body.VELOCITY3].copy(),
+            "angular_velocity": B[:, body.SPIN3].copy(),
+            "force": B[:, body.FORCE3].copy(),
+            "torque": B[:, body.TORQUE3].copy(),
+            "friction_work": B[:, body.FRICTION_WORK].copy(),
+            "slip_distance": B[:, body.SLIP_DISTANCE].copy(),
             "utilisation": self._largest(contacts, contacts["utilisation"]),
             "contacts": self._count(contacts),
         }
@@ -150,7 +155,7 @@ class FrameMaker:
         upper, P = self.state.world.upper, self.state.P
         if upper is None:
             return np.nan
-        return float(P[-1, at.P_Z]) if upper.foundation is not None else float(np.mean(P[:, at.P_Z]))
+        return float(P[-1, patch.HEIGHT]) if upper.foundation is not None else float(np.mean(P[:, patch.HEIGHT]))
 
     def _displacement(self) -> float:
         """Displacement of the upper plate relative to the lower one along its first direction of motion, m; NaN without it.
@@ -166,7 +171,7 @@ class FrameMaker:
         change, self.impulses = now - self.impulses, now
         self.interval = float(change[0])
         if change[0] <= 0.0:
-            return A[at.A_UPPER : at.A_UPPER + 3].copy(), A[at.A_LOWER : at.A_LOWER + 3].copy()
+            return A[run_totals.UPPER_FORCE3].copy(), A[run_totals.LOWER_FORCE3].copy()
         return change[1:4] / change[0], change[4:7] / change[0]
 
     def _series(self, states: np.ndarray | None, contacts: dict[str, np.ndarray]) -> dict[str, Any]:
@@ -196,7 +201,7 @@ class FrameMaker:
 def impulses_of(state: State) -> np.ndarray:
     """Time, s, and the impulses of the debris on upper and lower plate since the start, N s: (7,)."""
     A = state.A
-    return np.concatenate([[A[at.A_TIME]], A[at.A_IMPULSE : at.A_IMPULSE + 3], A[at.A_IMPULSE_LOW : at.A_IMPULSE_LOW + 3]])
+    return np.concatenate([[A[run_totals.TIME]], A[run_totals.UPPER_IMPULSE3], A[run_totals.LOWER_IMPULSE3]])
 
 
 def _corners(state: State) -> np.ndarray | None:

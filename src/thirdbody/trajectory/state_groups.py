@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.kernels.layout import LOWER, UPPER
+from thirdbody.kernels.columns.sides import LOWER, UPPER
 from thirdbody.quantity import GLUE, percent, quantity_text
 from thirdbody.trajectory.validate import damage_as_fault
 

@@ -17,31 +17,8 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, put
-from thirdbody.kernels.layout import (
-    G_P,
-    G_U,
-    I_HISTORY,
-    I_SX,
-    I_SY,
-    I_VN,
-    I_VX,
-    I_VY,
-    J_RATE_X,
-    J_RATE_Y,
-    J_X,
-    J_Y,
-    O_HISTORY,
-    O_LOST,
-    O_POWER,
-    O_STORED_T,
-    O_WORK,
-    Q_VISCOUS_MX,
-    Q_VISCOUS_MY,
-    Q_VISCOUS_N,
-    Q_VISCOUS_X,
-    Q_VISCOUS_Y,
-    TILE,
-)
+from thirdbody.kernels.columns import geometry, law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.packed_triple import three_in_one, three_of
 
 
@@ -62,82 +39,129 @@ def book(n, force, moment, stored, n_history, I, O):  # noqa: E741
     moment -1: the scene has none.
     """
     for q in range(0, n, LANES):
-        work = work_of_mean(q, I_HISTORY + force, O_HISTORY + force, np.int64(I_SX), np.int64(I_SY), I, O)
-        taken = get(I, q + (I_HISTORY + stored) * TILE) - work
+        work = work_of_mean(
+            q, law_input.HISTORY + force, law_output.HISTORY + force, np.int64(law_input.SLIP_X), np.int64(law_input.SLIP_Y), I, O
+        )
+        taken = get(I, q + (law_input.HISTORY + stored) * TILE) - work
         if moment >= 0:
-            rotation = I_HISTORY + n_history
-            taken = taken - work_of_mean(q, I_HISTORY + moment, O_HISTORY + moment, rotation + J_X, rotation + J_Y, I, O)
-        taken = clamp_below(taken - get(O, q + O_STORED_T * TILE), 0.0)
-        put(O, q + O_WORK * TILE, get(O, q + O_WORK * TILE) + (taken - get(O, q + O_LOST * TILE)))
+            rotation = law_input.HISTORY + n_history
+            taken = taken - work_of_mean(
+                q,
+                law_input.HISTORY + moment,
+                law_output.HISTORY + moment,
+                rotation + rolling_input.TURN_X,
+                rotation + rolling_input.TURN_Y,
+                I,
+                O,
+            )
+        taken = clamp_below(taken - get(O, q + law_output.STORED_TANGENTIAL * TILE), 0.0)
+        put(
+            O,
+            q + law_output.DISSIPATED * TILE,
+            get(O, q + law_output.DISSIPATED * TILE) + (taken - get(O, q + law_output.FRICTION_LOSS * TILE)),
+        )
 
 
 @njit(**BARE)
 def book_opened(n, force, moment, stored, n_history, I, O):  # noqa: E741
-    """The same for n contacts that opened within the step: what they lost goes to O_WORK."""
+    """The same for n contacts that opened within the step: what they lost goes to law_output.DISSIPATED."""
     for q in range(n):
-        O[q + O_WORK * TILE] = O[q + O_LOST * TILE] = O[q + O_STORED_T * TILE] = 0.0
+        O[q + law_output.DISSIPATED * TILE] = O[q + law_output.FRICTION_LOSS * TILE] = O[
+            q + law_output.STORED_TANGENTIAL * TILE
+        ] = 0.0
         for k in range(2):
-            O[q + (O_HISTORY + force + k) * TILE] = 0.0
-            O[q + (O_HISTORY + max(moment, 0) + k) * TILE] = 0.0
+            O[q + (law_output.HISTORY + force + k) * TILE] = 0.0
+            O[q + (law_output.HISTORY + max(moment, 0) + k) * TILE] = 0.0
     book(n, force, moment, stored, n_history, I, O)
 
 
 @njit(**BARE_CHUNK)
 def load_dashpot_forces(n, place, moment, n_history, I):  # noqa: E741
     """Put the forces and, if any, the moments of the dashpots of n contacts in place of the velocities that they answered to."""
-    old = I[(I_HISTORY + place) * TILE :]
+    old = I[(law_input.HISTORY + place) * TILE :]
     for q in range(n):
         p = np.uint64(q)
-        I[p + I_VN * TILE], I[p + I_VX * TILE], I[p + I_VY * TILE] = three_of(old[p])
+        I[p + law_input.NORMAL_VELOCITY * TILE], I[p + law_input.VELOCITY_X * TILE], I[p + law_input.VELOCITY_Y * TILE] = (
+            three_of(old[p])
+        )
     if moment:
-        old, to = I[(I_HISTORY + place + 1) * TILE :], I[(I_HISTORY + n_history) * TILE :]
+        old, to = I[(law_input.HISTORY + place + 1) * TILE :], I[(law_input.HISTORY + n_history) * TILE :]
         for q in range(n):
             p = np.uint64(q)
-            to[p + J_RATE_X * TILE], to[p + J_RATE_Y * TILE], _ = three_of(old[p])
+            to[p + rolling_input.RATE_X * TILE], to[p + rolling_input.RATE_Y * TILE], _ = three_of(old[p])
 
 
 @njit(**BARE_CHUNK)
 def store_dashpot_forces(n, place, moment, n_history, O):  # noqa: E741
     """Put the forces and, if any, the moments of the dashpots of n contacts into the history."""
-    new, behind = O[(O_HISTORY + place) * TILE :], O[(O_HISTORY + n_history) * TILE :]
+    new, behind = O[(law_output.HISTORY + place) * TILE :], O[(law_output.HISTORY + n_history) * TILE :]
     for q in range(n):
         p = np.uint64(q)
-        x, y = behind[p + Q_VISCOUS_X * TILE], behind[p + Q_VISCOUS_Y * TILE]
-        new[p] = three_in_one(behind[p + Q_VISCOUS_N * TILE], x, y)
+        x, y = behind[p + rolling_output.VISCOUS_X * TILE], behind[p + rolling_output.VISCOUS_Y * TILE]
+        new[p] = three_in_one(behind[p + rolling_output.VISCOUS_NORMAL * TILE], x, y)
     if moment:
         for q in range(n):
             p = np.uint64(q)
-            x, y = behind[p + Q_VISCOUS_MX * TILE], behind[p + Q_VISCOUS_MY * TILE]
+            x, y = behind[p + rolling_output.VISCOUS_MOMENT_X * TILE], behind[p + rolling_output.VISCOUS_MOMENT_Y * TILE]
             new[p + TILE] = three_in_one(x, y, 0.0)
 
 
 @njit(**BARE_CHUNK)
 def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
-    """Put into O_POWER what the dashpots of n contacts take in the step, J, and remember their forces.
+    """Put into law_output.DASHPOT_POWER what the dashpots of n contacts take in the step, J, and remember their forces.
 
     `place`: of their force in the history, in one number (`three_in_one`); their moment, if any, is the number behind it.
     """
-    moment, behind, rotation, half = n_history >= place + 2, O_HISTORY + n_history, I_HISTORY + n_history, broadcast(0.5 * dt)
+    moment = n_history >= place + 2
+    behind = law_output.HISTORY + n_history
+    rotation = law_input.HISTORY + n_history
+    half = broadcast(0.5 * dt)
     load_dashpot_forces(n, place, moment, n_history, I)
     for q in range(0, n, LANES):
-        x, y, z = get(G, q + G_P * TILE), get(G, q + (G_P + 1) * TILE), get(G, q + (G_P + 2) * TILE)
-        apart = get(G, q + G_U * TILE) * x + get(G, q + (G_U + 1) * TILE) * y + get(G, q + (G_U + 2) * TILE) * z
-        work = half * (get(I, q + I_VN * TILE) + get(O, q + (behind + Q_VISCOUS_N) * TILE)) * apart
-        work = work + work_of_mean(q, np.int64(I_VX), behind + Q_VISCOUS_X, np.int64(I_SX), np.int64(I_SY), I, O)
+        x = get(G, q + geometry.MID_NORMAL * TILE)
+        y = get(G, q + (geometry.MID_NORMAL + 1) * TILE)
+        z = get(G, q + (geometry.MID_NORMAL + 2) * TILE)
+        apart = (
+            get(G, q + geometry.MID_VELOCITY * TILE) * x
+            + get(G, q + (geometry.MID_VELOCITY + 1) * TILE) * y
+            + get(G, q + (geometry.MID_VELOCITY + 2) * TILE) * z
+        )
+        work = (
+            half
+            * (get(I, q + law_input.NORMAL_VELOCITY * TILE) + get(O, q + (behind + rolling_output.VISCOUS_NORMAL) * TILE))
+            * apart
+        )
+        work = work + work_of_mean(
+            q,
+            np.int64(law_input.VELOCITY_X),
+            behind + rolling_output.VISCOUS_X,
+            np.int64(law_input.SLIP_X),
+            np.int64(law_input.SLIP_Y),
+            I,
+            O,
+        )
         if moment:
-            work = work + work_of_mean(q, rotation + J_RATE_X, behind + Q_VISCOUS_MX, rotation + J_X, rotation + J_Y, I, O)
-        put(O, q + O_POWER * TILE, clamp_below(broadcast(0.0) - work, 0.0))
+            work = work + work_of_mean(
+                q,
+                rotation + rolling_input.RATE_X,
+                behind + rolling_output.VISCOUS_MOMENT_X,
+                rotation + rolling_input.TURN_X,
+                rotation + rolling_input.TURN_Y,
+                I,
+                O,
+            )
+        put(O, q + law_output.DASHPOT_POWER * TILE, clamp_below(broadcast(0.0) - work, 0.0))
     store_dashpot_forces(n, place, moment, n_history, O)
 
 
 @njit(**BARE)
 def book_opened_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
     """Return what the dashpots of n contacts that opened within the step took in it, J."""
-    for h in range(Q_VISCOUS_N, Q_VISCOUS_MY + 1):
+    for h in range(rolling_output.VISCOUS_NORMAL, rolling_output.VISCOUS_MOMENT_Y + 1):
         for q in range(n):
-            O[q + (O_HISTORY + n_history + h) * TILE] = 0.0
+            O[q + (law_output.HISTORY + n_history + h) * TILE] = 0.0
     book_dashpots(n, place, n_history, dt, I, O, G)
     total = 0.0
     for q in range(n):
-        total += O[q + O_POWER * TILE]
+        total += O[q + law_output.DASHPOT_POWER * TILE]
     return total

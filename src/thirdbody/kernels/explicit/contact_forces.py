@@ -25,67 +25,26 @@ from thirdbody.jit.simd import (
     transpose,
     with_last,
 )
+from thirdbody.kernels.columns import (
+    body,
+    body_extra,
+    contact_sums,
+    geometry,
+    law_input,
+    law_output,
+    record,
+    rolling_input,
+    rolling_output,
+    sphere,
+)
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import SPARE, force_and_torques
 from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
 from thirdbody.kernels.explicit.contact_tiles import SHARE, end_contacts, gather_tile, store_remote_force
-from thirdbody.kernels.layout import (
-    B_F,
-    B_T,
-    E_PUSH,
-    G_ARM_I,
-    G_ARM_J,
-    G_COLS,
-    G_D,
-    G_E,
-    G_F,
-    G_N,
-    G_RI,
-    G_RJ,
-    G_TI,
-    G_TJ,
-    I_HISTORY,
-    I_OVERLAP,
-    I_RADIUS,
-    J_COLS,
-    O_A,
-    O_CRITICAL,
-    O_FN,
-    O_HISTORY,
-    O_LIMIT,
-    O_LOAD,
-    O_POWER,
-    O_SLIP,
-    O_STORED_N,
-    O_STORED_T,
-    O_TX,
-    O_TY,
-    O_WORK,
-    Q_COLS,
-    R_A,
-    R_CRITICAL,
-    R_CURVATURE,
-    R_CURVATURE_J,
-    R_EFFECTIVE,
-    R_FN,
-    R_LIMIT,
-    R_LOAD,
-    R_N,
-    R_OVERLAP,
-    R_POINT,
-    R_POINT_J,
-    R_STORED_N,
-    R_STORED_T,
-    R_T,
-    R_VI,
-    R_VJ,
-    S_O,
-    S_R,
-    S_V,
-    TILE,
-)
 from thirdbody.kernels.narrow_phase import compact_active, pair_overlaps, plate_overlaps
 from thirdbody.kernels.periodic import inverse
+from thirdbody.kernels.predicates import is_lower, is_sphere
 from thirdbody.kernels.rigid_body import arm_to_sphere
 from thirdbody.kernels.rolling_kinematics import MOMENTS, add_moments, record_rolling
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
@@ -101,24 +60,19 @@ filled up to whole vectors (a tile of 63 takes half as long again as one of 64);
 LARGEST = 1e300
 """N2: the square of no force."""
 
-# columns of `sums`, two rows per group: contacts with plates, and between spheres
-SUM_WORK, SUM_DAMPED, SUM_OVERLAP, SUM_SLOT, SUM_BAD, SUM_STORED_N, SUM_STORED_T = range(7)
-SUM_UP, SUM_LOW = 8, 12  # forces of the upper and of the lower plate, 3 each
-SUM_COLS = 16
-
 
 def scratch_sizes(n_history, longest):
     """Scratch of a thread for chunks of at most `longest` slots: numbers of floats and of marks; whole lines of the cache, since
     a vector of eight that lies across two takes twice the time."""
-    fields = I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS + G_COLS
+    fields = law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH + geometry.WIDTH
     return fields * TILE + longest + -longest % LINE, 2 * (longest + SPARE)
 
 
 @njit(**BARE)
 def add_force(b, B, force, torque):
     """Add a force and a torque, with friction work and slip behind them, to those on body b."""
-    store(B, b, B_F, load(B, b, B_F) + force)
-    store(B, b, B_T, load(B, b, B_T) + torque)
+    store(B, b, body.FORCE, load(B, b, body.FORCE) + force)
+    store(B, b, body.TORQUE, load(B, b, body.TORQUE) + torque)
 
 
 @njit(**BARE)
@@ -127,9 +81,9 @@ def scatter_plate_force(k, c, own, partner, body, S, B, E, sums, force, torque):
     i = np.uint64(own[k])
     b = np.uint64(body[i])
     add_force(b, B, force, torque + cross(arm_to_sphere(i, S), force))
-    low, alone = partner[k] == -1, with_last(force, broadcast(0.0))
-    total = np.int64(SUM_LOW) if low else np.int64(SUM_UP)
-    E[b, E_PUSH] += 0.0 if low else extract(force, 2)
+    low, alone = is_lower(partner[k]), with_last(force, broadcast(0.0))
+    total = np.int64(contact_sums.LOWER_FORCE) if low else np.int64(contact_sums.UPPER_FORCE)
+    E[b, body_extra.UPPER_PUSH] += 0.0 if low else extract(force, 2)
     store(sums, c, total, load(sums, c, total) + alone)
 
 
@@ -160,8 +114,8 @@ def four_rows(at, G, last):
 def scatter_plate_tile(n, c, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
     """The contacts with plates slots[first:first + n], a tile, act on their bodies; the sums of their forces into row c."""
     for q in range(0, n, 4):
-        work, slip = get(O, q + O_WORK * TILE), get(O, q + O_SLIP * TILE)
-        p, f, t = first + q, four_rows(q + G_F * TILE, G, work), four_rows(q + G_TI * TILE, G, slip)
+        work, slip = get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
+        p, f, t = first + q, four_rows(q + geometry.FORCE * TILE, G, work), four_rows(q + geometry.TORQUE * TILE, G, slip)
         scatter_plate_force(np.uint64(slots[p]), c, own, partner, body, S, B, E, sums, f[0], t[0])
         if q + 1 < n:
             scatter_plate_force(np.uint64(slots[p + 1]), c, own, partner, body, S, B, E, sums, f[1], t[1])
@@ -176,9 +130,9 @@ def scatter_pair_tile(n, slots, first, own, partner, body, outer, S, O, G, B, F)
     """The contacts between spheres slots[first:first + n], a tile, act on their bodies."""
     clumps = S.shape[0] != B.shape[0]
     for q in range(0, n, 4):
-        work, slip = broadcast(SHARE) * get(O, q + O_WORK * TILE), get(O, q + O_SLIP * TILE)
-        p, f = first + q, four_rows(q + G_F * TILE, G, work)
-        t, w = four_rows(q + G_TI * TILE, G, slip), four_rows(q + G_TJ * TILE, G, slip)
+        work, slip = broadcast(SHARE) * get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
+        p, f = first + q, four_rows(q + geometry.FORCE * TILE, G, work)
+        t, w = four_rows(q + geometry.TORQUE * TILE, G, slip), four_rows(q + geometry.PARTNER_TORQUE * TILE, G, slip)
         scatter_pair_force(np.uint64(slots[p]), own, partner, body, outer, clumps, S, B, F, f[0], t[0], w[0])
         if q + 1 < n:
             scatter_pair_force(np.uint64(slots[p + 1]), own, partner, body, outer, clumps, S, B, F, f[1], t[1], w[1])
@@ -202,13 +156,15 @@ def reduce_tile(m, slots, first, O, I, G, sums_of_tile):  # noqa: E741
     work, damped, deepest, slot, bad = sums_of_tile
     zero_padding(m, O, I, G)
     for q in range(0, m, LANES):
-        work, damped = work + get(O, q + O_WORK * TILE), damped + get(O, q + O_POWER * TILE)
-        r_i, r_j = get(G, q + G_RI * TILE), get(G, q + G_RJ * TILE)
+        work, damped = work + get(O, q + law_output.DISSIPATED * TILE), damped + get(O, q + law_output.DASHPOT_POWER * TILE)
+        r_i, r_j = get(G, q + geometry.RADIUS * TILE), get(G, q + geometry.PARTNER_RADIUS * TILE)
         if (
-            less_mask(broadcast(deepest) * select_greater(r_i, r_j, r_j, r_i), get(I, q + I_OVERLAP * TILE)) != 0
+            less_mask(broadcast(deepest) * select_greater(r_i, r_j, r_j, r_i), get(I, q + law_input.OVERLAP * TILE)) != 0
         ):  # few are the deepest
             deepest, slot = larger_overlap(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
-        x, y, z = get(G, q + G_F * TILE), get(G, q + (G_F + 1) * TILE), get(G, q + (G_F + 2) * TILE)
+        x = get(G, q + geometry.FORCE * TILE)
+        y = get(G, q + (geometry.FORCE + 1) * TILE)
+        z = get(G, q + (geometry.FORCE + 2) * TILE)
         if not all_below(x * x + y * y + z * z, LARGEST):
             bad = last_nonfinite(q, min(q + LANES, m), slots, first, G, bad)
     return work, damped, deepest, slot, bad
@@ -218,15 +174,15 @@ def reduce_tile(m, slots, first, O, I, G, sums_of_tile):  # noqa: E741
 def zero_padding(m, O, I, G):  # noqa: E741
     """Let the places behind m contacts, up to a multiple of four, add nothing to what is told of them."""
     for q in range(m, m + -m % LANES):
-        O[q + O_WORK * TILE] = O[q + O_POWER * TILE] = I[q + I_OVERLAP * TILE] = 0.0
-        G[q + G_F * TILE] = G[q + (G_F + 1) * TILE] = G[q + (G_F + 2) * TILE] = 0.0
+        O[q + law_output.DISSIPATED * TILE] = O[q + law_output.DASHPOT_POWER * TILE] = I[q + law_input.OVERLAP * TILE] = 0.0
+        G[q + geometry.FORCE * TILE] = G[q + (geometry.FORCE + 1) * TILE] = G[q + (geometry.FORCE + 2) * TILE] = 0.0
 
 
 @njit(**BARE_CHUNK)
 def larger_overlap(q, end, slots, first, I, G, deepest, slot):  # noqa: E741
     """The largest overlap over the smaller radius of the contacts in places q to `end` with its slot, or what there was."""
     for e in range(q, end):
-        ratio = I[e + I_OVERLAP * TILE] / min(G[e + G_RI * TILE], G[e + G_RJ * TILE])
+        ratio = I[e + law_input.OVERLAP * TILE] / min(G[e + geometry.RADIUS * TILE], G[e + geometry.PARTNER_RADIUS * TILE])
         deepest, slot = (ratio, np.int64(slots[first + e])) if ratio > deepest else (deepest, slot)
     return deepest, slot
 
@@ -235,7 +191,7 @@ def larger_overlap(q, end, slots, first, I, G, deepest, slot):  # noqa: E741
 def last_nonfinite(q, end, slots, first, G, bad):
     """The last of the slots in places q to `end` whose force is not a number (+ 1), or `bad`."""
     for e in range(q, end):
-        x, y, z = G[e + G_F * TILE], G[e + (G_F + 1) * TILE], G[e + (G_F + 2) * TILE]
+        x, y, z = G[e + geometry.FORCE * TILE], G[e + (geometry.FORCE + 1) * TILE], G[e + (geometry.FORCE + 2) * TILE]
         bad = bad if x * x + y * y + z * z < LARGEST else np.int64(slots[first + e]) + 1
     return bad
 
@@ -249,16 +205,17 @@ def sum_of_lanes(v):
 @njit(**BARE)
 def store_sums(c, lost, damped, sums_of_tile, sums):
     """Put what a chunk lost to friction and to dashpots where contacts opened, and what was `sums_of_tile` in it, into row c."""
-    work, taken, sums[c, SUM_OVERLAP], sums[c, SUM_SLOT], sums[c, SUM_BAD] = sums_of_tile
-    sums[c, SUM_WORK], sums[c, SUM_DAMPED] = lost + sum_of_lanes(work), damped + sum_of_lanes(taken)
+    work, taken, sums[c, contact_sums.MAX_OVERLAP], sums[c, contact_sums.SLOT], sums[c, contact_sums.BAD_SLOT] = sums_of_tile
+    sums[c, contact_sums.FRICTION_WORK] = lost + sum_of_lanes(work)
+    sums[c, contact_sums.DAMPING_WORK] = damped + sum_of_lanes(taken)
 
 
 @njit(**BARE_CHUNK)
 def add_elastic_energy(n, c, O, sums):  # noqa: E741
     """Add the elastic energy of n contacts, normal and tangential, to row c."""
     for q in range(n):
-        sums[c, SUM_STORED_N] += O[q + O_STORED_N * TILE]
-        sums[c, SUM_STORED_T] += O[q + O_STORED_T * TILE]
+        sums[c, contact_sums.STORED_NORMAL] += O[q + law_output.STORED_NORMAL * TILE]
+        sums[c, contact_sums.STORED_TANGENTIAL] += O[q + law_output.STORED_TANGENTIAL * TILE]
 
 
 @njit(**BARE)
@@ -268,28 +225,35 @@ def first_three(v):
 
 
 @njit(**BARE_CHUNK)
-def record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
+def write_record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
     """Everything that output and labels need of one contact, as the step computed it."""
     i, j = own[k], partner[k]
-    a_i, a_j = G[q + G_ARM_I * TILE], G[q + G_ARM_J * TILE]
-    t_1, t_2 = O[q + O_TX * TILE], O[q + O_TY * TILE]
-    n = (G[q + G_N * TILE], G[q + (G_N + 1) * TILE], G[q + (G_N + 2) * TILE])
+    a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
+    t_1, t_2 = O[q + law_output.TANGENTIAL_X * TILE], O[q + law_output.TANGENTIAL_Y * TILE]
+    n = (G[q + geometry.NORMAL * TILE], G[q + (geometry.NORMAL + 1) * TILE], G[q + (geometry.NORMAL + 2) * TILE])
     arm, arm_j = first_three(arm_to_sphere(i, S)), first_three(arm_to_sphere(max(j, 0), S))
     for d in range(3):
-        R[k, R_POINT + d] = arm[d] - a_i * n[d]
-        R[k, R_POINT_J + d] = arm_j[d] + a_j * n[d] if j >= 0 else 0.0
-        R[k, R_N + d] = n[d]
-        R[k, R_T + d] = t_1 * G[q + (G_E + d) * TILE] + t_2 * G[q + (G_D + d) * TILE]
-    R[k, R_CURVATURE], R[k, R_CURVATURE_J] = S[i, S_R], S[j, S_R] if j >= 0 else 0.0
-    R[k, R_A], R[k, R_OVERLAP] = O[q + O_A * TILE], I[q + I_OVERLAP * TILE]
-    R[k, R_FN], R[k, R_LOAD] = O[q + O_FN * TILE], O[q + O_LOAD * TILE]
-    R[k, R_LIMIT], R[k, R_CRITICAL] = O[q + O_LIMIT * TILE], O[q + O_CRITICAL * TILE]
-    R[k, R_STORED_N], R[k, R_STORED_T] = O[q + O_STORED_N * TILE], O[q + O_STORED_T * TILE]
-    R[k, R_EFFECTIVE] = I[q + I_RADIUS * TILE]
-    a = surface_velocity(S, i, np.int64(S_V), np.int64(S_O), -a_i * n[0], -a_i * n[1], -a_i * n[2])
-    b = partner_velocity(S, P, j, np.int64(S_V), np.int64(S_O), a_j * n[0], a_j * n[1], a_j * n[2], v_x, v_y)
-    R[k, R_VI], R[k, R_VI + 1], R[k, R_VI + 2] = a
-    R[k, R_VJ], R[k, R_VJ + 1], R[k, R_VJ + 2] = b
+        R[k, record.POINT + d] = arm[d] - a_i * n[d]
+        R[k, record.PARTNER_POINT + d] = arm_j[d] + a_j * n[d] if is_sphere(j) else 0.0
+        R[k, record.NORMAL + d] = n[d]
+        R[k, record.TANGENTIAL_FORCE + d] = (
+            t_1 * G[q + (geometry.AXIS + d) * TILE] + t_2 * G[q + (geometry.CROSS_AXIS + d) * TILE]
+        )
+    R[k, record.CURVATURE], R[k, record.PARTNER_CURVATURE] = S[i, sphere.RADIUS], S[j, sphere.RADIUS] if is_sphere(j) else 0.0
+    R[k, record.CONTACT_RADIUS] = O[q + law_output.CONTACT_RADIUS * TILE]
+    R[k, record.OVERLAP] = I[q + law_input.OVERLAP * TILE]
+    R[k, record.NORMAL_FORCE], R[k, record.LOAD] = O[q + law_output.NORMAL_FORCE * TILE], O[q + law_output.LOAD * TILE]
+    R[k, record.FRICTION_LIMIT] = O[q + law_output.FRICTION_LIMIT * TILE]
+    R[k, record.CRITICAL_SLIP] = O[q + law_output.CRITICAL_SLIP * TILE]
+    R[k, record.STORED_NORMAL] = O[q + law_output.STORED_NORMAL * TILE]
+    R[k, record.STORED_TANGENTIAL] = O[q + law_output.STORED_TANGENTIAL * TILE]
+    R[k, record.EFFECTIVE_RADIUS] = I[q + law_input.RADIUS * TILE]
+    a = surface_velocity(S, i, np.int64(sphere.END_VELOCITY), np.int64(sphere.END_SPIN), -a_i * n[0], -a_i * n[1], -a_i * n[2])
+    b = partner_velocity(
+        S, P, j, np.int64(sphere.END_VELOCITY), np.int64(sphere.END_SPIN), a_j * n[0], a_j * n[1], a_j * n[2], v_x, v_y
+    )
+    R[k, record.SURFACE_VELOCITY], R[k, record.SURFACE_VELOCITY + 1], R[k, record.SURFACE_VELOCITY + 2] = a
+    R[k, record.PARTNER_VELOCITY], R[k, record.PARTNER_VELOCITY + 1], R[k, record.PARTNER_VELOCITY + 2] = b
 
 
 @njit(**BARE_CHUNK)
@@ -299,8 +263,12 @@ def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body
 
     `flat`: all of them are with plates; else all are between spheres. `scratch`, `marks`: scratch (`scratch_sizes`).
     """
-    begin, end = (I_HISTORY + n_history + J_COLS) * TILE, (I_HISTORY + O_HISTORY + 2 * n_history + J_COLS + Q_COLS) * TILE
-    I, O, G, g = scratch[:begin], scratch[begin:end], scratch[end : end + G_COLS * TILE], scratch[end + G_COLS * TILE :]  # noqa: E741
+    begin = (law_input.HISTORY + n_history + rolling_input.WIDTH) * TILE
+    end = (law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH) * TILE
+    I = scratch[:begin]  # noqa: E741
+    O = scratch[begin:end]  # noqa: E741
+    G = scratch[end : end + geometry.WIDTH * TILE]  # noqa: E741
+    g = scratch[end + geometry.WIDTH * TILE :]  # noqa: E741
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
     c_x, c_y = inverse(l_x), inverse(l_y)
     if flat:
@@ -308,9 +276,9 @@ def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body
     else:
         pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g)
     m, o = compact_active(first, last, g, closed, slots, opened)
-    sums[c, SUM_STORED_N] = sums[c, SUM_STORED_T] = 0.0
-    store(sums, c, SUM_UP, broadcast(0.0))
-    store(sums, c, SUM_LOW, broadcast(0.0))
+    sums[c, contact_sums.STORED_NORMAL] = sums[c, contact_sums.STORED_TANGENTIAL] = 0.0
+    store(sums, c, contact_sums.UPPER_FORCE, broadcast(0.0))
+    store(sums, c, contact_sums.LOWER_FORCE, broadcast(0.0))
     lost, damped, sums_of_tile = 0.0, 0.0, empty_sums()
     for e in range(o, o + SPARE - 1 if o > 0 else o):
         opened[e] = opened[o - 1]  # so far it is looked ahead
@@ -392,7 +360,7 @@ def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body
         if observed:
             add_elastic_energy(count, c, O, sums)
             for q in range(count if R.shape[0] > 0 else 0):
-                record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)
+                write_record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)
                 if rolling == MOMENTS:
                     record_rolling(q, slots[t + q], O, G, R, n_history)
     store_sums(c, lost, damped, sums_of_tile, sums)

@@ -5,6 +5,8 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import broadcast, set4, store
+from thirdbody.kernels.columns import body, law_output, patch, remote_force
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import (
     gather_pair_contacts,
     gather_plate_contact,
@@ -13,8 +15,8 @@ from thirdbody.kernels.contact_geometry import (
     transport_frames,
 )
 from thirdbody.kernels.contact_history import reset_history
-from thirdbody.kernels.layout import B_WORK, F_F, F_T, O_WORK, P_V, TILE
 from thirdbody.kernels.periodic import inverse
+from thirdbody.kernels.predicates import is_plate, is_sphere, patch_of_partner
 from thirdbody.kernels.rolling_kinematics import gather_rolling
 
 SHARE = 0.5
@@ -24,8 +26,8 @@ SHARE = 0.5
 @njit(**BARE)
 def store_remote_force(f, force, torque, F):
     """Leave a force and a torque in row f for whoever sums the forces on the body."""
-    store(F, f, F_F, force)
-    store(F, f, F_T, torque)
+    store(F, f, remote_force.FORCE, force)
+    store(F, f, remote_force.TORQUE, torque)
 
 
 @njit(**BARE)
@@ -33,7 +35,7 @@ def gather_plate_contacts(n, slots, first, g, start, own, partner, kind, S, P, H
     """Put the contacts with plates, slots[first:first + n], into the first places; their overlaps stand in `g`."""
     for q in range(n):
         k = slots[first + q]
-        rise = P[max(-partner[k] - 2, 0), P_V]
+        rise = P[patch_of_partner(partner[k]), patch.VELOCITY]
         gather_plate_contact(q, k, g[k - start], own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history)
 
 
@@ -54,7 +56,7 @@ def gather_tile(n, slots, first, flat, g, start, own, partner, body, kind, S, B,
 
 
 @njit(**BARE)
-def end_contacts(o, opened, first, booked, stored, own, partner, body, outer, H, B, F, O):  # noqa: E741
+def end_contacts(o, opened, first, booked, stored, own, partner, body_of, outer, H, B, F, O):  # noqa: E741
     """Release the contacts opened[first:first + o] that were closed; returns what was lost, which stands in a tile if it is
     `booked` there, else in the history (`stored`: `memory.held`). One that opened a step ago has nothing left: what it handed to
     another group then must go."""
@@ -62,12 +64,12 @@ def end_contacts(o, opened, first, booked, stored, own, partner, body, outer, H,
     for e in range(o):
         k = np.int64(opened[first + e])
         saved = reset_history(k, stored, H)
-        lost = O[e + O_WORK * TILE] if booked else saved
+        lost = O[e + law_output.DISSIPATED * TILE] if booked else saved
         total += lost
-        fraction = lost if partner[k] < 0 else SHARE * lost
-        B[body[own[k]], B_WORK] += fraction
+        fraction = lost if is_plate(partner[k]) else SHARE * lost
+        B[body_of[own[k]], body.FRICTION_WORK] += fraction
         if outer[k] >= 0:
             store_remote_force(outer[k], set4(0.0, 0.0, 0.0, fraction), broadcast(0.0), F)
-        elif partner[k] >= 0:
-            B[body[partner[k]], B_WORK] += fraction
+        elif is_sphere(partner[k]):
+            B[body_of[partner[k]], body.FRICTION_WORK] += fraction
     return total

@@ -14,41 +14,14 @@ from numba import njit, types
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import broadcast, broadcast_lane, cross, extract, load, set4, store, transpose, with_last
-from thirdbody.kernels.layout import (
-    B_F,
-    B_MASS,
-    B_Q,
-    E_I,
-    I_HISTORY,
-    I_MASS,
-    I_OVERLAP,
-    I_RADIUS,
-    I_TYPE,
-    I_VN,
-    P_F,
-    P_FREE,
-    P_LOAD,
-    P_MASS,
-    P_SPRING,
-    P_V,
-    S_MASS,
-    S_R,
-    S_V,
-    S_X,
-    S_Y,
-    S_Z,
-    TILE,
-)
+from thirdbody.kernels.columns import body, body_extra, contact_stiffness, law_input, patch, sphere
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.periodic import image, inverse
+from thirdbody.kernels.predicates import is_sphere, is_upper, patch_of_partner
 from thirdbody.kernels.rigid_body import arm_to_sphere
 from thirdbody.kernels.rotation import matrix
 from thirdbody.kernels.signatures import LAW
-
-# a contact that counts: its normal, partner to owner; k_n - k_t, k_t, k_r; the same of the dashpots
-N_N, N_K, N_C = 0, 4, 8
-N_TWICE, N_PATCH = 7, 11  # 2 if the partner moves, too; the patch that it presses, -1: none
-N_COLS = 12
 
 SAFE = 1.0 + 1e-9
 """Factor on norms, so that rounding excludes no body, not even one that is as stiff as another."""
@@ -65,19 +38,19 @@ def stable_step(square, rate):
 
 
 @njit(**BARE)
-def approach(i, j, body, S, B, P, n_x, n_y, n_z, horizon):
+def approach(i, j, body_of, S, B, P, n_x, n_y, n_z, horizon):
     """How much deeper a contact can get within the horizon (s), from its speed and the forces of now; never negative."""
-    b = body[i]
-    v = S[i, S_V] * n_x + S[i, S_V + 1] * n_y + S[i, S_V + 2] * n_z
-    a = (B[b, B_F] * n_x + B[b, B_F + 1] * n_y + B[b, B_F + 2] * n_z) / S[i, S_MASS]
-    if j >= 0:
-        b = body[j]
-        v -= S[j, S_V] * n_x + S[j, S_V + 1] * n_y + S[j, S_V + 2] * n_z
-        a -= (B[b, B_F] * n_x + B[b, B_F + 1] * n_y + B[b, B_F + 2] * n_z) / S[j, S_MASS]
-    elif j < -1:
-        p = -j - 2
-        v -= P[p, P_V] * n_z
-        a -= P[p, P_FREE] * (P[p, P_F] - P[p, P_LOAD]) / P[p, P_MASS] * n_z
+    b = body_of[i]
+    v = S[i, sphere.END_VELOCITY] * n_x + S[i, sphere.END_VELOCITY + 1] * n_y + S[i, sphere.END_VELOCITY + 2] * n_z
+    a = (B[b, body.FORCE] * n_x + B[b, body.FORCE + 1] * n_y + B[b, body.FORCE + 2] * n_z) / S[i, sphere.MASS]
+    if is_sphere(j):
+        b = body_of[j]
+        v -= S[j, sphere.END_VELOCITY] * n_x + S[j, sphere.END_VELOCITY + 1] * n_y + S[j, sphere.END_VELOCITY + 2] * n_z
+        a -= (B[b, body.FORCE] * n_x + B[b, body.FORCE + 1] * n_y + B[b, body.FORCE + 2] * n_z) / S[j, sphere.MASS]
+    elif is_upper(j):
+        p = patch_of_partner(j)
+        v -= P[p, patch.VELOCITY] * n_z
+        a -= P[p, patch.FREE] * (P[p, patch.FORCE] - P[p, patch.LOAD]) / P[p, patch.MASS] * n_z
     # a contact that is being stopped is deepest when it stands still; no branch: nobody can foretell it
     stop = -v / a
     t = min(horizon, stop) if (a > 0.0) & (v < 0.0) else horizon
@@ -91,12 +64,12 @@ def store_stiffness(m, first, told, answer, P, rows, patches):
         r = first + t
         k_n, k_t, k_r = answer[t], answer[t + TILE], answer[t + 2 * TILE]
         c_n, c_t, c_r = answer[t + 3 * TILE], answer[t + 4 * TILE], answer[t + 5 * TILE]
-        twice, p = rows[r, N_TWICE], np.int64(rows[r, N_PATCH])
+        twice, p = rows[r, contact_stiffness.TWICE], np.int64(rows[r, contact_stiffness.PATCH])
         if p >= 0:
-            patches[p, 0] += 2.0 * k_n / P[p, P_MASS]
-            patches[p, 1] += 2.0 * c_n / P[p, P_MASS]
-        store(rows, r, np.int64(N_K), broadcast(twice) * set4(k_n - k_t, k_t, k_r, 0.0))
-        store(rows, r, np.int64(N_C), broadcast(twice) * set4(c_n - c_t, c_t, c_r, 0.0))
+            patches[p, 0] += 2.0 * k_n / P[p, patch.MASS]
+            patches[p, 1] += 2.0 * c_n / P[p, patch.MASS]
+        store(rows, r, np.int64(contact_stiffness.STIFFNESS), broadcast(twice) * set4(k_n - k_t, k_t, k_r, 0.0))
+        store(rows, r, np.int64(contact_stiffness.DAMPING), broadcast(twice) * set4(c_n - c_t, c_t, c_r, 0.0))
 
 
 @njit(**BARE_CHUNK)
@@ -108,9 +81,9 @@ def active_candidates(n_plates, n, own, partner, S, l_x, l_y, near, place):
     for p in range(n - n_plates):
         k = p + n_plates
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
-        d_x, d_y, d_z = S[i, S_X] - S[j, S_X], S[i, S_Y] - S[j, S_Y], S[i, S_Z] - S[j, S_Z]
+        d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
         d_x, d_y = image(d_x, l_x, c_x), image(d_y, l_y, c_y)
-        reach = S[i, S_R] + S[j, S_R]
+        reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
         near[m], place[k] = k, -1
         m += np.int64(d_x * d_x + d_y * d_y + d_z * d_z < reach * reach)
     return m
@@ -125,20 +98,28 @@ def find_contacts(n, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, h
         k = near[e]
         overlap, n_x, n_y, n_z = overlap_and_normal(k, own, partner, S, P, l_x, l_y)
         i, j = own[k], partner[k]
-        overlap = max(overlap, min(overlap + approach(i, j, body, S, B, P, n_x, n_y, n_z, horizon), limit * S[i, S_R]))
+        overlap = max(overlap, min(overlap + approach(i, j, body, S, B, P, n_x, n_y, n_z, horizon), limit * S[i, sphere.RADIUS]))
         if overlap > 0.0:
-            radius, mass, twice, patch = S[i, S_R], S[i, S_MASS], 1.0, -1.0
-            if j >= 0:
-                radius, mass = radius * S[j, S_R] / (radius + S[j, S_R]), mass * S[j, S_MASS] / (mass + S[j, S_MASS])
+            radius, mass, twice, pressed = S[i, sphere.RADIUS], S[i, sphere.MASS], 1.0, -1.0
+            if is_sphere(j):
+                radius, mass = (
+                    radius * S[j, sphere.RADIUS] / (radius + S[j, sphere.RADIUS]),
+                    mass * S[j, sphere.MASS] / (mass + S[j, sphere.MASS]),
+                )
                 twice = 2.0
-            elif j < -1 and P[-j - 2, P_FREE] != 0.0:
-                twice, patch = 2.0, float(-j - 2)
-            told[m + I_OVERLAP * TILE], told[m + I_RADIUS * TILE], told[m + I_MASS * TILE] = overlap, radius, mass
-            told[m + I_TYPE * TILE], told[m + I_VN * TILE] = kind[k], -1.0
+            elif is_upper(j) and P[patch_of_partner(j), patch.FREE] != 0.0:
+                twice, pressed = 2.0, float(patch_of_partner(j))
+            told[m + law_input.OVERLAP * TILE] = overlap
+            told[m + law_input.RADIUS * TILE] = radius
+            told[m + law_input.MASS * TILE] = mass
+            told[m + law_input.PAIR_TYPE * TILE], told[m + law_input.NORMAL_VELOCITY * TILE] = kind[k], -1.0
             r = first + m
             place[k] = r
-            rows[r, N_N], rows[r, N_N + 1], rows[r, N_N + 2], rows[r, N_N + 3] = n_x, n_y, n_z, 0.0
-            rows[r, N_TWICE], rows[r, N_PATCH] = twice, patch
+            rows[r, contact_stiffness.NORMAL] = n_x
+            rows[r, contact_stiffness.NORMAL + 1] = n_y
+            rows[r, contact_stiffness.NORMAL + 2] = n_z
+            rows[r, contact_stiffness.NORMAL + 3] = 0.0
+            rows[r, contact_stiffness.TWICE], rows[r, contact_stiffness.PATCH] = twice, pressed
             m += 1
         if m == TILE or (e == n - 1 and m > 0):
             stiffness(told, answer, m, pairs)
@@ -200,8 +181,13 @@ def assemble(b, own, partner, edges, incidence, place, near, rows, S):
     for e in range(m):
         k, back = np.uint64(near[e] >> 1), near[e] & 1
         i, r = np.uint64(partner[k] if back else own[k]), np.uint64(place[k])
-        g = contact_jacobian(load(rows, r, np.int64(N_N)), arm_to_sphere(i, S), S[i, S_R] * (2.0 * back - 1.0))
-        K, C = add_stiffness(K, load(rows, r, np.int64(N_K)), g), add_stiffness(C, load(rows, r, np.int64(N_C)), g)
+        g = contact_jacobian(
+            load(rows, r, np.int64(contact_stiffness.NORMAL)), arm_to_sphere(i, S), S[i, sphere.RADIUS] * (2.0 * back - 1.0)
+        )
+        K, C = (
+            add_stiffness(K, load(rows, r, np.int64(contact_stiffness.STIFFNESS)), g),
+            add_stiffness(C, load(rows, r, np.int64(contact_stiffness.DAMPING)), g),
+        )
     return K, C
 
 
@@ -240,8 +226,13 @@ def times(v, X):
 def frame(b, B, E):
     """Rows of the matrix that turns moments and turns of body b into its own axes and divides them by the roots of its moments of
     inertia."""
-    q = matrix(B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
-    i = set4(1.0 / math.sqrt(E[b, E_I]), 1.0 / math.sqrt(E[b, E_I + 1]), 1.0 / math.sqrt(E[b, E_I + 2]), 0.0)
+    q = matrix(B[b, body.QUATERNION], B[b, body.QUATERNION + 1], B[b, body.QUATERNION + 2], B[b, body.QUATERNION + 3])
+    i = set4(
+        1.0 / math.sqrt(E[b, body_extra.INERTIA]),
+        1.0 / math.sqrt(E[b, body_extra.INERTIA + 1]),
+        1.0 / math.sqrt(E[b, body_extra.INERTIA + 2]),
+        0.0,
+    )
     return set4(q[0], q[1], q[2], 0.0) * i, set4(q[3], q[4], q[5], 0.0) * i, set4(q[6], q[7], q[8], 0.0) * i
 
 
@@ -302,7 +293,7 @@ def candidate_bound(b, sums, B, E, scratch, m, number, bodies, shortest):
     """Row m of `bodies` for body b, if it can have the `shortest` steps, by frequency and by both; returns how many rows there
     are then, and the shortest steps."""
     by_frequency, by_both = shortest
-    X, mass, K, K_2, C, C_2 = frame(b, B, E), B[b, B_MASS], scratch[0], scratch[1], scratch[2], scratch[3]
+    X, mass, K, K_2, C, C_2 = frame(b, B, E), B[b, body.MASS], scratch[0], scratch[1], scratch[2], scratch[3]
     along, around = normalise(sums[0], mass, X, K)
     c_along, c_around = normalise(sums[1], mass, X, C)
     scale, c_scale = along + around, c_along + c_around
@@ -323,8 +314,8 @@ def patch_bounds(P, patches):
     """Add the springs to the stiffness of the patches, and write their steps."""
     plate = P.shape[0] - 1
     for p in range(plate):
-        patches[p, 0] += 2.0 * P[p, P_SPRING] / P[p, P_MASS]
-        patches[plate, 0] += 2.0 * P[p, P_SPRING] / P[plate, P_MASS] * P[plate, P_FREE]
+        patches[p, 0] += 2.0 * P[p, patch.SPRING] / P[p, patch.MASS]
+        patches[plate, 0] += 2.0 * P[p, patch.SPRING] / P[plate, patch.MASS] * P[plate, patch.FREE]
     for p in range(plate + 1):
         patches[p, 2], patches[p, 3] = stable_step(patches[p, 0], 0.0), stable_step(patches[p, 0], patches[p, 1])
 
@@ -339,7 +330,7 @@ STIFFNESS = types.int64(
 
 
 @njit(STIFFNESS, **DIRECT, **NO_COUNTS)
-def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body, S, B, E, P, pairs, l_x, l_y, horizon, limit,
+def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body_of, S, B, E, P, pairs, l_x, l_y, horizon, limit,
                    stiffness, patches, number, bodies, told, answer, rows, near, place, minimum, scratch):  # fmt: skip
     """The longest stable steps, all bounds from below, of the patches and of those bodies that may have the shortest.
 
@@ -352,14 +343,15 @@ def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body, S, B
     """
     law = stiffness_at(stiffness)
     m = active_candidates(n_plates, n, own, partner, S, l_x, l_y, near, place)
-    find_contacts(m, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, limit, law, patches, told, answer,
+    find_contacts(m, near, own, partner, kind, body_of, S, B, P, pairs, l_x, l_y, horizon, limit, law, patches, told, answer,
                   rows, place)  # fmt: skip
     patch_bounds(P, patches)
     first, by_frequency, by_both = (np.int64(0), np.int64(0)), np.inf, np.inf
     many = np.int64(B.shape[0]) if n > 0 else np.int64(0)
     for b in range(many):
         K, C = assemble(b, own, partner, edges, incidence, place, near, rows, S)
-        u, v = 1.0 / B[b, B_MASS], 1.0 / min(E[b, E_I], E[b, E_I + 1], E[b, E_I + 2])
+        u = 1.0 / B[b, body.MASS]
+        v = 1.0 / min(E[b, body_extra.INERTIA], E[b, body_extra.INERTIA + 1], E[b, body_extra.INERTIA + 2])
         maximum = eigenvalue_upper_bound(K, u, v)
         minimum[b, 0], minimum[b, 1] = stable_step(maximum, 0.0), stable_step(maximum, eigenvalue_upper_bound(C, u, v))
         if minimum[b, 0] < by_frequency:
@@ -383,7 +375,13 @@ def scratch(n_bodies, n_slots):
     """Room for `shortest_steps`, made here since each array made there would be compiled for 0.1 s: `number`, `bodies` and what
     follows. Only what is used is ever touched."""
     return (
-        np.empty(n_bodies, np.int64), np.empty((n_bodies, 4)), np.zeros((I_HISTORY + 1) * TILE), np.empty(6 * TILE),
-        np.empty((n_slots, N_COLS)), np.empty(n_slots + 1, np.int32), np.empty(n_slots, np.int32), np.empty((n_bodies, 2)),
+        np.empty(n_bodies, np.int64),
+        np.empty((n_bodies, 4)),
+        np.zeros((law_input.HISTORY + 1) * TILE),
+        np.empty(6 * TILE),
+        np.empty((n_slots, contact_stiffness.WIDTH)),
+        np.empty(n_slots + 1, np.int32),
+        np.empty(n_slots, np.int32),
+        np.empty((n_bodies, 2)),
         np.empty((4, 6, 8)),
-    )  # fmt: skip
+    )

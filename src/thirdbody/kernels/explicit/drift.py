@@ -13,34 +13,10 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import AHEAD, LINE, broadcast, load, prefetch, put, transpose
+from thirdbody.kernels.columns import body, body_extra, chunk_motion, drift_tile, sphere
 from thirdbody.kernels.explicit.drift_spheres import check_sphere_limits, drift_ball, empty_extrema
-from thirdbody.kernels.layout import (
-    B_BALL,
-    B_COLS,
-    B_F,
-    B_MASS,
-    B_Q,
-    B_T,
-    B_V,
-    B_W,
-    B_X,
-    E_ARM,
-    E_EF,
-    E_I,
-    E_L,
-    S_COLS,
-    S_O,
-    S_R,
-    S_V,
-    S_W,
-)
 from thirdbody.kernels.rigid_body import (
     BODIES,
-    MOVE_BAD,
-    MOVE_BODY,
-    MOVE_OUT,
-    MOVE_STEP,
-    MOVE_WAY,
     RESTING_MOMENTUM,
     RESTING_SPEED,
     check_position,
@@ -52,13 +28,6 @@ from thirdbody.kernels.rigid_body import (
     vector,
 )
 from thirdbody.kernels.rotation import free_rotation, matrix, spin
-
-# Z: fields of a chunk of bodies, stride BODIES: the columns of B, with what spheres are told in the places that it has in S; the
-# line of E that all scenes have; the matrix and the longest way
-Z_W, Z_END_V, Z_END_W = S_W, S_V, S_O
-Z_L, Z_ARM, Z_I = B_COLS + E_L, B_COLS + E_ARM, B_COLS + E_I
-Z_TURN, Z_WAY = 40, 49
-Z_COLS = 50
 
 
 @njit(**BARE)
@@ -98,37 +67,37 @@ def drift_tile(n, dt, left, Z):
     """
     half = 0.5 * dt
     for p in range(n):
-        kick = half / Z[p + B_MASS * BODIES]
-        f_x, f_y, f_z = three(Z, p + B_F * BODIES)
+        kick = half / Z[p + body.MASS * BODIES]
+        f_x, f_y, f_z = three(Z, p + body.FORCE * BODIES)
         change = kick * f_x, kick * f_y, kick * f_z
-        v_x, v_y, v_z = half_kick(three(Z, p + B_V * BODIES), left, change, RESTING_SPEED)
-        x, y, z = three(Z, p + B_X * BODIES)
+        v_x, v_y, v_z = half_kick(three(Z, p + body.VELOCITY * BODIES), left, change, RESTING_SPEED)
+        x, y, z = three(Z, p + body.POSITION * BODIES)
         x, y, z = x + dt * v_x, y + dt * v_y, z + dt * v_z
-        t_x, t_y, t_z = three(Z, p + B_T * BODIES)
+        t_x, t_y, t_z = three(Z, p + body.TORQUE * BODIES)
         rotation = half * t_x, half * t_y, half * t_z
-        momentum = half_kick(three(Z, p + Z_L * BODIES), left, rotation, RESTING_MOMENTUM)
-        inertia = three(Z, p + Z_I * BODIES)
-        at = p + B_Q * BODIES
+        momentum = half_kick(three(Z, p + drift_tile.ANGULAR_MOMENTUM * BODIES), left, rotation, RESTING_MOMENTUM)
+        inertia = three(Z, p + drift_tile.INERTIA * BODIES)
+        at = p + body.QUATERNION * BODIES
         old = (Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES])
         new = free_rotation(old, momentum, inertia, dt)
         w_0, w_1 = spin(old, momentum, inertia), spin(new, momentum, inertia)
         w = (0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2]))
         end = momentum[0] + rotation[0], momentum[1] + rotation[1], momentum[2] + rotation[2]
-        arm = Z[p + Z_ARM * BODIES]
-        put_three(Z, p + B_X * BODIES, x, y, z)
-        put_three(Z, p + B_V * BODIES, v_x, v_y, v_z)
-        put_three(Z, p + Z_L * BODIES, momentum[0], momentum[1], momentum[2])
+        arm = Z[p + drift_tile.REACH * BODIES]
+        put_three(Z, p + body.POSITION * BODIES, x, y, z)
+        put_three(Z, p + body.VELOCITY * BODIES, v_x, v_y, v_z)
+        put_three(Z, p + drift_tile.ANGULAR_MOMENTUM * BODIES, momentum[0], momentum[1], momentum[2])
         Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES] = new
-        put_three(Z, p + Z_W * BODIES, w[0], w[1], w[2])
+        put_three(Z, p + drift_tile.MID_SPIN * BODIES, w[0], w[1], w[2])
         w_end = spin(new, end, inertia)
-        put_three(Z, p + Z_END_W * BODIES, w_end[0], w_end[1], w_end[2])
-        put_three(Z, p + Z_END_V * BODIES, v_x + change[0], v_y + change[1], v_z + change[2])
+        put_three(Z, p + drift_tile.END_SPIN * BODIES, w_end[0], w_end[1], w_end[2])
+        put_three(Z, p + drift_tile.END_VELOCITY * BODIES, v_x + change[0], v_y + change[1], v_z + change[2])
         rotation = matrix(new[0], new[1], new[2], new[3])
-        put_three(Z, p + Z_TURN * BODIES, rotation[0], rotation[1], rotation[2])
-        put_three(Z, p + (Z_TURN + 3) * BODIES, rotation[3], rotation[4], rotation[5])
-        put_three(Z, p + (Z_TURN + 6) * BODIES, rotation[6], rotation[7], rotation[8])
+        put_three(Z, p + drift_tile.MATRIX * BODIES, rotation[0], rotation[1], rotation[2])
+        put_three(Z, p + (drift_tile.MATRIX + 3) * BODIES, rotation[3], rotation[4], rotation[5])
+        put_three(Z, p + (drift_tile.MATRIX + 6) * BODIES, rotation[6], rotation[7], rotation[8])
         fast = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z) + math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * arm
-        Z[p + Z_WAY * BODIES] = fast * dt
+        Z[p + drift_tile.PATH * BODIES] = fast * dt
 
 
 @njit(**BARE)
@@ -144,8 +113,8 @@ def check_limits(b, distance, share, x, limits, seen):
 @njit(**BARE)
 def reset_forces(b, B):
     """The contacts add up the forces on body b anew, but go on with its friction work and slip."""
-    store_three(B, b, np.int64(B_F), broadcast(0.0))
-    store_three(B, b, np.int64(B_T), broadcast(0.0))
+    store_three(B, b, np.int64(body.FORCE), broadcast(0.0))
+    store_three(B, b, np.int64(body.TORQUE), broadcast(0.0))
 
 
 @njit(**BARE)
@@ -162,34 +131,39 @@ def gather_columns(at, k, b, B, Z):
 def gather_bodies(p, staged, B, E, Z):
     """Put the four bodies staged[p:p + 4], which are no balls, into the places from p on."""
     b = np.uint64(staged[p]), np.uint64(staged[p + 1]), np.uint64(staged[p + 2]), np.uint64(staged[p + 3])
-    for k in range(B_X, B_W, 4):
+    for k in range(body.POSITION, body.SPIN, 4):
         gather_columns(p + k * BODIES, k, b, B, Z)
-    for k in range(B_F, B_COLS, 4):
+    for k in range(body.FORCE, body.WIDTH, 4):
         gather_columns(p + k * BODIES, k, b, B, Z)
-    for k in range(0, E_EF, 4):
-        gather_columns(p + (B_COLS + k) * BODIES, k, b, E, Z)
+    for k in range(0, body_extra.WIDTH_WITHOUT_EFFECTS, 4):
+        gather_columns(p + (body.WIDTH + k) * BODIES, k, b, E, Z)
 
 
 @njit(**BARE)
 def scatter_body(p, b, Z, B, E):
     """Take the motion of body b from place p of the chunk."""
     for k in range(3):
-        B[b, B_X + k], B[b, B_V + k] = Z[p + (B_X + k) * BODIES], Z[p + (B_V + k) * BODIES]
-        E[b, E_L + k] = Z[p + (Z_L + k) * BODIES]
+        B[b, body.POSITION + k] = Z[p + (body.POSITION + k) * BODIES]
+        B[b, body.VELOCITY + k] = Z[p + (body.VELOCITY + k) * BODIES]
+        E[b, body_extra.ANGULAR_MOMENTUM + k] = Z[p + (drift_tile.ANGULAR_MOMENTUM + k) * BODIES]
     for k in range(4):
-        B[b, B_Q + k] = Z[p + (B_Q + k) * BODIES]
+        B[b, body.QUATERNION + k] = Z[p + (body.QUATERNION + k) * BODIES]
     reset_forces(b, B)
 
 
 @njit(**BARE)
 def place_spheres(p, b, start, near, beginning, everything, offsets, S, Z, dt):
     """Place those of body b's spheres that can meet something (`near`), or `everything`, from place p of the chunk."""
-    rotation = columns((
-        *three(Z, p + Z_TURN * BODIES), *three(Z, p + (Z_TURN + 3) * BODIES), *three(Z, p + (Z_TURN + 6) * BODIES),
-    ))  # fmt: skip
-    x, v = vector(three(Z, p + B_X * BODIES)), vector(three(Z, p + B_V * BODIES))
-    w, w_end = vector(three(Z, p + Z_W * BODIES)), vector(three(Z, p + Z_END_W * BODIES))
-    v_end = vector(three(Z, p + Z_END_V * BODIES))
+    rotation = columns(
+        (
+            *three(Z, p + drift_tile.MATRIX * BODIES),
+            *three(Z, p + (drift_tile.MATRIX + 3) * BODIES),
+            *three(Z, p + (drift_tile.MATRIX + 6) * BODIES),
+        )
+    )
+    x, v = vector(three(Z, p + body.POSITION * BODIES)), vector(three(Z, p + body.VELOCITY * BODIES))
+    w, w_end = vector(three(Z, p + drift_tile.MID_SPIN * BODIES)), vector(three(Z, p + drift_tile.END_SPIN * BODIES))
+    v_end = vector(three(Z, p + drift_tile.END_VELOCITY * BODIES))
     begin = start[b] if everything else np.int64(beginning[b])
     end = start[b + 1] if everything else np.int64(beginning[b + 1])
     for e in range(begin, end):
@@ -201,10 +175,10 @@ def prefetch_body(b, start, S, B):
     """Ask for what the drift of body b will need, if it is a ball: a processor that sees where a table is read ahead of it does
     so within a page only, and a page is a dozen bodies."""
     s = np.uint64(start[b])
-    for line in range(0, B_COLS, LINE):
+    for line in range(0, body.WIDTH, LINE):
         prefetch(B, np.uint64(b), np.int64(line))
     if not is_aliased(S):
-        for line in range(0, S_COLS, LINE):
+        for line in range(0, sphere.WIDTH, LINE):
             prefetch(S, s, np.int64(line))
 
 
@@ -220,7 +194,7 @@ def drift_bodies(c, start, near, beginning, everything, offsets, S, B, E, D, dt,
     )  # not the literal 0, for which callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
         prefetch_body(min(b + AHEAD, B.shape[0] - 1), start, S, B)
-        if B[b, B_BALL] != 0.0:
+        if B[b, body.SPHERE_INERTIA] != 0.0:
             balls = drift_ball(b, start[b], S, B, dt, left, balls)
         else:
             staged[n] = b
@@ -233,10 +207,12 @@ def drift_bodies(c, start, near, beginning, everything, offsets, S, B, E, D, dt,
     for p in range(n):
         i = np.int64(staged[p])
         scatter_body(p, i, Z, B, E)
-        distance = Z[p + Z_WAY * BODIES]
-        seen = check_limits(i, distance, distance / S[start[i], S_R], load(B, i, B_X), limits, seen)
+        distance = Z[p + drift_tile.PATH * BODIES]
+        seen = check_limits(i, distance, distance / S[start[i], sphere.RADIUS], load(B, i, body.POSITION), limits, seen)
         place_spheres(p, i, start, near, beginning, everything, offsets, S, Z, dt)
-    longest, step, body, bad, out = seen
+    longest, step, body_number, bad, out = seen
     distance, fraction, ball, bad_ball, out_ball = check_sphere_limits(c, start, S, B, D, limits, dt, balls)
-    moves[c, MOVE_WAY], moves[c, MOVE_BAD], moves[c, MOVE_OUT] = max(distance, longest), max(bad, bad_ball), max(out, out_ball)
-    moves[c, MOVE_STEP], moves[c, MOVE_BODY] = (fraction, ball) if fraction > step else (step, body)
+    moves[c, chunk_motion.MAX_PATH] = max(distance, longest)
+    moves[c, chunk_motion.BAD_BODY] = max(bad, bad_ball)
+    moves[c, chunk_motion.LEFT_BODY] = max(out, out_ball)
+    moves[c, chunk_motion.MAX_TRAVEL], moves[c, chunk_motion.BODY] = (fraction, ball) if fraction > step else (step, body_number)

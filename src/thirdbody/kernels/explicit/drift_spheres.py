@@ -19,7 +19,7 @@ from thirdbody.jit.simd import (
     store,
     with_last,
 )
-from thirdbody.kernels.layout import B_BALL, B_F, B_Q, B_T, B_V, B_W, B_X, D_GUARD_TRAVEL, S_O, S_R, S_U, S_V, S_W, S_X
+from thirdbody.kernels.columns import body, domain, sphere
 from thirdbody.kernels.rigid_body import BODIES, FAR, RESTING_SPEED, RESTING_SPIN, check_position, is_aliased, store_three
 from thirdbody.kernels.rotation import rotate_small
 
@@ -28,26 +28,30 @@ from thirdbody.kernels.rotation import rotate_small
 def drift_ball(b, s, S, B, dt, left, seen):
     """Half kick and full drift of body b, which is sphere s, behind the last step's closing kick if it is `left` (1, else 0); and
     what was `seen` of balls (`empty_extrema`). The columns behind vectors stay what they are, and a ball has no arm."""
-    x, v, w, force, torque = load(B, b, B_X), load(B, b, B_V), load(B, b, B_W), load(B, b, B_F), load(B, b, B_T)
+    x = load(B, b, body.POSITION)
+    v = load(B, b, body.VELOCITY)
+    w = load(B, b, body.SPIN)
+    force = load(B, b, body.FORCE)
+    torque = load(B, b, body.TORQUE)
     none, again = broadcast(0.0), broadcast(left)
     fraction = broadcast(0.5 * dt) / set4(
-        extract(v, 3), extract(w, 3), S[s, S_R], 1.0
+        extract(v, 3), extract(w, 3), S[s, sphere.RADIUS], 1.0
     )  # over mass, inertia and radius, all at once
     change, rotation = broadcast_lane(fraction, 0) * with_last(force, none), broadcast_lane(fraction, 1) * with_last(torque, none)
     v, w = flush_below(v + again * change, RESTING_SPEED) + change, flush_below(w + again * rotation, RESTING_SPIN) + rotation
     x = with_last(x + broadcast(dt) * v, x)
-    store(B, b, B_X, x)
-    store(B, b, B_V, v)
-    store(B, b, B_W, w)
-    store(B, b, B_F, with_last(none, force))
-    store(B, b, B_T, with_last(none, torque))
-    store(B, b, B_Q, rotate_small(load(B, b, B_Q), broadcast(dt) * w))
+    store(B, b, body.POSITION, x)
+    store(B, b, body.VELOCITY, v)
+    store(B, b, body.SPIN, w)
+    store(B, b, body.FORCE, with_last(none, force))
+    store(B, b, body.TORQUE, with_last(none, torque))
+    store(B, b, body.QUATERNION, rotate_small(load(B, b, body.QUATERNION), broadcast(dt) * w))
     if not is_aliased(S):
-        store_three(S, s, np.int64(S_X), x)
-        store(S, s, S_U, v)
-        store(S, s, S_W, w)
-    store_three(S, s, np.int64(S_V), v + change)
-    store(S, s, S_O, w + rotation)
+        store_three(S, s, np.int64(sphere.POSITION), x)
+        store(S, s, sphere.MID_VELOCITY, v)
+        store(S, s, sphere.MID_SPIN, w)
+    store_three(S, s, np.int64(sphere.END_VELOCITY), v + change)
+    store(S, s, sphere.END_SPIN, w + rotation)
     square, (fastest, farthest, strange, low, high) = norm_squared(v), seen
     return (
         max(fastest, square), max(farthest, square * extract(fraction, 2) * extract(fraction, 2)), strange + none * x,
@@ -69,7 +73,7 @@ def check_sphere_limits(c, start, S, B, D, limits, dt, seen):
     distance, step = math.sqrt(fastest) * dt, 2.0 * math.sqrt(farthest)
     outside = less_mask(low, limits[0]) | less_mask(limits[1], high)
     there = all_below(high, FAR) & all_below(broadcast(0.0) - low, FAR) & all_below(strange, 1.0)
-    if (outside == 0) & there & (step <= D[D_GUARD_TRAVEL]):
+    if (outside == 0) & there & (step <= D[domain.TRAVEL_GUARD]):
         return distance, step, np.int64(0), np.int64(0), np.int64(0)
     body, bad, out = find_offender(c, start, S, B, dt, limits)
     return distance, step, body, bad, out
@@ -79,13 +83,13 @@ def check_sphere_limits(c, start, S, B, D, limits, dt, seen):
 def find_offender(c, start, S, B, dt, limits):
     """Of the balls of chunk c, which have drifted: the one with the longest way over its radius, the last that is not finite and
     the last that left the domain (+ 1; 0: none)."""
-    maximum, body, bad, out = -1.0, np.int64(0), np.int64(0), np.int64(0)
+    maximum, body_number, bad, out = -1.0, np.int64(0), np.int64(0), np.int64(0)
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
-        if B[b, B_BALL] != 0.0:
-            step = math.sqrt(norm_squared(load(B, b, B_V))) * dt / S[start[b], S_R]
-            bad, out = check_position(b, load(B, b, B_X), step, limits, bad, out)
-            maximum, body = (step, np.int64(b)) if step > maximum else (maximum, body)
-    return body, bad, out
+        if B[b, body.SPHERE_INERTIA] != 0.0:
+            step = math.sqrt(norm_squared(load(B, b, body.VELOCITY))) * dt / S[start[b], sphere.RADIUS]
+            bad, out = check_position(b, load(B, b, body.POSITION), step, limits, bad, out)
+            maximum, body_number = (step, np.int64(b)) if step > maximum else (maximum, body_number)
+    return body_number, bad, out
 
 
 @njit(**BARE)

@@ -5,23 +5,28 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import AHEAD, broadcast, broadcast_lane, extract, flush_below, load, prefetch, set4, store, with_last
+from thirdbody.kernels.columns import body, body_extra, chunk_motion, remote_force
 from thirdbody.kernels.explicit.contact_forces import add_force
-from thirdbody.kernels.layout import B_F, B_T, B_V, B_W, E_EF, E_ET, E_L, F_F, F_T  # fmt: skip
-from thirdbody.kernels.rigid_body import BODIES, GUESTS, MOVE_POWER, RESTING_MOMENTUM, RESTING_SPEED, RESTING_SPIN, spin_body
+from thirdbody.kernels.rigid_body import BODIES, GUESTS, RESTING_MOMENTUM, RESTING_SPEED, RESTING_SPIN, spin_body
 
 
 @njit(**BARE)
 def kick_body(b, B, E, force, torque, dt):
     """Half kick of body b by a force and a torque, fours whose last number is something else."""
-    v, w, half, none = load(B, b, B_V), load(B, b, B_W), 0.5 * dt, broadcast(0.0)
+    v, w, half, none = load(B, b, body.VELOCITY), load(B, b, body.SPIN), 0.5 * dt, broadcast(0.0)
     turning = extract(w, 3)  # the moment of inertia of a ball
     fraction = broadcast(half) / set4(extract(v, 3), turning, 1.0, 1.0)
     push, rotation = with_last(force, none), with_last(torque, none)
-    store(B, b, B_V, flush_below(v + broadcast_lane(fraction, 0) * push, RESTING_SPEED))
+    store(B, b, body.VELOCITY, flush_below(v + broadcast_lane(fraction, 0) * push, RESTING_SPEED))
     if turning != 0.0:
-        store(B, b, B_W, flush_below(w + broadcast_lane(fraction, 1) * rotation, RESTING_SPIN))
+        store(B, b, body.SPIN, flush_below(w + broadcast_lane(fraction, 1) * rotation, RESTING_SPIN))
     else:
-        store(E, b, E_L, flush_below(load(E, b, E_L) + broadcast(half) * rotation, RESTING_MOMENTUM))
+        store(
+            E,
+            b,
+            body_extra.ANGULAR_MOMENTUM,
+            flush_below(load(E, b, body_extra.ANGULAR_MOMENTUM) + broadcast(half) * rotation, RESTING_MOMENTUM),
+        )
 
 
 @njit(**BARE_CHUNK)
@@ -29,20 +34,23 @@ def body_effect_forces(c, first, last, B, E, dt, time, effects, effect_parameter
     """Body effects on the bodies of chunk c, which see velocities at the end of the step."""
     effects(B, E, first, last, time, dt, effect_parameters)
     for b in range(first, last):
-        kick_body(b, B, E, load(E, b, E_EF), load(E, b, E_ET), dt)
+        kick_body(b, B, E, load(E, b, body_extra.EFFECT_FORCE), load(E, b, body_extra.EFFECT_TORQUE), dt)
         spin_body(b, B, E)
         for k in range(3):
-            B[b, B_F + k] += E[b, E_EF + k]
-            B[b, B_T + k] += E[b, E_ET + k]
-            moves[c, MOVE_POWER] += E[b, E_EF + k] * B[b, B_V + k] + E[b, E_ET + k] * B[b, B_W + k]
+            B[b, body.FORCE + k] += E[b, body_extra.EFFECT_FORCE + k]
+            B[b, body.TORQUE + k] += E[b, body_extra.EFFECT_TORQUE + k]
+            moves[c, chunk_motion.EFFECT_POWER] += (
+                E[b, body_extra.EFFECT_FORCE + k] * B[b, body.VELOCITY + k]
+                + E[b, body_extra.EFFECT_TORQUE + k] * B[b, body.SPIN + k]
+            )
 
 
 @njit(**BARE)
 def add_remote_forces(first, last, guests, F, B):
     """Add what the contacts of other groups did to their partners, rows first to last of F, in that order."""
     for f in range(first, last):
-        prefetch(B, np.uint64(guests[min(f + AHEAD, last - 1)]), np.int64(B_F))
-        add_force(np.uint64(guests[f]), B, load(F, f, F_F), load(F, f, F_T))
+        prefetch(B, np.uint64(guests[min(f + AHEAD, last - 1)]), np.int64(body.FORCE))
+        add_force(np.uint64(guests[f]), B, load(F, f, remote_force.FORCE), load(F, f, remote_force.TORQUE))
 
 
 @njit(**BARE_CHUNK)
@@ -51,7 +59,7 @@ def gather_forces(c, cuts, guests, F, B, E, dt, time, effects, effect_parameters
     them: elsewhere the drift of the next step makes it, which has the forces at hand."""
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
     add_remote_forces(cuts[GUESTS, c], cuts[GUESTS, c + 1], guests, F, B)
-    moves[c, MOVE_POWER] = 0.0
+    moves[c, chunk_motion.EFFECT_POWER] = 0.0
     if has_effects or record:
         closing_kick(first, last, B, E, dt)
     if has_effects:
@@ -62,5 +70,5 @@ def gather_forces(c, cuts, guests, F, B, E, dt, time, effects, effect_parameters
 def closing_kick(first, last, B, E, dt):
     """Closing half kick of bodies, and their spins."""
     for b in range(first, last):
-        kick_body(b, B, E, load(B, b, B_F), load(B, b, B_T), dt)
+        kick_body(b, B, E, load(B, b, body.FORCE), load(B, b, body.TORQUE), dt)
         spin_body(b, B, E)

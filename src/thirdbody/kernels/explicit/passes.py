@@ -7,12 +7,12 @@ from numba import njit
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import NO_COUNTS, POINTED
 from thirdbody.jit.packed_arguments import make_unpacker
+from thirdbody.kernels.columns import domain
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.contact_forces import contact_forces as contact_chunk
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.gather_forces import gather_forces as gather_chunk
 from thirdbody.kernels.labeller_input import update_memory
-from thirdbody.kernels.layout import D_LX, D_LY
 from thirdbody.kernels.rigid_body import FLAT, PAIRED, reset_plate_forces
 from thirdbody.kernels.signatures import EARLY, EFFECTS, KINDS, LATE, LAW, LOOK, OBSERVE, SWEEP, WORK, Context
 
@@ -32,7 +32,12 @@ def work(task, part, begin, end, number, record, time, v_x, v_y, dt, left, conte
     """
     k = context_of(context)
     law, effects, observe = law_at(k.law), effects_at(k.effects), observe_at(k.observe)
-    l_x, l_y, drag, chunks = max(k.D[D_LX], 0.0), max(k.D[D_LY], 0.0), (k.drag[0], k.drag[1]), k.moves.shape[0]
+    l_x, l_y, drag, chunks = (
+        max(k.D[domain.LENGTH_X], 0.0),
+        max(k.D[domain.LENGTH_Y], 0.0),
+        (k.drag[0], k.drag[1]),
+        k.moves.shape[0],
+    )
     for g in range(begin, end):
         first, last, alone = g * GROUP, min((g + 1) * GROUP, chunks), k.lowest[g] >= begin
         requested = k.needs[g + 1] if task == SWEEP else k.needs[g] if task == EARLY and not alone else k.needs[g] - 1

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.layout import E_PUSH, P_DAMPING, P_F, P_FREE, P_LOAD, P_LOAD0, P_MASS, P_SPRING, P_V, P_Z, P_Z0
+from thirdbody.kernels.columns import body_extra, patch
 from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, value
 
 
@@ -14,8 +14,8 @@ def drive_patches(P, schedule, first, t, dt):
     if first[GAP + 1] == first[GAP]:
         return
     for p in range(P.shape[0]):
-        if P[p, P_SPRING] == 0.0 and P[p, P_FREE] == 0.0:
-            P[p, P_V] = mean_rate(schedule, first, np.int64(GAP), t, dt)
+        if P[p, patch.SPRING] == 0.0 and P[p, patch.FREE] == 0.0:
+            P[p, patch.VELOCITY] = mean_rate(schedule, first, np.int64(GAP), t, dt)
 
 
 @njit(**BARE)
@@ -25,8 +25,8 @@ def load_patches(P, schedule, first, t):
         return
     factor = value(schedule, first, np.int64(LOAD), t)
     for p in range(P.shape[0]):
-        if P[p, P_LOAD0] != 0.0:
-            P[p, P_LOAD] = factor * P[p, P_LOAD0]
+        if P[p, patch.NOMINAL_LOAD] != 0.0:
+            P[p, patch.LOAD] = factor * P[p, patch.NOMINAL_LOAD]
 
 
 @njit(**BARE)
@@ -34,45 +34,47 @@ def drift_patches(P, dt):
     """Half kick and drift of the patches of the upper body; returns the largest way since the last search, one step ahead."""
     far = 0.0
     for p in range(P.shape[0]):
-        if P[p, P_FREE] != 0.0:
-            force = P[p, P_F] - P[p, P_LOAD] - P[p, P_DAMPING] * P[p, P_V]
-            P[p, P_V] += 0.5 * dt / P[p, P_MASS] * force
-        P[p, P_Z] += dt * P[p, P_V]
-        far = max(far, abs(P[p, P_Z] - P[p, P_Z0]) + dt * abs(P[p, P_V]))
+        if P[p, patch.FREE] != 0.0:
+            force = P[p, patch.FORCE] - P[p, patch.LOAD] - P[p, patch.DAMPING] * P[p, patch.VELOCITY]
+            P[p, patch.VELOCITY] += 0.5 * dt / P[p, patch.MASS] * force
+        P[p, patch.HEIGHT] += dt * P[p, patch.VELOCITY]
+        far = max(far, abs(P[p, patch.HEIGHT] - P[p, patch.SEARCH_HEIGHT]) + dt * abs(P[p, patch.VELOCITY]))
     return far
 
 
 @njit(**BARE)
-def press_patches(P, E, patch, push):
+def press_patches(P, E, patch_of, push):
     """Upward forces: of the debris on its patches, of the springs on patches and plate, in the order of bodies and patches.
 
     `push`: that of all debris, which is all that a single patch needs.
     """
     plate = P.shape[0] - 1
     if plate == 0:
-        P[0, P_F] = push
+        P[0, patch.FORCE] = push
         return
     for p in range(P.shape[0]):
-        P[p, P_F] = 0.0
+        P[p, patch.FORCE] = 0.0
     for b in range(E.shape[0]):
-        P[patch[b], P_F] -= E[b, E_PUSH]
+        P[patch_of[b], patch.FORCE] -= E[b, body_extra.UPPER_PUSH]
     for p in range(plate):
-        spring = P[p, P_SPRING] * (P[p, P_Z] - P[plate, P_Z])
-        P[p, P_F] -= spring
-        P[plate, P_F] += spring
+        spring = P[p, patch.SPRING] * (P[p, patch.HEIGHT] - P[plate, patch.HEIGHT])
+        P[p, patch.FORCE] -= spring
+        P[plate, patch.FORCE] += spring
 
 
 @njit(**BARE)
-def kick_patches(P, E, patch, push, dt):
+def kick_patches(P, E, patch_of, push, dt):
     """Closing half kick of the patches (their dashpot implicit, so it cannot overshoot); returns powers of load and dashpot."""
-    press_patches(P, E, patch, push)
+    press_patches(P, E, patch_of, push)
     load, damping = 0.0, 0.0
     for p in range(P.shape[0]):
-        if P[p, P_FREE] != 0.0:
-            half = 0.5 * dt / P[p, P_MASS]
-            P[p, P_V] = (P[p, P_V] + half * (P[p, P_F] - P[p, P_LOAD])) / (1.0 + half * P[p, P_DAMPING])
-            load -= P[p, P_LOAD] * P[p, P_V]
-            damping += P[p, P_DAMPING] * P[p, P_V] * P[p, P_V]
+        if P[p, patch.FREE] != 0.0:
+            half = 0.5 * dt / P[p, patch.MASS]
+            P[p, patch.VELOCITY] = (P[p, patch.VELOCITY] + half * (P[p, patch.FORCE] - P[p, patch.LOAD])) / (
+                1.0 + half * P[p, patch.DAMPING]
+            )
+            load -= P[p, patch.LOAD] * P[p, patch.VELOCITY]
+            damping += P[p, patch.DAMPING] * P[p, patch.VELOCITY] * P[p, patch.VELOCITY]
     return load, damping
 
 
@@ -81,6 +83,6 @@ def patch_power(P):
     """Power that moves patches or a plate whose height is prescribed, W: minus the force on them times their velocity."""
     power = 0.0
     for p in range(P.shape[0]):
-        if P[p, P_FREE] == 0.0:
-            power -= P[p, P_F] * P[p, P_V]
+        if P[p, patch.FREE] == 0.0:
+            power -= P[p, patch.FORCE] * P[p, patch.VELOCITY]
     return power

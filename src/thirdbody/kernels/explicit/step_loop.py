@@ -11,46 +11,10 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK_OF_THREADS, DIRECT, NO
 from thirdbody.jit.packed_arguments import make_unpacker
 from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.kernels.clock import pass_time
-from thirdbody.kernels.explicit.contact_forces import (
-    SUM_BAD,
-    SUM_DAMPED,
-    SUM_LOW,
-    SUM_OVERLAP,
-    SUM_SLOT,
-    SUM_STORED_N,
-    SUM_STORED_T,
-    SUM_UP,
-    SUM_WORK,
-)
+from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, run_totals
 from thirdbody.kernels.explicit.gather_forces import closing_kick
 from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patches, kick_patches, load_patches, patch_power
-from thirdbody.kernels.layout import (
-    A_DAMPING,
-    A_DISTANCE,
-    A_DX,
-    A_DY,
-    A_EFFECTS,
-    A_ELAPSED,
-    A_FAR,
-    A_FRICTION,
-    A_IMPULSE,
-    A_IMPULSE_LOW,
-    A_LOWER,
-    A_PLATE_ABS,
-    A_PLATE_WORK,
-    A_POWER_EFFECTS,
-    A_POWER_LOAD,
-    A_POWER_PATCH,
-    A_STEPS,
-    A_STORED_N,
-    A_STORED_T,
-    A_TIME,
-    A_UPPER,
-    D_GUARD_OVERLAP,
-    D_GUARD_TRAVEL,
-    D_SKIN,
-)
-from thirdbody.kernels.rigid_body import MOVE_BAD, MOVE_BODY, MOVE_OUT, MOVE_POWER, MOVE_STEP, MOVE_WAY, largest_displacement
+from thirdbody.kernels.rigid_body import largest_displacement
 from thirdbody.kernels.schedule import X, Y, mean_rate
 from thirdbody.kernels.signatures import EARLY, KINDS, LATE, LOOK, WORK, Context
 
@@ -77,52 +41,54 @@ def update_ledger(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
     """
     work, damped = 0.0, 0.0
     for c in range(sums.shape[0]):
-        work += sums[c, SUM_WORK]
-        damped += sums[c, SUM_DAMPED]
+        work += sums[c, contact_sums.FRICTION_WORK]
+        damped += sums[c, contact_sums.DAMPING_WORK]
     upper, lower, effects = broadcast(0.0), broadcast(0.0), 0.0
     for c in range(sums.shape[0]):
-        upper, lower = upper - load(sums, c, SUM_UP), lower - load(sums, c, SUM_LOW)
+        upper, lower = upper - load(sums, c, contact_sums.UPPER_FORCE), lower - load(sums, c, contact_sums.LOWER_FORCE)
     for c in range(moves.shape[0]):
-        effects += moves[c, MOVE_POWER]
+        effects += moves[c, chunk_motion.EFFECT_POWER]
     half = 0.5 * dt
-    A[A_FRICTION] += work
-    A[A_DAMPING] += damped + half * (A[A_POWER_PATCH] + patch_damping)
-    A[A_EFFECTS] += half * (A[A_POWER_EFFECTS] + effects)
-    drag = -half * ((A[A_UPPER] + extract(upper, 0)) * v_x + (A[A_UPPER + 1] + extract(upper, 1)) * v_y)
-    plate = drag + half * (A[A_POWER_LOAD] + lifted)
-    A[A_PLATE_WORK] += plate
-    A[A_PLATE_ABS] += abs(plate)
+    A[run_totals.FRICTION_WORK] += work
+    A[run_totals.DAMPING_WORK] += damped + half * (A[run_totals.PATCH_POWER] + patch_damping)
+    A[run_totals.EFFECT_WORK] += half * (A[run_totals.EFFECT_POWER] + effects)
+    drag = -half * (
+        (A[run_totals.UPPER_FORCE] + extract(upper, 0)) * v_x + (A[run_totals.UPPER_FORCE + 1] + extract(upper, 1)) * v_y
+    )
+    plate = drag + half * (A[run_totals.LOAD_POWER] + lifted)
+    A[run_totals.PLATE_WORK] += plate
+    A[run_totals.PLATE_WORK_SIZE] += abs(plate)
     up, low = (extract(upper, 0), extract(upper, 1), extract(upper, 2)), (extract(lower, 0), extract(lower, 1), extract(lower, 2))
     for k in range(3):
-        A[A_IMPULSE + k] += half * (A[A_UPPER + k] + up[k])
-        A[A_IMPULSE_LOW + k] += half * (A[A_LOWER + k] + low[k])
-        A[A_UPPER + k], A[A_LOWER + k] = up[k], low[k]
-    A[A_POWER_PATCH], A[A_POWER_EFFECTS], A[A_POWER_LOAD] = patch_damping, effects, lifted
+        A[run_totals.UPPER_IMPULSE + k] += half * (A[run_totals.UPPER_FORCE + k] + up[k])
+        A[run_totals.LOWER_IMPULSE + k] += half * (A[run_totals.LOWER_FORCE + k] + low[k])
+        A[run_totals.UPPER_FORCE + k], A[run_totals.LOWER_FORCE + k] = up[k], low[k]
+    A[run_totals.PATCH_POWER], A[run_totals.EFFECT_POWER], A[run_totals.LOAD_POWER] = patch_damping, effects, lifted
     pass_time(A, dt, v_x, v_y)
     if record:
-        A[A_STORED_N] = A[A_STORED_T] = 0.0
+        A[run_totals.STORED_NORMAL] = A[run_totals.STORED_TANGENTIAL] = 0.0
         for c in range(sums.shape[0]):
-            A[A_STORED_N] += sums[c, SUM_STORED_N]
-            A[A_STORED_T] += sums[c, SUM_STORED_T]
+            A[run_totals.STORED_NORMAL] += sums[c, contact_sums.STORED_NORMAL]
+            A[run_totals.STORED_TANGENTIAL] += sums[c, contact_sums.STORED_TANGENTIAL]
 
 
 @njit(**BARE)
 def guard(D, sums, moves):
     """(code, number) of the first guard that trips, or (DONE, -1)."""
     for g in range(moves.shape[0]):
-        if moves[g, MOVE_BAD] > 0.0:
-            return BAD_BODY, np.int64(moves[g, MOVE_BAD]) - 1
+        if moves[g, chunk_motion.BAD_BODY] > 0.0:
+            return BAD_BODY, np.int64(moves[g, chunk_motion.BAD_BODY]) - 1
     for c in range(sums.shape[0]):
-        if sums[c, SUM_BAD] > 0.0:
-            return BAD_CONTACT, np.int64(sums[c, SUM_BAD]) - 1
+        if sums[c, contact_sums.BAD_SLOT] > 0.0:
+            return BAD_CONTACT, np.int64(sums[c, contact_sums.BAD_SLOT]) - 1
     for c in range(sums.shape[0]):
-        if sums[c, SUM_OVERLAP] > D[D_GUARD_OVERLAP]:
-            return OVERLAP, np.int64(sums[c, SUM_SLOT])
+        if sums[c, contact_sums.MAX_OVERLAP] > D[domain.OVERLAP_GUARD]:
+            return OVERLAP, np.int64(sums[c, contact_sums.SLOT])
     for g in range(moves.shape[0]):
-        if moves[g, MOVE_OUT] > 0.0:
-            return LEFT, np.int64(moves[g, MOVE_OUT]) - 1
-        if moves[g, MOVE_STEP] > D[D_GUARD_TRAVEL]:
-            return TRAVEL, np.int64(moves[g, MOVE_BODY])
+        if moves[g, chunk_motion.LEFT_BODY] > 0.0:
+            return LEFT, np.int64(moves[g, chunk_motion.LEFT_BODY]) - 1
+        if moves[g, chunk_motion.MAX_TRAVEL] > D[domain.TRAVEL_GUARD]:
+            return TRAVEL, np.int64(moves[g, chunk_motion.BODY])
     return DONE, -1
 
 
@@ -137,11 +103,11 @@ def rebuild_needed(A, X0, B, E, moves, far_patch, skin):
     """Whether a search must come before the next step. How far the bodies are is measured only where it could matter."""
     distance = 0.0
     for c in range(moves.shape[0]):
-        distance = max(distance, moves[c, MOVE_WAY])
-    A[A_FAR] += distance
-    if skin_exhausted(A[A_FAR], distance, far_patch, skin):
-        A[A_FAR] = largest_displacement(X0, B, E)
-        return skin_exhausted(A[A_FAR], distance, far_patch, skin)
+        distance = max(distance, moves[c, chunk_motion.MAX_PATH])
+    A[run_totals.MAX_DISPLACEMENT] += distance
+    if skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, far_patch, skin):
+        A[run_totals.MAX_DISPLACEMENT] = largest_displacement(X0, B, E)
+        return skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, far_patch, skin)
     return False
 
 
@@ -150,7 +116,7 @@ def patch_forces(sums):
     """Upward force of all debris on the upper plate, N."""
     push = 0.0
     for c in range(sums.shape[0]):
-        push -= sums[c, SUM_UP + 2]
+        push -= sums[c, contact_sums.UPPER_FORCE + 2]
     return push
 
 
@@ -182,16 +148,16 @@ def run(budget, until, distance, dt, threads, context, X0, patch, schedule, firs
     k.moved[:] = 0
     left = 0.0
     for step in range(budget):
-        v_x = mean_rate(schedule, first, np.int64(X), A[A_TIME], dt)
-        v_y = mean_rate(schedule, first, np.int64(Y), A[A_TIME], dt)
+        v_x = mean_rate(schedule, first, np.int64(X), A[run_totals.TIME], dt)
+        v_y = mean_rate(schedule, first, np.int64(Y), A[run_totals.TIME], dt)
         speed = (v_x * v_x + v_y * v_y) ** 0.5
-        last = A[A_TIME] + NEARLY * dt >= until or A[A_DISTANCE] + NEARLY * speed * dt >= distance
+        last = A[run_totals.TIME] + NEARLY * dt >= until or A[run_totals.DISTANCE] + NEARLY * speed * dt >= distance
         if last and k.R.shape[0] < k.own.shape[0]:
             return RECORD, -1, left
-        sampled = labels and (np.int64(A[A_STEPS]) + 1) % stride == 0
+        sampled = labels and (np.int64(A[run_totals.STEPS]) + 1) % stride == 0
         record = sampled or last or step == budget - 1
-        time = A[A_TIME] + dt
-        drive_patches(P, schedule, first, A[A_TIME], dt)
+        time = A[run_totals.TIME] + dt
+        drive_patches(P, schedule, first, A[run_totals.TIME], dt)
         far_patch = drift_patches(P, dt)
         for task in range(EARLY, LOOK + 1):
             if task == LOOK:
@@ -209,11 +175,11 @@ def run(budget, until, distance, dt, threads, context, X0, patch, schedule, firs
                           work)  # fmt: skip
         left = 0.0 if record or k.has_effects != 0 else 1.0
         if sampled:
-            A[A_ELAPSED], A[A_DX], A[A_DY] = 0.0, 0.0, 0.0
+            A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
         code, who = guard(D, sums, moves)
         if code != DONE:
             return code, who, left
-        due = rebuild_needed(A, X0, k.B, k.E, moves, far_patch, D[D_SKIN])
+        due = rebuild_needed(A, X0, k.B, k.E, moves, far_patch, D[domain.SKIN])
         if last:
             return DONE, np.int64(due), left
         if due:

@@ -16,19 +16,32 @@ import numpy as np
 from numba import njit, prange, types
 
 from thirdbody.jit.options import CHUNK, INNER, OPTIONS
-from thirdbody.kernels.explicit.contact_forces import SUM_COLS
+from thirdbody.kernels.columns import (
+    body,
+    contact_sums,
+    contact_tangent,
+    geometry,
+    law_input,
+    law_output,
+    observed_body,
+    patch,
+    rolling_input,
+    rolling_output,
+    run_totals,
+    step_contacts,
+    step_memory,
+    step_settings,
+    step_start,
+)
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.friction_work import LEAST, work_error
 from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton
-from thirdbody.kernels.implicit.residual import E_COLS, FREEDOMS, TURN, Z_ARM, Z_COLS, Z_PLATE, Z_PLATE_RISE, save_start
+from thirdbody.kernels.implicit.residual import FREEDOMS, TURN, save_start
 from thirdbody.kernels.implicit.step_control import (
     GOING,
     NEARLY,
     TOO_MANY,
     UNSOLVED,
-    V_DEEP,
-    V_INERTIAL,
-    V_SHORTEST,
-    V_WORK,
     accept_step,
     advance_clock,
     bdf2_weights,
@@ -47,29 +60,6 @@ from thirdbody.kernels.implicit.step_control import (
     update_labeller,
 )
 from thirdbody.kernels.implicit.step_limits import lands, why_cut
-from thirdbody.kernels.layout import (
-    A_TIME,
-    B_MASS,
-    G_COLS,
-    I_HISTORY,
-    J_COLS,
-    K_ROLLING_COLS,
-    O_COLS,
-    O_HISTORY,
-    P_FREE,
-    P_LOAD,
-    P_LOAD0,
-    P_SPRING,
-    P_Z,
-    Q_COLS,
-    T_CODE,
-    T_DT,
-    T_ITERATIONS,
-    T_LAST,
-    T_SLOT,
-    T_TRIES,
-    TILE,
-)
 from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, segment, value, value_of
 from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
 
@@ -80,13 +70,25 @@ BODIES = 8
 @njit(**CHUNK)
 def workspace(n_history, width, maximum):
     """The group `work`."""
-    tile = np.empty((I_HISTORY + n_history + J_COLS) * TILE)
-    answer = np.empty((O_HISTORY + n_history + Q_COLS) * TILE)
+    tile = np.empty((law_input.HISTORY + n_history + rolling_input.WIDTH) * TILE)
+    answer = np.empty((law_output.HISTORY + n_history + rolling_output.WIDTH) * TILE)
     return (
-        tile, answer, np.empty(K_ROLLING_COLS * TILE), np.empty(G_COLS * TILE), np.zeros(TILE, np.int64), np.zeros(maximum),
-        np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.empty((FREEDOMS, FREEDOMS)),
-        np.zeros(E_COLS), np.zeros((1, SUM_COLS)), np.zeros(O_COLS), np.empty((maximum, width)),
-    )  # fmt: skip
+        tile,
+        answer,
+        np.empty(contact_tangent.ROLLING_WIDTH * TILE),
+        np.empty(geometry.WIDTH * TILE),
+        np.zeros(TILE, np.int64),
+        np.zeros(maximum),
+        np.zeros(FREEDOMS),
+        np.zeros(FREEDOMS),
+        np.zeros(FREEDOMS),
+        np.zeros(FREEDOMS),
+        np.empty((FREEDOMS, FREEDOMS)),
+        np.zeros(step_contacts.WIDTH),
+        np.zeros((1, contact_sums.WIDTH)),
+        np.zeros(observed_body.WIDTH),
+        np.empty((maximum, width)),
+    )
 
 
 @njit(**INNER)
@@ -94,17 +96,17 @@ def prescribed_rise(p, P, t, dt, schedule, first, Z):
     """Rise of the patch over the step if its height is prescribed; notes the height of the plate that it is sprung to."""
     driven = first[GAP + 1] > first[GAP]
     rise = mean_rate(schedule, first, np.int64(GAP), t, dt) * dt if driven else 0.0
-    if P[p, P_SPRING] != 0.0:
-        Z[Z_PLATE] = value(schedule, first, np.int64(GAP), t + dt) if driven else P[P.shape[0] - 1, P_Z]
-        Z[Z_PLATE_RISE] = rise
-    return 0.0 if P[p, P_FREE] != 0.0 else rise
+    if P[p, patch.SPRING] != 0.0:
+        Z[step_start.PLATE_HEIGHT] = value(schedule, first, np.int64(GAP), t + dt) if driven else P[P.shape[0] - 1, patch.HEIGHT]
+        Z[step_start.PLATE_RISE] = rise
+    return 0.0 if P[p, patch.FREE] != 0.0 else rise
 
 
 @njit(**INNER)
 def scheduled_load(p, P, t, dt, schedule, first):
     """The load of the patch at the end of a step that passes no corner, if a schedule changes it."""
-    if first[LOAD + 1] > first[LOAD] and P[p, P_LOAD0] != 0.0:
-        P[p, P_LOAD] = P[p, P_LOAD0] * value_of(schedule, segment(schedule, first, np.int64(LOAD), t), t + dt)
+    if first[LOAD + 1] > first[LOAD] and P[p, patch.NOMINAL_LOAD] != 0.0:
+        P[p, patch.LOAD] = P[p, patch.NOMINAL_LOAD] * value_of(schedule, segment(schedule, first, np.int64(LOAD), t), t + dt)
 
 
 @njit(**INNER)
@@ -114,62 +116,48 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
     (_, B, P, _, _, _), y, diagnostics = state, work[6], work[11]
     save_start(b, p, shape, state, Z)
     gaps(b, spots, state, work[5])
-    time = W[A_TIME]
+    time = W[run_totals.TIME]
     end = next_breakpoint(time, schedule, first, until)
-    if end - time < V[V_SHORTEST]:
+    if end - time < V[step_settings.SHORTEST]:
         # a stop that misses a corner by rounding: no step is that short
-        W[A_TIME], T[T_LAST] = end, 0.0
+        W[run_totals.TIME], T[step_memory.LAST_DT] = end, 0.0
         return
-    (dt, limit), requested_dt, cuts = next_length(T, W, V, schedule, first, end), T[T_DT], 0
+    (dt, limit), requested_dt, cuts = next_length(T, W, V, schedule, first, end), T[step_memory.NEXT_DT], 0
     while True:
         whole = dt >= NEARLY * (end - time)
         dt = end - time if whole else dt
         v_x, v_y = plate_velocity(schedule, first, time, dt)
-        bdf2_weights(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, B[b, B_MASS], T, Z, V)
+        bdf2_weights(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, B[b, body.MASS], T, Z, V)
         scheduled_load(p, P, time, dt, schedule, first)
         predict(p, y, dt, Z, P, prescribed_rise(p, P, time, dt, schedule, first, Z))
+        deep, inertial, at_end = V[step_settings.DEEP], V[step_settings.INERTIAL], time + dt
         how, m, iterations = newton(
-            b,
-            p,
-            dt,
-            V[V_DEEP],
-            time + dt,
-            V[V_INERTIAL],
-            v_x,
-            v_y,
-            spots,
-            shape,
-            state,
-            known,
-            work,
-            Z,
-            T,
-            law,
-            tangents,
-            effects,
+            b, p, dt, deep, at_end, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects
         )
-        T[T_TRIES] += 1.0
-        T[T_ITERATIONS] += iterations
+        T[step_memory.TRIES] += 1.0
+        T[step_memory.ITERATIONS] += iterations
         error, rotation = local_error(b, p, dt, Z, T, B, P, diagnostics, V), rotation_of(y, Z)
-        if how == FOUND and V[V_INERTIAL] != 0.0 and dt > LEAST * V[V_SHORTEST]:
-            error = max(error, work_error(b, m, dt, v_x, v_y, V[V_WORK], Z[Z_ARM], spots, state, known, work, T))
+        if how == FOUND and V[step_settings.INERTIAL] != 0.0 and dt > LEAST * V[step_settings.SHORTEST]:
+            error = max(
+                error, work_error(b, m, dt, v_x, v_y, V[step_settings.WORK], Z[step_start.ARM], spots, state, known, work, T)
+            )
         if how == FOUND and error <= 1.0 and rotation <= TURN:
             break
         cuts += 1
         limit = why_cut(lands(b, m, spots, work), how == FOUND, error, rotation)
         dt *= reduction_factor(how == FOUND, error, rotation)
-        if how == CROWDED or dt < V[V_SHORTEST]:
-            T[T_CODE] = TOO_MANY if how == CROWDED else UNSOLVED
+        if how == CROWDED or dt < V[step_settings.SHORTEST]:
+            T[step_memory.CODE] = TOO_MANY if how == CROWDED else UNSOLVED
             reject_step(b, p, Z, T, shape, state)
             return
     accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, False)
     advance_clock(W, dt, end, whole, v_x, v_y)
     if whole and is_breakpoint(time, end, schedule, first):
-        T[T_LAST] = 0.0  # what was learnt before a corner says nothing
+        T[step_memory.LAST_DT] = 0.0  # what was learnt before a corner says nothing
     next_dt(T, W, V, dt, requested_dt, error, iterations, cuts, limit)
     if known[6]:
         update_labeller(b, spots, state, M, W, known, drag, observe, work[13], work[14])
-    T[T_CODE], T[T_SLOT] = guard_code(b, diagnostics, B, D)
+    T[step_memory.CODE], T[step_memory.SLOT] = guard_code(b, diagnostics, B, D)
 
 
 @njit(**CHUNK)
@@ -197,11 +185,11 @@ def advance_chunk(
     observe,
 ):
     """The bodies from low to high, one after the other, in one workspace."""
-    work, Z, patch = workspace(known[2], known[4], maximum), np.zeros(Z_COLS), shape[2]
+    work, Z, patch = workspace(known[2], known[4], maximum), np.zeros(step_start.WIDTH), shape[2]
     for b in range(low, high):
         T, W = memory[b], totals[b]
-        last = T[T_TRIES] + tries
-        while T[T_CODE] == GOING and W[A_TIME] < until and T[T_TRIES] < last:
+        last = T[step_memory.TRIES] + tries
+        while T[step_memory.CODE] == GOING and W[run_totals.TIME] < until and T[step_memory.TRIES] < last:
             step(b, patch[b], until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents,
                  effects, observe)  # fmt: skip
 
@@ -248,7 +236,7 @@ def advance_bodies(
     """Bring the bodies from `low` to `high` (excluded) to the time `until`, each by steps of its own.
 
     A body that has tried its last step of this call (`tries`) waits for the next one, which goes on with the same bits. A body
-    that was stopped carries its code in `memory` (T_CODE) and stays at the end of its last step.
+    that was stopped carries its code in `memory` (step_memory.CODE) and stays at the end of its last step.
     """
     for c in prange((high - low + BODIES - 1) // BODIES):
         begin_at = low + c * BODIES

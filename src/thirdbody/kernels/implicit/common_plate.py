@@ -11,14 +11,24 @@ import math
 from numba import njit, prange, types
 
 from thirdbody.jit.options import CHUNK, INNER, OPTIONS
+from thirdbody.kernels.columns import (
+    body,
+    body_solution,
+    geometry,
+    law_output,
+    patch,
+    run_totals,
+    step_memory,
+    step_settings,
+    step_start,
+)
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bdf2 import KNOWN, SHAPE, SPOTS, STATE, workspace
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton, solve_linear
-from thirdbody.kernels.implicit.residual import Z_NOW, Z_PLATE, Z_PLATE_RISE, active_contacts, save_start, set_configuration
+from thirdbody.kernels.implicit.residual import active_contacts, save_start, set_configuration
 from thirdbody.kernels.implicit.residual import residual as balance
 from thirdbody.kernels.implicit.step_control import (
-    V_DEEP,
-    V_INERTIAL,
     accept_step,
     advance_clock,
     bdf2_weights,
@@ -34,27 +44,23 @@ from thirdbody.kernels.implicit.step_control import (
     update_labeller,
 )
 from thirdbody.kernels.implicit.step_limits import lands
-from thirdbody.kernels.layout import A_TIME, B_MASS, G_N, O_FN, P_SPRING, P_Z, T_CODE, T_ITERATIONS, T_SLOT, T_TRIES, TILE
+from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
 
 BODIES = 8
 """Bodies per chunk."""
 
-# what `solve_bodies` tells of every body
-(H_FOUND, H_PUSH, H_SLOPE, H_ERROR, H_TURN, H_ITERATIONS, H_CROWDED, H_LANDS) = range(8)
-H_COLS = 8
-
 
 @njit(**INNER)
 def plate_reaction(p, m, spots, P, work, Z):
     """Force of the body on the plate, upwards, N: through its patch's spring, or of its spots where the patch is the plate."""
-    if P[p, P_SPRING] != 0.0:
-        return P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
+    if P[p, patch.SPRING] != 0.0:
+        return P[p, patch.SPRING] * (P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
     partner, O, G, slots = spots[1], work[1], work[3], work[4]  # noqa: E741
     push = 0.0
     for q in range(m):
-        if partner[slots[q]] < -1:
-            push -= O[O_FN * TILE + q] * G[q + (G_N + 2) * TILE]
+        if is_upper(partner[slots[q]]):
+            push -= O[law_output.NORMAL_FORCE * TILE + q] * G[q + (geometry.NORMAL + 2) * TILE]
     return push
 
 
@@ -63,7 +69,7 @@ def plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents):
     """How that force changes with the rise of the plate while the body stays in balance, N/m."""
     P, x, J = state[2], work[8], work[10]
     assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, True, J)
-    spring = P[p, P_SPRING]
+    spring = P[p, patch.SPRING]
     if spring != 0.0:
         for k in range(7):
             x[k] = spring if k == 6 else 0.0
@@ -106,14 +112,14 @@ def solve_chunk(
     effects,
 ):
     """The bodies from low to high for this rise of the plate; see `solve_bodies`."""
-    work, patch, P, edges = workspace(known[2], known[4], maximum), shape[2], state[2], spots[3]
+    work, patch_of, P, edges = workspace(known[2], known[4], maximum), shape[2], state[2], spots[3]
     y, before = work[6], work[5]
     for b in range(low, high):
-        p, Z, T, W = patch[b], starts[b], memory[b], totals[b]
+        p, Z, T, W = patch_of[b], starts[b], memory[b], totals[b]
         if first_iteration:
             save_start(b, p, shape, state, Z)
             gaps(b, spots, state, before)
-            bdf2_weights(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, state[1][b, B_MASS], T, Z, V)
+            bdf2_weights(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, state[1][b, body.MASS], T, Z, V)
             predict(p, y, dt, Z, P, rise)
             for e in range(edges[b], edges[b + 1]):
                 initial_gap[e] = before[e - edges[b]]
@@ -122,25 +128,26 @@ def solve_chunk(
                 before[e - edges[b]] = initial_gap[e]
             for k in range(7):
                 y[k] = ends[b, k]
-        if P[p, P_SPRING] == 0.0:
+        if P[p, patch.SPRING] == 0.0:
             y[6] = rise
-        Z[Z_PLATE], Z[Z_PLATE_RISE] = plate + rise, rise
+        Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_RISE] = plate + rise, rise
+        deep, inertial, at_end = V[step_settings.DEEP], V[step_settings.INERTIAL], W[run_totals.TIME] + dt
         how, m, iterations = newton(
-            b, p, dt, V[V_DEEP], W[A_TIME] + dt, V[V_INERTIAL], v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents,
-            effects,
-        )  # fmt: skip
-        T[T_TRIES] += 1.0
-        T[T_ITERATIONS] += iterations
-        diagnostics[b, H_FOUND], diagnostics[b, H_CROWDED] = (1.0 if how == FOUND else 0.0), (1.0 if how == CROWDED else 0.0)
-        diagnostics[b, H_LANDS] = 1.0 if lands(b, m, spots, work) else 0.0
+            b, p, dt, deep, at_end, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects
+        )
+        T[step_memory.TRIES] += 1.0
+        T[step_memory.ITERATIONS] += iterations
+        diagnostics[b, body_solution.FOUND] = 1.0 if how == FOUND else 0.0
+        diagnostics[b, body_solution.CROWDED] = 1.0 if how == CROWDED else 0.0
+        diagnostics[b, body_solution.LANDS] = 1.0 if lands(b, m, spots, work) else 0.0
         for k in range(7):
             ends[b, k] = y[k]
         if how != FOUND:
             continue
-        diagnostics[b, H_PUSH] = plate_reaction(p, m, spots, P, work, Z)
-        diagnostics[b, H_SLOPE] = plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents)
-        diagnostics[b, H_ERROR] = local_error(b, p, dt, Z, T, state[1], P, work[11], V)
-        diagnostics[b, H_TURN], diagnostics[b, H_ITERATIONS] = rotation_of(y, Z), iterations
+        diagnostics[b, body_solution.PUSH] = plate_reaction(p, m, spots, P, work, Z)
+        diagnostics[b, body_solution.SLOPE] = plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents)
+        diagnostics[b, body_solution.ERROR] = local_error(b, p, dt, Z, T, state[1], P, work[11], V)
+        diagnostics[b, body_solution.TURN], diagnostics[b, body_solution.ITERATIONS] = rotation_of(y, Z), iterations
 
 
 @njit(**CHUNK)
@@ -183,13 +190,31 @@ def accept_chunk(
         for e in range(edges[b], edges[b + 1]):
             before[e - edges[b]] = initial_gap[e]
         set_configuration(b, p, y, dt, Z, T, shape, state)
-        m = active_contacts(b, dt, Z[Z_NOW] / dt, v_x, v_y, spots, shape, state, known, work)
-        balance(b, p, m, y, dt, W[A_TIME] + dt, V[V_INERTIAL], spots, state, known, work, Z, T, law, effects, r, diagnostics)
+        m = active_contacts(b, dt, Z[step_start.NOW] / dt, v_x, v_y, spots, shape, state, known, work)
+        balance(
+            b,
+            p,
+            m,
+            y,
+            dt,
+            W[run_totals.TIME] + dt,
+            V[step_settings.INERTIAL],
+            spots,
+            state,
+            known,
+            work,
+            Z,
+            T,
+            law,
+            effects,
+            r,
+            diagnostics,
+        )
         accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, True)
         advance_clock(W, dt, end, whole, v_x, v_y)
         if saved:
             update_labeller(b, spots, state, M, W, known, drag, observe, work[13], work[14])
-        T[T_CODE], T[T_SLOT] = guard_code(b, diagnostics, state[1], D)
+        T[step_memory.CODE], T[step_memory.SLOT] = guard_code(b, diagnostics, state[1], D)
 
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
@@ -232,7 +257,7 @@ def solve_bodies(
 ):
     """Ends of a step of all bodies, for a plate that starts at the height `plate` and rises by `rise`.
 
-    `first_iteration`: the step begins now; else the search goes on from the ends found before. `diagnostics` (n, H_COLS) gets
+    `first_iteration`: the step begins now; else the search goes on from the ends found before. `diagnostics` (n, body_solution.WIDTH) gets
     what is found.
     """
     n = totals.shape[0]

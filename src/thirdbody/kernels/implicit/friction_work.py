@@ -10,33 +10,10 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import INNER
-from thirdbody.kernels.layout import (
-    B_MASS,
-    B_V,
-    B_W,
-    B_WORK,
-    H_E,
-    H_LAW,
-    H_ON,
-    I_HISTORY,
-    I_OVERLAP,
-    I_SX,
-    I_SY,
-    O_CRITICAL,
-    O_FN,
-    O_HISTORY,
-    O_LIMIT,
-    O_LOST,
-    O_STORED_T,
-    O_TX,
-    O_TY,
-    S_R,
-    S_U,
-    S_W,
-    T_ENERGY,
-    TILE,
-)
+from thirdbody.kernels.columns import body, contact_state, law_input, law_output, sphere, step_memory
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.narrow_phase import overlap_and_normal
+from thirdbody.kernels.predicates import is_closed, is_upper
 
 FLOOR = 0.02
 """Friction work, in parts of limit times critical displacement of all spots, below which its error is no longer judged by the
@@ -61,7 +38,9 @@ def weight_of_old(m, dt, last, power, work):
     forces jump. `power`: of the dashpots of m staged spots, W."""
     I, O, taken = work[0], work[1], 0.0  # noqa: E741
     for q in range(m):
-        taken += abs(O[O_TX * TILE + q] * I[I_SX * TILE + q]) + abs(O[O_TY * TILE + q] * I[I_SY * TILE + q])
+        taken += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + abs(
+            O[law_output.TANGENTIAL_Y * TILE + q] * I[law_input.SLIP_Y * TILE + q]
+        )
     return 0.5 if last > 0.0 or power * dt <= CALM * taken else 0.0
 
 
@@ -73,11 +52,14 @@ def dragged_off(k, before, dt, v_x, v_y, spots, state, force):
     """
     own, partner = spots[0], spots[1]
     S, P, H = state[0], state[2], state[3]
-    i, up = own[k], 1.0 if partner[k] < -1 else 0.0
-    n, r = 1.0 - 2.0 * up, S[i, S_R]
-    x = S[i, S_U] - r * n * S[i, S_W + 1] - up * v_x
-    y = S[i, S_U + 1] + r * n * S[i, S_W] - up * v_y
-    f_1, f_2, e_x, e_y = H[k, H_LAW + force], H[k, H_LAW + force + 1], H[k, H_E], H[k, H_E + 1]
+    i, up = own[k], 1.0 if is_upper(partner[k]) else 0.0
+    n, r = 1.0 - 2.0 * up, S[i, sphere.RADIUS]
+    x = S[i, sphere.MID_VELOCITY] - r * n * S[i, sphere.MID_SPIN + 1] - up * v_x
+    y = S[i, sphere.MID_VELOCITY + 1] + r * n * S[i, sphere.MID_SPIN] - up * v_y
+    f_1 = H[k, contact_state.LAW + force]
+    f_2 = H[k, contact_state.LAW + force + 1]
+    e_x = H[k, contact_state.AXIS]
+    e_y = H[k, contact_state.AXIS + 1]
     fraction = before / max(before - overlap_and_normal(k, own, partner, S, P, 0.0, 0.0)[0], 1e-300)
     return -0.5 * fraction * dt * ((f_1 * e_x - f_2 * n * e_y) * x + (f_1 * e_y + f_2 * n * e_x) * y)
 
@@ -87,8 +69,8 @@ def energy_of_spots(m, I, O):  # noqa: E741
     """Limit times critical displacement of m staged spots, J; where friction is large, normal force times overlap."""
     total = 0.0
     for q in range(m):
-        pressed = abs(O[q + O_FN * TILE]) * I[q + I_OVERLAP * TILE]
-        total += min(O[q + O_LIMIT * TILE] * O[q + O_CRITICAL * TILE], pressed)
+        pressed = abs(O[q + law_output.NORMAL_FORCE * TILE]) * I[q + law_input.OVERLAP * TILE]
+        total += min(O[q + law_output.FRICTION_LIMIT * TILE] * O[q + law_output.CRITICAL_SLIP * TILE], pressed)
     return total
 
 
@@ -99,13 +81,16 @@ def differing(m, force, stored, before, b, spots, work):
     first, I, O, slots = spots[3][b], work[0], work[1], work[4]  # noqa: E741
     total = 0.0
     for q in range(m):
-        old, new = (I_HISTORY + force) * TILE + q, (O_HISTORY + force) * TILE + q
-        s_x, s_y = I[q + I_SX * TILE], I[q + I_SY * TILE]
+        old, new = (law_input.HISTORY + force) * TILE + q, (law_output.HISTORY + force) * TILE + q
+        s_x, s_y = I[q + law_input.SLIP_X * TILE], I[q + law_input.SLIP_Y * TILE]
         taken = (I[old] + O[new]) * s_x + (I[old + TILE] + O[new + TILE]) * s_y
-        lost = I[(I_HISTORY + stored) * TILE + q] - 0.5 * taken - O[q + O_STORED_T * TILE]
-        slip = min(math.sqrt(s_x * s_x + s_y * s_y), O[q + O_CRITICAL * TILE])
-        fraction = math.sqrt(max(before[slots[q] - first], 0.0) / I[q + I_OVERLAP * TILE])
-        total += abs(lost - O[q + O_LOST * TILE]) + GROWN * min(abs(1.0 - fraction), 1.0) * O[q + O_LIMIT * TILE] * slip
+        lost = I[(law_input.HISTORY + stored) * TILE + q] - 0.5 * taken - O[q + law_output.STORED_TANGENTIAL * TILE]
+        slip = min(math.sqrt(s_x * s_x + s_y * s_y), O[q + law_output.CRITICAL_SLIP * TILE])
+        fraction = math.sqrt(max(before[slots[q] - first], 0.0) / I[q + law_input.OVERLAP * TILE])
+        total += (
+            abs(lost - O[q + law_output.FRICTION_LOSS * TILE])
+            + GROWN * min(abs(1.0 - fraction), 1.0) * O[q + law_output.FRICTION_LIMIT * TILE] * slip
+        )
     return total
 
 
@@ -114,14 +99,14 @@ def kinetic(b, B, arm):
     """About the kinetic energy of body b, J; `arm`: that of the body."""
     total = 0.0
     for k in range(3):
-        total += B[b, B_V + k] ** 2 + (arm * B[b, B_W + k]) ** 2
-    return 0.5 * B[b, B_MASS] * total
+        total += B[b, body.VELOCITY + k] ** 2 + (arm * B[b, body.SPIN + k]) ** 2
+    return 0.5 * B[b, body.MASS] * total
 
 
 @njit(**INNER)
 def work_error(b, m, dt, v_x, v_y, allowed, arm, spots, state, known, work, T):
     """Error of the friction work of the step over what is `allowed`, a part of the energies in play: the body's friction work so
-    far, its kinetic energy, and a share of what its spots can hold (the largest seen, T_ENERGY, J)."""
+    far, its kinetic energy, and a share of what its spots can hold (the largest seen, step_memory.MAX_ENERGY, J)."""
     force, edges, incidence, B, H = known[8], spots[3], spots[4], state[1], state[3]
     O, slots, before = work[1], work[4], work[5]  # noqa: E741
     if force < 0:
@@ -131,7 +116,7 @@ def work_error(b, m, dt, v_x, v_y, allowed, arm, spots, state, known, work, T):
         k = incidence[e] >> 1
         if q < m and slots[q] == k:
             q += 1
-        elif H[k, H_ON] != 0.0:
+        elif is_closed(k, H):
             error += abs(dragged_off(k, before[e - edges[b]], dt, v_x, v_y, spots, state, force))
-    held = max(T[T_ENERGY], energy_of_spots(m, work[0], O))
-    return error / max(allowed * (B[b, B_WORK] + FLOOR * (held + kinetic(b, B, arm))), 1e-300)
+    held = max(T[step_memory.MAX_ENERGY], energy_of_spots(m, work[0], O))
+    return error / max(allowed * (B[b, body.FRICTION_WORK] + FLOOR * (held + kinetic(b, B, arm))), 1e-300)

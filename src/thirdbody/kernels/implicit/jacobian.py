@@ -3,34 +3,10 @@
 from numba import njit
 
 from thirdbody.jit.options import INNER
-from thirdbody.kernels.implicit.residual import FREEDOMS, Z_ARM, Z_MASS, Z_NOW, Z_PULL, inertia_of
-from thirdbody.kernels.layout import (
-    B_MASS,
-    G_ARM_I,
-    G_D,
-    G_E,
-    G_N,
-    I_OVERLAP,
-    I_SX,
-    I_SY,
-    K_NORMAL,
-    K_ROLL,
-    K_XD,
-    K_XX,
-    K_XY,
-    K_YD,
-    K_YX,
-    K_YY,
-    O_FN,
-    O_TX,
-    O_TY,
-    P_DAMPING,
-    P_FREE,
-    P_MASS,
-    P_SPRING,
-    S_ARM,
-    TILE,
-)
+from thirdbody.kernels.columns import body, contact_tangent, geometry, law_input, law_output, patch, sphere, step_start
+from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.implicit.residual import FREEDOMS, inertia_of
+from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rolling_kinematics import MOMENTS
 
 
@@ -50,12 +26,12 @@ def assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, coupl
             J[i, j] = 0.0
     for q in range(m):
         add_contact_stiffness(q, slots[q], before[slots[q] - edges[b]], own, partner, S, I, O, K, G, rolling, J)
-    arm = 1.0 / Z[Z_ARM]
+    arm = 1.0 / Z[step_start.ARM]
     xx, yy, zz, xy, xz, yz = inertia_of(b, B, E)
-    rate = Z[Z_NOW] / dt
-    square = Z[Z_MASS] * rate * rate
+    rate = Z[step_start.NOW] / dt
+    square = Z[step_start.MASS_SHARE] * rate * rate
     for k in range(3):
-        J[k, k] -= B[b, B_MASS] * square
+        J[k, k] -= B[b, body.MASS] * square
     J[3, 3] -= xx * square
     J[4, 4] -= yy * square
     J[5, 5] -= zz * square
@@ -72,39 +48,47 @@ def assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, coupl
         for j in range(FREEDOMS):
             J[k, j] *= arm
     for k in range(6):
-        J[k, k] -= Z[Z_PULL]
-    if P[p, P_FREE] == 0.0 and not coupled:
+        J[k, k] -= Z[step_start.PULL]
+    if P[p, patch.FREE] == 0.0 and not coupled:
         for k in range(6):
             J[6, k], J[k, 6] = 0.0, 0.0
         J[6, 6] = -1.0
-    elif P[p, P_FREE] != 0.0:
-        J[6, 6] -= P[p, P_DAMPING] * rate + P[p, P_MASS] * square + P[p, P_SPRING] + Z[Z_PULL]
+    elif P[p, patch.FREE] != 0.0:
+        J[6, 6] -= P[p, patch.DAMPING] * rate + P[p, patch.MASS] * square + P[p, patch.SPRING] + Z[step_start.PULL]
 
 
 @njit(**INNER)
 def add_contact_stiffness(q, slot, gap, own, partner, S, I, O, K, G, rolling, J):  # noqa: E741
     """Add the spot at place q of the tile to J, with rotations in radians: stiffness, turn of its arm, growth of its patch."""
-    i, up, n_z = own[slot], partner[slot] < -1, G[q + (G_N + 2) * TILE]
-    a_x, a_y, a_z = S[i, S_ARM], S[i, S_ARM + 1], S[i, S_ARM + 2]
-    x, y, z = a_x, a_y, a_z - G[q + G_ARM_I * TILE] * n_z
-    e_x, e_y, g_x, g_y = G[q + G_E * TILE], G[q + (G_E + 1) * TILE], G[q + G_D * TILE], G[q + (G_D + 1) * TILE]
-    n, t_1, t_2 = O[O_FN * TILE + q], O[O_TX * TILE + q], O[O_TY * TILE + q]
+    i, up, n_z = own[slot], is_upper(partner[slot]), G[q + (geometry.NORMAL + 2) * TILE]
+    a_x, a_y, a_z = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
+    x, y, z = a_x, a_y, a_z - G[q + geometry.ARM * TILE] * n_z
+    e_x = G[q + geometry.AXIS * TILE]
+    e_y = G[q + (geometry.AXIS + 1) * TILE]
+    g_x = G[q + geometry.CROSS_AXIS * TILE]
+    g_y = G[q + (geometry.CROSS_AXIS + 1) * TILE]
+    n = O[law_output.NORMAL_FORCE * TILE + q]
+    t_1 = O[law_output.TANGENTIAL_X * TILE + q]
+    t_2 = O[law_output.TANGENTIAL_Y * TILE + q]
     f_x, f_y, f_z = t_1 * e_x + t_2 * g_x, t_1 * e_y + t_2 * g_y, n * n_z
-    xx, xy, yx, yy = K[K_XX * TILE + q], K[K_XY * TILE + q], K[K_YX * TILE + q], K[K_YY * TILE + q]
-    xd, yd = K[K_XD * TILE + q], K[K_YD * TILE + q]
+    xx = K[contact_tangent.XX * TILE + q]
+    xy = K[contact_tangent.XY * TILE + q]
+    yx = K[contact_tangent.YX * TILE + q]
+    yy = K[contact_tangent.YY * TILE + q]
+    xd, yd = K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
     if gap < 0.0:
         # the share of the slip grows with the overlap that is reached
-        overlap = I[I_OVERLAP * TILE + q]
+        overlap = I[law_input.OVERLAP * TILE + q]
         fraction = overlap / (overlap - gap)
         growth = -gap / ((overlap - gap) * (overlap - gap)) / fraction
-        xd += (xx * I[I_SX * TILE + q] + xy * I[I_SY * TILE + q]) * growth
-        yd += (yx * I[I_SX * TILE + q] + yy * I[I_SY * TILE + q]) * growth
+        xd += (xx * I[law_input.SLIP_X * TILE + q] + xy * I[law_input.SLIP_Y * TILE + q]) * growth
+        yd += (yx * I[law_input.SLIP_X * TILE + q] + yy * I[law_input.SLIP_Y * TILE + q]) * growth
         xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
     for c in range(FREEDOMS):
         # overlap, slip and arm per coordinate
         d, s_1, s_2, u_x, u_y, u_z = contact_displacements(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up)
         u_z += 0.5 * n_z * d
-        f_n = K[K_NORMAL * TILE + q] * d
+        f_n = K[contact_tangent.NORMAL * TILE + q] * d
         d_1, d_2 = xx * s_1 + xy * s_2 + xd * d, yx * s_1 + yy * s_2 + yd * d
         d_x, d_y, d_z = d_1 * e_x + d_2 * g_x, d_1 * e_y + d_2 * g_y, f_n * n_z
         J[0, c] += d_x
@@ -142,7 +126,7 @@ def add_moment(q, c, d, e_x, e_y, g_x, g_y, K, J):
     """Add the moment of a rolling law, which resists the rotation about the axes of the frame."""
     turn_1 = e_x if c == 3 else (e_y if c == 4 else 0.0)
     turn_2 = g_x if c == 3 else (g_y if c == 4 else 0.0)
-    at = K_ROLL * TILE + q
+    at = contact_tangent.ROLLING * TILE + q
     m_1 = K[at] * turn_1 + K[at + TILE] * turn_2 + K[at + 4 * TILE] * d
     m_2 = K[at + 2 * TILE] * turn_1 + K[at + 3 * TILE] * turn_2 + K[at + 5 * TILE] * d
     J[3, c] += m_1 * e_x + m_2 * g_x

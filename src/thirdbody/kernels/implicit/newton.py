@@ -6,50 +6,26 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import CHUNK, INNER
-from thirdbody.kernels.implicit.jacobian import assemble_jacobian
-from thirdbody.kernels.implicit.residual import (
-    E_DEEPEST,
-    E_NORMAL,
-    FREEDOMS,
-    TURN,
-    Z_ARM,
-    Z_MASS,
-    Z_NOW,
-    Z_PLATE,
-    Z_PULL,
-    active_contacts,
-    set_configuration,
+from thirdbody.kernels.columns import (
+    body,
+    body_extra,
+    geometry,
+    law_input,
+    law_output,
+    patch,
+    sphere,
+    step_contacts,
+    step_memory,
+    step_start,
 )
+from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.implicit.jacobian import assemble_jacobian
+from thirdbody.kernels.implicit.residual import FREEDOMS, TURN, active_contacts, set_configuration
 from thirdbody.kernels.implicit.residual import (
     residual as balance,
 )
-from thirdbody.kernels.layout import (
-    B_MASS,
-    B_X,
-    E_EF,
-    G_ARM_I,
-    G_D,
-    G_E,
-    G_N,
-    I_SX,
-    I_SY,
-    O_CRITICAL,
-    O_LIMIT,
-    O_TX,
-    O_TY,
-    P_DAMPING,
-    P_FREE,
-    P_LOAD,
-    P_LOAD0,
-    P_MASS,
-    P_SPRING,
-    P_V,
-    P_Z,
-    S_ARM,
-    T_RADIUS,
-    TILE,
-)
 from thirdbody.kernels.narrow_phase import overlap_and_normal
+from thirdbody.kernels.predicates import has_effect_columns, is_upper
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
 """Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners.
@@ -121,22 +97,32 @@ def residual_norm(r):
 def force_scale(b, p, y, dt, Z, B, E, P, diagnostics):
     """Sum of all forces at work, N: what the unbalanced ones are compared with."""
     move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
-    weight = abs(E[b, E_EF]) + abs(E[b, E_EF + 1]) + abs(E[b, E_EF + 2]) if E.shape[1] > E_EF else 0.0
-    free = P[p, P_FREE]
+    weight = (
+        abs(E[b, body_extra.EFFECT_FORCE]) + abs(E[b, body_extra.EFFECT_FORCE + 1]) + abs(E[b, body_extra.EFFECT_FORCE + 2])
+        if has_effect_columns(E)
+        else 0.0
+    )
+    free = P[p, patch.FREE]
     square = 1.0 / (dt * dt)
     # of a patch that touches nothing too: its spring pulls, its dashpot holds; without load, what it was loaded with counts
-    patch = max(P[p, P_LOAD], P[p, P_LOAD0]) + P[p, P_MASS] * abs(y[6]) * square + P[p, P_DAMPING] * abs(P[p, P_V])
-    patch += P[p, P_SPRING] * abs(P[p, P_Z] - Z[Z_PLATE])
-    return diagnostics[E_NORMAL] + weight + B[b, B_MASS] * move * square + free * patch
+    patch_number = (
+        max(P[p, patch.LOAD], P[p, patch.NOMINAL_LOAD])
+        + P[p, patch.MASS] * abs(y[6]) * square
+        + P[p, patch.DAMPING] * abs(P[p, patch.VELOCITY])
+    )
+    patch_number += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
+    return diagnostics[step_contacts.NORMAL_FORCE] + weight + B[b, body.MASS] * move * square + free * patch_number
 
 
 @njit(**INNER)
 def rounding_force(b, p, B, P, Z, diagnostics):
     """Force, N, below which the unbalanced one is rounding: overlaps are small differences of heights."""
-    if diagnostics[E_DEEPEST] <= 0.0:
+    if diagnostics[step_contacts.MAX_OVERLAP] <= 0.0:
         return 0.0
-    height = max(abs(B[b, B_X + 2]) + Z[Z_ARM], abs(P[p, P_Z]))
-    return ROUNDING * height * 1.5 * diagnostics[E_NORMAL] / diagnostics[E_DEEPEST]  # Hertz: dN/dd = 1.5 N/d
+    height = max(abs(B[b, body.POSITION + 2]) + Z[step_start.ARM], abs(P[p, patch.HEIGHT]))
+    return (
+        ROUNDING * height * 1.5 * diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
+    )  # Hertz: dN/dd = 1.5 N/d
 
 
 @njit(**INNER)
@@ -149,24 +135,28 @@ def massless_at_rest(b, dt, share, r, Z, T, B, E, diagnostics, minimum):
     square = 0.0
     for k in range(6):
         square += r[k] * r[k]
-    weight = abs(E[b, E_EF]) + abs(E[b, E_EF + 1]) + abs(E[b, E_EF + 2]) if E.shape[1] > E_EF else 0.0
-    held = (Z[Z_PULL] + Z[Z_MASS] * B[b, B_MASS] / (dt * dt)) * T[T_RADIUS]
-    return math.sqrt(square) <= max(share * (diagnostics[E_NORMAL] + weight + held), minimum)
+    weight = (
+        abs(E[b, body_extra.EFFECT_FORCE]) + abs(E[b, body_extra.EFFECT_FORCE + 1]) + abs(E[b, body_extra.EFFECT_FORCE + 2])
+        if has_effect_columns(E)
+        else 0.0
+    )
+    held = (Z[step_start.PULL] + Z[step_start.MASS_SHARE] * B[b, body.MASS] / (dt * dt)) * T[step_memory.CONTACT_RADIUS]
+    return math.sqrt(square) <= max(share * (diagnostics[step_contacts.NORMAL_FORCE] + weight + held), minimum)
 
 
 @njit(**INNER)
 def limit_overlap_change(b, x, deep, spots, state, Z):
     """Share of the change x of the coordinates that lets no spot sink in, or lose its side, by more than REACH of `deep`."""
     (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
-    arm = 1.0 / Z[Z_ARM]
+    arm = 1.0 / Z[step_start.ARM]
     rotation = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]) * arm
     fraction = min(1.0, TURN / rotation) if rotation > 0.0 else 1.0
     most_up, most_low, change_up, change_low = 0.0, 0.0, 0.0, 0.0
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
-        i, up = own[k], partner[k] < -1
+        i, up = own[k], is_upper(partner[k])
         overlap, _, _, n_z = overlap_and_normal(k, own, partner, S, P, 0.0, 0.0)
-        rise = x[2] + (x[3] * S[i, S_ARM + 1] - x[4] * S[i, S_ARM]) * arm - (x[6] if up else 0.0)
+        rise = x[2] + (x[3] * S[i, sphere.ARM + 1] - x[4] * S[i, sphere.ARM]) * arm - (x[6] if up else 0.0)
         change = -n_z * rise
         if change > 0.0:
             margin = REACH * deep + max(-overlap, 0.0)
@@ -190,22 +180,26 @@ def limit_slip_reversal(x, m, own, S, work, Z, share):
     In between it sticks. Where all other spots slip, that is often the answer, and a whole step jumps over it.
     """
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
-    arm = 1.0 / Z[Z_ARM]
+    arm = 1.0 / Z[step_start.ARM]
     for q in range(m):
-        limit, t_x, t_y = O[O_LIMIT * TILE + q], O[O_TX * TILE + q], O[O_TY * TILE + q]
+        limit = O[law_output.FRICTION_LIMIT * TILE + q]
+        t_x = O[law_output.TANGENTIAL_X * TILE + q]
+        t_y = O[law_output.TANGENTIAL_Y * TILE + q]
         if t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit:
             continue
         i = own[slots[q]]
-        s_x, s_y = I[I_SX * TILE + q], I[I_SY * TILE + q]
-        r_x, r_y, r_z = S[i, S_ARM], S[i, S_ARM + 1], S[i, S_ARM + 2] - G[q + G_ARM_I * TILE] * G[q + (G_N + 2) * TILE]
+        s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
+        r_x = S[i, sphere.ARM]
+        r_y = S[i, sphere.ARM + 1]
+        r_z = S[i, sphere.ARM + 2] - G[q + geometry.ARM * TILE] * G[q + (geometry.NORMAL + 2) * TILE]
         d_x = x[0] + (x[4] * r_z - x[5] * r_y) * arm
         d_y = x[1] + (x[5] * r_x - x[3] * r_z) * arm
-        along_1 = d_x * G[q + G_E * TILE] + d_y * G[q + (G_E + 1) * TILE]
-        along_2 = d_x * G[q + G_D * TILE] + d_y * G[q + (G_D + 1) * TILE]
+        along_1 = d_x * G[q + geometry.AXIS * TILE] + d_y * G[q + (geometry.AXIS + 1) * TILE]
+        along_2 = d_x * G[q + geometry.CROSS_AXIS * TILE] + d_y * G[q + (geometry.CROSS_AXIS + 1) * TILE]
         size = math.sqrt(s_x * s_x + s_y * s_y)
         back = -(along_1 * s_x + along_2 * s_y)
         # just inside what it can bear
-        margin = size * (size + BACK * O[O_CRITICAL * TILE + q])
+        margin = size * (size + BACK * O[law_output.CRITICAL_SLIP * TILE + q])
         if back * share > margin > 0.0:
             share = margin / back
     return share
@@ -223,7 +217,7 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
         for k in range(FREEDOMS):
             tried[k] = y[k] + part * x[k]
         set_configuration(b, p, tried, dt, Z, T, shape, state)
-        m = active_contacts(b, dt, Z[Z_NOW] / dt, v_x, v_y, spots, shape, state, known, work)
+        m = active_contacts(b, dt, Z[step_start.NOW] / dt, v_x, v_y, spots, shape, state, known, work)
         if m < 0:
             return CROWDED, m, iterations
         balance(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, diagnostics)
@@ -256,5 +250,5 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
             x[k] = r[k]
         if not solve_linear(J, x, FREEDOMS):
             return LOST, m, iterations
-        part = limit_overlap_change(b, x, max(deep, diagnostics[E_DEEPEST]), spots, state, Z)
+        part = limit_overlap_change(b, x, max(deep, diagnostics[step_contacts.MAX_OVERLAP]), spots, state, Z)
         part = whole = limit_slip_reversal(x, m, spots[0], S, work, Z, part)

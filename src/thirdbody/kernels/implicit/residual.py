@@ -26,92 +26,36 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import CHUNK, INNER
+from thirdbody.kernels.columns import (
+    body,
+    body_extra,
+    contact_sums,
+    geometry,
+    law_input,
+    law_output,
+    patch,
+    record,
+    rolling_input,
+    rolling_output,
+    sphere,
+    step_contacts,
+    step_memory,
+    step_start,
+)
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.contact_geometry import force_and_torques, gather_plate_contact, slip_increment, transport_frames
 from thirdbody.kernels.contact_history import reset_history, spring_energy, store_history
 from thirdbody.kernels.explicit.contact_dissipation import book
-from thirdbody.kernels.explicit.contact_forces import SUM_LOW, SUM_UP, SUM_WORK, record
+from thirdbody.kernels.explicit.contact_forces import write_record
 from thirdbody.kernels.implicit.friction_work import dragged_off
-from thirdbody.kernels.layout import (
-    B_F,
-    B_MASS,
-    B_Q,
-    B_SLIP,
-    B_T,
-    B_V,
-    B_W,
-    B_WORK,
-    B_X,
-    E_EF,
-    E_ET,
-    E_I,
-    E_L,
-    G_ARM_I,
-    G_D,
-    G_E,
-    G_F,
-    G_N,
-    H_ON,
-    I_HISTORY,
-    I_OVERLAP,
-    I_SX,
-    I_SY,
-    I_VN,
-    I_VX,
-    I_VY,
-    J_INVERSE,
-    J_TRAVEL_X,
-    J_TRAVEL_Y,
-    J_X,
-    J_Y,
-    O_A,
-    O_FN,
-    O_HISTORY,
-    O_POWER,
-    O_SLIP,
-    O_STORED_N,
-    O_STORED_T,
-    O_TX,
-    O_TY,
-    O_WORK,
-    P_DAMPING,
-    P_FREE,
-    P_LOAD,
-    P_MASS,
-    P_SPRING,
-    P_V,
-    P_Z,
-    Q_X,
-    Q_Y,
-    R_FN,
-    R_STORED_N,
-    S_ARM,
-    S_R,
-    T_DL,
-    T_DRISE,
-    T_DV,
-    T_Y,
-    TILE,
-)
 from thirdbody.kernels.narrow_phase import overlap_and_normal
+from thirdbody.kernels.predicates import is_closed, is_lower, is_upper, patch_of_partner
 from thirdbody.kernels.rigid_body import place_body
 from thirdbody.kernels.rolling_kinematics import MOMENTS, gather_rolling, record_rolling
 from thirdbody.kernels.rotation import matrix, rotate
 
 FREEDOMS = 7
 """Coordinates of a body and its patch."""
-
-# Z: the state of a body and its patch at the start of a step
-Z_X, Z_V, Z_Q, Z_L, Z_W, Z_PATCH, Z_RISE, Z_ARM, Z_PLATE = 0, 3, 6, 10, 13, 16, 17, 18, 19
-Z_NOW, Z_BEFORE = 20, 21  # the formula of the step: rate of change = (NOW change - BEFORE last change)/dt
-Z_PLATE_RISE, Z_PULL = 22, 23  # rise of the plate that a patch is sprung to; what holds a body without inertia back, N/m
-Z_MASS = 24  # share of its mass that a body without inertia keeps
-Z_LOAD = 25  # load of the patch as the step begins
-Z_OLD = 26  # weight of the force at the start of the step in what the plate and friction take: a half, or 0
-Z_COLS = 27
-
-# what `residual` tells beside the unbalanced forces
-E_NORMAL, E_DEEPEST, E_RADIUS, E_RATIO, E_SLOT, E_POWER = range(6)
-E_COLS = 6
 
 
 TURN = 0.05
@@ -123,47 +67,65 @@ def save_start(b, p, shape, state, Z):
     """Note where a step of body b begins."""
     (S, B, P, _, _, E), (_, start, _, offsets) = state, shape
     for k in range(3):
-        Z[Z_X + k], Z[Z_V + k] = B[b, B_X + k], B[b, B_V + k]
-        Z[Z_L + k], Z[Z_W + k] = E[b, E_L + k], B[b, B_W + k]
+        Z[step_start.POSITION + k], Z[step_start.VELOCITY + k] = B[b, body.POSITION + k], B[b, body.VELOCITY + k]
+        Z[step_start.ANGULAR_MOMENTUM + k] = E[b, body_extra.ANGULAR_MOMENTUM + k]
+        Z[step_start.SPIN + k] = B[b, body.SPIN + k]
     for k in range(4):
-        Z[Z_Q + k] = B[b, B_Q + k]
-    Z[Z_PATCH], Z[Z_RISE], Z[Z_LOAD] = P[p, P_Z], P[p, P_V], P[p, P_LOAD]
+        Z[step_start.QUATERNION + k] = B[b, body.QUATERNION + k]
+    Z[step_start.PATCH_HEIGHT] = P[p, patch.HEIGHT]
+    Z[step_start.PATCH_VELOCITY] = P[p, patch.VELOCITY]
+    Z[step_start.PATCH_LOAD] = P[p, patch.LOAD]
     far = 0.0
     for s in range(start[b], start[b + 1]):
         square = offsets[s, 0] ** 2 + offsets[s, 1] ** 2 + offsets[s, 2] ** 2
-        far = max(far, math.sqrt(square) + S[s, S_R])
-    Z[Z_ARM] = far
+        far = max(far, math.sqrt(square) + S[s, sphere.RADIUS])
+    Z[step_start.ARM] = far
 
 
 @njit(**INNER)
 def set_configuration(b, p, y, dt, Z, T, shape, state):
     """Move body b, its spheres and its patch p to the end of the step: mean velocities of the step, then those at its end."""
     (S, B, P, _, _, _), (_, start, _, offsets) = state, shape
-    inverse, arm = 1.0 / dt, 1.0 / Z[Z_ARM]
-    now, last = Z[Z_NOW] * inverse, Z[Z_BEFORE] * inverse
+    inverse, arm = 1.0 / dt, 1.0 / Z[step_start.ARM]
+    now, last = Z[step_start.NOW] * inverse, Z[step_start.BEFORE] * inverse
     for k in range(3):
-        B[b, B_X + k] = Z[Z_X + k] + y[k]
-        B[b, B_V + k] = y[k] * inverse
-    q = rotate((Z[Z_Q], Z[Z_Q + 1], Z[Z_Q + 2], Z[Z_Q + 3]), y[3] * arm, y[4] * arm, y[5] * arm)
+        B[b, body.POSITION + k] = Z[step_start.POSITION + k] + y[k]
+        B[b, body.VELOCITY + k] = y[k] * inverse
+    q = rotate(
+        (Z[step_start.QUATERNION], Z[step_start.QUATERNION + 1], Z[step_start.QUATERNION + 2], Z[step_start.QUATERNION + 3]),
+        y[3] * arm,
+        y[4] * arm,
+        y[5] * arm,
+    )
     for k in range(4):
-        B[b, B_Q + k] = q[k]
+        B[b, body.QUATERNION + k] = q[k]
     w = (y[3] * arm * inverse, y[4] * arm * inverse, y[5] * arm * inverse)
     w_end = (
-        (now * y[3] - last * T[T_Y + 3]) * arm, (now * y[4] - last * T[T_Y + 4]) * arm, (now * y[5] - last * T[T_Y + 5]) * arm,
-    )  # fmt: skip
-    v_end = (now * y[0] - last * T[T_Y], now * y[1] - last * T[T_Y + 1], now * y[2] - last * T[T_Y + 2])
-    x, v = (B[b, B_X], B[b, B_X + 1], B[b, B_X + 2]), (B[b, B_V], B[b, B_V + 1], B[b, B_V + 2])
+        (now * y[3] - last * T[step_memory.LAST_COORDINATES + 3]) * arm,
+        (now * y[4] - last * T[step_memory.LAST_COORDINATES + 4]) * arm,
+        (now * y[5] - last * T[step_memory.LAST_COORDINATES + 5]) * arm,
+    )
+    v_end = (
+        now * y[0] - last * T[step_memory.LAST_COORDINATES],
+        now * y[1] - last * T[step_memory.LAST_COORDINATES + 1],
+        now * y[2] - last * T[step_memory.LAST_COORDINATES + 2],
+    )
+    x = (B[b, body.POSITION], B[b, body.POSITION + 1], B[b, body.POSITION + 2])
+    v = (B[b, body.VELOCITY], B[b, body.VELOCITY + 1], B[b, body.VELOCITY + 2])
     place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt)
     for k in range(3):
-        B[b, B_V + k], B[b, B_W + k] = v_end[k], w_end[k]
-    P[p, P_Z], P[p, P_V] = Z[Z_PATCH] + y[6], now * y[6] - last * T[T_Y + 6]
+        B[b, body.VELOCITY + k], B[b, body.SPIN + k] = v_end[k], w_end[k]
+    P[p, patch.HEIGHT] = Z[step_start.PATCH_HEIGHT] + y[6]
+    P[p, patch.VELOCITY] = now * y[6] - last * T[step_memory.LAST_COORDINATES + 6]
 
 
 @njit(**INNER)
 def inertia_of(b, B, E):
     """Moments of inertia about world axes: xx, yy, zz, xy, xz, yz."""
-    a, b_, c, d, e, f, g, h, i = matrix(B[b, B_Q], B[b, B_Q + 1], B[b, B_Q + 2], B[b, B_Q + 3])
-    i_x, i_y, i_z = E[b, E_I], E[b, E_I + 1], E[b, E_I + 2]
+    a, b_, c, d, e, f, g, h, i = matrix(
+        B[b, body.QUATERNION], B[b, body.QUATERNION + 1], B[b, body.QUATERNION + 2], B[b, body.QUATERNION + 3]
+    )
+    i_x, i_y, i_z = E[b, body_extra.INERTIA], E[b, body_extra.INERTIA + 1], E[b, body_extra.INERTIA + 2]
     return (
         a * a * i_x + b_ * b_ * i_y + c * c * i_z, d * d * i_x + e * e * i_y + f * f * i_z,
         g * g * i_x + h * h * i_y + i * i * i_z, a * d * i_x + b_ * e * i_y + c * f * i_z,
@@ -175,7 +137,7 @@ def inertia_of(b, B, E):
 def momentum_of(b, B, E):
     """Angular momentum, world axes, from spin and orientation."""
     xx, yy, zz, xy, xz, yz = inertia_of(b, B, E)
-    x, y, z = B[b, B_W], B[b, B_W + 1], B[b, B_W + 2]
+    x, y, z = B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2]
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
 
 
@@ -196,28 +158,52 @@ def active_contacts(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
             continue
         if m == TILE:
             return np.int64(-1)
-        rise = P[max(-partner[k] - 2, 0), P_V]
+        rise = P[patch_of_partner(partner[k]), patch.VELOCITY]
         gather_plate_contact(m, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history)
         slots[m] = k
         m += 1
     transport_frames(m, dt, G)
     slip_increment(m, dt, I, G)
     for q in range(m):
-        at = (I_HISTORY + n_history) * TILE + q
+        at = (law_input.HISTORY + n_history) * TILE + q
         if rolling > 0:
             gather_rolling(q, slots[q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
-        I[at + J_INVERSE * TILE] = rate
+        I[at + rolling_input.INVERSE_DT * TILE] = rate
         gap = before[slots[q] - edges[b]]
         if gap < 0.0:
-            fraction = I[I_OVERLAP * TILE + q] / (I[I_OVERLAP * TILE + q] - gap)
-            I[I_SX * TILE + q] *= fraction
-            I[I_SY * TILE + q] *= fraction
+            fraction = I[law_input.OVERLAP * TILE + q] / (I[law_input.OVERLAP * TILE + q] - gap)
+            I[law_input.SLIP_X * TILE + q] *= fraction
+            I[law_input.SLIP_Y * TILE + q] *= fraction
             if rolling > 0:
-                I[at + J_X * TILE] *= fraction
-                I[at + J_Y * TILE] *= fraction
-                I[at + J_TRAVEL_X * TILE] *= fraction
-                I[at + J_TRAVEL_Y * TILE] *= fraction
+                I[at + rolling_input.TURN_X * TILE] *= fraction
+                I[at + rolling_input.TURN_Y * TILE] *= fraction
+                I[at + rolling_input.TRAVEL_X * TILE] *= fraction
+                I[at + rolling_input.TRAVEL_Y * TILE] *= fraction
     return m
+
+
+@njit(**INNER)
+def force_and_point(q, i, S, O, G):  # noqa: E741
+    """Of the contact at place q: normal force, force on the body, and its point from the centre of mass."""
+    n = O[law_output.NORMAL_FORCE * TILE + q]
+    t_1 = O[law_output.TANGENTIAL_X * TILE + q]
+    t_2 = O[law_output.TANGENTIAL_Y * TILE + q]
+    a = G[q + geometry.ARM * TILE]
+    f_x = n * G[q + geometry.NORMAL * TILE] + t_1 * G[q + geometry.AXIS * TILE] + t_2 * G[q + geometry.CROSS_AXIS * TILE]
+    f_y = (
+        n * G[q + (geometry.NORMAL + 1) * TILE]
+        + t_1 * G[q + (geometry.AXIS + 1) * TILE]
+        + t_2 * G[q + (geometry.CROSS_AXIS + 1) * TILE]
+    )
+    f_z = (
+        n * G[q + (geometry.NORMAL + 2) * TILE]
+        + t_1 * G[q + (geometry.AXIS + 2) * TILE]
+        + t_2 * G[q + (geometry.CROSS_AXIS + 2) * TILE]
+    )
+    r_x = S[i, sphere.ARM] - a * G[q + geometry.NORMAL * TILE]
+    r_y = S[i, sphere.ARM + 1] - a * G[q + (geometry.NORMAL + 1) * TILE]
+    r_z = S[i, sphere.ARM + 2] - a * G[q + (geometry.NORMAL + 2) * TILE]
+    return n, (f_x, f_y, f_z), (r_x, r_y, r_z)
 
 
 @njit(**INNER)
@@ -233,13 +219,8 @@ def residual(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, la
         r[k] = 0.0
     normal, deepest, radius, ratio, slot, power = 0.0, 0.0, 0.0, 0.0, -1.0, 0.0
     for q in range(m):
-        i, up = own[slots[q]], partner[slots[q]] < -1
-        n, t_1, t_2, a = O[O_FN * TILE + q], O[O_TX * TILE + q], O[O_TY * TILE + q], G[q + G_ARM_I * TILE]
-        f_x = n * G[q + G_N * TILE] + t_1 * G[q + G_E * TILE] + t_2 * G[q + G_D * TILE]
-        f_y = n * G[q + (G_N + 1) * TILE] + t_1 * G[q + (G_E + 1) * TILE] + t_2 * G[q + (G_D + 1) * TILE]
-        f_z = n * G[q + (G_N + 2) * TILE] + t_1 * G[q + (G_E + 2) * TILE] + t_2 * G[q + (G_D + 2) * TILE]
-        r_x, r_y = S[i, S_ARM] - a * G[q + G_N * TILE], S[i, S_ARM + 1] - a * G[q + (G_N + 1) * TILE]
-        r_z = S[i, S_ARM + 2] - a * G[q + (G_N + 2) * TILE]
+        i, up = own[slots[q]], is_upper(partner[slots[q]])
+        n, (f_x, f_y, f_z), (r_x, r_y, r_z) = force_and_point(q, i, S, O, G)
         r[0] += f_x
         r[1] += f_y
         r[2] += f_z
@@ -247,35 +228,36 @@ def residual(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, la
         r[4] += r_z * f_x - r_x * f_z
         r[5] += r_x * f_y - r_y * f_x
         if rolling == MOMENTS:
-            at = (O_HISTORY + n_history) * TILE + q
+            at = (law_output.HISTORY + n_history) * TILE + q
             for d in range(3):
-                r[3 + d] += O[at + Q_X * TILE] * G[q + (G_E + d) * TILE] + O[at + Q_Y * TILE] * G[q + (G_D + d) * TILE]
+                r[3 + d] += (
+                    O[at + rolling_output.MOMENT_X * TILE] * G[q + (geometry.AXIS + d) * TILE]
+                    + O[at + rolling_output.MOMENT_Y * TILE] * G[q + (geometry.CROSS_AXIS + d) * TILE]
+                )
         if up:
             r[6] -= f_z
-        overlap = I[I_OVERLAP * TILE + q]
+        overlap = I[law_input.OVERLAP * TILE + q]
         normal += abs(n)
-        deepest, radius = max(deepest, overlap), max(radius, O[O_A * TILE + q])
-        power += O[O_POWER * TILE + q] * mean_velocity_factor(q, dt, before[slots[q] - edges[b]], I)
-        if overlap > ratio * S[i, S_R]:
-            ratio, slot = overlap / S[i, S_R], slots[q]
-    diagnostics[E_NORMAL], diagnostics[E_DEEPEST], diagnostics[E_RADIUS], diagnostics[E_RATIO], diagnostics[E_SLOT] = (
-        normal,
-        deepest,
-        radius,
-        ratio,
-        slot,
-    )
-    diagnostics[E_POWER] = power
+        deepest, radius = max(deepest, overlap), max(radius, O[law_output.CONTACT_RADIUS * TILE + q])
+        power += O[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, before[slots[q] - edges[b]], I)
+        if overlap > ratio * S[i, sphere.RADIUS]:
+            ratio, slot = overlap / S[i, sphere.RADIUS], slots[q]
+    diagnostics[step_contacts.NORMAL_FORCE] = normal
+    diagnostics[step_contacts.MAX_OVERLAP] = deepest
+    diagnostics[step_contacts.MAX_RADIUS] = radius
+    diagnostics[step_contacts.MAX_RATIO] = ratio
+    diagnostics[step_contacts.SLOT] = slot
+    diagnostics[step_contacts.DASHPOT_POWER] = power
     for k in range(3):
-        B[b, B_F + k], B[b, B_T + k] = r[k], r[3 + k]
+        B[b, body.FORCE + k], B[b, body.TORQUE + k] = r[k], r[3 + k]
     if has_effects:
         effects(B, E, b, b + 1, time, dt, parameters)
         for k in range(3):
-            r[k] += E[b, E_EF + k]
-            r[3 + k] += E[b, E_ET + k]
+            r[k] += E[b, body_extra.EFFECT_FORCE + k]
+            r[3 + k] += E[b, body_extra.EFFECT_TORQUE + k]
     inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r)
     for k in range(3):
-        r[3 + k] /= Z[Z_ARM]
+        r[3 + k] /= Z[step_start.ARM]
 
 
 @njit(**INNER)
@@ -284,9 +266,13 @@ def mean_velocity_factor(q, dt, before, I):  # noqa: E741
 
     A dashpot's force is that of the end of the step, but it acts along the way of the step: what it takes is force times way.
     """
-    n, x, y = I[I_VN * TILE + q], I[I_VX * TILE + q], I[I_VY * TILE + q]
+    n = I[law_input.NORMAL_VELOCITY * TILE + q]
+    x = I[law_input.VELOCITY_X * TILE + q]
+    y = I[law_input.VELOCITY_Y * TILE + q]
     square = n * n + x * x + y * y
-    along = -n * (I[I_OVERLAP * TILE + q] - before) + x * I[I_SX * TILE + q] + y * I[I_SY * TILE + q]
+    along = (
+        -n * (I[law_input.OVERLAP * TILE + q] - before) + x * I[law_input.SLIP_X * TILE + q] + y * I[law_input.SLIP_Y * TILE + q]
+    )
     return min(max(along / (dt * square), 0.0), 2.0) if square > 0.0 else 1.0
 
 
@@ -297,18 +283,32 @@ def inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r):
     Without inertia (`inertial` 0) every step begins at rest, and a weak pull towards where it began lets a body that slides on
     all its spots, and could be anywhere, be somewhere; a share of the mass holds back what jumps within a step.
     """
-    now, last, pull, fraction = Z[Z_NOW] / dt, inertial * Z[Z_BEFORE] / dt, Z[Z_PULL], Z[Z_MASS]
+    now = Z[step_start.NOW] / dt
+    last = inertial * Z[step_start.BEFORE] / dt
+    pull = Z[step_start.PULL]
+    fraction = Z[step_start.MASS_SHARE]
     l_1 = momentum_of(b, B, E)
     for k in range(3):
-        r[k] -= fraction * B[b, B_MASS] * (now * (B[b, B_V + k] - inertial * Z[Z_V + k]) - last * T[T_DV + k]) + pull * y[k]
-        r[3 + k] -= fraction * (now * (l_1[k] - inertial * Z[Z_L + k]) - last * T[T_DL + k]) + pull * y[3 + k] * Z[Z_ARM]
-    if P[p, P_FREE] == 0.0:
+        r[k] -= (
+            fraction
+            * B[b, body.MASS]
+            * (now * (B[b, body.VELOCITY + k] - inertial * Z[step_start.VELOCITY + k]) - last * T[step_memory.LAST_DV + k])
+            + pull * y[k]
+        )
+        r[3 + k] -= (
+            fraction * (now * (l_1[k] - inertial * Z[step_start.ANGULAR_MOMENTUM + k]) - last * T[step_memory.LAST_DL + k])
+            + pull * y[3 + k] * Z[step_start.ARM]
+        )
+    if P[p, patch.FREE] == 0.0:
         r[6] = 0.0
         return
-    rise = P[p, P_V]
-    r[6] -= P[p, P_LOAD] + P[p, P_DAMPING] * rise
-    r[6] -= fraction * P[p, P_MASS] * (now * (rise - inertial * Z[Z_RISE]) - last * T[T_DRISE]) + pull * y[6]
-    r[6] -= P[p, P_SPRING] * (P[p, P_Z] - Z[Z_PLATE])
+    rise = P[p, patch.VELOCITY]
+    r[6] -= P[p, patch.LOAD] + P[p, patch.DAMPING] * rise
+    r[6] -= (
+        fraction * P[p, patch.MASS] * (now * (rise - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE])
+        + pull * y[6]
+    )
+    r[6] -= P[p, patch.SPRING] * (P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
 
 
 @njit(**INNER)
@@ -318,9 +318,13 @@ def unbooked_energy(q, k, stored, O, H):  # noqa: E741
     Where the dashpot of a sphere that leaves cancels its normal force, friction ends in one step at a limit of zero. No force
     does work then: all that was stored is dissipated, as it is where a contact opens (`memory.release`).
     """
-    if O[O_TX * TILE + q] != 0.0 or O[O_TY * TILE + q] != 0.0 or O[O_STORED_T * TILE + q] != 0.0:
+    if (
+        O[law_output.TANGENTIAL_X * TILE + q] != 0.0
+        or O[law_output.TANGENTIAL_Y * TILE + q] != 0.0
+        or O[law_output.STORED_TANGENTIAL * TILE + q] != 0.0
+    ):
         return 0.0
-    return max(spring_energy(k, stored, H) - O[O_WORK * TILE + q], 0.0)
+    return max(spring_energy(k, stored, H) - O[law_output.DISSIPATED * TILE + q], 0.0)
 
 
 @njit(**INNER)
@@ -336,12 +340,12 @@ def recoil(b, m, dt, spots, state, work):
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
         staged = q < m and slots[q] == k
-        if H[k, H_ON] != 0.0 and R[k, R_FN] == 0.0:
+        if is_closed(k, H) and R[k, record.NORMAL_FORCE] == 0.0:
             if not staged:
-                total += R[k, R_STORED_N]
-            elif O[O_FN * TILE + q] == 0.0:
-                taken = O[O_POWER * TILE + q] * mean_velocity_factor(q, dt, before[e - edges[b]], I) * dt
-                total += R[k, R_STORED_N] - O[O_STORED_N * TILE + q] - taken
+                total += R[k, record.STORED_NORMAL]
+            elif O[law_output.NORMAL_FORCE * TILE + q] == 0.0:
+                taken = O[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, before[e - edges[b]], I) * dt
+                total += R[k, record.STORED_NORMAL] - O[law_output.STORED_NORMAL * TILE + q] - taken
         if staged:
             q += 1
     return total
@@ -358,30 +362,30 @@ def commit(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
     own, partner, _, edges, incidence = spots
     S, B, P, H, R, _ = state
     n_history, rolling, moment = known[2], known[3], known[9]
-    force = known[8] if Z[Z_OLD] > 0.0 else np.int64(-1)
+    force = known[8] if Z[step_start.OLD_WEIGHT] > 0.0 else np.int64(-1)
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
     force_and_torques(m, I, O, G)
     if force >= 0:
         book(m, force, moment, known[7], n_history, I, O)
     for i in range(m if force < 0 else 0):
-        O[O_WORK * TILE + i] += unbooked_energy(i, slots[i], known[7], O, H)
+        O[law_output.DISSIPATED * TILE + i] += unbooked_energy(i, slots[i], known[7], O, H)
     store_history(m, slots, 0, O, G, H, n_history)
     q = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
         if q < m and slots[q] == k:
-            record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y)
+            write_record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y)
             if rolling == MOMENTS:
                 record_rolling(q, k, O, G, R, n_history)
-            sums[0, SUM_WORK] += O[O_WORK * TILE + q]
-            B[b, B_WORK] += O[O_WORK * TILE + q]  # all of it: what a spot meets is a plate
-            B[b, B_SLIP] += O[O_SLIP * TILE + q]
-            side = SUM_LOW if partner[k] == -1 else SUM_UP
+            sums[0, contact_sums.FRICTION_WORK] += O[law_output.DISSIPATED * TILE + q]
+            B[b, body.FRICTION_WORK] += O[law_output.DISSIPATED * TILE + q]  # all of it: what a spot meets is a plate
+            B[b, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
+            side = contact_sums.LOWER_FORCE if is_lower(partner[k]) else contact_sums.UPPER_FORCE
             for d in range(3):
-                sums[0, side + d] += G[q + (G_F + d) * TILE]
+                sums[0, side + d] += G[q + (geometry.FORCE + d) * TILE]
             q += 1
-        elif H[k, H_ON] != 0.0:
+        elif is_closed(k, H):
             dragged = dragged_off(k, work[5][e - edges[b]], dt, v_x, v_y, spots, state, force) if force >= 0 else 0.0
             lost = max(reset_history(k, known[7], H) + dragged, 0.0)
-            sums[0, SUM_WORK] += lost
-            B[b, B_WORK] += lost
+            sums[0, contact_sums.FRICTION_WORK] += lost
+            B[b, body.FRICTION_WORK] += lost

@@ -9,7 +9,7 @@ from thirdbody.jit.options import CHUNK, INNER
 from thirdbody.kernels.implicit.residual import TURN
 
 (ERROR, LANDING, NEWTON, TURNING, LARGEST, REVERSAL, OUTPUT, GROWTH) = range(8)
-"""Codes of the causes, in the order of their counters (`T_LIMITED`):
+"""Codes of the causes, in the order of their counters (`step_memory.LIMITED`):
 
 | code | the step is as short as it is because |
 |---|---|

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra
 from thirdbody.laws.codegen.dependencies import plain
 from thirdbody.laws.codegen.fragments import HEAD, field_names, imports_of
 from thirdbody.laws.codegen.module_cache import load_module
@@ -28,18 +28,21 @@ def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
         until = f" if time < P[{sum(counts)}] else Wrench(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)" if effect.settling else ""
         lines.append(f"        e{k} = {call}{until}")
     sums = [f"{' + '.join(f'e{k}[{i}]' for k in range(len(effects)))}" for i in range(6)]
-    columns = (*range(at.E_EF, at.E_EF + 3), *range(at.E_ET, at.E_ET + 3))
+    columns = (
+        *range(body_extra.EFFECT_FORCE, body_extra.EFFECT_FORCE + 3),
+        *range(body_extra.EFFECT_TORQUE, body_extra.EFFECT_TORQUE + 3),
+    )
     lines += [f"        E[i, {column}] = {total or 0.0}" for column, total in zip(columns, sums, strict=True)]
-    body = f"""@njit(EFFECTS, **OPTIONS)
+    loop = f"""@njit(EFFECTS, **OPTIONS)
 def effects(B, E, first, last, time, dt, P):
     for i in range(first, last):
-        mean = (E[i, {at.E_I}] + E[i, {at.E_I + 1}] + E[i, {at.E_I + 2}]) / 3.0
-        b = Body(B[i, {at.B_MASS}], B[i, {at.B_X}], B[i, {at.B_X + 1}], B[i, {at.B_X + 2}],
-                 B[i, {at.B_V}], B[i, {at.B_V + 1}], B[i, {at.B_V + 2}],
-                 B[i, {at.B_W}], B[i, {at.B_W + 1}], B[i, {at.B_W + 2}], mean, time)
+        mean = (E[i, {body_extra.INERTIA}] + E[i, {body_extra.INERTIA + 1}] + E[i, {body_extra.INERTIA + 2}]) / 3.0
+        b = Body(B[i, {body.MASS}], B[i, {body.POSITION}], B[i, {body.POSITION + 1}], B[i, {body.POSITION + 2}],
+                 B[i, {body.VELOCITY}], B[i, {body.VELOCITY + 1}], B[i, {body.VELOCITY + 2}],
+                 B[i, {body.SPIN}], B[i, {body.SPIN + 1}], B[i, {body.SPIN + 2}], mean, time)
 """ + "\n".join(lines)
     title = " + ".join(effect.name for effect in effects)
-    text = HEAD.format(title=title, imports="\n".join(imports)) + body + "\n"
+    text = HEAD.format(title=title, imports="\n".join(imports)) + loop + "\n"
     module, _ = load_module("effects", text, [effect.kernel for effect in effects])
     return module.effects
 
@@ -50,7 +53,7 @@ def _sum(effects: Sequence[int], component: int) -> str:
 
 def _total(effects: Sequence[int]) -> str:
     """Force and torque of the contacts, which the table holds when effects are asked, and of these effects."""
-    columns = (*range(at.B_F, at.B_F + 3), *range(at.B_T, at.B_T + 3))
+    columns = (*range(body.FORCE, body.FORCE + 3), *range(body.TORQUE, body.TORQUE + 3))
     parts = [f"B[i, {column}]{_sum(effects, k)}" for k, column in enumerate(columns)]
     return f"Wrench({', '.join(parts)})"
 

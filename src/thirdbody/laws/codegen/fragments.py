@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import law_input, rolling_input
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.laws.codegen.dependencies import plain
 from thirdbody.laws.contract import Law
 
@@ -24,8 +25,8 @@ from thirdbody.laws.codegen.module_cache import as_kernel
 
 STILL = "Turn(0.0, 0.0, 0.0, 0.0)"
 
-CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {VN}],
-                    I[q + {SX}], I[q + {SY}], I[q + {VX}], I[q + {VY}], {roll})
+CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}], I[q + {NORMAL_VELOCITY}],
+                    I[q + {SLIP_X}], I[q + {SLIP_Y}], I[q + {VELOCITY_X}], I[q + {VELOCITY_Y}], {roll})
 """
 
 
@@ -92,16 +93,16 @@ def viscous_names(chain: Sequence[Law]) -> tuple[str, ...]:
 
 
 def field_of(offset: int) -> str:
-    return f"q + {offset * at.TILE}" if offset else "q"
+    return f"q + {offset * TILE}" if offset else "q"
 
 
 def contact_of(chain: Sequence[Law], still: bool = False) -> str:
-    names = ("OVERLAP", "RADIUS", "MASS", "VN", "SX", "SY", "VX", "VY")
-    behind = at.I_HISTORY + len(memory_names(chain))
+    names = ("OVERLAP", "RADIUS", "MASS", "NORMAL_VELOCITY", "SLIP_X", "SLIP_Y", "VELOCITY_X", "VELOCITY_Y")
+    behind = law_input.HISTORY + len(memory_names(chain))
     report = not still and any(law.rolls for law in chain)
-    places = (behind + at.J_TRAVEL_X, behind + at.J_TRAVEL_Y)
+    places = (behind + rolling_input.TRAVEL_X, behind + rolling_input.TRAVEL_Y)
     roll = ", ".join(f"I[{field_of(place)}]" if report else "0.0" for place in places)
-    return CONTACT.format(roll=roll, **{name: getattr(at, f"I_{name}") * at.TILE for name in names})
+    return CONTACT.format(roll=roll, **{name: getattr(law_input, name) * TILE for name in names})
 
 
 def parameters_of(chain: Sequence[Law], k: int) -> str:
@@ -119,11 +120,11 @@ def history_arguments(chain: Sequence[Law], k: int) -> tuple[list[str], str]:
     start, count = history_of(chain, k)
     if not count:
         return [], ""
-    read = ", ".join(f"I[{field_of(at.I_HISTORY + start + i)}]" for i in range(count))
+    read = ", ".join(f"I[{field_of(law_input.HISTORY + start + i)}]" for i in range(count))
     size = len(chain[k].memory()) - count
     if not size:
         return [], f", ({read},)"
-    lines = [f"        for f in range({size}):", f"            w[f] = I[q + (f + {at.I_HISTORY + start + count}) * {at.TILE}]"]
+    lines = [f"        for f in range({size}):", f"            w[f] = I[q + (f + {law_input.HISTORY + start + count}) * {TILE}]"]
     return lines, f", ({read},), w"
 
 
@@ -136,7 +137,7 @@ def scratch_of(chain: Sequence[Law]) -> str:
 def tile_function(name: str, chain: Sequence[Law], contact: str, lines: Sequence[str]) -> str:
     width = width_of(chain)
     head = f"@njit(LAW, **OPTIONS)\ndef {name}(I, O, n_contacts, P):\n"
-    head += f"    U = np.empty({width * at.TILE})\n    broadcast_parameters(I, n_contacts, P, {width}, U)\n"
+    head += f"    U = np.empty({width * TILE})\n    broadcast_parameters(I, n_contacts, P, {width}, U)\n"
     return head + scratch_of(chain) + "    for q in range(n_contacts):\n" + contact + "\n".join(lines) + "\n"
 
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.rolling_kinematics import MOMENTS
 from thirdbody.laws.codegen.fragments import (
     STILL,
@@ -144,9 +145,9 @@ def _call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str
     before, memory = history_arguments(chain, k)
     size = len(chain[k].memory()) - count
     lines += [*before, f"        {answer}, h{k} = kernel_{k}({arguments}, p{k}{memory}{', w_new' if size else ''})"]
-    lines += [f"        O[{field_of(at.O_HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
+    lines += [f"        O[{field_of(law_output.HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
     if size:
-        to = f"q + (f + {at.O_HISTORY + start + count}) * {at.TILE}"
+        to = f"q + (f + {law_output.HISTORY + start + count}) * {TILE}"
         lines += [f"        for f in range({size}):", f"            O[{to}] = w_new[f]"]
     return lines
 
@@ -171,34 +172,38 @@ def _law_function(chain: Sequence[Law]) -> str:
     if "rolling" in stages:
         lines += _rolling_lines(chain, stages["rolling"])
     outputs = {
-        "FN": "force",
-        "TX": "t_x",
-        "TY": "t_y",
-        "LOAD": "load.force",
-        "LIMIT": "limit",
-        "CRITICAL": "critical",
-        "SLIP": "slip",
-        "A": "n.contact_radius",
-        "STORED_N": "stored",
-        "STORED_T": "stored_t",
-        "WORK": "work",
-        "LOST": "lost",
-        "POWER": "power",
+        law_output.NORMAL_FORCE: "force",
+        law_output.TANGENTIAL_X: "t_x",
+        law_output.TANGENTIAL_Y: "t_y",
+        law_output.LOAD: "load.force",
+        law_output.FRICTION_LIMIT: "limit",
+        law_output.CRITICAL_SLIP: "critical",
+        law_output.SLIP: "slip",
+        law_output.CONTACT_RADIUS: "n.contact_radius",
+        law_output.STORED_NORMAL: "stored",
+        law_output.STORED_TANGENTIAL: "stored_t",
+        law_output.DISSIPATED: "work",
+        law_output.FRICTION_LOSS: "lost",
+        law_output.DASHPOT_POWER: "power",
     }
-    lines += [f"        O[{field_of(getattr(at, f'O_{name}'))}] = {value}" for name, value in outputs.items()]
+    lines += [f"        O[{field_of(i)}] = {value}" for i, value in outputs.items()]
     own = sum(len(law.memory()) for law in chain)
     if energy_column(chain) == own:
-        lines.append(f"        O[{field_of(at.O_HISTORY + own)}] = stored_t")
+        lines.append(f"        O[{field_of(law_output.HISTORY + own)}] = stored_t")
     return tile_function("law", chain, contact_of(chain), lines + _viscous_lines(chain))
 
 
 def _viscous_lines(chain: Sequence[Law]) -> list[str]:
     """Forces and moment of the dashpots behind the history; what is kept of them is left to whoever needs it, zero here."""
     history, saved = len(memory_names(chain)), len(viscous_names(chain))
-    outputs = {at.Q_VISCOUS_N: "viscous_n", at.Q_VISCOUS_X: "tv_x", at.Q_VISCOUS_Y: "tv_y"} if saved else {}
-    outputs |= {at.Q_VISCOUS_MX: "mv_x", at.Q_VISCOUS_MY: "mv_y"} if saved > 1 else {}
-    lines = [f"        O[{field_of(at.O_HISTORY + history - saved + i)}] = 0.0" for i in range(saved)]
-    return lines + [f"        O[{field_of(at.O_HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
+    outputs = (
+        {rolling_output.VISCOUS_NORMAL: "viscous_n", rolling_output.VISCOUS_X: "tv_x", rolling_output.VISCOUS_Y: "tv_y"}
+        if saved
+        else {}
+    )
+    outputs |= {rolling_output.VISCOUS_MOMENT_X: "mv_x", rolling_output.VISCOUS_MOMENT_Y: "mv_y"} if saved > 1 else {}
+    lines = [f"        O[{field_of(law_output.HISTORY + history - saved + i)}] = 0.0" for i in range(saved)]
+    return lines + [f"        O[{field_of(law_output.HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
 
 
 def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
@@ -220,12 +225,15 @@ def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]
 def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
     """The moment; its spring and its losses join those of friction. Its columns stand behind the history."""
     history = len(memory_names(chain))
-    rotation = ", ".join(f"I[{field_of(at.I_HISTORY + history + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y))
+    rotation = ", ".join(
+        f"I[{field_of(law_input.HISTORY + history + i)}]"
+        for i in (rolling_input.TURN_X, rolling_input.TURN_Y, rolling_input.RATE_X, rolling_input.RATE_Y)
+    )
     lines = [f"        turn = Turn({rotation})", *_call(chain, k, "c, turn, load", "r")]
     lines += _fitted("r.x", "r.y", "r.viscosity", "turn.w", "r.limit", "m")
     lines += ["        stored_t += r.stored", "        work, lost = work + r.dissipated, lost + r.dissipated"]
-    outputs = {at.Q_X: "m_x", at.Q_Y: "m_y", at.Q_LIMIT: "r.limit"}
-    return lines + [f"        O[{field_of(at.O_HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
+    outputs = {rolling_output.MOMENT_X: "m_x", rolling_output.MOMENT_Y: "m_y", rolling_output.MOMENT_LIMIT: "r.limit"}
+    return lines + [f"        O[{field_of(law_output.HISTORY + history + i)}] = {value}" for i, value in outputs.items()]
 
 
 def _fitted(x: str, y: str, viscosity: str, rate: str, limit: str, name: str) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import contact_tangent, law_input, rolling_input
 from thirdbody.laws.codegen.fragments import (
     STILL,
     call_without_history,
@@ -25,7 +25,7 @@ def tangent_module(chain: Sequence[Law]) -> str:
 
 
 def _tangent_function(chain: Sequence[Law]) -> str:
-    """Tangents with history: of the normal force with adhesion, of the tangential law, of the rolling one (layout: K_*).
+    """Tangents with history: of the normal force with adhesion, of the tangential law, of the rolling one (`contact_tangent`).
 
     Dashpots count with one over the length of the step, which the tile holds behind the history: a step that closes a contact
     by dd changes its speed by dd/dt. A viscous tangential force that the limit cuts adds nothing.
@@ -35,8 +35,8 @@ def _tangent_function(chain: Sequence[Law]) -> str:
     before, memory = history_arguments(chain, k)
     lines = [*before, f"        p{k} = {parameters_of(chain, k)}", f"        k_n = tangent_{k}(c, p{k}{memory})"]
     lines.append(f"        n = kernel_{k}(c, p{k}{memory})" + ("[0]" if memory else ""))
-    behind = at.I_HISTORY + len(memory_names(chain))
-    lines.append(f"        rate = I[{field_of(behind + at.J_INVERSE)}]")
+    behind = law_input.HISTORY + len(memory_names(chain))
+    lines.append(f"        rate = I[{field_of(behind + rolling_input.INVERSE_DT)}]")
     lines += _damped_lines(chain, stages)
     for k, law in enumerate(chain):
         if law.stage == "adhesion" and law.tangent is not None:
@@ -47,17 +47,20 @@ def _tangent_function(chain: Sequence[Law]) -> str:
         lines += _remembering(chain, stages["tangential"], "t", "c, load")
     if "tangential_damping" in stages and "tangential" in stages:
         lines += _dragged_lines(chain, stages)
-    lines.append(f"        O[{field_of(at.K_NORMAL)}] = k_n")
-    lines += [f"        O[{field_of(at.K_XX + i)}] = t[{i}]{' - back' if i in (0, 3) else ''}" for i in range(6)]
+    lines.append(f"        O[{field_of(contact_tangent.NORMAL)}] = k_n")
+    lines += [f"        O[{field_of(contact_tangent.XX + i)}] = t[{i}]{' - back' if i in (0, 3) else ''}" for i in range(6)]
     if "rolling" in stages:
-        k, rotation = (
-            stages["rolling"],
-            ", ".join(f"I[{field_of(behind + i)}]" for i in (at.J_X, at.J_Y, at.J_RATE_X, at.J_RATE_Y)),
+        k = stages["rolling"]
+        rotation = ", ".join(
+            f"I[{field_of(behind + i)}]"
+            for i in (rolling_input.TURN_X, rolling_input.TURN_Y, rolling_input.RATE_X, rolling_input.RATE_Y)
         )
         lines += [f"        turn = Turn({rotation})", *_remembering(chain, k, "m", "c, turn, load")]
         lines += call_without_history(chain, k, f"c, {STILL}, load", "r")
         viscous = " - r.viscosity * rate"
-        lines += [f"        O[{field_of(at.K_ROLL + i)}] = m[{i}]{viscous if i in (0, 3) else ''}" for i in range(6)]
+        lines += [
+            f"        O[{field_of(contact_tangent.ROLLING + i)}] = m[{i}]{viscous if i in (0, 3) else ''}" for i in range(6)
+        ]
     return tile_function("tangents", chain, contact_of(chain), lines)
 
 

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import law_input, law_output
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.laws.conformance.paths import (
     PAIRS,
     SPAN,
@@ -51,7 +52,7 @@ def account(bench: Bench, path: Path, m: int) -> Account:
     """Drive the paths and keep their accounts. A contact that opens dissipates what its tangential spring
     holds."""
     tangential = bench.sheared
-    column = at.O_STORED_T if tangential else at.O_STORED_N
+    column = law_output.STORED_TANGENTIAL if tangential else law_output.STORED_NORMAL
     zero = np.zeros_like(path.overlap[0])
     work, total, heat, stored, built, negative = zero, zero, zero, zero, zero, zero
     depth, force = zero, zero
@@ -59,15 +60,18 @@ def account(bench: Bench, path: Path, m: int) -> Account:
         answer, requested = moment.answer, moment.asked
         new_depth = np.maximum(requested.overlap, 0.0)
         if tangential:
-            done = -np.sum(answer[:, at.O_TX : at.O_TY + 1] * requested.slip, 1)
+            done = -np.sum(answer[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1] * requested.slip, 1)
             lost = np.where(new_depth > 0.0, 0.0, stored)
         else:
-            done, lost = 0.5 * (answer[:, at.O_FN] + force) * (new_depth - depth), zero
-        force, depth = answer[:, at.O_FN], new_depth
+            done, lost = 0.5 * (answer[:, law_output.NORMAL_FORCE] + force) * (new_depth - depth), zero
+        force, depth = answer[:, law_output.NORMAL_FORCE], new_depth
         work, total = work + done, total + np.abs(done)
-        stored, heat = answer[:, column], heat + answer[:, at.O_WORK] + answer[:, at.O_POWER] * (SPAN / m) + lost
+        stored, heat = (
+            answer[:, column],
+            heat + answer[:, law_output.DISSIPATED] + answer[:, law_output.DASHPOT_POWER] * (SPAN / m) + lost,
+        )
         built = np.maximum(built, stored - work)
-        negative = np.minimum(negative, answer[:, at.O_WORK])
+        negative = np.minimum(negative, answer[:, law_output.DISSIPATED])
         total = np.maximum(total, np.abs(stored))
     scale = np.maximum(total, 1e-300)
     return Account(built / scale, np.abs(work - stored - heat) / scale, negative / scale)
@@ -144,17 +148,17 @@ def samples(bench: Bench) -> list[Sample]:
     huge."""
     rng = np.random.default_rng(5)
     usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
-    first = at.I_HISTORY + sum(len(law.memory()) for law in bench.chain.laws[: bench.place])
+    first = law_input.HISTORY + sum(len(law.memory()) for law in bench.chain.laws[: bench.place])
     own = slice(first, first + len(bench.law.memory()))
     result: list[Sample] = []
     for moment in follow_path(bench, random_paths(bench, 3), 4):
         I = bench.inputs(moment.asked, moment.before)  # noqa: E741
         for k in usual:
-            for lane in rng.integers(at.TILE, size=3):
+            for lane in rng.integers(TILE, size=3):
                 numbers = I[k, :, lane].tolist()
-                if numbers[at.I_OVERLAP] > 0.0:
+                if numbers[law_input.OVERLAP] > 0.0:
                     memory = tuple(numbers[own])
-                    result.append(Sample(k, Contact._make((*numbers[: at.I_TYPE], 0.0, 0.0)), memory))
+                    result.append(Sample(k, Contact._make((*numbers[: law_input.PAIR_TYPE], 0.0, 0.0)), memory))
     return result
 
 

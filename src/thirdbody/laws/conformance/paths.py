@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.laws.codegen.laws import compose
 from thirdbody.laws.contract import Law, Material, Option, Pair
 from thirdbody.laws.hertz import HERTZ
@@ -158,34 +159,39 @@ class Bench:
         """The tiles as the engine stages them, (T, fields, TILE)."""
         tiles = len(requested.overlap)
         radius = self.radius(tiles)
-        end = at.I_HISTORY + self.width
-        I = np.zeros((tiles, end + (at.J_COLS if self.chain.rolling else 0), at.TILE))  # noqa: E741
-        I[:, at.I_OVERLAP], I[:, at.I_RADIUS], I[:, at.I_MASS] = requested.overlap, radius, 8e3 * radius**3
-        I[:, at.I_VN] = requested.v_n
-        I[:, at.I_SX : at.I_SY + 1], I[:, at.I_VX : at.I_VY + 1] = requested.slip, requested.v
-        I[:, at.I_TYPE] = self.setting_of(tiles)[:, None]
-        I[:, at.I_HISTORY : end] = history
+        end = law_input.HISTORY + self.width
+        I = np.zeros((tiles, end + (rolling_input.WIDTH if self.chain.rolling else 0), TILE))  # noqa: E741
+        I[:, law_input.OVERLAP], I[:, law_input.RADIUS], I[:, law_input.MASS] = requested.overlap, radius, 8e3 * radius**3
+        I[:, law_input.NORMAL_VELOCITY] = requested.v_n
+        I[:, law_input.SLIP_X : law_input.SLIP_Y + 1] = requested.slip
+        I[:, law_input.VELOCITY_X : law_input.VELOCITY_Y + 1] = requested.v
+        I[:, law_input.PAIR_TYPE] = self.setting_of(tiles)[:, None]
+        I[:, law_input.HISTORY : end] = history
         if self.rolling:
             I[:, end : end + 2], I[:, end + 2 : end + 4] = requested.slip / radius[:, None], requested.v / radius[:, None]
         return I
 
     def call(self, requested: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
-        """Answers (T, 13, TILE) by `kernels.layout` names O_*, and the new history (T, h, TILE)."""
+        """Answers (T, 13, TILE) by `columns.law_output`, and the new history (T, h, TILE)."""
         I = self.inputs(requested, history)  # noqa: E741
-        end = at.O_HISTORY + self.width
-        O = np.full((len(I), end + at.Q_COLS, at.TILE), np.nan)  # noqa: E741
+        end = law_output.HISTORY + self.width
+        O = np.full((len(I), end + rolling_output.WIDTH, TILE), np.nan)  # noqa: E741
         flat, out, table = I.reshape(len(I), -1), O.reshape(len(I), -1), self.table.ravel()
         for t in range(len(I)):
-            (law or self.chain.law)(flat[t], out[t], at.TILE, table)
+            (law or self.chain.law)(flat[t], out[t], TILE, table)
         if self.rolling:
             per_arm = 1.0 / self.radius(len(I))
-            for force, moment in ((at.O_TX, at.Q_X), (at.O_TY, at.Q_Y), (at.O_LIMIT, at.Q_LIMIT)):
+            for force, moment in (
+                (law_output.TANGENTIAL_X, rolling_output.MOMENT_X),
+                (law_output.TANGENTIAL_Y, rolling_output.MOMENT_Y),
+                (law_output.FRICTION_LIMIT, rolling_output.MOMENT_LIMIT),
+            ):
                 O[:, force] = O[:, end + moment] * per_arm
-        return O[:, : at.O_HISTORY], O[:, at.O_HISTORY : end]
+        return O[:, : law_output.HISTORY], O[:, law_output.HISTORY : end]
 
     def virgin(self, tiles: int) -> Array:
         """Empty history."""
-        return np.zeros((tiles, self.width, at.TILE))
+        return np.zeros((tiles, self.width, TILE))
 
     def interpreted(self) -> Callable:
         """The tile function without the compiler, on Python floats: a division by zero raises."""
@@ -263,7 +269,7 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     """
     rng = np.random.default_rng(SEED)
     tiles = repeats * len(bench.settings)
-    lanes = (tiles, at.TILE)
+    lanes = (tiles, TILE)
     deepest = bench.radius(tiles) * 10.0 ** rng.uniform(-6.0, -1.5, lanes)
     overlap = deepest * rng.uniform(0.02, 1.0, (corners, *lanes))
     overlap = np.where(rng.random(overlap.shape) < 0.125, -0.2 * deepest, overlap)
@@ -274,18 +280,18 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     by_critical = np.where(critical > 0.0, critical * 10.0 ** rng.uniform(-1.5, 1.0, lanes), by_overlap)
     reach = np.where(scale == 0, by_overlap, np.where(scale == 1, by_radius, by_critical))
     reach = by_critical if resolved else reach
-    slip = reach[:, None] * rng.uniform(-1.0, 1.0, (corners, tiles, 2, at.TILE))
+    slip = reach[:, None] * rng.uniform(-1.0, 1.0, (corners, tiles, 2, TILE))
     angle = rng.uniform(0.0, 2.0 * np.pi, lanes)
     line = np.stack([np.cos(angle), np.sin(angle)], 1)
     on_line = np.sum(slip * line, 2, keepdims=True) * line
-    return Path(overlap, np.where(rng.random((tiles, 1, at.TILE)) < 0.3, on_line, slip))
+    return Path(overlap, np.where(rng.random((tiles, 1, TILE)) < 0.3, on_line, slip))
 
 
 def _critical(bench: Bench, overlap: Array) -> Array:
     """Displacement at which a virgin contact slips, m, as the law says; 0 where it gives none."""
-    still, none = np.zeros_like(overlap), np.zeros((len(overlap), 2, at.TILE))
+    still, none = np.zeros_like(overlap), np.zeros((len(overlap), 2, TILE))
     answer, _ = bench.call(Contacts(overlap, none, still, none), bench.virgin(len(overlap)))
-    critical = answer[:, at.O_CRITICAL]
+    critical = answer[:, law_output.CRITICAL_SLIP]
     return np.where(np.isfinite(critical), critical, 0.0)
 
 
@@ -297,12 +303,12 @@ def closed_cycles(bench: Bench) -> Path:
     """
     tiles = len(bench.settings)
     rng = np.random.default_rng(SEED + 1)
-    high = bench.radius(tiles) * 10.0 ** rng.uniform(-4.0, -2.0, (tiles, at.TILE))
+    high = bench.radius(tiles) * 10.0 ** rng.uniform(-4.0, -2.0, (tiles, TILE))
     low = 0.4 * high
     deep, shallow = (low, low, high, high, low), (high, high, low, low, high)
-    overlap = np.where(np.arange(at.TILE) % 2 == 0, np.array(deep), np.array(shallow))
+    overlap = np.where(np.arange(TILE) % 2 == 0, np.array(deep), np.array(shallow))
     shear = np.minimum(bench.friction(tiles), 1.0) * high * 10.0 ** rng.uniform(-1.5, 0.5, high.shape)
-    slip = np.zeros((5, tiles, 2, at.TILE))
+    slip = np.zeros((5, tiles, 2, TILE))
     slip[1:3, :, 0] = shear
     return Path(overlap, slip)
 
@@ -311,7 +317,7 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
     """Contacts asked one after another, with every quantity drawn from zero, ordinary and absurd values."""
     rng = np.random.default_rng(SEED + 2)
     tiles = len(bench.settings)
-    lanes = (tiles, at.TILE)
+    lanes = (tiles, TILE)
     radius = bench.radius(tiles)
     deep = np.array([0.0, 0.0, 1e-15, 1e-9, 1e-6, 1e-3, 0.1, 1.0, 10.0])
     far = np.array([0.0, 0.0, 1e-18, 1e-12, 1e-6, 1e-3, 1.0, 1e6])
@@ -320,7 +326,7 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
     def drawn(values: Array, shape: tuple[int, ...]) -> Array:
         return rng.choice(values, shape) * rng.choice([-1.0, 1.0], shape)
 
-    wide = (tiles, 2, at.TILE)
+    wide = (tiles, 2, TILE)
     return [
         Contacts(
             radius * rng.choice(deep, lanes),

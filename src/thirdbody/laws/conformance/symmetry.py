@@ -7,7 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import law_output
+from thirdbody.kernels.columns.tile import TILE
 from thirdbody.laws.conformance.paths import (
     Array,
     Bench,
@@ -29,12 +30,17 @@ ROTATED = 1e-9
 """The same for a rotated path: a cosine per step, and friction's return amplifies it by the trial over the
 limit."""
 
-FORCES = [at.O_FN, at.O_TX, at.O_TY, at.O_LOAD, at.O_LIMIT, at.O_STORED_N, at.O_STORED_T]
-ENERGIES = (at.O_STORED_N, at.O_STORED_T, at.O_WORK, at.O_LOST)
-NAMES = {
-    getattr(at, f"O_{name.upper()}"): name
-    for name in ("fn tx ty load limit critical slip a stored_n stored_t work lost power".split())
-}
+FORCES = [
+    law_output.NORMAL_FORCE,
+    law_output.TANGENTIAL_X,
+    law_output.TANGENTIAL_Y,
+    law_output.LOAD,
+    law_output.FRICTION_LIMIT,
+    law_output.STORED_NORMAL,
+    law_output.STORED_TANGENTIAL,
+]
+ENERGIES = (law_output.STORED_NORMAL, law_output.STORED_TANGENTIAL, law_output.DISSIPATED, law_output.FRICTION_LOSS)
+NAMES = {column.first: column.name for column in law_output.table}
 
 
 def finite(bench: Bench) -> Result:
@@ -70,7 +76,7 @@ def no_touch(bench: Bench) -> Result:
 
 def rotation(bench: Bench) -> Result:
     """Turning the contact frame turns the tangential force and leaves all else."""
-    angle = np.random.default_rng(7).uniform(0.0, 2.0 * np.pi, (len(bench.settings), at.TILE))
+    angle = np.random.default_rng(7).uniform(0.0, 2.0 * np.pi, (len(bench.settings), TILE))
     cos, sin = np.cos(angle), np.sin(angle)
     return _transformed(bench, np.array([[cos, -sin], [sin, cos]]), ROTATED)
 
@@ -82,7 +88,7 @@ def swap(bench: Bench) -> Result:
     `rotation` this also says that negating the slip negates the force. The order of two materials must not
     matter either.
     """
-    one = np.ones((len(bench.settings), at.TILE))
+    one = np.ones((len(bench.settings), TILE))
     passed, detail = _transformed(bench, np.array([[-one, 0.0 * one], [0.0 * one, one]]), ROUND_OFF)
     if not passed:
         return passed, detail
@@ -98,18 +104,24 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
     """Compare a walk with the walk of the path transformed by `matrix` (2, 2, T, TILE)."""
     path = random_paths(bench, 5)
     image = Path(path.overlap, np.einsum("ijtl,ktjl->ktil", matrix, path.slip))
-    size = np.full((len(bench.settings), at.O_HISTORY, at.TILE), 1e-300)
+    size = np.full((len(bench.settings), law_output.HISTORY, TILE), 1e-300)
     worst, report = 0.0, ""
     for one, two in zip(follow_path(bench, path, 3), follow_path(bench, image, 3), strict=True):
         expected = one.answer.copy()
-        expected[:, at.O_TX : at.O_TY + 1] = np.einsum("ijtl,tjl->til", matrix, one.answer[:, at.O_TX : at.O_TY + 1])
+        expected[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1] = np.einsum(
+            "ijtl,tjl->til", matrix, one.answer[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1]
+        )
         size = np.maximum(size, np.abs(expected))
-        size[:, at.O_TX : at.O_TY + 1] = np.max(size[:, at.O_TX : at.O_TY + 1], 1, keepdims=True)
+        size[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1] = np.max(
+            size[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1], 1, keepdims=True
+        )
         size[:, ENERGIES] = np.max(size[:, ENERGIES], 1, keepdims=True)
         # what the friction limit leaves to a dashpot may be the rounding of a difference: so the scale is
         # force by speed
         speed = np.hypot(*np.moveaxis(one.asked.v, 1, 0)) + np.abs(one.asked.v_n)
-        size[:, at.O_POWER] = np.maximum(size[:, at.O_POWER], np.abs(size[:, at.O_TX] + size[:, at.O_FN]) * speed)
+        size[:, law_output.DASHPOT_POWER] = np.maximum(
+            size[:, law_output.DASHPOT_POWER], np.abs(size[:, law_output.TANGENTIAL_X] + size[:, law_output.NORMAL_FORCE]) * speed
+        )
         error = np.nan_to_num(np.abs(two.answer - expected) / size, nan=np.inf)
         if error.max() > worst:
             worst = float(error.max())
@@ -130,13 +142,14 @@ def friction_limit(bench: Bench) -> Result:
     for m in (1, 4):
         for moment in follow_path(bench, path, m):
             answer = moment.answer
-            size, limit = np.hypot(answer[:, at.O_TX], answer[:, at.O_TY]), answer[:, at.O_LIMIT]
+            size = np.hypot(answer[:, law_output.TANGENTIAL_X], answer[:, law_output.TANGENTIAL_Y])
+            limit = answer[:, law_output.FRICTION_LIMIT]
             over = np.argwhere(~(size <= limit * (1.0 + ROUND_OFF)))
             if len(over):
                 tile, lane = over[0]
                 ratio = size[tile, lane] / max(limit[tile, lane], 1e-300)
                 return False, f"force is {ratio:.6g} of the limit, {_place(bench, moment.asked, tile, lane)}"
-            allowed = mu * answer[:, at.O_LOAD]
+            allowed = mu * answer[:, law_output.LOAD]
             if has_mu and not np.allclose(limit, allowed, rtol=ROUND_OFF, atol=0.0):
                 tile, lane = np.argwhere(~np.isclose(limit, allowed, rtol=ROUND_OFF, atol=0.0))[0]
                 ratio = limit[tile, lane] / max(allowed[tile, lane], 1e-300)
@@ -157,13 +170,13 @@ def passive(bench: Bench) -> Result:
         v_n = speed * rng.uniform(-1.0, 1.0, rest.shape)
         moving, _ = bench.call(Contacts(open_at, requested.slip, v_n, v), moment.before)
         still, _ = bench.call(Contacts(open_at, requested.slip, rest, np.zeros_like(v)), moment.before)
-        power = moving[:, at.O_POWER]
-        scale = np.abs(still[:, at.O_FN]) * speed
+        power = moving[:, law_output.DASHPOT_POWER]
+        scale = np.abs(still[:, law_output.NORMAL_FORCE]) * speed
         bad = np.argwhere(~(power >= -ROUND_OFF * scale))
         if len(bad):
             tile, lane = bad[0]
             return False, f"power is {power[tile, lane]:.3g} W, {_place(bench, requested, tile, lane)}"
-        if np.any(still[:, at.O_POWER] != 0.0):
+        if np.any(still[:, law_output.DASHPOT_POWER] != 0.0):
             return False, "power without velocity"
     return True, ""
 
@@ -196,7 +209,7 @@ def history(bench: Bench) -> Result:
     it is the stored energy."""
     path = random_paths(bench, 4)
     moments: list[Moment] = list(follow_path(bench, path, 3))
-    order = np.random.default_rng(3).permutation(at.TILE)
+    order = np.random.default_rng(3).permutation(TILE)
     memory = moments[5].after.copy()
     for moment in moments[6:]:
         touches = (moment.asked.overlap > 0.0)[:, None]
@@ -208,7 +221,7 @@ def history(bench: Bench) -> Result:
         if not (np.array_equal(answer, moment.answer) and np.array_equal(after, moment.after)):
             return False, "a continued contact differs from one that was not interrupted"
         memory = after
-    if not all(np.array_equal(_energy(bench, moment), moment.answer[:, at.O_STORED_T]) for moment in moments):
+    if not all(np.array_equal(_energy(bench, moment), moment.answer[:, law_output.STORED_TANGENTIAL]) for moment in moments):
         return False, "what it remembers as `energy` is not what it answers as `stored`"
     return True, f"{len(bench.law.history)} floats" if bench.law.history else "none"
 
@@ -216,7 +229,7 @@ def history(bench: Bench) -> Result:
 def _energy(bench: Bench, moment: Moment) -> Array:
     """What the law remembers as the energy of its spring (the engine reads it there), J; what it answers, if it does not."""
     own = bench.sheared and "energy" in bench.law.history
-    return moment.after[:, bench.chain.stored] if own else moment.answer[:, at.O_STORED_T]
+    return moment.after[:, bench.chain.stored] if own else moment.answer[:, law_output.STORED_TANGENTIAL]
 
 
 def _place(bench: Bench, requested: Contacts, tile: int, lane: int) -> str:

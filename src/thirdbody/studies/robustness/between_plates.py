@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, run_totals
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause
 from thirdbody.studies.robustness.case import CaseRun, Trial
@@ -88,7 +88,7 @@ def no_friction(trial: Trial) -> None:
     start = course.state.B[0, :2].copy()
     course.follow(WAY, see=lambda: labels.append(course.label()[0]))
     trial.hold("shear force", np.abs(course.shear()).max(), 0.0)
-    trial.hold("friction work", course.state.A[at.A_FRICTION], 0.0)
+    trial.hold("friction work", course.state.A[run_totals.FRICTION_WORK], 0.0)
     # a seat that is found by tilting may shift the centre; friction must not
     trial.hold("way of the body, m", np.abs(course.state.B[0, :2] - start).max(), 0.0)
     # the first step of the drag opens the window in which slip is counted
@@ -111,7 +111,7 @@ def endless_friction(trial: Trial) -> None:
 
     def see() -> None:
         labels.append(course.label()[0])
-        forces.append(abs(float(course.state.A[at.A_UPPER])) / LOAD)
+        forces.append(abs(float(course.state.A[run_totals.UPPER_FORCE])) / LOAD)
 
     course.follow(WAY, see=see)
     # it pivots about the edge of two spots, at most span over height = 5/2 times the load
@@ -127,19 +127,19 @@ def symmetric_spots(trial: Trial) -> None:
     course = trial.start(pressed(trial, particle([0.0], [-SPAN, SPAN]), 0.3))
     shifts: list[float] = []
     course.to(time=course.simulation.settle)
-    shifts.append(abs(float(course.state.B[0, at.B_X]) - 0.5 * BOX))
+    shifts.append(abs(float(course.state.bodies.position[0, 0]) - 0.5 * BOX))
     course.follow(WAY)
     # mirror images add up in opposite order: rounding of coordinates of 1e-4 m
     trial.hold("shift by pressing, m", max(shifts), 1e-15)
-    trial.hold("out of the plane, m", abs(course.state.B[0, at.B_X + 1] - 0.5 * BOX), 0.0)
+    trial.hold("out of the plane, m", abs(course.state.bodies.position[0, 1] - 0.5 * BOX), 0.0)
     trial.hold("friction coefficient - mu", abs(course.friction() / 0.3 - 1.0), SETTLED)
     trial.hold_true("labelled sliding", course.label()[0] == "sliding")
 
 
 def degenerate_spots(trial: Trial) -> None:
     """Two spots (a ball), coincident spots, spots in a row: rank-deficient, but finite and named as indeterminate."""
-    for what, body in _degenerate():
-        course = trial.start(pressed(trial, body, 0.3, Motion(x=(Pause(pause=1e-6), ConstantVelocity(velocity=SPEED)))))
+    for what, body_number in _degenerate():
+        course = trial.start(pressed(trial, body_number, 0.3, Motion(x=(Pause(pause=1e-6), ConstantVelocity(velocity=SPEED)))))
         course.follow([5e-8, 1e-7], "time")
         state, reason = course.label()
         named = (state, reason) == ("sticking", "indeterminate")
@@ -181,7 +181,7 @@ def both_sides(trial: Trial) -> None:
     course = trial.start(pressed(trial, particle([-SPAN, SPAN], [-SPAN, SPAN]), 0.3))
     labels: list[str] = []
     course.follow(WAY, see=lambda: labels.append(course.label()[0]))
-    moved = float(course.state.B[0, at.B_X]) - 0.5 * BOX
+    moved = float(course.state.bodies.position[0, 0]) - 0.5 * BOX
     trial.hold_true("labelled sliding", set(labels[2:]) == {"sliding"})
     trial.hold("friction coefficient - mu", abs(course.friction() / 0.3 - 1.0), SETTLED)
     trial.hold("outside the way of the plates, m", max(-moved, moved - WAY[-1]), 2e-8)
@@ -215,7 +215,7 @@ def across_a_face(trial: Trial) -> None:
 def _forces(trial: Trial, x: float) -> np.ndarray:
     course = trial.start(pressed(trial, clump(TRIPOD, x=x), 0.3))
     rows: list[Sequence[float]] = []
-    course.follow(WAY, see=lambda: rows.append(tuple(course.state.A[[at.A_UPPER, at.A_UPPER + 2]])))
+    course.follow(WAY, see=lambda: rows.append(tuple(course.state.A[[run_totals.UPPER_FORCE, run_totals.UPPER_FORCE + 2]])))
     return np.array(rows)
 
 
@@ -227,7 +227,7 @@ def constant_gap(trial: Trial) -> None:
     gap = {"support": "rigid", "load": None, "gap": HEIGHT, "closing": 2e-3}
     course = trial.start(pressed(trial, particle([0.0], [-SPAN, SPAN]), 0.7, drag(0.01), plate=gap, settle=1e-6))
     forces: list[float] = []
-    course.follow([2e-9 * k for k in range(1, 11)], see=lambda: forces.append(float(course.state.A[at.A_UPPER + 2])))
+    course.follow([2e-9 * k for k in range(1, 11)], see=lambda: forces.append(float(course.state.A[run_totals.UPPER_FORCE + 2])))
     trial.hold_true("warned of wedging", any("wedges" in warning for warning in course.simulation.warnings))
     trial.hold_true("the normal force grows", bool(forces[-1] > forces[0] > 0.0))
 
@@ -242,7 +242,11 @@ def many_dashpots(trial: Trial) -> None:
     course = trial.start(pressed(trial, sheet, 0.2, drag(0.1), restitution=0.1, plate={"load": 2.0 * LOAD}))
     course.follow([1e-8 * k for k in range(1, 6)])
     trial.hold("friction coefficient - mu", abs(course.friction() / 0.2 - 1.0), SETTLED)
-    trial.hold("lost in dashpots over the work of the plate", course.state.A[at.A_DAMPING] / course.state.A[at.A_PLATE_ABS], 1.0)
+    trial.hold(
+        "lost in dashpots over the work of the plate",
+        course.state.A[run_totals.DAMPING_WORK] / course.state.A[run_totals.PLATE_WORK_SIZE],
+        1.0,
+    )
 
 
 def plain_slide(trial: Trial) -> CaseRun:

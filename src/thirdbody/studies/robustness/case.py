@@ -13,7 +13,7 @@ from thirdbody.build.simulation import Simulation, build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import RESIDUAL_GUARD, EnergyGuard
 from thirdbody.engine.state import rotation_matrices
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, contact_state, record, run_totals
 from thirdbody.scene.model import Scene
 
 RESIDUAL = {"explicit": 2e-2, "implicit": 1e-6}
@@ -127,10 +127,10 @@ class CaseRun:
         trial.hold("energy residual", residual, RESIDUAL[kind], RESIDUAL_GUARD)
         finite = all(bool(np.all(np.isfinite(table))) for table in (state.S, state.B, state.E, state.P, state.A, state.slots.H))
         trial.hold_true("finite numbers", finite)
-        norms = np.linalg.norm(state.B[:, at.B_Q : at.B_Q + 4], axis=1)
+        norms = np.linalg.norm(state.bodies.quaternion, axis=1)
         trial.hold("length of quaternions - 1", np.abs(norms - 1.0).max(), NORM)
         if kind == "implicit":
-            built = -state.A[at.A_NUMERICAL] / max(state.A[at.A_PLATE_ABS], self.ledger.peak, 1e-300)
+            built = -state.A[run_totals.NUMERICAL_LOSS] / max(state.A[run_totals.PLATE_WORK_SIZE], self.ledger.peak, 1e-300)
             trial.hold("energy made by the integrator", built, GAINED)
             trial.hold_true("every step solved", not self.integrator.summary()["unsolved"])
 
@@ -167,11 +167,11 @@ class CaseRun:
     def friction(self) -> float:
         """Force on the upper plate along x over its normal force, at this instant."""
         A = self.state.A
-        return -float(A[at.A_UPPER]) / float(A[at.A_UPPER + 2])
+        return -float(A[run_totals.UPPER_FORCE]) / float(A[run_totals.UPPER_FORCE + 2])
 
     def loaded(self) -> np.ndarray:
         """Which candidates for contact are closed (n,), bool."""
-        return self.state.slots.H[:, at.H_ON] > 0.0
+        return self.state.slots.histories.slip > 0.0
 
     def remembered(self) -> float:
         """Largest entry of the history of open contacts, which must have forgotten all."""
@@ -179,21 +179,21 @@ class CaseRun:
 
     def shear(self) -> np.ndarray:
         """Tangential forces of the candidates (n, 3), N; zero where open."""
-        return np.where(self.loaded()[:, None], self.state.slots.R[:, at.R_T : at.R_T + 3], 0.0)
+        return np.where(self.loaded()[:, None], self.state.slots.records.tangential_force, 0.0)
 
-    def velocity(self, body: int = 0) -> np.ndarray:
+    def velocity(self, number: int = 0) -> np.ndarray:
         """Velocity of a body (3,), m/s."""
-        return self.state.B[body, at.B_V : at.B_V + 3].copy()
+        return self.state.bodies.velocity[number].copy()
 
     def kinetic(self) -> float:
         """Kinetic energy of all bodies, J."""
         B, E = self.state.B, self.state.E
-        moving = np.sum(B[:, at.B_MASS, None] * B[:, at.B_V : at.B_V + 3] ** 2)
-        return 0.5 * float(moving + np.sum(E[:, at.E_L : at.E_L + 3] * B[:, at.B_W : at.B_W + 3]))
+        moving = np.sum(B[:, body.MASS, None] * B[:, body.VELOCITY3] ** 2)
+        return 0.5 * float(moving + np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3]))
 
     def momentum(self) -> np.ndarray:
         """Linear momentum of all bodies (3,), kg m/s."""
-        return np.sum(self.state.B[:, at.B_MASS, None] * self.state.B[:, at.B_V : at.B_V + 3], axis=0)
+        return np.sum(self.state.B[:, body.MASS, None] * self.state.bodies.velocity, axis=0)
 
     def leave(self, period: float) -> None:
         """Go on, in parts of `period` (s), until bodies that have touched are apart."""
@@ -208,6 +208,6 @@ class CaseRun:
         self.end()
 
 
-def turn_of(course: CaseRun, body: int = 0) -> np.ndarray:
+def turn_of(course: CaseRun, number: int = 0) -> np.ndarray:
     """Rotation matrix of a body (3, 3), body to world."""
-    return rotation_matrices(course.state.B[body : body + 1, at.B_Q : at.B_Q + 4])[0]
+    return rotation_matrices(course.state.bodies.quaternion[number : number + 1])[0]

@@ -10,7 +10,7 @@ import numpy as np
 from thirdbody.build.simulation import build
 from thirdbody.engine.state import angular_momentum, rotation_matrices
 from thirdbody.errors import GuardStop, InputError
-from thirdbody.kernels import layout as at
+from thirdbody.kernels.columns import body, body_extra, contact_state, record, run_totals
 from thirdbody.scene.model import Domain
 from thirdbody.studies.robustness.between_plates import plain_slide
 from thirdbody.studies.robustness.case import CaseRun, Trial, turn_of
@@ -52,14 +52,14 @@ def mass_ratio(trial: Trial) -> None:
         ball(RADIUS, (RADIUS + gap, 0.0, 0.0), (-1.0, 0.0, 0.0), material="light"),
     ]
     course = trial.start(scene(trial, bodies, materials, 0.3))
-    mass, before = course.state.B[:, at.B_MASS], course.momentum()
+    mass, before = course.state.bodies.mass, course.momentum()
     course.leave(1e-6)
     expected = np.array([-2.0 * mass[1], mass[0] - mass[1]]) / mass.sum()
     # half a unit in the last place of the momenta, which are 1 and 2, per step
     trial.hold("momentum", np.abs(course.momentum() - before).max() / abs(before[0]), 1e-13)
-    speeds = np.array([course.velocity(body)[0] for body in (0, 1)])
+    speeds = np.array([course.velocity(number)[0] for number in (0, 1)])
     trial.hold("speeds after the impact", np.abs(speeds - expected).max(), ENERGY, math.inf)
-    trial.hold("spin", np.abs(course.state.B[:, at.B_W : at.B_W + 3]).max(), 0.0)
+    trial.hold("spin", np.abs(course.state.bodies.spin).max(), 0.0)
 
 
 def rigid_plane(trial: Trial) -> None:
@@ -77,7 +77,7 @@ def incompressible(trial: Trial) -> None:
     for nu in nus:
         course = trial.start(on_plane(trial, solid(1e9, nu, 1000.0), RADIUS, (0.8, 0.0, -1.0), 0.5))
         course.leave(5e-6)
-        result.append([*course.velocity(), RADIUS * course.state.B[0, at.B_W + 1]])
+        result.append([*course.velocity(), RADIUS * course.state.bodies.spin[0, 1]])
     change = np.abs(np.array(result) - result[-1]).max(axis=1)
     # proportional to .5 - nu, with a factor of order one; steps of a twentieth of the contact time leave 2e-3
     allowed = 3.0 * (0.5 - np.array(nus)) + ENERGY
@@ -96,10 +96,10 @@ def _flake(trial: Trial) -> CaseRun:
     alone = ball(RADIUS, (0.0, 0.0, 0.0))
     course = trial.start(scene(trial, [alone], {"ball": STEEL}, 0.0))
     B, E = course.state.B, course.state.E
-    E[:, at.E_I : at.E_I + 3] *= FLAKE
-    B[:, at.B_BALL] = 0.0
-    B[:, at.B_W : at.B_W + 3] = WOBBLE
-    E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
+    E[:, body_extra.INERTIA3] *= FLAKE
+    B[:, body.SPHERE_INERTIA] = 0.0
+    B[:, body.SPIN3] = WOBBLE
+    E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
     course.ledger.start = course.ledger.peak = course.kinetic()
     return course
 
@@ -111,19 +111,19 @@ def spinning_flake(trial: Trial) -> None:
     """
     course = _flake(trial)
     B, E = course.state.B, course.state.E
-    before, energy = E[0, at.E_L : at.E_L + 3].copy(), course.kinetic()
-    moments = E[0, at.E_I : at.E_I + 3].copy()
-    period = _period(moments, turn_of(course).T @ B[0, at.B_W : at.B_W + 3])
+    before, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), course.kinetic()
+    moments = E[0, body_extra.INERTIA3].copy()
+    period = _period(moments, turn_of(course).T @ B[0, body.SPIN3])
     rows = []
     axis = int(np.argmin(moments))
     while course.state.time < 4.6 * period:
         course.steps()
-        rows.append((course.state.time, (turn_of(course).T @ B[0, at.B_W : at.B_W + 3])[axis]))
+        rows.append((course.state.time, (turn_of(course).T @ B[0, body.SPIN3])[axis]))
     course.to(time=4.7 * period)
     time, first = np.array(rows).T
     k = np.flatnonzero((first[:-1] < 0.0) & (first[1:] >= 0.0))
     zeros = time[k] - first[k] * (time[k + 1] - time[k]) / (first[k + 1] - first[k])
-    trial.hold("change of the angular momentum", np.abs(E[0, at.E_L : at.E_L + 3] - before).max(), 0.0)
+    trial.hold("change of the angular momentum", np.abs(E[0, body_extra.ANGULAR_MOMENTUM3] - before).max(), 0.0)
     # second order: the square of the turn of a step, .05 radians, times a factor of order one
     trial.hold("period over that of Euler's top - 1", np.abs(np.diff(zeros) / period - 1.0).max(), 1e-3)
     trial.hold("kinetic energy", abs(course.kinetic() / energy - 1.0), 1e-3)
@@ -151,10 +151,10 @@ def many_steps(trial: Trial) -> None:
     count = 1_000_000 if trial.setting.full else 100_000
     course = _flake(trial)
     E = course.state.E
-    before, energy = E[0, at.E_L : at.E_L + 3].copy(), course.kinetic()
+    before, energy = E[0, body_extra.ANGULAR_MOMENTUM3].copy(), course.kinetic()
     course.to(time=(count - 0.5) * course.state.dt)
-    trial.hold_true("so many steps", int(course.state.A[at.A_STEPS]) == count)
-    trial.hold("change of the angular momentum", np.abs(E[0, at.E_L : at.E_L + 3] - before).max(), 0.0)
+    trial.hold_true("so many steps", int(course.state.A[run_totals.STEPS]) == count)
+    trial.hold("change of the angular momentum", np.abs(E[0, body_extra.ANGULAR_MOMENTUM3] - before).max(), 0.0)
     # no drift: the energy error of the splitting stays (omega dt)^2/12, whatever the time
     trial.hold("kinetic energy", abs(course.kinetic() / energy - 1.0), 3e-4)
     course.end()
@@ -165,14 +165,14 @@ def _rolling_on(trial: Trial) -> None:
     from thirdbody.scene.model import Solver
 
     steps = 10_000 if trial.setting.full else 2_000
-    body = clump([(0.0, 0.0, 0.0, 2.0)], x=1e-6)
+    particle = clump([(0.0, 0.0, 0.0, 2.0)], x=1e-6)
     solver = Solver(duration=LONG, largest_step=1e-8, **trial.solver())
-    course = trial.start(pressed(trial, body, 0.3, solver=solver))
+    course = trial.start(pressed(trial, particle, 0.3, solver=solver))
     course.follow([1e-8 * steps])
     trial.hold_true("so many steps", course.integrator.summary()["steps"] >= steps)
     trial.hold_true("labelled rolling", course.label()[0] == "rolling")
     # rolling without slip between parallel plates: half the way of the plate
-    moved = float(course.state.B[0, at.B_X]) - 1e-6
+    moved = float(course.state.bodies.position[0, 0]) - 1e-6
     trial.hold("way over half of the plate's - 1", abs(moved / (0.5e-8 * steps) - 1.0), 2e-2)
 
 
@@ -227,8 +227,8 @@ def _crossing(trial: Trial, corner: tuple[float, float]) -> np.ndarray:
     while course.state.time < 2e-5:
         course.steps()
         R = course.state.slots.R[course.loaded()]
-        row = R[0] if len(R) else np.zeros(at.R_COLS)
-        rows.append([row[at.R_FN], *row[at.R_T : at.R_T + 3], *course.state.B[0, at.B_T : at.B_T + 3]])
+        row = R[0] if len(R) else np.zeros(record.WIDTH)
+        rows.append([row[record.NORMAL_FORCE], *row[record.TANGENTIAL_FORCE3], *course.state.bodies.torque[0]])
     course.to(time=2.05e-5)
     course.end()
     return np.array(rows)
@@ -285,28 +285,30 @@ def _turned(trial: Trial, axis: np.ndarray, count: int) -> tuple[np.ndarray, np.
     solver = Solver(duration=LONG, time_step=step, integrator="explicit")
     simulation = build(scene(trial, pair, {"ball": STEEL}, 0.5, solver=solver), force=True)
     B, E = simulation.state.B, simulation.state.E
-    B[:, at.B_MASS] = E[:, at.E_I] = E[:, at.E_I + 1] = E[:, at.E_I + 2] = B[:, at.B_BALL] = 1e30
+    B[:, body.MASS] = E[:, body_extra.INERTIA] = E[:, body_extra.INERTIA + 1] = E[:, body_extra.INERTIA + 2] = B[
+        :, body.SPHERE_INERTIA
+    ] = 1e30
 
     def drive(target: np.ndarray, spin: np.ndarray) -> np.ndarray:
-        B[:, at.B_V : at.B_V + 3] = (target - B[:, at.B_X : at.B_X + 3]) / step
-        B[:, at.B_W : at.B_W + 3] = spin
-        E[:, at.E_L : at.E_L + 3] = angular_momentum(B, E)
+        B[:, body.VELOCITY3] = (target - B[:, body.POSITION3]) / step
+        B[:, body.SPIN3] = spin
+        E[:, body_extra.ANGULAR_MOMENTUM3] = angular_momentum(B, E)
         simulation.integrator.advance_to(time=simulation.state.time + 0.5 * step)
         slots = simulation.state.slots
-        return slots.R[slots.H[:, at.H_ON] > 0.0][0].copy()
+        return slots.R[slots.histories.slip > 0.0][0].copy()
 
     still = np.zeros(3)
     for k in range(1, 21):
         drive(offset * (RADIUS - 5e-6 * k / 20), still)
     for k in range(1, 21):
         before = drive(offset * (RADIUS - 5e-6) + offset[:, [1, 2, 0]] * 3e-7 * k / 20, still)
-    centres, work = B[:, at.B_X : at.B_X + 3].copy(), float(simulation.state.A[at.A_FRICTION])
+    centres, work = B[:, body.POSITION3].copy(), float(simulation.state.A[run_totals.FRICTION_WORK])
     for k in range(1, count + 1):
         rotation = _rotation(axis, 2.0 * k / count)
         after = drive(centres @ rotation.T, axis * 2.0 / count / step)
-    stored = float(before[at.R_STORED_T])
-    built = abs(simulation.state.A[at.A_FRICTION] - work) + abs(after[at.R_STORED_T] - stored)
-    shear = slice(at.R_T, at.R_T + 3)
+    stored = float(before[record.STORED_TANGENTIAL])
+    built = abs(simulation.state.A[run_totals.FRICTION_WORK] - work) + abs(after[record.STORED_TANGENTIAL] - stored)
+    shear = slice(record.TANGENTIAL_FORCE, record.TANGENTIAL_FORCE + 3)
     return before[shear], after[shear], rotation, float(built) / stored
 
 

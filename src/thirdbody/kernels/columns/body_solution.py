@@ -1,0 +1,15 @@
+"""What is found of a body under a common plate for a given rise of the plate."""
+
+from thirdbody.kernels.columns.table import Table
+
+table = Table("told", "a body")
+
+FOUND = table.scalar("found", "", "1: its balance was found")
+PUSH = table.scalar("push", "N", "force on the plate, upwards")
+SLOPE = table.scalar("slope", "N/m", "change of that force with the rise of the plate, the body following")
+ERROR = table.scalar("error", "", "error of the step over the tolerance, squared")
+TURN = table.scalar("turn", "rad", "rotation in the step")
+ITERATIONS = table.scalar("iterations", "", "iterations of Newton's method")
+CROWDED = table.scalar("crowded", "", "1: it has more contacts than a tile holds")
+LANDS = table.scalar("lands", "", "1: one of its contacts closed in the step")
+WIDTH = table.width

@@ -1,0 +1,16 @@
+"""Tangents of a contact; those of the moment only with a law of the rolling stage (stride TILE in a tile)."""
+
+from thirdbody.kernels.columns.table import Table
+
+table = Table("K", "a tile of contacts")
+
+NORMAL = table.scalar("normal", "N/m", "change of the normal force with the overlap")
+XX = table.scalar("xx", "N/m", "change of the tangential force x with the slip x")
+XY = table.scalar("xy", "N/m", "of x with slip y")
+YX = table.scalar("yx", "N/m", "of y with slip x")
+YY = table.scalar("yy", "N/m", "of y with slip y")
+XD = table.scalar("xd", "N/m", "of x with the overlap")
+YD = table.scalar("yd", "N/m", "of y with the overlap")
+WIDTH = table.width
+ROLLING, ROLLING6 = table.vector("rolling", 6, "N m/rad, N", "the same six of the moment: xx, xy, yx, yy with turns, xd, yd")
+ROLLING_WIDTH = table.width

@@ -1,0 +1,14 @@
+"""Fields of a tile behind the history of `law_input`: relative rotation."""
+
+from thirdbody.kernels.columns.table import Table
+
+table = Table("I, behind the history", "a tile of contacts")
+
+TURN_X = table.scalar("turn_x", "rad", "relative rotation of the step about the first axis of the frame")
+TURN_Y = table.scalar("turn_y", "rad", "about the second one")
+RATE_X = table.scalar("rate_x", "rad/s", "relative angular velocity at the end of the step, about the first axis")
+RATE_Y = table.scalar("rate_y", "rad/s", "about the second one")
+TRAVEL_X = table.scalar("travel_x", "m", "travel of the contact area over the surfaces in the step, along the first axis")
+TRAVEL_Y = table.scalar("travel_y", "m", "along the second one")
+INVERSE_DT = table.scalar("inverse_dt", "1/s", "one over the length of the step, for tangents; 0 where nothing moves in time")
+WIDTH = table.width

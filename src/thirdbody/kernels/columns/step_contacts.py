@@ -1,0 +1,13 @@
+"""What the residual of an implicit step tells of the contacts of a body, beside the unbalanced forces: one row."""
+
+from thirdbody.kernels.columns.table import Table
+
+table = Table("told", "a body")
+
+NORMAL_FORCE = table.scalar("normal_force", "N", "sum of the sizes of the normal forces")
+MAX_OVERLAP = table.scalar("max_overlap", "m", "largest overlap")
+MAX_RADIUS = table.scalar("max_radius", "m", "largest radius of a contact area")
+MAX_RATIO = table.scalar("max_ratio", "", "largest overlap over the radius of its sphere")
+SLOT = table.scalar("slot", "", "its contact")
+DASHPOT_POWER = table.scalar("dashpot_power", "W", "power of the dashpots, mean of the step")
+WIDTH = table.width
