@@ -68,12 +68,14 @@ CUTS = (
 """),
     # overlap over radius, forces; the sums stay
     Cut("kernels/explicit/contact_forces.py", """\
-        r_i, r_j = get(G, q + G_RI * TILE), get(G, q + G_RJ * TILE)
+        r_i, r_j = get(G, q + geometry.RADIUS * TILE), get(G, q + geometry.PARTNER_RADIUS * TILE)
         if (
-            less_mask(broadcast(deepest) * select_greater(r_i, r_j, r_j, r_i), get(I, q + I_OVERLAP * TILE)) != 0
+            less_mask(broadcast(deepest) * select_greater(r_i, r_j, r_j, r_i), get(I, q + law_input.OVERLAP * TILE)) != 0
         ):  # few are the deepest
             deepest, slot = larger_overlap(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
-        x, y, z = get(G, q + G_F * TILE), get(G, q + (G_F + 1) * TILE), get(G, q + (G_F + 2) * TILE)
+        x = get(G, q + geometry.FORCE * TILE)
+        y = get(G, q + (geometry.FORCE + 1) * TILE)
+        z = get(G, q + (geometry.FORCE + 2) * TILE)
         if not all_below(x * x + y * y + z * z, LARGEST):
             bad = last_nonfinite(q, min(q + LANES, m), slots, first, G, bad)
 """),

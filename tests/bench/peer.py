@@ -14,7 +14,6 @@ import numpy as np
 from ensemble import WAY, Case, scene_of
 
 from thirdbody.engine.time_step import rayleigh_time
-from thirdbody.kernels.columns import sphere
 from thirdbody.runner.simulate import prepare
 
 NAME, NS_PER_SPHERE_STEP, FRACTION = "LIGGGHTS 3.8.0", 58.0, 0.18

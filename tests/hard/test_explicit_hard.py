@@ -11,7 +11,7 @@ from thirdbody_three_spot import theory
 
 from thirdbody.build.simulation import build
 from thirdbody.errors import GuardStop, InputError
-from thirdbody.kernels.columns import body, contact_state, record, run_totals
+from thirdbody.kernels.columns import contact_state, record, run_totals
 from thirdbody.runner.simulate import run
 from thirdbody.scene.model import ConstantVelocity, Contact, Domain, Motion, Scene, UpperPlate
 from thirdbody.trajectory.reader import open_run
@@ -159,9 +159,7 @@ def crossing(make, corner):
         make.advance(simulation)
         contact = make.contact(simulation)
         rows.append(
-            np.concatenate(
-                [[contact[record.NORMAL_FORCE]], contact[record.TANGENTIAL_FORCE3], simulation.state.bodies.torque[0]]
-            )
+            np.concatenate([[contact[record.NORMAL_FORCE]], contact[record.TANGENTIAL_FORCE3], simulation.state.bodies.torque[0]])
         )
     return np.array(rows)
 

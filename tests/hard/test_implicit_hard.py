@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels.columns import body, contact_state, record, run_totals
+from thirdbody.kernels.columns import body, run_totals
 from thirdbody.scene.model import ConstantVelocity, Effects, Motion, Pause, Ramp, Spots, Stroke
 
 LEVELS = ("coulomb", "mindlin", "mdr", "exact")

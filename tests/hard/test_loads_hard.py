@@ -9,7 +9,7 @@ import pytest
 
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import body, run_totals
+from thirdbody.kernels.columns import run_totals
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause
 

@@ -7,7 +7,7 @@ import peers_scenes
 from thirdbody_three_spot import PLUGIN as THREE_SPOT
 
 from thirdbody.build.simulation import Simulation, build
-from thirdbody.kernels.columns import body, contact_state, patch, record, run_totals
+from thirdbody.kernels.columns import run_totals
 from thirdbody.laws.builtin import PLUGIN as CATALOGUE
 from thirdbody.laws.registry import Registry
 from thirdbody.scene.model import Scene

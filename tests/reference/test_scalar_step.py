@@ -31,7 +31,7 @@ from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import Candidates, Physics, rotation_matrices
 from thirdbody.jit.packed_arguments import make_unpacker
 from thirdbody.kernels import schedule
-from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, search_pose, sphere
+from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.contact_forces import GROUP

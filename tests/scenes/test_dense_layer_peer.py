@@ -18,7 +18,7 @@ from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.state import Placed, World, assemble
 from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate
 from thirdbody.kernels import schedule
-from thirdbody.kernels.columns import body, contact_state, patch, run_totals
+from thirdbody.kernels.columns import run_totals
 from thirdbody.laws.contract import LawFamily, Plugin
 from thirdbody.laws.damping import HERTZ_DAMPING, TANGENTIAL_DAMPING
 from thirdbody.laws.hertz import HERTZ

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.kernels.columns import body
 from thirdbody.runner.simulate import prepare
 
 SCENE = Path(__file__).parents[2] / "scenes" / "sheared_debris.toml"

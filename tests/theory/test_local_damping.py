@@ -11,7 +11,7 @@ from thirdbody_three_spot import theory
 from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import body, body_extra, record, sphere
+from thirdbody.kernels.columns import body, body_extra, record
 from thirdbody.scene.model import Effects, Solver
 
 RADIUS, GRAVITY, DROP = 1e-3, 1e4, 1e-3

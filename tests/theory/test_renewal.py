@@ -10,7 +10,6 @@ import pytest
 from thirdbody_three_spot import exact, mdr, theory
 
 from thirdbody.build.physics import _value
-from thirdbody.kernels.columns import body
 from thirdbody.laws.contract import Contact, Load, Material, Pair
 from thirdbody.laws.coulomb import COULOMB, COULOMB_ROLLING
 from thirdbody.laws.mindlin import MINDLIN, MINDLIN_ROLLING

@@ -271,9 +271,7 @@ def test_without_inertia_the_speed_is_nothing(make):
         rows.append([])
         for stop in np.arange(1, 9) * 2.5e-7:
             simulation.integrator.advance_to(distance=stop)
-            rows[-1].append(
-                np.append(make.plate_force(simulation) / 1e-4, simulation.state.slots.records.normal_force / 1e-4)
-            )
+            rows[-1].append(np.append(make.plate_force(simulation) / 1e-4, simulation.state.slots.records.normal_force / 1e-4))
     # what is left of the patch's dashpot: 1e-9 kg/s times 1 m/s of tilt, 1e-5 of the load, while it tilts by some nm per um
     assert rows[0] == pytest.approx(np.array(rows[1]), abs=1e-6)
 

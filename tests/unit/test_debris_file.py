@@ -14,7 +14,6 @@ from thirdbody.build.populate import populate, sphere_centres
 from thirdbody.build.simulation import build
 from thirdbody.engine.state import Placed
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import body
 from thirdbody.laws.registry import discover
 from thirdbody.scene.debris.kinds.file import File
 from thirdbody.scene.model import Scene

@@ -9,7 +9,7 @@ import thirdbody
 from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import body, contact_state, record
+from thirdbody.kernels.columns import record
 from thirdbody.kernels.columns.sides import DEBRIS
 from thirdbody.scene.model import Scene
 

@@ -10,7 +10,7 @@ from thirdbody.build.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import EnergyGuard
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import body, contact_state, patch, run_totals
+from thirdbody.kernels.columns import body, run_totals
 from thirdbody.runner.run_folder import RunFolder
 from thirdbody.runner.run_loop import Conduct
 from thirdbody.runner.simulate import execute

@@ -12,7 +12,6 @@ from thirdbody.bodies.mesh_to_clump import clump_from_mesh
 from thirdbody.build.clumps import shapes_of
 from thirdbody.build.simulation import build
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import body, body_extra
 from thirdbody.laws.registry import discover
 from thirdbody.scene.model import Scene
 from thirdbody.studies.study_setup import save

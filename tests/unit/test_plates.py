@@ -12,7 +12,7 @@ from steel import STEEL
 from thirdbody.build.schedule import schedule
 from thirdbody.build.simulation import build
 from thirdbody.engine.upper_plate import Schedule, Segment
-from thirdbody.kernels.columns import contact_state, patch, record, run_totals
+from thirdbody.kernels.columns import run_totals
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Plugin

@@ -9,7 +9,7 @@ from steel import STEEL
 from thirdbody.bodies.spots import rows, spot_body
 from thirdbody.build.simulation import build
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import body, body_extra, record, sphere
+from thirdbody.kernels.columns import body, body_extra
 from thirdbody.scene.model import Scene
 from thirdbody.scene.toml_writer import toml_text
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from thirdbody.engine.state import State
-from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals
+from thirdbody.kernels.columns import body, body_extra, patch, record, run_totals
 
 LINES = (
     "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects", "numerical",

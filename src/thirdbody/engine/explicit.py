@@ -20,7 +20,7 @@ from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import argument_specs, pack
 from thirdbody.kernels import rigid_body as body_pass
-from thirdbody.kernels.columns import body, chunk_motion, contact_sums, domain, drift_tile, loaded_contact, run_totals
+from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, drift_scratch, loaded_contact, run_totals
 from thirdbody.kernels.explicit import contact_forces as contact_pass
 from thirdbody.kernels.explicit import step_loop
 from thirdbody.kernels.explicit.passes import work
@@ -134,7 +134,7 @@ class Explicit:
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
         longest = int(np.diff(slots.cuts[: body_pass.GUESTS, ends], axis=1).max(initial=0))
         floats, marks = contact_pass.scratch_sizes(len(physics.history), longest)
-        self.room = table(parts, max(floats, drift_tile.WIDTH * body_pass.BODIES))
+        self.room = table(parts, max(floats, drift_scratch.WIDTH * body_pass.BODIES))
         self.marks = np.empty((parts, max(marks, body_pass.BODIES)), np.int32)
         maximum = slots.most if physics.labels else 0
         self.rows = np.empty((parts, maximum, loaded_contact.MEMORY + physics.contact_memory))

@@ -9,7 +9,7 @@ import numpy as np
 from thirdbody.engine.energy import Ledger, Stored
 from thirdbody.engine.state import State
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import body, domain, run_totals
+from thirdbody.kernels.columns import domain, run_totals
 
 OVERLAP_GUARD = 0.3
 """Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape mean nothing."""
@@ -67,7 +67,7 @@ class EnergyGuard:
 
 
 def _judge_norms(state: State, maximum: float) -> None:
-    norms = np.sqrt(np.sum(state.bodies.quaternion ** 2, axis=1))
+    norms = np.sqrt(np.sum(state.bodies.quaternion**2, axis=1))
     bad = np.flatnonzero(~(np.abs(norms - 1.0) <= maximum))
     if len(bad):
         who = int(bad[0])

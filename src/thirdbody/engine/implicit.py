@@ -27,14 +27,9 @@ from thirdbody.engine.time_step import rayleigh_time
 from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import (
-    body,
-    contact_state,
     domain,
     loaded_contact,
-    patch,
-    record,
     run_totals,
-    sphere,
     step_memory,
     step_settings,
 )

@@ -6,7 +6,7 @@ import numpy as np
 
 from thirdbody.engine.state import Array, Candidates, Ints, Numbers, State, table
 from thirdbody.kernels import neighbour_search as passes
-from thirdbody.kernels.columns import body, contact_state, domain, patch, remote_force, run_totals, search_pose, sphere
+from thirdbody.kernels.columns import contact_state, domain, remote_force, run_totals, sphere
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.rigid_body import BODIES
 

@@ -8,7 +8,7 @@ from thirdbody.engine.neighbours import grid
 from thirdbody.engine.state import Array, Numbers, State
 from thirdbody.errors import GuardStop
 from thirdbody.kernels import neighbour_search
-from thirdbody.kernels.columns import body, domain, sphere
+from thirdbody.kernels.columns import domain, sphere
 
 STRIDE = 0.25
 """Way of the drag between two looks, in radii of the smallest sphere."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from thirdbody.bodies.clump import Clump
+from thirdbody.engine.rows import Rows
 from thirdbody.engine.upper_plate import Schedule, UpperPlate
 from thirdbody.jit.function_pointers import address
 from thirdbody.kernels import rigid_body as body_pass
@@ -162,6 +163,16 @@ class Candidates:
         return len(self.own)
 
     @property
+    def histories(self) -> Rows:
+        """What the candidates remember, by name (`kernels.columns.contact_state`)."""
+        return Rows((self.H, contact_state.table))
+
+    @property
+    def records(self) -> Rows:
+        """The records of the candidates, by name (`kernels.columns.record`)."""
+        return Rows((self.R, record.table))
+
+    @property
     def most(self) -> int:
         """Largest number of candidates of one body."""
         return int(np.diff(self.edges).max(initial=0))
@@ -223,6 +234,26 @@ class State:
         given = self.given
         counts = np.diff(self.start)[given]
         return np.repeat(self.start[given] - (np.cumsum(counts) - counts), counts) + np.arange(self.n_spheres)
+
+    @property
+    def bodies(self) -> Rows:
+        """The bodies, by name (`kernels.columns.body`, `body_extra`)."""
+        return Rows((self.B, body.table), (self.E, body_extra.table))
+
+    @property
+    def spheres(self) -> Rows:
+        """The spheres, by name (`kernels.columns.sphere`)."""
+        return Rows((self.S, sphere.table))
+
+    @property
+    def patches(self) -> Rows:
+        """The patches of the upper plate, by name (`kernels.columns.patch`)."""
+        return Rows((self.P, patch.table))
+
+    @property
+    def search_poses(self) -> Rows:
+        """Where the bodies were at the last search, by name (`kernels.columns.search_pose`)."""
+        return Rows((self.X0, search_pose.table))
 
     @property
     def time(self) -> float:

@@ -55,7 +55,7 @@ _LAW: dict[str, Any] = {"error_model": "numpy", "forceinline": True, "no_cfunc_w
 kernel = njit(**_LAW)
 """Decorator of every law kernel: IEEE arithmetic, inlined into the generated contact loop, which is all that C calls."""
 
-helper = njit(error_model="numpy")
+helper: Any = njit(error_model="numpy")
 """Decorator of functions that only kernels and labellers call. Conformance runs kernels in plain Python, which calls helpers:
 without a wrapper for Python that is a segmentation fault."""
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.kernels.columns import body, sphere
+from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
 from thirdbody.laws.elasticity import e_star
 from thirdbody.units import pretty

@@ -21,7 +21,7 @@ import numpy as np
 
 from thirdbody.engine.snapshot import LARGEST, Snapshot
 from thirdbody.errors import Fault, InputError, OutputError
-from thirdbody.kernels.columns import body, body_extra, run_totals, sphere
+from thirdbody.kernels.columns import body, body_extra, run_totals
 
 if TYPE_CHECKING:
     from thirdbody.build.simulation import Simulation

@@ -76,7 +76,6 @@ def _deepest(normal: float) -> float:
 
 def rebound(law: str, level: str, springs: int | None, degrees: float, steps: int, plugins: Sequence[str | Path]) -> float:
     """Tangential velocity of the centre after the impact over that before; `steps` time steps in its duration."""
-    from thirdbody.kernels.columns import body
     from thirdbody.runner.simulate import prepare
 
     angle, step = math.radians(degrees), duration() / steps

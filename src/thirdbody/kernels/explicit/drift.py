@@ -13,7 +13,7 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import AHEAD, LINE, broadcast, load, prefetch, put, transpose
-from thirdbody.kernels.columns import body, body_extra, chunk_motion, drift_tile, sphere
+from thirdbody.kernels.columns import body, body_extra, chunk_motion, drift_scratch, sphere
 from thirdbody.kernels.explicit.drift_spheres import check_sphere_limits, drift_ball, empty_extrema
 from thirdbody.kernels.rigid_body import (
     BODIES,
@@ -75,29 +75,29 @@ def drift_tile(n, dt, left, Z):
         x, y, z = x + dt * v_x, y + dt * v_y, z + dt * v_z
         t_x, t_y, t_z = three(Z, p + body.TORQUE * BODIES)
         rotation = half * t_x, half * t_y, half * t_z
-        momentum = half_kick(three(Z, p + drift_tile.ANGULAR_MOMENTUM * BODIES), left, rotation, RESTING_MOMENTUM)
-        inertia = three(Z, p + drift_tile.INERTIA * BODIES)
+        momentum = half_kick(three(Z, p + drift_scratch.ANGULAR_MOMENTUM * BODIES), left, rotation, RESTING_MOMENTUM)
+        inertia = three(Z, p + drift_scratch.INERTIA * BODIES)
         at = p + body.QUATERNION * BODIES
         old = (Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES])
         new = free_rotation(old, momentum, inertia, dt)
         w_0, w_1 = spin(old, momentum, inertia), spin(new, momentum, inertia)
         w = (0.5 * (w_0[0] + w_1[0]), 0.5 * (w_0[1] + w_1[1]), 0.5 * (w_0[2] + w_1[2]))
         end = momentum[0] + rotation[0], momentum[1] + rotation[1], momentum[2] + rotation[2]
-        arm = Z[p + drift_tile.REACH * BODIES]
+        arm = Z[p + drift_scratch.REACH * BODIES]
         put_three(Z, p + body.POSITION * BODIES, x, y, z)
         put_three(Z, p + body.VELOCITY * BODIES, v_x, v_y, v_z)
-        put_three(Z, p + drift_tile.ANGULAR_MOMENTUM * BODIES, momentum[0], momentum[1], momentum[2])
+        put_three(Z, p + drift_scratch.ANGULAR_MOMENTUM * BODIES, momentum[0], momentum[1], momentum[2])
         Z[at], Z[at + BODIES], Z[at + 2 * BODIES], Z[at + 3 * BODIES] = new
-        put_three(Z, p + drift_tile.MID_SPIN * BODIES, w[0], w[1], w[2])
+        put_three(Z, p + drift_scratch.MID_SPIN * BODIES, w[0], w[1], w[2])
         w_end = spin(new, end, inertia)
-        put_three(Z, p + drift_tile.END_SPIN * BODIES, w_end[0], w_end[1], w_end[2])
-        put_three(Z, p + drift_tile.END_VELOCITY * BODIES, v_x + change[0], v_y + change[1], v_z + change[2])
+        put_three(Z, p + drift_scratch.END_SPIN * BODIES, w_end[0], w_end[1], w_end[2])
+        put_three(Z, p + drift_scratch.END_VELOCITY * BODIES, v_x + change[0], v_y + change[1], v_z + change[2])
         rotation = matrix(new[0], new[1], new[2], new[3])
-        put_three(Z, p + drift_tile.MATRIX * BODIES, rotation[0], rotation[1], rotation[2])
-        put_three(Z, p + (drift_tile.MATRIX + 3) * BODIES, rotation[3], rotation[4], rotation[5])
-        put_three(Z, p + (drift_tile.MATRIX + 6) * BODIES, rotation[6], rotation[7], rotation[8])
+        put_three(Z, p + drift_scratch.MATRIX * BODIES, rotation[0], rotation[1], rotation[2])
+        put_three(Z, p + (drift_scratch.MATRIX + 3) * BODIES, rotation[3], rotation[4], rotation[5])
+        put_three(Z, p + (drift_scratch.MATRIX + 6) * BODIES, rotation[6], rotation[7], rotation[8])
         fast = math.sqrt(v_x * v_x + v_y * v_y + v_z * v_z) + math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * arm
-        Z[p + drift_tile.PATH * BODIES] = fast * dt
+        Z[p + drift_scratch.PATH * BODIES] = fast * dt
 
 
 @njit(**BARE)
@@ -145,7 +145,7 @@ def scatter_body(p, b, Z, B, E):
     for k in range(3):
         B[b, body.POSITION + k] = Z[p + (body.POSITION + k) * BODIES]
         B[b, body.VELOCITY + k] = Z[p + (body.VELOCITY + k) * BODIES]
-        E[b, body_extra.ANGULAR_MOMENTUM + k] = Z[p + (drift_tile.ANGULAR_MOMENTUM + k) * BODIES]
+        E[b, body_extra.ANGULAR_MOMENTUM + k] = Z[p + (drift_scratch.ANGULAR_MOMENTUM + k) * BODIES]
     for k in range(4):
         B[b, body.QUATERNION + k] = Z[p + (body.QUATERNION + k) * BODIES]
     reset_forces(b, B)
@@ -156,14 +156,14 @@ def place_spheres(p, b, start, near, beginning, everything, offsets, S, Z, dt):
     """Place those of body b's spheres that can meet something (`near`), or `everything`, from place p of the chunk."""
     rotation = columns(
         (
-            *three(Z, p + drift_tile.MATRIX * BODIES),
-            *three(Z, p + (drift_tile.MATRIX + 3) * BODIES),
-            *three(Z, p + (drift_tile.MATRIX + 6) * BODIES),
+            *three(Z, p + drift_scratch.MATRIX * BODIES),
+            *three(Z, p + (drift_scratch.MATRIX + 3) * BODIES),
+            *three(Z, p + (drift_scratch.MATRIX + 6) * BODIES),
         )
     )
     x, v = vector(three(Z, p + body.POSITION * BODIES)), vector(three(Z, p + body.VELOCITY * BODIES))
-    w, w_end = vector(three(Z, p + drift_tile.MID_SPIN * BODIES)), vector(three(Z, p + drift_tile.END_SPIN * BODIES))
-    v_end = vector(three(Z, p + drift_tile.END_VELOCITY * BODIES))
+    w, w_end = vector(three(Z, p + drift_scratch.MID_SPIN * BODIES)), vector(three(Z, p + drift_scratch.END_SPIN * BODIES))
+    v_end = vector(three(Z, p + drift_scratch.END_VELOCITY * BODIES))
     begin = start[b] if everything else np.int64(beginning[b])
     end = start[b + 1] if everything else np.int64(beginning[b + 1])
     for e in range(begin, end):
@@ -207,7 +207,7 @@ def drift_bodies(c, start, near, beginning, everything, offsets, S, B, E, D, dt,
     for p in range(n):
         i = np.int64(staged[p])
         scatter_body(p, i, Z, B, E)
-        distance = Z[p + drift_tile.PATH * BODIES]
+        distance = Z[p + drift_scratch.PATH * BODIES]
         seen = check_limits(i, distance, distance / S[start[i], sphere.RADIUS], load(B, i, body.POSITION), limits, seen)
         place_spheres(p, i, start, near, beginning, everything, offsets, S, Z, dt)
     longest, step, body_number, bad, out = seen

@@ -257,8 +257,8 @@ def solve_bodies(
 ):
     """Ends of a step of all bodies, for a plate that starts at the height `plate` and rises by `rise`.
 
-    `first_iteration`: the step begins now; else the search goes on from the ends found before. `diagnostics` (n, body_solution.WIDTH) gets
-    what is found.
+    `first_iteration`: the step begins now; else the search goes on from the ends found before. `diagnostics`
+    (n, body_solution.WIDTH) gets what is found.
     """
     n = totals.shape[0]
     for c in prange((n + BODIES - 1) // BODIES):

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.kernels.columns import body, run_totals
+from thirdbody.kernels.columns import run_totals
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import ConstantVelocity, Motion, Pause
 from thirdbody.studies.robustness.case import CaseRun, Trial

@@ -13,7 +13,7 @@ from thirdbody.build.simulation import Simulation, build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import RESIDUAL_GUARD, EnergyGuard
 from thirdbody.engine.state import rotation_matrices
-from thirdbody.kernels.columns import body, body_extra, contact_state, record, run_totals
+from thirdbody.kernels.columns import body, body_extra, run_totals
 from thirdbody.scene.model import Scene
 
 RESIDUAL = {"explicit": 2e-2, "implicit": 1e-6}

@@ -10,7 +10,7 @@ import numpy as np
 from thirdbody.build.simulation import build
 from thirdbody.engine.state import angular_momentum, rotation_matrices
 from thirdbody.errors import GuardStop, InputError
-from thirdbody.kernels.columns import body, body_extra, contact_state, record, run_totals
+from thirdbody.kernels.columns import body, body_extra, record, run_totals
 from thirdbody.scene.model import Domain
 from thirdbody.studies.robustness.between_plates import plain_slide
 from thirdbody.studies.robustness.case import CaseRun, Trial, turn_of

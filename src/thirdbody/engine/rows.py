@@ -1,0 +1,30 @@
+"""Tables by the names of their columns, for Python around the kernels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from thirdbody.kernels.columns.table import Table
+
+Array = NDArray[np.float64]
+
+
+class Rows:
+    """Tables with one row per thing: `rows.force` is a view of the columns of that name, (n,) or (n, width).
+
+    Which of the tables holds them is nobody's concern. Write through the view: `rows.force[:] = 0.0`.
+    """
+
+    __slots__ = ("_parts",)
+
+    def __init__(self, *parts: tuple[Array, Table]) -> None:
+        self._parts = parts
+
+    def __getattr__(self, name: str) -> Array:
+        for array, table in self._parts:
+            for column in table.columns:
+                if column.name == name:
+                    whole = slice(column.first, column.first + column.width)
+                    return array[:, column.first if column.width == 1 else whole]
+        raise AttributeError(f"no column is named {name}: {', '.join(n for _, table in self._parts for n in table.names())}")
