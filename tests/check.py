@@ -10,6 +10,7 @@ ROOT = Path(__file__).resolve().parent.parent
 QUICK = " and ".join(f"not {mark}" for mark in ("slow", "bem", "vtk", "paraview", "browser", "fuzz", "hard"))
 BEFORE = (
     ("ruff", ["-m", "ruff", "check", "."]),
+    ("format", ["-m", "ruff", "format", "--check", "-q", "."]),
     ("mypy", ["-m", "mypy"]),
     # the kernels that all scenes share, once: otherwise each process of the tests compiles them for itself
     ("kernels", ["-c", "from thirdbody.engine import explicit, implicit_common_plate as shared, time_step as timestep"]),

@@ -272,24 +272,9 @@ class Shared(Implicit):
     def _bodies(self, first_iteration: bool, dt: float, rise: float, velocity: tuple[float, float]) -> None:
         s, physics = self.state, self.state.physics
         kernel.solve_bodies(
-            first_iteration,
-            dt,
-            rise,
-            float(s.patches.height[-1]),
-            *velocity,
-            *self._groups(),
-            self.most,
-            self.settings,
-            self.totals,
-            self.memory,
-            self.starts,
-            self.ends,
-            self.gone,
-            self.told,
-            physics.law,
-            self.tangents,
-            physics.effects,
-        )
+            first_iteration, dt, rise, float(s.patches.height[-1]), *velocity, *self._groups(), self.most, self.settings,
+            self.totals, self.memory, self.starts, self.ends, self.gone, self.told, physics.law, self.tangents, physics.effects,
+        )  # fmt: skip
 
     def _stay(self) -> None:
         groups = self._groups()

@@ -19,24 +19,8 @@ def labels(state: State, drag: tuple[float, float]) -> Array:
     out = np.zeros((state.n_bodies, physics.outputs))
     width = loaded_contact.MEMORY + physics.contact_memory
     label_bodies(
-        slots.edges,
-        slots.incidence,
-        slots.own,
-        slots.partner,
-        slots.H,
-        slots.R,
-        state.B,
-        state.E,
-        state.A,
-        state.M.copy(),
-        drag,
-        float(state.A[run_totals.PLATE_SPEED]),
-        len(physics.history),
-        width,
-        physics.observe,
-        physics.label,
-        out,
-        np.empty(observed_body.WIDTH),
-        np.empty((slots.most, width)),
-    )
+        slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, state.B, state.E, state.A, state.M.copy(),
+        drag, float(state.A[run_totals.PLATE_SPEED]), len(physics.history), width, physics.observe, physics.label, out,
+        np.empty(observed_body.WIDTH), np.empty((slots.most, width)),
+    )  # fmt: skip
     return out

@@ -39,24 +39,13 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
     flat, paired = np.searchsorted(host[:n_plates], chunks), n_plates + np.searchsorted(host[n_plates:], chunks)
     cuts = flat, paired, np.searchsorted(guests // BODIES * BODIES, chunks)
     return Candidates(
-        own=own,
-        partner=partner,
-        kind=kinds_of(state, own, partner),
-        closed=(H[:, contact_state.SLIP] > 0.0).astype(np.int32),
-        outer=np.concatenate((np.full(n_plates, -1, np.int32), outer)),
-        edges=spheres[state.start],
-        incidence=incidence,
+        own=own, partner=partner, kind=kinds_of(state, own, partner), closed=(H[:, contact_state.SLIP] > 0.0).astype(np.int32),
+        outer=np.concatenate((np.full(n_plates, -1, np.int32), outer)), edges=spheres[state.start], incidence=incidence,
         near=np.flatnonzero(meets).astype(np.int32),
-        beginning=np.concatenate(([0], np.cumsum(meets)))[state.start].astype(np.int32),
-        guests=guests,
-        cuts=np.array(cuts, np.int32),
-        lowest=lowest,
-        needs=needs,
-        n_plates=n_plates,
-        H=H,
-        F=np.zeros((len(guests), remote_force.WIDTH)),
-        R=R,
-    )
+        beginning=np.concatenate(([0], np.cumsum(meets)))[state.start].astype(np.int32), guests=guests,
+        cuts=np.array(cuts, np.int32), lowest=lowest, needs=needs, n_plates=n_plates, H=H,
+        F=np.zeros((len(guests), remote_force.WIDTH)), R=R,
+    )  # fmt: skip
 
 
 def _between_groups(host: Ints, guest: Ints, n_bodies: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:

@@ -316,29 +316,14 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     P = np.ones((1, patch.WIDTH)) * (np.arange(patch.WIDTH) == patch.MASS) if upper is None else upper.table()
     schedule, first = (Schedule() if upper is None else upper.schedule).tables()
     state = State(
-        world=world,
-        physics=physics,
-        B=B,
-        E=E,
-        S=S,
-        P=P,
-        A=np.zeros(run_totals.WIDTH),
-        D=_limits(world, skin),
-        schedule=schedule,
-        first=first,
-        M=np.zeros((n_bodies, max(physics.memory, 1))),
-        offsets=offsets,
-        X0=np.zeros((n_bodies, search_pose.WIDTH)),
-        body=np.repeat(np.arange(n_bodies), counts),
-        start=start,
-        patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch,
-        material=placed.materials,
-        population=placed.populations,
-        rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
-        slots=empty_slots(memory_columns(physics), record.ROLLING_WIDTH if physics.moments else record.WIDTH),
-        skin=skin,
+        world=world, physics=physics, B=B, E=E, S=S, P=P, A=np.zeros(run_totals.WIDTH), D=_limits(world, skin),
+        schedule=schedule, first=first, M=np.zeros((n_bodies, max(physics.memory, 1))), offsets=offsets,
+        X0=np.zeros((n_bodies, search_pose.WIDTH)), body=np.repeat(np.arange(n_bodies), counts), start=start,
+        patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch, material=placed.materials,
+        population=placed.populations, rayleigh_radius=np.cbrt(3.0 * volume / (4.0 * np.pi)),
+        slots=empty_slots(memory_columns(physics), record.ROLLING_WIDTH if physics.moments else record.WIDTH), skin=skin,
         order=np.arange(n_bodies) if order is None else order,
-    )
+    )  # fmt: skip
     refresh_spheres(state)
     return state
 

@@ -143,6 +143,14 @@ def scatter_pair_tile(n, slots, first, own, partner, body, outer, S, O, G, B, F)
 
 
 @njit(**BARE)
+def clear_sums(c, sums):
+    """Set to zero what tiles add to in row c."""
+    sums[c, contact_sums.STORED_NORMAL] = sums[c, contact_sums.STORED_TANGENTIAL] = 0.0
+    store(sums, c, contact_sums.UPPER_FORCE, broadcast(0.0))
+    store(sums, c, contact_sums.LOWER_FORCE, broadcast(0.0))
+
+
+@njit(**BARE)
 def empty_sums():
     """What is found of no contacts: `reduce_tile`."""
     return broadcast(0.0), broadcast(0.0), 0.0, np.int64(0), np.int64(0)
@@ -150,9 +158,8 @@ def empty_sums():
 
 @njit(**BARE)
 def reduce_tile(m, slots, first, O, I, G, sums_of_tile):  # noqa: E741
-    """What was `sums_of_tile` in a chunk, and a tile of m contacts, slots[first:first + m]: what friction and dashpots took, by
-    four
-    lanes; the largest overlap over the smaller radius, with its slot; the last slot whose force is no number (+ 1; 0: none)."""
+    """What was `sums_of_tile` in a chunk, and a tile of m contacts, slots[first:first + m]: what friction and dashpots took,
+    by four lanes; the largest overlap over the smaller radius, with its slot; the last slot whose force is no number (+ 1; 0: none)."""
     work, damped, deepest, slot, bad = sums_of_tile
     zero_padding(m, O, I, G)
     for q in range(0, m, LANES):
@@ -265,20 +272,15 @@ def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body
     """
     begin = (law_input.HISTORY + n_history + rolling_input.WIDTH) * TILE
     end = (law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH) * TILE
-    I = scratch[:begin]  # noqa: E741
-    O = scratch[begin:end]  # noqa: E741
-    G = scratch[end : end + geometry.WIDTH * TILE]  # noqa: E741
-    g = scratch[end + geometry.WIDTH * TILE :]  # noqa: E741
+    gaps = end + geometry.WIDTH * TILE
+    I, O, G, g = scratch[:begin], scratch[begin:end], scratch[end:gaps], scratch[gaps:]  # noqa: E741
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
-    c_x, c_y = inverse(l_x), inverse(l_y)
     if flat:
         plate_overlaps(first, last, own, partner, S, P, g)
     else:
-        pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g)
+        pair_overlaps(first, last, own, partner, S, l_x, l_y, inverse(l_x), inverse(l_y), g)
     m, o = compact_active(first, last, g, closed, slots, opened)
-    sums[c, contact_sums.STORED_NORMAL] = sums[c, contact_sums.STORED_TANGENTIAL] = 0.0
-    store(sums, c, contact_sums.UPPER_FORCE, broadcast(0.0))
-    store(sums, c, contact_sums.LOWER_FORCE, broadcast(0.0))
+    clear_sums(c, sums)
     lost, damped, sums_of_tile = 0.0, 0.0, empty_sums()
     for e in range(o, o + SPARE - 1 if o > 0 else o):
         opened[e] = opened[o - 1]  # so far it is looked ahead
@@ -286,30 +288,9 @@ def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body
         count = min(TILE, o - t)
         if force >= 0 or dashpots >= 0:
             gather_tile(
-                count + -count % 4,
-                opened,
-                t,
-                flat,
-                g,
-                first,
-                own,
-                partner,
-                body,
-                kind,
-                S,
-                B,
-                P,
-                H,
-                dt,
-                v_x,
-                v_y,
-                l_x,
-                l_y,
-                n_history,
-                rolling,
-                I,
-                G,
-            )
+                count + -count % 4, opened, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y,
+                n_history, rolling, I, G,
+            )  # fmt: skip
         if force >= 0:
             book_opened(count, force, moment, stored, n_history, I, O)
         if dashpots >= 0:
@@ -319,30 +300,9 @@ def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body
         count = min(TILE, m - t)
         filled = count + (-count % LINE if n_history <= LIGHT else 0)  # behind the last one it stands there again
         gather_tile(
-            filled,
-            slots,
-            t,
-            flat,
-            g,
-            first,
-            own,
-            partner,
-            body,
-            kind,
-            S,
-            B,
-            P,
-            H,
-            dt,
-            v_x,
-            v_y,
-            l_x,
-            l_y,
-            n_history,
-            rolling,
-            I,
-            G,
-        )
+            filled, slots, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y, n_history, rolling,
+            I, G,
+        )  # fmt: skip
         law(I, O, filled, pairs)
         if force >= 0:
             book(filled, force, moment, stored, n_history, I, O)

@@ -73,22 +73,11 @@ def workspace(n_history, width, maximum):
     tile = np.empty((law_input.HISTORY + n_history + rolling_input.WIDTH) * TILE)
     answer = np.empty((law_output.HISTORY + n_history + rolling_output.WIDTH) * TILE)
     return (
-        tile,
-        answer,
-        np.empty(contact_tangent.ROLLING_WIDTH * TILE),
-        np.empty(geometry.WIDTH * TILE),
-        np.zeros(TILE, np.int64),
-        np.zeros(maximum),
-        np.zeros(FREEDOMS),
-        np.zeros(FREEDOMS),
-        np.zeros(FREEDOMS),
-        np.zeros(FREEDOMS),
-        np.empty((FREEDOMS, FREEDOMS)),
-        np.zeros(step_contacts.WIDTH),
-        np.zeros((1, contact_sums.WIDTH)),
-        np.zeros(observed_body.WIDTH),
-        np.empty((maximum, width)),
-    )
+        tile, answer, np.empty(contact_tangent.ROLLING_WIDTH * TILE), np.empty(geometry.WIDTH * TILE), np.zeros(TILE, np.int64),
+        np.zeros(maximum), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS),
+        np.empty((FREEDOMS, FREEDOMS)), np.zeros(step_contacts.WIDTH), np.zeros((1, contact_sums.WIDTH)),
+        np.zeros(observed_body.WIDTH), np.empty((maximum, width)),
+    )  # fmt: skip
 
 
 @njit(**INNER)
@@ -162,28 +151,9 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
 
 @njit(**CHUNK)
 def advance_chunk(
-    low,
-    high,
-    until,
-    tries,
-    spots,
-    shape,
-    state,
-    known,
-    maximum,
-    M,
-    D,
-    V,
-    totals,
-    memory,
-    schedule,
-    first,
-    drag,
-    law,
-    tangents,
-    effects,
-    observe,
-):
+    low, high, until, tries, spots, shape, state, known, maximum, M, D, V, totals, memory, schedule, first, drag, law, tangents,
+    effects, observe,
+):  # fmt: skip
     """The bodies from low to high, one after the other, in one workspace."""
     work, Z, patch = workspace(known[2], known[4], maximum), np.zeros(step_start.WIDTH), shape[2]
     for b in range(low, high):
@@ -211,28 +181,9 @@ MARCH = types.void(
 
 @njit(MARCH, parallel=True, **OPTIONS)
 def advance_bodies(
-    low,
-    high,
-    until,
-    tries,
-    spots,
-    shape,
-    state,
-    known,
-    maximum,
-    M,
-    D,
-    V,
-    totals,
-    memory,
-    schedule,
-    first,
-    drag,
-    law,
-    tangents,
-    effects,
-    observe,
-):
+    low, high, until, tries, spots, shape, state, known, maximum, M, D, V, totals, memory, schedule, first, drag, law, tangents,
+    effects, observe,
+):  # fmt: skip
     """Bring the bodies from `low` to `high` (excluded) to the time `until`, each by steps of its own.
 
     A body that has tried its last step of this call (`tries`) waits for the next one, which goes on with the same bits. A body

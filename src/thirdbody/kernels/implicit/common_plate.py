@@ -87,30 +87,9 @@ def plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents):
 
 @njit(**CHUNK)
 def solve_chunk(
-    low,
-    high,
-    first_iteration,
-    dt,
-    rise,
-    plate,
-    v_x,
-    v_y,
-    spots,
-    shape,
-    state,
-    known,
-    maximum,
-    V,
-    totals,
-    memory,
-    starts,
-    ends,
-    initial_gap,
-    diagnostics,
-    law,
-    tangents,
-    effects,
-):
+    low, high, first_iteration, dt, rise, plate, v_x, v_y, spots, shape, state, known, maximum, V, totals, memory, starts, ends,
+    initial_gap, diagnostics, law, tangents, effects,
+):  # fmt: skip
     """The bodies from low to high for this rise of the plate; see `solve_bodies`."""
     work, patch_of, P, edges = workspace(known[2], known[4], maximum), shape[2], state[2], spots[3]
     y, before = work[6], work[5]
@@ -152,31 +131,9 @@ def solve_chunk(
 
 @njit(**CHUNK)
 def accept_chunk(
-    low,
-    high,
-    dt,
-    end,
-    whole,
-    v_x,
-    v_y,
-    spots,
-    shape,
-    state,
-    known,
-    maximum,
-    M,
-    D,
-    V,
-    totals,
-    memory,
-    starts,
-    ends,
-    initial_gap,
-    drag,
-    law,
-    effects,
-    observe,
-):
+    low, high, dt, end, whole, v_x, v_y, spots, shape, state, known, maximum, M, D, V, totals, memory, starts, ends, initial_gap,
+    drag, law, effects, observe,
+):  # fmt: skip
     """The bodies from low to high take the step that was found; see `accept_bodies`.
 
     Their forces are evaluated again: the tiles of all bodies, kept from the search, would be more to fetch than to fill.
@@ -192,24 +149,9 @@ def accept_chunk(
         set_configuration(b, p, y, dt, Z, T, shape, state)
         m = active_contacts(b, dt, Z[step_start.NOW] / dt, v_x, v_y, spots, shape, state, known, work)
         balance(
-            b,
-            p,
-            m,
-            y,
-            dt,
-            W[run_totals.TIME] + dt,
-            V[step_settings.INERTIAL],
-            spots,
-            state,
-            known,
-            work,
-            Z,
-            T,
-            law,
-            effects,
-            r,
+            b, p, m, y, dt, W[run_totals.TIME] + dt, V[step_settings.INERTIAL], spots, state, known, work, Z, T, law, effects, r,
             diagnostics,
-        )
+        )  # fmt: skip
         accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, True)
         advance_clock(W, dt, end, whole, v_x, v_y)
         if saved:
@@ -233,28 +175,9 @@ TAKE = types.void(
 
 @njit(SOLVE, parallel=True, **OPTIONS)
 def solve_bodies(
-    first_iteration,
-    dt,
-    rise,
-    plate,
-    v_x,
-    v_y,
-    spots,
-    shape,
-    state,
-    known,
-    maximum,
-    V,
-    totals,
-    memory,
-    starts,
-    ends,
-    initial_gap,
-    diagnostics,
-    law,
-    tangents,
-    effects,
-):
+    first_iteration, dt, rise, plate, v_x, v_y, spots, shape, state, known, maximum, V, totals, memory, starts, ends,
+    initial_gap, diagnostics, law, tangents, effects,
+):  # fmt: skip
     """Ends of a step of all bodies, for a plate that starts at the height `plate` and rises by `rise`.
 
     `first_iteration`: the step begins now; else the search goes on from the ends found before. `diagnostics`
@@ -263,86 +186,23 @@ def solve_bodies(
     n = totals.shape[0]
     for c in prange((n + BODIES - 1) // BODIES):
         solve_chunk(
-            c * BODIES,
-            min(c * BODIES + BODIES, n),
-            first_iteration,
-            dt,
-            rise,
-            plate,
-            v_x,
-            v_y,
-            spots,
-            shape,
-            state,
-            known,
-            maximum,
-            V,
-            totals,
-            memory,
-            starts,
-            ends,
-            initial_gap,
-            diagnostics,
-            law,
-            tangents,
-            effects,
-        )
+            c * BODIES, min(c * BODIES + BODIES, n), first_iteration, dt, rise, plate, v_x, v_y, spots, shape, state, known,
+            maximum, V, totals, memory, starts, ends, initial_gap, diagnostics, law, tangents, effects,
+        )  # fmt: skip
 
 
 @njit(TAKE, parallel=True, **OPTIONS)
 def accept_bodies(
-    dt,
-    end,
-    whole,
-    v_x,
-    v_y,
-    spots,
-    shape,
-    state,
-    known,
-    maximum,
-    M,
-    D,
-    V,
-    totals,
-    memory,
-    starts,
-    ends,
-    initial_gap,
-    drag,
-    law,
-    effects,
-    observe,
-):
+    dt, end, whole, v_x, v_y, spots, shape, state, known, maximum, M, D, V, totals, memory, starts, ends, initial_gap, drag, law,
+    effects, observe,
+):  # fmt: skip
     """All bodies take the step that `solve_bodies` found; `whole`: it ends at the time `end` exactly."""
     n = totals.shape[0]
     for c in prange((n + BODIES - 1) // BODIES):
         accept_chunk(
-            c * BODIES,
-            min(c * BODIES + BODIES, n),
-            dt,
-            end,
-            whole,
-            v_x,
-            v_y,
-            spots,
-            shape,
-            state,
-            known,
-            maximum,
-            M,
-            D,
-            V,
-            totals,
-            memory,
-            starts,
-            ends,
-            initial_gap,
-            drag,
-            law,
-            effects,
-            observe,
-        )
+            c * BODIES, min(c * BODIES + BODIES, n), dt, end, whole, v_x, v_y, spots, shape, state, known, maximum, M, D, V,
+            totals, memory, starts, ends, initial_gap, drag, law, effects, observe,
+        )  # fmt: skip
 
 
 @njit(types.void(SHAPE, STATE, _F2, _F2), **OPTIONS)

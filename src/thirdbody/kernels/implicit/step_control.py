@@ -252,25 +252,9 @@ def update_labeller(b, spots, state, M, W, known, drag, observe, seen, table):
     """Let the labeller observe body b after its step."""
     (own, partner, _, edges, incidence), (_, B, _, H, R, E) = spots, state
     update_body_memory(
-        b,
-        edges,
-        incidence,
-        own,
-        partner,
-        H,
-        R,
-        B,
-        E,
-        W,
-        M,
-        drag,
-        W[run_totals.PLATE_SPEED],
-        known[2],
-        known[4],
-        observe,
-        seen,
+        b, edges, incidence, own, partner, H, R, B, E, W, M, drag, W[run_totals.PLATE_SPEED], known[2], known[4], observe, seen,
         table,
-    )
+    )  # fmt: skip
     W[run_totals.ELAPSED], W[run_totals.SHIFT_X], W[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
 

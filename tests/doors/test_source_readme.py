@@ -1,0 +1,32 @@
+"""src/README.md: its generated parts are those of the source, and the modules that it names exist."""
+
+from __future__ import annotations
+
+import re
+
+from source_readme import PAGE, SOURCE, regenerated
+
+PACKAGE = SOURCE / "thirdbody"
+ROOMS = {path.name for path in PACKAGE.iterdir() if path.is_dir()}
+
+
+def test_generated_parts_are_those_of_the_source():
+    text = PAGE.read_text(encoding="utf-8")
+    assert regenerated(text) == text, "python tests/source_readme.py writes it anew"
+
+
+def test_modules_that_the_page_names_exist():
+    text = PAGE.read_text(encoding="utf-8")
+    names = {name for name in re.findall(r"`([a-z_]+(?:\.[a-z_]+)*)`", text) if name.split(".")[0] in ROOMS}
+    missing = [name for name in names if not _is_module(name)]
+    assert len(names) > 20 and not missing, sorted(missing)
+
+
+def _is_module(name: str) -> bool:
+    """Return whether a dotted name is a package or a module, or a name at the top of a module."""
+    path = PACKAGE.joinpath(*name.split("."))
+    if path.is_dir() or path.with_suffix(".py").is_file():
+        return True
+    module = path.parent.with_suffix(".py")
+    return module.is_file() and re.search(rf"^(def|class) {path.name}\b|^{path.name}\b.*=", module.read_text(encoding="utf-8"),
+                                          re.MULTILINE) is not None  # fmt: skip
