@@ -158,8 +158,11 @@ def empty_sums():
 
 @njit(**BARE)
 def reduce_tile(m, slots, first, O, I, G, sums_of_tile):  # noqa: E741
-    """What was `sums_of_tile` in a chunk, and a tile of m contacts, slots[first:first + m]: what friction and dashpots took,
-    by four lanes; the largest overlap over the smaller radius, with its slot; the last slot whose force is no number (+ 1; 0: none)."""
+    """Add a tile of m contacts, slots[first:first + m], to the sums of a chunk.
+
+    These are what friction and dashpots took, by four lanes; the largest overlap over the smaller radius, with its slot; the last
+    slot whose force is no number (+ 1; 0: none).
+    """
     work, damped, deepest, slot, bad = sums_of_tile
     zero_padding(m, O, I, G)
     for q in range(0, m, LANES):
