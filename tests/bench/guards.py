@@ -58,7 +58,7 @@ CUTS = (
     bad, out = check_position(b, x, share, limits, bad, out)
     return max(longest, distance), max(step, share), body, bad, out
 """, """\
-    return max(longest, way), step, body, bad, out
+    return max(longest, distance), step, body, bad, out
 """),
     Cut("kernels/explicit/drift_spheres.py", """\
         max(fastest, square), max(farthest, square * extract(fraction, 2) * extract(fraction, 2)), strange + none * x,

@@ -9,9 +9,9 @@ from thirdbody.jit.options import NO_COUNTS, POINTED
 from thirdbody.jit.packed_arguments import make_unpacker
 from thirdbody.kernels.columns import domain
 from thirdbody.kernels.explicit.contact_forces import GROUP
-from thirdbody.kernels.explicit.contact_forces import contact_forces as contact_chunk
+from thirdbody.kernels.explicit.contact_forces import contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
-from thirdbody.kernels.explicit.gather_forces import gather_forces as gather_chunk
+from thirdbody.kernels.explicit.gather_forces import gather_forces
 from thirdbody.kernels.labeller_input import update_memory
 from thirdbody.kernels.rigid_body import FLAT, PAIRED, reset_plate_forces
 from thirdbody.kernels.signatures import EARLY, EFFECTS, KINDS, LATE, LAW, LOOK, OBSERVE, SWEEP, WORK, Context
@@ -51,14 +51,14 @@ def work(task, part, begin, end, number, record, time, v_x, v_y, dt, left, conte
                     reset_plate_forces(k.cuts[FLAT, c], k.cuts[FLAT, c + 1], k.own, k.body, k.E)
         if task == SWEEP:
             for side in range(FLAT, PAIRED + 1):
-                contact_chunk(2 * g + side, k.cuts[side, first], k.cuts[side, last], side == FLAT, k.own, k.partner, k.kind,
-                              k.closed, k.outer, k.body, k.S, k.B, k.E, k.P, k.H, k.F, k.R, k.sums, law, k.pairs, dt, v_x, v_y,
-                              l_x, l_y, k.n_history, k.rolling, k.force,
-                              k.moment, k.stored, k.dashpots, record, k.room[part], k.marks[part])  # fmt: skip
+                contact_forces(2 * g + side, k.cuts[side, first], k.cuts[side, last], side == FLAT, k.own, k.partner, k.kind,
+                               k.closed, k.outer, k.body, k.S, k.B, k.E, k.P, k.H, k.F, k.R, k.sums, law, k.pairs, dt, v_x,
+                               v_y, l_x, l_y, k.n_history, k.rolling, k.force, k.moment, k.stored, k.dashpots, record,
+                               k.room[part], k.marks[part])  # fmt: skip
         if (task == SWEEP and alone) or (task == LATE and not alone):
             for c in range(first, last):
-                gather_chunk(c, k.cuts, k.guests, k.F, k.B, k.E, dt, time, effects, k.effect_parameters, k.has_effects != 0,
-                             record, k.moves)  # fmt: skip
+                gather_forces(c, k.cuts, k.guests, k.F, k.B, k.E, dt, time, effects, k.effect_parameters, k.has_effects != 0,
+                              record, k.moves)  # fmt: skip
         if task == LOOK:
             speed = (v_x * v_x + v_y * v_y) ** 0.5
             for c in range(first, last):

@@ -26,8 +26,7 @@ from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.bdf2 import KNOWN, SHAPE, SPOTS, STATE, workspace
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton, solve_linear
-from thirdbody.kernels.implicit.residual import active_contacts, save_start, set_configuration
-from thirdbody.kernels.implicit.residual import residual as balance
+from thirdbody.kernels.implicit.residual import active_contacts, residual, save_start, set_configuration
 from thirdbody.kernels.implicit.step_control import (
     accept_step,
     advance_clock,
@@ -148,7 +147,7 @@ def accept_chunk(
             before[e - edges[b]] = initial_gap[e]
         set_configuration(b, p, y, dt, Z, T, shape, state)
         m = active_contacts(b, dt, Z[step_start.NOW] / dt, v_x, v_y, spots, shape, state, known, work)
-        balance(
+        residual(
             b, p, m, y, dt, W[run_totals.TIME] + dt, V[step_settings.INERTIAL], spots, state, known, work, Z, T, law, effects, r,
             diagnostics,
         )  # fmt: skip

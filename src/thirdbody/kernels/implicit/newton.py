@@ -20,10 +20,7 @@ from thirdbody.kernels.columns import (
 )
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
-from thirdbody.kernels.implicit.residual import FREEDOMS, TURN, active_contacts, set_configuration
-from thirdbody.kernels.implicit.residual import (
-    residual as balance,
-)
+from thirdbody.kernels.implicit.residual import FREEDOMS, TURN, active_contacts, residual, set_configuration
 from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.predicates import has_effect_columns, is_upper
 
@@ -220,7 +217,7 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
         m = active_contacts(b, dt, Z[step_start.NOW] / dt, v_x, v_y, spots, shape, state, known, work)
         if m < 0:
             return CROWDED, m, iterations
-        balance(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, diagnostics)
+        residual(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, diagnostics)
         now, scale = residual_norm(r), force_scale(b, p, tried, dt, Z, B, E, P, diagnostics)
         minimum = rounding_force(b, p, B, P, Z, diagnostics)
         enough = max(CONVERGED * scale, minimum)
