@@ -8,8 +8,7 @@ from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import NO_COUNTS, POINTED
 from thirdbody.jit.packed_arguments import make_unpacker
 from thirdbody.kernels.columns import domain
-from thirdbody.kernels.explicit.contact_forces import GROUP
-from thirdbody.kernels.explicit.contact_forces import contact_forces
+from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.gather_forces import gather_forces
 from thirdbody.kernels.labeller_input import update_memory
