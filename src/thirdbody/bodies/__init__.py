@@ -1,0 +1,1 @@
+"""Debris before it moves: clumps and their inertia, meshes, random shapes, packings, resting poses."""

@@ -1,1 +1,1 @@
-"""The scene: units, the checked model, reading and saving, and building the running simulation."""
+"""The scene: the checked model, reading with all faults at once, saving."""

@@ -1,1 +1,1 @@
-"""Studies: many runs of one scene, and what can be learnt from them together."""
+"""Studies: many runs of one scene, compared: accuracy against time, effects, robustness."""

@@ -1,1 +1,1 @@
-"""The built-in kinds of debris. A module here is a kind, with `KIND = ItsClass`; nothing else has to know of it."""
+"""The built-in kinds of debris. One module per kind, with `KIND = ItsClass`."""
