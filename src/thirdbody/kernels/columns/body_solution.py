@@ -2,12 +2,12 @@
 
 from thirdbody.kernels.columns.table import Table
 
-table = Table("told", "a body")
+table = Table("diagnostics", "a body")
 
 FOUND = table.scalar("found", "", "1: its balance was found")
 PUSH = table.scalar("push", "N", "force on the plate, upwards")
 SLOPE = table.scalar("slope", "N/m", "change of that force with the rise of the plate, the body following")
-ERROR = table.scalar("error", "", "error of the step over the tolerance, squared")
+ERROR = table.scalar("error", "", "error of the step over what is allowed")
 TURN = table.scalar("turn", "rad", "rotation in the step")
 ITERATIONS = table.scalar("iterations", "", "iterations of Newton's method")
 CROWDED = table.scalar("crowded", "", "1: it has more contacts than a tile holds")

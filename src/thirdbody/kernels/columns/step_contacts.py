@@ -2,7 +2,7 @@
 
 from thirdbody.kernels.columns.table import Table
 
-table = Table("told", "a body")
+table = Table("diagnostics", "a body")
 
 NORMAL_FORCE = table.scalar("normal_force", "N", "sum of the sizes of the normal forces")
 MAX_OVERLAP = table.scalar("max_overlap", "m", "largest overlap")
