@@ -1,4 +1,4 @@
-"""Bodies, in groups of four columns: four lines of the cache, all that a step reads and writes of a single-sphere body."""
+"""Bodies, columns in groups of four: 256 bytes, all that a step reads and writes of a single-sphere body."""
 
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.table import Table

@@ -1,4 +1,4 @@
-"""Bodies, what a single-sphere body needs in few steps only: a line of the cache."""
+"""Bodies: quantities that a single-sphere body needs in few steps only; one cache line per row without effects."""
 
 from thirdbody.kernels.columns.table import Table
 

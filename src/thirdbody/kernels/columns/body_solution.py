@@ -1,4 +1,4 @@
-"""What is found of a body under a common plate for a given rise of the plate."""
+"""Solution of a body under a common plate, for a given rise of the plate."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""What is noted of the motion of a chunk of bodies in a step."""
+"""Motion of a chunk of bodies in a step: extrema, guards, power of effects."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,6 +1,6 @@
-"""What a candidate contact remembers. Behind the history of the laws (four columns or more) stands the labeller's memory.
+"""History of a candidate contact: its frame and slip, the laws' history, then the labeller's memory.
 
-Most chains of laws remember four numbers: a row is a line of the cache.
+The laws have four columns or more. Most chains of laws need four numbers at most: a row is then one cache line.
 """
 
 from thirdbody.kernels.columns.table import Table
@@ -13,4 +13,4 @@ LAW = table.scalar("law", "", "history of the laws, from here on")
 MIN_WIDTH = table.skip(3)
 
 CLOSED = 1e-300
-"""m: the slip of a contact that has not slipped yet, so that it differs from that of an open one."""
+"""Slip of a contact that has not slipped yet [m], so that it differs from the 0 of an open one."""

@@ -1,4 +1,4 @@
-"""Sums over the contacts of a group of bodies: two rows per group, contacts with plates and contacts between spheres."""
+"""Sums over the contacts of a group of bodies: one row for contacts with plates, one for contacts between spheres."""
 
 from thirdbody.kernels.columns.table import Table
 

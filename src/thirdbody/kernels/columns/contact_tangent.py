@@ -1,4 +1,4 @@
-"""Tangents of a contact; those of the moment only with a law of the rolling stage (stride TILE in a tile)."""
+"""Tangents of a contact (stride TILE in a tile); those of the moment only with a law of the rolling stage."""
 
 from thirdbody.kernels.columns.table import Table
 

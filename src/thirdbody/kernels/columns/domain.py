@@ -1,4 +1,4 @@
-"""The periodic lengths, and limits of guards and search: one row."""
+"""Periodic lengths, limits of the guards, and skin of the search: one row."""
 
 from thirdbody.kernels.columns.table import Table
 

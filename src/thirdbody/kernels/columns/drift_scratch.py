@@ -1,6 +1,6 @@
-"""Fields of a chunk of bodies in the drift pass, which moves them field by field (stride: bodies per chunk).
+"""Fields of a chunk of bodies in the drift pass, structure of arrays (stride: bodies per chunk).
 
-First the columns of `body`, with what spheres need in the places that it has in `sphere`; then those of `body_extra` that all
+First the columns of `body`, with what spheres need in the columns that it has in `sphere`; then those of `body_extra` that all
 scenes have; then the rotation matrix and the longest path.
 """
 

@@ -22,7 +22,7 @@ PARTNER_RADIUS = table.scalar("partner_radius", "m", "radius of the partner's sp
 PARTNER_MASS = table.scalar("partner_mass", "kg", "mass of the partner's body")
 WIDTH = table.width
 
-# in place of what is needed no more
+# results overwrite fields that are no longer needed
 FORCE, FORCE3 = table.vector("force", 3, "N", "force on the owner", at=MID_VELOCITY)
 TORQUE, TORQUE3 = table.vector("torque", 3, "N m", "torque about the centre of the owner's sphere", at=MID_SPIN)
 PARTNER_TORQUE, PARTNER_TORQUE3 = table.vector("partner_torque", 3, "N m", "torque about that of the partner's", at=MID_RIM)

@@ -1,4 +1,4 @@
-"""Fields of a tile that the laws read (stride TILE); behind the history `rolling_input`, only if a law asks for it."""
+"""Inputs of the laws for a tile (stride TILE); `rolling_input` follows the history, only if a law requests it."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""Fields of a tile that the laws write (stride TILE); behind the history `rolling_output`, only if a law asks for it."""
+"""Outputs of the laws for a tile (stride TILE); `rolling_output` follows the history, only if a law requests it."""
 
 from thirdbody.kernels.columns.table import Table
 

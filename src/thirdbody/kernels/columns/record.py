@@ -1,4 +1,4 @@
-"""The full record of a contact, written in observed steps; without rows where nobody reads it."""
+"""The full record of a contact, written in observed steps; the table has no rows if records are not needed."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""What contacts between bodies of two groups did to their partners in this step; zero where they do not touch."""
+"""Forces of contacts between bodies of two groups on their partners, of this step; zero for open contacts."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""Fields of a tile behind the history of `law_input`: relative rotation."""
+"""Fields of a tile after the history of `law_input`: relative rotation."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""Fields of a tile behind the history of `law_output`: moments, and forces of the dashpots."""
+"""Fields of a tile after the history of `law_output`: moments, and forces of the dashpots."""
 
 from thirdbody.kernels.columns.table import Table
 

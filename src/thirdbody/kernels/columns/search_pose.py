@@ -1,4 +1,4 @@
-"""Where a body was at the last search for neighbours."""
+"""Pose of a body at the last neighbour search."""
 
 from thirdbody.kernels.columns.table import Table
 

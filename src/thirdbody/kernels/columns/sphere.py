@@ -1,7 +1,7 @@
-"""Spheres, in groups of four columns.
+"""Spheres, columns in groups of four.
 
-Mid-step velocities carry the displacement of the step; those predicted for its end feed the dashpots. What bodies have too
-stands in the same columns (`body`): where every body is one sphere round its centre of mass, both are one table.
+Mid-step velocities give the displacement of the step; those predicted for its end feed the dashpots. Quantities that bodies have,
+too, are in the same columns (`body`): where every body is one sphere centred at its centre of mass, both are one table.
 """
 
 from thirdbody.kernels.columns.table import Table

@@ -1,4 +1,4 @@
-"""What the residual of an implicit step tells of the contacts of a body, beside the unbalanced forces: one row."""
+"""Diagnostics of the contacts of a body that the residual of an implicit step returns: one row."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""What the implicit integrator keeps per body beside its totals (a row like `run_totals`)."""
+"""State of the implicit integrator per body, in addition to its totals (a row like `run_totals`)."""
 
 from thirdbody.kernels.columns.table import Table
 

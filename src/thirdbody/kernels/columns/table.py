@@ -1,4 +1,4 @@
-"""The declaration of a table: what each of its columns holds, in which unit, and where."""
+"""Declaration of a table: meaning, unit and position of each of its columns."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Column:
-    """One quantity of a table: its first column, its number of columns, its unit ("" for a pure number) and its meaning."""
+    """One quantity of a table: first column, number of columns, unit ("" for a pure number) and meaning."""
 
     name: str
     first: int
@@ -18,17 +18,20 @@ class Column:
 
 
 class Table:
-    """The columns of a table in order. Each declaration returns the index of its first column, a plain int: kernels read
-    it as an attribute of the module that declares the table, which numba compiles as a constant."""
+    """The columns of a table, in order.
+
+    Each declaration returns the index of its first column, a plain int: kernels read it as an attribute of the module that
+    declares the table, which numba compiles as a constant.
+    """
 
     def __init__(self, symbol: str, rows: str) -> None:
-        """`symbol`: name of the array in kernels. `rows`: what one row (or, of a single row, the table) stands for."""
+        """`symbol`: name of the array in kernels. `rows`: the object that a row (or a table of one row) describes."""
         self.symbol, self.rows = symbol, rows
         self.columns: list[Column] = []
         self.width = 0
 
     def scalar(self, name: str, unit: str, meaning: str, at: int | None = None) -> int:
-        """Declare one column, behind the last one or from column `at` on; return its index."""
+        """Declare one column, after the last one or at column `at`; return its index."""
         return self._declare(name, 1, unit, meaning, at)
 
     def vector(self, name: str, width: int, unit: str, meaning: str, at: int | None = None) -> tuple[int, slice]:
@@ -37,7 +40,7 @@ class Table:
         return first, slice(first, first + width)
 
     def skip(self, width: int) -> int:
-        """Leave columns free; return the width of the table so far."""
+        """Leave `width` columns unused; return the width of the table so far."""
         self.width += width
         return self.width
 

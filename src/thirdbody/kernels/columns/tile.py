@@ -1,4 +1,4 @@
-"""The tiles in which laws take their contacts: tables in columns, one field after the other, TILE numbers each."""
+"""Tiles, the blocks of contacts on which laws work: structure of arrays, TILE numbers per field."""
 
 TILE = 64
 """Contacts per tile."""

@@ -1,15 +1,15 @@
-"""What friction and dashpots take from contacts in a step of velocity Verlet.
+"""Dissipation by friction and dashpots of contacts in a step of velocity Verlet.
 
 A law books the work of the force at the end of the step, as the implicit integrator applies it. Bodies that move by velocity
 Verlet exchange the work of the mean of the forces at both ends: where a force jumps within a step (a contact that closes, opens
-or turns round while it slides) the two differ by half the jump times the slip, an error of first order. So here friction takes
-what the mean force does beyond what the spring stores. A step in which that is negative makes energy: it counts as nothing, and
-the energy stays visible as residual.
+or reverses while it slides) the two differ by half the jump times the slip, an error of first order. So here friction dissipates
+the work of the mean force less the change of the energy in the springs. A step in which that is negative creates energy: it
+counts as zero, and the energy remains visible as residual.
 
-Only laws that remember their force (or moment) can be booked so; the others keep what they book themselves. The forces of the
-dashpots are remembered behind the history of the laws, and they take what their mean force does. Where a contact turns round
-within a step that is negative by the cube of the step; where the step is unstable it is negative at large, and counts as nothing
-too, or the energy that such a step makes would be hidden from the guard.
+Only laws whose force (or moment) is in their history can be booked so; for others their own booking holds. The forces of the
+dashpots follow the history of the laws, and dashpots dissipate the work of their mean force. Where a contact reverses within a
+step that is negative by the cube of the step; where the step is unstable it is negative at large, and counts as zero, too: else
+the energy that such a step creates would be hidden from the guard.
 """
 
 import numpy as np
@@ -24,8 +24,10 @@ from thirdbody.kernels.packed_triple import three_in_one, three_of
 
 @njit(**BARE)
 def work_of_mean(q, old, new, x, y, I, O):  # noqa: E741
-    """Work at places q to q + 3 of the mean of two vectors, in fields from `old` of I on and from `new` of O on, over the
-    displacements in fields x and y of I."""
+    """Return the work, at elements q to q + 3, of the mean of an old and a new vector [J].
+
+    The vectors are fields from `old` of I on and from `new` of O on; the displacements are fields x and y of I.
+    """
     along = (get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + x * TILE)
     across = (get(I, q + (old + 1) * TILE) + get(O, q + (new + 1) * TILE)) * get(I, q + y * TILE)
     return broadcast(0.5) * (along + across)
@@ -33,10 +35,10 @@ def work_of_mean(q, old, new, x, y, I, O):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def book(n, force, moment, stored, n_history, I, O):  # noqa: E741
-    """Replace what the laws of n contacts booked as lost by friction.
+    """Replace the friction loss that the laws of n contacts booked by that of the mean force.
 
-    `force`, `moment`, `stored`: places in the history of the remembered force and moment, and of the energy of the springs;
-    moment -1: the scene has none.
+    `force`, `moment`, `stored`: columns of the history with the force, the moment and the energy of the springs; moment -1: the
+    scene has none.
     """
     for q in range(0, n, LANES):
         work = work_of_mean(
@@ -64,7 +66,7 @@ def book(n, force, moment, stored, n_history, I, O):  # noqa: E741
 
 @njit(**BARE)
 def book_opened(n, force, moment, stored, n_history, I, O):  # noqa: E741
-    """The same for n contacts that opened within the step: what they lost goes to law_output.DISSIPATED."""
+    """Do the same for n contacts that opened within the step: their loss goes to law_output.DISSIPATED."""
     for q in range(n):
         O[q + law_output.DISSIPATED * TILE] = O[q + law_output.FRICTION_LOSS * TILE] = O[
             q + law_output.STORED_TANGENTIAL * TILE
@@ -77,7 +79,7 @@ def book_opened(n, force, moment, stored, n_history, I, O):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def load_dashpot_forces(n, place, moment, n_history, I):  # noqa: E741
-    """Put the forces and, if any, the moments of the dashpots of n contacts in place of the velocities that they answered to."""
+    """Load the last forces and, if any, moments of the dashpots of n contacts over the velocities that caused them."""
     old = I[(law_input.HISTORY + place) * TILE :]
     for q in range(n):
         p = np.uint64(q)
@@ -93,7 +95,7 @@ def load_dashpot_forces(n, place, moment, n_history, I):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def store_dashpot_forces(n, place, moment, n_history, O):  # noqa: E741
-    """Put the forces and, if any, the moments of the dashpots of n contacts into the history."""
+    """Store the forces and, if any, the moments of the dashpots of n contacts in the history."""
     new, behind = O[(law_output.HISTORY + place) * TILE :], O[(law_output.HISTORY + n_history) * TILE :]
     for q in range(n):
         p = np.uint64(q)
@@ -108,9 +110,11 @@ def store_dashpot_forces(n, place, moment, n_history, O):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
-    """Put into law_output.DASHPOT_POWER what the dashpots of n contacts take in the step, J, and remember their forces.
+    """Write the energy that the dashpots of n contacts dissipate in the step into law_output.DASHPOT_POWER [J]; store their
+    forces.
 
-    `place`: of their force in the history, in one number (`three_in_one`); their moment, if any, is the number behind it.
+    `place`: column of the history with their force, packed into one number (`three_in_one`); their moment, if any, is in the
+    next.
     """
     moment = n_history >= place + 2
     behind = law_output.HISTORY + n_history
@@ -156,7 +160,7 @@ def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
 
 @njit(**BARE)
 def book_opened_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
-    """Return what the dashpots of n contacts that opened within the step took in it, J."""
+    """Return the energy that the dashpots of n contacts that opened within the step dissipated in it [J]."""
     for h in range(rolling_output.VISCOUS_NORMAL, rolling_output.VISCOUS_MOMENT_Y + 1):
         for q in range(n):
             O[q + (law_output.HISTORY + n_history + h) * TILE] = 0.0

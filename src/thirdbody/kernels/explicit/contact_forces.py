@@ -1,9 +1,9 @@
-"""The contact pass: candidate pairs -> gaps -> law tiles -> forces on bodies, group by group.
+"""The contact pass: candidates -> overlaps -> tiles of the laws -> forces on bodies, group by group.
 
-A group is a fixed range of bodies, whatever the number of threads, with the slots that its spheres own. It writes only to its
-own slots, bodies and row of `sums`; what its contacts do to bodies of other groups it leaves in F, for them to add in a fixed
-order. So the result has the same bits for any number of threads. Branches that the processor cannot foretell cost more than all
-arithmetic, so gaps are computed for all candidates first and the touching ones are listed without a branch.
+A group is a fixed range of bodies, whatever the number of threads, with the candidates that its spheres own. It writes only to
+its own candidates, bodies and row of `sums`; its contacts' forces on bodies of other groups go to F, and those groups add them in
+a fixed order. So the result has the same bits for any number of threads. Mispredicted branches cost more than all arithmetic, so
+overlaps are computed for all candidates first, and the active ones are listed without a branch.
 """
 
 import numpy as np
@@ -50,34 +50,36 @@ from thirdbody.kernels.rolling_kinematics import MOMENTS, add_moments, record_ro
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
 
 GROUP = 8
-"""Chunks of bodies per group. What a group works on lies in the near cache until it is done: 16 take as long, 4 take 5 to 8 %
+"""Chunks of bodies per group. The data of a group stay in the near cache until it is done: 16 take as long, 4 take 5 to 8 %
 longer, since more contacts are between groups."""
 
 LIGHT = 16
-"""Numbers that a light law remembers at most. One contact of it takes as long as eight, which are one vector, so that tiles are
-filled up to whole vectors (a tile of 63 takes half as long again as one of 64); of others each contact takes its time."""
+"""Largest history of a light law. Evaluating one contact of it takes as long as eight, which are one vector, so its tiles are
+padded to whole vectors (a tile of 63 takes half as long again as one of 64); other laws take their time for each contact."""
 
 LARGEST = 1e300
-"""N2: the square of no force."""
+"""Bound of the square of a force [N2]; no force reaches it."""
 
 
 def scratch_sizes(n_history, longest):
-    """Scratch of a thread for chunks of at most `longest` slots: numbers of floats and of marks; whole lines of the cache, since
-    a vector of eight that lies across two takes twice the time."""
+    """Return the scratch of a thread for chunks of at most `longest` candidates: numbers of floats and of integers.
+
+    Whole cache lines, since a vector of eight that straddles two lines takes twice the time.
+    """
     fields = law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH + geometry.WIDTH
     return fields * TILE + longest + -longest % LINE, 2 * (longest + SPARE)
 
 
 @njit(**BARE)
 def add_force(b, B, force, torque):
-    """Add a force and a torque, with friction work and slip behind them, to those on body b."""
+    """Add a force and a torque, followed by friction work and slip in the fourth element, to those on body b."""
     store(B, b, body.FORCE, load(B, b, body.FORCE) + force)
     store(B, b, body.TORQUE, load(B, b, body.TORQUE) + torque)
 
 
 @njit(**BARE)
 def scatter_plate_force(k, c, own, partner, body, S, B, E, sums, force, torque):
-    """A contact with a plate acts on its body; `torque`: about the centre of the sphere."""
+    """Apply a contact with a plate to its body; `torque`: about the centre of the sphere [N m]."""
     i = np.uint64(own[k])
     b = np.uint64(body[i])
     add_force(b, B, force, torque + cross(arm_to_sphere(i, S), force))
@@ -89,7 +91,7 @@ def scatter_plate_force(k, c, own, partner, body, S, B, E, sums, force, torque):
 
 @njit(**BARE)
 def scatter_pair_force(k, own, partner, body, outer, clumps, S, B, F, force, torque, back):
-    """A contact between spheres acts on both bodies; `torque` and `back`: about the centre of the owner and of the partner."""
+    """Apply a contact between spheres to both bodies; `torque`, `back`: about the centres of owner and partner [N m]."""
     i, j = np.uint64(own[k]), np.uint64(partner[k])
     against = with_last(broadcast(0.0) - force, force)
     b, p = i, j
@@ -106,13 +108,13 @@ def scatter_pair_force(k, own, partner, body, outer, clumps, S, B, F, force, tor
 
 @njit(**BARE)
 def four_rows(at, G, last):
-    """Three fields as rows of four places, and behind them a number of each place."""
+    """Return three fields of four contacts as four rows, each followed by its element of `last`."""
     return transpose(get(G, at), get(G, at + TILE), get(G, at + 2 * TILE), last)
 
 
 @njit(**BARE_CHUNK)
 def scatter_plate_tile(n, c, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
-    """The contacts with plates slots[first:first + n], a tile, act on their bodies; the sums of their forces into row c."""
+    """Apply a tile of n contacts with plates, slots[first:first + n], to their bodies; add their forces to row c of `sums`."""
     for q in range(0, n, 4):
         work, slip = get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
         p, f, t = first + q, four_rows(q + geometry.FORCE * TILE, G, work), four_rows(q + geometry.TORQUE * TILE, G, slip)
@@ -127,7 +129,7 @@ def scatter_plate_tile(n, c, slots, first, own, partner, body, S, O, G, B, E, su
 
 @njit(**BARE_CHUNK)
 def scatter_pair_tile(n, slots, first, own, partner, body, outer, S, O, G, B, F):  # noqa: E741
-    """The contacts between spheres slots[first:first + n], a tile, act on their bodies."""
+    """Apply a tile of n contacts between spheres, slots[first:first + n], to their bodies."""
     clumps = S.shape[0] != B.shape[0]
     for q in range(0, n, 4):
         work, slip = broadcast(SHARE) * get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
@@ -144,7 +146,7 @@ def scatter_pair_tile(n, slots, first, own, partner, body, outer, S, O, G, B, F)
 
 @njit(**BARE)
 def clear_sums(c, sums):
-    """Set to zero what tiles add to in row c."""
+    """Reset the sums in row c to which tiles add."""
     sums[c, contact_sums.STORED_NORMAL] = sums[c, contact_sums.STORED_TANGENTIAL] = 0.0
     store(sums, c, contact_sums.UPPER_FORCE, broadcast(0.0))
     store(sums, c, contact_sums.LOWER_FORCE, broadcast(0.0))
@@ -152,16 +154,16 @@ def clear_sums(c, sums):
 
 @njit(**BARE)
 def empty_sums():
-    """What is found of no contacts: `reduce_tile`."""
+    """Return the reductions (`reduce_tile`) of no contacts."""
     return broadcast(0.0), broadcast(0.0), 0.0, np.int64(0), np.int64(0)
 
 
 @njit(**BARE)
 def reduce_tile(m, slots, first, O, I, G, sums_of_tile):  # noqa: E741
-    """Add a tile of m contacts, slots[first:first + m], to the sums of a chunk.
+    """Add a tile of m contacts, slots[first:first + m], to the reductions of a group.
 
-    These are what friction and dashpots took, by four lanes; the largest overlap over the smaller radius, with its slot; the last
-    slot whose force is no number (+ 1; 0: none).
+    These are the dissipation of friction and of dashpots, in four lanes; the largest overlap over the smaller radius, with its
+    candidate; the last candidate whose force is not finite (+ 1; 0: none).
     """
     work, damped, deepest, slot, bad = sums_of_tile
     zero_padding(m, O, I, G)
@@ -182,7 +184,7 @@ def reduce_tile(m, slots, first, O, I, G, sums_of_tile):  # noqa: E741
 
 @njit(**BARE)
 def zero_padding(m, O, I, G):  # noqa: E741
-    """Let the places behind m contacts, up to a multiple of four, add nothing to what is told of them."""
+    """Zero the padding lanes after contact m so that they do not affect the reductions."""
     for q in range(m, m + -m % LANES):
         O[q + law_output.DISSIPATED * TILE] = O[q + law_output.DASHPOT_POWER * TILE] = I[q + law_input.OVERLAP * TILE] = 0.0
         G[q + geometry.FORCE * TILE] = G[q + (geometry.FORCE + 1) * TILE] = G[q + (geometry.FORCE + 2) * TILE] = 0.0
@@ -190,7 +192,7 @@ def zero_padding(m, O, I, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def larger_overlap(q, end, slots, first, I, G, deepest, slot):  # noqa: E741
-    """The largest overlap over the smaller radius of the contacts in places q to `end` with its slot, or what there was."""
+    """Return the larger of `deepest` and the overlaps over the smaller radius of elements q to `end`, with its candidate."""
     for e in range(q, end):
         ratio = I[e + law_input.OVERLAP * TILE] / min(G[e + geometry.RADIUS * TILE], G[e + geometry.PARTNER_RADIUS * TILE])
         deepest, slot = (ratio, np.int64(slots[first + e])) if ratio > deepest else (deepest, slot)
@@ -199,7 +201,7 @@ def larger_overlap(q, end, slots, first, I, G, deepest, slot):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def last_nonfinite(q, end, slots, first, G, bad):
-    """The last of the slots in places q to `end` whose force is not a number (+ 1), or `bad`."""
+    """Return the last candidate in elements q to `end` whose force is not finite (+ 1), or `bad`."""
     for e in range(q, end):
         x, y, z = G[e + geometry.FORCE * TILE], G[e + (geometry.FORCE + 1) * TILE], G[e + (geometry.FORCE + 2) * TILE]
         bad = bad if x * x + y * y + z * z < LARGEST else np.int64(slots[first + e]) + 1
@@ -208,13 +210,13 @@ def last_nonfinite(q, end, slots, first, G, bad):
 
 @njit(**BARE)
 def sum_of_lanes(v):
-    """The sum of four lanes."""
+    """Return the sum of the four lanes of v."""
     return (extract(v, 0) + extract(v, 1)) + (extract(v, 2) + extract(v, 3))
 
 
 @njit(**BARE)
 def store_sums(c, lost, damped, sums_of_tile, sums):
-    """Put what a chunk lost to friction and to dashpots where contacts opened, and what was `sums_of_tile` in it, into row c."""
+    """Write the reductions of a group into row c, with the friction and dashpot losses of the contacts that opened."""
     work, taken, sums[c, contact_sums.MAX_OVERLAP], sums[c, contact_sums.SLOT], sums[c, contact_sums.BAD_SLOT] = sums_of_tile
     sums[c, contact_sums.FRICTION_WORK] = lost + sum_of_lanes(work)
     sums[c, contact_sums.DAMPING_WORK] = damped + sum_of_lanes(taken)
@@ -230,13 +232,13 @@ def add_elastic_energy(n, c, O, sums):  # noqa: E741
 
 @njit(**BARE)
 def first_three(v):
-    """The first three numbers of v."""
+    """Return the first three numbers of v."""
     return extract(v, 0), extract(v, 1), extract(v, 2)
 
 
 @njit(**BARE_CHUNK)
 def write_record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
-    """Everything that output and labels need of one contact, as the step computed it."""
+    """Write all quantities of a contact that output and labels need, as the step computed them."""
     i, j = own[k], partner[k]
     a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
     t_1, t_2 = O[q + law_output.TANGENTIAL_X * TILE], O[q + law_output.TANGENTIAL_Y * TILE]
@@ -269,9 +271,9 @@ def write_record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
 @njit(**BARE_CHUNK)
 def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, E, P, H, F, R, sums, law, pairs, dt,
                   v_x, v_y, l_x, l_y, n_history, rolling, force, moment, stored, dashpots, observed, scratch, marks):  # fmt: skip
-    """The candidate slots first to last act on their bodies; sums into row c: filter by gap, then the law in tiles.
+    """Apply the contacts of candidates `first` to `last` to their bodies: overlaps, then the laws in tiles; sums into row c.
 
-    `flat`: all of them are with plates; else all are between spheres. `scratch`, `marks`: scratch (`scratch_sizes`).
+    `flat`: all are candidates with plates; else all are between spheres. `scratch`, `marks`: scratch (`scratch_sizes`).
     """
     begin = (law_input.HISTORY + n_history + rolling_input.WIDTH) * TILE
     end = (law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH) * TILE
@@ -286,7 +288,7 @@ def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body
     clear_sums(c, sums)
     lost, damped, sums_of_tile = 0.0, 0.0, empty_sums()
     for e in range(o, o + SPARE - 1 if o > 0 else o):
-        opened[e] = opened[o - 1]  # so far it is looked ahead
+        opened[e] = opened[o - 1]  # padding for prefetching
     for t in range(0, o, TILE):
         count = min(TILE, o - t)
         if force >= 0 or dashpots >= 0:
@@ -301,7 +303,7 @@ def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body
         lost += end_contacts(count, opened, t, force >= 0, stored, own, partner, body, outer, H, B, F, O)
     for t in range(0, m, TILE):
         count = min(TILE, m - t)
-        filled = count + (-count % LINE if n_history <= LIGHT else 0)  # behind the last one it stands there again
+        filled = count + (-count % LINE if n_history <= LIGHT else 0)  # padded with the last contact
         gather_tile(
             filled, slots, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y, n_history, rolling,
             I, G,

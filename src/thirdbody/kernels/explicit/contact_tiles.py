@@ -1,4 +1,4 @@
-"""A tile of contacts staged, whatever they are with; and contacts that opened let go of what they held."""
+"""Gather a tile of contacts of either kind, and end contacts that opened."""
 
 import numpy as np
 from numba import njit
@@ -20,19 +20,19 @@ from thirdbody.kernels.predicates import is_plate, is_sphere, patch_of_partner
 from thirdbody.kernels.rolling_kinematics import gather_rolling
 
 SHARE = 0.5
-"""Of friction work between two bodies, for each."""
+"""Fraction of the friction work between two bodies that each of them gets."""
 
 
 @njit(**BARE)
 def store_remote_force(f, force, torque, F):
-    """Leave a force and a torque in row f for whoever sums the forces on the body."""
+    """Store a force and a torque in row f of F for the group that sums the forces on the body."""
     store(F, f, remote_force.FORCE, force)
     store(F, f, remote_force.TORQUE, torque)
 
 
 @njit(**BARE)
 def gather_plate_contacts(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history):  # noqa: E741
-    """Put the contacts with plates, slots[first:first + n], into the first places; their overlaps stand in `g`."""
+    """Gather n contacts with plates, slots[first:first + n], into the first elements; `g`: their overlaps [m]."""
     for q in range(n):
         k = slots[first + q]
         rise = P[patch_of_partner(partner[k]), patch.VELOCITY]
@@ -42,7 +42,7 @@ def gather_plate_contacts(n, slots, first, g, start, own, partner, kind, S, P, H
 @njit(**BARE_CHUNK)
 def gather_tile(n, slots, first, flat, g, start, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y, n_history,
           rolling, I, G):  # noqa: E741  # fmt: skip
-    """Put the contacts slots[first:first + n] into a tile: geometry, slip and velocities, rotation, and what they remember."""
+    """Gather the contacts slots[first:first + n] into a tile: geometry, slip and velocities, rotation, and history."""
     if flat:
         gather_plate_contacts(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history)
     else:
@@ -57,9 +57,11 @@ def gather_tile(n, slots, first, flat, g, start, own, partner, body, kind, S, B,
 
 @njit(**BARE)
 def end_contacts(o, opened, first, booked, stored, own, partner, body_of, outer, H, B, F, O):  # noqa: E741
-    """Release the contacts opened[first:first + o] that were closed; returns what was lost, which stands in a tile if it is
-    `booked` there, else in the history (`stored`: `memory.held`). One that opened a step ago has nothing left: what it handed to
-    another group then must go."""
+    """End the contacts opened[first:first + o] that were closed; return the energy that they lost [J].
+
+    The loss is in a tile if it is `booked` there, else in the history (`stored`: `contact_history.spring_energy`). A contact that
+    opened one step ago stores no energy, but its remote force row must be cleared.
+    """
     total = 0.0
     for e in range(o):
         k = np.int64(opened[first + e])

@@ -1,9 +1,8 @@
-"""The first pass of a step: half kick and drift of a chunk of bodies, and where their spheres are then.
+"""The first pass of a step: half kick and drift of a chunk of bodies, then the positions of their spheres.
 
-Velocity Verlet. Balls go one by one (`drift_spheres`); the motion of the others is computed field by field, which the compiler
-turns into
-vector instructions: IEEE arithmetic body by body, so the same bits as one by one. The closing kick of the last step is made here
-too where nobody has looked in between: the forces are at hand.
+Velocity Verlet. Single-sphere bodies are moved one by one (`drift_spheres`), all others field by field, which the compiler turns
+into vector instructions: IEEE arithmetic body by body, so the bits are those of a loop over bodies. The closing half kick of the
+previous step is fused in here unless output or a labeller needed synchronised velocities: the forces are still at hand.
 """
 
 import math
@@ -32,25 +31,27 @@ from thirdbody.kernels.rotation import free_rotation, matrix, spin
 
 @njit(**BARE)
 def three(Z, at):
-    """Three fields of a place of a chunk, the first of them at `at`: a sum, since a bare number would be compiled once more."""
+    """Return three fields of an element of a chunk, the first of them at `at`: a sum, since a literal would be compiled once
+    more."""
     return Z[at], Z[at + BODIES], Z[at + 2 * BODIES]
 
 
 @njit(**BARE)
 def put_three(Z, at, x, y, z):
-    """Write three fields of a place of a chunk, the first of them at `at`."""
+    """Write three fields of an element of a chunk, the first of them at `at`."""
     Z[at], Z[at + BODIES], Z[at + 2 * BODIES] = x, y, z
 
 
 @njit(**BARE)
 def flush_denormal(x, minimum):
-    """x, with 0 for whatever is not larger than `minimum`, by size; what is not a number stays."""
+    """Return x, or 0 if |x| <= `minimum`; NaN is passed on."""
     return 0.0 if abs(x) <= minimum else x
 
 
 @njit(**BARE)
 def half_kick(v, left, change, minimum):
-    """v after the closing kick of the last step, if it is `left`, and the first one of this step: the changes are the same."""
+    """Apply the pending closing kick of the last step (`left` 1, else 0) and the first one of this step: both changes are
+    equal."""
     return (
         flush_denormal(v[0] + left * change[0], minimum) + change[0],
         flush_denormal(v[1] + left * change[1], minimum) + change[1],
@@ -60,10 +61,10 @@ def half_kick(v, left, change, minimum):
 
 @njit(**BARE_CHUNK)
 def drift_tile(n, dt, left, Z):
-    """Half kick and full drift of n bodies, behind the last step's closing kick if it is `left` (1, else 0); and the longest way
-    of a point of each in this step.
+    """Half kick and full drift of n bodies, after the last step's closing kick if it is pending (`left` 1, else 0).
 
-    No loop stands inside the loop: the compiler makes vector instructions of innermost loops only.
+    Also writes the longest path of a point of each body in this step. The loop contains no other loop: the compiler vectorises
+    innermost loops only.
     """
     half = 0.5 * dt
     for p in range(n):
@@ -102,8 +103,11 @@ def drift_tile(n, dt, left, Z):
 
 @njit(**BARE)
 def check_limits(b, distance, share, x, limits, seen):
-    """What was `seen` of a chunk, and body b: the longest way and the largest share of a radius, with its body, and the last body
-    that is not finite or left the domain (+ 1; 0: none)."""
+    """Update the extrema `seen` of a chunk with body b.
+
+    These are the longest path; the largest path over the radius, with its body; the last body that is not finite, and the last
+    that left the domain (+ 1; 0: none).
+    """
     longest, step, body, bad, out = seen
     body = b if share > step else body
     bad, out = check_position(b, x, share, limits, bad, out)
@@ -112,14 +116,14 @@ def check_limits(b, distance, share, x, limits, seen):
 
 @njit(**BARE)
 def reset_forces(b, B):
-    """The contacts add up the forces on body b anew, but go on with its friction work and slip."""
+    """Reset the forces on body b for the contacts of this step; its friction work and slip go on."""
     store_three(B, b, np.int64(body.FORCE), broadcast(0.0))
     store_three(B, b, np.int64(body.TORQUE), broadcast(0.0))
 
 
 @njit(**BARE)
 def gather_columns(at, k, b, B, Z):
-    """Put columns k to k + 3 of four bodies into the places from `at` on."""
+    """Copy columns k to k + 3 of four bodies into the elements from `at` on."""
     fields = transpose(load(B, b[0], k), load(B, b[1], k), load(B, b[2], k), load(B, b[3], k))
     put(Z, at, fields[0])
     put(Z, at + BODIES, fields[1])
@@ -129,7 +133,7 @@ def gather_columns(at, k, b, B, Z):
 
 @njit(**BARE)
 def gather_bodies(p, staged, B, E, Z):
-    """Put the four bodies staged[p:p + 4], which are no balls, into the places from p on."""
+    """Copy the four bodies staged[p:p + 4], none of a single sphere, into the elements from p on."""
     b = np.uint64(staged[p]), np.uint64(staged[p + 1]), np.uint64(staged[p + 2]), np.uint64(staged[p + 3])
     for k in range(body.POSITION, body.SPIN, 4):
         gather_columns(p + k * BODIES, k, b, B, Z)
@@ -141,7 +145,7 @@ def gather_bodies(p, staged, B, E, Z):
 
 @njit(**BARE)
 def scatter_body(p, b, Z, B, E):
-    """Take the motion of body b from place p of the chunk."""
+    """Copy the motion of body b back from element p of the chunk."""
     for k in range(3):
         B[b, body.POSITION + k] = Z[p + (body.POSITION + k) * BODIES]
         B[b, body.VELOCITY + k] = Z[p + (body.VELOCITY + k) * BODIES]
@@ -153,7 +157,7 @@ def scatter_body(p, b, Z, B, E):
 
 @njit(**BARE)
 def place_spheres(p, b, start, near, beginning, everything, offsets, S, Z, dt):
-    """Place those of body b's spheres that can meet something (`near`), or `everything`, from place p of the chunk."""
+    """Place those of body b's spheres that can touch something (`near`), or `everything`, from element p of the chunk."""
     rotation = columns(
         (
             *three(Z, p + drift_scratch.MATRIX * BODIES),
@@ -172,8 +176,7 @@ def place_spheres(p, b, start, near, beginning, everything, offsets, S, Z, dt):
 
 @njit(**BARE)
 def prefetch_body(b, start, S, B):
-    """Ask for what the drift of body b will need, if it is a ball: a processor that sees where a table is read ahead of it does
-    so within a page only, and a page is a dozen bodies."""
+    """Prefetch the rows of body b if it is a single sphere (hardware prefetchers stop at page boundaries, every dozen bodies)."""
     s = np.uint64(start[b])
     for line in range(0, body.WIDTH, LINE):
         prefetch(B, np.uint64(b), np.int64(line))
@@ -184,8 +187,10 @@ def prefetch_body(b, start, S, B):
 
 @njit(**BARE_CHUNK)
 def drift_bodies(c, start, near, beginning, everything, offsets, S, B, E, D, dt, left, moves, Z, staged):
-    """Drift the bodies of chunk c, whose last closing kick is still `left` (1) or was made (0), and place those of their spheres
-    that can meet something (`near`), or `everything`."""
+    """Drift the bodies of chunk c and place those of their spheres that can touch something (`near`), or `everything`.
+
+    `left`: 1 if the last closing kick is pending, 0 if it was made.
+    """
     seen = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
     balls, limits, n = (
         empty_extrema(),

@@ -1,4 +1,4 @@
-"""How a ball moves in a step, and what a chunk of them tells: no arms, no matrices, and nobody is named unless a guard trips."""
+"""Drift of single-sphere bodies, with extrema per chunk; the offending body is identified only when a guard trips."""
 
 import math
 
@@ -26,8 +26,11 @@ from thirdbody.kernels.rotation import rotate_small
 
 @njit(**BARE)
 def drift_ball(b, s, S, B, dt, left, seen):
-    """Half kick and full drift of body b, which is sphere s, behind the last step's closing kick if it is `left` (1, else 0); and
-    what was `seen` of balls (`empty_extrema`). The columns behind vectors stay what they are, and a ball has no arm."""
+    """Half kick and full drift of body b, which is the single sphere s; return the updated extrema `seen` (`empty_extrema`).
+
+    The last step's closing kick comes first if it is pending (`left` 1, else 0). The column that follows each vector is
+    preserved. A single-sphere body has no arm.
+    """
     x = load(B, b, body.POSITION)
     v = load(B, b, body.VELOCITY)
     w = load(B, b, body.SPIN)
@@ -36,7 +39,7 @@ def drift_ball(b, s, S, B, dt, left, seen):
     none, again = broadcast(0.0), broadcast(left)
     fraction = broadcast(0.5 * dt) / set4(
         extract(v, 3), extract(w, 3), S[s, sphere.RADIUS], 1.0
-    )  # over mass, inertia and radius, all at once
+    )  # dt/2 over mass, inertia and radius in one division
     change, rotation = broadcast_lane(fraction, 0) * with_last(force, none), broadcast_lane(fraction, 1) * with_last(torque, none)
     v, w = flush_below(v + again * change, RESTING_SPEED) + change, flush_below(w + again * rotation, RESTING_SPIN) + rotation
     x = with_last(x + broadcast(dt) * v, x)
@@ -61,14 +64,17 @@ def drift_ball(b, s, S, B, dt, left, seen):
 
 @njit(**BARE)
 def empty_extrema():
-    """What is seen of no balls: squares of the largest speed and of half the longest way over the radius; sums that are not 0 if
-    a place is no number; ends of the room that they are in."""
+    """Return the extrema of no spheres.
+
+    Squares of the largest speed and of half the longest path over the radius; sums that are not 0 if a coordinate is not finite;
+    lower and upper bounds of the positions.
+    """
     return 0.0, 0.0, broadcast(0.0), broadcast(np.inf), broadcast(-np.inf)
 
 
 @njit(**BARE)
 def check_sphere_limits(c, start, S, B, D, limits, dt, seen):
-    """What `judge` tells, of the balls of chunk c; who it was is looked for only if somebody has to be named."""
+    """Reduce the extrema `seen` of the single spheres of chunk c as `check_limits` does; name bodies only if a guard trips."""
     fastest, farthest, strange, low, high = seen
     distance, step = math.sqrt(fastest) * dt, 2.0 * math.sqrt(farthest)
     outside = less_mask(low, limits[0]) | less_mask(limits[1], high)
@@ -81,8 +87,11 @@ def check_sphere_limits(c, start, S, B, D, limits, dt, seen):
 
 @njit(**BARE_CHUNK)
 def find_offender(c, start, S, B, dt, limits):
-    """Of the balls of chunk c, which have drifted: the one with the longest way over its radius, the last that is not finite and
-    the last that left the domain (+ 1; 0: none)."""
+    """Find the offending single-sphere bodies of chunk c after their drift.
+
+    Returns the one with the longest path over its radius, the last that is not finite, and the last that left the domain (+ 1; 0:
+    none).
+    """
     maximum, body_number, bad, out = -1.0, np.int64(0), np.int64(0), np.int64(0)
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
         if B[b, body.SPHERE_INERTIA] != 0.0:
@@ -94,6 +103,6 @@ def find_offender(c, start, S, B, dt, limits):
 
 @njit(**BARE)
 def norm_squared(v):
-    """Square of the vector of the first three numbers of v."""
+    """Return the square of the vector of the first three numbers of v."""
     p = v * v
     return extract(p, 0) + extract(p, 1) + extract(p, 2)

@@ -1,4 +1,4 @@
-"""The forces that contacts of other groups left for a body, and the closing half kick."""
+"""Forces that contacts of other groups exert on a body, body effects, and the closing half kick."""
 
 import numpy as np
 from numba import njit
@@ -12,9 +12,9 @@ from thirdbody.kernels.rigid_body import BODIES, GUESTS, RESTING_MOMENTUM, RESTI
 
 @njit(**BARE)
 def kick_body(b, B, E, force, torque, dt):
-    """Half kick of body b by a force and a torque, fours whose last number is something else."""
+    """Half kick of body b by a force and a torque, vectors of four whose last element is ignored."""
     v, w, half, none = load(B, b, body.VELOCITY), load(B, b, body.SPIN), 0.5 * dt, broadcast(0.0)
-    turning = extract(w, 3)  # the moment of inertia of a ball
+    turning = extract(w, 3)  # moment of inertia of a single-sphere body, else 0
     fraction = broadcast(half) / set4(extract(v, 3), turning, 1.0, 1.0)
     push, rotation = with_last(force, none), with_last(torque, none)
     store(B, b, body.VELOCITY, flush_below(v + broadcast_lane(fraction, 0) * push, RESTING_SPEED))
@@ -31,7 +31,7 @@ def kick_body(b, B, E, force, torque, dt):
 
 @njit(**BARE_CHUNK)
 def body_effect_forces(c, first, last, B, E, dt, time, effects, effect_parameters, moves):
-    """Body effects on the bodies of chunk c, which see velocities at the end of the step."""
+    """Apply body effects to the bodies of chunk c; effects see velocities at the end of the step."""
     effects(B, E, first, last, time, dt, effect_parameters)
     for b in range(first, last):
         kick_body(b, B, E, load(E, b, body_extra.EFFECT_FORCE), load(E, b, body_extra.EFFECT_TORQUE), dt)
@@ -47,7 +47,7 @@ def body_effect_forces(c, first, last, B, E, dt, time, effects, effect_parameter
 
 @njit(**BARE)
 def add_remote_forces(first, last, guests, F, B):
-    """Add what the contacts of other groups did to their partners, rows first to last of F, in that order."""
+    """Add the remote forces, rows first to last of F, to their partners, in that order."""
     for f in range(first, last):
         prefetch(B, np.uint64(guests[min(f + AHEAD, last - 1)]), np.int64(body.FORCE))
         add_force(np.uint64(guests[f]), B, load(F, f, remote_force.FORCE), load(F, f, remote_force.TORQUE))
@@ -55,8 +55,11 @@ def add_remote_forces(first, last, guests, F, B):
 
 @njit(**BARE_CHUNK)
 def gather_forces(c, cuts, guests, F, B, E, dt, time, effects, effect_parameters, has_effects, record, moves):
-    """Forces on the bodies of chunk c. Their closing half kick, and their spins, only where somebody looks (`record`) or acts on
-    them: elsewhere the drift of the next step makes it, which has the forces at hand."""
+    """Sum the forces on the bodies of chunk c and close their step where velocities are needed now.
+
+    The closing half kick and the spins are computed only in recorded steps (`record`) or with body effects: otherwise the drift
+    of the next step makes the kick, which has the forces at hand.
+    """
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
     add_remote_forces(cuts[GUESTS, c], cuts[GUESTS, c + 1], guests, F, B)
     moves[c, chunk_motion.EFFECT_POWER] = 0.0
@@ -68,7 +71,7 @@ def gather_forces(c, cuts, guests, F, B, E, dt, time, effects, effect_parameters
 
 @njit(**BARE_CHUNK)
 def closing_kick(first, last, B, E, dt):
-    """Closing half kick of bodies, and their spins."""
+    """Closing half kick of bodies first to last, and their spins."""
     for b in range(first, last):
         kick_body(b, B, E, load(B, b, body.FORCE), load(B, b, body.TORQUE), dt)
         spin_body(b, B, E)

@@ -1,4 +1,4 @@
-"""The patches of the upper body: driven, loaded, sprung to a common plate, and moved by velocity Verlet."""
+"""Dynamics of the patches of the upper plate: driven, loaded, sprung to a common plate; velocity Verlet."""
 
 import numpy as np
 from numba import njit
@@ -10,7 +10,7 @@ from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, value
 
 @njit(**BARE)
 def drive_patches(P, schedule, first, t, dt):
-    """Velocity from t to t + dt of what has a prescribed height: patches that are neither free nor sprung, or the plate."""
+    """Set the velocity from t to t + dt of patches (neither free nor sprung) or of a plate whose height is prescribed."""
     if first[GAP + 1] == first[GAP]:
         return
     for p in range(P.shape[0]):
@@ -20,7 +20,7 @@ def drive_patches(P, schedule, first, t, dt):
 
 @njit(**BARE)
 def load_patches(P, schedule, first, t):
-    """Loads at time t where a schedule changes them."""
+    """Set the loads at time t where a schedule changes them."""
     if first[LOAD + 1] == first[LOAD]:
         return
     factor = value(schedule, first, np.int64(LOAD), t)
@@ -31,7 +31,7 @@ def load_patches(P, schedule, first, t):
 
 @njit(**BARE)
 def drift_patches(P, dt):
-    """Half kick and drift of the patches of the upper body; returns the largest way since the last search, one step ahead."""
+    """Half kick and drift of the patches; return the largest displacement since the last search, one step ahead [m]."""
     far = 0.0
     for p in range(P.shape[0]):
         if P[p, patch.FREE] != 0.0:
@@ -44,9 +44,10 @@ def drift_patches(P, dt):
 
 @njit(**BARE)
 def press_patches(P, E, patch_of, push):
-    """Upward forces: of the debris on its patches, of the springs on patches and plate, in the order of bodies and patches.
+    """Sum the upward forces: of the debris on its patches, of the springs on patches and plate, in the order of bodies and
+    patches.
 
-    `push`: that of all debris, which is all that a single patch needs.
+    `push`: force of all debris, all that a single patch needs [N].
     """
     plate = P.shape[0] - 1
     if plate == 0:
@@ -64,7 +65,8 @@ def press_patches(P, E, patch_of, push):
 
 @njit(**BARE)
 def kick_patches(P, E, patch_of, push, dt):
-    """Closing half kick of the patches (their dashpot implicit, so it cannot overshoot); returns powers of load and dashpot."""
+    """Closing half kick of the patches; return the powers of load and dashpot [W]. The dashpot is implicit, so it cannot
+    overshoot."""
     press_patches(P, E, patch_of, push)
     load, damping = 0.0, 0.0
     for p in range(P.shape[0]):
@@ -80,7 +82,7 @@ def kick_patches(P, E, patch_of, push, dt):
 
 @njit(**BARE)
 def patch_power(P):
-    """Power that moves patches or a plate whose height is prescribed, W: minus the force on them times their velocity."""
+    """Return the power that moves patches or a plate of prescribed height [W]: minus the force on them times their velocity."""
     power = 0.0
     for p in range(P.shape[0]):
         if P[p, patch.FREE] == 0.0:

@@ -1,6 +1,6 @@
 """The step loop: velocity Verlet of bodies and plate patches, many steps in one compiled call.
 
-It returns to Python only for events: a target reached, a new search, a new time step, a guard.
+It returns to Python only for events: a target reached, a search due, a new time step, a guard.
 """
 
 import numpy as np
@@ -19,25 +19,25 @@ from thirdbody.kernels.schedule import X, Y, mean_rate
 from thirdbody.kernels.signatures import EARLY, KINDS, LATE, LOOK, WORK, Context
 
 DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT, RECORD = range(9)
-"""Why `advance` returned."""
+"""Reasons why `advance` returned."""
 
 NEARLY = 1.000001
-"""A target that is missed by rounding only is reached: the run must not add a step for it."""
+"""A target that is missed only by rounding counts as reached, so that the run does not add a step for it."""
 
 SHARES = 2
-"""Parts of a pass per thread: one that is held up leaves its last part to others."""
+"""Parts of a pass per thread: if a thread is delayed, its last part goes to another thread."""
 
 FEW = 2
-"""Groups below which one thread does it alone: some 100 us of work. To wake the others takes 5 us, and milliseconds where
-something else holds their cores."""
+"""Groups below which one thread does all (some 100 us of work). Waking other threads takes 5 us, and milliseconds where another
+process occupies their cores."""
 
 
 @njit(**BARE)
 def update_ledger(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
     """Add the step to the energy ledger, to impulses and distances, in a fixed order.
 
-    Contacts give energies; other powers are integrated by the trapezoidal rule.
-    In an observed step (`record`) also sum the energy that contacts store.
+    Contacts supply energies; other powers are integrated by the trapezoidal rule. In an observed step (`record`) also sum the
+    elastic energy of the contacts.
     """
     work, damped = 0.0, 0.0
     for c in range(sums.shape[0]):
@@ -74,7 +74,7 @@ def update_ledger(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
 
 @njit(**BARE)
 def guard(D, sums, moves):
-    """(code, number) of the first guard that trips, or (DONE, -1)."""
+    """Return (code, number) of the first guard that trips, or (DONE, -1)."""
     for g in range(moves.shape[0]):
         if moves[g, chunk_motion.BAD_BODY] > 0.0:
             return BAD_BODY, np.int64(moves[g, chunk_motion.BAD_BODY]) - 1
@@ -94,13 +94,14 @@ def guard(D, sums, moves):
 
 @njit(**BARE)
 def skin_exhausted(far, distance, far_patch, skin):
-    """Whether two things could have covered the skin between them by the end of the next step (10 % for acceleration)."""
+    """Return whether two objects could cover the skin between them by the end of the next step (10 % for acceleration)."""
     return 1.1 * (far + distance + max(far + distance, far_patch)) > 0.9 * skin
 
 
 @njit(**BARE)
 def rebuild_needed(A, X0, B, E, moves, far_patch, skin):
-    """Whether a search must come before the next step. How far the bodies are is measured only where it could matter."""
+    """Return whether a search must precede the next step; measure displacements only if the sum of paths could exhaust the
+    skin."""
     distance = 0.0
     for c in range(moves.shape[0]):
         distance = max(distance, moves[c, chunk_motion.MAX_PATH])
@@ -113,7 +114,7 @@ def rebuild_needed(A, X0, B, E, moves, far_patch, skin):
 
 @njit(**BARE)
 def patch_forces(sums):
-    """Upward force of all debris on the upper plate, N."""
+    """Return the upward force of all debris on the upper plate [N]."""
     push = 0.0
     for c in range(sums.shape[0]):
         push -= sums[c, contact_sums.UPPER_FORCE + 2]
@@ -131,14 +132,14 @@ ADVANCE = types.Tuple((_I, _I))(
 
 @njit(**CHUNK_OF_THREADS)
 def run_parallel(parts, task, count, number, record, time, v_x, v_y, dt, left, context, work):
-    """The groups of one pass in as many parts, on all threads."""
+    """Run the groups of one pass in `parts` parts, on all threads."""
     for p in prange(parts):
         work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, number, record, time, v_x, v_y, dt, left, context)
 
 
 @njit(**BARE_CHUNK)
 def run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
-    """The steps of `advance`; also returns whether the last one left its closing kick to the next (1, else 0)."""
+    """Make the steps of `advance`; also return whether the closing kick of the last one is pending (1, else 0)."""
     k = context_of(context)
     P, D, A, sums, moves = k.P, k.D, k.A, k.sums, k.moves
     work = work_at(k.work)
@@ -191,8 +192,9 @@ def run(budget, until, distance, dt, threads, context, X0, patch, schedule, firs
 def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
     """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
-    `context` tells of the step's `Context`. Returns the code and the slot or body that a guard names, or whether a search is due;
-    before a step that reaches its target RECORD, if there is no table for its records. State is synchronised on return.
+    `context`: the packed `Context` of the step. Returns the code, and the candidate or body that a guard names, or whether a
+    search is due; RECORD before a step that reaches its target, if there is no table for its records. State is synchronised on
+    return.
     """
     k = context_of(context)
     code, who, left = run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels)
