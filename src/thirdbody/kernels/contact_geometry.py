@@ -1,8 +1,8 @@
-"""Contacts of a tile, field by field: what the tables say of each, then the geometry of all at once.
+"""Geometry of the contacts of a tile, field by field: gather from the tables, then compute all contacts at once.
 
 The first kind of function reads rows and only copies and adds; the second works on whole fields, which the compiler turns into
-vector instructions (as long as its loop starts at zero and has no loop inside). IEEE arithmetic contact by contact: the same bits
-as one by one.
+vector instructions (if its loop starts at zero and contains no loop). IEEE arithmetic contact by contact: the bits are those of a
+loop over contacts.
 """
 
 import math
@@ -18,18 +18,18 @@ from thirdbody.kernels.periodic import image
 from thirdbody.kernels.predicates import is_upper
 
 AT_END = (geometry.END_VELOCITY - geometry.MID_VELOCITY) * TILE
-"""From a field of the step to that of its end."""
+"""Offset from a field of the middle of the step to that of its end."""
 
 TO_END = sphere.END_VELOCITY - sphere.MID_VELOCITY
-"""The same for the columns of spheres."""
+"""The same offset for the columns of spheres."""
 
 SPARE = AHEAD + LINE
-"""Places behind a list of contacts, which are read before somebody sees that they are not needed."""
+"""Padding at the end of a list of contacts, which is read ahead by prefetches and vector loads."""
 
 
 @njit(**BARE)
 def load_history(q, k, kind, H, I, G, n_history):  # noqa: E741
-    """Put what slot k remembers into place q."""
+    """Load the history of candidate k into element q of the tile."""
     G[q + geometry.PREVIOUS_SLIP * TILE] = H[k, contact_state.SLIP]
     for d in range(3):
         G[q + (geometry.AXIS + d) * TILE] = H[k, contact_state.AXIS + d]
@@ -40,7 +40,7 @@ def load_history(q, k, kind, H, I, G, n_history):  # noqa: E741
 
 @njit(**BARE)
 def gather_plate_contact(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history):  # noqa: E741
-    """Put slot k, a contact with a plate, into place q; the upper plate moves with v_x, v_y and `rise`."""
+    """Gather candidate k, a contact with a plate, into element q; the upper plate moves with v_x, v_y and `rise` [m/s]."""
     i = own[k]
     up = 1.0 if is_upper(partner[k]) else 0.0
     r = S[i, sphere.RADIUS]
@@ -71,13 +71,13 @@ def gather_plate_contact(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise
 
 @njit(**BARE)
 def four_rows_of(i, c, S):
-    """Columns c to c + 3 of four rows of a table."""
+    """Return columns c to c + 3 of the four rows i of a table."""
     return load(S, i[0], c), load(S, i[1], c), load(S, i[2], c), load(S, i[3], c)
 
 
 @njit(**BARE)
 def put_three(G, at, v):
-    """Three of a tuple of fours into as many fields, the first of them at `at`."""
+    """Write the first three of a tuple of vectors into as many fields, the first of them at `at`."""
     put(G, at, v[0])
     put(G, at + TILE, v[1])
     put(G, at + 2 * TILE, v[2])
@@ -85,38 +85,37 @@ def put_three(G, at, v):
 
 @njit(**BARE)
 def columns(rows):
-    """Four rows as columns: first numbers, second ones, third ones, last ones."""
+    """Return four rows transposed: their first, second, third and last numbers."""
     return transpose(rows[0], rows[1], rows[2], rows[3])
 
 
 @njit(**BARE)
 def row_differences(a, b):
-    """Four differences of rows."""
+    """Return the differences of four pairs of rows."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3]
 
 
 @njit(**BARE)
 def with_last_column(a, c):
-    """The first three columns of the rows a, and the last one of the rows c."""
+    """Return the first three columns of the rows a, and the last one of the rows c."""
     return transpose(with_last(a[0], c[0]), with_last(a[1], c[1]), with_last(a[2], c[2]), with_last(a[3], c[3]))
 
 
 @njit(**BARE)
 def gather_spins(q, a, b, r_i, r_j, G):
-    """Sums of the spins of the owners, a, and of the partners, columns, plainly and times the radii, into the fields from place q
-    on."""
+    """Write the sums of the spins of owners, a, and partners, b (columns), unscaled and times the radii, from element q on."""
     put_three(G, q + geometry.MID_SPIN * TILE, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
     put_three(G, q + geometry.MID_RIM * TILE, (r_i * a[0] + r_j * b[0], r_i * a[1] + r_j * b[1], r_i * a[2] + r_j * b[2]))
 
 
 @njit(**BARE)
 def gather_history(q, k, kind, H, I, G, n_history):  # noqa: E741
-    """Put what the four slots k remember into the places from q on."""
-    axes = columns(four_rows_of(k, np.int64(contact_state.AXIS), H))  # and whether they touch
+    """Load the histories of the four candidates k into the elements from q on."""
+    axes = columns(four_rows_of(k, np.int64(contact_state.AXIS), H))  # and the slip, 0 if open
     put_three(G, q + geometry.AXIS * TILE, axes)
     put(G, q + geometry.PREVIOUS_SLIP * TILE, axes[3])
     put(I, q + law_input.PAIR_TYPE * TILE, set4(float(kind[k[0]]), float(kind[k[1]]), float(kind[k[2]]), float(kind[k[3]])))
-    first = columns(four_rows_of(k, np.int64(contact_state.LAW), H))  # of a shorter history the last of these are zero
+    first = columns(four_rows_of(k, np.int64(contact_state.LAW), H))  # a shorter history is padded with zeros
     put_three(I, q + law_input.HISTORY * TILE, first)
     put(I, q + (law_input.HISTORY + 3) * TILE, first[3])
     for h in range(4, n_history):
@@ -134,7 +133,7 @@ def gather_history(q, k, kind, H, I, G, n_history):  # noqa: E741
 
 @njit(**BARE)
 def prefetch_contacts(p, slots, partner, body_of, S, B, H):
-    """Ask for what the four contacts from place p of the list will need: a partner may lie anywhere."""
+    """Prefetch the rows of the four contacts from position p of the list: a partner may be anywhere in the tables."""
     for e in range(p, p + 4):
         k = np.uint64(slots[e])
         j = np.uint64(partner[k])
@@ -146,8 +145,10 @@ def prefetch_contacts(p, slots, partner, body_of, S, B, H):
 
 @njit(**BARE_CHUNK)
 def gather_pair_contacts(n, slots, first, own, partner, body, kind, S, B, H, I, G, n_history):  # noqa: E741
-    """Put the contacts between spheres, slots[first:first + n], into the first places, four by four; behind the last of them
-    `SPARE` - 1 more slots are read."""
+    """Gather the contacts between spheres, slots[first:first + n], into the first elements, four at a time.
+
+    `SPARE` - 1 more candidates are read after the last of them.
+    """
     for q in range(0, n, 4):
         p = first + q
         prefetch_contacts(p + AHEAD, slots, partner, body, S, B, H)
@@ -157,11 +158,11 @@ def gather_pair_contacts(n, slots, first, own, partner, body, kind, S, B, H, I, 
         x_i, x_j = (
             four_rows_of(i, np.int64(sphere.POSITION), S),
             four_rows_of(j, np.int64(sphere.POSITION), S),
-        )  # behind centres are radii,
+        )  # fourth column: radius
         u_i, u_j = (
             four_rows_of(i, np.int64(sphere.MID_VELOCITY), S),
             four_rows_of(j, np.int64(sphere.MID_VELOCITY), S),
-        )  # behind velocities masses
+        )  # fourth column: mass
         centres, step = with_last_column(row_differences(x_i, x_j), x_i), with_last_column(row_differences(u_i, u_j), x_j)
         end = with_last_column(
             row_differences(four_rows_of(i, np.int64(sphere.END_VELOCITY), S), four_rows_of(j, np.int64(sphere.END_VELOCITY), S)),
@@ -189,7 +190,7 @@ def gather_pair_contacts(n, slots, first, own, partner, body, kind, S, B, H, I, 
 
 @njit(**BARE_CHUNK)
 def pair_geometry(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
-    """Normals, overlaps, arms, effective radii and masses of n contacts between spheres; c = 1/l, 0 if not periodic.
+    """Compute normals, overlaps, arms, effective radii and masses of n contacts between spheres; c = 1/l, 0 if not periodic.
 
     Slip is a displacement of the step, so its arms are those of the middle of the step: hence the normal of half a step ago.
     """
@@ -222,7 +223,8 @@ def pair_geometry(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def transport_frames(n, dt, G):
-    """Carry the frames of n contacts with their normals, turned by half the sum of the spins; made anew at first touch."""
+    """Transport the frames of n contacts with their normals, rotated by half the sum of the spins; initialise them at first
+    touch."""
     half = 0.5 * dt
     for q in range(n):
         n_x = G[q + geometry.NORMAL * TILE]
@@ -240,7 +242,7 @@ def transport_frames(n, dt, G):
         e_x, e_y, e_z = (
             e_x + twist * (p_y * e_z - p_z * e_y), e_y + twist * (p_z * e_x - p_x * e_z), e_z + twist * (p_x * e_y - p_y * e_x),
         )  # fmt: skip
-        # at first touch any direction that is never parallel to the normal; the law cannot tell which
+        # at first touch any direction that is not parallel to the normal; laws are isotropic
         new = G[q + geometry.PREVIOUS_SLIP * TILE] == 0.0
         steep = abs(n_z) > 0.5
         e_x = (1.0 if steep else 0.0) if new else e_x
@@ -259,9 +261,9 @@ def transport_frames(n, dt, G):
 
 @njit(**BARE)
 def relative_velocity(q, at, normal, I, G):  # noqa: E741
-    """Relative velocity of the two surfaces, from fields `at` behind those of the step and the normal in field `normal`."""
+    """Return the relative velocity of the two surfaces [m/s], from fields at offset `at` and the normal in field `normal`."""
     half = 0.5 * I[q + law_input.OVERLAP * TILE]
-    n = np.uint64(q + normal * TILE)  # of these the compiler does not see that they do not count from the end
+    n = np.uint64(q + normal * TILE)  # unsigned: the compiler cannot see that these are not negative
     v = np.uint64(q + at + geometry.MID_VELOCITY * TILE)
     w = np.uint64(q + at + geometry.MID_SPIN * TILE)
     rw = np.uint64(q + at + geometry.MID_RIM * TILE)
@@ -274,7 +276,8 @@ def relative_velocity(q, at, normal, I, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def slip_increment(n, dt, I, G):  # noqa: E741
-    """Slip of the step and velocities at its end of n contacts, along their normals and the axes of their frames."""
+    """Compute the slip of the step and the velocities at its end of n contacts, along their normals and the axes of their
+    frames."""
     for q in range(n):
         e_x, e_y, e_z = G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE]
         d_x = G[q + geometry.CROSS_AXIS * TILE]
@@ -293,7 +296,7 @@ def slip_increment(n, dt, I, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def force_and_torques(n, I, O, G):  # noqa: E741
-    """Forces of n contacts on the owners, and the torques about the centres of both spheres, in world axes."""
+    """Compute the forces of n contacts on the owners, and the torques about the centres of both spheres, in world axes."""
     for q in range(n):
         f_n = O[q + law_output.NORMAL_FORCE * TILE]
         t_1 = O[q + law_output.TANGENTIAL_X * TILE]

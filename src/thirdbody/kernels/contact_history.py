@@ -1,4 +1,4 @@
-"""What contacts remember from step to step, in rows of H."""
+"""History of contacts from step to step, in rows of H."""
 
 import numpy as np
 from numba import njit
@@ -11,20 +11,20 @@ from thirdbody.kernels.columns.tile import TILE
 
 @njit(**BARE)
 def labeller_column(n_history):
-    """Column of H behind the history of the laws, where the memory of the labeller begins."""
+    """Return the column of H after the history of the laws, where the memory of the labeller begins."""
     return max(contact_state.LAW + n_history, contact_state.MIN_WIDTH)
 
 
 @njit(**BARE)
 def spring_energy(k, stored, H):
-    """Energy of the tangential and rolling springs of slot k, J. `stored`: its place in the history; -1: there are no springs."""
+    """Return the energy of the tangential and rolling springs of candidate k [J]; `stored`: its column in the history, -1: no
+    springs."""
     return H[k, contact_state.LAW + stored] if stored >= 0 else 0.0
 
 
 @njit(**BARE)
 def reset_history(k, stored, H):
-    """A contact that opened: what its springs still held is dissipated (returned), its memory wiped; `stored`:
-    `spring_energy`."""
+    """Clear the history of a contact that opened; return the energy of its springs, which is dissipated [J] (`spring_energy`)."""
     lost = spring_energy(k, stored, H)
     for h in range(H.shape[1]):
         H[k, h] = 0.0
@@ -33,7 +33,8 @@ def reset_history(k, stored, H):
 
 @njit(**BARE)
 def store_one(k, q, axis, first, O, H, n_history):  # noqa: E741
-    """Slot k learns the axis of its frame, and that it touches; the `first` numbers of its history, and the rest from place q."""
+    """Store the axis of the frame and the slip of candidate k, then its history: `first` four numbers, the rest from element
+    q."""
     store(H, k, contact_state.AXIS, axis)
     store(H, k, contact_state.LAW, first)
     for h in range(LANES, n_history):
@@ -42,7 +43,7 @@ def store_one(k, q, axis, first, O, H, n_history):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def store_history(n, slots, first, O, G, H, n_history):  # noqa: E741
-    """What the slots[first:first + n] remember of the step, from a tile."""
+    """Store the history of the contacts slots[first:first + n] after the step, from a tile."""
     none = broadcast(0.0)
     for q in range(0, n, LANES):
         e, h, p = q + geometry.AXIS * TILE, q + law_output.HISTORY * TILE, first + q

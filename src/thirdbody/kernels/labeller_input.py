@@ -1,4 +1,4 @@
-"""What a labeller sees: one row per loaded contact of a body, the body's motion and that of the plates."""
+"""Input of a labeller: one row per loaded contact of a body, the motion of the body and of the plates."""
 
 import numpy as np
 from numba import njit
@@ -13,7 +13,7 @@ from thirdbody.kernels.rigid_body import BODIES
 
 @njit(**BARE)
 def contact_row(C, n, k, second, own, partner, H, R, memory_at):
-    """Row n of a body's contact table from slot k, seen from the owner or from its partner (`second`)."""
+    """Fill row n of a body's contact table from candidate k, seen from the owner or from its partner (`second`)."""
     j = partner[k]
     sign = -1.0 if second else 1.0
     C[n, loaded_contact.PARTNER] = DEBRIS if is_sphere(j) else (LOWER if is_lower(j) else UPPER)
@@ -41,7 +41,7 @@ def contact_row(C, n, k, second, own, partner, H, R, memory_at):
 
 @njit(**BARE)
 def body_row(b, B, E, A, drag, speed, O):  # noqa: E741
-    """Fill O with body b's state and its surroundings."""
+    """Fill O with the state and the surroundings of body b."""
     O[observed_body.MASS] = B[b, body.MASS]
     for k in range(3):
         O[observed_body.POSITION + k] = B[b, body.POSITION + k]
@@ -68,7 +68,7 @@ def body_row(b, B, E, A, drag, speed, O):  # noqa: E741
 
 @njit(**BARE)
 def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at, C):
-    """Fill the contact table C of body b; its rows are the loaded contacts in the order of their slots. Returns how many."""
+    """Fill the contact table C of body b with its loaded contacts, in the order of candidates; return their number."""
     n = np.int64(0)  # not the literal 0, for which the callees would be compiled once more
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
@@ -82,7 +82,7 @@ def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at, C):
 
 @njit(**BARE)
 def update_body_memory(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
-    """Let the labeller observe body b: it updates its memory per body and per contact. O and C are scratch."""
+    """Update the labeller's memory of body b and of its contacts by an observation. O and C are scratch."""
     result = body_contacts(b, edges, incidence, own, partner, H, R, width, labeller_column(n_history), C)
     body_row(b, B, E, A, drag, speed, O)
     observe(C[:result], result, O, M[b])
@@ -98,6 +98,6 @@ def update_body_memory(b, edges, incidence, own, partner, H, R, B, E, A, M, drag
 
 @njit(**BARE)
 def update_memory(c, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
-    """Let the labeller observe the bodies of chunk c. O and C are scratch."""
+    """Update the labeller's memory of the bodies of chunk c. O and C are scratch."""
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
         update_body_memory(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C)

@@ -1,6 +1,6 @@
-"""Where bodies are, where their spheres are, and what is noted of a chunk of them.
+"""Positions and velocities of spheres from those of their bodies, and checks of bodies.
 
-Bodies come in chunks of fixed size, so that sums over them have the same bits for any number of threads.
+Bodies are processed in chunks of fixed size, so that sums over them have the same bits for any number of threads.
 """
 
 import math
@@ -17,32 +17,34 @@ BODIES = 64
 """Bodies per chunk."""
 
 FLAT, PAIRED, GUESTS = range(3)
-"""Rows of `cuts`: where the slots of a chunk with plates begin, those that its spheres own with others, and what others left for
-its bodies."""
+"""Rows of `cuts`: where the candidates of a chunk begin, of its spheres with plates, and of its spheres with others that they
+own; then where the remote forces on its bodies begin."""
 
 FAR = 1e150
-"""m: nothing is so far away, and its square is a number."""
+"""Bound of all distances [m]; its square is finite."""
 
 RESTING_SPEED, RESTING_SPIN, RESTING_MOMENTUM = 1e-60, 1e-60, 1e-90
-"""m/s, rad/s and kg m2/s, some fifty orders below any motion: a ball that a dashpot brings to rest between two plates decays for
-ever, and arithmetic on denormal numbers is thirty times slower."""
+"""Bounds below which motion is set to zero [m/s, rad/s, kg m2/s], some fifty orders below any motion: a sphere that a dashpot
+brings to rest between two plates decays for ever, and arithmetic on denormal numbers is thirty times slower."""
 
 
 @njit(**BARE)
 def store_three(S, s, c, v):
-    """Write the first three numbers of v into row s from column c on; the column behind them is another thing."""
+    """Write the first three numbers of v into row s from column c on; preserve the column after them, another quantity."""
     store(S, s, c, with_last(v, load(S, s, c)))
 
 
 @njit(**BARE)
 def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
-    """Position, arm and velocities of sphere s: of the step (arm half a step of length 2 h ago), and at its end. All are fours;
-    `rotation`: the columns of the matrix."""
+    """Set position, arm and velocities of sphere s: of the step (arm half a step of length 2 h ago), and at its end.
+
+    All are vectors of four; `turn`: the columns of the rotation matrix.
+    """
     arm = turn[0] * broadcast(offsets[s, 0]) + turn[1] * broadcast(offsets[s, 1]) + turn[2] * broadcast(offsets[s, 2])
     middle = arm - broadcast(h) * cross(w, arm)
     store_three(S, s, np.int64(sphere.POSITION), x + arm)
     store_three(S, s, np.int64(sphere.MID_VELOCITY), v + cross(w, middle))
-    store_three(S, s, np.int64(sphere.ARM), arm)  # where bodies and spheres are one table, this is 0 and what forces begin with
+    store_three(S, s, np.int64(sphere.ARM), arm)  # where both are one table, this is 0: the column of the force, which starts from zero
     store(S, s, sphere.MID_SPIN, w)
     store_three(S, s, np.int64(sphere.END_VELOCITY), v_end + cross(w_end, arm))
     store(S, s, sphere.END_SPIN, w_end)
@@ -50,31 +52,31 @@ def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
 
 @njit(**BARE)
 def is_aliased(S):
-    """Whether the rows of the bodies tell of their spheres, too (`columns.body`): then no sphere has an arm."""
+    """Return whether bodies and spheres share one table (`columns.body`): then no sphere has an arm."""
     return S.shape[1] != sphere.WIDTH
 
 
 @njit(**BARE)
 def arm_to_sphere(s, S):
-    """The centre of sphere s from its body's centre of mass."""
+    """Return the vector from its body's centre of mass to the centre of sphere s [m]."""
     return broadcast(0.0) if is_aliased(S) else load(S, s, sphere.ARM)
 
 
 @njit(**BARE)
 def vector(v):
-    """A tuple of three as a four."""
+    """Return a tuple of three as a vector of four."""
     return set4(v[0], v[1], v[2], 0.0)
 
 
 @njit(**BARE)
 def columns(turn):
-    """The columns of a matrix, a tuple of nine row by row, as fours."""
+    """Return the columns of a matrix, a tuple of nine row by row, as vectors of four."""
     return set4(turn[0], turn[3], turn[6], 0.0), set4(turn[1], turn[4], turn[7], 0.0), set4(turn[2], turn[5], turn[8], 0.0)
 
 
 @njit(**BARE_CHUNK)
 def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
-    """Positions, arms and velocities of body b's spheres, m and rad, with position x and orientation q at the end of a step."""
+    """Set positions, arms and velocities of body b's spheres from its position x and orientation q at the end of a step."""
     rotation, at = columns(matrix(q[0], q[1], q[2], q[3])), vector(x)
     u, o, u_end, o_end = vector(v), vector(w), vector(v_end), vector(w_end)
     for s in range(start[b], start[b + 1]):
@@ -83,7 +85,7 @@ def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
 
 @njit(**BARE_CHUNK)
 def spin_body(b, B, E):
-    """The angular velocity of body b, from its angular momentum and orientation; of a ball the momentum from the velocity."""
+    """Update the angular velocity of body b from its angular momentum; of a single sphere the momentum from the velocity."""
     if B[b, body.SPHERE_INERTIA] != 0.0:
         store_three(E, b, np.int64(body_extra.ANGULAR_MOMENTUM), broadcast(B[b, body.SPHERE_INERTIA]) * load(B, b, body.SPIN))
     else:
@@ -97,7 +99,7 @@ def spin_body(b, B, E):
 
 @njit(**DIRECT, **NO_COUNTS)
 def place_all(start, offsets, S, B, E):
-    """All spheres where their bodies are now, with the velocities of now; and the spins of the bodies."""
+    """Place all spheres at the present poses of their bodies, with present velocities; update the spins of the bodies."""
     for b in range(B.shape[0]):
         x = (B[b, body.POSITION], B[b, body.POSITION + 1], B[b, body.POSITION + 2])
         v = (B[b, body.VELOCITY], B[b, body.VELOCITY + 1], B[b, body.VELOCITY + 2])
@@ -113,13 +115,13 @@ def place_all(start, offsets, S, B, E):
 
 @njit(**BARE)
 def quaternion(b, B):
-    """Orientation of body b."""
+    """Return the orientation of body b."""
     return B[b, body.QUATERNION], B[b, body.QUATERNION + 1], B[b, body.QUATERNION + 2], B[b, body.QUATERNION + 3]
 
 
 @njit(**BARE)
 def check_position(b, x, share, limits, bad, out):
-    """Body b, if it or its `share` is not finite (+ 1), or `bad`; if it left the domain, or `out`."""
+    """Return b + 1 as `bad` if body b or its `share` is not finite, as `out` if it left the domain; else both as given."""
     low, high = limits
     bad = bad if all_below(x, FAR) & all_below(broadcast(0.0) - x, FAR) & (share < FAR) else b + 1
     out = b + 1 if (less_mask(x, low) | less_mask(high, x)) != 0 else out
@@ -128,7 +130,7 @@ def check_position(b, x, share, limits, bad, out):
 
 @njit(**BARE)
 def limits_of(D):
-    """Lower and upper ends of the domain; a periodic or endless one has no sides."""
+    """Return lower and upper bounds of the domain; periodic or unbounded sides are infinite."""
     l_x, l_y = D[domain.LENGTH_X], D[domain.LENGTH_Y]
     low_x, high_x = (0.0, -l_x) if l_x < 0.0 else (-np.inf, np.inf)
     low_y, high_y = (0.0, -l_y) if l_y < 0.0 else (-np.inf, np.inf)
@@ -137,14 +139,14 @@ def limits_of(D):
 
 @njit(**BARE_CHUNK)
 def reset_plate_forces(first, last, own, body, E):
-    """The contacts add up anew the push of the upper plate on the bodies that can touch it, slots first to last."""
+    """Reset the push of the upper plate on the bodies that can touch it, candidates first to last; the contacts sum it again."""
     for k in range(first, last):
         E[np.uint64(body[own[k]]), body_extra.UPPER_PUSH] = 0.0
 
 
 @njit(**BARE)
 def largest_displacement(X0, B, E):
-    """How far a point of a body is from where the last search saw it, at most."""
+    """Return an upper bound of the displacement of any point of a body since the last search [m]."""
     far = 0.0
     for b in range(B.shape[0]):
         x = B[b, body.POSITION] - X0[b, search_pose.POSITION]
@@ -153,7 +155,7 @@ def largest_displacement(X0, B, E):
         same = 0.0
         for k in range(4):
             same += B[b, body.QUATERNION + k] * X0[b, search_pose.QUATERNION + k]
-        # a point at the end of the arm goes the chord: twice the arm times the sine of half the angle
+        # a point at the end of the arm moves by the chord: twice the arm times the sine of half the angle
         chord = 2.0 * E[b, body_extra.REACH] * math.sqrt(max(1.0 - same * same, 0.0))
         far = max(far, math.sqrt(x * x + y * y + z * z) + chord)
     return far

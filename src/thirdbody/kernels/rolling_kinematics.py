@@ -1,9 +1,10 @@
-"""What a contact's moment, or a law whose history belongs to the rolling material, needs of the engine, and only where a scene
-names one: a pass over a tile before the law and, for moments, one after it, so that the loop of all other scenes is untouched.
+"""Kinematics of rolling contacts, moments on them, and travel of the contact area; only where a scene has a law that needs them.
 
-The relative rotation of the step lies in the contact's plane, in the carried frame. It is conjugate to the moment: the work
-of the pair (M on the owner, -M on the partner) is M . (w_i - w_j) dt, none for two bodies that turn as one. A plate does not
-turn. The part about the normal (pivoting) is left out.
+A pass over a tile before the law and, for moments, one after it, so that the loop of all other scenes is unaffected.
+
+The relative rotation of the step is in the contact's plane, in the transported frame. It is conjugate to the moment: the work of
+the pair (M on the owner, -M on the partner) is M . (w_i - w_j) dt, zero for two bodies that rotate as one. A plate does not
+rotate. The part about the normal (pivoting) is left out.
 """
 
 import numpy as np
@@ -16,12 +17,13 @@ from thirdbody.kernels.predicates import is_plate, is_sphere
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
 
 MOMENTS = 2
-"""Value of `rolling` in a scene with moments; 1: a law asks for the travel only, 0: nothing of this."""
+"""Value of `rolling` in a scene with moments; 1: a law requests the travel only, 0: neither."""
 
 
 @njit(**BARE)
 def relative_spin(S, i, j, column):
-    """Angular velocity of the owner's body relative to the partner's, from a column of the table of spheres."""
+    """Return the angular velocity of the owner's body relative to the partner's [rad/s], from a column of the table of
+    spheres."""
     if is_plate(j):
         return S[i, column], S[i, column + 1], S[i, column + 2]
     return (
@@ -31,9 +33,10 @@ def relative_spin(S, i, j, column):
 
 @njit(**BARE)
 def travel(i, j, q, S, P, G, v_x, v_y):
-    """Velocity of the patch over the two surfaces, their mean, along the frame's axes: of the contact point less the material's.
+    """Return the mean velocity of the contact area over the two surfaces [m/s], along the frame's axes.
 
-    The contact point lies on the line of centres; under a ball on a plate it moves with the ball.
+    This is the velocity of the contact point less that of the material. The contact point lies on the line of centres; under a
+    sphere on a plate it moves with the sphere.
     """
     n_x = G[q + geometry.NORMAL * TILE]
     n_y = G[q + (geometry.NORMAL + 1) * TILE]
@@ -64,8 +67,8 @@ def travel(i, j, q, S, P, G, v_x, v_y):
 
 @njit(**BARE)
 def gather_rolling(q, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history):  # noqa: E741
-    """Put the relative rotation of the step and its rate at the end of the step, about the frame's axes, and the travel of the
-    patch into the tile."""
+    """Gather the relative rotation of the step, its rate at the end, and the travel of the contact area into element q of the
+    tile."""
     i, j = own[k], partner[k]
     at = (law_input.HISTORY + n_history) * TILE + q
     w_x, w_y, w_z = relative_spin(S, i, j, np.int64(sphere.MID_SPIN))
@@ -104,7 +107,7 @@ def add_moments(n, O, G, n_history):  # noqa: E741
 
 @njit(**BARE)
 def record_rolling(q, k, O, G, R, n_history):  # noqa: E741
-    """The moment on the owner's body, world axes, and its limit, for output."""
+    """Write the moment on the owner's body, world axes, and its limit into the record [N m]."""
     at = (law_output.HISTORY + n_history) * TILE + q
     for d in range(3):
         R[k, record.MOMENT + d] = (

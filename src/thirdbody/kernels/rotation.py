@@ -8,13 +8,13 @@ from thirdbody.jit.options import BARE
 from thirdbody.jit.simd import axis_times_quaternion, broadcast, broadcast_lane, extract
 
 NEARLY_UNIT = 5e-6
-"""By so much at most the square of a length may differ from 1 where its root is taken from a series: the next term, 5/16 of the
-cube, is 4e-17."""
+"""Largest difference of a squared length from 1 at which its root is computed by a series: the next term, 5/16 of the cube, is
+4e-17."""
 
 
 @njit(**BARE)
 def matrix(w, x, y, z):
-    """Rows of the rotation matrix, body to world."""
+    """Return the rotation matrix, body to world, row by row."""
     return (
         1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
         2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
@@ -24,7 +24,7 @@ def matrix(w, x, y, z):
 
 @njit(**BARE)
 def spin(q, angular_momentum, inertia):
-    """Angular velocity, world axes, rad/s, of a body with this angular momentum (world axes)."""
+    """Return the angular velocity, world axes [rad/s], of a body with this angular momentum (world axes)."""
     a, b, c, d, e, f, g, h, i = matrix(q[0], q[1], q[2], q[3])
     l_x, l_y, l_z = angular_momentum
     p_x = (a * l_x + d * l_y + g * l_z) / inertia[0]
@@ -35,8 +35,11 @@ def spin(q, angular_momentum, inertia):
 
 @njit(**BARE)
 def _about(w, x, y, z, angle):
-    """Quaternion after a turn about the body's own axis of x; tan(angle/2) replaced by angle/2, which keeps its length and
-    reversibility. For the other axes the arguments go round."""
+    """Return the quaternion after a rotation about the body's own axis of x.
+
+    tan(angle/2) is replaced by angle/2, which preserves length and reversibility. For the other axes permute the arguments
+    cyclically.
+    """
     s = 0.5 * angle
     c = 1.0 / math.sqrt(1.0 + s * s)
     s *= c
@@ -45,17 +48,17 @@ def _about(w, x, y, z, angle):
 
 @njit(**BARE)
 def _body_momentum(w, x, y, z, l_x, l_y, l_z):
-    """Angular momentum in body axes."""
+    """Return the angular momentum in body axes."""
     a, b, c, d, e, f, g, h, i = matrix(w, x, y, z)
     return a * l_x + d * l_y + g * l_z, b * l_x + e * l_y + h * l_z, c * l_x + f * l_y + i * l_z
 
 
 @njit(**BARE)
 def free_rotation(q, angular_momentum, inertia, dt):
-    """Orientation after dt with constant angular momentum: rotations about the principal axes 3, 2, 1, 2, 3.
+    """Return the orientation after dt with constant angular momentum: rotations about the principal axes 3, 2, 1, 2, 3.
 
-    Splitting of Dullweber, Leimkuhler and McLachlan 1997 (Miller et al. 2002): second order, time-reversible, and the
-    angular momentum, which is kept in world axes, is constant to the last bit. A ball needs no splitting (`rotate_small`).
+    Splitting of Dullweber, Leimkuhler and McLachlan 1997 (Miller et al. 2002): second order, time-reversible, and the angular
+    momentum, stored in world axes, is constant to the last bit. A single sphere needs no splitting (`rotate_small`).
     """
     w, x, y, z = q
     i_x, i_y, i_z = inertia
@@ -71,7 +74,7 @@ def free_rotation(q, angular_momentum, inertia, dt):
 
 @njit(**BARE)
 def rotate_small(q, r):
-    """q, of unit length, after a small turn by the rotation vector r, world axes, both fours; tan(r/2) replaced by r/2 (error
+    """Return the unit quaternion q after a small rotation by the vector r, world axes; tan(r/2) replaced by r/2 (error
     r^3/12)."""
     half = broadcast(0.5) * r
     new = (
@@ -79,16 +82,16 @@ def rotate_small(q, r):
     ) + broadcast_lane(half, 2) * axis_times_quaternion(q, 2)
     squares = new * new
     longer = (extract(squares, 0) + extract(squares, 1)) + (extract(squares, 2) + extract(squares, 3)) - 1.0
-    # most turns are so small that three terms of 1/sqrt(1 + longer) are all of its digits: no root, no division
+    # most rotations are so small that three terms of 1/sqrt(1 + longer) are exact to the last digit: no root, no division
     s = 1.0 - longer * (0.5 - 0.375 * longer) if abs(longer) < NEARLY_UNIT else 1.0 / math.sqrt(1.0 + longer)
     return broadcast(s) * new
 
 
 @njit(**BARE)
 def rotate(q, x, y, z):
-    """q after a turn by the rotation vector (x, y, z), world axes, exactly."""
+    """Return q after a rotation by the vector (x, y, z), world axes, exactly."""
     size = math.sqrt(x * x + y * y + z * z)
-    # sin(size/2)/size, which loses nothing at zero
+    # sin(size/2)/size, without loss of digits at zero
     s = 0.5 * (1.0 - size * size / 24.0) if size < 1e-4 else math.sin(0.5 * size) / size
     w, a, b, c = math.cos(0.5 * size), s * x, s * y, s * z
     return normalise(
@@ -99,6 +102,6 @@ def rotate(q, x, y, z):
 
 @njit(**BARE)
 def normalise(q):
-    """q with unit length."""
+    """Return q scaled to unit length."""
     s = 1.0 / math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s

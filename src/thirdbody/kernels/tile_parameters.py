@@ -1,4 +1,4 @@
-"""Parameters of the laws for a tile of contacts, field by field, so that the law's loop can become vector instructions."""
+"""Parameters of the laws for a tile of contacts, field by field, so that the law's loop can be vectorised."""
 
 from numba import njit
 
@@ -9,7 +9,10 @@ from thirdbody.kernels.columns.tile import TILE
 
 @njit(**CHUNK)
 def broadcast_parameters(I, n_contacts, P, width, U):  # noqa: E741
-    """Copy row `type` of P, `width` long, to each contact's place in U, stride TILE; mostly all contacts are of one type."""
+    """Copy the row of P (`width` numbers) of each contact's pair type to its element in U, stride TILE.
+
+    The types are compared first: mostly all contacts are of one type.
+    """
     first, alike = I[law_input.PAIR_TYPE * TILE], True
     for q in range(n_contacts):
         alike &= I[q + law_input.PAIR_TYPE * TILE] == first

@@ -1,9 +1,8 @@
-"""Bounds of the explicit time step: the largest natural frequency and the largest damping rate of every body and patch, with
-the contacts as they will be when the bound is asked for next.
+"""Bounds of the explicit time step: the largest natural frequency and damping rate of each body and patch.
 
-What the contacts of a body add up to is kept in vectors of four and in world axes. Its trace and norm tell which few bodies can
-have the shortest step, and only these get matrices and what stands for their eigenvalues (in a dense layer of spheres 3 ns a
-step and sphere, not 12).
+Contacts are taken as deep as they can get before the bound is computed again. Sums over the contacts of a body are kept in
+vectors of four and in world axes. Their trace and norm bound the step from below, so that only the few bodies that may have the
+shortest step get matrices and bounds of their eigenvalues (in a dense layer of spheres 3 ns per step and sphere, not 12).
 """
 
 import math
@@ -24,12 +23,12 @@ from thirdbody.kernels.rotation import matrix
 from thirdbody.kernels.signatures import LAW
 
 SAFE = 1.0 + 1e-9
-"""Factor on norms, so that rounding excludes no body, not even one that is as stiff as another."""
+"""Factor on norms, so that rounding excludes no body, not even one of equal stiffness."""
 
 
 @njit(**BARE)
 def stable_step(square, rate):
-    """Longest stable step, s, of oscillators x'' + rate x' + square x = 0; infinite without both.
+    """Return the longest stable step of oscillators x'' + rate x' + square x = 0 [s]; infinite without both.
 
     Velocity Verlet with the velocity of the dashpot predicted from the force before: its amplification has the eigenvalue -1
     where (omega dt)^2/4 + rate dt = 1.
@@ -39,7 +38,7 @@ def stable_step(square, rate):
 
 @njit(**BARE)
 def approach(i, j, body_of, S, B, P, n_x, n_y, n_z, horizon):
-    """How much deeper a contact can get within the horizon (s), from its speed and the forces of now; never negative."""
+    """Return how much deeper a contact can get within the horizon [s], from present speeds and forces [m]; never negative."""
     b = body_of[i]
     v = S[i, sphere.END_VELOCITY] * n_x + S[i, sphere.END_VELOCITY + 1] * n_y + S[i, sphere.END_VELOCITY + 2] * n_z
     a = (B[b, body.FORCE] * n_x + B[b, body.FORCE + 1] * n_y + B[b, body.FORCE + 2] * n_z) / S[i, sphere.MASS]
@@ -51,7 +50,7 @@ def approach(i, j, body_of, S, B, P, n_x, n_y, n_z, horizon):
         p = patch_of_partner(j)
         v -= P[p, patch.VELOCITY] * n_z
         a -= P[p, patch.FREE] * (P[p, patch.FORCE] - P[p, patch.LOAD]) / P[p, patch.MASS] * n_z
-    # a contact that is being stopped is deepest when it stands still; no branch: nobody can foretell it
+    # a decelerating contact is deepest when its speed is zero; no branch: it would be mispredicted
     stop = -v / a
     t = min(horizon, stop) if (a > 0.0) & (v < 0.0) else horizon
     return max(-v * t - 0.5 * a * t * t, 0.0)
@@ -74,13 +73,13 @@ def store_stiffness(m, first, told, answer, P, rows, patches):
 
 @njit(**BARE_CHUNK)
 def active_candidates(n_plates, n, own, partner, S, l_x, l_y, near, place):
-    """List the candidates with plates, and those between spheres that touch; returns how many. `place`: -1 for all."""
+    """List the candidates with plates, and those between spheres that touch; return their number. `place`: set to -1 for all."""
     m, c_x, c_y = np.int64(n_plates), inverse(l_x), inverse(l_y)
     for k in range(n_plates):
         near[k], place[k] = k, -1
     for p in range(n - n_plates):
         k = p + n_plates
-        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
+        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
         d_x, d_y = image(d_x, l_x, c_x), image(d_y, l_y, c_y)
         reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
@@ -92,7 +91,8 @@ def active_candidates(n_plates, n, own, partner, S, l_x, l_y, near, place):
 @njit(**BARE)
 def find_contacts(n, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, limit, stiffness, patches, told, answer,
                   rows, place):  # fmt: skip
-    """Rows of the n candidates `near` that touch, or will within the horizon; their row of each candidate into `place`, or -1."""
+    """Fill rows for those of the n candidates `near` that touch or will within the horizon; `place`: row of each candidate, or
+    -1."""
     m, first = np.int64(0), np.int64(0)
     for e in range(n):
         k = near[e]
@@ -130,19 +130,20 @@ def find_contacts(n, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, h
 
 @njit(**BARE)
 def total(v):
-    """Sum of the first three numbers of v."""
+    """Return the sum of the first three numbers of v."""
     return extract(v, 0) + extract(v, 1) + extract(v, 2)
 
 
 @njit(**BARE)
 def cyclic_shift(v):
-    """The numbers y, z, x of v."""
+    """Return the numbers y, z, x of v."""
     return set4(extract(v, 1), extract(v, 2), extract(v, 0), 0.0)
 
 
 @njit(**BARE)
 def contact_jacobian(n, arm, reach):
-    """What the stiffness of a contact is a sum of: its normal is n, it acts at r = arm + reach n from the centre of mass.
+    """Return the products of which the stiffness of a contact of normal n at r = arm + reach n (from the centre of mass) is a
+    sum.
 
     Products of n and w = r x n: n n^T, w w^T, n w^T; and r^2 1 - r r^T, r. Symmetric ones: diagonal and yz, zx, xy; others:
     diagonal, those, and zy, xz, yx.
@@ -159,9 +160,10 @@ def contact_jacobian(n, arm, reach):
 
 @njit(**BARE)
 def add_stiffness(s, k, g):
-    """The sum s and J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T), J = (1, -[r]x), of a contact with `contact_jacobian`
-    g: forces
-    per displacement, moments per turn, forces per turn; the third part resists all turns but those about n."""
+    """Return s + J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T), J = (1, -[r]x), for a contact with `contact_jacobian` g.
+
+    Three parts: forces per displacement, moments per rotation, forces per rotation; k_r resists all rotations but those about n.
+    """
     d, t, r, one = broadcast_lane(k, 0), broadcast_lane(k, 1), broadcast_lane(k, 2), set4(1.0, 1.0, 1.0, 0.0)
     return (
         s[0] + (t * one + d * g[0]), s[1] + d * g[1],
@@ -172,7 +174,8 @@ def add_stiffness(s, k, g):
 
 @njit(**BARE_CHUNK)
 def assemble(b, own, partner, edges, incidence, place, near, rows, S):
-    """Sums of stiffness and damping over the contacts of body b (`add_stiffness`). near: room for a list of them."""
+    """Return the sums of stiffness and damping over the contacts of body b (`add_stiffness`). `near`: scratch for a list of
+    them."""
     z, m = broadcast(0.0), np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         near[m] = incidence[e]
@@ -193,7 +196,7 @@ def assemble(b, own, partner, edges, incidence, place, near, rows, S):
 
 @njit(**BARE)
 def eigenvalue_upper_bound(s, u, v):
-    """No less than `eigenvalue` of a sum over a mass 1/u and moments of inertia 1/v, or over larger ones.
+    """Return an upper bound of `eigenvalue` of a sum over a mass 1/u and moments of inertia 1/v, or over larger ones.
 
     From the trace t and the Frobenius norm f: eigenvalues do not exceed l = t/6 + (5/6 (f^2 - t^2/6))^(1/2) (Wolkowicz and Styan
     1980, theorem 2.1), so their powers sum to t l^15 at most; its root is concave in t, hence below its tangent at 3 l.
@@ -209,7 +212,7 @@ def eigenvalue_upper_bound(s, u, v):
 
 @njit(**BARE)
 def symmetric(s, o):
-    """Rows of a symmetric matrix from its diagonal and yz, zx, xy."""
+    """Return the rows of a symmetric matrix from its diagonal and yz, zx, xy."""
     return (
         set4(extract(s, 0), extract(o, 2), extract(o, 1), 0.0), set4(extract(o, 2), extract(s, 1), extract(o, 0), 0.0),
         set4(extract(o, 1), extract(o, 0), extract(s, 2), 0.0),
@@ -218,14 +221,13 @@ def symmetric(s, o):
 
 @njit(**BARE)
 def times(v, X):
-    """The row v times the matrix of rows X."""
+    """Return the row v times the matrix of rows X."""
     return broadcast_lane(v, 0) * X[0] + broadcast_lane(v, 1) * X[1] + broadcast_lane(v, 2) * X[2]
 
 
 @njit(**BARE)
 def frame(b, B, E):
-    """Rows of the matrix that turns moments and turns of body b into its own axes and divides them by the roots of its moments of
-    inertia."""
+    """Return the rows of the matrix that takes moments of body b to principal axes, over the roots of its moments of inertia."""
     q = matrix(B[b, body.QUATERNION], B[b, body.QUATERNION + 1], B[b, body.QUATERNION + 2], B[b, body.QUATERNION + 3])
     i = set4(
         1.0 / math.sqrt(E[b, body_extra.INERTIA]),
@@ -238,15 +240,15 @@ def frame(b, B, E):
 
 @njit(**BARE)
 def write(M, row, left, right, scale):
-    """A row of a matrix of six, scaled; columns 3 and 7 are void."""
+    """Write a row of a matrix of six, scaled; columns 3 and 7 are void."""
     store(M, np.int64(row), np.int64(0), broadcast(scale) * left)
     store(M, np.int64(row), np.int64(4), broadcast(scale) * right)
 
 
 @njit(**BARE_CHUNK)
 def normalise(s, mass, X, M):
-    """Write a sum into M (6, 8), divided by mass and inertias (X: `frame`) and then by its trace; returns the traces of its
-    translations and rotations."""
+    """Write a sum, over mass and inertias (X: `frame`) and over its trace, into M (6, 8); return translational and rotational
+    trace."""
     z, root, d, up, low = broadcast(0.0), broadcast(1.0 / math.sqrt(mass)), s[4], s[5], s[6]
     A, D, Y = symmetric(s[0], s[1]), symmetric(s[2], s[3]), transpose(X[0], X[1], X[2], z)
     x = root * times(set4(extract(d, 0), extract(up, 2), extract(low, 1), 0.0), X)
@@ -267,7 +269,7 @@ def normalise(s, mass, X, M):
 
 @njit(**BARE_CHUNK)
 def square_matrix(M, to):
-    """Write the square of M into `to`; returns the sum of the squares of its numbers, which is the trace of M^4."""
+    """Write the square of M into `to`; return the sum of the squares of its numbers, which is the trace of M^4."""
     size = broadcast(0.0)
     for p in range(6):
         left, right = broadcast(0.0), broadcast(0.0)
@@ -282,16 +284,16 @@ def square_matrix(M, to):
 
 @njit(**BARE)
 def eigenvalue(M, square):
-    """An upper bound of the largest eigenvalue of a positive semidefinite matrix, at most 12 % high: tr(M^16)^(1/16).
-    `square`: of M; both are scratch."""
+    """Return an upper bound, at most 12 % high, of the largest eigenvalue of a positive semidefinite M: tr(M^16)^(1/16).
+    `square`: that of M; both are scratch."""
     square_matrix(square, M)
     return square_matrix(M, square) ** (1.0 / 16.0)
 
 
 @njit(**BARE_CHUNK)
 def candidate_bound(b, sums, B, E, scratch, m, number, bodies, shortest):
-    """Row m of `bodies` for body b, if it can have the `shortest` steps, by frequency and by both; returns how many rows there
-    are then, and the shortest steps."""
+    """Write row m of `bodies` for body b if it may have the `shortest` steps, by frequency alone or with damping; return the
+    number of rows then, and the shortest steps [s]."""
     by_frequency, by_both = shortest
     X, mass, K, K_2, C, C_2 = frame(b, B, E), B[b, body.MASS], scratch[0], scratch[1], scratch[2], scratch[3]
     along, around = normalise(sums[0], mass, X, K)
@@ -311,7 +313,7 @@ def candidate_bound(b, sums, B, E, scratch, m, number, bodies, shortest):
 
 @njit(**BARE)
 def patch_bounds(P, patches):
-    """Add the springs to the stiffness of the patches, and write their steps."""
+    """Add the springs to the stiffness of the patches, and write their stable steps."""
     plate = P.shape[0] - 1
     for p in range(plate):
         patches[p, 0] += 2.0 * P[p, patch.SPRING] / P[p, patch.MASS]
@@ -332,14 +334,13 @@ STIFFNESS = types.int64(
 @njit(STIFFNESS, **DIRECT, **NO_COUNTS)
 def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body_of, S, B, E, P, pairs, l_x, l_y, horizon, limit,
                    stiffness, patches, number, bodies, told, answer, rows, near, place, minimum, scratch):  # fmt: skip
-    """The longest stable steps, all bounds from below, of the patches and of those bodies that may have the shortest.
+    """Compute the longest stable steps, all bounds from below, of the patches and of those bodies that may have the shortest.
 
-    `bodies` (m, 4): squared frequencies (traces) of translation and of rotation only, 1/s^2; longest step by the frequency alone
-    and by the damping rate, too, s; of the m bodies `number`, in order. Returns m, at least 1. `patches` (n, 4), zero at first:
-    squared frequency, 1/s^2, and damping rate, 1/s, and the same steps.
-    Contacts are taken as deep as they can get within the `horizon` (s), but no new depth beyond `limit` times the radius.
-    `stiffness` comes as an address.
-    A contact between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
+    `bodies` (m, 4): squared frequencies (traces) of translation and of rotation only [1/s2]; longest step by the frequency alone
+    and by the damping rate, too [s]; their indices: `number`, in order. Returns m, at least 1. `patches` (n, 4), zero at first:
+    squared frequency [1/s2], damping rate [1/s], and the same steps [s]. Contacts are taken as deep as they can get within the
+    `horizon` [s], but no new depth beyond `limit` times the radius. `stiffness`: address of the compiled function. A contact
+    between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
     """
     law = stiffness_at(stiffness)
     m = active_candidates(n_plates, n, own, partner, S, l_x, l_y, near, place)
@@ -362,18 +363,18 @@ def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body_of, S
     m, by_frequency, by_both = np.int64(0), np.inf, np.inf
     for t in range(many + 2 if many > 0 else 0):
         one = first[t] if t < 2 else np.int64(t - 2)
-        # so put that what is not a number comes through
+        # comparisons in this form let NaN through
         if minimum[one, 1] != np.inf and not (minimum[one, 0] > by_frequency and minimum[one, 1] > by_both):
             sums = assemble(one, own, partner, edges, incidence, place, near, rows, S)
             result, by_frequency, by_both = candidate_bound(one, sums, B, E, scratch, m, number, bodies, (by_frequency, by_both))
-            if t > 1:  # the first two come again in their place
+            if t > 1:  # the first two are visited again in their order
                 m = result
     return max(m, 1)
 
 
 def scratch(n_bodies, n_slots):
-    """Room for `shortest_steps`, made here since each array made there would be compiled for 0.1 s: `number`, `bodies` and what
-    follows. Only what is used is ever touched."""
+    """Return the scratch of `shortest_steps`: `number`, `bodies` and all after them. Allocated here since each allocation in a
+    kernel costs 0.1 s of compilation; untouched parts cost no memory."""
     return (
         np.empty(n_bodies, np.int64),
         np.empty((n_bodies, 4)),

@@ -31,8 +31,7 @@ from thirdbody.kernels.rotation import free_rotation, matrix, spin
 
 @njit(**BARE)
 def three(Z, at):
-    """Return three fields of an element of a chunk, the first of them at `at`: a sum, since a literal would be compiled once
-    more."""
+    """Return three fields of an element of a chunk, from `at` on: a sum, since a literal would be compiled once more."""
     return Z[at], Z[at + BODIES], Z[at + 2 * BODIES]
 
 
