@@ -1,6 +1,6 @@
-"""Gaps of candidate contacts, and the lists of those that touch and of those that do no more.
+"""Overlaps of candidates, and the lists of active contacts and of those that opened.
 
-All of it by fours: whether a candidate touches cannot be foretold, so no branch depends on it.
+Vectorised by fours: a branch on whether a candidate touches would be mispredicted, so there is none.
 """
 
 import math
@@ -18,7 +18,7 @@ from thirdbody.kernels.predicates import is_plate, is_upper, patch_of_partner
 
 @njit(**BARE)
 def overlap_and_normal(k, own, partner, S, P, l_x, l_y):
-    """Overlap of candidate k (not positive: apart) and the unit normal, partner to owner, of one that touches."""
+    """Return the overlap of candidate k (not positive: apart) [m] and, if it touches, the unit normal from partner to owner."""
     i, j = own[k], partner[k]
     if is_plate(j):
         overlap, up = plate_overlap(k, own, partner, S, P)
@@ -37,7 +37,7 @@ def overlap_and_normal(k, own, partner, S, P, l_x, l_y):
 
 @njit(**BARE)
 def plate_overlap(k, own, partner, S, P):
-    """Overlap of candidate k with its plate (not positive: apart), and whether that is the upper one."""
+    """Return the overlap of candidate k with its plate (not positive: apart) [m], and 1 if that is the upper one, else 0."""
     i, j = own[k], partner[k]
     z, r = S[i, sphere.Z], S[i, sphere.RADIUS]
     up = 1.0 if is_upper(j) else 0.0
@@ -47,14 +47,14 @@ def plate_overlap(k, own, partner, S, P):
 
 @njit(**BARE_CHUNK)
 def plate_overlaps(first, last, own, partner, S, P, g):
-    """Overlaps of the candidates first to last, which are with plates."""
+    """Compute the overlaps g of candidates first to last with their plates [m]."""
     for k in range(first, last):
         g[k - first] = plate_overlap(k, own, partner, S, P)[0]
 
 
 @njit(**BARE)
 def four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y):
-    """How much the spheres of the candidates k to k + 3 touch, one after the other: `pair_overlaps`."""
+    """Return the overlap measures [m2] of candidates k to k + 3 (`pair_overlaps`)."""
     i = np.uint64(own[k]), np.uint64(own[k + 1]), np.uint64(own[k + 2]), np.uint64(own[k + 3])
     j = np.uint64(partner[k]), np.uint64(partner[k + 1]), np.uint64(partner[k + 2]), np.uint64(partner[k + 3])
     a, b = four_rows_of(i, np.int64(sphere.POSITION), S), four_rows_of(j, np.int64(sphere.POSITION), S)
@@ -67,12 +67,13 @@ def four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y):
 
 @njit(**BARE_CHUNK)
 def pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
-    """How much the spheres of the candidates first to last touch: positive if they do (c = 1/l, 0 if not periodic)."""
+    """Compute reach^2 - distance^2 of candidates first to last into g [m2]: positive if they touch (c = 1/l, 0 if not
+    periodic)."""
     fours = first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
         put(g, k - first, four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y))
     for k in range(fours, last):
-        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no question whether an index counts from the end
+        i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
         d_x, d_y = image(d_x, l_x, c_x), image(d_y, l_y, c_y)
         reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
@@ -81,10 +82,10 @@ def pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
 
 @njit(**BARE_CHUNK)
 def compact_active(first, last, g, closed, touching, opened):
-    """List the candidates that touch, and those that do no more but did one or two steps ago; returns how many of each.
+    """List the candidates that touch, and those that do no longer but did one or two steps ago; return both numbers.
 
-    `closed` remembers who touches (1), or did a step ago (2). Behind those that touch the list goes on with the last of them, as
-    far as it is looked ahead; what else the lists hold behind their ends means nothing.
+    `closed`: 1 for those that touch, 2 for those that did one step ago. The list of the active ones is padded with the last of
+    them as far as it is read ahead; all else after the ends of the lists is undefined.
     """
     m, o, fours = np.int64(0), np.int64(0), first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):

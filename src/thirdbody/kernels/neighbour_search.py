@@ -1,6 +1,6 @@
-"""Which pairs can touch before the next search: spheres near a plate, and spheres of different bodies near each other.
+"""Search for candidates, the pairs that may touch before the next search: spheres and plates, spheres of different bodies.
 
-Candidates come out sorted (plates by sphere, then pairs by owner and partner; the sphere with the lower id owns a pair), so
+Candidates come out sorted (plates by sphere, then pairs by owner and partner; the sphere with the lower number owns a pair), so
 history is carried over by one merge and nothing depends on threads.
 """
 
@@ -17,7 +17,7 @@ from thirdbody.kernels.predicates import is_lower, is_sphere, partner_of_patch
 
 @njit(**DIRECT, **NO_COUNTS)
 def plate_candidates(S, P, body, patch_of, has_lower, has_upper, skin, own, partner):
-    """Fill own and partner with the spheres within `skin` of a plate; returns how many (also beyond the capacity)."""
+    """Fill own and partner with the spheres within `skin` of a plate; return their number (also beyond the capacity)."""
     n = 0
     for i in range(S.shape[0]):
         if has_lower and S[i, sphere.SIDE] != ONLY_UPPER and S[i, sphere.Z] - S[i, sphere.RADIUS] < skin:
@@ -35,7 +35,7 @@ def plate_candidates(S, P, body, patch_of, has_lower, has_upper, skin, own, part
 
 @njit(**BARE)
 def cell_of(x, low, size, count, periodic):
-    """Cell number along one axis: wrapped if periodic, else clipped to the range."""
+    """Return the cell number along one axis: wrapped if periodic, else clipped to the range."""
     c = np.int64(np.floor((x - low) / size))
     if periodic:
         return c % count
@@ -44,8 +44,10 @@ def cell_of(x, low, size, count, periodic):
 
 @njit(**BARE)
 def fill_cells(S, body, low, size, count, periodic, edges, cells, Q):
-    """The spheres that meet others in the order of their cells, z fastest, then of their numbers: centre, radius, number and body
-    into Q (6, n and some), and where each cell begins, one further on, into `edges`, which is zero at first."""
+    """Sort the spheres that can touch others by cell (z fastest), then by number.
+
+    Q (6, n + padding): centre, radius, number and body. `edges`, zero at first: where each cell begins, shifted by one.
+    """
     for i in range(S.shape[0]):
         a = cell_of(S[i, sphere.X], low[0], size[0], count[0], periodic[0])
         b = cell_of(S[i, sphere.Y], low[1], size[1], count[1], periodic[1])
@@ -64,7 +66,7 @@ def fill_cells(S, body, low, size, count, periodic, edges, cells, Q):
 
 @njit(**BARE)
 def neighbour(c, step, count, periodic):
-    """Cell number one step along an axis, or -1 if there is none or it was visited already (fewer than three cells)."""
+    """Return the cell one step along an axis, or -1 if there is none or it was visited already (fewer than three cells)."""
     if count == 1:
         return 0 if step == 0 else -1
     if count == 2 and step == -1 and periodic:
@@ -77,7 +79,7 @@ def neighbour(c, step, count, periodic):
 
 @njit(**BARE)
 def sort_in(j, begin, end, result):
-    """Put j into the sorted numbers found[begin:end]."""
+    """Insert j into the sorted numbers result[begin:end]."""
     p = end
     while p > begin and result[p - 1] > j:
         result[p] = result[p - 1]
@@ -87,7 +89,7 @@ def sort_in(j, begin, end, result):
 
 @njit(**BARE)
 def near(p, k, skin, l_x, l_y, c_x, c_y, Q):
-    """Which of the four spheres from place k on are within `skin` of that in place p, and of another body, as bits."""
+    """Return as bits which of the four spheres from element k on are within `skin` of sphere p and of another body."""
     d_x, d_y, d_z = broadcast(Q[0, p]) - load(Q, 0, k), broadcast(Q[1, p]) - load(Q, 1, k), broadcast(Q[2, p]) - load(Q, 2, k)
     d_x, d_y = images(d_x, l_x, c_x), images(d_y, l_y, c_y)
     reach, other = broadcast(Q[3, p] + skin) + load(Q, 3, k), broadcast(Q[5, p]) - load(Q, 5, k)
@@ -96,8 +98,10 @@ def near(p, k, skin, l_x, l_y, c_x, c_y, Q):
 
 @njit(**BARE)
 def scan(p, first, end, skin, l_x, l_y, c_x, c_y, Q, pairs, m):
-    """Append the pairs of the sphere in place p with those near it in places first to end to the m that there are, as far as
-    there is room; returns how many there are then. c = 1/l, 0 if not periodic. Few are near: four are asked at once."""
+    """Append the pairs of sphere p with the near ones of elements first to end to the m pairs so far; return the new m.
+
+    The number counts pairs beyond the capacity, too. c = 1/l, 0 if not periodic. Few are near: four are tested at once.
+    """
     for k in range(first, end, LANES):
         bits = near(p, np.int64(k), skin, l_x, l_y, c_x, c_y, Q)
         if bits != 0:
@@ -110,8 +114,10 @@ def scan(p, first, end, skin, l_x, l_y, c_x, c_y, Q, pairs, m):
 
 @njit(**BARE)
 def list_columns(a, b, count, periodic, columns):
-    """The cells at the bottom of the columns around column (a, b) that come behind it, into `columns`; returns how many. So every
-    pair of columns is seen once."""
+    """List the bottom cells of the columns around column (a, b) that follow it in order; return their number.
+
+    So every pair of columns is visited once.
+    """
     n = np.int64(0)
     for step in range(9):
         cell_x = neighbour(np.int64(a), step // 3 - 1, count[0], periodic[0])
@@ -124,8 +130,8 @@ def list_columns(a, b, count, periodic, columns):
 
 @njit(**BARE)
 def collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs):
-    """All pairs of spheres of different bodies within `skin`, the lower number first, into `pairs` as far as there is room;
-    returns how many there are."""
+    """List all pairs of spheres of different bodies within `skin`, the lower number first; return their number (also beyond
+    capacity)."""
     m, c_x, c_y = np.int64(0), inverse(l_x), inverse(l_y)
     for a in range(count[0]):
         for b in range(count[1]):
@@ -142,7 +148,7 @@ def collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs):
 
 @njit(**BARE)
 def put_in_order(m, pairs, at, n, own, partner):
-    """Put m pairs, by owner and then by partner, behind the n slots that there are; `at` (spheres + 1,): zero at first."""
+    """Append m pairs, sorted by owner and then by partner, after the first n candidates; `at` (spheres + 1,): zero at first."""
     for e in range(m):
         at[pairs[0, e] + 1] += 1
     for i in range(1, at.shape[0]):
@@ -150,7 +156,7 @@ def put_in_order(m, pairs, at, n, own, partner):
     for e in range(m):
         i = pairs[0, e]
         own[n + at[i]], partner[n + at[i]] = i, pairs[1, e]
-        at[i] += 1  # in the end where the next one begins
+        at[i] += 1  # finally where the next owner begins
     begin = n
     for i in range(at.shape[0] - 1):
         end = n + at[i]
@@ -161,7 +167,7 @@ def put_in_order(m, pairs, at, n, own, partner):
 
 @njit(**DIRECT, **NO_COUNTS)
 def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, columns, cells, Q, pairs, at, n, own, partner):
-    """`pair_candidates` with room for the cells and for pairs in any order."""
+    """Search as `pair_candidates`, with scratch for the cells and for unsorted pairs."""
     fill_cells(S, body, low, size, count, periodic, edges, cells, Q)
     m = collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs)
     if n + m <= own.shape[0]:
@@ -170,8 +176,8 @@ def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, col
 
 
 def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own, partner):
-    """Append the sphere pairs within `skin` from slot n on; returns the number of slots (also beyond the capacity)."""
-    # made here, since a kernel would compile each of these calls
+    """Append the sphere pairs within `skin` from candidate n on; return the number of candidates (also beyond the capacity)."""
+    # allocated here, since a kernel would compile each of these calls
     many = len(S)
     edges, columns, cells = np.zeros(int(np.prod(count)) + 2, np.int32), np.empty(10, np.int64), np.empty(many, np.int32)
     Q, pairs, at = np.full((6, many + LANES), np.inf), np.empty((2, len(own) + 1), np.int32), np.zeros(many + 1, np.int32)
@@ -181,13 +187,13 @@ def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own,
 
 @njit(**BARE)
 def rank(j):
-    """Order of partners of one owner within the plates' or the pairs' part."""
+    """Return the order of partners of one owner within the plates' or the pairs' part."""
     return j if is_sphere(j) else (0 if is_lower(j) else 1)
 
 
 @njit(**DIRECT, **NO_COUNTS)
 def carry_history(first, last, own, partner, H, old_first, old_last, old_own, old_partner, old_H):
-    """Copy the memory of candidates that were candidates before, within one sorted part of the list."""
+    """Copy the history of candidates that were candidates before, within one sorted part of the list."""
     o = old_first
     for k in range(first, last):
         while o < old_last and (old_own[o] < own[k] or (old_own[o] == own[k] and rank(old_partner[o]) < rank(partner[k]))):
@@ -198,7 +204,7 @@ def carry_history(first, last, own, partner, H, old_first, old_last, old_own, ol
 
 
 def incidences(n, own, partner, n_spheres):
-    """For each sphere the slots it takes part in, in their order: (edges, 2 slot + 1 if it is the partner)."""
+    """Return the candidates of each sphere, in order, as compressed rows: (edges, 2 candidate + 1 if it is the partner)."""
     edges = np.zeros(n_spheres + 1, np.int32)
     incidence = np.empty(n + np.count_nonzero(partner[:n] >= 0), np.int32)
     list_slots(n, own, partner, edges, np.empty(n_spheres, np.int32), incidence)
@@ -207,7 +213,7 @@ def incidences(n, own, partner, n_spheres):
 
 @njit(**DIRECT, **NO_COUNTS)
 def list_slots(n, own, partner, edges, at, incidence):
-    """Fill the tables of `incidences`; edges: zero at first, `at`: room."""
+    """Fill the tables of `incidences`; `edges`: zero at first, `at`: scratch."""
     for k in range(n):
         edges[own[k] + 1] += 1
         if is_sphere(partner[k]):

@@ -1,4 +1,4 @@
-"""Codes that stand in tables, by name: what a candidate contact is with, whether it touches, whether there are effects.
+"""Predicates for codes in tables: the partner of a candidate, whether it touches, whether there are effects.
 
 The partner of a candidate is the number of a sphere; -1, the lower plate; or -2 - p, patch p of the upper plate.
 """
@@ -11,47 +11,47 @@ from thirdbody.kernels.columns import body_extra, contact_state
 
 @njit(**BARE)
 def is_sphere(partner):
-    """Whether the partner is a sphere."""
+    """Return whether the partner is a sphere."""
     return partner >= 0
 
 
 @njit(**BARE)
 def is_plate(partner):
-    """Whether the partner is a plate."""
+    """Return whether the partner is a plate."""
     return partner < 0
 
 
 @njit(**BARE)
 def is_lower(partner):
-    """Whether the partner is the lower plate."""
+    """Return whether the partner is the lower plate."""
     return partner == -1
 
 
 @njit(**BARE)
 def is_upper(partner):
-    """Whether the partner is a patch of the upper plate."""
+    """Return whether the partner is a patch of the upper plate."""
     return partner < -1
 
 
 @njit(**BARE)
 def patch_of_partner(partner):
-    """Row of the patch that is the partner; 0 for any other, so that it can be read without a branch."""
+    """Return the row of the patch that is the partner; 0 for any other, so that it can be read without a branch."""
     return max(-partner - 2, 0)
 
 
 @njit(**BARE)
 def partner_of_patch(p):
-    """Partner that stands for patch p of the upper plate."""
+    """Return the partner code of patch p of the upper plate."""
     return -2 - p
 
 
 @njit(**BARE)
 def is_closed(k, H):
-    """Whether candidate k touched at the end of the last step."""
+    """Return whether candidate k touched at the end of the last step."""
     return H[k, contact_state.SLIP] != 0.0
 
 
 @njit(**BARE)
 def has_effect_columns(E):
-    """Whether the scene has body effects, and the table columns for them."""
+    """Return whether the scene has body effects, and the table columns for them."""
     return E.shape[1] > body_extra.WIDTH_WITHOUT_EFFECTS

@@ -44,7 +44,7 @@ def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
     middle = arm - broadcast(h) * cross(w, arm)
     store_three(S, s, np.int64(sphere.POSITION), x + arm)
     store_three(S, s, np.int64(sphere.MID_VELOCITY), v + cross(w, middle))
-    store_three(S, s, np.int64(sphere.ARM), arm)  # where both are one table, this is 0: the column of the force, which starts from zero
+    store_three(S, s, np.int64(sphere.ARM), arm)  # if aliased, this is 0: the column of the force, which starts from zero
     store(S, s, sphere.MID_SPIN, w)
     store_three(S, s, np.int64(sphere.END_VELOCITY), v_end + cross(w_end, arm))
     store(S, s, sphere.END_SPIN, w_end)

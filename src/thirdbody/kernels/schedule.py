@@ -1,4 +1,4 @@
-"""Where a driven body is at a time: piecewise schedules, one list of segments per axis.
+"""Prescribed motion and loads: piecewise schedules, one list of segments per axis.
 
 Rows of a schedule are sorted by axis and start; `first[axis]` to `first[axis + 1]` are the rows of an axis. From its start on,
 until the next one begins, a row gives with tau = t - start:
@@ -20,7 +20,7 @@ from numba import njit
 from thirdbody.jit.options import BARE
 
 X, Y, GAP, LOAD = range(4)
-"""Axes of a schedule: sideways motion of the upper plate, its height, and its load over the first one."""
+"""Axes of a schedule: horizontal motion of the upper plate, its height, and its load over the nominal one."""
 
 START, KIND, A, B, C = range(5)
 COLUMNS = 5
@@ -30,7 +30,7 @@ POLYNOMIAL, SINE, TRIANGLE = range(3)
 
 @njit(**BARE)
 def segment(schedule, first, axis, t):
-    """Row that holds at time t, or -1 before the first."""
+    """Return the row valid at time t, or -1 before the first."""
     low, high = first[axis] - 1, first[axis + 1] - 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -43,13 +43,13 @@ def segment(schedule, first, axis, t):
 
 @njit(**BARE)
 def value(schedule, first, axis, t):
-    """Value of an axis at time t."""
+    """Return the value of an axis at time t."""
     return value_of(schedule, segment(schedule, first, axis, t), t)
 
 
 @njit(**BARE)
 def value_of(schedule, row, t):
-    """Value of a row at time t, whether it holds then or not; 0 for none."""
+    """Return the value of a row at time t, whether it is valid then or not; 0 for row -1."""
     if row < 0:
         return 0.0
     tau, a, b, c = t - schedule[row, START], schedule[row, A], schedule[row, B], schedule[row, C]
@@ -63,20 +63,20 @@ def value_of(schedule, row, t):
 
 @njit(**BARE)
 def mean_rate(schedule, first, axis, t, dt):
-    """Mean rate of change of an axis from t to t + dt."""
+    """Return the mean rate of change of an axis from t to t + dt."""
     row = segment(schedule, first, axis, t)
     if row == segment(schedule, first, axis, t + dt):
         if row < 0:
             return 0.0
         if schedule[row, KIND] == POLYNOMIAL:
-            # the difference of two places would lose the digits of a slow motion
+            # the difference of two positions would lose the digits of a slow motion
             return schedule[row, B] + schedule[row, C] * (t - schedule[row, START] + 0.5 * dt)
     return (value(schedule, first, axis, t + dt) - value(schedule, first, axis, t)) / dt if dt > 0.0 else 0.0
 
 
 @njit(**BARE)
 def next_corner(schedule, first, axis, t):
-    """The next time after t at which the motion of an axis turns or changes its kind; infinite if it never does."""
+    """Return the next time after t at which an axis reverses or changes its kind of motion [s]; infinite if it never does."""
     corner = np.inf
     row = segment(schedule, first, axis, t)
     following = row + 1 if row >= 0 else first[axis]
@@ -84,7 +84,7 @@ def next_corner(schedule, first, axis, t):
         corner = schedule[following, START]
     if row >= 0 and schedule[row, KIND] != POLYNOMIAL:
         half = math.pi / schedule[row, C] if schedule[row, KIND] == SINE else 0.5 / schedule[row, C]
-        # a corner that was reached but for rounding lies behind
+        # a corner that was missed only by rounding counts as passed
         count = math.floor((t - schedule[row, START]) / half + 1e-6) + 1.0
         corner = min(corner, schedule[row, START] + count * half)
     return corner

@@ -14,40 +14,40 @@ LAW = types.void(_ROW, _ROW, types.int64, _ROW)
 """law(inputs, outputs, number of contacts in the tile, parameters of all pairs)"""
 
 EFFECTS = types.void(_TABLE, _TABLE, types.int64, types.int64, types.float64, types.float64, _ROW)
-"""effects(bodies, the rest of what they are, first, last, time, time step, parameters)"""
+"""effects(bodies, body_extra, first, last, time, time step, parameters)"""
 
 OBSERVE = types.void(_TABLE, types.int64, _ROW, _ROW)
-"""observe(contacts of the body, how many, body, memory)"""
+"""observe(contacts of the body, their number, body, memory)"""
 
 LABEL = types.void(_TABLE, types.int64, _ROW, _ROW, _ROW)
-"""label(contacts of the body, how many, body, memory, out)"""
+"""label(contacts of the body, their number, body, memory, out)"""
 
 _S2 = types.Array(types.int32, 2, "C")
 KINDS: Kinds = {
-    # slots (`engine.slots`)
+    # candidates and their schedule (`engine.state`)
     **dict.fromkeys(("own", "partner", "kind", "closed", "outer", "edges", "incidence", "near", "beginning", "guests"), _S1),
     "cuts": _S2, "lowest": _S1, "needs": _S1,
-    # which sphere belongs to which body
+    # spheres and their bodies
     "body": _I1, "start": _I1, "offsets": _TABLE,
-    # state (`columns`), parameters, what a step sums up
+    # state (`columns`), parameters, sums of a step
     **dict.fromkeys(("S", "B", "E", "P", "H", "F", "R", "M"), _TABLE),
     "pairs": _ROW, "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "sums": _TABLE, "moves": _TABLE,
-    # direction of the drag that is planned; room of each part to work in
+    # planned direction of the drag; scratch of each part
     "drag": _ROW, "room": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
     # numbers, and addresses of functions
     **dict.fromkeys(("n_history", "rolling", "force", "moment", "stored", "dashpots", "width", "has_effects"), _I),
     **dict.fromkeys(("law", "effects", "observe", "work"), _I),
 }  # fmt: skip
-"""Types of all that a step works on and with, by name."""
+"""Types of all arguments of a step, by name."""
 
 Context = namedtuple("Context", tuple(KINDS))  # type: ignore[misc]
-"""All that a step works on and with; kernels make it of an array (`context`)."""
+"""All arguments of a step; kernels unpack it from an array (`jit.packed_arguments`)."""
 
 _F = types.float64
-STEP = (_I, types.boolean, _F, _F, _F, _F, _F)  # number, record, time, v_x, v_y, dt, whether the last one left its closing kick
+STEP = (_I, types.boolean, _F, _F, _F, _F, _F)  # number, record, time, v_x, v_y, dt, whether the last closing kick is pending
 WORK = types.void(_I, _I, _I, _I, *STEP, _I1)
-"""work(pass, part, first group, the one behind the last, then what a step is, and the array that tells of its `Context`)"""
+"""work(pass, part, first group, last group + 1, then the arguments of a step, and the array of its packed `Context`)"""
 
 EARLY, SWEEP, LATE, LOOK = range(4)
-"""Passes of a step. The sweep goes through its groups once and does all that a group needs; where there are several parts, bodies
-that others ask for move early, and those to which others hand forces are kicked late. In sampled steps the labeller looks."""
+"""Passes of a step. The sweep goes through its groups once and does all that a group needs; with several parts, bodies that
+others need are drifted early, and those with remote forces are kicked late. In sampled steps the labeller observes."""
