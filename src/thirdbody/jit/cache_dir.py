@@ -1,9 +1,9 @@
-"""Where compiled code lives between processes: one folder per version of all our sources and of numba.
+"""The folder of compiled code between processes: one per version of all our sources and of numba.
 
-numba's cache notices a change only in the file of the compiled function itself, not in the functions it inlines; a folder
-named by a hash of everything can never serve stale machine code. Must be called before any compiled module is imported.
+numba's cache notices a change only in the file of the compiled function itself, not in the functions that it inlines; a folder
+named by a hash of all sources can never serve stale machine code. Must be set before any compiled module is imported.
 
-What lies in the folder is executed, so only this user may be able to write there: a folder of another user is not used.
+The code in the folder is executed, so only this user may be able to write there: a folder of another user is not used.
 """
 
 from __future__ import annotations
@@ -24,27 +24,27 @@ from thirdbody.errors import OutputError
 from thirdbody.jit.gc_pause import paused
 
 VARIABLE = "THIRDBODY_CACHE"
-"""The environment variable that names the parent of the cache folders; whoever sets it trusts what lies there."""
+"""The environment variable that names the parent of the cache folders; its content is trusted."""
 
 KEPT = 4
-"""Folders of earlier versions that stay, so that switching between two checkouts does not recompile each time."""
+"""Number of folders of earlier versions to keep, so that switching between two checkouts does not recompile each time."""
 
 TAG = "CACHEDIR.TAG"
-"""The file that marks our folders, as bford.info/cachedir tells: backups leave them out, and pruning deletes no other."""
+"""The file that marks our folders, as specified by bford.info/cachedir: backups skip them, and pruning deletes no others."""
 
 TAG_TEXT = b"Signature: 8a477f597d28d172789f06886806bc55\n# This file is a cache directory tag created by thirdbody.\n"
 
 note = ""
-"""What the user is told of the folder when something is compiled into it."""
+"""Message for the user about the folder, shown when code is compiled into it."""
 
 _place: Path | None = None
 _folder: Path | None = None
 
 
 def place() -> Path:
-    """Return the cache folder, made if needed; `THIRDBODY_CACHE` overrides its parent. Imports nothing heavy.
+    """Return the cache folder, created if needed; `THIRDBODY_CACHE` overrides its parent. Imports nothing heavy.
 
-    Raises OutputError if it cannot be made, or if another user could have written what lies there.
+    Raises OutputError if it cannot be created, or if another user could have written its content.
     """
     global _place
     if _place is None:
@@ -53,7 +53,7 @@ def place() -> Path:
         try:
             _make_private(path)
             _mark(path)
-            with suppress(PermissionError):  # a folder that may not be listed keeps what it has
+            with suppress(PermissionError):  # a folder that may not be listed is not pruned
                 _prune(parent)
         except OSError as error:
             raise cannot_write(path, error) from error
@@ -66,24 +66,24 @@ def folder() -> Path:
     global _folder
     if _folder is None:
         result = place()
-        # OpenMP's threads otherwise spin while they wait: with a busy neighbour a step took 12 ms instead of 0.5
+        # waiting OpenMP threads would spin: on shared cores a step took 12 ms instead of 0.5 ms
         os.environ.setdefault("OMP_WAIT_POLICY", "passive")
         with paused("numba"):
             import numba
 
         numba.config.CACHE_DIR = str(result)  # type: ignore[attr-defined]
-        _folder = result  # last: another thread that sees it takes numba's to be set
+        _folder = result  # last: another thread that reads it relies on numba's setting
     return _folder
 
 
 def cannot_write(path: Path, error: OSError) -> OutputError:
-    """Return the error for compiled code that cannot be kept."""
+    """Return the error for compiled code that cannot be stored."""
     reason = error.strerror or str(error)
     return OutputError(f"{path}: compiled code cannot be written ({reason}); {VARIABLE} names another folder for it")
 
 
 def _parent() -> Path:
-    """Return the folder that holds the folders of all versions: the named one, the user's own, or one for temporary files."""
+    """Return the parent of the folders of all versions: the one named by the variable, the user's cache, or a temporary one."""
     named = os.environ.get(VARIABLE)
     if named:
         path = Path(named).absolute()
@@ -98,7 +98,7 @@ def _parent() -> Path:
 
 
 def _user_cache() -> Path | None:
-    """Return the folder for caches of this user; None without a home. A variable that is empty or relative counts as unset."""
+    """Return the cache folder of this user; None without a home. A variable that is empty or relative counts as unset."""
     named = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if named.is_absolute():
         return named
@@ -107,7 +107,7 @@ def _user_cache() -> Path | None:
 
 
 def _usable(path: Path) -> bool:
-    """Return whether the folder can be made and written, belongs to this user, and can be closed to all others."""
+    """Return whether the folder can be created and written, belongs to this user, and can be closed to all others."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.mkdir(mode=0o700, exist_ok=True)
@@ -121,7 +121,8 @@ def _usable(path: Path) -> bool:
 
 
 def _temporary() -> Path:
-    """Return a private folder of this user among temporary files; if its name is taken, one that ends with this process."""
+    """Return a private folder of this user among temporary files; if its name is in use, one deleted at the end of this
+    process."""
     try:
         path = Path(tempfile.gettempdir()) / f"thirdbody-{os.geteuid() if hasattr(os, 'geteuid') else 'user'}"
         try:
@@ -136,7 +137,7 @@ def _temporary() -> Path:
 
 
 def _fresh(taken: Path) -> Path:
-    """Return a new private folder; the processes that this one starts share it, and it goes when this one ends."""
+    """Return a new private folder; child processes share it, and it is deleted when this process ends."""
     global note
     path, owner = tempfile.mkdtemp(prefix="thirdbody-"), os.getpid()
     os.environ[VARIABLE] = path
@@ -151,7 +152,7 @@ def _fresh(taken: Path) -> Path:
 
 
 def _probe(path: Path) -> os.stat_result:
-    """Write into a folder; return what the file system tells of a file that is ours: some give all files to one user."""
+    """Write into a folder; return the status of a file of this user: some file systems assign all files to one user."""
     with tempfile.TemporaryFile(dir=path) as file:
         return os.fstat(file.fileno())
 
@@ -165,9 +166,9 @@ def _open_to_others(status: os.stat_result) -> bool:
 
 
 def _make_private(path: Path) -> None:
-    """Make a folder into which only this user can write; one into which others could have written is made anew.
+    """Create a folder into which only this user can write; delete and create anew one that others could write.
 
-    Raises OutputError for one that belongs to another user, OSError if it cannot be made.
+    Raises OutputError for one that belongs to another user, OSError if it cannot be created.
     """
     try:
         path.mkdir(mode=0o700)
@@ -182,13 +183,13 @@ def _make_private(path: Path) -> None:
         return
     if status.st_mode & 0o777 != 0o700:
         path.chmod(0o700)
-    if _open_to_others(status) and not _open_to_others(path.lstat()):  # a file system without modes would keep them
+    if _open_to_others(status) and not _open_to_others(path.lstat()):  # a file system without modes would leave it open
         shutil.rmtree(path)
         path.mkdir(mode=0o700)
 
 
 def _mark(path: Path) -> None:
-    """Mark a folder as ours and as used last."""
+    """Mark a folder as ours and as the last one used."""
     tag = path / TAG
     if not _is_ours(path):
         if tag.is_dir() and not tag.is_symlink():
@@ -199,7 +200,7 @@ def _mark(path: Path) -> None:
 
 
 def _is_ours(path: Path) -> bool:
-    """Return whether a folder bears our mark."""
+    """Return whether a folder has our mark."""
     tag = path / TAG
     try:
         return not tag.is_symlink() and tag.read_bytes() == TAG_TEXT
@@ -217,7 +218,7 @@ def _fingerprint(numba_version: str) -> str:
 
 
 def _prune(parent: Path) -> None:
-    """Delete all folders that bear our mark but those used last; that another process has deleted one already is no fault."""
+    """Delete all folders with our mark but those used last; one deleted meanwhile by another process is no error."""
     named = [path for path in parent.iterdir() if re.fullmatch("[0-9a-f]{16}", path.name)]
     ours = [(_last_used(path), path) for path in named if not path.is_symlink() and _is_ours(path)]
     for _, path in sorted(ours, reverse=True)[KEPT:]:

@@ -1,7 +1,7 @@
-"""numba's files of compiled code, each with a digest at its end: a damaged one is compiled anew, never loaded.
+"""numba's files of compiled code, each with a digest at its end: a damaged one is recompiled, never loaded.
 
-numba takes for granted that its files are whole: a truncated index ends in a traceback, and altered machine code is executed.
-It also looks for another folder, beside the source, where it cannot write into ours; there, stale code could be loaded.
+numba assumes that its files are complete: a truncated index ends in a traceback, and altered machine code is executed. It also
+tries another folder, next to the source, where it cannot write into ours; stale code could be loaded from there.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ SIZE = hashlib.sha256().digest_size
 
 
 class _Files(caching.IndexDataCacheFile):  # type: ignore[misc]
-    """The index and the files of code of one function."""
+    """The index and the code files of one function."""
 
     def _load_index(self) -> Any:
         return super()._load_index() if _is_whole(self._index_path) else {}
@@ -30,7 +30,7 @@ class _Files(caching.IndexDataCacheFile):  # type: ignore[misc]
     def _load_data(self, name: str) -> Any:
         path = self._data_path(name)
         if not _is_whole(path):
-            raise OSError(f"{path}: damaged")  # to numba the same as a file that is not there
+            raise OSError(f"{path}: damaged")  # numba treats this as a missing file
         return super()._load_data(name)
 
     @contextmanager
@@ -44,7 +44,7 @@ class _Files(caching.IndexDataCacheFile):  # type: ignore[misc]
 
 
 def _is_whole(path: str) -> bool:
-    """Return whether a file can be read and ends with the digest of all before it."""
+    """Return whether a file can be read and ends with the digest of all bytes before it."""
     try:
         content = memoryview(Path(path).read_bytes())
     except OSError:
@@ -56,7 +56,7 @@ class _Folder(caching.UserProvidedCacheLocator):  # type: ignore[misc]
     """The folder for the functions of a file, within ours."""
 
     def ensure_cache_path(self) -> None:
-        """Make the folder; what stands in its place is removed. Raises OutputError if it cannot be made."""
+        """Create the folder, in place of anything else of that name. Raises OutputError if it cannot be created."""
         path = Path(self.get_cache_path())
         try:
             if not path.is_dir():
@@ -82,7 +82,7 @@ class CheckedCache(caching.FunctionCache):  # type: ignore[misc]
         self._cache_file = _Files(self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp())
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Write compiled code. Raises OutputError if there is no room for it."""
+        """Write compiled code. Raises OutputError if it cannot be written."""
         try:
             super().save_overload(sig, data)
         except OSError as error:
@@ -90,5 +90,5 @@ class CheckedCache(caching.FunctionCache):  # type: ignore[misc]
 
 
 def install() -> None:
-    """Let numba use it for every function that it caches from now on."""
+    """Make numba use this cache for every function that it caches from now on."""
     dispatcher.FunctionCache = CheckedCache  # type: ignore[attr-defined]

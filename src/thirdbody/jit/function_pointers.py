@@ -1,5 +1,8 @@
-"""Compiled functions handed to kernels as numbers, their addresses: numba finds the address of a function argument anew in every
-call, by unpacking the types of all its arguments, which takes .1 ms; a run of few bodies makes ten steps in that time."""
+"""Compiled functions passed to kernels as numbers, their addresses.
+
+For a function argument numba looks up the address in every call, by unpacking the types of all its arguments, which takes 0.1 ms;
+a run of few bodies makes ten steps in that time.
+"""
 
 from collections.abc import Callable
 from typing import Any
@@ -10,13 +13,13 @@ from numba.extending import intrinsic
 
 
 def address(function: Any, signature: Any) -> int:
-    """Where the machine code of a compiled function begins. It must stay alive as long as somebody may call it."""
+    """Return the address of the machine code of a compiled function, which must stay alive as long as it may be called."""
     result = function.get_compile_result(signature)
     return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
 
 
 def function_at(signature: Any) -> Callable[[int], Any]:
-    """A function for kernels, which makes of an address what can be called with this signature."""
+    """Return a function for kernels that turns an address into a callable of this signature."""
     kind = types.FunctionType(signature)
     make_intrinsic: Any = intrinsic
 

@@ -1,7 +1,7 @@
-"""Python's collector of cycles, off while much is made that stays.
+"""Python's cyclic garbage collector, paused while many lasting objects are created.
 
-Imports, the compiler and a scene's bodies are a million objects with few cycles among them. The collector would go through all of
-them again and again, and once more when the program ends: a third of a start.
+Imports, the compiler and a scene's bodies are a million objects with few cycles among them. The collector would traverse all of
+them repeatedly, and once more when the program ends: a third of a start.
 """
 
 from __future__ import annotations
@@ -15,9 +15,12 @@ _kept: set[str] = set()
 
 @contextmanager
 def paused(what: str) -> Iterator[None]:
-    """No collection within. What is there at the end is never looked at again, but only the first time for each `what`: a
-    program that makes a thousand simulations gets the memory of each back."""
-    if not gc.isenabled():  # within another one, or its user wants none
+    """Pause the collector within the block, and exempt all objects that exist at its end from later collections.
+
+    The exemption applies only the first time for each `what`: a program that makes a thousand simulations gets the memory of each
+    back.
+    """
+    if not gc.isenabled():  # nested, or disabled by the user
         yield
         return
     gc.disable()

@@ -1,9 +1,9 @@
-"""Shorter intermediate code for what our kernels do most: to read and write one number of a table.
+"""Shorter intermediate code for the most frequent operation of our kernels: reading or writing one number of a table.
 
-Numba copies the table's header, all of its lengths and strides, into memory for every access and leaves it to LLVM to find out
-that nothing of it was needed: fifty lines where eight say it. It also keeps every variable that several blocks use in memory.
-Here an access is written out, and a variable with one definition that all its uses follow stays a value. The machine code does
-the same arithmetic in the same order, so no bit of a result depends on this; it takes a third less time to compile.
+For every access numba copies the table's header, all of its lengths and strides, into memory and leaves it to LLVM to find that
+none of it was needed: fifty lines instead of eight. It also stores every variable that several blocks use in memory. Here an
+access is written out, and a variable with one definition that precedes all its uses remains a value. The machine code does the
+same arithmetic in the same order, so no bit of a result depends on this; compilation takes a third less time.
 """
 
 from collections import Counter
@@ -14,14 +14,14 @@ from numba.core import analysis, compiler_machinery, ir, lowering, typed_passes,
 
 PLAIN = (types.Integer, types.Float)
 PURE = (llvm.instructions.InsertValue, llvm.instructions.ExtractValue, llvm.instructions.LoadInstr, llvm.instructions.GEPInstr)
-"""Instructions that are left out where nothing uses what they give."""
+"""Instructions that are dropped where their result is not used."""
 
 
 class _Builder(llvm.IRBuilder):  # type: ignore[misc]
-    """Knows the parts of what was put together in the same function."""
+    """IR builder that finds the members of aggregates assembled in the same function."""
 
     def extract_value(self, agg: Any, idx: Any, name: str = "") -> Any:
-        """Part of a tuple or a structure."""
+        """Return a member of a tuple or a structure."""
         path = tuple(idx) if isinstance(idx, tuple | list) else (idx,)
         if len(path) == 1:
             value = agg
@@ -41,7 +41,7 @@ def _operands(instruction: Any) -> list[Any]:
 
 
 def _prune(function: Any) -> None:
-    """Leave out what nothing uses."""
+    """Drop instructions whose results are not used."""
     uses: Counter[int] = Counter()
     idle = []
     for block in function.blocks:
@@ -62,13 +62,13 @@ def _prune(function: Any) -> None:
 
 
 def _places(index: Any) -> tuple[Any, ...] | None:
-    """Types of the indices if all are integers, which name one number."""
+    """Return the types of the indices if all are integers, so that they address one number; else None."""
     kinds = tuple(index) if isinstance(index, types.UniTuple | types.Tuple) else (index,)
     return kinds if all(isinstance(kind, types.Integer) for kind in kinds) else None
 
 
 class _Lower(lowering.Lower):  # type: ignore[misc]
-    """Numba's way from typed code to LLVM, but for accesses to tables and for variables that never change."""
+    """numba's lowering of typed code to LLVM, except for accesses to tables and for variables that never change."""
 
     def setup_function(self, fndesc: Any) -> None:
         super().setup_function(fndesc)
@@ -80,7 +80,7 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         _prune(self.function)
 
     def _pointer(self, table: Any, table_type: Any, index: Any, index_type: Any) -> Any:
-        """Where a number of a contiguous table is, or None if the index names anything but one number."""
+        """Return the pointer to a number of a contiguous table, or None if the index addresses anything but one number."""
         kinds = _places(index_type)
         if not (isinstance(table_type, types.Array) and table_type.layout == "C" and isinstance(table_type.dtype, PLAIN)):
             return None
@@ -103,7 +103,7 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         return b.gep(b.extract_value(table, fields.get_field_position("data")), [at])
 
     def lower_getitem(self, resty: Any, expr: Any, value: Any, index: Any, signature: Any) -> Any:
-        """One number of a table, or whatever numba makes of it."""
+        """Read one number of a table; else as numba does."""
         kind = self.typeof(value.name)
         pointer = self._pointer(self.loadvar(value.name), kind, self.loadvar(index.name), self.typeof(index.name))
         if pointer is None:
@@ -111,7 +111,7 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         return self.context.cast(self.builder, self.builder.load(pointer), kind.dtype, resty)
 
     def lower_setitem(self, target_var: Any, index_var: Any, value_var: Any, signature: Any) -> Any:
-        """Write one number of a table, or whatever numba makes of it."""
+        """Write one number of a table; else as numba does."""
         kind = self.typeof(target_var.name)
         pointer = self._pointer(self.loadvar(target_var.name), kind, self.loadvar(index_var.name), self.typeof(index_var.name))
         if pointer is None:
@@ -129,14 +129,14 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         self._singly_assigned_vars |= {name for name in once if name in given or not self._counted(name)}
 
     def lower_assign(self, ty: Any, inst: Any) -> Any:
-        """An argument that is never replaced is the caller's, who holds on to it: no reference to count."""
+        """Assign; an argument that is never replaced is owned by the caller, so its references are not counted."""
         if inst.target.name not in self._borrowed or isinstance(self.typeof("arg." + inst.value.name), types.Omitted):
             return super().lower_assign(ty, inst)
         value = inst.value
         return self.context.cast(self.builder, self.fnargs[value.index], self.typeof("arg." + value.name), ty)
 
     def delvar(self, name: str) -> None:
-        """The end of a variable."""
+        """Delete a variable at the end of its life."""
         if name not in self._borrowed:
             super().delvar(name)
 
@@ -151,17 +151,17 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         return result
 
     def _counted(self, name: str) -> bool:
-        """Whether references to what a variable holds are counted."""
+        """Return whether references to the value of a variable are counted."""
         return self.context.enable_nrt and self.context.data_model_manager[self.typeof(name)].contains_nrt_meminfo()
 
 
 def plain_extreme(function: Any, arguments: tuple[Any, ...]) -> bool:
-    """Whether this is Python's `max` or `min` of several numbers of double precision."""
+    """Return whether this is Python's `max` or `min` of several numbers of double precision."""
     return getattr(function, "typing_key", None) in (max, min) and len(arguments) > 1 and set(arguments) == {types.float64}
 
 
 def _lasting(blocks: dict[int, Any]) -> set[str]:
-    """Variables with one definition that comes before all their uses, on every way and in the order of lowering."""
+    """Return the variables with one definition that precedes all their uses, on every path and in the order of lowering."""
     uses, defined = analysis.compute_use_defs(blocks), {}
     often = lowering.must_use_alloca(blocks)
     for label, block in blocks.items():

@@ -1,10 +1,10 @@
-"""A shorter way through numba for our kernels: what of its work they never need is left out, what it finds is remembered.
+"""A shorter numba pipeline for our kernels: passes that they never need are left out, resolved types are cached.
 
-Numba asks all templates of an operator anew wherever it is used, which is a third of its time; it compares two sets of compiler
-options by making dictionaries of them; and it treats every function like one that Python may call: it generates machine code for
-it and runs passes for closures, `with` blocks and array expressions. Callers take over the intermediate code only, so no bit of
-a result depends on any of this. It leans on the inside of numba, so it is taken with the versions that it was tested with only:
-with any other our kernels go numba's own, longer way.
+numba queries all templates of an operator wherever it is used, which is a third of its time; it compares two sets of compiler
+options by making dictionaries of them; and it treats every function as one that Python may call: it generates machine code for it
+and runs passes for closures, `with` blocks and array expressions. Callers use the intermediate code only, so no bit of a result
+depends on any of this. It depends on numba's internals, so it is used only with tested versions: with any other our kernels are
+compiled by numba's own, longer pipeline.
 """
 
 import operator
@@ -20,7 +20,7 @@ from numba.core.typing import signature
 from thirdbody.jit.numba_lowering import ShortLowering, plain_extreme
 
 TESTED = ("0.68.",)
-"""Beginnings of the versions of numba whose inside is known."""
+"""Prefixes of the versions of numba whose internals are known."""
 
 UNTYPED = (
     "TranslateByteCode", "FixupArgs", "IRProcessing", "RewriteSemanticConstants", "DeadBranchPrune", "GenericRewrites",
@@ -35,7 +35,7 @@ _answers: dict[Any, tuple[Any, Any]] = {}
 
 
 def _get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
-    """`BaseFunction.get_call_type` with a memory; numbers that index a table are all alike."""
+    """Return what `BaseFunction.get_call_type` does, from a cache; all integers that index a table share an entry."""
     if kws or not args:
         return _ask(self, context, args, kws)
     if plain_extreme(self, args) and isinstance(targetconfig.ConfigStack.top_or_none(), _Flags):
@@ -45,13 +45,13 @@ def _get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
     key = id(self), id(context), seen, targetconfig.ConfigStack.top_or_none()
     result = _answers.get(key)
     if result is None:
-        result = _answers[key] = (_ask(self, context, args, kws), self)  # `self` kept, or another could have its id
+        result = _answers[key] = (_ask(self, context, args, kws), self)  # keep `self` alive, or another object could get its id
     return result[0]
 
 
 @contextmanager
 def _remembering() -> Iterator[None]:
-    """Types of calls are remembered; numba holds a lock while it compiles."""
+    """Cache the types of calls within the block; numba holds a lock while it compiles."""
     before = types.BaseFunction.get_call_type
     setattr(types.BaseFunction, "get_call_type", _get_call_type)  # noqa: B010
     try:
@@ -61,7 +61,8 @@ def _remembering() -> Iterator[None]:
 
 
 class _Flags(compiler.Flags):  # type: ignore[misc]
-    """Compiler options that compare what is set: the same answers as numba's, and the same hash, which is that of their names."""
+    """Compiler options that compare the values set: the same result as numba's, and the same hash, which is that of their
+    names."""
 
     __slots__ = ()
     SAME = hash(compiler.Flags())
@@ -74,7 +75,7 @@ class _Flags(compiler.Flags):  # type: ignore[misc]
 
 
 class _Unbound:
-    """Numba's code generator for a library that is never loaded: there is no place for an environment in it."""
+    """numba's code generator for a library that is never loaded: it has no memory for an environment."""
 
     def __init__(self, own: Any) -> None:
         self.own = own
@@ -83,11 +84,11 @@ class _Unbound:
         return getattr(self.own, name)
 
     def set_env(self, name: str, environment: Any) -> None:
-        """Nothing: whoever takes the code over has a place of its own."""
+        """Do nothing: the library that links this code allocates its own environment."""
 
 
 class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
-    """Optimised intermediate code for callers to take over, without machine code."""
+    """Optimised intermediate code for callers to link, without machine code."""
 
     @property
     def codegen(self) -> Any:
@@ -106,7 +107,7 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
                 manager.run(function, builder)
 
     def _optimize_final_module(self) -> None:
-        # whatever takes it over is optimised as a whole; the step loop alone is the faster for both
+        # the library that links it is optimised as a whole; only the step loop is faster with both
         if numba.config.OPT > 1:  # type: ignore[attr-defined]
             super()._optimize_final_module()
 
@@ -116,7 +117,7 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
 
 
 def _whole(state: Any) -> list[Any]:
-    """All that numba knows of Python, and the short lowering."""
+    """Return numba's complete pipeline for Python, with the short lowering."""
     manager = compiler.DefaultPassBuilder.define_nopython_pipeline(state)
     plain = typed_passes.NativeLowering
     manager.passes[:] = [(ShortLowering if one is plain else one, about) for one, about in manager.passes]
@@ -124,7 +125,7 @@ def _whole(state: Any) -> list[Any]:
 
 
 class Own(compiler.CompilerBase):  # type: ignore[misc]
-    """Compiles our kernels, which are plain loops over tables."""
+    """Compiler of our kernels, which are plain loops over tables."""
 
     def _compile_core(self) -> Any:
         self.state.flags = _Flags(self.state.flags)
@@ -152,7 +153,7 @@ class Inner(Own):
 
 
 class Whole(Own):
-    """Compiles the functions of others."""
+    """Compiler of functions of laws and plug-ins."""
 
     def define_pipelines(self) -> list[Any]:
         return _whole(self.state)
@@ -166,8 +167,8 @@ class Taken(Inner):
 
 
 def _trust_scipy() -> None:
-    """Let numba take for granted that SciPy has a BLAS, as we depend on it: to look takes a fifth of a start, and whatever needs
-    the BLAS looks again."""
+    """Let numba assume that SciPy has a BLAS, as we depend on it: the check takes a fifth of a start, and users of the BLAS
+    repeat it."""
     from numba.np import linalg
 
     look = linalg.ensure_blas
@@ -183,5 +184,5 @@ if numba.__version__.startswith(TESTED):
 
 
 def way(pipeline: type[compiler.CompilerBase]) -> dict[str, Any]:
-    """Options that compile by this pipeline, if this version of numba is one that it was tested with."""
+    """Return the options that select this pipeline, if this version of numba is a tested one."""
     return {"pipeline_class": pipeline} if numba.__version__.startswith(TESTED) else {}

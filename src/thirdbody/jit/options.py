@@ -6,31 +6,32 @@ import thirdbody.jit.numba_setup  # noqa: F401
 from thirdbody.jit.numba_pipeline import Inner, Own, Taken, Whole, way
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "cache": True} | way(Own)
-"""Kernels that Python calls and that may be handed on as pointers."""
+"""Kernels that Python calls and that may be passed as pointers."""
 
 OTHERS: dict[str, Any] = {"error_model": "numpy", "cache": True} | way(Whole)
-"""Functions of others that Python calls."""
+"""Functions of laws and plug-ins that Python calls."""
 
 DIRECT: dict[str, Any] = OPTIONS | {"no_cfunc_wrapper": True}
 """Kernels that only Python calls."""
 
 POINTED: dict[str, Any] = OPTIONS | {"no_cpython_wrapper": True}
-"""Kernels that are only handed on as pointers: Python would find nothing to call."""
+"""Kernels that are only passed as pointers: they need no wrapper for Python."""
 
 HELPER: dict[str, Any] = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True} | way(Taken)
-"""What only kernels call."""
+"""Functions of laws and plug-ins that only kernels call."""
 
 CHUNK: dict[str, Any] = HELPER | way(Inner)
 """Kernels called once per chunk, by kernels only: without the wrappers the engine compiles in half the time."""
 
 CHUNK_OF_THREADS: dict[str, Any] = HELPER | {"parallel": True}
-"""The same for what is shared out to threads."""
+"""The same for loops that are distributed over threads."""
 
 INNER: dict[str, Any] = CHUNK | {"forceinline": True}
-"""Kernels called per body or contact: not inlined, passing their arrays costs more than their work (190 -> 55 us a step)."""
+"""Kernels called per body or contact: without inlining, passing their arrays costs more than their work (190 -> 55 us per
+step)."""
 
 NO_COUNTS: dict[str, Any] = {"_nrt": False}
-"""For kernels that make no arrays: numba otherwise counts references to every table in every branch of a loop, which costs
+"""For kernels that allocate no arrays: numba otherwise counts references to every table in every branch of a loop, which costs
 more than the work of most bodies and contacts (a sphere is placed in 10 ns, not 50)."""
 
 BARE_CHUNK: dict[str, Any] = CHUNK | NO_COUNTS

@@ -1,7 +1,7 @@
-"""All tables and numbers that a step works on, told to kernels as one array of addresses, lengths and numbers.
+"""All tables and numbers that a step needs, packed for kernels into one array of addresses, shapes and scalars.
 
-A function that hands on fifty arguments is compiled for a second; one array of integers costs nothing. The tables must stay
-alive, and where they are, as long as somebody may use the array.
+A function that passes fifty arguments takes a second to compile; one array of integers costs nothing. The tables must stay alive
+at the same addresses as long as the array may be used.
 """
 
 from typing import Any, NamedTuple
@@ -13,18 +13,18 @@ from numba.extending import intrinsic
 from numba.np.numpy_support import as_dtype
 
 Kinds = dict[str, Any]
-"""Numba's types of what is told, by name: contiguous arrays, and int64."""
+"""Numba's types of the packed arguments, by name: contiguous arrays, and int64."""
 
 _LONG = ir.IntType(64)
 
 
 def _word_count(kind: Any) -> int:
-    """Numbers that tell of one: the address and the lengths of a table, or the number itself."""
+    """Return the number of words of one argument: the address and the shape of a table, or the scalar itself."""
     return 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
 
 
 def argument_specs(kinds: Kinds) -> tuple[tuple[str, np.dtype | None, int], ...]:
-    """Name, type of number and dimensions of each table; no type for what is a number itself."""
+    """Return name, dtype and number of dimensions of each table; the dtype of a scalar is None."""
     return tuple(
         (name, as_dtype(kind.dtype), kind.ndim) if isinstance(kind, types.Array) else (name, None, 0)
         for name, kind in kinds.items()
@@ -32,8 +32,10 @@ def argument_specs(kinds: Kinds) -> tuple[tuple[str, np.dtype | None, int], ...]
 
 
 def pack(expected: tuple[tuple[str, np.dtype | None, int], ...], given: NamedTuple) -> np.ndarray:
-    """The array (int64) that tells of `given`, which has a field for each that is `expected`. Raises TypeError for a table of
-    another kind."""
+    """Pack `given` (one field per entry of `expected`) into an int64 array of addresses, shapes and scalars.
+
+    Raises TypeError for a table of another dtype, number of dimensions or layout.
+    """
     rows: list[int] = []
     for (name, kind, dimensions), value in zip(expected, given, strict=True):
         if kind is None:
@@ -47,7 +49,7 @@ def pack(expected: tuple[tuple[str, np.dtype | None, int], ...], given: NamedTup
 
 
 def make_unpacker(kinds: Kinds, names: type) -> Any:
-    """A function for kernels, which makes the named tuple `names` of such an array."""
+    """Return a function for kernels that unpacks such an array into the named tuple `names`."""
     whole = types.NamedTuple(tuple(kinds.values()), names)
     make_intrinsic: Any = intrinsic
 
@@ -68,7 +70,7 @@ def make_unpacker(kinds: Kinds, names: type) -> Any:
 
 
 def _table(context: Any, builder: Any, kind: Any, address: Any, *lengths: Any) -> Any:
-    """The table at an address; nothing counts references to it."""
+    """Return the table at an address, without reference counting."""
     model, size = context.data_model_manager[kind], _LONG(as_dtype(kind.dtype).itemsize)
     strides: list[Any] = []
     step = size

@@ -1,7 +1,7 @@
-"""Four numbers at once: a type for kernels whose arithmetic is the processor's vector arithmetic.
+"""Vectors of four numbers (float64x4): a type for kernels whose arithmetic is the processor's vector arithmetic.
 
-The compiler makes vectors of loops over fields by itself, not of copies between rows and fields, nor of the few numbers of one
-row. Each lane is IEEE arithmetic of its own: the same bits as one by one.
+The compiler vectorises loops over fields by itself, but not copies between rows and fields, nor arithmetic on the few numbers of
+one row. Each lane is IEEE arithmetic: the bits are those of scalar code.
 """
 
 import operator
@@ -16,11 +16,11 @@ from numba.extending import intrinsic, lower_builtin, models, register_model
 LANES = 4
 
 AHEAD = 16
-"""Rows from the one that is asked for to the one that is at work: some .5 us. In tables larger than the cache this takes a fifth
-off a step; 8 and 32 are as good."""
+"""Distance of a prefetch, in rows: some 0.5 us ahead. In tables larger than the cache this reduces a step by a fifth; 8 and 32
+are as good."""
 
 LINE = 8
-"""Numbers that a line of the processor's cache holds."""
+"""Numbers in a cache line of the processor."""
 
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _SPLIT = ir.IntType(32)
@@ -29,11 +29,11 @@ _SHORTS = ir.VectorType(_SPLIT, LANES)
 _PLACES = [_SHORTS([*(q for q in range(LANES) if bits >> q & 1), *[0] * (LANES - bits.bit_count())]) for bits in range(16)]
 
 
-_intrinsic: Any = intrinsic  # its annotations speak of the typing context as of an argument
+_intrinsic: Any = intrinsic  # its annotations count the typing context as an argument
 
 
 class FourType(types.Type):
-    """The type of four numbers."""
+    """The numba type of a vector of four numbers."""
 
     def __init__(self) -> None:
         super().__init__("four")
@@ -49,7 +49,7 @@ class _Model(models.PrimitiveModel):  # type: ignore[misc]
 
 
 def _operator(symbol: Any, name: str) -> None:
-    """Teach numba an operator between two fours."""
+    """Register an operator between two vectors with numba."""
 
     @infer_global(symbol)
     class _Template(ConcreteTemplate):  # type: ignore[misc]
@@ -75,12 +75,12 @@ def _four_times(builder: Any, x: Any) -> Any:
 
 
 def _place(context: Any, builder: Any, kind: Any, table: Any, index: list[Any]) -> Any:
-    """Pointer to four numbers of a table, which need not be aligned."""
+    """Return the pointer to four numbers of a table, which need not be aligned."""
     return builder.bitcast(_number(context, builder, kind, table, index), _VECTOR.as_pointer())
 
 
 def _number(context: Any, builder: Any, kind: Any, table: Any, index: list[Any]) -> Any:
-    """Pointer to a number of a contiguous table."""
+    """Return the pointer to a number of a contiguous table."""
     fields, at = context.data_model_manager[kind], index[0]
     for k in range(1, kind.ndim):
         lengths = builder.extract_value(table, fields.get_field_position("shape"))
@@ -100,7 +100,7 @@ def _index(context: Any, builder: Any, sig: Any, args: Any, which: range) -> lis
 
 @_intrinsic
 def load(typing: Any, A: Any, i: Any, c: Any) -> Any:
-    """Row i of the table A from column c on."""
+    """Load four numbers of row i of the table A from column c on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
@@ -111,7 +111,7 @@ def load(typing: Any, A: Any, i: Any, c: Any) -> Any:
 
 @_intrinsic
 def store(typing: Any, A: Any, i: Any, c: Any, v: Any) -> Any:
-    """Write v into row i of the table A from column c on."""
+    """Store v into row i of the table A from column c on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
@@ -123,7 +123,7 @@ def store(typing: Any, A: Any, i: Any, c: Any, v: Any) -> Any:
 
 @_intrinsic
 def get(typing: Any, G: Any, at: Any) -> Any:
-    """Four numbers of a row from `at` on."""
+    """Load four numbers of a 1-D array from `at` on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
@@ -134,7 +134,7 @@ def get(typing: Any, G: Any, at: Any) -> Any:
 
 @_intrinsic
 def put(typing: Any, G: Any, at: Any, v: Any) -> Any:
-    """Write v into a row from `at` on."""
+    """Store v into a 1-D array from `at` on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         place = _place(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
@@ -146,7 +146,7 @@ def put(typing: Any, G: Any, at: Any, v: Any) -> Any:
 
 @_intrinsic
 def broadcast(typing: Any, x: Any) -> Any:
-    """The number x four times."""
+    """Return x in all lanes."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return _four_times(builder, args[0])
@@ -156,7 +156,7 @@ def broadcast(typing: Any, x: Any) -> Any:
 
 @_intrinsic
 def set4(typing: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
-    """Four numbers."""
+    """Return the vector (x, y, z, w)."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         v = ir.Constant(_VECTOR, ir.Undefined)
@@ -169,7 +169,7 @@ def set4(typing: Any, x: Any, y: Any, z: Any, w: Any) -> Any:
 
 @_intrinsic(prefer_literal=True)
 def extract(typing: Any, v: Any, k: Any) -> Any:
-    """Number k of v, k a literal."""
+    """Return lane k of v, k a literal."""
     number = _lane(k)
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -180,7 +180,7 @@ def extract(typing: Any, v: Any, k: Any) -> Any:
 
 @_intrinsic(prefer_literal=True)
 def broadcast_lane(typing: Any, v: Any, k: Any) -> Any:
-    """Number k of v four times, k a literal."""
+    """Return lane k of v in all lanes, k a literal."""
     number = _lane(k)
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -191,7 +191,7 @@ def broadcast_lane(typing: Any, v: Any, k: Any) -> Any:
 
 @_intrinsic
 def with_last(typing: Any, v: Any, w: Any) -> Any:
-    """The first three numbers of v and the last of w."""
+    """Return the first three lanes of v and the last one of w."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return _shuffle(builder, args[0], args[1], [0, 1, 2, 7])
@@ -201,7 +201,7 @@ def with_last(typing: Any, v: Any, w: Any) -> Any:
 
 @_intrinsic
 def cross(typing: Any, v: Any, w: Any) -> Any:
-    """The cross product of the first three numbers of v and of w."""
+    """Return the cross product of the first three lanes of v and of w."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         a, b = args
@@ -214,7 +214,7 @@ def cross(typing: Any, v: Any, w: Any) -> Any:
 
 @_intrinsic(prefer_literal=True)
 def axis_times_quaternion(typing: Any, q: Any, axis: Any) -> Any:
-    """The product of the unit vector of an axis (0, 1 or 2, a literal) and the quaternion q = (w, x, y, z)."""
+    """Return the product of the unit vector of an axis (0, 1 or 2, a literal) and the quaternion q = (w, x, y, z)."""
     number = _lane(axis)
     lanes = ([1 + LANES, 0, 3 + LANES, 2], [2 + LANES, 3, 0, 1 + LANES], [3 + LANES, 2 + LANES, 1, 0])[number]
 
@@ -226,7 +226,7 @@ def axis_times_quaternion(typing: Any, q: Any, axis: Any) -> Any:
 
 @_intrinsic
 def round_to_nearest(typing: Any, v: Any) -> Any:
-    """v to the nearest whole numbers, halves to the even ones, as `np.rint`."""
+    """Return v rounded to the nearest integers, halves to the even ones, as `np.rint`."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         kind = ir.FunctionType(_VECTOR, [_VECTOR])
@@ -237,7 +237,7 @@ def round_to_nearest(typing: Any, v: Any) -> Any:
 
 @_intrinsic
 def less_mask(typing: Any, v: Any, w: Any) -> Any:
-    """Which numbers of v are smaller than those of w, as bits 0 to 3."""
+    """Return which lanes of v are smaller than those of w, as bits 0 to 3."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         each = builder.bitcast(builder.fcmp_ordered("<", *args), ir.IntType(LANES))
@@ -248,7 +248,7 @@ def less_mask(typing: Any, v: Any, w: Any) -> Any:
 
 @_intrinsic
 def all_below(typing: Any, v: Any, maximum: Any) -> Any:
-    """Whether all of v are smaller than `maximum`; what is not a number is not."""
+    """Return whether all lanes of v are smaller than `maximum`; NaN is not."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         each = builder.bitcast(builder.fcmp_ordered("<", args[0], _four_times(builder, args[1])), ir.IntType(LANES))
@@ -259,7 +259,7 @@ def all_below(typing: Any, v: Any, maximum: Any) -> Any:
 
 @_intrinsic
 def select_greater(typing: Any, v: Any, w: Any, yes: Any, no: Any) -> Any:
-    """Of `yes` where v is larger than w, of `no` elsewhere."""
+    """Return the lanes of `yes` where v > w, of `no` elsewhere."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         return builder.select(builder.fcmp_ordered(">", args[0], args[1]), args[2], args[3])
@@ -269,7 +269,7 @@ def select_greater(typing: Any, v: Any, w: Any, yes: Any, no: Any) -> Any:
 
 @_intrinsic
 def clamp_below(typing: Any, v: Any, minimum: Any) -> Any:
-    """v, with `minimum` for whatever is smaller; what is not a number stays."""
+    """Return v, with `minimum` in all lanes that are smaller; NaN is passed on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         floor = _four_times(builder, args[1])
@@ -280,7 +280,7 @@ def clamp_below(typing: Any, v: Any, minimum: Any) -> Any:
 
 @_intrinsic
 def flush_below(typing: Any, v: Any, minimum: Any) -> Any:
-    """v, with 0 for whatever is not larger than `minimum`, by size; what is not a number stays."""
+    """Return v, with 0 in all lanes of |v| <= `minimum`; NaN is passed on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         bits = builder.and_(builder.bitcast(args[0], _BITS), ir.Constant(_BITS, [(1 << 63) - 1] * LANES))  # without the sign
@@ -293,8 +293,10 @@ def flush_below(typing: Any, v: Any, minimum: Any) -> Any:
 
 @_intrinsic
 def active_bits(typing: Any, v: Any, closed: Any, k: Any) -> Any:
-    """Which of four numbers are positive, as bits 0 to 3; bits 4 to 7: which are not though `closed[k:k + 4]` was not 0. That
-    becomes 1 where they are, and 2 where they are not but it was 1, else 0."""
+    """Return which lanes of v are positive (bits 0 to 3), and which are not though `closed[k:k + 4]` was not 0 (bits 4 to 7).
+
+    Updates `closed`: 1 where v is positive; 2 where it is not but `closed` was 1; else 0.
+    """
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         place = _number(context, builder, sig.args[1], args[1], _index(context, builder, sig, args, range(2, 3)))
@@ -312,8 +314,10 @@ def active_bits(typing: Any, v: Any, closed: Any, k: Any) -> Any:
 
 @_intrinsic
 def compress_store(typing: Any, A: Any, m: Any, k: Any, bits: Any) -> Any:
-    """Write those of the numbers k to k + 3 whose bit is set into the list A from place m on, and whatever behind them up to
-    place m + 3; returns how many they are."""
+    """Write those of the numbers k to k + 3 whose bit is set into the list A from m on; return their number.
+
+    The elements after them, up to m + 3, are overwritten with undefined values.
+    """
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         place = _number(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 2)))
@@ -329,7 +333,7 @@ def compress_store(typing: Any, A: Any, m: Any, k: Any, bits: Any) -> Any:
 
 @_intrinsic
 def transpose(typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
-    """Rows to columns: the first numbers of a, b, c and d, the second ones, and so on."""
+    """Return rows as columns: the first numbers of a, b, c and d, the second ones, and so on."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         a, b, c, d = args
@@ -346,7 +350,7 @@ def transpose(typing: Any, a: Any, b: Any, c: Any, d: Any) -> Any:
 
 @_intrinsic
 def prefetch(typing: Any, A: Any, i: Any, c: Any) -> Any:
-    """Ask for the cache line of a number that is needed soon; nothing changes by it."""
+    """Prefetch the cache line of a number that is needed soon; nothing changes by it."""
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         place = _number(context, builder, sig.args[0], args[0], _index(context, builder, sig, args, range(1, 3)))
