@@ -10,7 +10,7 @@ from thirdbody.kernels.columns import run_totals
 
 @njit(**BARE)
 def pass_time(A, dt, v_x, v_y):
-    """Advance time, distance and heading by a step dt [s], the upper plate at the mean velocity (v_x, v_y) [m/s]."""
+    """Advance time, distance and heading by a step dt [s]. (v_x, v_y): mean velocity of the upper plate [m/s]."""
     speed = math.sqrt(v_x * v_x + v_y * v_y)
     A[run_totals.TIME] += dt
     A[run_totals.ELAPSED] += dt

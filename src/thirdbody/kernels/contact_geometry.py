@@ -1,6 +1,6 @@
-"""Geometry of the contacts of a tile, field by field: gather from the tables, then compute all contacts at once.
+"""Geometry of the contacts of a tile: gather from the tables, then compute field by field.
 
-The first kind of function reads rows and only copies and adds; the second works on whole fields, which the compiler turns into
+Functions that gather read rows and only copy and add; functions that compute work on whole fields, which the compiler turns into
 vector instructions (if its loop starts at zero and contains no loop). IEEE arithmetic contact by contact: the bits are those of a
 loop over contacts.
 """
@@ -40,7 +40,7 @@ def load_history(q, k, kind, H, I, G, n_history):  # noqa: E741
 
 @njit(**BARE)
 def gather_plate_contact(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history):  # noqa: E741
-    """Gather candidate k, a contact with a plate, into element q; the upper plate moves with v_x, v_y and `rise` [m/s]."""
+    """Gather candidate k, a contact with a plate, into element q. The upper plate moves with v_x, v_y and `rise` [m/s]."""
     i = own[k]
     up = 1.0 if is_upper(partner[k]) else 0.0
     r = S[i, sphere.RADIUS]
@@ -103,7 +103,7 @@ def with_last_column(a, c):
 
 @njit(**BARE)
 def gather_spins(q, a, b, r_i, r_j, G):
-    """Write the sums of the spins of owners, a, and partners, b (columns), unscaled and times the radii, from element q on."""
+    """Write sums of the spins a of owners and b of partners from element q on, unscaled and times the radii."""
     put_three(G, q + geometry.MID_SPIN * TILE, (a[0] + b[0], a[1] + b[1], a[2] + b[2]))
     put_three(G, q + geometry.MID_RIM * TILE, (r_i * a[0] + r_j * b[0], r_i * a[1] + r_j * b[1], r_i * a[2] + r_j * b[2]))
 
@@ -133,7 +133,7 @@ def gather_history(q, k, kind, H, I, G, n_history):  # noqa: E741
 
 @njit(**BARE)
 def prefetch_contacts(p, slots, partner, body_of, S, B, H):
-    """Prefetch the rows of the four contacts from position p of the list: a partner may be anywhere in the tables."""
+    """Prefetch the rows of four contacts, from position p of the list: partners may be anywhere."""
     for e in range(p, p + 4):
         k = np.uint64(slots[e])
         j = np.uint64(partner[k])
@@ -145,7 +145,7 @@ def prefetch_contacts(p, slots, partner, body_of, S, B, H):
 
 @njit(**BARE_CHUNK)
 def gather_pair_contacts(n, slots, first, own, partner, body, kind, S, B, H, I, G, n_history):  # noqa: E741
-    """Gather the contacts between spheres, slots[first:first + n], into the first elements, four at a time.
+    """Gather n contacts between spheres, slots[first:first + n], into the first elements, by fours.
 
     `SPARE` - 1 more candidates are read after the last of them.
     """
@@ -190,9 +190,10 @@ def gather_pair_contacts(n, slots, first, own, partner, body, kind, S, B, H, I, 
 
 @njit(**BARE_CHUNK)
 def pair_geometry(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
-    """Compute normals, overlaps, arms, effective radii and masses of n contacts between spheres; c = 1/l, 0 if not periodic.
+    """Compute normals, overlaps, arms, effective radii and masses of n contacts between spheres.
 
-    Slip is a displacement of the step, so its arms are those of the middle of the step: hence the normal of half a step ago.
+    c = 1/l, 0 if not periodic. Slip is a displacement of the step, so its arms are those of the middle of the step: hence the
+    normal of half a step ago.
     """
     half = 0.5 * dt
     for q in range(n):
@@ -223,8 +224,8 @@ def pair_geometry(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def transport_frames(n, dt, G):
-    """Transport the frames of n contacts with their normals, rotated by half the sum of the spins; initialise them at first
-    touch."""
+    """Transport the frames of n contacts with their normals; initialise them at first touch. They rotate by half the sum of the
+    spins."""
     half = 0.5 * dt
     for q in range(n):
         n_x = G[q + geometry.NORMAL * TILE]
@@ -261,7 +262,7 @@ def transport_frames(n, dt, G):
 
 @njit(**BARE)
 def relative_velocity(q, at, normal, I, G):  # noqa: E741
-    """Return the relative velocity of the two surfaces [m/s], from fields at offset `at` and the normal in field `normal`."""
+    """Return the relative velocity of the surfaces [m/s]. `at`, `normal`: offset of the velocities, field of the normal."""
     half = 0.5 * I[q + law_input.OVERLAP * TILE]
     n = np.uint64(q + normal * TILE)  # unsigned: the compiler cannot see that these are not negative
     v = np.uint64(q + at + geometry.MID_VELOCITY * TILE)
@@ -276,8 +277,7 @@ def relative_velocity(q, at, normal, I, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def slip_increment(n, dt, I, G):  # noqa: E741
-    """Compute the slip of the step and the velocities at its end of n contacts, along their normals and the axes of their
-    frames."""
+    """Compute the slip of the step and the velocities at its end of n contacts, along normals and frame axes."""
     for q in range(n):
         e_x, e_y, e_z = G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE]
         d_x = G[q + geometry.CROSS_AXIS * TILE]
@@ -296,7 +296,7 @@ def slip_increment(n, dt, I, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def force_and_torques(n, I, O, G):  # noqa: E741
-    """Compute the forces of n contacts on the owners, and the torques about the centres of both spheres, in world axes."""
+    """Compute the forces of n contacts on the owners and the torques about both centres, in world axes."""
     for q in range(n):
         f_n = O[q + law_output.NORMAL_FORCE * TILE]
         t_1 = O[q + law_output.TANGENTIAL_X * TILE]

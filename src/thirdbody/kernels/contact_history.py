@@ -17,14 +17,15 @@ def labeller_column(n_history):
 
 @njit(**BARE)
 def spring_energy(k, stored, H):
-    """Return the energy of the tangential and rolling springs of candidate k [J]; `stored`: its column in the history, -1: no
+    """Return the energy of the tangential and rolling springs of candidate k [J]. `stored`: its history column; -1: no
     springs."""
     return H[k, contact_state.LAW + stored] if stored >= 0 else 0.0
 
 
 @njit(**BARE)
 def reset_history(k, stored, H):
-    """Clear the history of a contact that opened; return the energy of its springs, which is dissipated [J] (`spring_energy`)."""
+    """Clear the history of a contact that opened. Returns the energy of its springs (`spring_energy`), which is dissipated
+    [J]."""
     lost = spring_energy(k, stored, H)
     for h in range(H.shape[1]):
         H[k, h] = 0.0
@@ -33,8 +34,7 @@ def reset_history(k, stored, H):
 
 @njit(**BARE)
 def store_one(k, q, axis, first, O, H, n_history):  # noqa: E741
-    """Store the axis of the frame and the slip of candidate k, then its history: `first` four numbers, the rest from element
-    q."""
+    """Store frame axis, slip and history of candidate k. `first`: four numbers of the history; the rest comes from element q."""
     store(H, k, contact_state.AXIS, axis)
     store(H, k, contact_state.LAW, first)
     for h in range(LANES, n_history):

@@ -1,4 +1,7 @@
-"""Labels of all bodies, computed only when requested; a module apart, so that the step loop compiles without it."""
+"""Labels of all bodies, computed only when requested.
+
+A module apart, so that the step loop compiles without it.
+"""
 
 import numpy as np
 from numba import njit, types
@@ -19,7 +22,7 @@ LABEL_BODIES = types.void(
 
 @njit(**BARE)
 def compact_loaded(C, n):
-    """Move the rows of contacts that carry a load to the front of the contact table C; return their number.
+    """Move the rows of contacts that carry a load to the front of the table C; return their number.
 
     Where a sphere leaves a plate its dashpot can cancel the elastic force: the contact is closed, but carries nothing.
     """
@@ -34,7 +37,7 @@ def compact_loaded(C, n):
 
 @njit(LABEL_BODIES, **DIRECT, **NO_COUNTS)
 def label_bodies(edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, label, out, O, table):  # noqa: E741
-    """Compute state, reason, margins and extras of every body at this instant, from the contacts that carry a load.
+    """Compute state, reason, margins and extras of every body from the contacts that carry a load.
 
     M: a copy of the labeller's memory. Scratch: O (observed_body.WIDTH,), table (largest number of contacts of a body, width).
     """

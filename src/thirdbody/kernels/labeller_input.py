@@ -1,4 +1,4 @@
-"""Input of a labeller: one row per loaded contact of a body, the motion of the body and of the plates."""
+"""Input of a labeller: rows of the loaded contacts of a body, motion of body and plates."""
 
 import numpy as np
 from numba import njit
@@ -13,7 +13,7 @@ from thirdbody.kernels.rigid_body import BODIES
 
 @njit(**BARE)
 def contact_row(C, n, k, second, own, partner, H, R, memory_at):
-    """Fill row n of a body's contact table from candidate k, seen from the owner or from its partner (`second`)."""
+    """Fill row n of a body's contact table from candidate k. `second`: the body is the partner, not the owner."""
     j = partner[k]
     sign = -1.0 if second else 1.0
     C[n, loaded_contact.PARTNER] = DEBRIS if is_sphere(j) else (LOWER if is_lower(j) else UPPER)
@@ -68,7 +68,7 @@ def body_row(b, B, E, A, drag, speed, O):  # noqa: E741
 
 @njit(**BARE)
 def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at, C):
-    """Fill the contact table C of body b with its loaded contacts, in the order of candidates; return their number."""
+    """Fill the table C with the loaded contacts of body b, in the order of candidates; return their number."""
     n = np.int64(0)  # not the literal 0, for which the callees would be compiled once more
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1

@@ -1,6 +1,6 @@
 """Overlaps of candidates, and the lists of active contacts and of those that opened.
 
-Vectorised by fours: a branch on whether a candidate touches would be mispredicted, so there is none.
+Vectorised: a branch on whether a candidate touches would be mispredicted, so there is none.
 """
 
 import math
@@ -18,7 +18,8 @@ from thirdbody.kernels.predicates import is_plate, is_upper, patch_of_partner
 
 @njit(**BARE)
 def overlap_and_normal(k, own, partner, S, P, l_x, l_y):
-    """Return the overlap of candidate k (not positive: apart) [m] and, if it touches, the unit normal from partner to owner."""
+    """Return the overlap of candidate k [m] and the unit normal. Apart: overlap <= 0, no normal. Normal: from partner to
+    owner."""
     i, j = own[k], partner[k]
     if is_plate(j):
         overlap, up = plate_overlap(k, own, partner, S, P)
@@ -37,7 +38,7 @@ def overlap_and_normal(k, own, partner, S, P, l_x, l_y):
 
 @njit(**BARE)
 def plate_overlap(k, own, partner, S, P):
-    """Return the overlap of candidate k with its plate (not positive: apart) [m], and 1 if that is the upper one, else 0."""
+    """Return the overlap of candidate k with its plate [m], <= 0 if apart, and 1 for the upper plate, else 0."""
     i, j = own[k], partner[k]
     z, r = S[i, sphere.Z], S[i, sphere.RADIUS]
     up = 1.0 if is_upper(j) else 0.0
@@ -67,8 +68,7 @@ def four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y):
 
 @njit(**BARE_CHUNK)
 def pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
-    """Compute reach^2 - distance^2 of candidates first to last into g [m2]: positive if they touch (c = 1/l, 0 if not
-    periodic)."""
+    """Compute reach^2 - distance^2 of candidates first to last [m2] into g: > 0 if they touch. c = 1/l, 0 if not periodic."""
     fours = first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
         put(g, k - first, four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y))
@@ -82,10 +82,10 @@ def pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
 
 @njit(**BARE_CHUNK)
 def compact_active(first, last, g, closed, touching, opened):
-    """List the candidates that touch, and those that do no longer but did one or two steps ago; return both numbers.
+    """List the candidates that touch, and those that touched one or two steps ago only.
 
-    `closed`: 1 for those that touch, 2 for those that did one step ago. The list of the active ones is padded with the last of
-    them as far as it is read ahead; all else after the ends of the lists is undefined.
+    Returns both numbers. `closed`: 1 for those that touch, 2 for those that did one step ago. The list of the active ones is
+    padded with the last of them as far as it is read ahead; all else after the ends of the lists is undefined.
     """
     m, o, fours = np.int64(0), np.int64(0), first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):

@@ -1,4 +1,4 @@
-"""Search for candidates, the pairs that may touch before the next search: spheres and plates, spheres of different bodies.
+"""Search for candidates: pairs of sphere and plate, or of spheres, that may touch before the next search.
 
 Candidates come out sorted (plates by sphere, then pairs by owner and partner; the sphere with the lower number owns a pair), so
 history is carried over by one merge and nothing depends on threads.
@@ -17,7 +17,7 @@ from thirdbody.kernels.predicates import is_lower, is_sphere, partner_of_patch
 
 @njit(**DIRECT, **NO_COUNTS)
 def plate_candidates(S, P, body, patch_of, has_lower, has_upper, skin, own, partner):
-    """Fill own and partner with the spheres within `skin` of a plate; return their number (also beyond the capacity)."""
+    """List the spheres within `skin` of a plate in own and partner; return their number, also beyond the capacity."""
     n = 0
     for i in range(S.shape[0]):
         if has_lower and S[i, sphere.SIDE] != ONLY_UPPER and S[i, sphere.Z] - S[i, sphere.RADIUS] < skin:
@@ -66,7 +66,7 @@ def fill_cells(S, body, low, size, count, periodic, edges, cells, Q):
 
 @njit(**BARE)
 def neighbour(c, step, count, periodic):
-    """Return the cell one step along an axis, or -1 if there is none or it was visited already (fewer than three cells)."""
+    """Return the cell one step along an axis; -1: none, or visited already (fewer than three cells)."""
     if count == 1:
         return 0 if step == 0 else -1
     if count == 2 and step == -1 and periodic:
@@ -89,7 +89,7 @@ def sort_in(j, begin, end, result):
 
 @njit(**BARE)
 def near(p, k, skin, l_x, l_y, c_x, c_y, Q):
-    """Return as bits which of the four spheres from element k on are within `skin` of sphere p and of another body."""
+    """Return as bits which of the spheres k to k + 3 are within `skin` of sphere p and of another body."""
     d_x, d_y, d_z = broadcast(Q[0, p]) - load(Q, 0, k), broadcast(Q[1, p]) - load(Q, 1, k), broadcast(Q[2, p]) - load(Q, 2, k)
     d_x, d_y = images(d_x, l_x, c_x), images(d_y, l_y, c_y)
     reach, other = broadcast(Q[3, p] + skin) + load(Q, 3, k), broadcast(Q[5, p]) - load(Q, 5, k)
@@ -98,7 +98,7 @@ def near(p, k, skin, l_x, l_y, c_x, c_y, Q):
 
 @njit(**BARE)
 def scan(p, first, end, skin, l_x, l_y, c_x, c_y, Q, pairs, m):
-    """Append the pairs of sphere p with the near ones of elements first to end to the m pairs so far; return the new m.
+    """Append the pairs of sphere p with near elements first to end to the m pairs so far; return the new m.
 
     The number counts pairs beyond the capacity, too. c = 1/l, 0 if not periodic. Few are near: four are tested at once.
     """
@@ -114,7 +114,7 @@ def scan(p, first, end, skin, l_x, l_y, c_x, c_y, Q, pairs, m):
 
 @njit(**BARE)
 def list_columns(a, b, count, periodic, columns):
-    """List the bottom cells of the columns around column (a, b) that follow it in order; return their number.
+    """List the bottom cells of the columns around (a, b) that follow it in order; return their number.
 
     So every pair of columns is visited once.
     """
@@ -130,8 +130,8 @@ def list_columns(a, b, count, periodic, columns):
 
 @njit(**BARE)
 def collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs):
-    """List all pairs of spheres of different bodies within `skin`, the lower number first; return their number (also beyond
-    capacity)."""
+    """List all pairs of spheres of different bodies within `skin`, lower number first. Returns their number, also beyond the
+    capacity."""
     m, c_x, c_y = np.int64(0), inverse(l_x), inverse(l_y)
     for a in range(count[0]):
         for b in range(count[1]):
@@ -148,7 +148,7 @@ def collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs):
 
 @njit(**BARE)
 def put_in_order(m, pairs, at, n, own, partner):
-    """Append m pairs, sorted by owner and then by partner, after the first n candidates; `at` (spheres + 1,): zero at first."""
+    """Append m pairs, sorted by owner, then partner, after the first n candidates. `at` (spheres + 1,): zero at first."""
     for e in range(m):
         at[pairs[0, e] + 1] += 1
     for i in range(1, at.shape[0]):
@@ -176,7 +176,7 @@ def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, col
 
 
 def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own, partner):
-    """Append the sphere pairs within `skin` from candidate n on; return the number of candidates (also beyond the capacity)."""
+    """Append the sphere pairs within `skin` from candidate n on; return the new number, also beyond the capacity."""
     # allocated here, since a kernel would compile each of these calls
     many = len(S)
     edges, columns, cells = np.zeros(int(np.prod(count)) + 2, np.int32), np.empty(10, np.int64), np.empty(many, np.int32)
@@ -204,7 +204,7 @@ def carry_history(first, last, own, partner, H, old_first, old_last, old_own, ol
 
 
 def incidences(n, own, partner, n_spheres):
-    """Return the candidates of each sphere, in order, as compressed rows: (edges, 2 candidate + 1 if it is the partner)."""
+    """Return the candidates of each sphere as compressed rows: (edges, 2 candidate + 1 if it is the partner)."""
     edges = np.zeros(n_spheres + 1, np.int32)
     incidence = np.empty(n + np.count_nonzero(partner[:n] >= 0), np.int32)
     list_slots(n, own, partner, edges, np.empty(n_spheres, np.int32), incidence)

@@ -21,8 +21,7 @@ def inverse(length):
 
 @njit(**BARE)
 def image(d, length, inverse):
-    """Return the separation d to the nearest image, given length and `inverse`: no division, no branch, for loops over
-    candidates."""
+    """Return the separation d to the nearest image, without division or branch. For loops over candidates."""
     return d - length * np.rint(d * inverse)
 
 

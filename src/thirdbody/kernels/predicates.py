@@ -1,4 +1,4 @@
-"""Predicates for codes in tables: the partner of a candidate, whether it touches, whether there are effects.
+"""Predicates for codes in tables: partner of a candidate, contact, presence of effects.
 
 The partner of a candidate is the number of a sphere; -1, the lower plate; or -2 - p, patch p of the upper plate.
 """
@@ -35,7 +35,7 @@ def is_upper(partner):
 
 @njit(**BARE)
 def patch_of_partner(partner):
-    """Return the row of the patch that is the partner; 0 for any other, so that it can be read without a branch."""
+    """Return the row of the patch that is the partner; 0 for any other partner, to be read without a branch."""
     return max(-partner - 2, 0)
 
 

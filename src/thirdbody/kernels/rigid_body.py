@@ -30,15 +30,16 @@ brings to rest between two plates decays for ever, and arithmetic on denormal nu
 
 @njit(**BARE)
 def store_three(S, s, c, v):
-    """Write the first three numbers of v into row s from column c on; preserve the column after them, another quantity."""
+    """Write the first three numbers of v into row s from column c on. The next column, another quantity, is preserved."""
     store(S, s, c, with_last(v, load(S, s, c)))
 
 
 @njit(**BARE)
 def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
-    """Set position, arm and velocities of sphere s: of the step (arm half a step of length 2 h ago), and at its end.
+    """Set position, arm and velocities of sphere s, those of the step and those at its end.
 
-    All are vectors of four; `turn`: the columns of the rotation matrix.
+    The arm for the step is that of half a step of length 2 h ago. All are vectors of four; `turn`: the columns of the rotation
+    matrix.
     """
     arm = turn[0] * broadcast(offsets[s, 0]) + turn[1] * broadcast(offsets[s, 1]) + turn[2] * broadcast(offsets[s, 2])
     middle = arm - broadcast(h) * cross(w, arm)
@@ -76,7 +77,7 @@ def columns(turn):
 
 @njit(**BARE_CHUNK)
 def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
-    """Set positions, arms and velocities of body b's spheres from its position x and orientation q at the end of a step."""
+    """Set positions, arms and velocities of body b's spheres from its pose x, q at the end of a step."""
     rotation, at = columns(matrix(q[0], q[1], q[2], q[3])), vector(x)
     u, o, u_end, o_end = vector(v), vector(w), vector(v_end), vector(w_end)
     for s in range(start[b], start[b + 1]):
@@ -85,7 +86,7 @@ def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
 
 @njit(**BARE_CHUNK)
 def spin_body(b, B, E):
-    """Update the angular velocity of body b from its angular momentum; of a single sphere the momentum from the velocity."""
+    """Update the angular velocity of body b from its angular momentum; for a single sphere the reverse."""
     if B[b, body.SPHERE_INERTIA] != 0.0:
         store_three(E, b, np.int64(body_extra.ANGULAR_MOMENTUM), broadcast(B[b, body.SPHERE_INERTIA]) * load(B, b, body.SPIN))
     else:
@@ -99,7 +100,7 @@ def spin_body(b, B, E):
 
 @njit(**DIRECT, **NO_COUNTS)
 def place_all(start, offsets, S, B, E):
-    """Place all spheres at the present poses of their bodies, with present velocities; update the spins of the bodies."""
+    """Place all spheres at the present poses of their bodies, with present velocities; update body spins."""
     for b in range(B.shape[0]):
         x = (B[b, body.POSITION], B[b, body.POSITION + 1], B[b, body.POSITION + 2])
         v = (B[b, body.VELOCITY], B[b, body.VELOCITY + 1], B[b, body.VELOCITY + 2])
@@ -121,7 +122,7 @@ def quaternion(b, B):
 
 @njit(**BARE)
 def check_position(b, x, share, limits, bad, out):
-    """Return b + 1 as `bad` if body b or its `share` is not finite, as `out` if it left the domain; else both as given."""
+    """Update `bad` and `out`: b + 1 if body b or its `share` is not finite, or if it left the domain."""
     low, high = limits
     bad = bad if all_below(x, FAR) & all_below(broadcast(0.0) - x, FAR) & (share < FAR) else b + 1
     out = b + 1 if (less_mask(x, low) | less_mask(high, x)) != 0 else out
@@ -139,7 +140,7 @@ def limits_of(D):
 
 @njit(**BARE_CHUNK)
 def reset_plate_forces(first, last, own, body, E):
-    """Reset the push of the upper plate on the bodies that can touch it, candidates first to last; the contacts sum it again."""
+    """Reset the push of the upper plate on the bodies of candidates first to last; the contacts sum it again."""
     for k in range(first, last):
         E[np.uint64(body[own[k]]), body_extra.UPPER_PUSH] = 0.0
 

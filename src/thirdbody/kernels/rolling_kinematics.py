@@ -1,6 +1,7 @@
-"""Kinematics of rolling contacts, moments on them, and travel of the contact area; only where a scene has a law that needs them.
+"""Kinematics and moments of rolling contacts, and travel of the contact area.
 
-A pass over a tile before the law and, for moments, one after it, so that the loop of all other scenes is unaffected.
+Only in scenes with a law that needs them: a pass over a tile before the law and, for moments, one after it, so that the loop of
+all other scenes is unaffected.
 
 The relative rotation of the step is in the contact's plane, in the transported frame. It is conjugate to the moment: the work of
 the pair (M on the owner, -M on the partner) is M . (w_i - w_j) dt, zero for two bodies that rotate as one. A plate does not
@@ -22,8 +23,7 @@ MOMENTS = 2
 
 @njit(**BARE)
 def relative_spin(S, i, j, column):
-    """Return the angular velocity of the owner's body relative to the partner's [rad/s], from a column of the table of
-    spheres."""
+    """Return the angular velocity of the owner relative to the partner [rad/s]. `column`: of the table of spheres."""
     if is_plate(j):
         return S[i, column], S[i, column + 1], S[i, column + 2]
     return (
@@ -67,8 +67,7 @@ def travel(i, j, q, S, P, G, v_x, v_y):
 
 @njit(**BARE)
 def gather_rolling(q, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history):  # noqa: E741
-    """Gather the relative rotation of the step, its rate at the end, and the travel of the contact area into element q of the
-    tile."""
+    """Gather relative rotation, its rate at the end of the step, and travel of the contact area into element q."""
     i, j = own[k], partner[k]
     at = (law_input.HISTORY + n_history) * TILE + q
     w_x, w_y, w_z = relative_spin(S, i, j, np.int64(sphere.MID_SPIN))

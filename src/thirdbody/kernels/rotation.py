@@ -24,7 +24,7 @@ def matrix(w, x, y, z):
 
 @njit(**BARE)
 def spin(q, angular_momentum, inertia):
-    """Return the angular velocity, world axes [rad/s], of a body with this angular momentum (world axes)."""
+    """Return the angular velocity of a body [rad/s] from its angular momentum, both in world axes."""
     a, b, c, d, e, f, g, h, i = matrix(q[0], q[1], q[2], q[3])
     l_x, l_y, l_z = angular_momentum
     p_x = (a * l_x + d * l_y + g * l_z) / inertia[0]
@@ -55,10 +55,11 @@ def _body_momentum(w, x, y, z, l_x, l_y, l_z):
 
 @njit(**BARE)
 def free_rotation(q, angular_momentum, inertia, dt):
-    """Return the orientation after dt with constant angular momentum: rotations about the principal axes 3, 2, 1, 2, 3.
+    """Return the orientation after dt with constant angular momentum.
 
-    Splitting of Dullweber, Leimkuhler and McLachlan 1997 (Miller et al. 2002): second order, time-reversible, and the angular
-    momentum, stored in world axes, is constant to the last bit. A single sphere needs no splitting (`rotate_small`).
+    Rotations about the principal axes 3, 2, 1, 2, 3: splitting of Dullweber, Leimkuhler and McLachlan 1997 (Miller et al. 2002),
+    second order, time-reversible; the angular momentum, stored in world axes, is constant to the last bit. A single sphere needs
+    no splitting (`rotate_small`).
     """
     w, x, y, z = q
     i_x, i_y, i_z = inertia
@@ -74,8 +75,7 @@ def free_rotation(q, angular_momentum, inertia, dt):
 
 @njit(**BARE)
 def rotate_small(q, r):
-    """Return the unit quaternion q after a small rotation by the vector r, world axes; tan(r/2) replaced by r/2 (error
-    r^3/12)."""
+    """Return the unit quaternion q after a small rotation r, world axes. tan(r/2) is replaced by r/2 (error r^3/12)."""
     half = broadcast(0.5) * r
     new = (
         (q + broadcast_lane(half, 0) * axis_times_quaternion(q, 0)) + broadcast_lane(half, 1) * axis_times_quaternion(q, 1)

@@ -76,7 +76,7 @@ def mean_rate(schedule, first, axis, t, dt):
 
 @njit(**BARE)
 def next_corner(schedule, first, axis, t):
-    """Return the next time after t at which an axis reverses or changes its kind of motion [s]; infinite if it never does."""
+    """Return the next time after t at which an axis reverses or changes its motion [s]; infinite if it never does."""
     corner = np.inf
     row = segment(schedule, first, axis, t)
     following = row + 1 if row >= 0 else first[axis]

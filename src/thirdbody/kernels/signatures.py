@@ -1,4 +1,4 @@
-"""Signatures of the functions that the engine calls through a pointer, so that it is compiled once for all laws."""
+"""Signatures of functions called through a pointer, so that the engine is compiled once for all laws."""
 
 from collections import namedtuple
 

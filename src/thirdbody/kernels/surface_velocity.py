@@ -9,7 +9,7 @@ from thirdbody.kernels.predicates import is_lower, is_upper, patch_of_partner
 
 @njit(**BARE)
 def surface_velocity(S, i, v, w, r_x, r_y, r_z):
-    """Return the velocity of sphere i's surface at the arm r from its centre [m/s], from the columns v and w of the table."""
+    """Return the velocity of sphere i's surface at the arm r from its centre [m/s]. v, w: columns of the table."""
     o_x, o_y, o_z = S[i, w], S[i, w + 1], S[i, w + 2]
     return (
         S[i, v] + o_y * r_z - o_z * r_y, S[i, v + 1] + o_z * r_x - o_x * r_z, S[i, v + 2] + o_x * r_y - o_y * r_x,
@@ -18,7 +18,7 @@ def surface_velocity(S, i, v, w, r_x, r_y, r_z):
 
 @njit(**BARE)
 def partner_velocity(S, P, j, v, w, r_x, r_y, r_z, v_x, v_y):
-    """Return the velocity of the partner's surface [m/s]: a sphere, or a plate (the upper one moves with v_x, v_y)."""
+    """Return the velocity of the partner's surface [m/s]. v_x, v_y: of the upper plate."""
     if is_lower(j):
         return 0.0, 0.0, 0.0
     if is_upper(j):

@@ -1,4 +1,4 @@
-"""Parameters of the laws for a tile of contacts, field by field, so that the law's loop can be vectorised."""
+"""Parameters of the laws for a tile, field by field, so that the law's loop can be vectorised."""
 
 from numba import njit
 

@@ -79,7 +79,7 @@ def book_opened(n, force, moment, stored, n_history, I, O):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def load_dashpot_forces(n, place, moment, n_history, I):  # noqa: E741
-    """Load the last forces and, if any, moments of the dashpots of n contacts over the velocities that caused them."""
+    """Load the last forces and moments, if any, of the dashpots of n contacts over their velocities."""
     old = I[(law_input.HISTORY + place) * TILE :]
     for q in range(n):
         p = np.uint64(q)
@@ -110,11 +110,10 @@ def store_dashpot_forces(n, place, moment, n_history, O):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
-    """Write the energy that the dashpots of n contacts dissipate in the step into law_output.DASHPOT_POWER [J]; store their
-    forces.
+    """Write the energy that the dashpots of n contacts dissipate into law_output.DASHPOT_POWER [J].
 
-    `place`: column of the history with their force, packed into one number (`three_in_one`); their moment, if any, is in the
-    next.
+    Also stores their forces. `place`: column of the history with the force, packed into one number (`three_in_one`); the moment,
+    if any, is in the next column.
     """
     moment = n_history >= place + 2
     behind = law_output.HISTORY + n_history
@@ -160,7 +159,7 @@ def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
 
 @njit(**BARE)
 def book_opened_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
-    """Return the energy that the dashpots of n contacts that opened within the step dissipated in it [J]."""
+    """Return the energy that the dashpots of n contacts dissipated in the step in which they opened [J]."""
     for h in range(rolling_output.VISCOUS_NORMAL, rolling_output.VISCOUS_MOMENT_Y + 1):
         for q in range(n):
             O[q + (law_output.HISTORY + n_history + h) * TILE] = 0.0

@@ -62,7 +62,7 @@ LARGEST = 1e300
 
 
 def scratch_sizes(n_history, longest):
-    """Return the scratch of a thread for chunks of at most `longest` candidates: numbers of floats and of integers.
+    """Return the scratch of a thread for at most `longest` candidates: numbers of floats and integers.
 
     Whole cache lines, since a vector of eight that straddles two lines takes twice the time.
     """
@@ -72,7 +72,7 @@ def scratch_sizes(n_history, longest):
 
 @njit(**BARE)
 def add_force(b, B, force, torque):
-    """Add a force and a torque, followed by friction work and slip in the fourth element, to those on body b."""
+    """Add a force (4th lane: friction work) and a torque (4th lane: slip) to those on body b."""
     store(B, b, body.FORCE, load(B, b, body.FORCE) + force)
     store(B, b, body.TORQUE, load(B, b, body.TORQUE) + torque)
 
@@ -91,7 +91,7 @@ def scatter_plate_force(k, c, own, partner, body, S, B, E, sums, force, torque):
 
 @njit(**BARE)
 def scatter_pair_force(k, own, partner, body, outer, clumps, S, B, F, force, torque, back):
-    """Apply a contact between spheres to both bodies; `torque`, `back`: about the centres of owner and partner [N m]."""
+    """Apply a contact between spheres to both bodies. `torque`, `back`: about the centres of owner and partner [N m]."""
     i, j = np.uint64(own[k]), np.uint64(partner[k])
     against = with_last(broadcast(0.0) - force, force)
     b, p = i, j
@@ -114,7 +114,7 @@ def four_rows(at, G, last):
 
 @njit(**BARE_CHUNK)
 def scatter_plate_tile(n, c, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
-    """Apply a tile of n contacts with plates, slots[first:first + n], to their bodies; add their forces to row c of `sums`."""
+    """Apply n contacts with plates, slots[first:first + n], to their bodies; add their forces to row c of `sums`."""
     for q in range(0, n, 4):
         work, slip = get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
         p, f, t = first + q, four_rows(q + geometry.FORCE * TILE, G, work), four_rows(q + geometry.TORQUE * TILE, G, slip)
@@ -129,7 +129,7 @@ def scatter_plate_tile(n, c, slots, first, own, partner, body, S, O, G, B, E, su
 
 @njit(**BARE_CHUNK)
 def scatter_pair_tile(n, slots, first, own, partner, body, outer, S, O, G, B, F):  # noqa: E741
-    """Apply a tile of n contacts between spheres, slots[first:first + n], to their bodies."""
+    """Apply n contacts between spheres, slots[first:first + n], to their bodies."""
     clumps = S.shape[0] != B.shape[0]
     for q in range(0, n, 4):
         work, slip = broadcast(SHARE) * get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
@@ -192,7 +192,7 @@ def zero_padding(m, O, I, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def larger_overlap(q, end, slots, first, I, G, deepest, slot):  # noqa: E741
-    """Return the larger of `deepest` and the overlaps over the smaller radius of elements q to `end`, with its candidate."""
+    """Return the larger of `deepest` and the overlaps over radius of elements q to `end`, with its candidate."""
     for e in range(q, end):
         ratio = I[e + law_input.OVERLAP * TILE] / min(G[e + geometry.RADIUS * TILE], G[e + geometry.PARTNER_RADIUS * TILE])
         deepest, slot = (ratio, np.int64(slots[first + e])) if ratio > deepest else (deepest, slot)
@@ -216,7 +216,7 @@ def sum_of_lanes(v):
 
 @njit(**BARE)
 def store_sums(c, lost, damped, sums_of_tile, sums):
-    """Write the reductions of a group into row c, with the friction and dashpot losses of the contacts that opened."""
+    """Write the reductions of a group into row c. `lost`, `damped`: losses of contacts that opened [J]."""
     work, taken, sums[c, contact_sums.MAX_OVERLAP], sums[c, contact_sums.SLOT], sums[c, contact_sums.BAD_SLOT] = sums_of_tile
     sums[c, contact_sums.FRICTION_WORK] = lost + sum_of_lanes(work)
     sums[c, contact_sums.DAMPING_WORK] = damped + sum_of_lanes(taken)
@@ -271,7 +271,7 @@ def write_record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
 @njit(**BARE_CHUNK)
 def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, E, P, H, F, R, sums, law, pairs, dt,
                   v_x, v_y, l_x, l_y, n_history, rolling, force, moment, stored, dashpots, observed, scratch, marks):  # fmt: skip
-    """Apply the contacts of candidates `first` to `last` to their bodies: overlaps, then the laws in tiles; sums into row c.
+    """Apply candidates `first` to `last` to their bodies: overlaps, then the laws in tiles; sums into row c.
 
     `flat`: all are candidates with plates; else all are between spheres. `scratch`, `marks`: scratch (`scratch_sizes`).
     """

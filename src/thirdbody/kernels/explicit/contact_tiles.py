@@ -32,7 +32,7 @@ def store_remote_force(f, force, torque, F):
 
 @njit(**BARE)
 def gather_plate_contacts(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history):  # noqa: E741
-    """Gather n contacts with plates, slots[first:first + n], into the first elements; `g`: their overlaps [m]."""
+    """Gather n contacts with plates, slots[first:first + n], into the first elements. `g`: their overlaps [m]."""
     for q in range(n):
         k = slots[first + q]
         rise = P[patch_of_partner(partner[k]), patch.VELOCITY]
@@ -42,7 +42,7 @@ def gather_plate_contacts(n, slots, first, g, start, own, partner, kind, S, P, H
 @njit(**BARE_CHUNK)
 def gather_tile(n, slots, first, flat, g, start, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y, n_history,
           rolling, I, G):  # noqa: E741  # fmt: skip
-    """Gather the contacts slots[first:first + n] into a tile: geometry, slip and velocities, rotation, and history."""
+    """Gather contacts slots[first:first + n] into a tile: geometry, slip, velocities, rotation, history."""
     if flat:
         gather_plate_contacts(n, slots, first, g, start, own, partner, kind, S, P, H, v_x, v_y, I, G, n_history)
     else:

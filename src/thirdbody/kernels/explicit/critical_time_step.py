@@ -38,7 +38,7 @@ def stable_step(square, rate):
 
 @njit(**BARE)
 def approach(i, j, body_of, S, B, P, n_x, n_y, n_z, horizon):
-    """Return how much deeper a contact can get within the horizon [s], from present speeds and forces [m]; never negative."""
+    """Return how much deeper a contact can get within the horizon [s], from present speeds and forces [m]; >= 0."""
     b = body_of[i]
     v = S[i, sphere.END_VELOCITY] * n_x + S[i, sphere.END_VELOCITY + 1] * n_y + S[i, sphere.END_VELOCITY + 2] * n_z
     a = (B[b, body.FORCE] * n_x + B[b, body.FORCE + 1] * n_y + B[b, body.FORCE + 2] * n_z) / S[i, sphere.MASS]
@@ -58,7 +58,7 @@ def approach(i, j, body_of, S, B, P, n_x, n_y, n_z, horizon):
 
 @njit(**BARE)
 def store_stiffness(m, first, told, answer, P, rows, patches):
-    """Write the stiffness of a tile of m contacts into their rows from `first` on, and add it to that of the patches."""
+    """Write the stiffness of a tile of m contacts into rows from `first` on; add it to that of the patches."""
     for t in range(m):
         r = first + t
         k_n, k_t, k_r = answer[t], answer[t + TILE], answer[t + 2 * TILE]
@@ -91,8 +91,7 @@ def active_candidates(n_plates, n, own, partner, S, l_x, l_y, near, place):
 @njit(**BARE)
 def find_contacts(n, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, horizon, limit, stiffness, patches, told, answer,
                   rows, place):  # fmt: skip
-    """Fill rows for those of the n candidates `near` that touch or will within the horizon; `place`: row of each candidate, or
-    -1."""
+    """Fill rows of those candidates `near` that touch or will within the horizon. `place`: row of each candidate, or -1."""
     m, first = np.int64(0), np.int64(0)
     for e in range(n):
         k = near[e]
@@ -142,11 +141,10 @@ def cyclic_shift(v):
 
 @njit(**BARE)
 def contact_jacobian(n, arm, reach):
-    """Return the products of which the stiffness of a contact of normal n at r = arm + reach n (from the centre of mass) is a
-    sum.
+    """Return the products that make up the stiffness of a contact of normal n at r = arm + reach n.
 
-    Products of n and w = r x n: n n^T, w w^T, n w^T; and r^2 1 - r r^T, r. Symmetric ones: diagonal and yz, zx, xy; others:
-    diagonal, those, and zy, xz, yx.
+    r: from the centre of mass. Products of n and w = r x n: n n^T, w w^T, n w^T; and r^2 1 - r r^T, r. Symmetric ones: diagonal
+    and yz, zx, xy; others: diagonal, those, and zy, xz, yx.
     """
     r, w = with_last(arm + broadcast(reach) * n, n), cross(arm, n)
     n_1, w_1, r_1 = cyclic_shift(n), cyclic_shift(w), cyclic_shift(r)
@@ -160,9 +158,10 @@ def contact_jacobian(n, arm, reach):
 
 @njit(**BARE)
 def add_stiffness(s, k, g):
-    """Return s + J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T), J = (1, -[r]x), for a contact with `contact_jacobian` g.
+    """Add the stiffness of a contact with `contact_jacobian` g to the sum s.
 
-    Three parts: forces per displacement, moments per rotation, forces per rotation; k_r resists all rotations but those about n.
+    J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T), J = (1, -[r]x): forces per displacement, moments per rotation, forces per
+    rotation. The second part resists by k_r all rotations but those about n.
     """
     d, t, r, one = broadcast_lane(k, 0), broadcast_lane(k, 1), broadcast_lane(k, 2), set4(1.0, 1.0, 1.0, 0.0)
     return (
@@ -196,7 +195,7 @@ def assemble(b, own, partner, edges, incidence, place, near, rows, S):
 
 @njit(**BARE)
 def eigenvalue_upper_bound(s, u, v):
-    """Return an upper bound of `eigenvalue` of a sum over a mass 1/u and moments of inertia 1/v, or over larger ones.
+    """Return an upper bound of `eigenvalue` of a sum over a mass >= 1/u and moments of inertia >= 1/v.
 
     From the trace t and the Frobenius norm f: eigenvalues do not exceed l = t/6 + (5/6 (f^2 - t^2/6))^(1/2) (Wolkowicz and Styan
     1980, theorem 2.1), so their powers sum to t l^15 at most; its root is concave in t, hence below its tangent at 3 l.
@@ -227,7 +226,7 @@ def times(v, X):
 
 @njit(**BARE)
 def frame(b, B, E):
-    """Return the rows of the matrix that takes moments of body b to principal axes, over the roots of its moments of inertia."""
+    """Return the rows of the matrix from body b's moments to principal axes, over the roots of its inertias."""
     q = matrix(B[b, body.QUATERNION], B[b, body.QUATERNION + 1], B[b, body.QUATERNION + 2], B[b, body.QUATERNION + 3])
     i = set4(
         1.0 / math.sqrt(E[b, body_extra.INERTIA]),
@@ -247,8 +246,8 @@ def write(M, row, left, right, scale):
 
 @njit(**BARE_CHUNK)
 def normalise(s, mass, X, M):
-    """Write a sum, over mass and inertias (X: `frame`) and over its trace, into M (6, 8); return translational and rotational
-    trace."""
+    """Write a sum over mass, inertias (X: `frame`) and trace into M (6, 8). Returns the traces of its translations and
+    rotations."""
     z, root, d, up, low = broadcast(0.0), broadcast(1.0 / math.sqrt(mass)), s[4], s[5], s[6]
     A, D, Y = symmetric(s[0], s[1]), symmetric(s[2], s[3]), transpose(X[0], X[1], X[2], z)
     x = root * times(set4(extract(d, 0), extract(up, 2), extract(low, 1), 0.0), X)
@@ -269,7 +268,7 @@ def normalise(s, mass, X, M):
 
 @njit(**BARE_CHUNK)
 def square_matrix(M, to):
-    """Write the square of M into `to`; return the sum of the squares of its numbers, which is the trace of M^4."""
+    """Write the square of M into `to`. Returns the sum of the squares of its numbers, which is the trace of M^4."""
     size = broadcast(0.0)
     for p in range(6):
         left, right = broadcast(0.0), broadcast(0.0)
@@ -284,7 +283,7 @@ def square_matrix(M, to):
 
 @njit(**BARE)
 def eigenvalue(M, square):
-    """Return an upper bound, at most 12 % high, of the largest eigenvalue of a positive semidefinite M: tr(M^16)^(1/16).
+    """Return tr(M^16)^(1/16), an upper bound of the largest eigenvalue of M, at most 12 % high. M: positive semidefinite;
     `square`: that of M; both are scratch."""
     square_matrix(square, M)
     return square_matrix(M, square) ** (1.0 / 16.0)
@@ -292,8 +291,8 @@ def eigenvalue(M, square):
 
 @njit(**BARE_CHUNK)
 def candidate_bound(b, sums, B, E, scratch, m, number, bodies, shortest):
-    """Write row m of `bodies` for body b if it may have the `shortest` steps, by frequency alone or with damping; return the
-    number of rows then, and the shortest steps [s]."""
+    """Write row m of `bodies` for body b if it may have one of the `shortest` steps. These are by frequency alone and with
+    damping [s]. Returns the number of rows then, and the shortest steps."""
     by_frequency, by_both = shortest
     X, mass, K, K_2, C, C_2 = frame(b, B, E), B[b, body.MASS], scratch[0], scratch[1], scratch[2], scratch[3]
     along, around = normalise(sums[0], mass, X, K)
@@ -334,11 +333,11 @@ STIFFNESS = types.int64(
 @njit(STIFFNESS, **DIRECT, **NO_COUNTS)
 def shortest_steps(n_plates, n, own, partner, kind, edges, incidence, body_of, S, B, E, P, pairs, l_x, l_y, horizon, limit,
                    stiffness, patches, number, bodies, told, answer, rows, near, place, minimum, scratch):  # fmt: skip
-    """Compute the longest stable steps, all bounds from below, of the patches and of those bodies that may have the shortest.
+    """Compute lower bounds of the longest stable steps of patches and of bodies that may have the shortest.
 
     `bodies` (m, 4): squared frequencies (traces) of translation and of rotation only [1/s2]; longest step by the frequency alone
     and by the damping rate, too [s]; their indices: `number`, in order. Returns m, at least 1. `patches` (n, 4), zero at first:
-    squared frequency [1/s2], damping rate [1/s], and the same steps [s]. Contacts are taken as deep as they can get within the
+    squared frequency [1/s2], damping rate [1/s], and the same steps [s]. Contacts are assumed as deep as they can get within the
     `horizon` [s], but no new depth beyond `limit` times the radius. `stiffness`: address of the compiled function. A contact
     between two bodies that both move counts twice in each (|J1 x1 - J2 x2|^2 <= 2 |J1 x1|^2 + 2 |J2 x2|^2).
     """

@@ -1,4 +1,4 @@
-"""The first pass of a step: half kick and drift of a chunk of bodies, then the positions of their spheres.
+"""The first pass of a step: half kick and drift of a chunk of bodies, positions of their spheres.
 
 Velocity Verlet. Single-sphere bodies are moved one by one (`drift_spheres`), all others field by field, which the compiler turns
 into vector instructions: IEEE arithmetic body by body, so the bits are those of a loop over bodies. The closing half kick of the
@@ -31,7 +31,7 @@ from thirdbody.kernels.rotation import free_rotation, matrix, spin
 
 @njit(**BARE)
 def three(Z, at):
-    """Return three fields of an element of a chunk, from `at` on: a sum, since a literal would be compiled once more."""
+    """Return three fields of an element, from `at` on: a sum, since a literal would be compiled once more."""
     return Z[at], Z[at + BODIES], Z[at + 2 * BODIES]
 
 
@@ -49,8 +49,7 @@ def flush_denormal(x, minimum):
 
 @njit(**BARE)
 def half_kick(v, left, change, minimum):
-    """Apply the pending closing kick of the last step (`left` 1, else 0) and the first one of this step: both changes are
-    equal."""
+    """Apply the pending closing kick of the last step (`left` 1, else 0) and the first of this step, of equal change."""
     return (
         flush_denormal(v[0] + left * change[0], minimum) + change[0],
         flush_denormal(v[1] + left * change[1], minimum) + change[1],
@@ -60,7 +59,7 @@ def half_kick(v, left, change, minimum):
 
 @njit(**BARE_CHUNK)
 def drift_tile(n, dt, left, Z):
-    """Half kick and full drift of n bodies, after the last step's closing kick if it is pending (`left` 1, else 0).
+    """Apply half kick and full drift to n bodies, after the last step's closing kick if pending (`left` 1).
 
     Also writes the longest path of a point of each body in this step. The loop contains no other loop: the compiler vectorises
     innermost loops only.
@@ -156,7 +155,7 @@ def scatter_body(p, b, Z, B, E):
 
 @njit(**BARE)
 def place_spheres(p, b, start, near, beginning, everything, offsets, S, Z, dt):
-    """Place those of body b's spheres that can touch something (`near`), or `everything`, from element p of the chunk."""
+    """Place body b's spheres from element p of the chunk: those that can touch something (`near`), or `everything`."""
     rotation = columns(
         (
             *three(Z, p + drift_scratch.MATRIX * BODIES),
@@ -175,7 +174,7 @@ def place_spheres(p, b, start, near, beginning, everything, offsets, S, Z, dt):
 
 @njit(**BARE)
 def prefetch_body(b, start, S, B):
-    """Prefetch the rows of body b if it is a single sphere (hardware prefetchers stop at page boundaries, every dozen bodies)."""
+    """Prefetch the rows of body b if it is a single sphere. Hardware prefetchers stop at page boundaries, every dozen bodies."""
     s = np.uint64(start[b])
     for line in range(0, body.WIDTH, LINE):
         prefetch(B, np.uint64(b), np.int64(line))
@@ -186,9 +185,9 @@ def prefetch_body(b, start, S, B):
 
 @njit(**BARE_CHUNK)
 def drift_bodies(c, start, near, beginning, everything, offsets, S, B, E, D, dt, left, moves, Z, staged):
-    """Drift the bodies of chunk c and place those of their spheres that can touch something (`near`), or `everything`.
+    """Drift the bodies of chunk c and place their spheres: those that can touch something (`near`), or `everything`.
 
-    `left`: 1 if the last closing kick is pending, 0 if it was made.
+    `left`: 1 if the last closing kick is pending, else 0.
     """
     seen = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
     balls, limits, n = (

@@ -1,4 +1,4 @@
-"""Drift of single-sphere bodies, with extrema per chunk; the offending body is identified only when a guard trips."""
+"""Drift of single-sphere bodies, with extrema per chunk; a body is named only when a guard trips."""
 
 import math
 
@@ -26,10 +26,10 @@ from thirdbody.kernels.rotation import rotate_small
 
 @njit(**BARE)
 def drift_ball(b, s, S, B, dt, left, seen):
-    """Half kick and full drift of body b, which is the single sphere s; return the updated extrema `seen` (`empty_extrema`).
+    """Apply half kick and full drift to body b, the single sphere s; return the updated extrema `seen`.
 
-    The last step's closing kick comes first if it is pending (`left` 1, else 0). The column that follows each vector is
-    preserved. A single-sphere body has no arm.
+    `seen`: see `empty_extrema`. The last step's closing kick comes first if it is pending (`left` 1, else 0). The column that
+    follows each vector is preserved. A single-sphere body has no arm.
     """
     x = load(B, b, body.POSITION)
     v = load(B, b, body.VELOCITY)
@@ -74,7 +74,7 @@ def empty_extrema():
 
 @njit(**BARE)
 def check_sphere_limits(c, start, S, B, D, limits, dt, seen):
-    """Reduce the extrema `seen` of the single spheres of chunk c as `check_limits` does; name bodies only if a guard trips."""
+    """Reduce the extrema `seen` of chunk c's single spheres as `check_limits` does. Bodies are searched only if a guard trips."""
     fastest, farthest, strange, low, high = seen
     distance, step = math.sqrt(fastest) * dt, 2.0 * math.sqrt(farthest)
     outside = less_mask(low, limits[0]) | less_mask(limits[1], high)

@@ -12,7 +12,7 @@ from thirdbody.kernels.rigid_body import BODIES, GUESTS, RESTING_MOMENTUM, RESTI
 
 @njit(**BARE)
 def kick_body(b, B, E, force, torque, dt):
-    """Half kick of body b by a force and a torque, vectors of four whose last element is ignored."""
+    """Apply a half kick by a force and a torque to body b: vectors of four whose last element is ignored."""
     v, w, half, none = load(B, b, body.VELOCITY), load(B, b, body.SPIN), 0.5 * dt, broadcast(0.0)
     turning = extract(w, 3)  # moment of inertia of a single-sphere body, else 0
     fraction = broadcast(half) / set4(extract(v, 3), turning, 1.0, 1.0)
@@ -55,10 +55,10 @@ def add_remote_forces(first, last, guests, F, B):
 
 @njit(**BARE_CHUNK)
 def gather_forces(c, cuts, guests, F, B, E, dt, time, effects, effect_parameters, has_effects, record, moves):
-    """Sum the forces on the bodies of chunk c and close their step where velocities are needed now.
+    """Sum the forces on the bodies of chunk c, and make their closing half kick if velocities are needed now.
 
-    The closing half kick and the spins are computed only in recorded steps (`record`) or with body effects: otherwise the drift
-    of the next step makes the kick, which has the forces at hand.
+    Kick and spins are computed only in recorded steps (`record`) or with body effects: otherwise the drift of the next step
+    includes the kick, with the forces at hand.
     """
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
     add_remote_forces(cuts[GUESTS, c], cuts[GUESTS, c + 1], guests, F, B)
@@ -71,7 +71,7 @@ def gather_forces(c, cuts, guests, F, B, E, dt, time, effects, effect_parameters
 
 @njit(**BARE_CHUNK)
 def closing_kick(first, last, B, E, dt):
-    """Closing half kick of bodies first to last, and their spins."""
+    """Apply the closing half kick to bodies first to last, and update their spins."""
     for b in range(first, last):
         kick_body(b, B, E, load(B, b, body.FORCE), load(B, b, body.TORQUE), dt)
         spin_body(b, B, E)

@@ -1,4 +1,4 @@
-"""Dynamics of the patches of the upper plate: driven, loaded, sprung to a common plate; velocity Verlet."""
+"""Dynamics of the patches of the upper plate by velocity Verlet: driven, loaded, sprung to a plate."""
 
 import numpy as np
 from numba import njit
@@ -10,7 +10,7 @@ from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, value
 
 @njit(**BARE)
 def drive_patches(P, schedule, first, t, dt):
-    """Set the velocity from t to t + dt of patches (neither free nor sprung) or of a plate whose height is prescribed."""
+    """Set the velocity from t to t + dt of patches or a plate of prescribed height (neither free nor sprung)."""
     if first[GAP + 1] == first[GAP]:
         return
     for p in range(P.shape[0]):
@@ -31,7 +31,7 @@ def load_patches(P, schedule, first, t):
 
 @njit(**BARE)
 def drift_patches(P, dt):
-    """Half kick and drift of the patches; return the largest displacement since the last search, one step ahead [m]."""
+    """Apply half kick and drift to the patches. Returns the largest displacement since the last search, one step ahead [m]."""
     far = 0.0
     for p in range(P.shape[0]):
         if P[p, patch.FREE] != 0.0:
@@ -44,10 +44,9 @@ def drift_patches(P, dt):
 
 @njit(**BARE)
 def press_patches(P, E, patch_of, push):
-    """Sum the upward forces: of the debris on its patches, of the springs on patches and plate, in the order of bodies and
-    patches.
+    """Sum the upward forces on patches and plate, in the order of bodies and patches: of debris, of springs.
 
-    `push`: force of all debris, all that a single patch needs [N].
+    `push`: force of all debris, sufficient for a single patch [N].
     """
     plate = P.shape[0] - 1
     if plate == 0:
@@ -65,8 +64,8 @@ def press_patches(P, E, patch_of, push):
 
 @njit(**BARE)
 def kick_patches(P, E, patch_of, push, dt):
-    """Closing half kick of the patches; return the powers of load and dashpot [W]. The dashpot is implicit, so it cannot
-    overshoot."""
+    """Apply the closing half kick to the patches; return the powers of load and dashpot [W]. The dashpot is implicit, so it
+    cannot overshoot."""
     press_patches(P, E, patch_of, push)
     load, damping = 0.0, 0.0
     for p in range(P.shape[0]):
@@ -82,7 +81,7 @@ def kick_patches(P, E, patch_of, push, dt):
 
 @njit(**BARE)
 def patch_power(P):
-    """Return the power that moves patches or a plate of prescribed height [W]: minus the force on them times their velocity."""
+    """Return the power that moves patches or a plate of prescribed height [W]: minus force times velocity."""
     power = 0.0
     for p in range(P.shape[0]):
         if P[p, patch.FREE] == 0.0:

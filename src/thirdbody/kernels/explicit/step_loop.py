@@ -28,8 +28,8 @@ SHARES = 2
 """Parts of a pass per thread: if a thread is delayed, its last part goes to another thread."""
 
 FEW = 2
-"""Groups below which one thread does all (some 100 us of work). Waking other threads takes 5 us, and milliseconds where another
-process occupies their cores."""
+"""Groups below which one thread does all: some 100 us of work. Waking others takes 5 us, and milliseconds where another process
+occupies their cores."""
 
 
 @njit(**BARE)
@@ -94,13 +94,13 @@ def guard(D, sums, moves):
 
 @njit(**BARE)
 def skin_exhausted(far, distance, far_patch, skin):
-    """Return whether two objects could cover the skin between them by the end of the next step (10 % for acceleration)."""
+    """Return whether two objects could cover the skin between them by the end of the next step. 10 % allow for acceleration."""
     return 1.1 * (far + distance + max(far + distance, far_patch)) > 0.9 * skin
 
 
 @njit(**BARE)
 def rebuild_needed(A, X0, B, E, moves, far_patch, skin):
-    """Return whether a search must precede the next step; measure displacements only if the sum of paths could exhaust the
+    """Return whether a search must precede the next step. Measures displacements only if the sum of paths could exhaust the
     skin."""
     distance = 0.0
     for c in range(moves.shape[0]):
@@ -139,7 +139,7 @@ def run_parallel(parts, task, count, number, record, time, v_x, v_y, dt, left, c
 
 @njit(**BARE_CHUNK)
 def run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
-    """Make the steps of `advance`; also return whether the closing kick of the last one is pending (1, else 0)."""
+    """Make the steps of `advance`; also return 1 if the closing kick of the last one is pending, else 0."""
     k = context_of(context)
     P, D, A, sums, moves = k.P, k.D, k.A, k.sums, k.moves
     work = work_at(k.work)
