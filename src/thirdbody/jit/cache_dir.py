@@ -83,7 +83,7 @@ def cannot_write(path: Path, error: OSError) -> OutputError:
 
 
 def _parent() -> Path:
-    """Return the parent of the folders of all versions: the one named by the variable, the user's cache, or a temporary one."""
+    """Return the parent of all cache folders: named by the variable, the user's, or a temporary one."""
     named = os.environ.get(VARIABLE)
     if named:
         path = Path(named).absolute()
@@ -107,7 +107,7 @@ def _user_cache() -> Path | None:
 
 
 def _usable(path: Path) -> bool:
-    """Return whether the folder can be created and written, belongs to this user, and can be closed to all others."""
+    """Return whether the folder is this user's, can be created and written, and closed to all others."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.mkdir(mode=0o700, exist_ok=True)
@@ -121,8 +121,7 @@ def _usable(path: Path) -> bool:
 
 
 def _temporary() -> Path:
-    """Return a private folder of this user among temporary files; if its name is in use, one deleted at the end of this
-    process."""
+    """Return a private folder among temporary files; if its name is in use, one deleted when this process ends."""
     try:
         path = Path(tempfile.gettempdir()) / f"thirdbody-{os.geteuid() if hasattr(os, 'geteuid') else 'user'}"
         try:
@@ -152,7 +151,7 @@ def _fresh(taken: Path) -> Path:
 
 
 def _probe(path: Path) -> os.stat_result:
-    """Write into a folder; return the status of a file of this user: some file systems assign all files to one user."""
+    """Write into a folder; return the status of the new file. Some file systems assign all files to one user."""
     with tempfile.TemporaryFile(dir=path) as file:
         return os.fstat(file.fileno())
 
@@ -166,7 +165,7 @@ def _open_to_others(status: os.stat_result) -> bool:
 
 
 def _make_private(path: Path) -> None:
-    """Create a folder into which only this user can write; delete and create anew one that others could write.
+    """Create a folder into which only this user can write; replace one into which others could write.
 
     Raises OutputError for one that belongs to another user, OSError if it cannot be created.
     """
@@ -218,7 +217,7 @@ def _fingerprint(numba_version: str) -> str:
 
 
 def _prune(parent: Path) -> None:
-    """Delete all folders with our mark but those used last; one deleted meanwhile by another process is no error."""
+    """Delete all folders with our mark but those used last. One deleted meanwhile by another process is no error."""
     named = [path for path in parent.iterdir() if re.fullmatch("[0-9a-f]{16}", path.name)]
     ours = [(_last_used(path), path) for path in named if not path.is_symlink() and _is_ours(path)]
     for _, path in sorted(ours, reverse=True)[KEPT:]:

@@ -1,4 +1,4 @@
-"""numba's files of compiled code, each with a digest at its end: a damaged one is recompiled, never loaded.
+"""numba's files of compiled code, each ending with a digest: a damaged one is recompiled, never loaded.
 
 numba assumes that its files are complete: a truncated index ends in a traceback, and altered machine code is executed. It also
 tries another folder, next to the source, where it cannot write into ours; stale code could be loaded from there.

@@ -13,7 +13,7 @@ from numba.extending import intrinsic
 
 
 def address(function: Any, signature: Any) -> int:
-    """Return the address of the machine code of a compiled function, which must stay alive as long as it may be called."""
+    """Return the address of the machine code of a compiled function. Keep the function alive as long as it may be called."""
     result = function.get_compile_result(signature)
     return int(result.library.get_pointer_to_function(result.fndesc.llvm_func_name))
 

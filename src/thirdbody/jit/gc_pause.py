@@ -15,7 +15,7 @@ _kept: set[str] = set()
 
 @contextmanager
 def paused(what: str) -> Iterator[None]:
-    """Pause the collector within the block, and exempt all objects that exist at its end from later collections.
+    """Pause the collector within the block, and exempt the objects alive at its end from collection.
 
     The exemption applies only the first time for each `what`: a program that makes a thousand simulations gets the memory of each
     back.

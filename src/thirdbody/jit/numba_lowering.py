@@ -1,9 +1,10 @@
-"""Shorter intermediate code for the most frequent operation of our kernels: reading or writing one number of a table.
+"""Shorter intermediate code for reading or writing one number of a table.
 
-For every access numba copies the table's header, all of its lengths and strides, into memory and leaves it to LLVM to find that
-none of it was needed: fifty lines instead of eight. It also stores every variable that several blocks use in memory. Here an
-access is written out, and a variable with one definition that precedes all its uses remains a value. The machine code does the
-same arithmetic in the same order, so no bit of a result depends on this; compilation takes a third less time.
+This is what our kernels do most. For every access numba copies the table's header, all of its lengths and strides, into memory
+and leaves it to LLVM to find that none of it was needed: fifty lines instead of eight. It also stores every variable that several
+blocks use in memory. Here an access is written out, and a variable with one definition that precedes all its uses remains a
+value. The machine code does the same arithmetic in the same order, so no bit of a result depends on this; compilation needs a
+third less time.
 """
 
 from collections import Counter
@@ -68,7 +69,7 @@ def _places(index: Any) -> tuple[Any, ...] | None:
 
 
 class _Lower(lowering.Lower):  # type: ignore[misc]
-    """numba's lowering of typed code to LLVM, except for accesses to tables and for variables that never change."""
+    """numba's lowering to LLVM, except for accesses to tables and for variables that never change."""
 
     def setup_function(self, fndesc: Any) -> None:
         super().setup_function(fndesc)
@@ -80,7 +81,7 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         _prune(self.function)
 
     def _pointer(self, table: Any, table_type: Any, index: Any, index_type: Any) -> Any:
-        """Return the pointer to a number of a contiguous table, or None if the index addresses anything but one number."""
+        """Return the pointer to one number of a contiguous table; None if the index addresses anything else."""
         kinds = _places(index_type)
         if not (isinstance(table_type, types.Array) and table_type.layout == "C" and isinstance(table_type.dtype, PLAIN)):
             return None
@@ -129,7 +130,7 @@ class _Lower(lowering.Lower):  # type: ignore[misc]
         self._singly_assigned_vars |= {name for name in once if name in given or not self._counted(name)}
 
     def lower_assign(self, ty: Any, inst: Any) -> Any:
-        """Assign; an argument that is never replaced is owned by the caller, so its references are not counted."""
+        """Assign a variable; the caller owns an argument that is never replaced: its references are not counted."""
         if inst.target.name not in self._borrowed or isinstance(self.typeof("arg." + inst.value.name), types.Omitted):
             return super().lower_assign(ty, inst)
         value = inst.value
@@ -161,7 +162,7 @@ def plain_extreme(function: Any, arguments: tuple[Any, ...]) -> bool:
 
 
 def _lasting(blocks: dict[int, Any]) -> set[str]:
-    """Return the variables with one definition that precedes all their uses, on every path and in the order of lowering."""
+    """Return the variables with one definition that precedes all uses, on every path and in lowering order."""
     uses, defined = analysis.compute_use_defs(blocks), {}
     often = lowering.must_use_alloca(blocks)
     for label, block in blocks.items():
@@ -184,5 +185,5 @@ class ShortLowering(typed_passes.BaseNativeLowering):  # type: ignore[misc]
 
     @property
     def lowering_class(self) -> type[lowering.Lower]:
-        """The class that writes the code."""
+        """Return the class that writes the code."""
         return _Lower

@@ -1,4 +1,4 @@
-"""A shorter numba pipeline for our kernels: passes that they never need are left out, resolved types are cached.
+"""A shorter numba pipeline for our kernels: without unneeded passes, with cached types of calls.
 
 numba queries all templates of an operator wherever it is used, which is a third of its time; it compares two sets of compiler
 options by making dictionaries of them; and it treats every function as one that Python may call: it generates machine code for it
@@ -35,7 +35,7 @@ _answers: dict[Any, tuple[Any, Any]] = {}
 
 
 def _get_call_type(self: Any, context: Any, args: Any, kws: Any) -> Any:
-    """Return what `BaseFunction.get_call_type` does, from a cache; all integers that index a table share an entry."""
+    """Return the cached result of `BaseFunction.get_call_type`. All integers that index a table share an entry."""
     if kws or not args:
         return _ask(self, context, args, kws)
     if plain_extreme(self, args) and isinstance(targetconfig.ConfigStack.top_or_none(), _Flags):
@@ -61,8 +61,7 @@ def _remembering() -> Iterator[None]:
 
 
 class _Flags(compiler.Flags):  # type: ignore[misc]
-    """Compiler options that compare the values set: the same result as numba's, and the same hash, which is that of their
-    names."""
+    """Compiler options that are compared by the values set: as in numba, but faster. Their hash is that of their names."""
 
     __slots__ = ()
     SAME = hash(compiler.Flags())
@@ -167,8 +166,8 @@ class Taken(Inner):
 
 
 def _trust_scipy() -> None:
-    """Let numba assume that SciPy has a BLAS, as we depend on it: the check takes a fifth of a start, and users of the BLAS
-    repeat it."""
+    """Let numba assume that SciPy has a BLAS, as we depend on it. The check is a fifth of a start; code that uses the BLAS
+    repeats it."""
     from numba.np import linalg
 
     look = linalg.ensure_blas

@@ -1,4 +1,4 @@
-"""Set numba's cache to our folder; import this before any function is compiled: numba reads the folder when it decorates one."""
+"""Set numba's cache to our folder. To import before any function is compiled: numba reads the folder when it decorates one."""
 
 from thirdbody.jit import cache_dir
 

@@ -1,4 +1,4 @@
-"""All tables and numbers that a step needs, packed for kernels into one array of addresses, shapes and scalars.
+"""All tables and numbers that a step needs, packed into one array of addresses, shapes and scalars.
 
 A function that passes fifty arguments takes a second to compile; one array of integers costs nothing. The tables must stay alive
 at the same addresses as long as the array may be used.
@@ -19,7 +19,7 @@ _LONG = ir.IntType(64)
 
 
 def _word_count(kind: Any) -> int:
-    """Return the number of words of one argument: the address and the shape of a table, or the scalar itself."""
+    """Return the number of words of one argument: address and shape of a table, or the scalar itself."""
     return 1 + (kind.ndim if isinstance(kind, types.Array) else 0)
 
 
@@ -32,7 +32,7 @@ def argument_specs(kinds: Kinds) -> tuple[tuple[str, np.dtype | None, int], ...]
 
 
 def pack(expected: tuple[tuple[str, np.dtype | None, int], ...], given: NamedTuple) -> np.ndarray:
-    """Pack `given` (one field per entry of `expected`) into an int64 array of addresses, shapes and scalars.
+    """Pack `given` (one field per entry of `expected`) into int64: addresses, shapes and scalars.
 
     Raises TypeError for a table of another dtype, number of dimensions or layout.
     """

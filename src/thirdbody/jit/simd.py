@@ -1,4 +1,4 @@
-"""Vectors of four numbers (float64x4): a type for kernels whose arithmetic is the processor's vector arithmetic.
+"""Vectors of four numbers (float64x4) for kernels that use the processor's vector arithmetic.
 
 The compiler vectorises loops over fields by itself, but not copies between rows and fields, nor arithmetic on the few numbers of
 one row. Each lane is IEEE arithmetic: the bits are those of scalar code.
@@ -214,7 +214,7 @@ def cross(typing: Any, v: Any, w: Any) -> Any:
 
 @_intrinsic(prefer_literal=True)
 def axis_times_quaternion(typing: Any, q: Any, axis: Any) -> Any:
-    """Return the product of the unit vector of an axis (0, 1 or 2, a literal) and the quaternion q = (w, x, y, z)."""
+    """Return the product of the unit vector of an axis (0, 1 or 2, a literal) and the quaternion (w, x, y, z)."""
     number = _lane(axis)
     lanes = ([1 + LANES, 0, 3 + LANES, 2], [2 + LANES, 3, 0, 1 + LANES], [3 + LANES, 2 + LANES, 1, 0])[number]
 
@@ -293,9 +293,10 @@ def flush_below(typing: Any, v: Any, minimum: Any) -> Any:
 
 @_intrinsic
 def active_bits(typing: Any, v: Any, closed: Any, k: Any) -> Any:
-    """Return which lanes of v are positive (bits 0 to 3), and which are not though `closed[k:k + 4]` was not 0 (bits 4 to 7).
+    """Return which lanes of v are positive (bits 0 to 3), and which ceased to be (bits 4 to 7).
 
-    Updates `closed`: 1 where v is positive; 2 where it is not but `closed` was 1; else 0.
+    The latter are not positive though `closed[k:k + 4]` was not 0. Updates `closed`: 1 where v is positive; 2 where it is not but
+    `closed` was 1; else 0.
     """
 
     def make(context: Any, builder: Any, sig: Any, args: Any) -> Any:
@@ -314,7 +315,7 @@ def active_bits(typing: Any, v: Any, closed: Any, k: Any) -> Any:
 
 @_intrinsic
 def compress_store(typing: Any, A: Any, m: Any, k: Any, bits: Any) -> Any:
-    """Write those of the numbers k to k + 3 whose bit is set into the list A from m on; return their number.
+    """Write the numbers k to k + 3 whose bit is set into the list A from m on; return their number.
 
     The elements after them, up to m + 3, are overwritten with undefined values.
     """

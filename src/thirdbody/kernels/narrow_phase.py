@@ -82,7 +82,7 @@ def pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
 
 @njit(**BARE_CHUNK)
 def compact_active(first, last, g, closed, touching, opened):
-    """List the candidates that touch, and those that touched one or two steps ago only.
+    """List the candidates that touch, and those that ceased to within the last two steps.
 
     Returns both numbers. `closed`: 1 for those that touch, 2 for those that did one step ago. The list of the active ones is
     padded with the last of them as far as it is read ahead; all else after the ends of the lists is undefined.

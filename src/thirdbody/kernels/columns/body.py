@@ -1,4 +1,4 @@
-"""Bodies, columns in groups of four: 256 bytes, all that a step reads and writes of a single-sphere body."""
+"""Bodies, columns in groups of four: 256 bytes, all that a single-sphere body needs in a step."""
 
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.table import Table

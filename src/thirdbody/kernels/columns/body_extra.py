@@ -1,4 +1,4 @@
-"""Bodies: quantities that a single-sphere body needs in few steps only; one cache line per row without effects."""
+"""Bodies: quantities that a single-sphere body needs in few steps only; without effects one cache line."""
 
 from thirdbody.kernels.columns.table import Table
 

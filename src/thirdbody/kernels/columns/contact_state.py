@@ -1,4 +1,4 @@
-"""History of a candidate contact: its frame and slip, the laws' history, then the labeller's memory.
+"""History of a candidate: frame and slip, history of the laws, memory of the labeller.
 
 The laws have four columns or more. Most chains of laws need four numbers at most: a row is then one cache line.
 """

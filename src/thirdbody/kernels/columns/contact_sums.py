@@ -1,4 +1,4 @@
-"""Sums over the contacts of a group of bodies: one row for contacts with plates, one for contacts between spheres."""
+"""Sums over the contacts of a group: one row for contacts with plates, one for those between spheres."""
 
 from thirdbody.kernels.columns.table import Table
 

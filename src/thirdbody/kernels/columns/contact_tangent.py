@@ -1,4 +1,4 @@
-"""Tangents of a contact (stride TILE in a tile); those of the moment only with a law of the rolling stage."""
+"""Tangents of contacts (stride TILE); those of the moment only with a law of the rolling stage."""
 
 from thirdbody.kernels.columns.table import Table
 

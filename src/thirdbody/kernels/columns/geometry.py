@@ -1,4 +1,4 @@
-"""Geometry of the contacts of a tile, and the forces on their bodies (stride TILE, as the tables of the laws)."""
+"""Geometry of the contacts of a tile, and forces on their bodies (stride TILE, as in the laws' tables)."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""Inputs of the laws for a tile (stride TILE); `rolling_input` follows the history, only if a law requests it."""
+"""Inputs of the laws (stride TILE); `rolling_input` follows the history, only if a law requests it."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""Outputs of the laws for a tile (stride TILE); `rolling_output` follows the history, only if a law requests it."""
+"""Outputs of the laws (stride TILE); `rolling_output` follows the history, only if a law requests it."""
 
 from thirdbody.kernels.columns.table import Table
 

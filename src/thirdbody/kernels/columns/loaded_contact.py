@@ -1,4 +1,4 @@
-"""A loaded contact of a body, as a labeller sees it; the labeller's memory of the contact begins at MEMORY."""
+"""A loaded contact of a body, as a labeller sees it; the labeller's memory of it begins at MEMORY."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""Patches of the upper plate: one for a rigid plate, else one per body; on a foundation the last row is the common plate."""
+"""Patches of the upper plate: one per body, or one for a rigid plate; on a foundation the last row is the common plate."""
 
 from thirdbody.kernels.columns.table import Table
 

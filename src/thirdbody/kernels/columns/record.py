@@ -1,4 +1,4 @@
-"""The full record of a contact, written in observed steps; the table has no rows if records are not needed."""
+"""The full record of a contact, written in observed steps; no rows where records are not needed."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""Forces of contacts between bodies of two groups on their partners, of this step; zero for open contacts."""
+"""Forces of contacts between two groups on their partners, in this step; zero for open contacts."""
 
 from thirdbody.kernels.columns.table import Table
 

@@ -1,4 +1,4 @@
-"""Totals since the start of the run, and powers of the last step for the trapezoidal rule; implicit: one row per body."""
+"""Totals since the start, and powers of the last step for the trapezoidal rule; implicit: a row per body."""
 
 from thirdbody.kernels.columns.table import Table
 

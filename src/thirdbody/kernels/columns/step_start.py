@@ -1,4 +1,4 @@
-"""State of a body and its patch at the start of an implicit step, and the coefficients of the step."""
+"""State of a body and its patch at the start of an implicit step, and coefficients of the step."""
 
 from thirdbody.kernels.columns.table import Table
 

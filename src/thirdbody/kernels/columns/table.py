@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Column:
-    """One quantity of a table: first column, number of columns, unit ("" for a pure number) and meaning."""
+    """One quantity of a table: first column, number of columns, unit ("" for none) and meaning."""
 
     name: str
     first: int
@@ -25,7 +25,7 @@ class Table:
     """
 
     def __init__(self, symbol: str, rows: str) -> None:
-        """`symbol`: name of the array in kernels. `rows`: the object that a row (or a table of one row) describes."""
+        """Create an empty table. `symbol`: name of the array in kernels; `rows`: what a row (or a table of one row) describes."""
         self.symbol, self.rows = symbol, rows
         self.columns: list[Column] = []
         self.width = 0
