@@ -1,7 +1,7 @@
 """Compiled functions passed to kernels as numbers, their addresses.
 
-For a function argument numba looks up the address in every call, by unpacking the types of all its arguments, which takes 0.1 ms;
-a run of few bodies makes ten steps in that time.
+For a function argument numba looks up the address in every call, by unpacking the types of all its arguments, for 0.1 ms; a run
+of few bodies makes ten steps in that time.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,6 @@
 """All tables and numbers that a step needs, packed into one array of addresses, shapes and scalars.
 
-A function that passes fifty arguments takes a second to compile; one array of integers costs nothing. The tables must stay alive
+Compiling a function that passes fifty arguments costs a second; one array of integers costs nothing. The tables must stay alive
 at the same addresses as long as the array may be used.
 """
 

@@ -34,7 +34,7 @@ def reset_history(k, stored, H):
 
 @njit(**BARE)
 def store_one(k, q, axis, first, O, H, n_history):  # noqa: E741
-    """Store frame axis, slip and history of candidate k. `first`: four numbers of the history; the rest comes from element q."""
+    """Store frame axis, slip and history of candidate k. `first`: four numbers of the history; the rest are in element q."""
     store(H, k, contact_state.AXIS, axis)
     store(H, k, contact_state.LAW, first)
     for h in range(LANES, n_history):

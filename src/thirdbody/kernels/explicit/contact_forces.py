@@ -54,8 +54,8 @@ GROUP = 8
 longer, since more contacts are between groups."""
 
 LIGHT = 16
-"""Largest history of a light law. Evaluating one contact of it takes as long as eight, which are one vector, so its tiles are
-padded to whole vectors (a tile of 63 takes half as long again as one of 64); other laws take their time for each contact."""
+"""Largest history of a light law. Its cost per vector of eight is that of one contact, so its tiles are padded to whole vectors
+(63 contacts cost half as much again as 64); the cost of other laws is per contact."""
 
 LARGEST = 1e300
 """Bound of the square of a force [N2]; no force reaches it."""
@@ -64,7 +64,7 @@ LARGEST = 1e300
 def scratch_sizes(n_history, longest):
     """Return the scratch of a thread for at most `longest` candidates: numbers of floats and integers.
 
-    Whole cache lines, since a vector of eight that straddles two lines takes twice the time.
+    Whole cache lines: loading a vector of eight that straddles two lines costs twice the time.
     """
     fields = law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH + geometry.WIDTH
     return fields * TILE + longest + -longest % LINE, 2 * (longest + SPARE)

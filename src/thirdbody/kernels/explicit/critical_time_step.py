@@ -1,8 +1,8 @@
-"""Bounds of the explicit time step: the largest natural frequency and damping rate of each body and patch.
+"""Bounds of the explicit time step: largest natural frequency and damping rate of bodies and patches.
 
-Contacts are taken as deep as they can get before the bound is computed again. Sums over the contacts of a body are kept in
-vectors of four and in world axes. Their trace and norm bound the step from below, so that only the few bodies that may have the
-shortest step get matrices and bounds of their eigenvalues (in a dense layer of spheres 3 ns per step and sphere, not 12).
+Contacts are assumed as deep as they can get before the bound is computed again. Sums over the contacts of a body are vectors of
+four, in world axes. Their trace and norm bound the step from below, so that only the few bodies that may have the shortest step
+get matrices and bounds of their eigenvalues (in a dense layer of spheres 3 ns per step and sphere, not 12).
 """
 
 import math

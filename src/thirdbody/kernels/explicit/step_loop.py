@@ -28,8 +28,8 @@ SHARES = 2
 """Parts of a pass per thread: if a thread is delayed, its last part goes to another thread."""
 
 FEW = 2
-"""Groups below which one thread does all: some 100 us of work. Waking others takes 5 us, and milliseconds where another process
-occupies their cores."""
+"""Groups below which one thread does all: some 100 us of work. Waking others costs 5 us, or milliseconds if their cores are
+busy."""
 
 
 @njit(**BARE)
