@@ -224,8 +224,7 @@ def pair_geometry(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
 
 @njit(**BARE_CHUNK)
 def transport_frames(n, dt, G):
-    """Transport the frames of n contacts with their normals; initialise them at first touch. They rotate by half the sum of the
-    spins."""
+    """Transport the frames of n contacts with their normals, rotated by half the sum of spins; initialise at first touch."""
     half = 0.5 * dt
     for q in range(n):
         n_x = G[q + geometry.NORMAL * TILE]

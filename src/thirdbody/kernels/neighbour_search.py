@@ -130,8 +130,10 @@ def list_columns(a, b, count, periodic, columns):
 
 @njit(**BARE)
 def collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs):
-    """List all pairs of spheres of different bodies within `skin`, lower number first. Returns their number, also beyond the
-    capacity."""
+    """List all pairs of spheres of different bodies within `skin`, lower number first; return their number.
+
+    The number counts pairs beyond the capacity, too.
+    """
     m, c_x, c_y = np.int64(0), inverse(l_x), inverse(l_y)
     for a in range(count[0]):
         for b in range(count[1]):

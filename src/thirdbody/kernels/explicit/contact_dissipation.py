@@ -8,8 +8,8 @@ counts as zero, and the energy remains visible as residual.
 
 Only laws whose force (or moment) is in their history can be booked so; for others their own booking holds. The forces of the
 dashpots follow the history of the laws, and dashpots dissipate the work of their mean force. Where a contact reverses within a
-step that is negative by the cube of the step; where the step is unstable it is negative at large, and counts as zero, too: else
-the energy that such a step creates would be hidden from the guard.
+step, that is negative by the order of the cube of the step; where the step is unstable, it is negative and large. It counts as
+zero, too: else the energy that such a step creates would be hidden from the guard.
 """
 
 import numpy as np

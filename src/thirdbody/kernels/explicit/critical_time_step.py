@@ -173,8 +173,7 @@ def add_stiffness(s, k, g):
 
 @njit(**BARE_CHUNK)
 def assemble(b, own, partner, edges, incidence, place, near, rows, S):
-    """Return the sums of stiffness and damping over the contacts of body b (`add_stiffness`). `near`: scratch for a list of
-    them."""
+    """Return the sums of stiffness and damping over the contacts of body b (`add_stiffness`). `near`: scratch for a list."""
     z, m = broadcast(0.0), np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         near[m] = incidence[e]
@@ -246,8 +245,7 @@ def write(M, row, left, right, scale):
 
 @njit(**BARE_CHUNK)
 def normalise(s, mass, X, M):
-    """Write a sum over mass, inertias (X: `frame`) and trace into M (6, 8). Returns the traces of its translations and
-    rotations."""
+    """Write a sum over mass, inertias (X: `frame`) and trace into M (6, 8). Returns its translational and rotational trace."""
     z, root, d, up, low = broadcast(0.0), broadcast(1.0 / math.sqrt(mass)), s[4], s[5], s[6]
     A, D, Y = symmetric(s[0], s[1]), symmetric(s[2], s[3]), transpose(X[0], X[1], X[2], z)
     x = root * times(set4(extract(d, 0), extract(up, 2), extract(low, 1), 0.0), X)

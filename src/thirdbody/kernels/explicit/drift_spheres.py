@@ -66,8 +66,8 @@ def drift_ball(b, s, S, B, dt, left, seen):
 def empty_extrema():
     """Return the extrema of no spheres.
 
-    Squares of the largest speed and of half the largest path over the radius; sums that are not 0 if a coordinate is not finite;
-    lower and upper bounds of the positions.
+    Squares of the largest speed and of half the largest ratio of path to radius; sums that are not 0 if a coordinate is not
+    finite; lower and upper bounds of the positions.
     """
     return 0.0, 0.0, broadcast(0.0), broadcast(np.inf), broadcast(-np.inf)
 

@@ -64,8 +64,7 @@ def press_patches(P, E, patch_of, push):
 
 @njit(**BARE)
 def kick_patches(P, E, patch_of, push, dt):
-    """Apply the closing half kick to the patches; return the powers of load and dashpot [W]. The dashpot is implicit, so it
-    cannot overshoot."""
+    """Apply the closing half kick, implicit in the dashpots: no overshoot. Returns the powers of load and dashpot [W]."""
     press_patches(P, E, patch_of, push)
     load, damping = 0.0, 0.0
     for p in range(P.shape[0]):

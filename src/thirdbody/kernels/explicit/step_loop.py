@@ -28,8 +28,7 @@ SHARES = 2
 """Parts of a pass per thread: if a thread is delayed, its last part goes to another thread."""
 
 FEW = 2
-"""Groups below which one thread does all: some 100 us of work. Waking others costs 5 us, or milliseconds if their cores are
-busy."""
+"""Groups below which one thread does all: some 100 us of work. Waking others costs 5 us, or ms if their cores are busy."""
 
 
 @njit(**BARE)
@@ -100,8 +99,7 @@ def skin_exhausted(far, distance, far_patch, skin):
 
 @njit(**BARE)
 def rebuild_needed(A, X0, B, E, moves, far_patch, skin):
-    """Return whether a search must precede the next step. Measures displacements only if the sum of paths could exhaust the
-    skin."""
+    """Return whether a search must precede the next step. Displacements are measured only if the paths could exhaust the skin."""
     distance = 0.0
     for c in range(moves.shape[0]):
         distance = max(distance, moves[c, chunk_motion.MAX_PATH])
