@@ -96,7 +96,7 @@ def measured_run(simulation: Any, steps: int) -> Told:
     clock = Clock(simulation.state.A)
     with ExitStack() as stack:
         for name in clock.spent:
-            place: Any = explicit.step if name == LOOP else explicit
+            place: Any = explicit.step_loop if name == LOOP else explicit
             if name != PYTHON:
                 stack.enter_context(patch.object(place, name, clock.timed(name, getattr(place, name))))
         started = time.perf_counter()

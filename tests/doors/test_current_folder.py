@@ -88,4 +88,4 @@ def test_python_is_started_in_one_place_only():
     """Whatever starts a process takes its command from `child_process`."""
     users = {path.name for path in SOURCE.rglob("*.py") if "sys.executable" in path.read_text(encoding="utf-8")}
     users |= {path.name for path in (SOURCE.parents[1] / "plugins").rglob("*.py") if "sys.executable" in path.read_text()}
-    assert users == {"system/child_process.py"}
+    assert users == {"child_process.py"}

@@ -127,7 +127,7 @@ def generated_value(text: str) -> tuple[int, Path]:
 
 @pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
 def test_a_damaged_generated_module_is_written_anew(damage, monkeypatch, tmp_path):
-    monkeypatch.setattr(module_cache.cache, "_folder", tmp_path)
+    monkeypatch.setattr(module_cache.cache_dir, "_folder", tmp_path)
     text = "value = 31 + 11  # as a law\n"
     path = generated_value(text)[1]
     damage(path)
@@ -136,7 +136,7 @@ def test_a_damaged_generated_module_is_written_anew(damage, monkeypatch, tmp_pat
 
 
 def test_a_generated_module_that_cannot_be_written_is_told(monkeypatch, tmp_path):
-    monkeypatch.setattr(module_cache.cache, "_folder", tmp_path / "gone")
+    monkeypatch.setattr(module_cache.cache_dir, "_folder", tmp_path / "gone")
     with pytest.raises(OutputError, match="compiled code cannot be written"):
         generated_value("value = 1\n")
 

@@ -11,7 +11,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 
-from thirdbody.errors import UsageError
+from thirdbody.errors import OutputError, UsageError
 from thirdbody.laws.contract import BodyEffect, Law, LawFamily, Plugin
 from thirdbody.system.module_import import import_file, import_lock
 
@@ -58,6 +58,8 @@ def discover(files: Sequence[str | Path] = ()) -> Registry:
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         try:
             plugins.append(_plugin(point.load()))
+        except OutputError:  # compiled code cannot be written: no fault of the plug-in
+            raise
         except Exception as problem:  # whatever a plug-in raises on import, the others must still load
             failures[point.name] = f"{type(problem).__name__}: {problem}"
     plugins += [load_file(Path(file)) for file in files]
