@@ -163,9 +163,7 @@ def why_no_energy(sheet: RunData) -> str:
 
 
 def ledger(sheet: RunData) -> dict[str, np.ndarray]:
-    """Return the lines of the ledger by label [J] since the start of the drag; of those below rounding only friction,
-    residual.
-    """
+    """Return the lines of the ledger by label [J] since the start of the drag; below rounding only friction and residual."""
     lines = {}
     for line in LEDGER:
         parts = [sheet.name(f"energy_{part}") for part in line.parts if f"energy_{part}" in sheet.series]

@@ -24,9 +24,7 @@ _ALONG = 0.9
 """Cosine above which an arrow points along the line of sight."""
 
 _PALE, _PALE_NUMBERS = 0.45, 0.2
-"""Fraction of white in the colours of bodies through which tubes are seen: for states, and for numbers, which must stay
-readable.
-"""
+"""Fraction of white in bodies through which tubes are seen: for states, and for numbers, which must stay readable."""
 
 _ANGLE = 24.0
 """Vertical angle of view [degrees]."""
