@@ -211,8 +211,7 @@ def _mark_disagreements(axes: Axes, forecasts: Forecasts, x: np.ndarray, y: np.n
 
 
 def farthest(forecasts: Forecasts, wrong: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Return those of the bodies `wrong` that get a ring and a number: all of a few, else the farthest from the band on each
-    side.
+    """Return the bodies with a ring and a number: all `wrong` ones if few, else the farthest from the band on each side.
 
     `places` (n, 2), of all bodies: fraction of the width, and height [inch]. Overlapping numbers are omitted.
     """

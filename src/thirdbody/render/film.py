@@ -14,7 +14,7 @@ from thirdbody.errors import InputError, MissingLibrary
 # Quality of H.264: below 20 no loss is visible.
 QUALITY = "18"
 
-# Colours of a GIF's palette, pixels per sample of it, and grey level of paper averaged with the edges of text.
+# Colours of a GIF's palette; sampling step of pixels for it; level above which a colour becomes white (edges of text).
 GIF_COLORS, SAMPLED, ALMOST_WHITE = 256, 3, 247
 # Range of red, green and blue from which a pixel counts as coloured.
 COLORFUL = 40

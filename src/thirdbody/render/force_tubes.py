@@ -14,7 +14,7 @@ from thirdbody.render.coloring import Arrays, Coloring, rows_of
 if TYPE_CHECKING:
     import pyvista
 
-# Radius of the thickest tube over the mean radius of the spheres, and the percentage of forces that are thinner.
+# Radius of the thickest tube over the mean radius of the bodies, and the percentage of forces that are thinner.
 THICKEST, COMMON = 0.17, 99.0
 
 # Darker tubes show no roundness.

@@ -23,9 +23,10 @@ HEAVY, NEAR, FAST = 0.01, 0.05, 0.1
 
 NS = {"sphere": 26.0, "contact": 10.0, "pair": 4.0, "law": 4.0, "mindlin": 7.0, "exact": 60.0, "spring": 2.3, "body": 6.0,
       "labels": 30.0}  # fmt: skip
-"""Time on one core [ns]: per sphere and step (motion), per contact (geometry) or checked pair, per contact and law, per
-spring, per body and effect, per body for its labels. Some measured with numba 0.68 on a Zen 5, some estimated: fractions
-need only their ratios, and are reported as estimates.
+"""Time on one core [ns], partly measured with numba 0.68 on a Zen 5, partly estimated.
+
+Per sphere and step (motion), per contact (geometry) or checked pair, per contact and law, per spring, per body and effect, per
+body for its labels. Fractions need only their ratios, and are reported as estimates.
 """
 
 TOUCH = 0.02
@@ -66,12 +67,12 @@ def part_warnings(built: Simulation) -> list[str]:
 
 
 def neighbours(built: Simulation) -> tuple[float, float]:
-    """Return the fraction of the overlap due to the nearest contact of the same body and plate, and its distance in contact
-    radii.
+    """Return the fraction of the overlap due to the nearest contact of the body and plate, and its distance over a.
 
     Both contacts carry the same load F: the own overlap is 3 F/(4 E* a), and at the distance r the other one's load lowers the
     surface by F/(pi E* r) (Boussinesq; K.L. Johnson, Contact Mechanics, 1985, Eq. 3.22), so the fraction is 4 a/(3 pi r), for r >
-    2 a. The contacts are those that touch before loading. (0, inf) without two of them, or without a load.
+    2 a, with the contact radius a. The contacts are those that touch before loading. (0, inf) without two of them, or without a
+    load.
     """
     state, overlap = built.state, built.upper.overlap
     if overlap <= 0.0:

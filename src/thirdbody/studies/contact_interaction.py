@@ -161,11 +161,10 @@ def boundary_element_forces(tamaas: Any, spots: Spots) -> dict[str, Any]:
 
 
 def _pressed(tamaas: Any, spots: Spots, cell: float, gap: Array, load: float) -> tuple[Array, float]:
-    """Return pressure (n, m) [Pa] and approach [m] of a rigid surface `gap` above a half-space with the pair's E*, under `load`
-    [N].
+    """Return pressure (n, m) [Pa] and approach [m] of a rigid surface `gap` above a half-space, under `load` [N].
 
-    Polonsky and Keer's conjugate gradients (Wear 231, 1999) on a non-periodic half-space, in units of the largest overlap and
-    contact radius.
+    The half-space has the pair's E* and is not periodic. Polonsky and Keer's conjugate gradients (Wear 231, 1999), in units of
+    the largest overlap and contact radius.
     """
     a, d = float(spots.radius.max()), float(spots.overlap.max())
     size = [gap.shape[0] * cell / a, gap.shape[1] * cell / a]

@@ -62,7 +62,7 @@ def _of_steps(built: Study) -> list[dict[str, Any]]:
 
 
 def _size(row: Row) -> float:
-    """Return the step length of a variant; that of backward Euler is proportional to the square root of the error tolerance."""
+    """Return the step length of a variant; an implicit one goes as the square root of its error tolerance."""
     return float(row.step or 0.0) ** (1.0 if row.integrator == "explicit" else 0.5)
 
 

@@ -33,8 +33,10 @@ CLOSE = 0.8
 """Fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate."""
 
 WIDER = 8.0
-"""Factor on the sides of the domain of a thinned copy: of 40 bodies at random where 2000 cover a fifth, two come near each
-other in one copy of thirty; in the same domain two pairs did in each.
+"""Factor on the sides of the domain of a thinned copy.
+
+Of 40 bodies at random where 2000 cover a fifth, two come near each other in one copy of thirty; in the same domain two pairs did
+in each.
 """
 
 

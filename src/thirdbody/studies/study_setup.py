@@ -52,9 +52,7 @@ def prepare_study(
     scene: Path, settings: Mapping[str, Any], folder: Path, plugins: Sequence[str | Path], repeats: int, verify: bool,
     budget: Budget, worker: Worker, tell: Callable[[str], None],
 ) -> StudySetup:  # fmt: skip
-    """Return the copy, saved in a study's folder, whose variants fit the budget. Raises UsageError if not even the smallest
-    does.
-    """
+    """Return the saved copy whose variants fit the budget. Raises UsageError if not even the smallest does."""
     part = min(1.0, budget.seconds / BUDGET)
     maker = _Maker(worker, scene, settings, folder, plugins, part < 1.0, budget)
     try:

@@ -23,8 +23,10 @@ FINISH = 3.0
 """Time on one core after the last variant: reading the runs, the table, the picture and the JSON [s]."""
 
 SHORT, LONG, TWICE = 0.3, 2.0, 5.0
-"""Limits of run times [s]: shorter runs than the first have many repeats; from the second on a run is timed while it also
-writes its frames, which do not matter there; from the third on two runs give the spread.
+"""Limits of run times [s] for many repeats, for timing runs that write frames, and for two repeats.
+
+Shorter runs than the first have many repeats; from the second on a run is timed while it also writes its frames, which do not
+matter there; from the third on two runs give the spread.
 """
 
 MANY = 7
@@ -44,8 +46,8 @@ def repeats_of(seconds: float, wished: int) -> int:
 class Costs:
     """Measured seconds of one run of a copy.
 
-    `own`, with the scene's settings; `springs`, with the largest number of springs, `maximum` (None without such a level); with
-    the finest law, `best`; with the `other` integrator.
+    `own`: with the scene's settings; `springs`: with `most` springs, the largest number (None without such a level); `finest`:
+    with the finest law, `best`; `other`: with the other integrator.
     """
 
     own: float

@@ -154,9 +154,7 @@ def _known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
 
 
 def _rank(variant: Variant, number: int, count: int) -> int:
-    """Return the rank in the order of runs: the scene's own variant, the reference, the finest law at the same step, the
-    others.
-    """
+    """Return the rank in the order of runs: own variant of the scene, reference, finest law at the same step, others."""
     if variant.default:
         return 0
     if variant.reference:

@@ -1,4 +1,4 @@
-"""Temporal PolyData block of a VTKHDF file, made of growing data sets."""
+"""Temporal PolyData block of a VTKHDF file, consisting of growing data sets."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ FORMAT = ("v108", "v110")
 # Space that a frame may need in addition to its own bytes: some sixty data sets may each begin a new page.
 SPARE_BYTES = 512 * 1024
 
-# Length that a frame may add to its own chunks: the first chunks of all data sets, and HDF5's own tables.
+# Length that a frame may add in addition to its own chunks: the first chunks of all data sets, and HDF5's own tables.
 HOLE_BYTES = 4 * 1024 * 1024
 
 

@@ -136,9 +136,7 @@ def symmetric_spots(trial: Trial) -> None:
 
 
 def degenerate_spots(trial: Trial) -> None:
-    """Two contacts (one sphere), coincident contacts, contacts in a row: rank-deficient, but finite and labelled
-    indeterminate.
-    """
+    """Two contacts (one sphere), coincident contacts, contacts in a row: rank-deficient; finite, labelled indeterminate."""
     for what, body_number in _degenerate():
         course = trial.start(pressed(trial, body_number, 0.3, Motion(x=(Pause(pause=1e-6), ConstantVelocity(velocity=SPEED)))))
         course.follow([5e-8, 1e-7], "time")

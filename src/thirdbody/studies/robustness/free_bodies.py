@@ -87,9 +87,7 @@ def incompressible(trial: Trial) -> None:
 
 
 FLAKE, WOBBLE = (1.0, 1.1, 2.09), (4e4, -2e4, 2e5)
-"""Moments of a thin sheet, I_3 close to I_1 + I_2, relative to those of the sphere that carries them; its spin [rad/s]: 0.05
-rad a step.
-"""
+"""Moments of a thin sheet, I_3 close to I_1 + I_2, over those of its sphere; its spin [rad/s]: 0.05 rad a step."""
 
 
 def _flake(trial: Trial) -> CaseRun:
@@ -281,8 +279,9 @@ def turning_pair(trial: Trial) -> None:
 
 
 def _turned(trial: Trial, axis: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Return the tangential force before and after (3,) [N], the rotation (3, 3), and |work| + |change of stored energy| over
-    the stored one.
+    """Return the tangential force before and after (3,) [N], the rotation (3, 3), and the relative energy error.
+
+    The error is |work| + |change of stored energy| over the stored energy.
     """
     from thirdbody.scene.model import Solver
 

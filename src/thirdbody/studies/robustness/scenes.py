@@ -40,7 +40,7 @@ HEIGHT, SPAN = 4e-6, 2e-6
 """Height h of a particle of three spots and distance L of its lower spots from the middle [m]: t_max = L/h = 0.5 at x_1 = 0."""
 
 TRIPOD = ((-1.9, -1.1, 0.0, 2.0), (1.9, -1.1, 0.0, 2.0), (0.0, 2.2, 0.0, 2.0))
-"""Three adjacent spheres (x, y, z, radius; um): three spots below and three above, a little flatter than wide."""
+"""Three adjacent spheres (x, y, z, radius; um): three contacts below and three above, a little flatter than wide."""
 
 
 def solid(youngs_modulus: float, nu: float, density: float) -> Material:

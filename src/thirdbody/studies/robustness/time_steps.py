@@ -81,9 +81,7 @@ def run_case(case: Case, setting: Setting, sweep: bool = True) -> Row:
 
 
 def attempt(case: Case, setting: Setting) -> tuple[Trial, tuple[str, ...]]:
-    """Run a case; return its trial and its failures: broken invariants, the worst of each name, and the message that stopped
-    it.
-    """
+    """Run a case; return its trial and its failures: broken invariants, the worst of each name, and the stop message."""
     trial = Trial(setting)
     stop: tuple[str, ...] = ()
     try:
