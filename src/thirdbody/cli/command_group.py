@@ -1,4 +1,4 @@
-"""How commands are listed, found and described: our own, and those of installed plug-ins, imported only when called."""
+"""Listing, lookup and description of commands: built-in ones, and those of plug-ins, imported only when called."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ METAVARS = {
     "NUMBER": ("big_h", "half_width", "zoom"),
     "PIXELS": ("height", "width"),
 }
-"""What stands in help for the value of an option that names no metavar; for all others its own name in capitals."""
+"""Metavars in help for options that name none; all others have their own name in capitals."""
 
 _METAVAR = {name: metavar for metavar, names in METAVARS.items() for name in names}
 
 
 class Command(TyperCommand):
-    """A command whose help lists arguments and options by their metavars, without the types of Python."""
+    """Command whose help lists arguments and options by their metavars, without Python types."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
@@ -38,7 +38,7 @@ class Command(TyperCommand):
                 parameter.metavar = _METAVAR.get(name, name.upper())
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command. Raises MemoryShortage if this process may use too little memory for it."""
+        """Run the command. Raises MemoryShortage if the memory limit of this process is too low for it."""
         from thirdbody.system.address_space import require_address_space
 
         require_address_space()
@@ -58,7 +58,7 @@ class Command(TyperCommand):
 
 
 class PluginCommand(Command):
-    """A plug-in's command that `--help` can list without importing it: it becomes the real one when it is called."""
+    """Command of a plug-in, listed by `--help` without import; replaced by the real one when called."""
 
     def __init__(self, point: EntryPoint) -> None:
         super().__init__(point.name, help=f"Command of the plug-in {point.module.split('.')[0]}.")
@@ -70,14 +70,14 @@ class PluginCommand(Command):
             plugged = typer.Typer(rich_markup_mode=None, add_completion=False)
             plugged.command(name=self.point.name, cls=Command)(function)
             real = typer.main.get_command(plugged)
-        except Exception as problem:  # whatever a plug-in raises when it is imported is no fault of ours
+        except Exception as problem:  # any exception on import is an error of the plug-in
             message = f"{self.point.name}: this command of {self.point.module} does not load: {type(problem).__name__}: {problem}"
             raise UsageError(message) from problem
         return real.make_context(*args, **kwargs)
 
 
 class Group(TyperGroup):
-    """Our commands and those of installed plug-ins."""
+    """Built-in commands and those of installed plug-ins."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         return [*super().list_commands(ctx), *sorted(point.name for point in entry_points(group=COMMAND_GROUP))]
@@ -89,14 +89,14 @@ class Group(TyperGroup):
         return next((PluginCommand(point) for point in entry_points(group=COMMAND_GROUP) if point.name == cmd_name), None)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Find the command that the first word names. Raises UsageError, with the commands that exist, if there is none."""
+        """Find the command of the first word. Raises UsageError with the existing commands if there is none."""
         name = args[0]
         if not name.startswith("-") and not ctx.resilient_parsing and self.get_command(ctx, name) is None:
             raise UsageError(f"no command '{name}', {nearest(name, self.list_commands(ctx))}")
         return super().resolve_command(ctx, args)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Parse the options that stand before the command. Raises UsageError and OutputError for completion."""
+        """Parse the options before the command. Raises UsageError and OutputError for completion."""
         if ctx.resilient_parsing or not {"--install-completion", "--show-completion"} & set(args[:1]):
             return super().parse_args(ctx, args)
         from thirdbody.cli.completion import checked_completion

@@ -1,4 +1,4 @@
-"""Shell completion: typer writes the scripts; here what it leaves open, in unknown shells, without rights, and in zsh."""
+"""Shell completion: scripts by typer; here the cases that it leaves open: unknown shells, missing rights, and zsh."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COMPLETE_NOW = '[[ $zsh_eval_context[-1] == loadautofunc ]] && _thirdbody_comple
 
 @contextmanager
 def checked_completion() -> Iterator[None]:
-    """Let typer show or install completion. Raises UsageError in an unknown shell, OutputError where nothing can be written."""
+    """Let typer show or install completion. Raises UsageError in an unknown shell, OutputError when writing fails."""
     shell = _current_shell()
     if shell not in SHELLS:
         raise UsageError(f"completion exists for bash, zsh and fish; the shell here is {shell}: start one of them and repeat")
@@ -23,7 +23,7 @@ def checked_completion() -> Iterator[None]:
         yield
     except OSError as error:
         raise OutputError(f"{error.filename}: cannot be written ({error.strerror})") from error
-    except RuntimeError as error:  # what pathlib raises
+    except RuntimeError as error:  # raised by pathlib
         if _home() is None:
             raise OutputError("completion is installed in the home folder, and this user has none: set HOME") from error
         raise
@@ -52,8 +52,8 @@ def _current_shell() -> str:
 
 
 def _complete_at_first_tab(path: Path) -> None:
-    """Let zsh complete when it loads typer's function, too: the first tab of a session only loads it otherwise."""
-    with suppress(OSError):  # shown, not installed; or the message about it is on its way
+    """Make zsh complete at the first tab of a session; otherwise that tab only loads typer's function."""
+    with suppress(OSError):  # completion is shown only, or the error message follows
         text = path.read_text()
         if "_thirdbody_completion" in text and "loadautofunc" not in text:
             path.write_text(f"{text}\n{COMPLETE_NOW}")

@@ -1,4 +1,4 @@
-"""The command line. Heavy modules are imported inside the commands that need them: `--help` stays instant."""
+"""The command line. Heavy modules are imported inside the commands that need them, so that `--help` stays instant."""
 
 from __future__ import annotations
 
@@ -268,7 +268,7 @@ def laws(
 
 
 def _limits(every: str | None, wall_limit: str | None) -> dict[str, float]:
-    """The wall times that were given, s. Raises UsageError for what is no time."""
+    """Return the given wall times [s]. Raises UsageError for invalid times."""
     from thirdbody import units
 
     result = {}
@@ -284,7 +284,7 @@ def _limits(every: str | None, wall_limit: str | None) -> dict[str, float]:
 
 
 def _execute(built: Any, folder: Path, quiet: bool, json: bool, **options: Any) -> None:
-    """Run what is built, report it, and raise what stopped it."""
+    """Run the built simulation, report it, and raise the error that stopped it."""
     from contextlib import nullcontext
 
     from thirdbody.report.tables import run_report
@@ -312,13 +312,13 @@ def _load(path: Path, settings: list[str] | None, plugins: list[Path] | None) ->
 
 
 def main() -> None:
-    """Entry point: every error becomes one message and its exit code, and no text steers the terminal."""
+    """Entry point: turn every error into one message and its exit code; escape control sequences in texts."""
     with guarded_streams(), printable_output():
         _main()
 
 
 def _main() -> None:
-    """Run the command that the arguments name."""
+    """Run the command named by the arguments."""
     try:
         app(prog_name="thirdbody")
     except ThirdbodyError as error:

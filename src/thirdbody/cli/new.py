@@ -1,4 +1,4 @@
-"""The command that writes files to start from. Heavy modules are imported inside it, as in `main`."""
+"""The command that writes starter files. Heavy modules are imported inside it, as in `main`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from thirdbody.system.terminal import say
 
 
 def _names(incomplete: str) -> list[str]:
-    """Names of shipped scenes, for completion in a shell."""
+    """Return the names of shipped scenes, for shell completion."""
     from thirdbody.cli.starter_files import questions
 
     return [name for name in questions() if name.startswith(incomplete)]

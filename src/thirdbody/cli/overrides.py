@@ -1,4 +1,4 @@
-"""The values that `--set KEY=VALUE` gives on the command line."""
+"""Values of `--set KEY=VALUE` on the command line."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from thirdbody.errors import UsageError
 
 
 def override_pairs(settings: list[str] | None) -> dict[str, str]:
-    """The values of --set by their keys."""
+    """Return the values of --set by their keys."""
     pairs = {}
     for text in settings or ():
         key, sign, value = text.partition("=")

@@ -1,4 +1,4 @@
-"""Files to start from: the scenes and the plug-in template that are installed with the program, and copies of them."""
+"""Starter files: the scenes and the plug-in template installed with the program, and copies of them."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ def questions() -> dict[str, str]:
 
 
 def copy_scene(name: str, path: Path) -> list[Path]:
-    """Copy a shipped scene to `path`, and the files that it names beside it; returns what was written.
+    """Copy a shipped scene to `path`, and the files that it names into the same folder; return the written paths.
 
-    Raises UsageError for an unknown name, and OutputError, with nothing written, where another file is in the way.
+    Raises UsageError for an unknown name, and OutputError, with nothing written, where another file exists.
     """
     name = name.removesuffix(".toml")
     if name not in questions():
@@ -46,9 +46,9 @@ def copy_template(path: Path) -> list[Path]:
 
 
 def write_new(files: dict[Path, bytes]) -> list[Path]:
-    """Write files that must not exist yet, all or none; those that are there with the same content may stay.
+    """Write files that must not exist yet, all or none; existing files with the same content may stay.
 
-    Returns what was written. Raises OutputError.
+    Returns the written paths. Raises OutputError.
     """
     first = next(iter(files))
     missing = {path: content for path, content in files.items() if not _is_there(path, content) or path == first}
@@ -72,10 +72,10 @@ def _is_there(path: Path, content: bytes) -> bool:
 
 
 def _folder(package: str) -> Path:
-    """Return the folder of a package that holds files only. Raises MissingLibrary if it is not installed."""
+    """Return the folder of a package of data files. Raises MissingLibrary if it is not installed."""
     spec = find_spec(package)
     for place in (spec.submodule_search_locations if spec else None) or ():
-        if Path(place).is_dir():  # an editable install names a place that does not exist, too
+        if Path(place).is_dir():  # an editable install also lists a folder that does not exist
             return Path(place)
     raise MissingLibrary(f"{package} is not installed with this copy of thirdbody; install it again, such as by pip install .")
 
@@ -86,7 +86,7 @@ def _first_line(file: Path) -> str:
 
 
 def _words(value: Any) -> Iterator[str]:
-    """Every text among the values of a document."""
+    """Yield every text among the values of a document."""
     if isinstance(value, str):
         yield value
     for entry in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():

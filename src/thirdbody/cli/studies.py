@@ -10,7 +10,7 @@ import typer
 from thirdbody.system.terminal import say
 
 LONGEST = 30 * 86400.0
-"""Longest wall time of a study, s."""
+"""Longest wall time of a study [s]."""
 
 
 def cost(

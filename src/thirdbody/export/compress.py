@@ -1,7 +1,7 @@
-"""Writes a compressed copy of a run: the same file, array for array, with gzip, which every HDF5 library reads.
+"""Compressed copy of a run: the same file, array for array, with gzip, which every HDF5 library reads.
 
-Only committed frames are copied, so that the copy of a killed run is a whole file. Numbers are shuffled first (bytes of the
-same weight together), which helps gzip with floats.
+Only committed frames are copied, so that the copy of a killed run is a whole file. Numbers are shuffled first (bytes of equal
+significance together), which helps gzip with floats.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from thirdbody.trajectory.schema import BLOCKS, STATIC_TEXT
 from thirdbody.trajectory.writer import FORMAT
 
 LEVEL = 4
-SMALL = 64  # bytes; below it a filter costs more than it saves
+SMALL = 64  # bytes; for less a filter costs more than it saves
 SLAB = 1 << 24  # bytes copied at once
-SHORTEST = 1100  # bytes that gzip makes of one at most, about: a data set that promises more is damaged, and takes for ever
+SHORTEST = 1100  # largest compression ratio of gzip, about: a data set that claims more is damaged, and would take for ever
 
 
 def refuse_target(run: Run, path: Path, overwrite: bool) -> None:
@@ -51,7 +51,7 @@ def pack_run(run: Run, path: Path, overwrite: bool = False) -> None:
 
 @contextmanager
 def _run_faults(run: Run) -> Iterator[None]:
-    """What h5py says of a run that is none any more, told as that; what the disk of the copy says is an OSError."""
+    """Report HDF5 errors of a damaged run as such; errors of the disk of the copy are OSError."""
     try:
         yield
     except (KeyError, IndexError, TypeError, ValueError, RuntimeError) as error:
@@ -59,7 +59,7 @@ def _run_faults(run: Run) -> Iterator[None]:
 
 
 def _committed_rows(run: Run) -> dict[str, int]:
-    """Path of every data set that grows -> its rows that belong to committed frames."""
+    """Return for the path of every growing data set the number of rows in committed frames."""
     rows: dict[str, int] = {f"/series/{name}": run.frames for name in run.series}
     for name in BLOCKS:
         block = run.file["VTKHDF"][name]
@@ -81,7 +81,7 @@ def _committed_rows(run: Run) -> dict[str, int]:
 def _copy_group(
     source: h5py.Group, target: h5py.Group, rows: dict[str, int], sink: Sink, above: tuple[h5py.Group, ...] = ()
 ) -> None:
-    """A group with all below it; `above`: the groups on the way to it, for one that holds itself has no end."""
+    """Copy a group with all below it; `above`: its parent groups, for the detection of a group that contains itself."""
     _copy_attributes(source, target)
     for name in source:
         link = source.get(name, getlink=True)
@@ -104,7 +104,7 @@ def _ordered(group: h5py.Group) -> bool:
 
 def _copy_attributes(source: Any, target: Any) -> None:
     for name in source.attrs:
-        # the type as it is: VTK wants `Type` as text of fixed length
+        # the type unchanged: VTK needs `Type` as text of fixed length
         target.attrs.create(name, source.attrs[name], dtype=source.attrs.get_id(name).dtype)
 
 
@@ -129,7 +129,7 @@ def _copy_dataset(source: h5py.Dataset, target: h5py.Group, name: str, rows: int
 
 
 def _read(source: h5py.Dataset, start: int, stop: int) -> np.ndarray:
-    """Rows of the run; what fails here is a fault of the run, not of the copy."""
+    """Read rows of the run; errors here are errors of the run, not of the copy."""
     try:
         return source[start:stop]
     except (OSError, RuntimeError) as error:

@@ -1,6 +1,6 @@
-"""Writes the tables of a run as CSV: comma, UTF-8, units in the header (`time [s]`), every digit of every number.
+"""Writer of the tables of a run as CSV: comma, UTF-8, units in the header (`time [s]`), every digit of every number.
 
-Names come from users and from runs made by others: one that begins like a formula gets an apostrophe in front.
+Names come from users and from runs of other people: one that begins like a formula gets an apostrophe in front.
 """
 
 from __future__ import annotations
@@ -17,15 +17,14 @@ from thirdbody.trajectory.reader import Run
 
 CSV_FILES = tuple(f"{name}.csv" for name in TABLES)
 FORMULA = ("=", "+", "-", "@")
-"""How a cell begins that spreadsheets compute instead of showing it."""
+"""First characters of a cell that spreadsheets evaluate instead of showing it."""
 
 
 def export_csv(run: Run, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
-    """Write series, bodies, contacts, cycles and transitions into a new folder; returns the files.
+    """Write series, bodies, contacts, cycles and transitions into a new folder; return the files.
 
-    Bodies and contacts of one frame, or of all. Without states in the run there is no file of transitions, without a stroke
-    none of cycles. Raises
-    IndexError for a frame that the run has not, OutputError; then nothing is written.
+    Bodies and contacts of one frame, or of all. Without states in the run there is no file of transitions, without a stroke none
+    of cycles. Raises IndexError for a frame outside the run, OutputError; then nothing is written.
     """
     run.frame_number(-1 if frame is None else frame)
     written = []
@@ -39,7 +38,7 @@ def export_csv(run: Run, folder: Path, frame: int | None = None, overwrite: bool
 
 
 def _write(path: Path, parts: Iterable[list[Column]]) -> None:
-    """One header, then the rows of all parts."""
+    """Write one header, then the rows of all parts."""
     with open(path, "w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         for number, columns in enumerate(parts):
@@ -49,13 +48,13 @@ def _write(path: Path, parts: Iterable[list[Column]]) -> None:
 
 
 def _cells(column: Column) -> list[Any]:
-    """Python's own numbers, as `repr` of a float gives back the same bits, and texts that no spreadsheet computes."""
+    """Return Python numbers, whose `repr` restores the same bits, and texts that no spreadsheet evaluates."""
     values = column.values.tolist()
     return [as_text(value) if isinstance(value, str) else value for value in values] if column.values.dtype == object else values
 
 
 def as_text(text: str) -> str:
-    """A text that spreadsheets show in one cell: an apostrophe stands before those that they would take for a formula.
+    """Return a text that spreadsheets show in one cell: an apostrophe precedes texts that look like a formula.
 
     Line breaks and other control characters are written out: a carriage return would begin a row.
     """
@@ -63,6 +62,6 @@ def as_text(text: str) -> str:
 
 
 def heading(column: Column) -> str:
-    """`time [s]`; products of units with a blank, as spreadsheets may not read a raised dot."""
+    """Return the header `time [s]`; products of units with a blank, as spreadsheets may not read a raised dot."""
     name = as_text(column.name)
     return f"{name} [{column.unit.replace('·', ' ')}]" if column.unit else name

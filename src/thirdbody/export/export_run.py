@@ -1,4 +1,4 @@
-"""What `thirdbody export` does: every target is looked at before the first one is written."""
+"""Export for `thirdbody export`: every target is checked before the first one is written."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from thirdbody.trajectory.reader import Run, open_run
 def export_run(
     path: Path, csv: Path | None, pvd: Path | None, pack: Path | None, frame: int | None = None, overwrite: bool = False
 ) -> Iterator[Path]:
-    """Write tables, PVD files and a compressed copy, as asked for; yields each file when it stands.
+    """Write tables, PVD files and a compressed copy as requested; yield each file when it is complete.
 
-    Raises UsageError when nothing is asked for, InputError (run, frame), OutputError.
+    Raises UsageError when no target is given, InputError (run, frame), OutputError.
     """
     if csv is pvd is pack is None:
         command = ": --csv DIR, --pvd DIR, --pack FILE"

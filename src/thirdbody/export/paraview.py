@@ -1,4 +1,4 @@
-"""Files beside `run.vtkhdf` for ParaView: one sidecar per block, and a script that sets up the view."""
+"""Files for ParaView next to `run.vtkhdf`: one sidecar per block, and a script that sets up the view."""
 
 from __future__ import annotations
 
@@ -88,11 +88,10 @@ if picture:
 
 
 def write_sidecars(path: str | Path) -> list[Path]:
-    """Write `run.spheres.vtkhdf` and its like beside the trajectory `path`; returns their paths.
+    """Write `run.spheres.vtkhdf` and the other sidecars next to the trajectory `path`; return their paths.
 
-    Each holds one external link to a block, so that it reads as plain PolyData: VTK 9.7 ignores the time of
-    composite files. The link names the trajectory relative to the folder, which may therefore move. Raises
-    OSError.
+    Each holds one external link to a block, so that it reads as plain PolyData: VTK 9.7 ignores the time of composite files. The
+    link names the trajectory relative to the folder, which may therefore move. Raises OSError.
     """
     import h5py
 
@@ -109,7 +108,7 @@ def write_sidecars(path: str | Path) -> list[Path]:
 
 
 def write_script(path: Path, state_names: Sequence[str], files: str) -> None:
-    """Write the script that sets up the view; `files` is the file of a block beside it, such as `{name}.pvd`. Raises OSError."""
+    """Write the script that sets up the view; `files` is the name of the file of a block, as `{name}.pvd`. Raises OSError."""
     colors = [round(channel / 255.0, 4) for color in state_colors(state_names) for channel in rgb(color)]
     text = _SCRIPT.substitute(
         script=path.name,
@@ -122,7 +121,7 @@ def write_script(path: Path, state_names: Sequence[str], files: str) -> None:
 
 
 def write_paraview_files(path: str | Path, state_names: Sequence[str]) -> list[Path]:
-    """Write sidecars and `open_in_paraview.py` beside the trajectory `path`; returns them. Raises OSError."""
+    """Write sidecars and `open_in_paraview.py` next to the trajectory `path`; return them. Raises OSError."""
     path = Path(path)
     script = path.with_name(SCRIPT_NAME)
     write_script(script, state_names, f"{path.stem}.{{name}}.vtkhdf")

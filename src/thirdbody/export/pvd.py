@@ -1,4 +1,4 @@
-"""Writes a run as PVD + VTP, the old files of VTK, for ParaView before 5.12 (and anything else that reads VTP).
+"""Writer of a run as PVD + VTP, the older files of VTK, for ParaView before 5.12 and other programs that read VTP.
 
 spheres.pvd, clumps.pvd, contacts.pvd, plates.pvd   the times and the files of each block
 spheres/0000.vtp, ...                               one file per block and frame, compressed by zlib
@@ -23,9 +23,9 @@ CORNERS = 4  # of a plate
 
 
 def export_pvd(run: Run, folder: Path, frame: int | None = None, overwrite: bool = False) -> list[Path]:
-    """Write all blocks of all frames, or of one, into a new folder; returns the PVD files and the script.
+    """Write all blocks of all frames, or of one, into a new folder; return the PVD files and the script.
 
-    Raises IndexError for a frame that the run has not, OutputError; then nothing is written.
+    Raises IndexError for a frame outside the run, OutputError; then nothing is written.
     """
     numbers = [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1)
     width = max(4, len(str(run.frames - 1)))
@@ -44,13 +44,13 @@ def export_pvd(run: Run, folder: Path, frame: int | None = None, overwrite: bool
 
 def write_vtp(path: Path, arrays: dict[str, np.ndarray], block: str) -> None:
     """Write the arrays of one frame of a block as PolyData. Raises OSError."""
-    # not `vtk`, which loads what draws and needs system libraries
+    # not `vtk`, which loads rendering modules and needs system libraries
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
     writer = vtkXMLPolyDataWriter()
     writer.SetInputData(_polydata(arrays, block))
-    writer.SetDataModeToAppended()  # in base64, so that the file is a text
-    # Python writes the file: VTK takes every fault for a full disk and prints two paragraphs.
+    writer.SetDataModeToAppended()  # in base64, so that the file is text
+    # Python writes the file: VTK reports every error as a full disk and prints two paragraphs.
     writer.WriteToOutputStringOn()
     writer.Write()
     path.write_text(writer.GetOutputString(), encoding="ascii")
@@ -77,7 +77,7 @@ def _polydata(arrays: dict[str, np.ndarray], block: str) -> Any:
 
 
 def _cells(points: int, per_cell: int) -> Any:
-    """Cells of `per_cell` consecutive points each."""
+    """Return cells of `per_cell` consecutive points each."""
     from vtkmodules.util.numpy_support import numpy_to_vtkIdTypeArray
     from vtkmodules.vtkCommonDataModel import vtkCellArray
 
@@ -88,7 +88,7 @@ def _cells(points: int, per_cell: int) -> Any:
 
 
 def _collection(entries: list[tuple[float, str]]) -> str:
-    """The PVD file: time and file of each frame."""
+    """Return the PVD file: time and file of each frame."""
     lines = [f'    <DataSet timestep="{time!r}" part="0" file="{file}"/>' for time, file in entries]
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1">\n  <Collection>\n'
     return head + "\n".join(lines) + "\n  </Collection>\n</VTKFile>\n"

@@ -1,4 +1,4 @@
-"""The picture of forecast against fact: how far the friction of each body is from where it could just slide, and what it did."""
+"""Picture of forecast against observation: margin of each body's friction to the limit of sliding, and its motion."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ BAND = 0.02
 """Relative distance of mu from t_min and t_max within which the answer is open."""
 
 FARTHEST, NEVER = 10.0, -28.0
-"""Margins beyond +-FARTHEST are drawn there; NEVER is the place of bodies that no friction lets slide (t_min > t_max)."""
+"""Margins beyond +-FARTHEST are drawn there; NEVER: position of bodies that no friction lets slide (t_min > t_max)."""
 
 FORMATS = (".png", ".pdf", ".svg")
 MARKERS = {"rolling": "o", "sliding": "D", "sticking": "s"}
 FACTS = {"rolling": "was rolling", "sliding": "never rolled: slid", "sticking": "never rolled: stuck"}
 INK = "#222222"
 WIDTH, ROW, ROOM = 5.4, 0.4, 2.1
-"""Of the figure, inch: width, height of one row at least, height of all that is no row."""
+"""Of the figure [inch]: width, least height of one row, height of everything except the rows."""
 TALLEST = 3.2
-"""Height of the rows together, inch, up to which crowded rows grow so that their points can be told apart."""
+"""Height of all rows [inch] up to which crowded rows grow so that their points stay distinguishable."""
 LETTERS = 52
-"""In a line of the title at most: what the width has room for."""
+"""Largest number of letters in a line of the title, by its width."""
 LEAST = 3
-"""Rows whose height the axes have at least."""
+"""Number of rows that the axes have room for at least."""
 DOTS = 180
 """Per inch: nearly 300 where the picture is printed in one column of two (3.4 inch)."""
 SPREAD = 0.4
-"""Greatest distance of a point from the middle of its row, whose height is 1."""
+"""Largest distance of a point from the middle of its row, whose height is 1."""
 EDGES = (1.8 * NEVER, 1.35 * FARTHEST)
 STEP = 0.0125
 """Width of a stack of points over that of the axes: a little less than a point, so that neighbours just overlap."""
 PITCH = 0.055
-"""From point to point of a stack, inch: they just touch."""
+"""Distance between points of a stack [inch]: they just touch."""
 NAMED = 12
-"""Disagreements that are ringed and named at most; of more the farthest from the band, half of them on each side."""
+"""Largest number of ringed and named disagreements; of more, those farthest from the band, half of them on each side."""
 NUMBER = (0.09, 0.16)
-"""Room of a number beside its ring as shares of the width of the axes, and inch of height."""
+"""Room of a number next to its ring: fraction of the width of the axes, and height [inch]."""
 
 
 class Forecasts(NamedTuple):
@@ -54,15 +54,15 @@ class Forecasts(NamedTuple):
     body: np.ndarray
     """Number of the body in its run (n,), int."""
     friction: np.ndarray
-    """Friction coefficient (n,), 1."""
+    """Friction coefficient (n,)."""
     t_min: np.ndarray
-    """Least friction with which it can slide along the drag (n,), 1."""
+    """Least friction coefficient with which it can slide along the drag (n,)."""
     t_max: np.ndarray
-    """Largest one (n,), 1."""
+    """Largest one (n,)."""
     slides: np.ndarray
     """Forecast (n,), bool: it can slide; else it can only roll."""
     fact: np.ndarray
-    """What it did (n,), str: a key of FACTS."""
+    """Observed motion (n,), str: a key of FACTS."""
 
     @property
     def margin(self) -> np.ndarray:
@@ -78,23 +78,23 @@ class Forecasts(NamedTuple):
 
     @property
     def as_told(self) -> np.ndarray:
-        """Forecast and fact agree (n,), bool."""
+        """Forecast and observation agree (n,), bool."""
         return self.slides == (self.fact != "rolling")
 
 
 def pool(parts: Sequence[Forecasts]) -> Forecasts:
-    """The bodies of several runs as those of one."""
+    """Join the bodies of several runs."""
     return Forecasts(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
 def check_format(path: Path) -> None:
-    """Raises UsageError for a picture that is none of FORMATS."""
+    """Raise UsageError for a picture whose suffix is not in FORMATS."""
     if path.suffix.lower() not in FORMATS:
         raise UsageError(f"{path}: a picture ends in {', '.join(FORMATS)}")
 
 
 def draw_forecasts(forecasts: Forecasts, path: Path, title: str = "") -> None:
-    """Write the picture, one row per friction coefficient; its kind is told by the suffix.
+    """Write the picture, one row per friction coefficient; the suffix selects the format.
 
     Raises UsageError for another suffix, InputError without any body, OutputError if the file cannot be written.
     """
@@ -113,13 +113,13 @@ def draw_forecasts(forecasts: Forecasts, path: Path, title: str = "") -> None:
 
 
 def rows_height(friction: np.ndarray) -> float:
-    """Height of all rows, inch: a row of n bodies asks for a quarter of the stack that they would make, up to TALLEST in all."""
+    """Return the height of all rows [inch]: a row of n bodies needs a quarter of their stack, up to TALLEST in all."""
     counts = np.unique(friction, return_counts=True)[1]
     return max(ROW * max(len(counts), LEAST), min(0.25 * PITCH * float(counts.max()) * len(counts), TALLEST))
 
 
 def draw_into(axes: Axes, forecasts: Forecasts, title: str = "") -> None:
-    """Draw everything into the axes: the two answers and the band, points by what was seen, rings around disagreements."""
+    """Draw everything into the axes: the two answers and the band, points by observed motion, rings around disagreements."""
     frictions, row = np.unique(forecasts.friction, return_inverse=True)
     _draw_ground(axes, frictions)
     x = np.where(forecasts.t_min > forecasts.t_max, NEVER, np.clip(forecasts.margin, -FARTHEST, FARTHEST))
@@ -137,7 +137,7 @@ def draw_into(axes: Axes, forecasts: Forecasts, title: str = "") -> None:
 
 
 def agreement(forecasts: Forecasts) -> str:
-    """The agreement in words."""
+    """Return the agreement in words."""
     clear = forecasts.clear
     report, agree = int(clear.sum()), int((clear & forecasts.as_told).sum())
     fraction = f" ({100.0 * agree / report:.1f} %)" if report else ""
@@ -146,7 +146,10 @@ def agreement(forecasts: Forecasts) -> str:
 
 
 def swarm(x: np.ndarray, row: np.ndarray, pitch: float) -> np.ndarray:
-    """Places across its row (n,), within +-SPREAD, of points at `x` (share of the width): near ones stacked, `pitch` apart."""
+    """Return positions across a row (n,), within +-SPREAD, of points at `x` (fraction of the width): near ones stacked.
+
+    `pitch`: distance between the points of a stack.
+    """
     across = np.zeros(len(x))
     cell = np.floor(x / STEP + 0.5).astype(int)
     for key in np.unique(np.column_stack([row, cell]), axis=0):
@@ -157,12 +160,12 @@ def swarm(x: np.ndarray, row: np.ndarray, pitch: float) -> np.ndarray:
 
 
 def _share(axes: Axes, x: np.ndarray) -> np.ndarray:
-    """Places (n,) along the axis as shares of its width: the same whatever the size of the figure becomes."""
+    """Return positions (n,) along the axis as fractions of its width, independent of the size of the figure."""
     return axes.transData.transform(np.column_stack([x, np.zeros(len(x))]))[:, 0] / axes.bbox.width
 
 
 def _draw_ground(axes: Axes, frictions: np.ndarray) -> None:
-    """The axes, linear within the band and logarithmic outside, in the pale colour of what is told there."""
+    """Draw the axes, linear within the band and logarithmic outside, in the pale colour of the forecast."""
     axes.set_xscale("symlog", linthresh=BAND, linscale=0.35)
     axes.set_xlim(*EDGES)
     axes.set_ylim(-0.55, len(frictions) - 0.45)
@@ -188,7 +191,7 @@ def _draw_ground(axes: Axes, frictions: np.ndarray) -> None:
 
 
 def _mark_disagreements(axes: Axes, forecasts: Forecasts, x: np.ndarray, y: np.ndarray, height: float) -> None:
-    """Rings and numbers for the bodies outside the band that did other than told; of many, dark edges and the farthest named."""
+    """Draw rings and numbers for wrongly forecast bodies outside the band; of many, dark edges, and numbers for the farthest."""
     wrong = np.flatnonzero(forecasts.clear & ~forecasts.as_told)
     if not len(wrong):
         return
@@ -208,9 +211,9 @@ def _mark_disagreements(axes: Axes, forecasts: Forecasts, x: np.ndarray, y: np.n
 
 
 def farthest(forecasts: Forecasts, wrong: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Those of the bodies `wrong` that get a ring and a number: all of a few, else the farthest from the band on each side.
+    """Return the bodies with a ring and a number: all `wrong` ones if few, else the farthest from the band on each side.
 
-    `places` (n, 2), of all bodies, in shares of the width and in inch: where a number would lie on another there is none.
+    `places` (n, 2), of all bodies: fraction of the width, and height [inch]. Overlapping numbers are omitted.
     """
     if len(wrong) <= NAMED:
         return wrong
@@ -227,7 +230,7 @@ def farthest(forecasts: Forecasts, wrong: np.ndarray, places: np.ndarray) -> np.
 
 
 def _write_numbers(axes: Axes, body: np.ndarray, ringed: np.ndarray, points: np.ndarray, places: np.ndarray) -> None:
-    """The number of each body to the right of its ring, or to the left where another ring is."""
+    """Write the number of each body to the right of its ring, or to the left where another ring is."""
     from matplotlib.patheffects import withStroke
 
     for k in ringed:
@@ -239,5 +242,5 @@ def _write_numbers(axes: Axes, body: np.ndarray, ringed: np.ndarray, points: np.
 
 
 def _pale(color: str) -> tuple[float, ...]:
-    """A quarter of the colour on white."""
+    """Return a quarter of the colour on white."""
     return tuple(1.0 - 0.25 * (1.0 - part / 255.0) for part in rgb(color))

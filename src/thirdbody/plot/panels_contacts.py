@@ -1,4 +1,4 @@
-"""Panels of the contacts at one frame: how much of their friction they use, and their normal forces."""
+"""Panels of the contacts at one frame: utilisation of friction, and normal forces."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ UTILISATION_NOTE = (
 
 
 def why_no(name: str, sheet: RunData) -> str:
-    """Why there is no histogram of that array, empty if there is one."""
+    """Return why there is no histogram of that array, empty if there is one."""
     if not len(sheet.contacts["position"]):
         return f"no contact at frame {sheet.frame}"
     if name not in sheet.contacts:
@@ -34,17 +34,17 @@ def why_no(name: str, sheet: RunData) -> str:
 
 
 def why_no_utilisation(sheet: RunData) -> str:
-    """Empty when there are contacts."""
+    """Return why there is no histogram, empty when there are contacts."""
     return why_no("utilisation", sheet)
 
 
 def why_no_normal_force(sheet: RunData) -> str:
-    """Empty when there are contacts."""
+    """Return why there is no histogram, empty when there are contacts."""
     return why_no("normal_force", sheet)
 
 
 def utilisation_title(sheet: RunData) -> str:
-    """Share of slipping contacts in words."""
+    """Return the fraction of slipping contacts in words."""
     values = sheet.contacts["utilisation"]
     fraction = float(np.mean(values >= LIMIT))
     words = {0.0: "none slips", 1.0: "all slip"}.get(fraction, f"{percent(fraction)} slip")
@@ -52,13 +52,13 @@ def utilisation_title(sheet: RunData) -> str:
 
 
 def normal_force_title(sheet: RunData) -> str:
-    """Mean in words."""
+    """Return the mean in words."""
     values = sheet.contacts["normal_force"]
     return f"{len(values)} contact{'s' if len(values) > 1 else ''}: mean {quantity_text(float(values.mean()), 'N')}"
 
 
 def when(sheet: RunData) -> str:
-    """The frame in words."""
+    """Return the frame in words."""
     return "at the end" if sheet.frame == sheet.frames - 1 else f"frame {sheet.frame}"
 
 

@@ -1,4 +1,4 @@
-"""Panels of friction: the coefficient over the way, and the loop of a stroke."""
+"""Panels of friction: the coefficient over the sliding distance, and the loop of a stroke."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SHARE = 0.1
-"""Of the run that one running mean counts."""
+"""Fraction of the run covered by one running mean."""
 
 MU = "friction coefficient"
 FRICTION_NOTE = (
@@ -29,14 +29,14 @@ LOOP_NOTE = (
 
 
 def why_no_friction(sheet: RunData) -> str:
-    """Why there is nothing to draw over the way, empty if there is."""
+    """Return why there is nothing to draw over the sliding distance, empty if there is."""
     if sheet.stroke:
         return "the plate goes back and forth: the panel loop shows its friction"
     return _why_none(sheet)
 
 
 def why_no_loop(sheet: RunData) -> str:
-    """Why there is no loop, empty if there is one."""
+    """Return why there is no loop, empty if there is one."""
     return _why_none(sheet) if sheet.stroke else "the plate never turns back"
 
 
@@ -47,7 +47,7 @@ def _why_none(sheet: RunData) -> str:
 
 
 def friction_title(sheet: RunData) -> str:
-    """The result in words."""
+    """Return the result in words."""
     result = sheet.friction
     if not np.isfinite(result.value):
         return "Friction coefficient"
@@ -56,7 +56,7 @@ def friction_title(sheet: RunData) -> str:
 
 
 def draw_friction(axes: Axes, sheet: RunData) -> None:
-    """Draw the means of the intervals, their running mean, mean and error over the second half, and the pairs' coefficients."""
+    """Draw the interval means, their running mean, mean and error over the second half, and the coefficients of the pairs."""
     x, unit = scale_values(sheet.axis[0], sheet.axis[1])
     mu = sheet.name("friction_coefficient").copy()
     mu[0] = np.nan  # that interval was the pressing
@@ -76,13 +76,13 @@ def draw_friction(axes: Axes, sheet: RunData) -> None:
 
 
 def window_text(sheet: RunData, width: int) -> str:
-    """Length of `width` intervals of the axis in words."""
+    """Return the length of `width` intervals of the axis in words."""
     x, unit, _ = sheet.axis
     return quantity_text(width * (x[-1] - x[0]) / (len(x) - 1), unit, 2)
 
 
 def _draw_mean(axes: Axes, sheet: RunData, x: np.ndarray) -> None:
-    """The mean with its error over the intervals that it counts; where they drift the straight line through them instead."""
+    """Draw the mean with its error over its intervals; where they drift, the linear fit instead."""
     result = sheet.friction
     members = np.flatnonzero(sheet.averaged[sheet.start :])
     if not len(members):
@@ -102,7 +102,7 @@ def _draw_mean(axes: Axes, sheet: RunData, x: np.ndarray) -> None:
 
 
 def _draw_pairs(axes: Axes, sheet: RunData) -> None:
-    """The coefficients that the scene gives: what gross sliding would show."""
+    """Draw the coefficients that the scene gives: the friction of gross sliding."""
     for place, value in enumerate(sheet.pair_friction if len(sheet.pair_friction) <= 3 else []):
         label = "if all slid (coefficient\nof the pair)" if place == 0 else None
         axes.axhline(value, color=LINES["grey"], linewidth=0.9, linestyle=":", label=label)
@@ -116,15 +116,15 @@ def _shade_unloaded(axes: Axes, x: np.ndarray, mu: np.ndarray) -> None:
 
 
 def stretches(flags: np.ndarray) -> list[tuple[int, int]]:
-    """First and last index of every stretch of True."""
+    """Return the first and last index of every run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return [(int(first), int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def loop_area(sheet: RunData) -> float:
-    """Area of the loop of the last whole cycle, m: the sum of mean coefficient times displacement over the intervals.
+    """Return the area of the loop of the last whole cycle [m]: sum of mean coefficient times displacement over the intervals.
 
-    An unloaded interval adds nothing. NaN before there is a whole cycle.
+    An unloaded interval adds nothing. NaN before the first whole cycle.
     """
     if sheet.cycle is None:
         return float("nan")
@@ -133,7 +133,7 @@ def loop_area(sheet: RunData) -> float:
 
 
 def loop_title(sheet: RunData) -> str:
-    """The area in words."""
+    """Return the area in words."""
     area, work = loop_area(sheet), sheet.friction.energy_per_cycle
     if not np.isfinite(area):
         return "Friction loop (no whole cycle yet)"
@@ -142,10 +142,10 @@ def loop_title(sheet: RunData) -> str:
 
 
 def draw_loop(axes: Axes, sheet: RunData) -> None:
-    """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle strong."""
+    """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle emphasised."""
     u, unit = scale_values(sheet.displacement, "m")
     middle = u.copy()
-    middle[1:] = 0.5 * (u[1:] + u[:-1])  # where the mean over the interval belongs
+    middle[1:] = 0.5 * (u[1:] + u[:-1])  # abscissa of the mean over the interval
     mu = sheet.name("friction_coefficient", False)
     shown = slice(sheet.start + 1, None)
     axes.plot(middle[shown], mu[shown], color=LINES["sky"], linewidth=0.9, label="all of the drag")

@@ -1,4 +1,4 @@
-"""Panel of the states by group: who rolls and who slides, by population, material and size."""
+"""Panel of the states by group: population, material and size."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ GROUPS_NOTE = (
     " of equal number (volume-equivalent diameter); on the right the number of bodies and their share of the normal force."
 )
 MOST, LETTERS, ROOM = 12, 26, 0.14
-"""Rows, at most; letters of a name; share of a row that a text in it needs."""
+"""Largest number of rows; letters of a name; fraction of a row that a text in it needs."""
 
 
 def why_no_groups(sheet: RunData) -> str:
-    """Empty when the bodies have labels and differ in population, material or size."""
+    """Return why there is no panel, empty when the bodies have labels and differ in population, material or size."""
     if not sheet.fractions:
         return "its bodies were not labelled"
     return "" if _rows(sheet) else "its bodies are of one population and size"
 
 
 def groups_title(sheet: RunData) -> str:
-    """What most bodies of each population do, in words."""
+    """Return the most frequent state of each population in words."""
     populations = [row for kind, row in _rows(sheet) if kind == POPULATION][:3]
     if not populations:
         return "States by size at the last frame"

@@ -1,4 +1,4 @@
-"""Panels of what goes on over the drag: states, gap, load, energy."""
+"""Panels over the drag: states, gap, load, energy."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ ENERGY_NOTE = (
     " residual is the rest."
 )
 SMALL, NOTHING = 0.01, 1e-5
-"""A change below SMALL of the whole is drawn as a change, one below NOTHING is none."""
+"""A change below SMALL of the value is drawn as a change, one below NOTHING counts as none."""
 
 
 class _Line(NamedTuple):
-    """A line of the ledger: what it sums, label, colour, style."""
+    """Line of the ledger: its terms, label, colour, style."""
 
     parts: tuple[str, ...]
     label: str
@@ -51,24 +51,24 @@ ROUNDING = 1e-15
 
 
 def _why_short(sheet: RunData) -> str:
-    """Why nothing can be drawn over time, empty if it can."""
+    """Return why nothing can be drawn over time, empty if it can."""
     return "" if len(sheet.axis[0]) > 1 and sheet.axis[0][-1] > sheet.axis[0][0] else "fewer than two frames"
 
 
 def why_no_states(sheet: RunData) -> str:
-    """Empty when the run has labels."""
+    """Return why there is no panel, empty when the run has labels."""
     return "" if sheet.fractions else "its bodies were not labelled"
 
 
 def states_title(sheet: RunData) -> str:
-    """The shares at the end in words."""
+    """Return the final fractions in words."""
     bodies = sheet.summary.get("bodies", 0)
     name = "State of the body" if bodies == 1 else f"States of the {bodies} bodies"
     return f"{name}: at the end {end_shares(sheet)}"
 
 
 def end_shares(sheet: RunData) -> str:
-    """`59 % sliding, 41 % rolling`; of one body its state only."""
+    """Return `59 % sliding, 41 % rolling`; for one body its state only."""
     portions = {name: float(values[-1]) for name, values in sheet.fractions.items() if values[-1] > 0.0}
     if len(portions) == 1:
         return f"{'' if sheet.summary.get('bodies') == 1 else 'all '}{next(iter(portions))}"
@@ -76,7 +76,7 @@ def end_shares(sheet: RunData) -> str:
 
 
 def draw_states(axes: Axes, sheet: RunData) -> None:
-    """Draw the shares stacked; those of a frame are drawn as far as the middle to the next."""
+    """Draw the fractions stacked; those of a frame extend to the middle of the next interval."""
     x, unit = scale_values(sheet.axis[0], sheet.axis[1])
     portions = {name: values[sheet.start :] for name, values in sheet.fractions.items()}
     if len(x) == 1:  # one frame: a bar
@@ -94,12 +94,12 @@ def draw_states(axes: Axes, sheet: RunData) -> None:
 
 
 def why_no_gap(sheet: RunData) -> str:
-    """Empty when there is an upper plate."""
+    """Return why there is no panel, empty when there is an upper plate."""
     return _why_short(sheet) or ("" if np.isfinite(sheet.name("gap")).any() else "no upper plate")
 
 
 def gap_title(sheet: RunData) -> str:
-    """Its change in words."""
+    """Return its change in words."""
     gap = sheet.name("gap")
     change = gap[-1] - gap[0]
     if not _changes(gap):
@@ -109,17 +109,17 @@ def gap_title(sheet: RunData) -> str:
 
 
 def draw_gap(axes: Axes, sheet: RunData) -> None:
-    """Draw the gap, as its change since the start of the drag where that is small."""
+    """Draw the gap, or its change since the start of the drag where that is small."""
     _draw_line(axes, sheet, sheet.name("gap"), "m", "gap", LINES["black"])
 
 
 def why_no_load(sheet: RunData) -> str:
-    """Empty when a plate feels a force."""
+    """Return why there is no panel, empty when a plate feels a force."""
     return _why_short(sheet) or ("" if np.nan_to_num(load(sheet)).any() else "no load on a plate")
 
 
 def load(sheet: RunData) -> np.ndarray:
-    """Normal force of the debris on the upper plate (without one: the lower) from the start of the drag, N, mean of intervals."""
+    """Return the normal force on the upper plate (without one: lower) from the start of the drag [N], interval means."""
     side, sign = ("upper_force", 1.0) if np.isfinite(sheet.name("gap")).any() else ("lower_force", -1.0)
     if side not in sheet.series:
         return np.full(sheet.frames - sheet.start, np.nan)
@@ -127,7 +127,7 @@ def load(sheet: RunData) -> np.ndarray:
 
 
 def load_title(sheet: RunData) -> str:
-    """Its end in words."""
+    """Return its final value in words."""
     values = load(sheet)
     return f"Load: {quantity_text(values[-1], 'N')} at the end, at most {quantity_text(float(np.nanmax(values)), 'N')}"
 
@@ -153,17 +153,17 @@ def _draw_line(axes: Axes, sheet: RunData, values: np.ndarray, unit: str, name: 
 
 
 def _changes(values: np.ndarray) -> bool:
-    """Whether it ever leaves its start by more than NOTHING of it."""
+    """Return whether the values ever differ from the first by more than NOTHING of it."""
     return bool(np.nanmax(np.abs(values - values[0])) > NOTHING * abs(values[0]))
 
 
 def why_no_energy(sheet: RunData) -> str:
-    """Empty when the run has a ledger."""
+    """Return why there is no panel, empty when the run has a ledger."""
     return _why_short(sheet) or ("" if "energy_plate_work" in sheet.series else "no energy ledger")
 
 
 def ledger(sheet: RunData) -> dict[str, np.ndarray]:
-    """Lines of the ledger by label, J, from the start of the drag; of those below rounding only friction and residual stay."""
+    """Return the lines of the ledger by label [J] since the start of the drag; below rounding only friction and residual."""
     lines = {}
     for line in LEDGER:
         parts = [sheet.name(f"energy_{part}") for part in line.parts if f"energy_{part}" in sheet.series]
@@ -175,10 +175,10 @@ def ledger(sheet: RunData) -> dict[str, np.ndarray]:
 
 
 def energy_title(sheet: RunData) -> str:
-    """Work and the share of friction in words, of the sliding alone; what the pressing before it took is told apart."""
+    """Return the work and the fraction of friction in words, of the sliding alone; the work of pressing is given separately."""
     work, lost = (sheet.name(f"energy_{part}") for part in ("plate_work", "friction"))
     done, rubbed = float(work[-1] - work[0]), float(lost[-1] - lost[0])
-    # the loss of a spot that never slips is a rounding error below zero
+    # the loss at a contact that never slips is a rounding error below zero
     fraction = (
         f", {percent(max(rubbed / done, 0.0))} of it lost in friction" if done > 0.0 and -1e-3 * done < rubbed <= done else ""
     )
@@ -191,7 +191,7 @@ def energy_title(sheet: RunData) -> str:
 
 
 def draw_energy(axes: Axes, sheet: RunData) -> None:
-    """Draw the cumulative lines of the ledger; the legend tells what they end at, which small ones do not show."""
+    """Draw the cumulative lines of the ledger; the legend gives their final values, where small ones are not visible."""
     lines = ledger(sheet)
     x, x_unit = scale_values(sheet.axis[0], sheet.axis[1])
     factor, unit = unit_for(np.concatenate(list(lines.values())), "J")

@@ -1,4 +1,4 @@
-"""What the panels of a plot take from a run: series from the start of the drag on, the way of the plate, contacts of a frame."""
+"""Data of a run for the panels: series from the start of the drag on, path of the plate, contacts of a frame."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class RunData:
-    """One run, as its plots see it; contacts are those of `frame`. Raises IndexError for a frame outside the run."""
+    """Data of one run for its plots; contacts are those of `frame`. Raises IndexError for a frame outside the run."""
 
     def __init__(self, run: Run, frame: int = -1):
         self.run, self.frame = run, run.frame_number(frame)
@@ -27,13 +27,13 @@ class RunData:
         self.bodies = run.bodies(self.frame)
 
     def name(self, name: str, shown: bool = True) -> np.ndarray:
-        """One series by name, from the start of what is shown; NaN everywhere if the run has none."""
+        """Return one series by name, from the start of the drag if `shown`; NaN everywhere if the run has none."""
         values = self.series.get(name, np.full(self.frames, np.nan))
         return values[self.start :] if shown else values
 
     @property
     def distance(self) -> np.ndarray:
-        """Sliding distance (F,), m; zero without a drag."""
+        """Sliding distance (F,) [m]; zero without a drag."""
         return self.drag.distance
 
     @property
@@ -42,17 +42,17 @@ class RunData:
 
     @property
     def start(self) -> int:
-        """The frame at which the drag starts, 0 without one: pressing stands before it."""
+        """Frame at which the drag starts, after pressing; 0 without drag."""
         return self.drag.start
 
     @property
     def displacement(self) -> np.ndarray:
-        """Displacement of the upper plate along its first direction (F,), m."""
+        """Displacement of the upper plate along its first direction (F,) [m]."""
         return self.drag.displacement
 
     @property
     def stroke(self) -> bool:
-        """The plate goes back and forth."""
+        """Whether the plate moves back and forth."""
         return self.drag.stroke
 
     @property
@@ -62,7 +62,7 @@ class RunData:
 
     @cached_property
     def axis(self) -> tuple[np.ndarray, str, str]:
-        """What the series are drawn over: values from `start` on, SI unit, and its name."""
+        """Abscissa of the series: values from `start` on, SI unit, and name."""
         if self.dragged and not self.stroke:
             return self.distance[self.start :], "m", "sliding distance"
         times = self.run.times[self.start :]
@@ -70,23 +70,23 @@ class RunData:
 
     @cached_property
     def averaged(self) -> np.ndarray:
-        """Frames (F,), bool, that the mean friction coefficient of one-way sliding counts."""
+        """Frames (F,), bool, that enter the mean friction coefficient of one-way sliding."""
         return averaged(self.run)
 
     @property
     def friction(self) -> Friction:
-        """The friction coefficient of the run."""
+        """Friction coefficient of the run."""
         return self.run.friction
 
     @cached_property
     def fractions(self) -> dict[str, np.ndarray]:
-        """Shares of the states (F,) by name, empty for a run without labels."""
+        """Fractions of the states (F,) by name, empty for a run without labels."""
         portions = {name: self.series.get(f"fraction_{name}") for name in self.run.state_names}
         return {name: values for name, values in portions.items() if values is not None}
 
     @cached_property
     def scene(self) -> dict[str, Any]:
-        """The scene as tables, empty when it cannot be read."""
+        """Scene as tables, empty when it cannot be read."""
         try:
             return tomllib.loads(self.run.scene_text)
         except tomllib.TOMLDecodeError:
@@ -94,7 +94,7 @@ class RunData:
 
     @cached_property
     def pair_friction(self) -> list[float]:
-        """Friction coefficients of the debris against the plates, as the scene gives them, each once, from small to large."""
+        """Friction coefficients of the debris against the plates given by the scene, unique, ascending."""
         plates = {plate.get("material") for plate in self.scene.get("plates", {}).values()}
         debris = {part.get("material") for part in self.scene.get("debris", ())}
         result = set()
@@ -106,7 +106,7 @@ class RunData:
 
     @cached_property
     def contact_groups(self) -> dict[str, np.ndarray]:
-        """Which contacts (C,), bool, belong to bodies in which state; those between two bodies stand apart."""
+        """Return the contacts (C,), bool, of the bodies in each state; those between two bodies separately."""
         c = self.contacts
         between = c["partner"] >= 0 if "partner" in c else np.zeros(len(c["position"]), bool)
         if "body" not in c or "state" not in self.bodies:

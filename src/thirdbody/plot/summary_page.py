@@ -1,4 +1,4 @@
-"""The page that tells what happened in a run: panels over the drag, of the contacts at a frame, and a headline in words."""
+"""Summary page of a run: panels over the drag, of the contacts at a frame, and a headline in words."""
 
 from __future__ import annotations
 
@@ -31,19 +31,19 @@ if TYPE_CHECKING:
 
 INK, SOFT = "#222222", "#5A626C"
 WIDTH = 8.27
-"""Of the page, inch: that of A4."""
+"""Width of the page [inch]: A4."""
 TITLE_LINE, LINE, NOTE_LINE = 0.27, 0.17, 0.125
-"""Heights of lines of text: title, headline, notes; inch."""
+"""Heights of lines of text: title, headline, notes [inch]."""
 LETTERS_OF_TITLE, LETTERS, LETTERS_OF_NOTE = 62, 116, 145
-"""In such a line, at most: what the width has room for."""
+"""Largest number of letters in such a line, by the width of the page."""
 PLACES = 8
-"""Decimals of the places of axes, as shares of the page: far below a pixel."""
+"""Decimals of the positions of axes, as fractions of the page: far below a pixel."""
 EDGE, MARGIN = 0.2, 0.3
-"""Free above and below, and to the left, inch."""
+"""Free space above and below, and to the left [inch]."""
 
 
 class Panel(NamedTuple):
-    """A panel: when it can be drawn, what it says, how it is drawn."""
+    """Panel: condition, title, drawing."""
 
     name: str
     missing: Callable[[RunData], str]
@@ -51,11 +51,11 @@ class Panel(NamedTuple):
     title: Callable[[RunData], str]
     draw: Callable[[Axes, RunData], None]
     height: float
-    """Inch, with its title and axis."""
+    """Height with title and axis [inch]."""
     half: bool = False
-    """It takes half the width."""
+    """Whether it has half the width."""
     note: str = ""
-    """What a reader must know, told at the foot of the page."""
+    """Note for the reader at the foot of the page."""
 
 
 PANELS = (
@@ -75,10 +75,10 @@ NAMES = tuple(panel.name for panel in PANELS)
 
 
 def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = None, frame: int = -1) -> Path:
-    """Write the page of a run, or the panels named, as .png, .pdf or .svg; returns its path.
+    """Write the page of a run, or the panels named, as .png, .pdf or .svg; return its path.
 
-    `frame` is that of the contacts. Raises UsageError for another suffix or the name of no panel, InputError for a run, a frame
-    or the data of a panel that are not there, OutputError when the file cannot be written (nothing is left half-written).
+    `frame` is the frame of the contacts. Raises UsageError for another suffix or an unknown panel, InputError when the run, the
+    frame or the data of a panel are missing, OutputError when the file cannot be written (no partial file remains).
     """
     from thirdbody.trajectory.reader import open_run
 
@@ -90,7 +90,7 @@ def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = N
 
 
 def checked_path(path: str | Path) -> Path:
-    """The path of a picture to write. Raises UsageError for another suffix, OutputError without its folder."""
+    """Return the path of a picture to write. Raises UsageError for another suffix, OutputError without its folder."""
     path = Path(path)
     check_format(path)
     if not os.path.isdir(path.absolute().parent):
@@ -99,7 +99,7 @@ def checked_path(path: str | Path) -> Path:
 
 
 def check_names(names: Sequence[str] | None) -> None:
-    """Raises UsageError for the name of no panel."""
+    """Raise UsageError for an unknown panel."""
     for name in names or ():
         if name not in NAMES:
             raise UsageError(f"no panel is called '{name}': there are {', '.join(NAMES)}")
@@ -110,7 +110,7 @@ def save(figure: Figure, path: Path) -> None:
     from matplotlib import rc_context
 
     kind, content = path.suffix.lower()[1:], io.BytesIO()
-    # a date would make equal pictures differ, and so would the names of shapes; letters stay letters in PDF
+    # dates and random names of shapes would make equal pictures differ; letters stay letters in PDF
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
     with rc_context({"svg.hashsalt": "thirdbody", "pdf.fonttype": 42}), _one_warning_of_letters(path):
         figure.savefig(content, format=kind, dpi=DOTS, metadata=metadata)
@@ -122,7 +122,7 @@ def save(figure: Figure, path: Path) -> None:
 
 @contextmanager
 def _one_warning_of_letters(path: Path) -> Iterator[None]:
-    """Replace the warnings of matplotlib, one for each letter that its font lacks, by one for all."""
+    """Replace the warnings of matplotlib, one for each letter missing in its font, by a single one."""
     with warnings.catch_warnings(record=True) as caught:
         yield
     lacking = [entry for entry in caught if "missing from font" in str(entry.message)]
@@ -134,7 +134,7 @@ def _one_warning_of_letters(path: Path) -> Iterator[None]:
 
 
 def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
-    """The page as a figure of matplotlib: the panels named, or all that fit the run. Raises like `plot`."""
+    """Return the page as a matplotlib figure: the panels named, or all that apply to the run. Raises like `plot`."""
     check_names(panels)
     if not run.frames:
         raise InputError(f"{run.path}: nothing to plot: no frame was written yet")
@@ -155,12 +155,12 @@ def page(run: Run, panels: Sequence[str] | None = None, frame: int = -1) -> Figu
 
 
 def _gap_is_set(sheet: RunData) -> bool:
-    """The scene prescribes the gap: then the load is what comes out."""
+    """Return whether the scene prescribes the gap: then the load is a result."""
     return sheet.scene.get("plates", {}).get("upper", {}).get("gap") is not None
 
 
 def headline(sheet: RunData) -> list[str]:
-    """Key figures and circumstances, one line each."""
+    """Return key figures and circumstances, one line each."""
     # broken between figures, not inside them
     lines = [", ".join(text.replace(" ", GLUE) for text in texts) for texts in (_figures(sheet), _circumstances(sheet)) if texts]
     if np.isfinite(sheet.friction.value):
@@ -237,16 +237,16 @@ def _fill(place: SubFigure, sheet: RunData, panels: list[Panel]) -> None:
         _draw(one, sheet, panel)
     for one, below in zip(axes[:-1], axes[1:], strict=True):
         if not panels[0].half and one.get_xlabel() == below.get_xlabel():
-            one.set_xlabel("")  # the lowest of those over the same axis tells it
+            one.set_xlabel("")  # only the lowest of the panels over the same axis has the label
 
 
 def _new_figure(size: tuple[float, float], free: tuple[float, float, float, float]) -> Figure:
-    """A figure whose axes stay in its `free` part (left, bottom, width, height; shares of the size in inch)."""
+    """Return a figure whose axes stay in its `free` part (left, bottom, width, height as fractions); `size` [inch]."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     class Page(Figure):
-        """A figure that notebooks show without further ado."""
+        """Figure that notebooks display directly."""
 
         def _repr_png_(self) -> bytes:
             content = io.BytesIO()
@@ -254,7 +254,7 @@ def _new_figure(size: tuple[float, float], free: tuple[float, float, float, floa
             return content.getvalue()
 
     class Rounded(ConstrainedLayoutEngine):
-        """The same places to the last bit every time: the order in which the solver adds depends on addresses in memory."""
+        """Layout with the same positions to the last bit every time: the solver's order of sums depends on memory addresses."""
 
         def execute(self, fig: Any) -> Any:
             grids = super().execute(fig)
@@ -263,7 +263,7 @@ def _new_figure(size: tuple[float, float], free: tuple[float, float, float, floa
             for axes in fig.axes:
                 bounds = np.round(axes.get_position(original=True).bounds, PLACES)
                 inside = axes.get_in_layout()
-                axes.set_position(bounds, which="original")  # which takes it out of the layout
+                axes.set_position(bounds, which="original")  # this excludes the axes from the layout
                 axes.set_in_layout(inside)
             return grids
 
@@ -272,7 +272,7 @@ def _new_figure(size: tuple[float, float], free: tuple[float, float, float, floa
 
 
 def _write(figure: Figure, y: float, lines: list[str], size: float, step: float, color: str, weight: str = "normal") -> float:
-    """Lines of text as they are, without mathematics, the first `y` inch below the top; returns where the next one would be."""
+    """Write lines of text, without mathematics, the first `y` inch below the top; return the position of the next one."""
     width, height = figure.get_size_inches()
     for text in lines:
         figure.text(MARGIN / width, 1.0 - y / height, text, va="top", ha="left", fontsize=size, color=color, fontweight=weight,
@@ -282,7 +282,7 @@ def _write(figure: Figure, y: float, lines: list[str], size: float, step: float,
 
 
 def _draw(axes: Axes, sheet: RunData, panel: Panel) -> None:
-    """The panel with what all have in common."""
+    """Draw the panel with the elements that all panels share."""
     axes.set_label(panel.name)
     axes.tick_params(labelsize=8.0)
     panel.draw(axes, sheet)
@@ -302,7 +302,7 @@ def _draw(axes: Axes, sheet: RunData, panel: Panel) -> None:
 
 
 def _draw_legend(axes: Axes, panel: Panel) -> float:
-    """Draw the legend beside a wide panel, above a half one; returns the height that it takes above, in points."""
+    """Draw the legend to the right of a wide panel, above a half one; return its height above the panel [points]."""
     handles, labels = axes.get_legend_handles_labels()
     if len(handles) < 2 and panel.name != "states":
         return 0.0
@@ -311,7 +311,7 @@ def _draw_legend(axes: Axes, panel: Panel) -> float:
         style |= {"handlelength": 0.9, "handletextpad": 0.4, "columnspacing": 1.0, "borderaxespad": 0.1}
         axes.legend(handles, labels, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, **style)
         return 11.0 * -(-len(handles) // 3)
-    stacked = panel.name == "states"  # told in the order in which they lie on each other
+    stacked = panel.name == "states"  # in the order of stacking
     handles, labels = (handles[::-1], labels[::-1]) if stacked else (handles, labels)
     axes.legend(handles, labels, loc="upper left", bbox_to_anchor=(1.01, 1.0), borderaxespad=0.0, **style)
     return 0.0

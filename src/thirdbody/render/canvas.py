@@ -1,4 +1,4 @@
-"""The window of a picture: one plotter of pyvista, with a renderer for the paper, each view, and the words.
+"""Window of a picture: one pyvista plotter, with renderers for the background, each view, and the text.
 
 Everything is drawn at twice the size and averaged.
 """
@@ -22,20 +22,20 @@ from thirdbody.palette import PAPER
 Rectangle = tuple[float, float, float, float]
 
 OVERSAMPLING = 2
-"""Pictures are drawn larger by this and averaged: the edges of ray-cast spheres know no other smoothing."""
+"""Factor by which pictures are drawn larger before averaging, the only antialiasing of ray-cast spheres."""
 
 GLOSSY = {"ambient": 0.30, "diffuse": 0.80, "specular": 0.22, "specular_power": 35.0}
-"""The look of debris."""
+"""Material of debris."""
 
 _PAPER, _WORDS = 0, 1
 _LAYERS = (0, 3)
-"""Layers of the paper and the words; between them those of the views and of what is seen through bodies."""
+"""Layers of the background and the text; between them those of the views and of objects seen through bodies."""
 _LIGHTS = (((-0.6, 1.2, 1.0), 0.85), ((0.8, 0.2, 1.0), 0.35))
 """Position, in the camera's axes, and intensity."""
 
 
 class Pane:
-    """One renderer of a canvas. `size` is that of the picture, in pixels."""
+    """Renderer of a canvas; `size` is that of the picture [pixels]."""
 
     def __init__(self, plotter: pyvista.Plotter, number: int, size: tuple[int, int]):
         self._plotter, self._number, self.size = plotter, number, size
@@ -45,10 +45,10 @@ class Pane:
         """Draw a mesh; `look` are options of `pyvista.Plotter.add_mesh`."""
         self._plotter.subplot(0, self._number)
         actor = self._plotter.add_mesh(mesh, reset_camera=False, render=False, show_scalar_bar=False, **look)
-        actor.prop.interpolation = "Gouraud"  # by the normals that a mesh has, without computing others
+        actor.prop.interpolation = "Gouraud"  # with the existing normals of a mesh
 
     def add_actor(self, actor: Any) -> None:
-        """Draw something that is no mesh."""
+        """Draw an actor that is not a mesh."""
         self.renderer.add_actor(actor, reset_camera=False, render=False)
 
     def add_spheres(self, centers: np.ndarray, radii: np.ndarray, colors: np.ndarray) -> None:
@@ -68,12 +68,12 @@ class Pane:
         self.add_actor(pyvista.Actor(mapper, pyvista.Property(color="white", **GLOSSY)))
 
     def add_lights(self) -> None:
-        """Two lights that stay with the camera."""
+        """Add two lights that move with the camera."""
         for position, intensity in _LIGHTS:
             self.renderer.add_light(pyvista.Light(position=position, intensity=intensity, light_type="camera light"))
 
     def show_pixels(self) -> None:
-        """Let the unit of length be the pixel of the picture, counted from its lower left corner."""
+        """Set the unit of length to the pixel of the picture, counted from its lower left corner."""
         wide, tall = self.size
         camera = self.renderer.camera
         camera.parallel_projection = True
@@ -93,7 +93,7 @@ class Pane:
         self.add(mesh, scalars="color", rgb=True, lighting=False)
 
     def project(self, point: np.ndarray) -> tuple[float, float]:
-        """Where a point appears, in pixels of the picture."""
+        """Return the position of a point in the picture [pixels]."""
         self.renderer.SetWorldPoint(*point, 1.0)
         self.renderer.WorldToDisplay()
         x, y, _ = self.renderer.GetDisplayPoint()
@@ -101,9 +101,9 @@ class Pane:
 
 
 class Canvas:
-    """An off-screen plotter for pictures of `size` pixels with up to `views` views.
+    """Off-screen plotter for pictures of `size` pixels with up to `views` views.
 
-    In a film one canvas serves all pictures: in a new one every shader is compiled again, which takes longer than to draw.
+    In a film one canvas serves all pictures: in a new one every shader is compiled again, which takes longer than drawing.
     """
 
     def __init__(self, size: tuple[int, int], views: int = 2):
@@ -112,7 +112,7 @@ class Canvas:
             off_screen=True, notebook=False, shape=(1, 2 + 2 * views), border=False, lighting=None,
             window_size=[OVERSAMPLING * side for side in size],
         )  # fmt: skip
-        self._plotter.disable_anti_aliasing()  # done by oversampling, which treats ray-cast spheres too
+        self._plotter.disable_anti_aliasing()  # replaced by oversampling, which also smooths ray-cast spheres
         window: Any = self._plotter.render_window
         window.SetDPI(72)  # fonts are measured in pixels
         window.SetNumberOfLayers(_LAYERS[1] + 1)
@@ -132,12 +132,12 @@ class Canvas:
 
     @property
     def paper(self) -> Pane:
-        """What lies behind all views."""
+        """Background of all views."""
         return self._panes[_PAPER]
 
     @property
     def words(self) -> Pane:
-        """What lies over all views."""
+        """Foreground of all views."""
         return self._panes[_WORDS]
 
     def clear(self) -> None:
@@ -146,7 +146,7 @@ class Canvas:
         self._used = 2
 
     def add_view(self, viewport: Rectangle) -> tuple[Pane, Pane]:
-        """A view in a part of the picture (fractions of its size), and one of what is seen through its bodies."""
+        """Add a view in a part of the picture (fractions of its size), and one for objects seen through its bodies."""
         outer, inner = self._panes[self._used : self._used + 2]
         self._used += 2
         for layer, pane in enumerate((outer, inner), start=1):
@@ -157,8 +157,8 @@ class Canvas:
         return outer, inner
 
     def pixels(self) -> np.ndarray:
-        """The picture, (height, width, 3) uint8, the upper row first."""
-        self._plotter.render()  # draws nothing before the first screenshot, which does so itself
+        """Return the picture, (height, width, 3) uint8, the upper row first."""
+        self._plotter.render()  # draws nothing before the first screenshot, which renders by itself
         image: Any = self._plotter.screenshot(return_img=True)
         return np.asarray(Image.fromarray(image).reduce(OVERSAMPLING))
 

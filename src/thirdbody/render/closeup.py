@@ -1,7 +1,7 @@
-"""One particle close up: its contact spots, the force on it at each, and the cone in which friction can hold that force.
+"""Close-up of one particle: its contacts, the force on it at each, and its friction cone.
 
-A cone stands on its spot along the normal and is as high as the load: the arrow of the force then ends inside the cone's
-base while the spot sticks, and on its rim where it slips.
+A cone stands at its contact along the normal and is as high as the load: the arrow of the force then ends inside the cone's base
+while the contact sticks, and on its rim where it slips.
 """
 
 from __future__ import annotations
@@ -23,19 +23,21 @@ from thirdbody.render.overlay import Overlay
 from thirdbody.render.viewport import Viewport
 
 _MARGIN, _LONGEST, _SMALLEST = 0.52, 0.62, 0.035
-"""Room around the particle, longest arrow and smallest spot that is seen, over the particle's size."""
+"""Margin around the particle, longest arrow and smallest visible contact, over the particle's size."""
 _SLIPPING = 0.999
-"""A spot whose friction is used up to this fraction slips: what remains is rounding of the step."""
+"""A contact slips at this utilisation: the remainder is rounding of the step."""
 _LISTED = 8
-"""Lines of the list of spots that fit a picture."""
+"""Largest number of lines of the list of contacts."""
 _CAMERA = (-0.34, -0.90, 0.30)
 
 
 @dataclass(frozen=True)
 class CloseUpLayout:
-    """What is the same in all pictures of a film: size in pixels, view, corners (3,) m of what is shown, relative to the
-    particle or (`fixed`) to the domain, `directions` (k, 2) of the drag, the force (N) of the longest arrow, the particle's
-    size (m)."""
+    """Properties common to all pictures of a film.
+
+    Size [pixels], view, corners (3,) [m] of the visible volume, relative to the particle or (`fixed`) to the domain, `directions`
+    (k, 2) of the drag, the force of the longest arrow [N], the particle's size [m].
+    """
 
     size: tuple[int, int]
     view: str
@@ -48,7 +50,7 @@ class CloseUpLayout:
 
 
 def compute_close_up_layout(frames: Iterable[CloseUpData], size: tuple[int, int], view: str, fixed: bool) -> CloseUpLayout:
-    """The layout for one close-up or for those of a film, which are taken one after the other."""
+    """Return the layout for one close-up, or for those of a film, which are processed one at a time."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     full_scale = extent = 0.0
     directions: list[np.ndarray] = []
@@ -67,7 +69,7 @@ def compute_close_up_layout(frames: Iterable[CloseUpData], size: tuple[int, int]
 
 
 def _plate_height(one: CloseUpData) -> float:
-    """Where the plate is over this particle: at its own spots, for each may carry a patch of its own."""
+    """Return the height of the plate over this particle: at its own contacts, as each body may carry a separate patch."""
     above = [point[2] for point, partner in zip(one.spots.position, one.spots.against, strict=True) if partner == "upper plate"]
     return max(above) if above else max(one.picture.plate, one.center[2] + 0.5 * one.extent)
 
@@ -108,7 +110,7 @@ def _color(utilisation: float) -> str:
 def _draw_spots(view: Viewport, one: CloseUpData, layout: CloseUpLayout) -> None:
     """Draw discs, cones and arrows, seen through the particle."""
     spots = one.spots
-    # Cones shall not reach into the plate opposite.
+    # Cones must not reach into the opposite plate.
     longest = min(_LONGEST * layout.extent, 0.8 * float(layout.high[2] - layout.low[2]))
     per_newton = longest * view.scale / max(layout.full_scale, 1e-300)
     smallest = _SMALLEST * layout.extent
@@ -125,7 +127,7 @@ def _draw_spots(view: Viewport, one: CloseUpData, layout: CloseUpLayout) -> None
 
 def _add_cone(view: Viewport, point: np.ndarray, axis: np.ndarray, radius: float, color: str) -> None:
     """Draw a translucent cone with its tip at a point, and the rim of its base; `axis` (3,) leads from tip to base."""
-    # The direction of a cone of pyvista leads from base to tip, and its centre lies half way.
+    # The direction of a pyvista cone leads from base to tip, and its centre lies half way.
     height = float(np.linalg.norm(axis))
     cone = pyvista.Cone(center=point + 0.5 * axis, direction=-axis, height=height, radius=radius, capping=False, resolution=60)
     view.inner.add(cone, color=color, opacity=0.38, ambient=0.5, diffuse=0.5)
@@ -134,7 +136,7 @@ def _add_cone(view: Viewport, point: np.ndarray, axis: np.ndarray, radius: float
 
 
 def _add_arrow(view: Viewport, point: np.ndarray, vector: np.ndarray, shaft: float) -> None:
-    """Draw an arrow along a vector whose shaft has this radius whatever its length; none where it would be a head only."""
+    """Draw an arrow along a vector with a constant shaft radius; none where it would be a head only."""
     length, head = float(np.linalg.norm(vector)), 5.0 * shaft
     if length < 1.2 * head:
         return
@@ -146,7 +148,7 @@ def _add_arrow(view: Viewport, point: np.ndarray, vector: np.ndarray, shaft: flo
 
 
 def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: CloseUpLayout) -> None:
-    """Draw a number near each spot, away from the particle so that it covers nothing of it, and none over another."""
+    """Draw a number near each contact, outside the particle and without overlaps."""
     drawn: list[np.ndarray] = []
     apart = 2.1 * _disc_radius(overlay)
     for k, position in enumerate(one.spots.position[:_LISTED]):
@@ -159,7 +161,7 @@ def _number_spots(view: Viewport, overlay: Overlay, one: CloseUpData, layout: Cl
 
 
 def _disc_radius(overlay: Overlay) -> float:
-    """Radius in pixels of the disc behind the number of a spot."""
+    """Return the radius of the disc of a contact's number [pixels]."""
     return 15.0 / 22.0 * overlay.text_height(22)
 
 
@@ -169,7 +171,7 @@ def _draw_number(overlay: Overlay, one: CloseUpData, k: int, x: float, y: float)
 
 
 def _list_spots(overlay: Overlay, one: CloseUpData, x: float, y: float) -> None:
-    """List what the particle does, and its spots."""
+    """List the particle's state and its contacts."""
     overlay.text(one.name, x, y - overlay.px(20), 30, bold=True)
     overlay.disc(x + overlay.px(12), y - overlay.px(68), overlay.px(12), one.color)
     overlay.text(one.label or "no label", x + overlay.px(34), y - overlay.px(68), 26)

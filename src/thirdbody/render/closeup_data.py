@@ -1,4 +1,4 @@
-"""What a close-up of one particle shows: its spots, the force on it at each, and what friction can hold there.
+"""Data of a close-up of one particle: its contacts, the force on it at each, and the limits of friction.
 
 No drawing here.
 """
@@ -21,8 +21,11 @@ UNLABELLED = "#5A626C"
 
 @dataclass(frozen=True)
 class Spots:
-    """The contacts of one body, (K, ...): `position` (m), inward `normal`, `force` on the body (N), the largest friction
-    `limit` (N), fraction of it in use, radius (m), and what each touches."""
+    """Contacts of one body, (K, ...).
+
+    `position` [m], inward `normal`, `force` on the body [N], the largest friction `limit` [N], utilisation, radius [m], and the
+    name of each partner.
+    """
 
     position: np.ndarray
     normal: np.ndarray
@@ -35,7 +38,7 @@ class Spots:
 
 @dataclass(frozen=True)
 class CloseUpData:
-    """One particle ready to be drawn: the picture around it, its centre (3,) and size (m), its spots and words."""
+    """Data of one particle for drawing: the picture around it, its centre (3,) and size [m], its contacts and texts."""
 
     picture: PictureData
     center: np.ndarray
@@ -47,7 +50,7 @@ class CloseUpData:
 
 
 def read_close_up(run: Run, frame: int, body: int, color: str, scale: LegendScale = FREE_SCALE) -> CloseUpData:
-    """The close-up of the body with this id. Raises InputError when there is none, or no contacts were recorded."""
+    """Return the close-up of the body with this id. Raises InputError when it, or recorded contacts, are missing."""
     bodies = run.bodies(frame)
     ids = bodies.get("id", np.arange(len(bodies["position"])))
     if body not in ids:
@@ -57,10 +60,10 @@ def read_close_up(run: Run, frame: int, body: int, color: str, scale: LegendScal
     size, periodic = domain_of(run)
     period = size if periodic else None
     center = picture.bodies[row]
-    # Neighbours across the edge of the domain come to their side of the particle.
+    # Neighbours across the edge of the domain are drawn on the particle's side.
     moved = nearest_image(picture.bodies - center, period) + center
     own = picture.body == row
-    # Spots in the colour of the state must show on it; a number keeps its colour.
+    # Contacts in the colour of the state must be visible on it; a number keeps its colour.
     own_colors = pale(picture.colors, 0.30) if picture.legend.limits is None else picture.colors
     colors = np.where(own[:, None], own_colors, pale(picture.colors, 0.75))
     picture = replace(picture, centers=picture.centers + (moved - picture.bodies)[picture.body], bodies=moved, colors=colors)
@@ -74,7 +77,7 @@ def read_close_up(run: Run, frame: int, body: int, color: str, scale: LegendScal
 
 
 def _spots(run: Run, frame: int, body: int, bodies: dict[str, np.ndarray], row: int, period: np.ndarray | None) -> Spots:
-    """The spots with positions relative to the body's centre."""
+    """Return the contacts with positions relative to the body's centre."""
     contacts = run.contacts(frame)
     missing = {"body", "partner", "force", "normal", "normal_force", "utilisation", "contact_radius"} - set(contacts)
     if missing:
@@ -88,7 +91,7 @@ def _spots(run: Run, frame: int, body: int, bodies: dict[str, np.ndarray], row: 
     load, eta = contacts["normal_force"][chosen], contacts["utilisation"][chosen]
     force, normal = contacts["force"][chosen], contacts["normal"][chosen]
     tangential = np.linalg.norm(force - load[:, None] * normal, axis=1)
-    # Without tangential force the limit does not follow from the fraction in use: the ratio of the other spots is taken.
+    # Without tangential force the limit does not follow from the utilisation: the ratio of the other contacts is used.
     known = eta > 1e-6
     ratio = np.divide(tangential, eta * load, out=np.zeros_like(load), where=known)
     ratio[~known] = ratio.max(initial=0.0)

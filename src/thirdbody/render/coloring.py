@@ -1,4 +1,4 @@
-"""What the colours of a picture mean: bodies by a category (state, reason, ...) or by a number, with the legend.
+"""Colours of a picture: bodies by a category (state, reason, ...) or by a number, with the legend.
 
 No drawing here.
 """
@@ -17,16 +17,16 @@ from thirdbody.trajectory.state_groups import code_name
 
 Arrays = dict[str, np.ndarray]
 
-# Short names that people use for arrays.
+# Common short names of arrays.
 ALIASES = {"reason": "state_reason", "speed": "velocity"}
 
-# Codes that are no bytes.
+# Codes that are not bytes.
 NUMBERED = ("population", "material")
 
 
 @dataclass(frozen=True)
 class LegendScale:
-    """What a legend keeps over all frames of a film: the ends of the colour scale, or the codes that it shows."""
+    """Properties of a legend common to all frames of a film: the limits of the colour scale, or the codes."""
 
     limits: tuple[float, float] | None = None
     codes: frozenset[int] = frozenset()
@@ -39,9 +39,9 @@ class LegendScale:
 
 @dataclass(frozen=True)
 class Legend:
-    """States with their colours and counts, and (when `limits` is set) the ends of a colour scale in `unit`.
+    """States with their colours and counts, and (when `limits` is set) the limits of a colour scale in `unit`.
 
-    `codes` are those of the entries, `total` is what the counts add up to.
+    `codes` are those of the entries, `total` is the sum of the counts.
     """
 
     title: str
@@ -53,15 +53,15 @@ class Legend:
 
     @property
     def scale(self) -> LegendScale:
-        """What other frames need for the same legend."""
+        """Properties that other frames need for the same legend."""
         return LegendScale(self.limits, frozenset(self.codes))
 
 
 @dataclass(frozen=True)
 class Coloring:
-    """Values of what is drawn: `values` (S,) one per sphere, `tubes` (C,) one per contact or None; and their legend.
+    """Values to be drawn: `values` (S,) one per sphere, `tubes` (C,) one per contact or None; and their legend.
 
-    Categories carry their colours with them in `palette` (n, 3) uint8; then `values` are codes.
+    Categories have their colours in `palette` (n, 3) uint8; then `values` are codes.
     """
 
     values: np.ndarray
@@ -70,20 +70,20 @@ class Coloring:
     tubes: np.ndarray | None = None
 
     def colors(self, values: np.ndarray) -> np.ndarray:
-        """Colours (n, 3) uint8 of codes or numbers."""
+        """Return the colours (n, 3) uint8 of codes or numbers."""
         if self.palette is not None:
             return self.palette[values]
         low, high = self.legend.limits or (0.0, 0.0)
-        # A field of one value takes the middle colour.
+        # A field of one value has the middle colour.
         return field_colors((values - low) / (high - low) if high > low else values - low + 0.5)
 
 
 def compute_coloring(
     run: Run, frame: int, color: str, bodies: Arrays, spheres: Arrays, row: np.ndarray, scale: LegendScale
 ) -> Coloring:
-    """The colours of one frame; `row` (S,) is the row of each sphere's body, `scale` is that of the film or empty.
+    """Return the colours of one frame; `row` (S,) is the row of each sphere's body, `scale` that of the film or empty.
 
-    Raises InputError for an array that the run has not.
+    Raises InputError for an unknown array.
     """
     name = ALIASES.get(color, color)
     if name in bodies and (bodies[name].dtype == np.uint8 or name in NUMBERED):
@@ -121,7 +121,7 @@ def _in_words(name: str) -> str:
 
 
 def _field(name: str, given: str, bodies: Arrays, spheres: Arrays, contacts: Arrays, row: np.ndarray) -> np.ndarray:
-    """One value per sphere: its body's, its own, or the largest of its body's contacts. Vectors by length."""
+    """Return one value per sphere: its body's, its own, or the largest of its body's contacts. Vectors by length."""
     if name in bodies:
         values = bodies[name][row]
     elif name in spheres:
@@ -140,7 +140,7 @@ def _length(values: np.ndarray) -> np.ndarray:
 
 
 def _largest_of_contacts(contacts: Arrays, values: np.ndarray, bodies: Arrays) -> np.ndarray:
-    """The largest value (B,) among each body's contacts, NaN without; a plate is a partner below 0."""
+    """Return the largest value (B,) among each body's contacts, NaN without; a plate is a partner below 0."""
     largest = np.full(len(bodies["position"]), -np.inf)
     for side in ("body", "partner"):
         if side in contacts:
@@ -150,7 +150,7 @@ def _largest_of_contacts(contacts: Arrays, values: np.ndarray, bodies: Arrays) -
 
 
 def rows_of(bodies: Arrays, ids: np.ndarray) -> np.ndarray:
-    """The rows of bodies given by their ids: rows may be in any order."""
+    """Return the rows of bodies with these ids: rows may be in any order."""
     if "id" not in bodies:
         return ids.astype(np.int64)
     order = np.argsort(bodies["id"])

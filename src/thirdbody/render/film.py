@@ -1,4 +1,4 @@
-"""Films of a run as GIF or MP4: which frames, and how pictures become a file. They are drawn elsewhere (`layout`)."""
+"""Films of a run as GIF or MP4: selection of frames and encoding of pictures, which `layout` draws."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy as np
 
 from thirdbody.errors import InputError, MissingLibrary
 
-# Quality of H.264: below 20 no loss can be seen.
+# Quality of H.264: below 20 no loss is visible.
 QUALITY = "18"
 
-# Colours of a GIF's palette, which it takes from every so manyth pixel; paper is averaged with the edges of words.
+# Colours of a GIF's palette; sampling step of pixels for it; level above which a colour becomes white (edges of text).
 GIF_COLORS, SAMPLED, ALMOST_WHITE = 256, 3, 247
-# Spread of red, green and blue from which a pixel is more than a grey.
+# Range of red, green and blue from which a pixel counts as coloured.
 COLORFUL = 40
 
 
 def frame_numbers(text: str | None, count: int) -> list[int]:
-    """Frames that `a:b:c` names, as Python slices do: from a, before b, every c-th; all of `count` without text.
+    """Return the frames of `a:b:c`, as a Python slice: from a, before b, every c-th; all of `count` without text.
 
     Raises InputError for anything else, or when no frame is left.
     """
@@ -42,7 +42,7 @@ def frame_numbers(text: str | None, count: int) -> list[int]:
 
 
 def mp4(pictures: Iterator[np.ndarray], fps: int) -> bytes:
-    """The bytes of an MP4 file (H.264, plays everywhere) of pictures (height, width, 3) uint8 with even sides.
+    """Return an MP4 file (H.264, plays everywhere) of pictures (height, width, 3) uint8 with even sides.
 
     Raises MissingLibrary when PyAV cannot be imported.
     """
@@ -63,10 +63,10 @@ def mp4(pictures: Iterator[np.ndarray], fps: int) -> bytes:
 
 
 def gif(pictures: Iterator[np.ndarray], fps: int) -> bytes:
-    """The bytes of a GIF file, in one palette for all pictures (height, width, 3) uint8: nothing flickers."""
+    """Return a GIF file, in one palette for all pictures (height, width, 3) uint8, against flicker."""
     from PIL import Image
 
-    # The palette needs all pictures: until then they are kept, compressed to about a tenth.
+    # The palette needs all pictures: until then they are stored compressed to about a tenth.
     shape, compressed, samples = (0, 0, 3), [], []
     for picture in pictures:
         shape = picture.shape
@@ -78,18 +78,18 @@ def gif(pictures: Iterator[np.ndarray], fps: int) -> bytes:
         picture = np.frombuffer(zlib.decompress(packed), np.uint8).reshape(shape)
         frames.append(Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE))
     file = io.BytesIO()
-    # Times of a GIF come in hundredths of a second; below two of them many programs take ten.
+    # GIF delays are in hundredths of a second; below two of them many programs use ten.
     pause = 10 * max(2, round(100 / fps))
     frames[0].save(file, "GIF", save_all=True, append_images=frames[1:], duration=pause, loop=0, optimize=False)
     return file.getvalue()
 
 
 def _palette(samples: list[np.ndarray]) -> Any:
-    """An image with the colours that suit at most a dozen of the samples, white among them."""
+    """Return an image with the best palette for at most a dozen of the samples, including white."""
     from PIL import Image
 
     pixels = np.concatenate([sample.reshape(-1, 3) for sample in samples[:: -(-len(samples) // 12)]])
-    # Small bodies of a rare state would get no shades beside so much paper: what has a colour counts more.
+    # Coloured pixels get a higher weight, or small bodies of a rare state would get no shades among so much paper.
     bright = pixels[np.ptp(pixels.astype(np.int16), axis=1) > COLORFUL]
     weighed = np.concatenate([pixels[::8], bright, bright])[None]
     image = Image.fromarray(weighed).quantize(colors=GIF_COLORS, method=Image.Quantize.MEDIANCUT)

@@ -1,4 +1,4 @@
-"""Progress of a film: a bar on a terminal, or a callable that gets two numbers."""
+"""Progress of a film: a bar on a terminal, or a callable of two numbers."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from thirdbody.errors import printable
 from thirdbody.system.terminal import terminal_of
 
 FilmReporter = Callable[[int, int], None]
-"""Takes the number of pictures that are drawn and that of all."""
+"""Called with the number of pictures drawn and their total."""
 
 DRAWN = "thirdbody drew picture "
-"""What the process that draws prints for each picture, before its number."""
+"""Prefix of the line that the drawing process prints for each picture, before its number."""
 
 
 def film_reporter(progress: bool | FilmReporter, title: str) -> AbstractContextManager[FilmReporter | None]:
-    """What `progress` of a film asks for: True a bar on a terminal, a callable itself, False nothing."""
+    """Return the reporter for `progress` of a film: True a bar on a terminal, a callable itself, False none."""
     if progress is True:
         return film_bar(title)
     return nullcontext(None if progress is False else progress)
@@ -25,7 +25,7 @@ def film_reporter(progress: bool | FilmReporter, title: str) -> AbstractContextM
 
 @contextmanager
 def film_bar(title: str) -> Iterator[FilmReporter | None]:
-    """A reporter that draws a bar on standard error; None, to draw nothing, where that is no terminal."""
+    """Yield a reporter that draws a bar on standard error; None, for no output, where that is not a terminal."""
     if not sys.stderr.isatty():
         yield None
         return

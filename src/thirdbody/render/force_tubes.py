@@ -1,4 +1,4 @@
-"""Contact forces as tubes from the centres of bodies to their contacts, the thicker the larger."""
+"""Contact forces as tubes from the centres of bodies to their contacts; the thickness shows the force."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from thirdbody.render.coloring import Arrays, Coloring, rows_of
 if TYPE_CHECKING:
     import pyvista
 
-# Radius of the thickest tube over the mean radius of what it lies in, and the percentage of forces that are thinner.
+# Radius of the thickest tube over the mean radius of the bodies, and the percentage of forces that are thinner.
 THICKEST, COMMON = 0.17, 99.0
 
 # Darker tubes show no roundness.
@@ -25,7 +25,7 @@ _SIDES = 8
 
 @dataclass(frozen=True)
 class Tubes:
-    """Segments `start`, `end` (T, 3) m with `force` (T,) N and `colors` (T, 3); `body` (T,) is the row of its body.
+    """Segments `start`, `end` (T, 3) [m] with `force` (T,) [N] and `colors` (T, 3); `body` (T,) is the row of its body.
 
     `full_scale` is the force of the thickest tube; few larger ones are drawn no thicker.
     """
@@ -39,10 +39,10 @@ class Tubes:
 
 
 def force_tubes(contacts: Arrays, bodies: Arrays, shift: np.ndarray, size: np.ndarray | None, coloring: Coloring) -> Tubes:
-    """The tubes of one frame: centre of a body, contact point and, of two bodies, the other centre.
+    """Return the tubes of one frame: centre of a body, contact point and, for two bodies, the other centre.
 
-    `shift` (B, 3) is what to subtract to wrap bodies, `size` (2,) the periodic domain or None. Tubes take the colours of
-    contacts if these have the array that is drawn, and are dark else. Raises InputError without forces.
+    `shift` (B, 3) is subtracted to wrap bodies, `size` (2,) the periodic domain or None. Tubes have the colours of contacts if
+    these have the drawn array, and are dark otherwise. Raises InputError without forces.
     """
     if "force" not in contacts or "body" not in contacts:
         raise InputError("forces: this run recorded no forces of its contacts")
@@ -67,7 +67,7 @@ def force_tubes(contacts: Arrays, bodies: Arrays, shift: np.ndarray, size: np.nd
 
 
 def nearest_image(vectors: np.ndarray, size: np.ndarray | None) -> np.ndarray:
-    """Vectors (n, 3) made as short as the periodic domain allows; as they are without one."""
+    """Return the shortest periodic images of vectors (n, 3); unchanged without a periodic domain."""
     if size is None:
         return vectors
     short = vectors.copy()
@@ -76,7 +76,7 @@ def nearest_image(vectors: np.ndarray, size: np.ndarray | None) -> np.ndarray:
 
 
 def tube_mesh(start: np.ndarray, end: np.ndarray, radii: np.ndarray, colors: np.ndarray) -> pyvista.PolyData:
-    """One tube per segment from `start` to `end` (n, 3) with `radii` (n,) and `colors` (n, 3) uint8, the array `color`."""
+    """Return one tube per segment from `start` to `end` (n, 3) with `radii` (n,) and `colors` (n, 3) uint8, the array `color`."""
     import pyvista
 
     points = np.stack([start, end], axis=1).reshape(-1, 3).astype(np.float32)

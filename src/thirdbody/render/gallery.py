@@ -1,6 +1,6 @@
-"""A gallery of bodies as a PNG file: what a scene's populations are made of, or how spheres represent a mesh.
+"""Gallery of bodies as a PNG file: the shapes of a scene's populations, or the fit of spheres to a mesh.
 
-The drawing (`gallery_drawing`) runs in a process of its own, as that of runs (`render`), which reads the bodies from a file.
+The drawing (`gallery_drawing`) runs in a separate process, as for runs (`render`), which reads the bodies from a file.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from thirdbody.bodies.clump import Clump
 from thirdbody.render.render import STILLS, checked_output, draw_elsewhere, usable_windows
 
 BODIES = 12
-"""Bodies drawn of one group."""
+"""Largest number of bodies drawn of one group."""
 GROUPS = 8
-"""Groups drawn: more would make the picture too tall for a graphics card."""
+"""Largest number of groups: more would make the picture too tall for a graphics card."""
 
 
 @dataclass(frozen=True, eq=False)
 class Group:
-    """Bodies drawn at one scale under a heading; of a mesh, its vertices (v, 3) m in the clump's frame and faces (f, 3)."""
+    """Bodies drawn at one scale under a heading; for a mesh, its vertices (v, 3) [m] in the clump's frame and faces (f, 3)."""
 
     heading: str
     facts: str
@@ -34,11 +34,11 @@ class Group:
 
 
 def draw_gallery(groups: Sequence[Group], title: str, png: str | Path) -> Path:
-    """Draw up to 12 bodies of each of up to 8 groups into a PNG file; returns its path.
+    """Draw up to 12 bodies of each of up to 8 groups into a PNG file; return its path.
 
-    Colours show the radius of each sphere over the equivalent radius of its body. A mesh is drawn alone, as spheres,
-    and translucent over them. Raises InputError for another suffix, OutputError when the file cannot be written,
-    MissingLibrary when the system cannot draw.
+    Colours show the radius of each sphere over the equivalent radius of its body. A mesh is drawn alone, as spheres, and
+    translucent over them. Raises InputError for another suffix, OutputError when the file cannot be written, MissingLibrary when
+    the system cannot draw.
     """
     png = checked_output(png, STILLS)
     with tempfile.TemporaryDirectory() as folder:
@@ -49,7 +49,7 @@ def draw_gallery(groups: Sequence[Group], title: str, png: str | Path) -> Path:
 
 
 def _packed(groups: Sequence[Group]) -> dict[str, Any]:
-    """The groups as plain arrays, with the bodies that are drawn only."""
+    """Return the groups as plain arrays, with the drawn bodies only."""
     packed: dict[str, Any] = {"count": len(groups)}
     for g, group in enumerate(groups):
         shown = group.clumps[: 1 if _all_alike(group.clumps) else BODIES]
@@ -64,7 +64,7 @@ def _packed(groups: Sequence[Group]) -> dict[str, Any]:
 
 
 def _all_alike(clumps: Sequence[Clump]) -> bool:
-    """Whether all bodies are one shape, in one size or in several."""
+    """Return whether all bodies have one shape, in one size or in several."""
     first = clumps[0]
     return all(
         body is first

@@ -1,4 +1,4 @@
-"""The second process of a gallery: lays out the bodies in a file that `gallery` wrote, and draws them.
+"""Drawing process of a gallery: layout and drawing of the bodies in a file that `gallery` wrote.
 
 Drawn in parallel projection, so that one scale bar holds for all bodies of a group. The unit of length is the pixel.
 """
@@ -22,7 +22,7 @@ from thirdbody.render.overlay import Overlay, rectangle
 # Pixels.
 _WIDTH, _MARGIN, _TITLE, _HEADING, _LABEL, _GAP, _LEGEND = 1600, 40, 84, 92, 36, 34, 72
 _COLUMNS, _TALLEST = 6, 400
-# Part of its cell that the largest body fills.
+# Fraction of its cell that the largest body fills.
 _FILL = 0.9
 _STEEL = "#9FB4CC"
 # Principal axes on the screen (rows: right, up, towards the viewer): the long axis mostly to the right, the short one
@@ -32,7 +32,7 @@ _UPRIGHT, _LEVEL = np.radians(30.0), np.radians(25.0)
 
 @dataclass(frozen=True, eq=False)
 class _Cell:
-    """One body as it is drawn: its spheres, its mesh or both, and the text below."""
+    """Cell of one body: its spheres, its mesh or both, and the text below."""
 
     body: int
     spheres: bool
@@ -41,7 +41,7 @@ class _Cell:
 
 
 class _Block:
-    """One group laid out: its cells, their size and scale, in pixels; `top` is set when the picture's height is known."""
+    """Layout of one group: its cells, their size and scale [pixels]; `top` is set when the picture's height is known."""
 
     def __init__(self, packed: Any, g: int):
         self.heading, self.facts = (str(words) for words in packed[f"{g}.words"])
@@ -78,7 +78,7 @@ class _Block:
         return _HEADING + self.rows * (self.tall + _LABEL) + _GAP
 
     def box(self, cell: _Cell) -> tuple[np.ndarray, np.ndarray]:
-        """Corners (2,) of what a cell shows, in m on the screen; the same for all views of a mesh."""
+        """Return the corners (2,) of a cell's content on the screen [m]; the same for all views of a mesh."""
         spheres = self.spheres[cell.body]
         flat = on_screen(spheres[:, :3])[:, :2]
         low, high = (flat - spheres[:, 3:]).min(axis=0), (flat + spheres[:, 3:]).max(axis=0)
@@ -88,13 +88,13 @@ class _Block:
         return low, high
 
     def middle(self, number: int) -> tuple[float, float]:
-        """Centre of a cell in pixels."""
+        """Return the centre of a cell [pixels]."""
         row, column = divmod(number, self.columns)
         return _MARGIN + (column + 0.5) * self.wide, self.top - _HEADING - row * (self.tall + _LABEL) - 0.5 * self.tall
 
 
 def on_screen(points: np.ndarray) -> np.ndarray:
-    """Points (n, 3) of a clump's frame as right, up, towards the viewer."""
+    """Return points (n, 3) of a clump's frame as right, up, towards the viewer."""
     cu, su, cl, sl = np.cos(_UPRIGHT), np.sin(_UPRIGHT), np.cos(_LEVEL), np.sin(_LEVEL)
     upright = np.array([[cu, 0.0, su], [0.0, 1.0, 0.0], [-su, 0.0, cu]])
     level = np.array([[1.0, 0.0, 0.0], [0.0, cl, -sl], [0.0, sl, cl]])
@@ -102,7 +102,7 @@ def on_screen(points: np.ndarray) -> np.ndarray:
 
 
 def draw(file: Path, png: Path) -> None:
-    """The second process: draw the bodies in a file that `draw_gallery` wrote. Raises OSError like `open`."""
+    """Draw the bodies in a file that `draw_gallery` wrote, in the drawing process. Raises OSError like `open`."""
     with np.load(file) as packed:
         blocks = [_Block(packed, g) for g in range(int(packed["count"]))]
         title, more = str(packed["title"]), int(packed["more"])
@@ -130,7 +130,7 @@ def _draw(canvas: Canvas, blocks: list[_Block], title: str, more: int) -> None:
 
 
 def _limits(ratios: np.ndarray) -> tuple[float, float]:
-    """Ends of the colour scale: those of the values, apart even if all are equal."""
+    """Return the limits of the colour scale: those of the values, apart even if all are equal."""
     low, high = float(ratios.min()), float(ratios.max())
     return (low, high) if high - low > 1e-3 * high else (0.0, high)
 
@@ -161,7 +161,7 @@ def _add_mesh(pane: Pane, vertices: np.ndarray, faces: np.ndarray, opacity: floa
 
 
 def _draw_scale_bar(overlay: Overlay, block: _Block) -> None:
-    """A bar of a round length at the right of the heading."""
+    """Draw a bar of a round length at the right of the heading."""
     length = round_length(180.0 / block.scale)
     right, y, wide = _WIDTH - _MARGIN, block.top - 52, length * block.scale
     for x0, x1, half in ((right - wide, right, 2.5), (right - wide, right - wide + 3, 9.0), (right - 3, right, 9.0)):

@@ -1,6 +1,6 @@
-"""Lays out and draws the picture of one frame: the whole, a close-up of a part, title, facts and legend.
+"""Layout and drawing of the picture of one frame: the whole, a close-up of a part, title, facts and legend.
 
-Runs in a process of its own (`render`): VTK may crash where it cannot draw.
+Runs in a separate process (`render`): VTK may crash where it cannot draw.
 """
 
 from __future__ import annotations
@@ -21,17 +21,19 @@ HEADING = 118.0
 """Height of title and facts in a picture 900 pixels high."""
 
 _SCALE_LABEL = 36.0
-"""Height that the label of a scale bar takes up below it, in such a picture."""
+"""Height of the label below a scale bar in such a picture."""
 
 _ALONE, _BESIDE, _CLOSE = (-0.42, -0.85, 0.5), (-0.42, -0.80, 0.80), (-0.40, -0.85, 0.60)
-"""How the camera looks at the whole, at the whole beside a close-up, and at a close-up; all from the front left."""
+"""Camera position for the whole, for the whole next to a close-up, and for a close-up; all from the front left."""
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What is the same in all pictures of a film: size in pixels, view, the corners `low`, `high` (3,) m that the camera
-    keeps in sight, `directions` (k, 2) of the drag, the window to enlarge or None and the height (m) of what lies there,
-    the force (N) of the thickest tube."""
+    """Properties common to all pictures of a film.
+
+    Size [pixels], view, the corners `low`, `high` (3,) [m] that the camera keeps in sight, `directions` (k, 2) of the drag, the
+    window to enlarge or None and the height of its content [m], the force of the thickest tube [N].
+    """
 
     size: tuple[int, int]
     view: str
@@ -44,10 +46,10 @@ class Layout:
 
 
 def compute_layout(frames: Iterable[PictureData], size: tuple[int, int], view: str, zoom: float | None) -> Layout:
-    """The layout for one frame, or for all frames of a film, which are taken one after the other.
+    """Return the layout for one frame, or for all frames of a film, which are processed one at a time.
 
-    Without `zoom` the whole is shown, and of many bodies a part beside it enlarged; `zoom` is the fraction of the domain's
-    width and depth that is shown alone.
+    Without `zoom` the whole is shown, and for many bodies an enlarged part; `zoom` is the fraction of the domain's width and
+    depth that is shown alone.
     """
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     directions: list[np.ndarray] = []
@@ -71,7 +73,7 @@ def compute_layout(frames: Iterable[PictureData], size: tuple[int, int], view: s
 
 
 def add_direction(directions: list[np.ndarray], direction: np.ndarray) -> None:
-    """Add a direction (2,) to a list; zero and those in the list already change nothing."""
+    """Add a direction (2,) to a list unless it is zero or already there."""
     if direction.any() and not any(np.allclose(direction, other, atol=1e-3) for other in directions):
         directions.append(direction)
 
@@ -95,7 +97,7 @@ def draw_picture(canvas: Canvas, layout: Layout, data: PictureData) -> None:
 
 
 def _viewports(layout: Layout, foot: float, head: float, label: float) -> list[Rectangle]:
-    """Where the whole and its close-up go: side by side in wide pictures, else one below the other.
+    """Return the areas of the whole and its close-up: side by side in wide pictures, else one below the other.
 
     `label` is the height that the label of a scale bar needs: a close-up below the whole begins under it.
     """
@@ -111,7 +113,7 @@ def _viewports(layout: Layout, foot: float, head: float, label: float) -> list[R
 
 
 def finish_view(view: Viewport, overlay: Overlay, iso: tuple[float, float, float], directions: np.ndarray | None = None) -> None:
-    """Draw the scale bar and, where the drag may have `directions` (k, 2), its arrow; set the camera, then the labels."""
+    """Draw the scale bar and, if the drag has `directions` (k, 2), its arrow; set the camera, then the labels."""
     arrow = None
     if directions is not None:
         view.fit_arrows(directions)
@@ -136,7 +138,7 @@ def _add_close_up(canvas: Canvas, data: PictureData, overlay: Overlay, layout: L
 
 
 def _add_panel(canvas: Canvas, overlay: Overlay, area: Rectangle, heading: str) -> Rectangle:
-    """Draw a framed panel with a heading; returns the area inside that is free for a view."""
+    """Draw a framed panel with a heading; return the area inside that is free for a view."""
     size = canvas.size
     x0, y0, x1, y1 = (value * size[i % 2] for i, value in enumerate(area))
     canvas.paper.add_polygons(rectangle(x0, y0, x1, y1)[None], np.array([rgb(PANEL)], np.uint8))

@@ -1,4 +1,4 @@
-"""The legend along the lower edge of a picture: states and their colours or a colour scale, and the key of the forces."""
+"""Legend along the lower edge of a picture: states and their colours or a colour scale, and the key of the forces."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ _STRIPS = 128
 
 @dataclass(frozen=True)
 class _Item:
-    """One thing in the legend: its width, and how it is drawn at a position, all in pixels."""
+    """Item of the legend: its width, and its drawing function at a position, all in pixels."""
 
     wide: float
     draw: Callable[[float, float], None]
 
 
 def legend_height(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> float:
-    """Height in pixels that the legend takes up, its distance to the lower edge included."""
+    """Return the height of the legend [pixels], including its distance to the lower edge."""
     rows = len(_rows(overlay, _items(overlay, legend, full_scale)))
     return overlay.px(_LOWEST + _pitch(legend) * (rows - 1) + 44.0)
 
 
 def _pitch(legend: Legend) -> float:
-    """From row to row; a colour scale has numbers below it."""
+    """Return the distance of two rows; a colour scale has numbers below it."""
     return 44.0 if legend.limits is None else 62.0
 
 
 def draw_legend(overlay: Overlay, legend: Legend, full_scale: float = 0.0) -> None:
-    """Draw the legend; `full_scale` (N) is the force of the thickest tube, 0 without tubes."""
+    """Draw the legend; `full_scale` [N] is the force of the thickest tube, 0 without tubes."""
     rows = _rows(overlay, _items(overlay, legend, full_scale))
     for number, row in enumerate(reversed(rows)):
         x, y = overlay.px(_LEFT), overlay.px(_LOWEST + _pitch(legend) * number)
@@ -78,7 +78,7 @@ def _words(overlay: Overlay, words: str) -> _Item:
 
 
 def _state(overlay: Overlay, words: str, color: str, total: int) -> _Item:
-    # As wide as the largest count: in a film nothing moves when a count gains a figure.
+    # As wide as the largest count, so that nothing moves in a film when a count gains a digit.
     widest = re.sub(r"  \d+  \(\d+ %\)$", f"  {'0' * len(str(total))}  (00 %)", words)
 
     def draw(x: float, y: float) -> None:
@@ -89,7 +89,7 @@ def _state(overlay: Overlay, words: str, color: str, total: int) -> _Item:
 
 
 def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
-    """A colour bar with round numbers below it."""
+    """Return a colour bar with round numbers below it."""
     assert legend.limits is not None
     low, high = legend.limits
     factor, unit = prefix_for(max(abs(low), abs(high)), legend.unit)
@@ -112,7 +112,7 @@ def _scale(overlay: Overlay, legend: Legend, wide: float) -> _Item:
 
 
 def _force_key(overlay: Overlay, full_scale: float) -> _Item:
-    """A wedge from no force to the largest: in a perspective view no single thickness could be shown."""
+    """Return a wedge from zero to the largest force: in perspective no single thickness could be shown."""
     words, largest = "contact force  0", with_unit(full_scale, "N")
     before, wedge = overlay.width_of(words, 28) + overlay.px(14), overlay.px(120)
 

@@ -1,4 +1,4 @@
-"""A run in a notebook: a table of its key figures, and a picture of its last frame."""
+"""Run in a notebook: a table of its key figures, and a picture of its last frame."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
 
 SIZE = (960, 540)
-"""Of the picture, pixels."""
+"""Size of the picture [pixels]."""
 
 
 def run_html(run: Run) -> str:
-    """Table and picture as HTML that needs nothing beside it; where nothing can be drawn one sentence says why."""
+    """Return table and picture as self-contained HTML; where drawing fails one sentence gives the reason."""
     left = 'style="text-align:left"'
     rows = "".join(f"<tr><th {left}>{escape(name)}</th><td {left}>{text}</td></tr>" for name, text in _rows(run))
     title = escape(str(run.header.get("title") or run.path.parent.name))
@@ -28,7 +28,7 @@ def run_html(run: Run) -> str:
 
 
 def _rows(run: Run) -> list[tuple[str, str]]:
-    """Names and values, these as HTML."""
+    """Return names and values, the values as HTML."""
     figures = run.summary()
     end = "yes" if figures["finished"] and not figures.get("stopped") else escape(str(figures.get("stopped") or "no"))
     rows = [("run", escape(str(run.path.parent))), ("finished", end), ("frames", str(figures["frames"]))]

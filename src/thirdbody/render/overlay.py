@@ -1,4 +1,4 @@
-"""Flat shapes and words laid over a picture."""
+"""Flat shapes and text over a picture."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from thirdbody.palette import INK, rgb
 from thirdbody.render.canvas import OVERSAMPLING, Canvas
 
 WIDTH = 1600
-"""Width of a picture for which lengths are given, pixels."""
+"""Width of a picture for which lengths are given [pixels]."""
 
 _LEGIBLE = 11
-"""Least height of words that can be read, pixels."""
+"""Least height of legible text [pixels]."""
 
 _ALIGNED = {"left": 0.0, "center": 0.5, "right": 1.0}
 
 
 class Overlay:
-    """Flat shapes and words over the whole picture; positions in pixels from its lower left corner.
+    """Flat shapes and text over the whole picture; positions in pixels from its lower left corner.
 
-    Lengths given to `px` and heights of words hold for a picture 1600 pixels wide and `reference` high, and grow with the
-    smaller of both: what fits there fits everywhere.
+    Lengths given to `px` and heights of text hold for a picture 1600 pixels wide and `reference` high, and scale with the smaller
+    of both ratios: a layout that fits there fits everywhere.
     """
 
     def __init__(self, canvas: Canvas, reference: float = 900.0):
@@ -31,11 +31,11 @@ class Overlay:
         self._pane, self._unit = canvas.words, min(canvas.size[0] / WIDTH, canvas.size[1] / reference)
 
     def px(self, length: float) -> float:
-        """Pixels of a length given for a picture of the reference height."""
+        """Return the pixels of a length given for a picture of the reference height."""
         return length * self._unit
 
     def text(self, words: str, x: float, y: float, height: float, color: str = INK, **style: Any) -> float:
-        """Write words of a given height; `align` left, center or right, `bold`. Returns their width in pixels.
+        """Write words of a given height; `align` left, center or right, `bold`. Return their width [pixels].
 
         Words that would be cut at an edge of the picture move inside.
         """
@@ -51,7 +51,7 @@ class Overlay:
         return width
 
     def text_height(self, height: float) -> float:
-        """Pixels of a height of words given for a picture of the reference height: never too small to be read."""
+        """Return the pixels of a text height given for a picture of the reference height, never below legibility."""
         return max(self.px(height), _LEGIBLE)
 
     def _actor(self, words: str, height: float, **style: Any) -> pyvista.Text:
@@ -66,11 +66,11 @@ class Overlay:
         return (box[1] - box[0]) / OVERSAMPLING
 
     def width_of(self, words: str, height: float, bold: bool = False) -> float:
-        """Width in pixels that words of a given height take up."""
+        """Return the width of words of a given height [pixels]."""
         return self._width(self._actor(words, height, bold=bold))
 
     def fitting(self, words: str, height: float, width: float, bold: bool = False) -> float:
-        """The height, at most `height`, in which words take up at most `width` pixels."""
+        """Return the height, at most `height`, at which words are at most `width` pixels wide."""
         return height * min(1.0, width / max(self.width_of(words, height, bold), 1.0))
 
     def polygon(self, corners: np.ndarray, color: str) -> None:
@@ -94,5 +94,5 @@ class Overlay:
 
 
 def rectangle(x0: float, y0: float, x1: float, y1: float) -> np.ndarray:
-    """Corners (4, 2) of a rectangle."""
+    """Return the corners (4, 2) of a rectangle."""
     return np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])

@@ -1,4 +1,4 @@
-"""What a picture shows, read from a run: wrapped spheres, colours, plates, title and legend. No drawing here."""
+"""Data of a picture, read from a run: wrapped spheres, colours, plates, title and legend. No drawing here."""
 
 from __future__ import annotations
 
@@ -16,32 +16,32 @@ from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.state_groups import code_name
 
 Window = tuple[np.ndarray, np.ndarray]
-"""Lowest and highest corner (2,) of a part of the domain, m."""
+"""Lowest and highest corner (2,) of a part of the domain [m]."""
 
 MAX_COORDINATE = 1e6
-"""Largest coordinate, or radius, of anything that is drawn, m."""
+"""Largest coordinate, or radius, of any drawn object [m]."""
 
 VIEWS = ("iso", "side", "front", "top")
 """Names of the camera's positions."""
 
 FREE_SCALE = LegendScale()
-"""A picture of one frame takes its colour scale from that frame."""
+"""Scale of a single picture: its colour scale follows from its frame."""
 
 _CLOSE_UP_BODIES = 60
-"""About as many bodies can be distinguished in a close-up."""
+"""Number of bodies, about, that can be distinguished in a close-up."""
 _WITHOUT_CLOSE_UP = 150
-"""Up to so many bodies the view of the whole is close enough."""
+"""Up to this number of bodies the view of the whole is close enough."""
 _WIDEST_SLICE = 0.8
 """A slice wider than this fraction of the domain, as one of a deep bed, would show the whole again."""
 
 
 @dataclass(frozen=True)
 class PictureData:
-    """One frame ready to be drawn, lengths in m: spheres `centers` (S, 3), `radii` (S,), `colors` (S, 3) uint8.
+    """Data of one frame for drawing, lengths in m: spheres `centers` (S, 3), `radii` (S,), `colors` (S, 3) uint8.
 
-    `body` (S,) is the row of each sphere's body in `bodies` (B, 3), the wrapped centres; `codes` (B,) are the states, `ids`
-    (B,) and `labels` (B, or none) name the bodies. `low`, `high` (3,) bound the space between the plates, `plate` (m) is the
-    height of the upper one, `drag` (2,) its direction or zero.
+    `body` (S,) is the row of each sphere's body in `bodies` (B, 3), the wrapped centres; `codes` (B,) are the states, `ids` (B,)
+    and `labels` (B, or none) name the bodies. `low`, `high` (3,) bound the space between the plates, `plate` [m] is the height of
+    the upper one, `drag` (2,) its direction or zero.
     """
 
     centers: np.ndarray
@@ -63,26 +63,26 @@ class PictureData:
     tubes: Tubes | None = None
 
     def inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Which spheres (S,) belong to bodies with centres in the window from `low` to `high` (x, y)."""
+        """Return the spheres (S,), bool, of bodies with centres in the window from `low` to `high` (x, y)."""
         return self.bodies_inside(low, high)[self.body]
 
     def bodies_inside(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Which bodies (B,) have their centre in the window from `low` to `high` (x, y)."""
+        """Return the bodies (B,), bool, with centres in the window from `low` to `high` (x, y)."""
         return np.all((self.bodies[:, :2] >= low[:2]) & (self.bodies[:, :2] <= high[:2]), axis=1)
 
     def plate_height_over(self, low: np.ndarray, high: np.ndarray) -> float:
-        """Height in m at which the upper plate is drawn over a window.
+        """Return the height at which the upper plate is drawn over a window [m].
 
-        Where each body carries a patch of its own the plate's height is their mean: it is drawn over the highest body.
+        Where each body carries a separate patch the plate's height is their mean: it is drawn over the highest body.
         """
         chosen = self.inside(low, high)
         return max(self.plate, float((self.centers[chosen, 2] + self.radii[chosen]).max(initial=-np.inf)))
 
 
 def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, scale: LegendScale = FREE_SCALE) -> PictureData:
-    """What the picture of one frame shows, with its contact forces if wanted; `scale` is that of the film it belongs to.
+    """Return the data of the picture of one frame, optionally with contact forces; `scale` is that of its film.
 
-    Raises IndexError for a frame, InputError for an array that the run has not.
+    Raises IndexError for the frame, InputError for an unknown array.
     """
     bodies, spheres = run.bodies(frame), run.spheres(frame)
     plates = run.plates(frame)["position"]
@@ -114,9 +114,9 @@ def read_picture_data(run: Run, frame: int, color: str, forces: bool = False, sc
 
 
 def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
-    """Raise InputError for a frame with a body that is nowhere, as a damaged file may hold it."""
+    """Raise InputError for a frame with a body without a valid position, as a damaged file may hold it."""
     for what, values in (("body", bodies["position"]), ("sphere", spheres["position"]), ("sphere", spheres["radius"][:, None])):
-        lost = np.flatnonzero(~np.all(np.abs(values) <= MAX_COORDINATE, axis=1))  # what is not a number too
+        lost = np.flatnonzero(~np.all(np.abs(values) <= MAX_COORDINATE, axis=1))  # includes NaN
         if len(lost):
             position = ", ".join(f"{x:.3g}" for x in values[lost[0]])
             raise InputError(f"{run.path}: frame {frame} cannot be drawn: {what} {lost[0]} is at {position}")
@@ -125,7 +125,7 @@ def refuse_lost(run: Run, frame: int, bodies: Arrays, spheres: Arrays) -> None:
 
 
 def _labels(run: Run, bodies: Arrays) -> tuple[str, ...]:
-    """State, reason and, of several, population of each body in words; none without a labeller."""
+    """Return state, reason and, if there are several, population of each body in words; none without a labeller."""
     if "state" not in bodies:
         return ()
     words = [run.state_names[code] for code in bodies["state"]]
@@ -139,7 +139,7 @@ def _labels(run: Run, bodies: Arrays) -> tuple[str, ...]:
 
 
 def domain_of(run: Run) -> tuple[np.ndarray | None, bool]:
-    """Size (2,) m of the domain, None without, and whether it is periodic."""
+    """Return the size (2,) of the domain [m], None without, and whether it is periodic."""
     domain = run.header.get("domain")
     if not domain:
         return None, False
@@ -150,7 +150,7 @@ def domain_of(run: Run) -> tuple[np.ndarray | None, bool]:
 
 
 def _wrap_shift(run: Run, position: np.ndarray) -> np.ndarray:
-    """What to subtract (B, 3) so that each body's centre lies in the periodic domain; bodies stay whole."""
+    """Return the vectors (B, 3) to subtract so that each body's centre lies in the periodic domain; bodies stay whole."""
     size, periodic = domain_of(run)
     shift = np.zeros_like(position)
     if periodic and size is not None:
@@ -159,7 +159,7 @@ def _wrap_shift(run: Run, position: np.ndarray) -> np.ndarray:
 
 
 def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Window:
-    """Lowest and highest corner of what lies between the plates."""
+    """Return the lowest and highest corner of the space between the plates."""
     size, periodic = domain_of(run)
     radius = spheres["radius"][:, None]
     if len(radius):
@@ -180,7 +180,7 @@ def _bounds(run: Run, bodies: Arrays, spheres: Arrays, plates: np.ndarray) -> Wi
 
 
 def _drag(run: Run, frame: int, plates: np.ndarray) -> np.ndarray:
-    """Unit direction (x, y) in which the upper plate went since the frame before, or zero."""
+    """Return the unit direction (x, y) of the upper plate's motion since the previous frame, or zero."""
     number = run.frame_number(frame)
     if not len(plates) or run.frames < 2:
         return np.zeros(2)
@@ -204,7 +204,7 @@ def _facts(run: Run, frame: int, count: int) -> str:
 
 
 def close_up_window(data: PictureData) -> Window | None:
-    """The part to enlarge: about 60 bodies, where states mix most; None for few bodies."""
+    """Return the part to enlarge: about 60 bodies, where states mix most; None for few bodies."""
     count = len(data.bodies)
     if count <= _WITHOUT_CLOSE_UP:
         return None
@@ -215,7 +215,7 @@ def close_up_window(data: PictureData) -> Window | None:
 
 
 def slice_window(data: PictureData, along: int) -> Window | None:
-    """The part to enlarge from the side: a dozen bodies along an axis (0 or 1), few deep.
+    """Return the part to enlarge from the side: a dozen bodies along an axis (0 or 1), few deep.
 
     None for few bodies, and for a bed so deep that the part would be nearly the whole.
     """
@@ -231,7 +231,7 @@ def slice_window(data: PictureData, along: int) -> Window | None:
 
 
 def _most_mixed(data: PictureData, half: np.ndarray, counts: tuple[int, int]) -> Window:
-    """The window of half size (2,), of a grid of windows all over the domain, in which states mix most."""
+    """Return the window of half size (2,), in a grid over the whole domain, in which states mix most."""
     low, high = data.low[:2] + half, data.high[:2] - half
     axes = (np.linspace(a, b, count) for a, b, count in zip(low, high, counts, strict=True))
     middle = max((np.array(point) for point in product(*axes)), key=lambda point: _mixture(data, point - half, point + half))
@@ -239,7 +239,7 @@ def _most_mixed(data: PictureData, half: np.ndarray, counts: tuple[int, int]) ->
 
 
 def _mixture(data: PictureData, low: np.ndarray, high: np.ndarray) -> float:
-    """Entropy of the states in a window, Shannon (1948); of equal windows the one with more bodies counts more."""
+    """Return the entropy of the states in a window, Shannon (1948); of equal windows the one with more bodies ranks higher."""
     counts = np.bincount(data.codes[data.bodies_inside(low, high)]).astype(np.float64)
     if not counts.sum():
         return -1.0

@@ -1,8 +1,7 @@
 """Pictures and films of a run as PNG, GIF, MP4 or HTML files, without a screen.
 
-Without the system libraries that it needs VTK does not raise an error: it crashes. So they are looked for
-first, and the drawing is done by a second process, whose crash becomes one sentence. Pages draw themselves in a
-browser and need no such libraries.
+Without its system libraries VTK crashes instead of raising an error. So these are checked first, and a second process does the
+drawing, whose crash becomes one sentence. Pages are drawn by a browser and need no such libraries.
 """
 
 from __future__ import annotations
@@ -28,27 +27,27 @@ EGL, OSMESA = "vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow"
 LIBRARIES = {EGL: ("libEGL.so.1",), OSMESA: ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so")}
 ADVICE = "install libegl1 and libgl1-mesa-dri, or libosmesa6 (apt-get install libegl1 libgl1-mesa-dri)"
 
-# A drawing of 100 000 spheres on one slow core takes below a minute; so long may the first and each further one take, s.
+# Time limits of the first and each further drawing [s]: one of 100 000 spheres takes below a minute on a slow core.
 PATIENCE, PATIENCE_PER_FRAME = 600.0, 60.0
 
 STILLS, FILMS, PAGES = (".png",), (".gif", ".mp4"), (".html",)
 CAMERAS = ("fixed", "follow")
 FASTEST = 60
 SIDES = (200, 8192)
-"""Smallest and largest width and height of a picture, pixels."""
+"""Smallest and largest width and height of a picture [pixels]."""
 CLOSEST = 1e-4
 """Smallest `zoom`: of a domain of a hundred million bodies it shows one."""
 
 
 @dataclass(frozen=True)
 class PictureOptions:
-    """What a picture, film or page shows.
+    """Options of a picture, film or page.
 
     `frame` is its number [the last]; `color` is `state`, `reason`, `speed`, or any array of the bodies, spheres or contacts (of
-    these the largest of a body), vectors by length; `size` is (width, height) in pixels. `zoom` (0.0001 to 1) is the fraction
-    of the domain's width and depth that is shown; `view` is iso, side, front or top; `forces` draws contact forces as tubes;
-    `body` shows one body close up, by its id. Of a film: `frames` is a:b:c [all], `fps` how many frames a second shows,
-    `camera` of a close-up is `fixed` or moves with the body (`follow`) [follow].
+    these the largest of a body), vectors by length; `size` is (width, height) in pixels. `zoom` (0.0001 to 1) is the fraction of
+    the domain's width and depth that is shown; `view` is iso, side, front or top; `forces` draws contact forces as tubes; `body`
+    shows one body close up, by its id. Of a film: `frames` is a:b:c [all], `fps` the number of frames per second, `camera` of a
+    close-up is `fixed` or moves with the body (`follow`) [follow].
     """
 
     frame: int | None = None
@@ -64,12 +63,11 @@ class PictureOptions:
 
 
 def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmReporter = False, **options: Any) -> Path:
-    """Draw one frame of a run (the last) into a .png or .html file, or many into a .gif or .mp4; returns its path.
+    """Draw one frame of a run (the last) into a .png or .html file, or many into a .gif or .mp4; return its path.
 
-    Options are the fields of `PictureOptions`: frame, color, size, zoom, view, forces, body, frames, fps, camera.
-    `progress` of a film: True draws a bar on a terminal; a callable gets the number of pictures drawn and that of all.
-    Raises InputError for a run, frame, array or option that is not there, MissingLibrary when the system cannot draw,
-    OutputError when the file cannot be written.
+    Options are the fields of `PictureOptions`: frame, color, size, zoom, view, forces, body, frames, fps, camera. `progress` of a
+    film: True draws a bar on a terminal; a callable gets the number of pictures drawn and their total. Raises InputError for an
+    invalid run, frame, array or option, MissingLibrary when the system cannot draw, OutputError when the file cannot be written.
     """
     from thirdbody.render.picture_data import refuse_lost
     from thirdbody.trajectory.reader import open_run
@@ -97,7 +95,7 @@ def render(run_path: str | Path, output: str | Path, *, progress: bool | FilmRep
 
 
 def _check_options(output: Path, options: PictureOptions) -> None:
-    """Raise InputError for options that cannot be, or that do not go together."""
+    """Raise InputError for invalid or incompatible options."""
     from thirdbody.render.picture_data import VIEWS
 
     suffix, o = output.suffix.lower(), options
@@ -124,7 +122,7 @@ def _check_options(output: Path, options: PictureOptions) -> None:
 
 
 def _frame_numbers(run: Any, output: Path, options: PictureOptions) -> list[int]:
-    """The frames to draw. Raises InputError when they are not there."""
+    """Return the frames to draw. Raises InputError when they are not in the run."""
     from thirdbody.render.film import frame_numbers
 
     if output.suffix.lower() in FILMS:
@@ -136,7 +134,7 @@ def _frame_numbers(run: Any, output: Path, options: PictureOptions) -> list[int]
 
 
 def _read_one(run: Any, number: int, options: PictureOptions) -> Any:
-    """What one frame shows: faults of a picture are found here, not by the process that draws."""
+    """Read the data of one frame: errors of a picture are raised here, not by the process that draws."""
     from thirdbody.render.picture_data import read_picture_data
 
     data = read_picture_data(run, number, options.color, options.forces)
@@ -150,7 +148,7 @@ def _read_one(run: Any, number: int, options: PictureOptions) -> Any:
 
 
 def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS + PAGES) -> Path:
-    """The path of a picture to write. Raises InputError for another suffix, OutputError without its folder."""
+    """Return the path of a picture to write. Raises InputError for another suffix, OutputError without its folder."""
     path = Path(path)
     if path.suffix.lower() not in allowed:
         names = " or ".join([", ".join(allowed[:-1]), allowed[-1]] if allowed[1:] else allowed)
@@ -161,7 +159,7 @@ def checked_output(path: str | Path, allowed: tuple[str, ...] = STILLS + FILMS +
 
 
 def usable_windows() -> list[str | None]:
-    """The kinds of off-screen window to try, best first; None leaves the choice to VTK (not on Linux).
+    """Return the kinds of off-screen window to try, best first; None leaves the choice to VTK (not on Linux).
 
     Raises MissingLibrary when there is none.
     """
@@ -182,10 +180,10 @@ def _loads(library: str) -> bool:
 
 
 def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | None = None) -> None:
-    """Let a second process draw, with the first kind of window that does not crash; `report` is called for each
-    picture of a film.
+    """Draw in a second process, with the first kind of window that does not crash.
 
-    Raises OutputError when the file cannot be written, MissingLibrary without pyvista or when every window crashes.
+    `report` is called for each picture of a film. Raises OutputError when the file cannot be written, MissingLibrary without
+    pyvista or when every window crashes.
     """
     if find_spec("pyvista") is None:
         raise MissingLibrary("pictures are drawn with pyvista, which is not installed: pip install pyvista")
@@ -205,7 +203,7 @@ def draw_elsewhere(job: dict, windows: list[str | None], report: FilmReporter | 
 
 def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> subprocess.CompletedProcess[str]:
     environment = python_environment()
-    environment["ALLOW_PLOTTING"] = "true"  # pyvista else opens a window to find out
+    environment["ALLOW_PLOTTING"] = "true"  # otherwise pyvista tests this by opening a window
     if kind is not None:
         environment["VTK_DEFAULT_OPENGL_WINDOW"] = kind
     total = len(job.get("frames", ()))
@@ -239,7 +237,7 @@ def _start(job: dict, kind: str | None, report: FilmReporter | None = None) -> s
 
 
 def main(argument: str) -> int:
-    """The second process: draw the job that `render` or `gallery` wrote as JSON; returns the exit code."""
+    """Draw the job that `render` or `gallery` wrote as JSON, in the second process; return the exit code."""
     job = json.loads(argument)
     try:
         if "gallery" in job:

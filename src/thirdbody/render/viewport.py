@@ -1,4 +1,4 @@
-"""One view of a part of the domain: spheres, plates, force tubes, the drag arrow, a scale bar, and its camera."""
+"""View of a part of the domain: spheres, plates, force tubes, the drag arrow, a scale bar, and its camera."""
 
 from __future__ import annotations
 
@@ -18,24 +18,23 @@ _SHADOW = "#A9B0BA"
 ARROW = "#B0303C"
 
 _DIRECTIONS = {"side": (0.0, -1.0, 0.0), "front": (1.0, 0.0, 0.0), "top": (0.0, 0.0, 1.0)}
-"""From where the camera looks; `iso` is seen in perspective, the others are not, so that lengths hold everywhere."""
+"""Direction to the camera; `iso` is in perspective, the others in parallel projection, so that lengths hold everywhere."""
 
 _ALONG = 0.9
-"""Cosine from which on an arrow points along the line of sight."""
+"""Cosine above which an arrow points along the line of sight."""
 
 _PALE, _PALE_NUMBERS = 0.45, 0.2
-"""Fraction of white in the colors of bodies through which tubes are seen: of states, and of numbers, which must stay
-readable."""
+"""Fraction of white in bodies through which tubes are seen: for states, and for numbers, which must stay readable."""
 
 _ANGLE = 24.0
-"""Vertical angle of view, degrees."""
+"""Vertical angle of view [degrees]."""
 
 
 class Viewport:
-    """One view of a window of the domain, in a part of the picture (fractions of its size).
+    """View of a window of the domain, in a part of the picture (fractions of its size).
 
-    `low`, `high` (3,) bound what the camera keeps in sight, in m; in a film they stay while plates move. `plate_height` (m)
-    is where the upper plate is drawn, over all bodies in the window if not given.
+    `low`, `high` (3,) bound the visible volume [m]; in a film they stay while plates move. `plate_height` [m] is where the upper
+    plate is drawn, over all bodies in the window if not given.
     """
 
     def __init__(
@@ -57,10 +56,10 @@ class Viewport:
         # Room for the halves of bodies whose centres lie in the window.
         margin = 1.1 * float(data.radii.max(initial=0.0)) * np.array([1.0, 1.0, 0.0])
         self._low, self._high = self.scaled(low - margin), self.scaled(high + margin)
-        # Thin beside what lies between them, but never thinner than can be seen.
+        # Thin relative to the gap, but always thick enough to be visible.
         thickness = min(max(0.4 * float(self._high[2] - self._low[2]), 1.5), 5.0)
         self._thickness = thickness if data.has_plates else 0.0
-        # Lines are as thick as words are high.
+        # Line width scales with the height of text.
         self._line_unit = OVERSAMPLING * max(min(canvas.size[0] / WIDTH, canvas.size[1] / 900.0), 0.6)
         height = data.plate_height_over(low, high) if plate_height is None else plate_height
         self._ceiling = float(self.scaled(np.array([0.0, 0.0, height]))[2])
@@ -70,11 +69,11 @@ class Viewport:
             self._add_plates()
 
     def scaled(self, points: np.ndarray) -> np.ndarray:
-        """Points (..., 3) m in the units of the view."""
+        """Return points (..., 3) [m] in the units of the view."""
         return (points - self._origin) * self.scale
 
     def project(self, point: np.ndarray) -> tuple[float, float]:
-        """Where a point of the view appears, in pixels of the picture."""
+        """Return the position of a point of the view in the picture [pixels]."""
         return self._outer.project(point)
 
     def _add_spheres(self, chosen: np.ndarray) -> None:
@@ -87,7 +86,7 @@ class Viewport:
         self._outer.add_spheres(centers, radii, colors[chosen])
 
     def _add_shadows(self, centers: np.ndarray, radii: np.ndarray) -> None:
-        """Draw a disc on the lower plate under each sphere: without it the height of a body cannot be seen."""
+        """Draw a disc on the lower plate under each sphere: without it the height of a body is not visible."""
         floor = float(self.scaled(self._data.low)[2]) + 0.03
         points = pyvista.PolyData(np.column_stack((centers[:, :2], np.full(len(centers), floor))).astype(np.float32))
         points["radius"] = np.float32(radii)
@@ -106,7 +105,7 @@ class Viewport:
         self._outer.add(box.outline(), color=edges, lighting=False, line_width=1.4 * self._line_unit)
 
     def add_tubes(self, full_scale: float) -> None:
-        """Draw the contact forces of the bodies in the window; `full_scale` (N) is that of the thickest tube."""
+        """Draw the contact forces of the bodies in the window; `full_scale` [N] is that of the thickest tube."""
         tubes, (low, high) = self._data.tubes, self._window
         if tubes is None or full_scale <= 0.0:
             return
@@ -119,7 +118,7 @@ class Viewport:
             self.inner.add(mesh, scalars="color", rgb=True, ambient=0.35, diffuse=0.75)
 
     def _arrow_ends(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Start and tip of an arrow at the leading edge of the upper plate, in a direction (2,)."""
+        """Return start and tip of an arrow at the leading edge of the upper plate, in a direction (2,)."""
         half, middle = 0.5 * (self._high - self._low), 0.5 * (self._high + self._low)
         reach = min(h / abs(d) for h, d in zip(half[:2], direction, strict=True) if abs(d) > 1e-9)
         start = np.array([*(middle[:2] + direction * (reach + 2.0)), self._high[2] + 0.5 * self._thickness])
@@ -127,22 +126,22 @@ class Viewport:
 
     @property
     def _arrow_length(self) -> float:
-        # From the side the plates are thin beside the arrow of the other views.
+        # From the side the plates are thin relative to the arrow of the other views.
         return 9.0 if self._view in ("side", "front") else 17.0
 
     def _towards_viewer(self, direction: np.ndarray) -> float:
-        """Cosine of the angle between a direction and that to the camera, of views without perspective."""
+        """Return the cosine of the angle between a direction and that to the camera, for views without perspective."""
         return float(direction @ np.array(_DIRECTIONS[self._view][:2])) if self._view in _DIRECTIONS else 0.0
 
     def fit_arrows(self, directions: np.ndarray) -> None:
-        """Let the camera keep arrows in all these directions (k, 2) in sight."""
+        """Extend the visible volume by arrows in all these directions (k, 2)."""
         for direction in directions:
             tip = self._arrow_ends(direction)[1]
             if abs(self._towards_viewer(direction)) < _ALONG:
                 self._corners += [tip + 2.0, tip - 2.0]
 
     def add_arrow(self) -> tuple[np.ndarray, str] | None:
-        """Draw an arrow at the leading edge of the upper plate along its motion; returns the position and text of its label.
+        """Draw an arrow at the leading edge of the upper plate along its motion; return the position and text of its label.
 
         Along the line of sight an arrow is a disc: there is only the label.
         """
@@ -174,7 +173,7 @@ class Viewport:
         self._outer.add(pyvista.MultipleLines(points), color=INK, lighting=False, line_width=width * self._line_unit)
 
     def add_scale_bar(self) -> tuple[np.ndarray, str]:
-        """Draw a bar of a round length before the lower plate, or below it; returns the position and text of its label.
+        """Draw a bar of a round length before the lower plate, or below it; return the position and text of its label.
 
         It lies in the scene because in a perspective view a length holds at one depth only.
         """
@@ -214,14 +213,14 @@ class Viewport:
         camera.focal_point, camera.position, camera.up = focus, focus + distance * back, upright
         self._outer.renderer.reset_camera_clipping_range()
         near, far = camera.clipping_range
-        camera.clipping_range = 0.9 * near, 1.1 * far  # what is seen through bodies needs more
+        camera.clipping_range = 0.9 * near, 1.1 * far  # objects seen through bodies need a wider range
 
 
 Pose = tuple[np.ndarray, float, float]
 
 
 def _fit_parallel(points: np.ndarray, axes: np.ndarray, aspect: float) -> Pose:
-    """Focus, distance and half height of the picture in which all points just fit, without perspective.
+    """Return focus, distance and half height of the picture in which all points just fit, without perspective.
 
     `axes` (3, 3) are the camera's right, up and back, `aspect` is width over height.
     """
@@ -232,7 +231,7 @@ def _fit_parallel(points: np.ndarray, axes: np.ndarray, aspect: float) -> Pose:
 
 
 def _fit_perspective(points: np.ndarray, axes: np.ndarray, aspect: float) -> Pose:
-    """The same in perspective; the half height is unused.
+    """Return the same in perspective; the half height is unused.
 
     A fixed-point iteration: shift the focus to the middle of the projection, then set the distance; converges in a few steps.
     """

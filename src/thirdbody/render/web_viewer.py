@@ -1,8 +1,8 @@
-"""A page that shows one frame in a browser, to be turned with the mouse: one HTML file that needs no network.
+"""Page that shows one frame in a browser, to be turned with the mouse: one HTML file that needs no network.
 
-Spheres are ray-cast impostors by a WebGL program of our own in `web_viewer.html`. The usual export (pyvista with trame) makes
-glyph meshes: 12 MB for 12 000 spheres instead of half a megabyte, without a legend, and needs some forty packages and the
-system libraries for drawing.
+Spheres are ray-cast impostors by the WebGL program in `web_viewer.html`. The usual export (pyvista with trame) makes glyph
+meshes: 12 MB for 12 000 spheres instead of half a megabyte, without a legend, and needs some forty packages and the system
+libraries for drawing.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from thirdbody.render.picture_data import PictureData
 
 
 def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
-    """Write the page of a frame, seen from `view` first; returns its path. Raises OSError when the file cannot be written."""
+    """Write the page of a frame, seen from `view` first; return its path. Raises OSError when the file cannot be written."""
     text = files("thirdbody.render").joinpath("web_viewer.html").read_text(encoding="utf-8")
     for mark, content in {
         "@TITLE@": html.escape(data.title or "thirdbody"),
@@ -37,7 +37,7 @@ def write_page(data: PictureData, path: Path, view: str = "iso") -> Path:
 
 
 def _scene(data: PictureData) -> dict[str, object]:
-    """The scene in units of a hundredth of its width, with its middle at the origin; the bodies' names as text."""
+    """Return the scene in units of a hundredth of its width, with its middle at the origin; the bodies' names as text."""
     extent = data.high - data.low
     scale = 100.0 / float(max(extent[:2].max(), 1e-300))
     middle = 0.5 * (data.low + data.high)

@@ -1,4 +1,4 @@
-"""The second process: draws the frames that a job names and writes the file whole. VTK may crash here (`render`)."""
+"""Drawing process of a run: draws the frames of a job and writes the file whole. VTK may crash here (`render`)."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ def draw_run(job: dict[str, Any]) -> None:
 
 
 OPTIONS = ("color", "size", "zoom", "view", "forces", "body")
-"""What of a job changes the look of a still."""
+"""Keys of a job that change the look of a still."""
 
 
 def origin(run: Run, job: dict[str, Any]) -> dict[str, str]:
-    """What a still was drawn from, for the text chunks of its PNG: title, frame, time, options, the resolved scene as TOML."""
+    """Return the origin of a still for its PNG text chunks: title, frame, time, options, the resolved scene as TOML."""
     number = job["frames"][-1]
     return {
         "Software": "thirdbody",
@@ -51,14 +51,14 @@ def origin(run: Run, job: dict[str, Any]) -> dict[str, str]:
 
 
 def _reported(pictures: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
-    """The same pictures, each reported on standard output when it is drawn."""
+    """Yield the same pictures, each reported on standard output when it is drawn."""
     for number, picture in enumerate(pictures, start=1):
         yield picture
         print(f"{DRAWN}{number}", flush=True)
 
 
 def _draw_pictures(run: Run, job: dict[str, Any], canvas: Canvas) -> Iterator[np.ndarray]:
-    """The picture of each frame, all in one layout: only what moves in the run moves in the film."""
+    """Yield the picture of each frame, all in one layout: only what moves in the run moves in the film."""
     numbers, color = job["frames"], job["color"]
     scale = reduce(or_, (read_picture_data(run, number, color).legend.scale for number in numbers))
     if job["body"] is None:

@@ -1,4 +1,4 @@
-"""Effects and parts of the machinery of a built scene: on or off, why, what share of the time; where an absent one matters."""
+"""Effects and components of a built scene: on or off, reason, fraction of the time; where an absent one matters."""
 
 from __future__ import annotations
 
@@ -16,25 +16,27 @@ if TYPE_CHECKING:
     from thirdbody.build.simulation import Simulation
 
 STANDARD_GRAVITY = 9.80665
-"""m/s2."""
+"""Standard acceleration of gravity [m/s2]."""
 
 HEAVY, NEAR, FAST = 0.01, 0.05, 0.1
-"""What is warned of: weight over load; share of a spot's overlap that its neighbour makes; drag over the shear wave's speed."""
+"""Limits of warnings: weight over load; fraction of a contact's overlap due to its neighbour; drag over shear wave speed."""
 
 NS = {"sphere": 26.0, "contact": 10.0, "pair": 4.0, "law": 4.0, "mindlin": 7.0, "exact": 60.0, "spring": 2.3, "body": 6.0,
       "labels": 30.0}  # fmt: skip
-"""Nanoseconds of one core: per sphere and step (motion), per contact (geometry) or pair that is looked at, per contact and law,
-per spring, per body and effect, per body for its labels. Some measured with numba 0.68 on a Zen 5, some estimated: shares need
-only their ratios, and are told as estimates."""
+"""Time on one core [ns], partly measured with numba 0.68 on a Zen 5, partly estimated.
+
+Per sphere and step (motion), per contact (geometry) or checked pair, per contact and law, per spring, per body and effect, per
+body for its labels. Fractions need only their ratios, and are reported as estimates.
+"""
 
 TOUCH = 0.02
-"""A sphere nearer to a plate than this part of its radius will carry load."""
+"""A sphere nearer to a plate than this fraction of its radius will carry load."""
 
 
 def parts(built: Simulation) -> list[dict[str, Any]]:
-    """Every effect and part of the machinery: `part`, `on`, `reason`, and `fraction` of the time per step (0 if absent).
+    """Return every effect and component: `part`, `on`, `reason`, and `fraction` of the time per step (0 if absent).
 
-    Shares are estimates for the explicit integrator; None with the implicit one, whose time goes into iterations.
+    Fractions are estimates for the explicit integrator; None with the implicit one, whose time is spent on iterations.
     """
     rows = [*_laws(built), *_effects(built), *_machinery(built)]
     total = sum(row["share"] for row in rows if row["on"])
@@ -45,7 +47,7 @@ def parts(built: Simulation) -> list[dict[str, Any]]:
 
 
 def part_warnings(built: Simulation) -> list[str]:
-    """What is off or neglected and would matter in this scene, in words."""
+    """Return warnings of effects that are off or neglected and would matter in this scene."""
     result = []
     weight, load = _weight_over_load(built), _load(built)
     if built.scene.effects.gravity is None and weight > HEAVY and math.isfinite(load):
@@ -65,11 +67,12 @@ def part_warnings(built: Simulation) -> list[str]:
 
 
 def neighbours(built: Simulation) -> tuple[float, float]:
-    """Share of the overlap that the nearest spot of the same body and plate makes, and how far it is in contact radii.
+    """Return the fraction of the overlap due to the nearest contact of the body and plate, and its distance over a.
 
-    Both spots carry the same load F: the own overlap is 3 F/(4 E* a), and at the distance r the other one's load lowers the
-    surface by F/(pi E* r) (Boussinesq; K.L. Johnson, Contact Mechanics, 1985, Eq. 3.22), so the share is 4 a/(3 pi r), for
-    r > 2 a. The spots are those that touch before the load comes. (0, inf) without two of them, or without a load.
+    Both contacts carry the same load F: the own overlap is 3 F/(4 E* a), and at the distance r the other one's load lowers the
+    surface by F/(pi E* r) (Boussinesq; K.L. Johnson, Contact Mechanics, 1985, Eq. 3.22), so the fraction is 4 a/(3 pi r), for r >
+    2 a, with the contact radius a. The contacts are those that touch before loading. (0, inf) without two of them, or without a
+    load.
     """
     state, overlap = built.state, built.upper.overlap
     if overlap <= 0.0:
@@ -93,11 +96,11 @@ def neighbours(built: Simulation) -> tuple[float, float]:
 
 
 def _laws(built: Simulation) -> list[dict[str, Any]]:
-    """Laws of the contact: those of the chain, and those that no pair asks for."""
+    """Return the contact laws: those in use, and those that no pair uses."""
     contacts = max(1, 2 * built.state.n_bodies)
     rows = []
     for law in built.choice.chain.laws:
-        numbers = len(law.history)  # a row of springs remembers two numbers for each
+        numbers = len(law.history)  # a row of springs stores two numbers for each
         row_of_springs = numbers > 16 and law.name not in NS
         each = NS["spring"] * numbers / 2.0 if row_of_springs else NS.get(law.name, NS["law"])
         rows.append(_row(f"{law.stage}: {law.name}", True, f"of the level {built.choice.level}", contacts * each))
@@ -112,7 +115,7 @@ def _effects(built: Simulation) -> list[dict[str, Any]]:
     rows = []
     for name, effect in discover().effects.items():
         if isinstance(effect, Law) and name in on:
-            continue  # told as a law
+            continue  # reported as a law
         reason = "the scene names it" if name in on else "the scene does not name it"
         if name == "gravity" and name not in on:
             weight = _weight_over_load(built)
@@ -164,13 +167,13 @@ def _spots_reason(built: Simulation) -> str:
 
 
 def _peak_pressure(built: Simulation) -> float:
-    """p0 = (2 E*/pi) sqrt(overlap/R) under the expected load, Pa, for the stiffest pair."""
+    """Return p0 = (2 E*/pi) sqrt(overlap/R) under the expected load [Pa], for the stiffest pair."""
     stiffest = max(e_star(pair.a, pair.b) for pair in built.choice.pairs)
     return 2.0 * stiffest / math.pi * math.sqrt(built.upper.expected)
 
 
 def _load(built: Simulation) -> float:
-    """On one body that carries load, N; infinite where nothing is pressed on the debris."""
+    """Return the load on one load-carrying body [N]; infinite where nothing is pressed on the debris."""
     upper = built.state.world.upper
     if upper is None or not float(np.max(upper.load)) > 0.0:
         return math.inf
@@ -179,11 +182,11 @@ def _load(built: Simulation) -> float:
 
 
 def _weight_over_load(built: Simulation) -> float:
-    """Weight of the heaviest body over the load on one; NaN without a load."""
+    """Return the weight of the heaviest body over the load on one; NaN without a load."""
     load = _load(built)
     return float(np.max(built.state.bodies.mass)) * STANDARD_GRAVITY / load if math.isfinite(load) else math.nan
 
 
 def _wave_speed(built: Simulation) -> float:
-    """Of shear waves in the slowest material, m/s."""
+    """Return the speed of shear waves in the slowest material [m/s]."""
     return min(math.sqrt(m.shear_modulus / m.density) for m in built.choice.materials)

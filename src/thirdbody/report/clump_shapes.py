@@ -1,4 +1,4 @@
-"""What `thirdbody shapes` tells: the bodies of a scene's populations, or how spheres stand for a mesh."""
+"""Report of `thirdbody shapes`: the bodies of a scene's populations, or the fit of spheres to a mesh."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from thirdbody.scene.model import Scene
 
 SPHERES, SEED = 12, 1
-"""Of a mesh file, as for debris of the kind `mesh`."""
+"""For a mesh file, as for debris of the kind `mesh`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """Bodies that are made alike: their name, kind, material, density (kg/m3), the meshes that they follow in turn, and notes."""
+    """Bodies of one population: name, kind, material, density [kg/m3], the meshes that they follow in turn, and notes."""
 
     name: str
     kind: str
@@ -38,7 +38,7 @@ class Population:
 
 
 def populations(scene: Scene) -> list[Population]:
-    """The bodies of every population of a scene. Raises InputError when they cannot be made."""
+    """Return the bodies of every population of a scene. Raises InputError when they cannot be generated."""
     from thirdbody.build.clumps import shapes_of
 
     result = []
@@ -52,7 +52,7 @@ def populations(scene: Scene) -> list[Population]:
 
 
 def mesh_population(path: Path, unit: str | None, spheres: int | None, seed: int | None) -> Population:
-    """One body that follows a mesh file, of unit density. Raises UsageError for the unit, InputError for the mesh."""
+    """Return one body that follows a mesh file, of unit density. Raises UsageError for the unit, InputError for the mesh."""
     from thirdbody.bodies.mesh import load_mesh
     from thirdbody.bodies.mesh_to_clump import clump_from_mesh
     from thirdbody.scene.debris.kinds.mesh import MeshShape
@@ -77,13 +77,13 @@ def read_shapes(
     settings: Mapping[str, str] | None = None,
     plugins: Sequence[Path] = (),
 ) -> list[Population]:
-    """The populations of a scene file, or the bodies of a mesh file or of a folder of them.
+    """Return the populations of a scene file, or the bodies of a mesh file or of a folder of them.
 
     Raises UsageError for options that do not belong to the file, InputError for the file.
     """
     from thirdbody.bodies.mesh import SUFFIXES
 
-    folder = os.path.isdir(path)  # that of a path raises for names that are too long
+    folder = os.path.isdir(path)  # `Path.is_dir` raises for names that are too long
     meshes = folder or path.suffix.lower() in SUFFIXES
     if meshes and settings:
         raise UsageError("--set replaces values of a scene; a mesh file has --unit, --spheres and --seed")
@@ -104,7 +104,7 @@ def read_shapes(
 
 
 def _of_folder(folder: Path, unit: str | None, spheres: int | None, seed: int | None) -> list[Population]:
-    """A body for every mesh file of a folder. Raises as `mesh_population`, and InputError where there is none."""
+    """Return a body for every mesh file of a folder. Raises as `mesh_population`, and InputError where there is none."""
     from thirdbody.bodies.mesh import SUFFIXES
     from thirdbody.scene.debris.kinds.mesh import meshes_in
 
@@ -115,17 +115,17 @@ def _of_folder(folder: Path, unit: str | None, spheres: int | None, seed: int | 
 
 
 def _followed(scene: Scene, index: int) -> list[MeshShape]:
-    """The meshes of a population and how well its spheres fit; those of `shapes_of`, fitted once."""
+    """Return the meshes of a population and how well its spheres fit; those of `shapes_of`, fitted once."""
     from thirdbody.build.clumps import population_context
 
     return scene.debris[index].mesh_shapes(population_context(scene, index, []))
 
 
 def population_statistics(population: Population) -> dict[str, Any]:
-    """Statistics of a population, SI; each over its bodies, but `sphere_radius` over all spheres.
+    """Return statistics of a population in SI; each over its bodies, but `sphere_radius` over all spheres.
 
-    `contact_radius` is the radius of the sphere that a plane touches, mean over all directions; `sharpness` the same
-    over the body's equivalent radius (1 for a ball).
+    `contact_radius` is the radius of the sphere that a plane touches, mean over all directions; `sharpness` the same over the
+    body's equivalent radius (1 for a sphere).
     """
     from thirdbody.bodies.asperities import summit_radii
 
@@ -160,7 +160,7 @@ def population_statistics(population: Population) -> dict[str, Any]:
 
 def _statistics(values: np.ndarray) -> dict[str, float]:
     low, high = float(values.min()), float(values.max())
-    # sizes that are equal but for rounding do not spread
+    # sizes that are equal but for rounding have no spread
     mean, spread = (low, 0.0) if high - low <= 1e-12 * high else (float(values.mean()), float(values.std()))
     return {"mean": mean, "std": spread, "min": low, "median": float(np.median(values)), "max": high}
 
@@ -245,14 +245,14 @@ def _print_fit(fit: dict[str, Any]) -> None:
 
 
 def draw_shapes(result: list[Population], title: str, png: Path) -> Path:
-    """Draw a gallery of the populations' bodies; returns the path. Raises like `render.gallery.draw_gallery`."""
+    """Draw a gallery of the populations' bodies; return the path. Raises like `render.gallery.draw_gallery`."""
     from thirdbody.render.gallery import draw_gallery
 
     return draw_gallery([_group(part) for population in result for part in _by_mesh(population)], title, png)
 
 
 def _by_mesh(population: Population) -> list[Population]:
-    """The population in parts of one mesh each; the population where it has no more than one."""
+    """Return the population in parts of one mesh each; itself where it has no more than one."""
     meshes = population.meshes
     if len(meshes) < 2:
         return [population]
@@ -263,14 +263,14 @@ def _by_mesh(population: Population) -> list[Population]:
 
 
 def _group(population: Population) -> Any:
-    """What the picture says and shows of a population of one mesh or none."""
+    """Return text and shapes of a population of one mesh or none, for the picture."""
     from thirdbody.bodies.clump import matrix_from_quaternion
     from thirdbody.quantity import with_unit
     from thirdbody.render.gallery import Group
 
     entry = population_statistics(population)
     diameter, spheres = entry["diameter"], entry["spheres"]
-    # the fonts of VTK draw square brackets round
+    # VTK's fonts draw square brackets as round ones
     name = population.name.replace("[", " ").replace("]", "")
     heading = ", ".join(part for part in (name, population.kind, population.material, _bodies(entry["count"])) if part)
     size = with_unit(diameter["mean"], "m")
@@ -286,7 +286,7 @@ def _group(population: Population) -> Any:
     error = f"surfaces {100 * fit.rms:.2g} % of R apart (at most {100 * fit.maximum:.2g} %)"
     touching = f"touching radius {np.median(fit.contacts.ratio):.2f} of the mesh's"
     facts = f"diameter {size}   ·   {error}   ·   {touching}"
-    # bodies of another size than the file's carry the mesh scaled with them
+    # the mesh is scaled with bodies of another size than the file's
     scale = body.diameter / (2.0 * fit.size)
     vertices = (shape.surface.vertices - fit.centroid) @ matrix_from_quaternion(fit.quaternion) * scale
     return Group(heading, facts, population.clumps, vertices, shape.surface.faces)

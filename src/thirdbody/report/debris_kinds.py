@@ -1,4 +1,4 @@
-"""What `thirdbody shapes --list` prints: the kinds of debris, and the keys of one of them."""
+"""Report of `thirdbody shapes --list`: the kinds of debris, and the keys of one of them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from thirdbody.system.terminal import say
 
 
 def kinds_report(kind: str | None, plugins: Sequence[Path], json: bool) -> None:
-    """Print all kinds of debris and what brings them, or the keys of one kind. Raises UsageError for an unknown kind."""
+    """Print all kinds of debris and their sources, or the keys of one kind. Raises UsageError for an unknown kind."""
     from thirdbody.report.tables import print_json, table
     from thirdbody.scene.debris.registry import DebrisKinds
 
@@ -40,13 +40,13 @@ def kinds_report(kind: str | None, plugins: Sequence[Path], json: bool) -> None:
 
 
 def _description(kind: type) -> str:
-    """The first sentence of the docstring."""
+    """Return the first sentence of the docstring."""
     text = " ".join((kind.__doc__ or "").split())
     return text.split(". ")[0].rstrip(".")
 
 
 def _key_rows(schema: Mapping[str, Any]) -> list[list[str]]:
-    """A row for each key: its name, what it may be, its default."""
+    """Return a row for each key: name, allowed values, default."""
     required = schema.get("required", ())
     return [
         [key, _allowed(value), "required" if key in required else _default(value.get("default"))]
@@ -59,7 +59,7 @@ def _default(value: Any) -> str:
 
 
 def _allowed(value: Mapping[str, Any]) -> str:
-    """What JSON schema says of a value, in words."""
+    """Return the allowed values of a JSON schema in words."""
     if choices := value.get("anyOf"):
         words = dict.fromkeys(_allowed(choice) for choice in choices if choice.get("type") != "null")
         return " or ".join(words)
@@ -77,6 +77,6 @@ def _allowed(value: Mapping[str, Any]) -> str:
 
 
 def _range(value: Mapping[str, Any]) -> str:
-    """The limits of a number: ", at least 0.1, at most 1"."""
+    """Return the limits of a number: ", at least 0.1, at most 1"."""
     words = {"exclusiveMinimum": "above", "minimum": "at least", "exclusiveMaximum": "below", "maximum": "at most"}
     return "".join(f", {word} {value[key]:g}" for key, word in words.items() if key in value)

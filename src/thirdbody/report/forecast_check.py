@@ -1,4 +1,4 @@
-"""The forecast of every body, made when the drag starts, against what the body then did."""
+"""Comparison of the forecast of every body, made when the drag starts, with its observed motion."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
 
 WATCHED = 40.0
-"""Way of the drag, in contact radii of a body, within which its forecast is held against what it does."""
+"""Path of the drag, in contact radii of a body, over which its forecast is compared with its motion."""
 
 ROLLING, SLIDING = "rolling", "sliding"
 CAN_SLIDE, UNTOLD = 2, 4
@@ -24,12 +24,11 @@ CAN_SLIDE, UNTOLD = 2, 4
 
 
 def forecast_against_fact(run: Run) -> dict[str, Any]:
-    """Forecast when the drag starts (can the body go on without rolling?) against whether it is labelled rolling within 40 a.
+    """Compare the forecast at the start of the drag (can the body go on without rolling?) with rolling labels within 40 a.
 
-    Keys: `frame` of the forecast, `agree`, `report` (how many were told and watched), `unwatched` (bodies without any frame
-    within
-    40 a), `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of bodies), and those of `_explanation`.
-    Empty when the run has no forecast or no drag.
+    Keys: `frame` of the forecast, `agree`, `report` (number of bodies forecast and watched), `unwatched` (bodies without any
+    frame within 40 a), `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of bodies), and those of
+    `_explanation`. Empty when the run has no forecast or no drag.
     """
     start = start_of_drag(run)
     if start is None:
@@ -50,10 +49,10 @@ def forecast_against_fact(run: Run) -> dict[str, Any]:
 
 
 def _explanation(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -> dict[str, Any]:
-    """What explains an agreement: the count outside the band, with and without neighbours, and the conditions of the run.
+    """Return the explanation of an agreement: counts outside the band, with and without neighbours, and the run's conditions.
 
-    Keys: `clear` and `alone`, (agree, told) of the bodies outside the 2 % band and of those that meanwhile touch no other;
-    `turned`, the first of these by the plain fact of `_turned` instead of the labels (None without orientations);
+    Keys: `clear` and `alone`, (agree, forecast) of the bodies outside the 2 % band and of those that meanwhile touch no other;
+    `turned`, the first of these by the measured rotation of `_turned` instead of the labels (None without orientations);
     `conditions`, a list of dictionaries.
     """
     drawn, bodies = forecasts(run), run.bodies(start)
@@ -70,7 +69,7 @@ def _explanation(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -
 
 
 def forecasts(run: Run) -> Forecasts:
-    """The bodies that have a forecast when the drag starts, as the picture takes them; none without a forecast or a drag."""
+    """Return the bodies that have a forecast when the drag starts, for the picture; none without a forecast or a drag."""
     start = start_of_drag(run)
     known = np.zeros(0, int)
     if start is not None:
@@ -87,7 +86,7 @@ def forecasts(run: Run) -> Forecasts:
 
 
 def draw_forecast(path: Path, picture: Path) -> None:
-    """Draw forecast against fact of the run at `path`. Raises like `draw_forecasts`, InputError without a forecast or a drag."""
+    """Draw forecast against observation of the run at `path`. Raises like `draw_forecasts`, InputError without either."""
     from thirdbody.trajectory.reader import open_run
 
     with open_run(path) as run:
@@ -98,7 +97,7 @@ def draw_forecast(path: Path, picture: Path) -> None:
 
 
 def start_of_drag(run: Run) -> int | None:
-    """The frame at which the drag starts; None when the run has no forecast or no drag."""
+    """Return the frame at which the drag starts; None when the run has no forecast or no drag."""
     if not run.frames or "distance" not in run.series or "forecast" not in run.bodies(0) or ROLLING not in run.state_names:
         return None
     distance = run.series["distance"]
@@ -109,14 +108,14 @@ def start_of_drag(run: Run) -> int | None:
 
 
 def _was(run: Run, state: str, start: int) -> np.ndarray:
-    """Whether each body (B,) was in the state at some time of its first 40 a of drag."""
+    """Return whether each body (B,) was in the state at some time of its first 40 a of drag."""
     return ((run.states == run.state_names.index(state)) & _watched(run, start)).any(axis=0)
 
 
 def _rolled(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
-    """Whether each body (B,) rolled at some time of its first 40 a of drag, in a frame or between two.
+    """Return whether each body (B,) rolled at some time of its first 40 a of drag, in a frame or between two.
 
-    A length that it rolled tells of rolling between frames: a body that tips onto a better seat does so within a micrometre.
+    A positive rolled distance reveals rolling between frames: a body that tips onto a better seat does so within a micrometre.
     """
     rolled = _was(run, ROLLING, start)
     before = run.bodies(start).get("rolled_distance")
@@ -130,7 +129,7 @@ def _rolled(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
 
 
 def _turned(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
-    """Whether each body (B,) turned by more than a/R, of its largest contact, at some time of its first 40 a of drag.
+    """Return whether each body (B,) turned by more than a/R, of its largest contact, at some time of its first 40 a of drag.
 
     None for a file without orientations.
     """
@@ -150,7 +149,7 @@ def _turned(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
 
 
 def _watched(run: Run, start: int) -> np.ndarray:
-    """(F, B) frames after the start of the drag within 40 a of each body: what its forecast is held against."""
+    """Return the frames (F, B) after the start of the drag within 40 a of each body, over which its forecast is checked."""
     distance, contacts = run.series["distance"], run.contacts(start)
     radius = np.zeros(run.states.shape[1])
     np.maximum.at(radius, contacts["body"], contacts["contact_radius"])
@@ -158,7 +157,7 @@ def _watched(run: Run, start: int) -> np.ndarray:
 
 
 def _friction(run: Run) -> np.ndarray:
-    """Friction coefficient of each material against the plates, the lesser of the two: there a body of it slides first."""
+    """Return the lower of the two friction coefficients of each material against the plates: there a body slides first."""
     scene = tomllib.loads(run.scene_text)
     of_pair = {frozenset(pair["between"]): float(pair["friction"]) for pair in scene["pairs"]}
     plates = [scene["plates"][side]["material"] for side in ("lower", "upper")]

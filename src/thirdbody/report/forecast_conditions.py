@@ -1,8 +1,8 @@
-"""For which runs the forecast can be expected to hold: its assumptions, evaluated for one run.
+"""Conditions under which the forecast can be expected to hold: its assumptions, evaluated for one run.
 
-The theory behind the forecast speaks of one particle between two surfaces, pressed by a constant load, at rest but for the drag,
-on spots that are points. Each condition is a number of the run with the limit up to which forecast and motion were found to agree
-as in the table of a thousand clumps (README, "Forecast against fact").
+The theory of the forecast treats one particle between two surfaces, pressed by a constant load, at rest but for the drag, on
+point contacts. Each condition is a number of the run with the limit up to which forecast and motion agreed as in the table of a
+thousand clumps (README, "Forecast against fact").
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
 
 MOST_NEIGHBOURS = 0.2
-"""Share of the bodies that touch another one in the watched drag."""
+"""Fraction of the bodies that touch another one in the watched drag."""
 MOST_OVERLAP = 0.005
-"""Overlap over radius of curvature, median of the spots: tilt by unequal overlaps moves the spots against each other."""
+"""Overlap over radius of curvature, median of the contacts: tilt by unequal overlaps moves the contacts against each other."""
 MOST_INERTIA = 0.5
 """m v^2/(mu N a), median of the bodies: inertia at the speed of the drag against the work of friction along a contact radius."""
 ROUNDED = 0.01
-"""Of a share of the drag: what a start between two frames may leave."""
+"""Fraction of the drag that a start between two frames may contribute."""
 LEAST_FRAMES = 8
-"""Frames in the watched drag, median of the bodies: what happens between two frames is seen only if it rolls a window of 4 a."""
+"""Frames in the watched drag, median of the bodies: events between two frames are seen only if they roll a window of 4 a."""
 
 
 class Condition(NamedTuple):
-    """One assumption of the forecast: its name, what is measured, the number and its limit in words, and whether it is met."""
+    """Assumption of the forecast: name, measured quantity, number and limit in words, and whether it is met."""
 
     name: str
     what: str
@@ -41,11 +41,10 @@ class Condition(NamedTuple):
 
 
 def conditions(run: Run, start: int, watched: np.ndarray, report: np.ndarray, friction: np.ndarray) -> list[Condition]:
-    """The assumptions, each evaluated for the run.
+    """Return the assumptions, each evaluated for the run.
 
     `start` is the frame of the forecast, `watched` (F, B) the frames in which each body was watched, `report` (B,) the bodies
-    that
-    have a forecast, `friction` (B,) their coefficients against the plates.
+    that have a forecast, `friction` (B,) their coefficients against the plates.
     """
     neighbours = float(touches_others(run, watched)[report].mean())
     overlap, inertia = _overlap(run, start), _inertia(run, start, report, friction)
@@ -65,7 +64,7 @@ def conditions(run: Run, start: int, watched: np.ndarray, report: np.ndarray, fr
 
 
 def touches_others(run: Run, watched: np.ndarray) -> np.ndarray:
-    """Which bodies (B,) touch another body in a frame in which they are watched."""
+    """Return the bodies (B,) that touch another body in a frame in which they are watched."""
     result = np.zeros(watched.shape[1], bool)
     for frame in np.flatnonzero(watched.any(axis=1)):
         contacts = run.contacts(int(frame))
@@ -76,14 +75,14 @@ def touches_others(run: Run, watched: np.ndarray) -> np.ndarray:
 
 
 def _overlap(run: Run, start: int) -> float:
-    """Median of overlap over radius of curvature of the loaded spots: a^2 = R overlap, Hertz."""
+    """Return the median of overlap over radius of curvature of the loaded contacts: a^2 = R overlap, Hertz."""
     contacts = run.contacts(start)
     loaded = contacts["contact_radius"] > 0.0
     return float(np.median((contacts["overlap"][loaded] / contacts["contact_radius"][loaded]) ** 2)) if loaded.any() else 0.0
 
 
 def _inertia(run: Run, start: int, report: np.ndarray, friction: np.ndarray) -> float:
-    """Median of m v^2/(mu N a) of the bodies, with the mean speed of the drag; infinite without friction."""
+    """Return the median of m v^2/(mu N a) of the bodies, with the mean speed of the drag; infinite without friction."""
     bodies, contacts, count = run.bodies(start), run.contacts(start), len(report)
     load, radius = np.zeros(count), np.zeros(count)
     np.add.at(load, contacts["body"], 0.5 * np.abs(contacts["normal_force"]))  # each side carries the load once
@@ -97,7 +96,7 @@ def _inertia(run: Run, start: int, report: np.ndarray, friction: np.ndarray) -> 
 
 
 def _turned_back(run: Run, start: int, watched: np.ndarray) -> float:
-    """Share of the watched drag that is taken back: 0 for one-way sliding."""
+    """Return the fraction of the watched drag that is reversed: 0 for one-way sliding."""
     last = int(np.flatnonzero(watched.any(axis=1))[-1])
     ends = [run.plates(frame)["position"] for frame in (start, last)]
     distance = float(run.series["distance"][last] - run.series["distance"][start])
@@ -109,7 +108,7 @@ def _turned_back(run: Run, start: int, watched: np.ndarray) -> float:
 
 
 def _support(run: Run) -> tuple[str, bool]:
-    """Support of the upper plate in words, and whether it gives way to each body: else a tipping body wedges."""
+    """Return the support of the upper plate in words, and whether it yields to each body: else a tipping body wedges."""
     upper = tomllib.loads(run.scene_text).get("plates", {}).get("upper", {})
     support = str(upper.get("support", "rigid")).replace("_", " ")
     if upper.get("gap") is not None:

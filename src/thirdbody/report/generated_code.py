@@ -1,4 +1,4 @@
-"""`thirdbody laws --show-code`: the modules that are generated and compiled for a scene."""
+"""Report of `thirdbody laws --show-code`: the modules that are generated and compiled for a scene."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ if TYPE_CHECKING:
 
 
 def generated_code(scene: Scene, registry: Registry) -> dict[str, str]:
-    """Return the text of each generated module of a scene by what it holds.
+    """Return the text of each generated module of a scene by its content.
 
-    `law`: the contact laws of an explicit step, with the stiffness that bounds it. `tangents`: what an implicit step needs of
-    them besides; absent if a law has none. `effects` and `labeller`: absent from a scene without any. Raises InputError.
+    `law`: the contact laws of an explicit step, with the stiffness that bounds it. `tangents`: the additional functions of an
+    implicit step; absent if a law has none. `effects` and `labeller`: absent from a scene without any. Raises InputError.
     """
     from thirdbody.build.physics import compile_physics
 
@@ -36,7 +36,7 @@ def _text_of(function: Callable) -> str:
 
 
 def print_code(scene: Scene, registry: Registry, json: bool) -> None:
-    """Print the generated modules of a scene one after the other, or as one JSON object."""
+    """Print the generated modules of a scene in sequence, or as one JSON object."""
     from thirdbody.report.tables import print_json
 
     modules = generated_code(scene, registry)

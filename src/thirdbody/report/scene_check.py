@@ -1,4 +1,4 @@
-"""What `thirdbody check` tells: the resolved scene, its physics, its integrator, and what a run of it would cost."""
+"""Report of `thirdbody check`: the resolved scene, its physics, its integrator, and the cost of a run."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from thirdbody.scene.model import Scene
 
 TRIAL_SECONDS = 0.5
-"""How long a throw-away copy is integrated to estimate the wall time."""
+"""Duration of the integration of a temporary copy, for the estimate of the wall time [s]."""
 
 TRIAL_BODIES, TRIAL_WAY = 16, 2e-6
-"""Bodies and way (m) of such a trial of the implicit integrator."""
+"""Bodies and path [m] of such a trial of the implicit integrator."""
 
 
 class Check(dict[str, Any]):
-    """What `check` found, by name, in SI; `print` shows it as `thirdbody check` does."""
+    """Result of `check`, by name, in SI; `print` shows it as `thirdbody check` does."""
 
     def __str__(self) -> str:
         text = io.StringIO()
@@ -50,10 +50,10 @@ class Check(dict[str, Any]):
 def check(
     scene: Scene | str | os.PathLike[str] | Mapping[str, Any], *, plugins: Iterable[str | Path] = (), force: bool = False
 ) -> Check:
-    """Build a scene (as `run` takes it) and report its warnings, defaults, laws, time step, and what a run of it would cost.
+    """Build a scene (as `run` does) and report its warnings, defaults, laws, time step, and the cost of a run.
 
     The report is a dictionary: `warnings` first, then `title`, `scene`, `bodies`, `law`, `pairs`, `integrator`,
-    `estimated_wall_time` (s), `memory` and `disk` (bytes) and more. Raises UsageError and InputError as `run` does.
+    `estimated_wall_time` [s], `memory` and `disk` [bytes] and more. Raises UsageError and InputError as `run` does.
     """
     from thirdbody.runner.simulate import prepare
     from thirdbody.scene.model import Scene
@@ -63,7 +63,7 @@ def check(
 
 
 def check_report(built: Simulation) -> dict[str, Any]:
-    """The resolved scene as a dictionary: everything that `thirdbody check` tells, SI."""
+    """Return the resolved scene as a dictionary: everything that `thirdbody check` reports, in SI."""
     choice, state = built.choice, built.state
     from thirdbody.runner.output_schedule import planned_frames
     from thirdbody.runner.simulate import debris_contact
@@ -122,7 +122,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
 
 
 def _frames(built: Simulation, planned: int) -> int:
-    """Frames to expect: as many as planned, but no more than one after every step."""
+    """Return the expected number of frames: as planned, but no more than one after every step."""
     if not built.integrator.divisible or built.scene.output.every >= built.shortest_interval:
         return planned
     by_time = built.scene.output.every_kind == "time"
@@ -155,7 +155,7 @@ def _plate_report(built: Simulation) -> dict[str, Any] | None:
 
 
 def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit]:
-    """Steps and their wall time to expect, and what decides them; and the copy of the integrator that was tried."""
+    """Return the expected steps, their wall time and what limits them, and the copy of the integrator used in the trial."""
     from thirdbody.engine.explicit import Explicit
 
     integrator = built.integrator
@@ -187,7 +187,7 @@ def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit
 
 
 def _seconds_per_step(original: Explicit) -> tuple[float, str, Explicit]:
-    """Seconds of a step, why a guard stopped the trial, if one did (then NaN), and the copy on which it was measured.
+    """Return the seconds per step, the reason if a guard stopped the trial (then NaN), and the copy that was measured.
 
     The first call is not counted.
     """
@@ -210,10 +210,10 @@ def _seconds_per_step(original: Explicit) -> tuple[float, str, Explicit]:
 
 
 def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str, Implicit]:
-    """Wall time of all steps, s, why a guard stopped the trial, if one did (then NaN), and the copy on which it was measured.
+    """Return the wall time of all steps [s], the reason if a guard stopped the trial (then NaN), and the copy that was measured.
 
-    A few bodies of the copy are pressed and dragged a little. Measured on one core: a machine with more is faster by
-    their number.
+    A few bodies of the copy are pressed and dragged a little. Measured on one core: a machine with more cores is faster by their
+    number.
     """
     from thirdbody.errors import GuardStop
 
@@ -222,7 +222,7 @@ def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str,
     bodies = n if integrator.together else min(TRIAL_BODIES, n)
     moved = built.schedule.time_of(distance, 0.0) if distance > 0.0 else built.settle
     try:
-        integrator.trial(bodies, 1e-3 * built.settle)  # compiled, if it was not
+        integrator.trial(bodies, 1e-3 * built.settle)  # compiles if necessary
         started = time.perf_counter()
         integrator.trial(bodies, built.settle)
         pressed = time.perf_counter() - started
@@ -241,7 +241,7 @@ def _memory(built: Simulation) -> int:
 
 
 def print_check(report: dict[str, Any]) -> None:
-    """Print what `check_report` found: warnings first, then what a run is and costs, then the physics and the resolved scene."""
+    """Print the result of `check_report`: warnings, then the run and its cost, then the physics and the resolved scene."""
     from thirdbody.scene.toml_writer import toml_text
 
     for warning in report["warnings"]:

@@ -1,4 +1,4 @@
-"""What the commands print: as tables for people, as JSON for scripts, from the same dictionaries."""
+"""Output of the commands: tables for people, JSON for scripts, from the same dictionaries."""
 
 from __future__ import annotations
 
@@ -33,17 +33,17 @@ def table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) ->
     for row in rows:
         grid.add_row(*map(printable, row))
     # without a terminal rich would assume 80 columns and fold every line; square brackets are text, not markup
-    terminal = terminal_of(sys.stdout)  # below what escapes rich's own sequences
+    terminal = terminal_of(sys.stdout)  # below the layer that escapes rich's own sequences
     Console(file=terminal, width=None if terminal.isatty() else 140, highlight=False, markup=False, emoji=False).print(grid)
 
 
 def print_json(value: Any) -> None:
-    """Print JSON; numbers that JSON has no word for (NaN) become null."""
+    """Print JSON; numbers without a JSON equivalent (NaN) become null."""
     print(json_module.dumps(as_plain(value), indent=1))
 
 
 def as_plain(value: Any) -> Any:
-    """What JSON can hold: arrays as lists, numbers that it has no word for as null."""
+    """Return a value that JSON can hold: arrays as lists, NaN and infinities as null."""
     if isinstance(value, dict):
         return {str(key): as_plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
@@ -100,7 +100,7 @@ def run_report(folder: Path, json: bool) -> None:
 
 
 def _group_rows(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """States at the end of every population, and of every material where populations share one: name and shares."""
+    """Return the final states of every population, and of every material where populations share one: name and fractions."""
     from thirdbody.trajectory.state_groups import shares_text, telling
 
     kinds = {kind: summary.get(f"{kind}s", []) for kind in ("population", "material")}
@@ -132,7 +132,7 @@ def _print_groups(run: Run, frame: int) -> None:
 
 
 def states_report(path: Path, frame: int | None, json: bool) -> None:
-    """Print states over frames, or body by body for one frame. Raises InputError for a frame or labels that are not there."""
+    """Print states over frames, or body by body for one frame. Raises InputError when the frame or the labels are missing."""
     from thirdbody.trajectory.reader import open_run
 
     with open_run(path) as run:
@@ -171,7 +171,7 @@ def _states_over_frames(run: Run, json: bool) -> None:
 
 
 def _tell_forecast(result: dict[str, Any]) -> None:
-    """Print the table, and the bodies in which forecast and fact differ."""
+    """Print the table, and the bodies for which forecast and observation differ."""
     if result and result["unwatched"]:
         count = result["unwatched"]
         print(f"{count} bodies have no frame within the first 40 contact radii of drag: output.every is too coarse")
@@ -200,12 +200,12 @@ def _tell_forecast(result: dict[str, Any]) -> None:
 
 
 def _of(agree: int, report: int) -> str:
-    """`97 of 100 (97.0 %)`."""
+    """Return `97 of 100 (97.0 %)`."""
     return f"{agree} of {report}" + (f" ({100.0 * agree / report:.1f} %)" if report else "")
 
 
 def _print_conditions(conditions: Sequence[dict[str, Any]]) -> None:
-    """The table of what the forecast assumes, evaluated for the run."""
+    """Print the assumptions of the forecast, evaluated for the run."""
     missed = sum(not condition["met"] for condition in conditions)
     verdict = f"{missed} of {len(conditions)} not met here" if missed else "all met here"
     table(
@@ -283,7 +283,7 @@ def laws_report(registry: Registry, json: bool) -> None:
 
 
 def conformance_report(files: Sequence[Path], json: bool) -> None:
-    """Put the contact laws of plug-in files through the conformance suite. Raises UsageError if one fails."""
+    """Run the conformance suite on the contact laws of plug-in files. Raises UsageError if one fails."""
     from thirdbody.errors import UsageError
     from thirdbody.laws.conformance.suite import check, report
     from thirdbody.laws.contract import Law

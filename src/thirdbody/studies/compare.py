@@ -1,4 +1,4 @@
-"""How far a run is from another one of the same scene: friction, load or gap, positions, labels, energy."""
+"""Comparison of a run with another one of the same scene: friction, load or gap, positions, labels, energy."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Outcome:
-    """What is compared of a run of F frames and B bodies, SI: `friction`, `normal` (N), `gap` (m), all (F,); `states` (F, B) or
-    None; at the end `position` (B, 3), `quaternion` (B, 4; w first), `dissipated` (J), `distance` (m) and `residual`, the
-    relative energy residual. `period` (2,) holds the sides of a periodic domain, infinite for another; `gap_set`: the scene
-    prescribes the gap, so the load is what comes out."""
+    """Compared quantities of a run of F frames and B bodies, in SI.
+
+    `friction`, `normal` [N], `gap` [m], all (F,); `states` (F, B) or None; at the end `position` (B, 3), `quaternion` (B, 4; w
+    first), `dissipated` [J], `distance` [m] and `residual`, the relative energy residual. `period` (2,) holds the sides of a
+    periodic domain, infinite for another; `gap_set`: the scene prescribes the gap, so the load is a result.
+    """
 
     friction: Array
     normal: Array
@@ -32,7 +34,7 @@ class Outcome:
 
 
 def read_outcome(folder: Path) -> Outcome | None:
-    """The outcome of a run; None when it wrote no frame. Raises InputError for what is no run."""
+    """Return the outcome of a run; None when it wrote no frame. Raises InputError for a file that is not a run."""
     from thirdbody.trajectory.reader import open_run
 
     with open_run(folder) as run:
@@ -63,13 +65,13 @@ def _gap_is_set(text: str) -> bool:
 
 
 def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
-    """Errors of a run against a reference, over the frames that both have. NaN where there is nothing to compare.
+    """Return the errors of a run against a reference, over the frames that both have. NaN without data.
 
-    `friction_error` and `load_error` (of the load where the gap is set, else of the gap) are the root of the mean square over the
+    `friction_error` and `load_error` (of the load where the gap is set, else of the gap) are the root mean square over the
     frames, divided by the mean size of the reference; `position_error` is divided by the sliding distance (by the gap without
     one), `rotation_error` in rad; both are medians over the bodies whose labels at the end agree, since a body that tips the
-    other way says nothing of the accuracy. `label_difference`: share of all labels, frame by frame. `dissipation_error` is
-    relative.
+    other way carries no information on accuracy. `label_difference`: fraction of all labels, frame by frame. `dissipation_error`
+    is relative.
     """
     path = reference.distance if reference.distance > 0.0 else float(np.nanmean(reference.gap))
     same = _same_labels(result, reference)
@@ -89,8 +91,10 @@ def errors(result: Outcome, reference: Outcome) -> dict[str, float]:
 
 
 def rms_error(result: Array, reference: Array) -> float:
-    """Root of the mean square difference over the mean size of the reference, over common frames that have numbers; NaN
-    without any."""
+    """Return the root mean square difference over the mean size of the reference, over common frames with finite values.
+
+    NaN without any.
+    """
     frames = min(len(result), len(reference))
     a, b = result[:frames], reference[:frames]
     known = np.isfinite(a) & np.isfinite(b)
@@ -99,7 +103,7 @@ def rms_error(result: Array, reference: Array) -> float:
 
 
 def turns(first: Array, second: Array) -> Array:
-    """Angles (B,), rad, between orientations (B, 4); exact for small ones too, where the arc cosine loses half its digits."""
+    """Return the angles (B,) [rad] between orientations (B, 4); also exact for small ones, where arccos loses half its digits."""
     w = np.abs(np.sum(first * second, axis=1))
     cross = np.cross(second[:, 1:], first[:, 1:])
     v = second[:, :1] * first[:, 1:] - first[:, :1] * second[:, 1:] - cross
@@ -107,7 +111,7 @@ def turns(first: Array, second: Array) -> Array:
 
 
 def label_difference(result: Array | None, reference: Array | None) -> float:
-    """Share of labels (F, B) that differ; NaN without labels."""
+    """Return the fraction of labels (F, B) that differ; NaN without labels."""
     if result is None or reference is None:
         return float("nan")
     frames = min(len(result), len(reference))
@@ -129,7 +133,7 @@ def _relative(result: float, reference: float) -> float:
 
 
 def order(sizes: Any, values: Any) -> float:
-    """Order of convergence: slope of log(error) over log(size of a step) by least squares; NaN with fewer than two errors."""
+    """Return the order of convergence: slope of log(error) over log(step) by least squares; NaN with fewer than two errors."""
     h, e = np.asarray(sizes, float), np.asarray(values, float)
     known = np.isfinite(e) & (e > 0.0)
     if known.sum() < 2:

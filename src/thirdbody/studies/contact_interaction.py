@@ -1,13 +1,13 @@
-"""What even the finest level neglects: spots of one body press down the surface under each other (elastic interaction).
+"""Elastic interaction, neglected even by the finest level: contacts of one body depress the surface under each other.
 
-Hertz and Mindlin hold for one spot on a half-space of its own. The rung above them is a boundary-element solution of all spots of
-a body on one plate, by tamaas (L. Frerot et al., J. Open Source Software 5, 2020) where it is installed; without it, and beside
-it, stands the closed form for spots far apart, where a neighbour acts like a point load (Boussinesq; K.L. Johnson, Contact
-Mechanics, 1985, Eq. 3.22a). In both the two partners of a spot are taken together as one half-space with the pair's E*: the most
-that it can be, for a debris particle is no half-space.
+Hertz and Mindlin hold for a single contact on a half-space. The next level of accuracy is a boundary-element solution of all
+contacts of a body on one plate, by tamaas (L. Frerot et al., J. Open Source Software 5, 2020) where it is installed; in addition,
+or without it, there is the closed form for distant contacts, where a neighbour acts like a point load (Boussinesq; K.L. Johnson,
+Contact Mechanics, 1985, Eq. 3.22a). In both the two partners of a contact are treated together as one half-space with the pair's
+E*: an upper bound of the interaction, as a debris particle is not a half-space.
 
-Tangentially the same share holds: a neighbour that slides moves the surface by mu N/(pi G* r) in the mean over directions
-(Cerruti; Johnson, Eq. 3.75), which is to s_c = mu E* d/G* as N/(pi E* r) is to the overlap d.
+Tangentially the same fraction holds: a sliding neighbour moves the surface by mu N/(pi G* r), averaged over directions (Cerruti;
+Johnson, Eq. 3.75); its ratio to s_c = mu E* d/G* is that of N/(pi E* r) to the overlap d.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from thirdbody.studies.worker_process import RUNGS
 Array = np.ndarray
 
 CELLS, MARGIN, MOST = 12, 2.0, 1600
-"""Cells of the grid over the smallest contact radius, empty rim in largest contact radii, and most cells along a side."""
+"""Grid cells over the smallest contact radius, empty rim in largest contact radii, and largest number of cells along a side."""
 
 
 @dataclass(frozen=True)
 class Spots:
-    """Loaded spots (n of them) of one body on one plate, SI: `place` (n, 2), `overlap`, `radius` (of contact), `load` (n,)."""
+    """Loaded contacts (n) of one body on one plate, SI: `place` (n, 2), `overlap`, `radius` (of contact), `load` (n,)."""
 
     body: int
     plate: str
@@ -41,32 +41,33 @@ class Spots:
 
     @property
     def e_star(self) -> float:
-        """E* of the pair, Pa, from Hertz: N = (4/3) E* a d."""
+        """E* of the pair [Pa], from Hertz: N = (4/3) E* a d."""
         return float(np.mean(3.0 * self.load / (4.0 * self.radius * self.overlap)))
 
     @property
     def apart(self) -> Array:
-        """Distances (n, n), m; infinite from a spot to itself."""
+        """Distances (n, n) [m]; infinite from a contact to itself."""
         r = np.linalg.norm(self.place[:, None] - self.place[None], axis=2)
         np.fill_diagonal(r, math.inf)
         return r
 
     @property
     def share(self) -> float:
-        """Share of a spot's overlap that its neighbours' loads make: sum of N/(pi E* r) over the overlap.
+        """Fraction of a contact's overlap due to its neighbours' loads: sum of N/(pi E* r) over the overlap.
 
-        The mean over the spots, weighted with their loads: a spot that hardly touches is hurt most, and matters least.
+        The mean over the contacts, weighted with their loads: a contact that hardly touches has the largest error and the least
+        influence.
         """
         fractions = (self.load / (math.pi * self.e_star * self.apart)).sum(axis=1) / self.overlap
         return float(np.average(fractions, weights=self.load))
 
 
 def interaction(folder: Path) -> dict[str, Any] | None:
-    """What the closest spots of a run neglect; None for a run in which no body has two loaded spots on one plate.
+    """Return the interaction neglected at the closest contacts of a run; None if no body has two loaded contacts on one plate.
 
-    `share`: of a spot's overlap (`Spots.share`); `closed_form` and `boundary_elements` (None without tamaas, `why` says
-    so): `approach`, the relative change of the approach of the whole group under the same load, and `loads`, of each spot's load
-    when the group is pressed as one rigid body.
+    `share`: fraction of a contact's overlap (`Spots.share`); `closed_form` and `boundary_elements` (None without tamaas, reason
+    in `why`): `approach`, the relative change of the approach of the whole group under the same load, and `loads`, that of each
+    contact's load when the group is pressed as one rigid body.
     """
     spots = closest(folder)
     if spots is None:
@@ -88,18 +89,18 @@ def interaction(folder: Path) -> dict[str, Any] | None:
 
 
 def above(built: Study, folder: Path) -> dict[str, Any] | None:
-    """`interaction` of the study's reference."""
+    """Return `interaction` of the study's reference."""
     place = built.reference.place
     return interaction(folder / RUNGS / place) if place else None
 
 
 def closest(folder: Path) -> Spots | None:
-    """The group of spots with the largest neglected share at the end of settling (the last frame before the drag)."""
+    """Return the group of contacts with the largest neglected fraction at the end of settling (last frame before the drag)."""
     from thirdbody.trajectory.reader import open_run
 
     with open_run(folder) as run:
         distance = run.series["distance"]
-        moved = np.flatnonzero(distance > 1e-3 * distance[-1])  # the step at which the drag starts reaches a little beyond
+        moved = np.flatnonzero(distance > 1e-3 * distance[-1])  # the step at which the drag starts extends a little beyond
         frame = max(0, int(moved[0]) - 1) if len(moved) else run.frames - 1
         table = run.contacts(frame)
     result = []
@@ -114,12 +115,12 @@ def closest(folder: Path) -> Spots | None:
 
 
 def far_field(spots: Spots) -> dict[str, Any]:
-    """Approach and loads of the group as one rigid body, each neighbour a point load. Newton's method on loads and approach."""
+    """Return approach and loads of the group as one rigid body, each neighbour a point load, by Newton's method."""
     n, e = len(spots.load), spots.e_star
     stiff = spots.load / spots.overlap**1.5
     bend = 1.0 / (math.pi * e * spots.apart)
     down, lift = spots.overlap.copy(), 0.0
-    for _ in range(50):  # quadratic: a handful is enough
+    for _ in range(50):  # converges quadratically: a handful is enough
         force = stiff * down**1.5
         slope = 1.5 * stiff * np.sqrt(down)
         rest = np.append(spots.overlap + lift - bend @ force - down, spots.load.sum() - force.sum())
@@ -132,9 +133,9 @@ def far_field(spots: Spots) -> dict[str, Any]:
 
 
 def boundary_element_forces(tamaas: Any, spots: Spots) -> dict[str, Any]:
-    """The same by boundary elements. What the grid makes of a lone spot is taken from the answer: each is solved alone first.
+    """Return the same by boundary elements, corrected by the grid error of a lone contact: each is solved alone first.
 
-    Raises ValueError for spots that merge, or that stand too far apart for a grid.
+    Raises ValueError for contacts that merge, or that are too far apart for a grid.
     """
     if float(np.min(spots.apart / (spots.radius[:, None] + spots.radius[None]))) < 1.0:
         raise ValueError("the spots' contacts overlap")
@@ -148,22 +149,22 @@ def boundary_element_forces(tamaas: Any, spots: Spots) -> dict[str, Any]:
     axes = [low[i] + cell * np.arange(n[i]) for i in (0, 1)]
     gap = [((axes[0][:, None] - x) ** 2 + (axes[1][None] - y) ** 2) * spots.overlap[k] / (2.0 * spots.radius[k] ** 2)
            for k, (x, y) in enumerate(spots.place)]  # fmt: skip
-    # a lone spot fills its own corner of the grid only: the same to 1e-8 and three hundred times as fast
+    # a lone contact fills only its corner of the grid: the same to 1e-8 and three hundred times as fast
     near = [np.ix_(*(np.abs(axes[i] - spots.place[k, i]) < rim for i in (0, 1))) for k in range(len(gap))]
     alone = np.array([_pressed(tamaas, spots, cell, gap[k][near[k]], spots.load[k])[1] for k in range(len(gap))])
     heights = np.stack([gap[k] + (alone.max() - alone[k]) for k in range(len(gap))])
     pressure, approach = _pressed(tamaas, spots, cell, heights.min(axis=0), spots.load.sum())
     owner = heights.argmin(axis=0)
     loads = np.array([pressure[owner == k].sum() * cell**2 for k in range(len(gap))])
-    # against the lone spot's overlap, and in the scene's: the grid's error of it cancels to first order
+    # relative to the lone contact's overlap, scaled by the scene's: the error of the grid cancels to first order
     return _told(spots, (approach - alone.max()) / alone.max() * spots.overlap.max(), loads)
 
 
 def _pressed(tamaas: Any, spots: Spots, cell: float, gap: Array, load: float) -> tuple[Array, float]:
-    """Pressure (n, m), Pa, and approach, m, of a rigid surface `gap` above a half-space with the pair's E*, under a load, N.
+    """Return pressure (n, m) [Pa] and approach [m] of a rigid surface `gap` above a half-space, under `load` [N].
 
-    Polonsky and Keer's conjugate gradients (Wear 231, 1999) on a half-space that is not periodic, in units of the largest
-    overlap and contact radius.
+    The half-space has the pair's E* and is not periodic. Polonsky and Keer's conjugate gradients (Wear 231, 1999), in units of
+    the largest overlap and contact radius.
     """
     a, d = float(spots.radius.max()), float(spots.overlap.max())
     size = [gap.shape[0] * cell / a, gap.shape[1] * cell / a]
@@ -188,7 +189,7 @@ def _told(spots: Spots, lift: float, loads: Array) -> dict[str, Any]:
 
 
 def print_interaction(report: dict[str, Any] | None) -> None:
-    """Print what `interaction` found."""
+    """Print the result of `interaction`."""
     if report is None:
         print("elastic interaction of spots: none, no body has two loaded spots on one plate")
         return

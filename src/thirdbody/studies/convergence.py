@@ -1,4 +1,4 @@
-"""The order at which a study's errors fall: with the springs of a law, and with the step of its integrator."""
+"""Order of convergence of a study's errors: with the springs of a law, and with the step of its integrator."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from thirdbody.studies.compare import errors, order
 from thirdbody.studies.cost import Row, Study, figure_of_merit, percent
 
 FLOOR = 1e-9
-"""Smaller errors than this are rounding and tell no order."""
+"""Smaller errors are rounding and define no order."""
 
 FALLS = 0.7
-"""From one error to the next, at least, as long as an order is told: half the step or the springs at order 1/2."""
+"""Largest ratio of successive errors that still defines an order: half the step or the springs at order 1/2."""
 
 
 SLOWEST = 1.0 + math.sqrt(2.0)
-"""Rise of an error from one step to the next, at least, for the error of the reference to be extrapolated: order 1/2."""
+"""Least ratio of successive errors for which the error of the reference is extrapolated: order 1/2."""
 
 
 def convergence(built: Study) -> list[dict[str, Any]]:
-    """Series of errors with their order: `what`, `against`, `sizes` (falling), `errors`, `order` (None when not known).
+    """Return series of errors with their order: `what`, `against`, `sizes` (falling), `errors`, `order` (None if unknown).
 
-    Springs are judged against the finest law at the same step, steps against the shortest step with the same law: each against
-    the limit that it converges to, which the reference of the study, finer in both, is not.
+    Springs are compared with the finest law at the same step, steps with the shortest step and the same law: each with the limit
+    to which it converges, which is not the reference of the study, finer in both.
     """
     return [*_of_springs(built), *_of_steps(built)]
 
@@ -33,11 +33,11 @@ def _of_springs(built: Study) -> list[dict[str, Any]]:
     rows = [row for row in laws if row.rung.springs is not None]
     finest = laws[-1] if laws else None
     verified = [row for row in built.rows if row.rung.axis == "verify" and row.stable]
-    if verified:  # with steps so fine that they do not hide what the springs neglect
+    if verified:  # with steps so fine that they do not hide the error of the springs
         rows, finest = verified, built.reference
     if finest is None or not rows:
         return []
-    if finest in rows:  # no law without springs: the most springs stand for it
+    if finest in rows:  # no law without springs: the largest number of springs is the reference
         rows.remove(finest)
     sizes = [1.0 / row.rung.springs for row in rows]  # type: ignore[operator]
     return [_series(built, "springs", [str(row.rung.springs) for row in rows], sizes, rows, finest)]
@@ -62,7 +62,7 @@ def _of_steps(built: Study) -> list[dict[str, Any]]:
 
 
 def _size(row: Row) -> float:
-    """Length of a rung's steps; a step of backward Euler with the error tolerance^1 is as long as the root of it."""
+    """Return the step length of a variant; an implicit one goes as the square root of its error tolerance."""
     return float(row.step or 0.0) ** (1.0 if row.integrator == "explicit" else 0.5)
 
 
@@ -76,8 +76,11 @@ def _series(built: Study, what: str, names: list[str], sizes: list[float], rows:
 
 
 def falling(result: list[float]) -> int:
-    """How many errors from the first on tell an order: all before the first that is not `FALLS` times its predecessor or less,
-    where something else than what is refined has taken over; all where that leaves only one."""
+    """Return the number of errors from the first on that define an order.
+
+    All before the first that is more than `FALLS` times its predecessor, where another error dominates; all where that leaves
+    only one.
+    """
     for k in range(1, len(result)):
         if not result[k] <= FALLS * result[k - 1]:
             return k if k > 1 else len(result)
@@ -85,10 +88,10 @@ def falling(result: list[float]) -> int:
 
 
 def reference_error(built: Study) -> float:
-    """What the error of the reference itself is about, relative; NaN when its steps do not tell.
+    """Return the estimated relative error of the reference itself; NaN when its steps do not allow an estimate.
 
     Errors C h^p against a limit of step h_L, of steps r h_L and r^2 h_L, are C h_L^p times (r^p - 1) and (r^2p - 1): their ratio
-    is r^p + 1, and what is left at h_L is the first one over r^p - 1 (L.F. Richardson, Phil. Trans. A 210, 1911).
+    is r^p + 1, and the error at h_L is the first one over r^p - 1 (L.F. Richardson, Phil. Trans. A 210, 1911).
     """
     merit, last = figure_of_merit(built), built.reference
     rows = [row for row in built.rows if row.stable and row.integrator == last.integrator and row.step
@@ -102,7 +105,7 @@ def reference_error(built: Study) -> float:
 
 
 def print_reference(built: Study) -> None:
-    """Print how far the reference itself may be off."""
+    """Print the estimated error of the reference."""
     report = reference_error(built)
     words = (
         "not known, its steps tell no order" if math.isnan(report) else f"about {percent(report)}, extrapolated from its steps"

@@ -1,4 +1,4 @@
-"""What accuracy costs in time: a ladder of rungs for one scene, each in a process of its own, against the finest of them."""
+"""Cost of accuracy: variants of one scene, each run in a separate process and compared with the finest of them."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ REPEATS = 3
 JSON_FILE, PICTURE = "cost.json", "cost.png"
 
 GOOD, SAME = 0.01, 0.01
-"""Friction error and share of changed labels that a recommended rung may have."""
+"""Friction error and fraction of changed labels that a recommended variant may have."""
 
 Tell = Callable[[str], None]
 
 
 @dataclass
 class Study:
-    """A ladder that was climbed, with the scene that it was climbed with.
+    """Completed study, with the scene that was computed.
 
-    `alone`: bodies of the scene meet, those of the copy that was climbed do not; `budget`, `took`: seconds of the whole study.
+    `alone`: bodies of the scene meet, those of the computed copy do not; `budget`, `took`: of the whole study [s].
     """
 
     scene: str
@@ -46,12 +46,12 @@ class Study:
 
     @property
     def default(self) -> Row | None:
-        """What the scene itself asks for."""
+        """Variant with the settings of the scene itself."""
         return next((row for row in self.rows if row.rung.default), None)
 
     @property
     def reference(self) -> Row:
-        """What errors are against: the finest rung that came to its end."""
+        """Reference of the errors: the finest variant that finished."""
         return next(row for row in reversed(self.rows) if row.rung.reference)
 
 
@@ -59,11 +59,11 @@ def study(
     path: Path, folder: Path, settings: Mapping[str, Any] | None = None, plugins: Sequence[str | Path] = (),
     repeats: int = REPEATS, tell: Tell = lambda text: None, verify: bool = False, budget: float = BUDGET,
 ) -> Study:  # fmt: skip
-    """Climb the ladder of a scene file; runs are left in `folder`/rungs. Raises ThirdbodyError for a scene that cannot be built.
+    """Compute the variants of a scene file; runs remain in `folder`/rungs. Raises ThirdbodyError for an invalid scene.
 
-    The scene is reduced until its ladder should end within `budget` seconds; rungs for which no time is left are left out, and
-    say so. Errors are against the last rung, or, where that one failed, against the slowest other one that came to its end.
-    Raises UsageError for a budget that cannot hold the scene's own rung and the reference.
+    The scene is reduced until its variants should finish within `budget` seconds; variants without time are omitted and marked.
+    Errors are relative to the last variant, or, where that one failed, to the slowest other one that finished. Raises UsageError
+    for a budget that cannot hold the scene's own variant and the reference.
     """
     from thirdbody.studies.machine_info import machine
 
@@ -83,7 +83,7 @@ def study(
 
 
 def _one_pace(rows: Sequence[Row]) -> None:
-    """Put the seconds of rungs that took turns with the scene's own to one pace of the machine, that of its median."""
+    """Scale the seconds of variants that alternated with the scene's own to one pace of the machine, that of its median."""
     paces = [seconds for row in rows for seconds in row.beside]
     for row in rows:
         if row.beside:
@@ -91,7 +91,7 @@ def _one_pace(rows: Sequence[Row]) -> None:
 
 
 def compute_errors(built: Study) -> None:
-    """Errors of all rows against the reference. Another one takes its place where the finest rung failed."""
+    """Compute the errors of all rows against the reference, which is replaced where the finest variant failed."""
     rows = built.rows
     if not rows[-1].stable:
         whole = [row for row in rows if row.stable and row.rung.axis == "law"]
@@ -107,14 +107,17 @@ def compute_errors(built: Study) -> None:
 
 
 def figure_of_merit(built: Study) -> str:
-    """The error that the front is drawn with: friction, or the load (gap) of a scene without a drag."""
+    """Return the error on the axis of the front: friction, or the load (gap) of a scene without a drag."""
     known = [row.errors.get("friction_error", math.nan) for row in built.rows if row.stable]
     return "friction_error" if any(math.isfinite(x) for x in known) else "load_error"
 
 
 def efficient(built: Study) -> list[Row]:
-    """The rungs of which no other one is both as accurate and told to be faster, by time; a rung that is less accurate than one
-    that takes the same time but for the spread is none. The reference, whose error is zero by definition, ends them."""
+    """Return the Pareto front by time: variants for which no other one is both as accurate and significantly faster.
+
+    A variant that is less accurate than one of equal time within the spread is excluded. The reference, whose error is zero by
+    definition, is the last.
+    """
     merit = figure_of_merit(built)
     rows = [row for row in built.rows if row.stable and row.rung.axis != "verify" and math.isfinite(row.errors[merit])]
     saved = [row for row in rows if row is built.reference or not any(_beaten(row, other, merit) for other in rows)]
@@ -122,7 +125,7 @@ def efficient(built: Study) -> list[Row]:
 
 
 def _beaten(row: Row, other: Row, merit: str) -> bool:
-    """Whether another rung is more accurate and not told to be slower, or as accurate and faster."""
+    """Return whether another variant is more accurate and not significantly slower, or as accurate and faster."""
     error, better = row.errors[merit], other.errors[merit]
     if better == error:
         return (other.seconds, id(other)) < (row.seconds, id(row))
@@ -130,14 +133,17 @@ def _beaten(row: Row, other: Row, merit: str) -> bool:
 
 
 def possible(built: Study, row: Row) -> bool:
-    """Whether the scene itself could be computed like this: the implicit integrator has no contact between bodies."""
+    """Return whether the scene itself could be computed like this: the implicit integrator has no contact between bodies."""
     return not (built.alone and row.integrator == "implicit")
 
 
 def recommended(built: Study) -> tuple[Row, str]:
-    """One rung, and why in words: of those whose friction is right to 1 % and that change at most 1 % of the labels the fastest,
-    else the most accurate one of the front. Times that the spread does not tell apart are equal: of such rungs the scene's own
-    stays, else the most accurate one is taken. Rungs that the scene itself cannot be computed with are told beside it."""
+    """Return the recommended variant, and the reason in words.
+
+    The fastest of those whose friction is right to 1 % and that change at most 1 % of the labels, else the most accurate one of
+    the front. Times within their spread are equal: of such variants the scene's own is preferred, else the most accurate one.
+    Variants with which the scene itself cannot be computed are reported separately.
+    """
     merit = figure_of_merit(built)
     fit = Study(built.scene, built.title, [], {}, [row for row in built.rows if possible(built, row)])
     rows = [row for row in efficient(fit) if not row.rung.reference] or [built.reference]
@@ -166,7 +172,7 @@ def recommended(built: Study) -> tuple[Row, str]:
 
 
 def _ties(rows: Sequence[Row]) -> list[Row]:
-    """The fastest of these rungs, and those that are not told to be slower."""
+    """Return the fastest of these variants, and those that are not significantly slower."""
     if not rows:
         return []
     first = min(rows, key=lambda row: row.seconds + row.timing.half)
@@ -174,12 +180,12 @@ def _ties(rows: Sequence[Row]) -> list[Row]:
 
 
 def _least(rows: Sequence[Row], merit: str, default: Row | None) -> Any:
-    """Of rungs that take the same time the scene's own, else the most accurate one; None of none."""
+    """Return, of variants of equal time, the scene's own, else the most accurate one; None for none."""
     return next((row for row in rows if row is default), min(rows, key=lambda row: row.errors[merit], default=None))
 
 
 def _ratio(row: Row, default: Row) -> str:
-    """The cost of a rung over that of the scene's own in words; none where the spread is larger than the difference."""
+    """Return the cost of a variant over that of the scene's own in words; none where the spread exceeds the difference."""
     if not slower(row.timing, default.timing) and not slower(default.timing, row.timing):
         return "the same cost, within the spread, as"
     return f"{row.seconds / default.seconds:.2g} times the cost of"
@@ -201,12 +207,12 @@ def _of_labels(row: Row) -> str:
 
 
 def percent(share: float) -> str:
-    """A share in per cent, two digits."""
+    """Return a fraction in per cent, two digits."""
     return f"{100.0 * share:.2g} %"
 
 
 def as_json(built: Study) -> dict[str, Any]:
-    """The whole study as it is written; numbers in SI or relative."""
+    """Return the whole study for JSON; numbers in SI or relative."""
     default, (row, words) = built.default, recommended(built)
     base = default.seconds if default is not None and default.stable else math.nan
     onfront = efficient(built)

@@ -1,4 +1,4 @@
-"""The command `thirdbody cost`: climbs, prints, and leaves JSON, picture and runs in a folder."""
+"""Command `thirdbody cost`: computes, prints, and writes JSON, picture and runs into a folder."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def cost_command(
     scene: Path, folder: Path, settings: dict[str, str], plugins: Sequence[Path], repeats: int, effects: bool, verify: bool,
     overwrite: bool, json: bool, tell: Callable[[str], None], budget: float = BUDGET,
 ) -> None:  # fmt: skip
-    """Do what `thirdbody cost` was asked for. Raises ThirdbodyError; nothing is left half-written but the runs of rungs."""
+    """Run `thirdbody cost`. Raises ThirdbodyError; no partial files remain except the runs of variants."""
     if effects:
         _effects(scene, folder, settings, plugins, repeats, overwrite, json, tell)
         return

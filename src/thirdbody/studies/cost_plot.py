@@ -1,4 +1,4 @@
-"""The picture of a study of cost: error over seconds, the front of the rungs that nothing beats, the scene's own one marked."""
+"""Picture of a study of cost: error over seconds, the Pareto front of the variants, the scene's own one marked."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from thirdbody.studies.cost_table import stopped
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-AXES = {  # axis of the ladder: label, colour, marker; shapes tell them apart without colours
+AXES = {  # axis of the study: label, colour, marker; shapes distinguish them without colours
     "law": ("contact law and springs", LINE_COLORS["blue"], "o"),
     "step": ("step of the integrator", LINE_COLORS["vermilion"], "s"),
     "integrator": ("the other integrator", LINE_COLORS["green"], "D"),
@@ -23,7 +23,7 @@ AXES = {  # axis of the ladder: label, colour, marker; shapes tell them apart wi
 }
 INK, SOFT = "#222222", "#5A626C"
 NOTHING = 1e-12
-"""Errors below it are drawn there: a rung that gives the same bits has none."""
+"""Smaller errors are drawn at this value: a variant with identical bits has none."""
 
 
 def draw_study(built: Study, *paths: Path) -> None:
@@ -36,7 +36,7 @@ def draw_study(built: Study, *paths: Path) -> None:
 
 
 def picture(built: Study) -> Figure:
-    """The picture as a figure of matplotlib."""
+    """Return the picture as a matplotlib figure."""
     from matplotlib.figure import Figure
 
     merit = figure_of_merit(built)
@@ -65,8 +65,10 @@ def picture(built: Study) -> Figure:
 
 
 def _heights(built: Study, merit: str) -> list[tuple[Row, float]]:
-    """The rungs that are shown and their errors; the reference at what its own error is about, never above what ends the front,
-    or below all others."""
+    """Return the variants shown and their errors.
+
+    The reference is drawn at its estimated error, never above the end of the front, or below all others.
+    """
     rows = [row for row in built.rows if row.stable and row.rung.axis in AXES and row is not built.reference]
     shown = [(row, max(row.errors[merit], NOTHING)) for row in rows if math.isfinite(row.errors[merit])]
     own, minimum = reference_error(built), min((height for _, height in shown if height > NOTHING), default=1.0)
@@ -84,19 +86,19 @@ def _points(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]]) -
 
 
 def _spread(rows: list[Row]) -> list[list[float]]:
-    halves = [min(row.timing.half, 0.9 * row.seconds) for row in rows]  # zero has no place on this axis
+    halves = [min(row.timing.half, 0.9 * row.seconds) for row in rows]  # the axis is logarithmic: no zero
     return [halves, halves]
 
 
 def _front(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]]) -> None:
-    """Steps, for between two rungs there is nothing: more time buys nothing until it pays for the next one."""
+    """Draw the front as steps: between two variants more time gains nothing until it suffices for the next one."""
     x, y = zip(*(place[id(row)] for row in rows), strict=True)
     axes.plot(x, y, color=INK, linewidth=1.2, linestyle="--", drawstyle="steps-post", zorder=2,
               label="efficient front, to the reference")  # fmt: skip
 
 
 def _marks(axes: Any, built: Study, place: dict[int, tuple[float, float]], merit: str) -> set[int]:
-    """Rings, the reference and the line of what steps change; the ids of the rows with a ring."""
+    """Draw rings, the reference and the line of the steps' effect; return the ids of the rows with a ring."""
     default, best, reference = built.default, recommended(built)[0], built.reference
     ringed = set()
     for row, color, size, label in (
@@ -121,11 +123,11 @@ def _marks(axes: Any, built: Study, place: dict[int, tuple[float, float]], merit
 
 
 Box = tuple[float, float, float, float]
-"""Left, bottom, right and top of what stands in the picture, in its pixels."""
+"""Left, bottom, right and top of an item of the picture, in its pixels."""
 
 
 def _names(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]], front: list[Row], ringed: set[int]) -> None:
-    """A name beside each point, where it hides the least: other names and points first, then the front."""
+    """Draw a name near each point, where it covers the least: other names and points first, then the front."""
     from matplotlib.patheffects import withStroke
 
     axes.figure.canvas.draw()
@@ -147,7 +149,7 @@ def _names(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]], fr
             out = box[0] < inside[0] or box[2] > inside[2] or box[1] < inside[1] or box[3] > inside[3]
             hidden = sum(_meet(box, other) for other in [*taken, *others]) + out
             crossed = any(_meet(box, step) for step in steps)
-            away = 0.1 * math.hypot(dx, dy) + 0.8 * (dx < 0) + 0.4 * (dy < 0)  # rather above and to the right
+            away = 0.1 * math.hypot(dx, dy) + 0.8 * (dx < 0) + 0.4 * (dy < 0)  # prefer above and to the right
             result.append((10.0 * hidden + 1.5 * crossed + away, box, (dx, dy)))
         _, box, shift = min(result)
         taken.append(box)
@@ -159,7 +161,7 @@ def _names(axes: Any, rows: list[Row], place: dict[int, tuple[float, float]], fr
 
 
 def _steps(points: list[Any]) -> list[Box]:
-    """The lines of the front."""
+    """Return the lines of the front."""
     pairs = list(zip(points, points[1:], strict=False))
     level = [(a[0], a[1], b[0], a[1]) for a, b in pairs]
     return level + [(b[0], min(a[1], b[1]), b[0], max(a[1], b[1])) for a, b in pairs]
@@ -170,12 +172,12 @@ def _meet(a: Box, b: Box) -> bool:
 
 
 def _further(value: float, more: float) -> float:
-    """A value that is further from zero by so much."""
+    """Return a value farther from zero by `more`."""
     return value + math.copysign(more, value)
 
 
 _AROUND = [(dx, side * dy) for far in (3, 45, 90) for dy in (9, 18, 27, 36, 48) for side in (1, -1) for dx in (far, -far)]
-"""Offsets of a name from its point, in points."""
+"""Offsets of a name from its point [points]."""
 
 
 def _texts(figure: Any, axes: Any, built: Study) -> None:
@@ -197,6 +199,6 @@ def _texts(figure: Any, axes: Any, built: Study) -> None:
 
 
 def _short(message: str) -> str:
-    """What a message says, without where it says it, in some words."""
+    """Return the text of a message without its location, in some words."""
     report = message.split(": ", 1)[1] if message.startswith("stopped at") and ": " in message else message
     return textwrap.shorten(report.split(",")[0], 80, placeholder=" ...")

@@ -1,4 +1,4 @@
-"""The table of a study of cost, for the terminal."""
+"""Table of a study of cost, for the terminal."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ HEADINGS = ("", "rung", "step", "seconds", "runs", "ratio", "friction", "load|ga
 
 
 def print_study(built: Study) -> None:
-    """Print a study: what it was made of, all rungs, and the one to take."""
+    """Print a study: its conditions, all variants, and the recommended one."""
     report = built.machine
     say(f"{built.title or built.scene}: errors against {built.reference.rung.name}")
     say(f"reduced: {'; '.join(built.reduction) or 'nothing'}")
@@ -39,7 +39,7 @@ def print_study(built: Study) -> None:
 
 
 def stopped(built: Study) -> dict[str, list[str]]:
-    """Names of the rungs that did not come to their end, by what they said."""
+    """Return the names of the variants that did not finish, by their messages."""
     result: dict[str, list[str]] = {}
     for row in built.rows:
         if not row.stable:
@@ -55,7 +55,7 @@ def _mark(built: Study, row: Row, front: list[Row]) -> str:
 
 def _cells(row: Row, mark: str, base: float) -> tuple[str, ...]:
     step = "" if row.step is None else f"{row.step:.2g}{' s' if row.integrator == 'explicit' else ''}"
-    if not row.stable:  # what it computed until then is compared with nothing
+    if not row.stable:  # its partial result is not compared
         what = "left out" if row.message == LEFT_OUT else "stopped" if row.cpu else "failed"
         return (mark, row.rung.name, step, what, *[""] * 9)
     result = row.errors

@@ -1,6 +1,6 @@
-"""What each effect of a scene costs and changes: switched off if it is on, on if it is off, against the scene as it is.
+"""Cost and influence of each effect of a scene: switched off if it is on, on if it is off, against the scene as it is.
 
-Both run in one process and take turns, so that a ratio of times is that of a pair measured side by side.
+Both run alternately in one process, so that a ratio of times is that of two adjacent measurements.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from thirdbody.build.simulation import Simulation
 
 SECONDS = 2.0
-"""Of integration that one run of the copy may take: some six effects, each in five pairs or, where a run is long, in two."""
+"""Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""
 
 TRIED: Mapping[str, tuple[str, Any, str]] = {
     "gravity": ("effects.gravity", ["0 m/s2", "0 m/s2", "-9.81 m/s2"], "9.81 m/s2 downwards"),
@@ -32,14 +32,14 @@ TRIED: Mapping[str, tuple[str, Any, str]] = {
     "local_damping": ("effects.local_damping", {"coefficient": 0.3}, "coefficient 0.3 while settling"),
     "rolling_resistance": ("effects.rolling_resistance", {"coefficient": 0.01}, "coefficient 0.01"),
 }
-"""Effects of the catalogue that can be switched on, and the values that are tried."""
+"""Effects of the catalogue that can be switched on, and the trial values."""
 
 
 def effects_study(
     path: Path, folder: Path, settings: Mapping[str, Any], plugins: Sequence[str | Path], repeats: int,
     tell: Callable[[str], None],
 ) -> dict[str, Any]:  # fmt: skip
-    """Paired ratios of time and the changes, effect by effect. Raises ThirdbodyError for a scene that cannot be built."""
+    """Return paired ratios of time and the changes, effect by effect. Raises ThirdbodyError for an invalid scene."""
     scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
     tell("building the scene and estimating its time")
@@ -57,7 +57,7 @@ def effects_study(
 def candidates(
     scene: Scene, built: Simulation, plugins: Sequence[str | Path], left_out: list[str]
 ) -> list[tuple[str, str, dict[str, Any]]]:
-    """(effect, what is done, changes to the scene) of every effect; those without a sensible value go to `left_out`."""
+    """Return (effect, action, changes to the scene) of every effect; those without a sensible value go to `left_out`."""
     from thirdbody.laws.registry import discover
 
     on = set(scene.effects.named) | ({"gravity"} if scene.effects.gravity is not None else set())
@@ -75,7 +75,7 @@ def candidates(
         result.append(("debris-debris contact", "switched off", {"contact.debris_contact": "none"}))
     elif scene.contact.debris_contact == "none":
         result.append(("debris-debris contact", "switched on", {"contact.debris_contact": "auto"}))
-    # the integrator stays: what is compared is the effect
+    # the integrator stays: only the effect is compared
     return [(name, what, {"solver.integrator": built.plan.kind, **changes}) for name, what, changes in result]
 
 
@@ -88,13 +88,13 @@ def _compared(
     row: dict[str, Any] = {"effect": name, "what": what, "ratios": ratios, "stable": other["stable"], "message": other["message"]}
     if ratios and other["stable"] and own["stable"]:
         first, second = read_outcome(place / "0"), read_outcome(place / "1")
-        assert first is not None and second is not None  # they came to their ends
+        assert first is not None and second is not None  # both finished
         row |= {"ratio": statistics.median(ratios), "change": errors(second, first)}
     return row
 
 
 def print_effects(message: dict[str, Any]) -> None:
-    """Print what `effects_study` found."""
+    """Print the result of `effects_study`."""
     from thirdbody.report.tables import table
     from thirdbody.system.terminal import say
 

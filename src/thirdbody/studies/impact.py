@@ -1,8 +1,8 @@
-"""One oblique impact at every level of a law: against the closed form of gross slip, and against its own converged answer.
+"""One oblique impact at every level of a law, compared with the closed form of gross slip and its own converged result.
 
-A ball of aluminium oxide at 3.9 m/s on a plane a million times as stiff: test 4 of Y.C. Chung and J.Y. Ooi, Granular Matter 13
-(2011) 643. At 60 degrees the contact slips all the time, and friction's impulse is mu times the normal one whatever the law; at
-15 degrees part of it sticks, and the laws differ.
+A sphere of aluminium oxide at 3.9 m/s on a plane a million times as stiff: test 4 of Y.C. Chung and J.Y. Ooi, Granular Matter 13
+(2011) 643. At 60 degrees the contact slips all the time, and friction's impulse is mu times the normal one for any law; at 15
+degrees part of it sticks, and the laws differ.
 """
 
 from __future__ import annotations
@@ -64,18 +64,18 @@ every = "1 s"
 
 
 def duration() -> float:
-    """Of the undamped impact at normal incidence's component, s, the shorter of the two angles (Hertz: 2.943 delta/v)."""
+    """Return the duration of the undamped impact [s], the shorter of the two angles (Hertz: 2.943 delta/v, v normal)."""
     return 2.94328 * _deepest(SPEED * math.cos(math.radians(SHALLOW))) / (SPEED * math.cos(math.radians(SHALLOW)))
 
 
 def _deepest(normal: float) -> float:
-    """Largest overlap of a Hertz impact, m: (15 m v^2/(16 E* R^(1/2)))^(2/5)."""
+    """Return the largest overlap of a Hertz impact [m]: (15 m v^2/(16 E* R^(1/2)))^(2/5)."""
     mass, e_star = 4000.0 * 4.0 / 3.0 * math.pi * RADIUS**3, 380e9 / (1.0 - 0.23**2)
     return float((15.0 * mass * normal**2 / (16.0 * e_star * math.sqrt(RADIUS))) ** 0.4)
 
 
 def rebound(law: str, level: str, springs: int | None, degrees: float, steps: int, plugins: Sequence[str | Path]) -> float:
-    """Tangential velocity of the centre after the impact over that before; `steps` time steps in its duration."""
+    """Return the tangential velocity of the centre after the impact over that before; `steps` time steps in its duration."""
     from thirdbody.runner.simulate import prepare
 
     angle, step = math.radians(degrees), duration() / steps
@@ -90,7 +90,7 @@ def rebound(law: str, level: str, springs: int | None, degrees: float, steps: in
 
 
 def gross_slip(degrees: float) -> float:
-    """The same where the contact slips throughout: 1 - mu (1 + e)/tan(angle).
+    """Return the same where the contact slips throughout: 1 - mu (1 + e)/tan(angle).
 
     Coulomb's law on impulses: that of friction is mu times the normal one, (1 + e) m v_n (Maw, Barber and Fawcett 1976, gross
     slip).
@@ -99,7 +99,7 @@ def gross_slip(degrees: float) -> float:
 
 
 def impact_table(built: Study, plugins: Sequence[str | Path]) -> dict[str, Any]:
-    """Errors of the tangential impulse at both angles, by level and springs, and with the time step at the finest level."""
+    """Return the errors of the tangential impulse at both angles, by level and springs, and by time step at the finest level."""
     from thirdbody.laws.registry import discover
 
     law = Scene.load(built.scene, plugins).contact.law
@@ -136,7 +136,7 @@ def _series(sizes: list[int], errors: list[float]) -> dict[str, Any]:
 
 
 def print_impact(message: dict[str, Any]) -> None:
-    """Print what `impact_table` found."""
+    """Print the result of `impact_table`."""
     from thirdbody.report.tables import table
 
     rows = [

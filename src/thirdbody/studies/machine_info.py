@@ -1,4 +1,4 @@
-"""What a measurement was made on."""
+"""Description of the machine and software of a measurement."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from thirdbody.system.cpu_count import cores
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores that this process may use, load of the last minute when asked, system and versions."""
+    """Return processor, cores usable by this process, current load of the last minute, system and versions."""
     import numba
     import numpy as np
 
@@ -31,7 +31,7 @@ def machine() -> dict[str, Any]:
 
 
 def processor() -> str:
-    """The model name of the processor, `unknown` if the system does not tell."""
+    """Return the model name of the processor, `unknown` if the system does not give it."""
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:

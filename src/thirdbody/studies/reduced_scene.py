@@ -1,4 +1,4 @@
-"""A smaller copy of a scene, so that a whole ladder of it is computed in minutes; what was reduced is told."""
+"""Smaller copy of a scene, so that all variants of it are computed in minutes; the reductions are reported."""
 
 from __future__ import annotations
 
@@ -15,34 +15,37 @@ if TYPE_CHECKING:
     from thirdbody.build.simulation import Simulation
 
 SECONDS = 0.75
-"""Of integration that one run of a copy may take as the scene asks, at first; the ladder's measured cost then decides."""
+"""Initial limit of the integration time of a copy with the scene's settings [s]; the measured cost then decides."""
 
 FEWEST = 16
-"""Bodies that are left at least: fewer tell little of shares of states."""
+"""Least number of bodies left: fewer give poor statistics of states."""
 
 FRAMES = 20
-"""Outputs that are left at least."""
+"""Least number of outputs left."""
 
 SHORTEST = 0.02
-"""Share of the way or time that is left at least."""
+"""Least fraction of the distance or time left."""
 
 BESIDE = 0.5
-"""Time of the drag over that of settling that is left at least: a shorter one saves little, and is all first slip."""
+"""Least ratio of the time of the drag to that of settling: a shorter drag saves little, and is all first slip."""
 
 CLOSE = 0.8
-"""Share of its time that a run must come down to before its way is cut: a trial is no better than that."""
+"""Fraction of its time to which a run must be reduced before its distance is cut: a trial is no more accurate."""
 
 WIDER = 8.0
-"""Times the sides of the domain of a thinned copy: of 40 bodies that lie at random where 2000 cover a fifth, two come
-near each other in one copy of thirty; in the same domain two pairs did in each."""
+"""Factor on the sides of the domain of a thinned copy.
+
+Of 40 bodies at random where 2000 cover a fifth, two come near each other in one copy of thirty; in the same domain two pairs did
+in each.
+"""
 
 
 def reduce_scene(
     scene: Scene, plugins: Sequence[str | Path], maximum: float = SECONDS, meet: bool = False
 ) -> tuple[Scene, Simulation, list[str]]:
-    """The scene, or a smaller copy of it that is integrated in `maximum` seconds; the simulation of it; what was reduced.
+    """Return the scene, or a smaller copy that is integrated in `maximum` seconds; its simulation; the reductions.
 
-    A thinned copy has its bodies apart, where its ladder tells accuracy and not which of two bodies tips first when they
+    A thinned copy has its bodies apart, so that its variants measure accuracy and not which of two bodies tips first when they
     collide; with `meet` they stay as close to each other as they were.
     """
     from thirdbody.runner.simulate import prepare, set_threads
@@ -63,21 +66,21 @@ def reduce_scene(
 
 
 def seconds_of(built: Simulation) -> float:
-    """Seconds of one core that a run would take without its frames, from a trial; infinite where a guard stops it."""
+    """Return the time of a run without its frames on one core [s], from a trial; infinite where a guard stops it."""
     from thirdbody.report.scene_check import check_report
 
     wall, cpu = time.perf_counter(), time.process_time()
     message = check_report(built)["estimated_step_time"]
-    # what other processes took from the trial does not count
+    # time used by other processes is excluded
     busy = min(1.0, (time.process_time() - cpu) / max(time.perf_counter() - wall, 1e-9))
     return math.inf if math.isnan(message) else max(message * busy, 1e-9)
 
 
 def thin(scene: Scene, bodies: int, share: float, meet: bool = False) -> tuple[dict[str, Any], list[str]]:
-    """A share of the bodies, if it is below 1 and bodies can be left out; what is told of it.
+    """Return the changes to keep a fraction of the bodies, if it is below 1 and bodies can be omitted, and their description.
 
-    They can where each carries its own load or the gap is prescribed, and where they are drawn at random on one layer. The
-    domain gets wider, or, with `meet`, as much smaller as keeps the bodies as close as they are.
+    They can where each carries a separate load or the gap is prescribed, and where they are drawn at random on one layer. The
+    domain gets wider, or, with `meet`, smaller such that the bodies stay as close as they are.
     """
     upper = scene.plates.upper
     alone = upper is None or upper.support == "load_per_particle" or upper.gap is not None
@@ -95,7 +98,10 @@ def thin(scene: Scene, bodies: int, share: float, meet: bool = False) -> tuple[d
 
 
 def shorten(built: Simulation, share: float) -> tuple[dict[str, Any], list[str]]:
-    """A share of the time, if it is well below 1: a shorter way (or time) after settling, with the frames closer together."""
+    """Return the changes to keep a fraction of the time, if well below 1, and their description.
+
+    A shorter distance (or time) after settling, with the frames closer together.
+    """
     solver, output = built.scene.solver, built.scene.output
     settled = built.settle / built.planned_time
     if share >= CLOSE or settled >= 1.0:
@@ -118,7 +124,10 @@ def shorten(built: Simulation, share: float) -> tuple[dict[str, Any], list[str]]
 
 
 def coarsened(scene: Scene, built: Simulation) -> tuple[dict[str, Any], list[str]]:
-    """An interval of output that leaves `FRAMES` of them, where there are more: writing them takes as long for every rung."""
+    """Return the change to an output interval that leaves `FRAMES` frames, where there are more, and its description.
+
+    Writing them takes as long for every variant.
+    """
     by_length = scene.output.every_kind == "distance"
     span, unit = (built.planned_distance, "length") if by_length else (built.planned_time, "time")
     every = _round(span / FRAMES)
@@ -128,5 +137,5 @@ def coarsened(scene: Scene, built: Simulation) -> tuple[dict[str, Any], list[str
 
 
 def _round(value: float) -> float:
-    """To two digits."""
+    """Round to two digits."""
     return float(f"{value:.1e}")

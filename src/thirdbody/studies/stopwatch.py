@@ -1,4 +1,4 @@
-"""What the integration of a run takes, and nothing else: the same stops as the run, without what is done at them."""
+"""Time of the integration of a run alone: the same stops as the run, without the work at them."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ if TYPE_CHECKING:
     from thirdbody.build.simulation import Simulation
 
 EMPTY = 50
-"""Calls that do nothing, timed to tell what a call itself costs."""
+"""Number of timed calls that do nothing, for the cost of a call."""
 
 
 class Late(Exception):
-    """The time that one run may take is over."""
+    """The time limit of one run is exceeded."""
 
 
 class Clock:
-    """Seconds of the wall and of the processor between `go` and `rest`, with rests in between."""
+    """Wall and processor seconds between `go` and `rest`, with pauses."""
 
     def __init__(self) -> None:
         self.wall = self.cpu = 0.0
 
     def go(self) -> None:
-        """Start, or go on."""
+        """Start or continue."""
         self.wall -= time.perf_counter()
         self.cpu -= time.process_time()
 
@@ -38,7 +38,7 @@ class Clock:
         self.wall += time.perf_counter()
 
     def aside(self, act: Callable[[], Any]) -> None:
-        """Do something that does not count."""
+        """Call a function without counting its time."""
         self.rest()
         try:
             act()
@@ -47,7 +47,7 @@ class Clock:
 
 
 def attach(integrator: Any) -> Clock:
-    """A clock that runs while the integrator advances, and rests while the run is watched."""
+    """Return a clock that runs while the integrator advances, and pauses while the run is observed."""
     clock, advance = Clock(), integrator.advance_to
 
     def timed(
@@ -67,11 +67,11 @@ def attach(integrator: Any) -> Clock:
 
 
 def bare(built: Simulation, limit: float) -> tuple[float, float]:
-    """Seconds (wall, processor) of integrating a built simulation from stop to stop to its end: the same steps as in its run,
-    without frames, labels, energies, guards of the run and checkpoints.
+    """Return the seconds (wall, processor) of integrating a built simulation to its end.
 
-    Body by body, each output enters compiled code once for 512 bodies, which takes .1 ms whatever the rung: this is left out
-    too, by calls that do nothing. Raises GuardStop as the run does, and Late after `limit` seconds of the processor.
+    The same stops and steps as in its run, without frames, labels, energies, guards of the run and checkpoints. Body by body,
+    each output enters compiled code once for 512 bodies, which takes 0.1 ms for any variant: this is subtracted too, by calls
+    that do nothing. Raises GuardStop as the run does, and Late after `limit` seconds of the processor.
     """
     integrator: Any = built.integrator
     calls, end, march = 0, time.process_time() + limit, getattr(integrator, "march", None)
@@ -100,7 +100,7 @@ def bare(built: Simulation, limit: float) -> tuple[float, float]:
 
 
 def _call(act: Callable[[], Any]) -> tuple[float, float]:
-    """Seconds (wall, processor) of a short call: medians, for what disturbs some of them is not theirs."""
+    """Return the seconds (wall, processor) of a short call: medians, to exclude disturbances."""
     clocks = [Clock() for _ in range(EMPTY)]
     for clock in clocks:
         clock.go()

@@ -1,7 +1,7 @@
-"""The folder of a study: what a study writes there, and how a new one takes the place of an older one.
+"""Folder of a study: its files, and the replacement of an older study.
 
-Nothing else is ever replaced or deleted. A new study that is to replace an older one is made in a folder of its own inside that
-folder, and takes its place when it is complete.
+Nothing else is ever replaced or deleted. A study that is to replace an older one is created in a new folder inside that folder,
+and replaces it when it is complete.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from thirdbody.studies.worker_process import RUNGS, SCENE_FILE
 
 RESULTS = ("cost.json", "cost.png", "cost.pdf", "effects.json")
 REPLACED = "replaced"
-"""Beside the new runs, for a moment: the old ones."""
+"""Temporary folder of the old runs, next to the new ones."""
 
 _RUN_FILE = rf"({'|'.join(map(re.escape, FILES))}|{PARTS.pattern})"
 _OURS = re.compile(
@@ -31,7 +31,7 @@ _OUR_FOLDERS = re.compile(rf"({re.escape(REPLACEMENT)}|({re.escape(REPLACEMENT)}
 
 @contextmanager
 def new_study_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
-    """Where to make the study that becomes `folder`; one that is there stays as it is until the new one is complete.
+    """Yield the folder in which to create the study that becomes `folder`; an existing one stays until the new one is complete.
 
     Raises OutputError if the folder exists, unless it is that of a study, with nothing else in it, and may be overwritten.
     """
@@ -62,7 +62,7 @@ def _told(folder: Path) -> Iterator[None]:
 
 def refuse_existing_study(folder: Path, overwrite: bool) -> None:
     """Raise OutputError for a folder that exists, unless it is that of a study, holds nothing else, and may be overwritten."""
-    if not os.path.lexists(folder):  # False also for a name that the system refuses: making the folder tells why
+    if not os.path.lexists(folder):  # False also for a name that the system refuses: creating the folder gives the reason
         return
     if not overwrite:
         raise OutputError(f"{folder}: exists already; --overwrite replaces it, -o names another folder")
@@ -79,7 +79,7 @@ def refuse_existing_study(folder: Path, overwrite: bool) -> None:
 
 
 def _other_files(folder: Path) -> list[str]:
-    """Paths, from `folder` on, of all that no study writes: other names, and links."""
+    """Return paths, relative to `folder`, of everything that no study writes: other names, and links."""
     others = []
     for above, folders, files in os.walk(folder):
         for name in sorted([*folders, *files]):
@@ -93,13 +93,13 @@ def _other_files(folder: Path) -> list[str]:
 
 
 def _is_plain(path: Path) -> bool:
-    """Whether it is a file or a folder, and no link to one."""
+    """Return whether a path is a file or a folder, not a link."""
     mode = os.lstat(path).st_mode
     return stat.S_ISREG(mode) or stat.S_ISDIR(mode)
 
 
 def _take_place(place: Path, folder: Path) -> None:
-    """Let a complete study replace the older one. Raises OSError."""
+    """Replace the older study by a complete one. Raises OSError."""
     for name in (SCENE_FILE, *RESULTS):
         if os.path.lexists(place / name):
             os.replace(place / name, folder / name)
@@ -112,7 +112,7 @@ def _take_place(place: Path, folder: Path) -> None:
 
 
 def _remove(folder: Path, place: Path) -> None:
-    """Remove the files that a study writes from `place` within its folder, and what folders are empty then."""
+    """Remove the files that a study writes from `place` within its folder, and folders that are then empty."""
     for above, _, files in os.walk(place, topdown=False):
         for name in files:
             path = Path(above, name)

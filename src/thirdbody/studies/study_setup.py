@@ -1,4 +1,4 @@
-"""The copy of a scene that a ladder is climbed with, fitted to a budget of time, and the ladder."""
+"""Preparation of a study: the copy of the scene, fitted to a time budget, and its variants."""
 
 from __future__ import annotations
 
@@ -20,22 +20,25 @@ if TYPE_CHECKING:
     from thirdbody.build.simulation import Simulation
 
 TRIED = 3
-"""Rungs whose laws are compiled by trying the costliest ones, about."""
+"""Approximate number of variants whose laws are compiled by trying the costliest ones."""
 
 RUNNING = 0.3
-"""Share of that time that integration is planned to take at least: where compiling takes it all, a smaller copy is of no use."""
+"""Least planned fraction of that time for integration: where compiling takes it all, a smaller copy is useless."""
 
 SAFE = 0.8
-"""Share of the time that is left for which rungs are planned: what they take is an estimate."""
+"""Fraction of the remaining time for which variants are planned: their cost is an estimate."""
 
 SAME = 0.1
-"""How far the share of the copy that fits may be from 1 before another copy is made."""
+"""Tolerance on the fitting fraction of the copy about 1 before another copy is built."""
 
 
 @dataclass(frozen=True)
 class StudySetup:
-    """What is climbed. `reduction`: what the copy leaves out, in words; `alone`: bodies of the scene may meet, those of the copy
-    are apart; `costs`, `overheads`: what its rungs are expected to take."""
+    """Plan of a study.
+
+    `reduction`: what the copy omits, in words; `alone`: bodies of the scene may meet, those of the copy are apart; `costs`,
+    `overheads`: expected times of its variants.
+    """
 
     base: Base
     rungs: list[Variant]
@@ -49,7 +52,7 @@ def prepare_study(
     scene: Path, settings: Mapping[str, Any], folder: Path, plugins: Sequence[str | Path], repeats: int, verify: bool,
     budget: Budget, worker: Worker, tell: Callable[[str], None],
 ) -> StudySetup:  # fmt: skip
-    """The copy, saved in a study's folder, whose ladder fits the budget. Raises UsageError if not even the smallest one does."""
+    """Return the saved copy whose variants fit the budget. Raises UsageError if not even the smallest does."""
     part = min(1.0, budget.seconds / BUDGET)
     maker = _Maker(worker, scene, settings, folder, plugins, part < 1.0, budget)
     try:
@@ -75,7 +78,7 @@ def prepare_study(
 
 @dataclass(frozen=True)
 class _Maker:
-    """Asks the worker for copies of a scene: building and compiling them ends with the budget there."""
+    """Requests copies of a scene from the worker: building and compiling them ends with the budget there."""
 
     worker: Worker
     scene: Path
@@ -86,10 +89,9 @@ class _Maker:
     budget: Budget
 
     def made(self, maximum: float, verify: bool) -> tuple[Base, list[Variant], list[str], bool]:
-        """A copy that integrates in `maximum` seconds as the scene asks, saved: its base, its ladder, what it leaves out,
-        `alone`.
+        """Return a saved copy that integrates in `maximum` seconds with the scene's settings.
 
-        Raises Overdue, and ThirdbodyError for what cannot be built.
+        Its base, its variants, its omissions, `alone`. Raises Overdue, and ThirdbodyError for a scene that cannot be built.
         """
         from thirdbody.laws.registry import discover
 
@@ -106,7 +108,7 @@ class _Maker:
         return base, variants_of(copy, family, base, verify), reduction, report["alone"]
 
     def _smallest_step(self, first: float, until: float) -> float:
-        """The smallest time step, s, that a run of the saved scene with an automatic one takes; `first` if it does not end."""
+        """Return the smallest time step [s] of a run of the saved scene with an automatic one; `first` if it does not finish."""
         from thirdbody.trajectory.reader import open_run
 
         place = self.folder / RUNGS / "automatic_step"
@@ -118,13 +120,13 @@ class _Maker:
 
 
 def error_of_reply(report: Mapping[str, Any]) -> ThirdbodyError:
-    """The error of a request that failed, of the kind that has its exit code."""
+    """Return the error of a failed request, of the class with its exit code."""
     kinds = {kind.exit_code: kind for kind in (UsageError, InputError, OutputError)}
     return kinds.get(report.get("exit_code", 1), ThirdbodyError)(report["message"])
 
 
 def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], maximum: float, few: bool) -> dict[str, Any]:
-    """Reduce a scene until it integrates in `maximum` seconds, and save the copy in a study's folder: what a worker does.
+    """Reduce a scene until it integrates in `maximum` seconds, and save the copy in a study's folder; called in a worker.
 
     `few`: with few frames, which take longer to write than a short run to integrate.
     """
@@ -137,7 +139,7 @@ def make_copy(scene: Scene, folder: Path, plugins: Sequence[str | Path], maximum
 
 
 def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> Base:
-    """What the scene itself says: its law and springs, its integrator, and the steps of both."""
+    """Return the settings of the scene itself: its law and springs, its integrator, and the steps of both."""
     from thirdbody.engine.implicit import Accuracy
     from thirdbody.runner.simulate import prepare
     from thirdbody.scene.tables import IMPLICIT_KEYS
@@ -153,12 +155,12 @@ def base_of(scene: Scene, built: Simulation, plugins: Sequence[str | Path]) -> B
 
 
 def _absolute(scene: Scene, file: str | list[str]) -> str | list[str]:
-    """The absolute path of a file that the scene names, or those of several."""
+    """Return the absolute path of a file that the scene names, or those of several."""
     return [str(scene.beside(name).absolute()) for name in file] if isinstance(file, list) else str(scene.beside(file).absolute())
 
 
 def save(scene: Scene, folder: Path) -> None:
-    """The scene as it is climbed, beside the rungs; files that it names are told by their absolute paths."""
+    """Save the scene as it is computed next to the runs; files that it names get absolute paths."""
     changes = {
         f"debris.{k}.{key}": _absolute(scene, getattr(debris, key))
         for k, debris in enumerate(scene.debris)

@@ -1,4 +1,4 @@
-"""How large a copy of a scene may be for its whole ladder to end within a budget of time: from measured times of rungs."""
+"""Size of the copy of a scene whose variants all finish within a time budget, from measured times."""
 
 from __future__ import annotations
 
@@ -14,24 +14,27 @@ from thirdbody.studies.variants import Base, Law, Variant
 from thirdbody.studies.worker_process import LIMIT, RUNGS, SCENE_FILE, Worker, request
 
 BUDGET = 420.0
-"""Seconds that a whole study may take, from its first line to its last."""
+"""Limit of the wall time of a whole study, from its first line to its last [s]."""
 
 PROBE = 2.0
-"""Seconds of one core that a rung is tried for."""
+"""Duration of the trial of a variant on one core [s]."""
 
 FINISH = 3.0
-"""Seconds of one core for what comes after the last rung: reading the runs, the table, the picture and the JSON."""
+"""Time on one core after the last variant: reading the runs, the table, the picture and the JSON [s]."""
 
 SHORT, LONG, TWICE = 0.3, 2.0, 5.0
-"""Of runs shorter than the first repeats are many; from the second on a run is timed while it writes its frames too, for they do
-not matter there; from the third on two runs tell the spread."""
+"""Limits of run times [s] for many repeats, for timing runs that write frames, and for two repeats.
+
+Shorter runs than the first have many repeats; from the second on a run is timed while it also writes its frames, which do not
+matter there; from the third on two runs give the spread.
+"""
 
 MANY = 7
-"""Repeats of short rungs, at least: what disturbs them is not theirs, and they are cheap."""
+"""Least number of repeats of short variants: it averages out disturbances, and they are cheap."""
 
 
 def repeats_of(seconds: float, wished: int) -> int:
-    """How often a rung is timed that takes so long; 0 and 1 stay."""
+    """Return the number of timings of a variant of this duration; 0 and 1 stay."""
     if wished < 2:
         return wished
     if seconds > TWICE:
@@ -41,8 +44,11 @@ def repeats_of(seconds: float, wished: int) -> int:
 
 @dataclass(frozen=True)
 class Costs:
-    """Measured seconds of one run of a copy: `own`, as the scene asks; `springs`, with as many springs as the ladder has (None
-    without such a level), `maximum` of them; with the finest law, `best`; with the `other` integrator."""
+    """Measured seconds of one run of a copy.
+
+    `own`: with the scene's settings; `springs`: with `most` springs, the largest number (None without such a level); `finest`:
+    with the finest law, `best`; `other`: with the other integrator.
+    """
 
     own: float
     most: int
@@ -53,7 +59,7 @@ class Costs:
     scale: float = 1.0
 
     def of(self, variant: Variant, base: Base) -> float:
-        """Seconds that a run of a rung will take: linear in the springs and in the number of steps."""
+        """Return the expected seconds of a run of a variant: linear in the springs and in the number of steps."""
         law: Law = (variant.level, variant.springs)
         if variant.integrator != base.kind:
             seconds = self.other
@@ -69,20 +75,22 @@ class Costs:
 
 
 OPTIONAL, DEAR = ("springs", "other"), 0.1
-"""Rungs that are not tried where that would take more than this share of the time that is left."""
+"""Variants that are not tried where that would exceed this fraction of the remaining time."""
 
 
 @dataclass(frozen=True)
 class Overheads:
-    """Seconds of one core that rungs take beside their integration, in the mean: `fresh` of those whose law the process had not
-    compiled, `known` of all others."""
+    """Mean seconds of one core that variants need in addition to their integration.
+
+    `fresh`: where the law was not yet compiled in the process; `known`: all others.
+    """
 
     fresh: float = 0.0
     known: float = 0.0
     counts: tuple[int, int] = (0, 0)
 
     def with_answer(self, answer: Mapping[str, Any], fresh: bool) -> Overheads:
-        """The means with those of one more rung."""
+        """Return the means including those of one more variant."""
         took = max(0.0, answer.get("used_cpu", 0.0) - answer.get("cpu_s", 0.0))
         compiled = answer.get("compile_s", 0.0) if fresh else 0.0
         n, m = self.counts
@@ -101,7 +109,7 @@ def measure_costs(
     maximum: float,
     until: float,
 ) -> tuple[Costs, Overheads]:
-    """The costs of the copy that is saved in a study's folder: the costliest rungs are tried, `maximum` seconds of one core each.
+    """Return the costs of the saved copy: the costliest variants are tried, `maximum` seconds of one core each.
 
     Raises Overdue at `until`.
     """
@@ -131,7 +139,7 @@ def measure_costs(
 
 
 def whole(variants: Sequence[Variant], base: Base, costs: Costs, repeats: int, share: float = 1.0) -> float:
-    """Seconds that all rungs take together when each run takes a share of what it took in the copy that was probed."""
+    """Return the seconds of all variants together when each run takes a fraction of its time in the probed copy."""
     total = 0.0
     for variant in variants:
         seconds = share * costs.of(variant, base)
@@ -141,7 +149,7 @@ def whole(variants: Sequence[Variant], base: Base, costs: Costs, repeats: int, s
 
 
 def fitting(variants: Sequence[Variant], base: Base, costs: Costs, repeats: int, margin: float) -> float:
-    """The share of the copy whose ladder takes `margin` seconds of one core, at most 4 and at least 1 %."""
+    """Return the fraction of the copy whose variants take `margin` seconds of one core, at most 4 and at least 1 %."""
     fraction = 4.0
     while fraction > 0.01 and whole(variants, base, costs, repeats, fraction) > margin:
         fraction *= 0.97
@@ -149,21 +157,21 @@ def fitting(variants: Sequence[Variant], base: Base, costs: Costs, repeats: int,
 
 
 class Budget:
-    """The wall time of a study, from its first line to its last."""
+    """Wall time of a study, from its first line to its last."""
 
     def __init__(self, seconds: float) -> None:
         self.seconds, self.began = seconds, time.perf_counter()
 
     def spent(self) -> float:
-        """Seconds since the study began."""
+        """Return the seconds since the study began."""
         return time.perf_counter() - self.began
 
     def end(self, pace: float) -> float:
-        """When the last rung must have ended (s of `time.perf_counter`), on a machine of this pace."""
+        """Return the deadline of the last variant ([s] of `time.perf_counter`), on a machine of this pace."""
         return self.began + self.seconds - FINISH * pace
 
     def refuse(self, what: str, more: float) -> UsageError:
-        """The error of a budget that cannot hold the smallest ladder; `more`: seconds that what is missing takes."""
+        """Return the error of a budget too small for the smallest set of variants; `more`: missing seconds."""
         needed = 1.2 * (self.spent() + more)
         return UsageError(
             f"--budget {duration(self.seconds)}: too short for the smallest ladder of this scene (its own settings and the "

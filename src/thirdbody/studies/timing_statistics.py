@@ -1,4 +1,4 @@
-"""What a handful of timings tells: a median and how far it may be off, so that differences below that are ties."""
+"""Statistics of a few timings: a median and its uncertainty, so that smaller differences are ties."""
 
 from __future__ import annotations
 
@@ -8,31 +8,36 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 LONE = 0.5
-"""Relative uncertainty of a single timing: the same run on a busy machine varies by that much. Of n of them, fewer than FEW, it
-is at least LONE/n: that they agree may be chance."""
+"""Relative uncertainty of a single timing, as the same run varies on a busy machine.
+
+Of n timings, fewer than FEW, it is at least LONE/n: their agreement may be chance.
+"""
 
 FLOOR = 0.03
 """Relative uncertainty that repeats do not lower: the layout of memory alone changes times by some per cent."""
 
 FEW = 5
-"""Timings below which quartiles mean nothing: the whole range is taken."""
+"""Number of timings below which quartiles mean nothing: the whole range is used."""
 
 
 class Timing(NamedTuple):
-    """Seconds, and half the width of the interval that the median may lie in."""
+    """Seconds, and half the width of the confidence interval of the median."""
 
     seconds: float
     half: float
 
     @property
     def relative(self) -> float:
-        """The half width over the median."""
+        """Half width over the median."""
         return self.half / self.seconds if self.seconds > 0.0 else math.inf
 
 
 def timing(values: Sequence[float]) -> Timing:
-    """Median and half width: notches 1.57 IQR/sqrt(n), which overlap for equal medians in 95 % of cases (McGill, Tukey and
-    Larsen, The American Statistician 32:12, 1978); of fewer than five values half their range. NaN and infinity without any."""
+    """Return the median and its half width; NaN and infinity without values.
+
+    Notches 1.57 IQR/sqrt(n), which overlap for equal medians in 95 % of cases (McGill, Tukey and Larsen, The American
+    Statistician 32:12, 1978); of fewer than five values half their range.
+    """
     n = len(values)
     if n == 0:
         return Timing(math.nan, math.inf)
@@ -48,5 +53,5 @@ def timing(values: Sequence[float]) -> Timing:
 
 
 def slower(a: Timing, b: Timing) -> bool:
-    """Whether a is told to take longer than b: their intervals do not touch."""
+    """Return whether a takes significantly longer than b: their intervals do not overlap."""
     return a.seconds - a.half > b.seconds + b.half

@@ -1,4 +1,4 @@
-"""One rung of a ladder as it came out."""
+"""Result of one variant of a study."""
 
 from __future__ import annotations
 
@@ -12,8 +12,11 @@ from thirdbody.studies.variants import Variant
 
 @dataclass
 class Row:
-    """One rung as it came out. `wall`, `cpu`: seconds of its repeats; `outcome`: None for a rung that gave nothing; `place`: the
-    folder of its run, beside those of the other rungs; `beside`: seconds of the scene's own rung, in turns with it."""
+    """Result of one variant.
+
+    `wall`, `cpu`: seconds of its repeats; `outcome`: None for a variant without result; `place`: the folder of its run; `beside`:
+    seconds of the scene's own variant, timed alternately with it.
+    """
 
     rung: Variant
     wall: list[float] = field(default_factory=list)
@@ -29,15 +32,15 @@ class Row:
 
     @property
     def timing(self) -> Timing:
-        """What the rung costs, seconds of the processor, and how well that is known."""
+        """Cost of the variant [s of the processor], with its uncertainty."""
         return timing(self.cpu)
 
     @property
     def seconds(self) -> float:
-        """What the rung costs: median of the processor's seconds over the repeats, NaN without any."""
+        """Cost of the variant: median of the processor seconds over the repeats, NaN without any."""
         return self.timing.seconds
 
     @property
     def wall_seconds(self) -> float:
-        """Median of the wall's seconds over the repeats, NaN without any."""
+        """Median of the wall seconds over the repeats, NaN without any."""
         return statistics.median(self.wall) if self.wall else float("nan")

@@ -1,4 +1,4 @@
-"""Climbing a ladder within a deadline: every rung is run once, as far as time allows, and then all are timed in turns."""
+"""Runs of all variants within a deadline: each is run once, as far as time allows, and then all are timed alternately."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from thirdbody.studies.worker import BATCH, ENOUGH
 from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, Overdue, Worker, request
 
 ROUNDS, PRECISE = 25, 0.05
-"""Rounds of timings, at most; relative uncertainty below which a rung needs no more of them."""
+"""Largest number of rounds of timings; relative uncertainty below which a variant needs no more of them."""
 
 KEPT = 2
-"""Rounds of timings that are kept time for while rungs are run: without them more rungs would tell nothing about cost."""
+"""Rounds of timings for which time is reserved while variants are run: without them more variants would give no costs."""
 
 HOPELESS = 1.5
-"""A rung that is needed is not begun if it is expected to take this many times what is left."""
+"""A required variant is not started if it is expected to take this many times the remaining time."""
 
 LEFT_OUT = "left out: no time in the budget"
 
 
 class VariantRuns:
-    """The rungs of one study, a worker, and the time that is left."""
+    """Variants of one study, a worker, and the remaining time."""
 
     def __init__(
         self, worker: Worker, folder: Path, plugins: Sequence[str | Path], base: Base, costs: Costs, overheads: Overheads,
@@ -40,8 +40,10 @@ class VariantRuns:
         self.compiled: set[tuple[Any, ...]] = set()
 
     def rows(self, variants: Sequence[Variant], repeats: int) -> list[Row]:
-        """All rungs in their order, run and timed; one for which no time was left says so. Raises UsageError where that is the
-        scene's own, or the reference."""
+        """Return all variants in their order, run and timed; one without time is marked.
+
+        Raises UsageError where that is the scene's own, or the reference.
+        """
         rows = {number: Row(rung, message=LEFT_OUT, integrator=rung.integrator) for number, rung in enumerate(variants, 1)}
         done: list[Row] = []
         for number, row in sorted(rows.items(), key=lambda entry: _rank(entry[1].rung, entry[0], len(variants))):
@@ -54,7 +56,7 @@ class VariantRuns:
         return list(rows.values())
 
     def _run(self, row: Row, name: str, needed: bool) -> None:
-        """Run one rung once."""
+        """Run one variant once."""
         variant, fresh = row.rung, _code(row.rung) not in self.compiled
         if needed and self._predicted(variant) > HOPELESS * self._left():
             raise self.budget.refuse(
@@ -80,7 +82,7 @@ class VariantRuns:
             self.costs = replace(self.costs, scale=self.costs.scale * report["cpu_s"] / expected)
 
     def _repeat(self, rows: Sequence[Row], repeats: int) -> None:
-        """Time rungs in turns, until each is known well or no time is left. What errors alone are needed of is not timed."""
+        """Time variants alternately, until each is known well or no time is left. Those needed for errors only are not timed."""
         own = next((row for row in rows if row.rung.default), None)
         going = [row for row in rows if row.rung.axis not in ("verify", "reference") and row is not own]
         again: dict[int, list[tuple[float, float, float]]] = {id(row): [] for row in [*going, *([own] if own else [])]}
@@ -98,7 +100,7 @@ class VariantRuns:
     def _timing(
         self, row: Row, costs: dict[int, float], again: dict[int, list[tuple[float, float, float]]], yardstick: float | None
     ) -> float | None:  # fmt: skip
-        """Time one rung once more, if there is time: its seconds of the processor."""
+        """Time one variant once more, if there is time; return its processor seconds."""
         if costs[id(row)] > self._left():
             return None
         began = time.perf_counter()
@@ -113,7 +115,7 @@ class VariantRuns:
         return float(report["cpu_s"])
 
     def _settle(self, row: Row, again: Sequence[tuple[float, float, float]], paired: bool) -> None:
-        """Take the repeats for the row's times: a run that wrote its frames counts only where these do not matter."""
+        """Set the row's times from the repeats: a run that wrote its frames counts only where these do not matter."""
         if not again:
             return
         first = [] if paired or row.cpu[0] < LONG else [(row.wall[0], row.cpu[0], row.cpu[0])]
@@ -124,16 +126,16 @@ class VariantRuns:
         return request(self.folder / SCENE_FILE, self.folder / RUNGS / name, variant.changes, self.plugins)
 
     def _left(self) -> float:
-        """Seconds until the last rung must have ended."""
+        """Return the seconds until the deadline of the last variant."""
         return self.budget.end(self.worker.pace) - time.perf_counter()
 
     def _predicted(self, variant: Variant) -> float:
-        """Seconds of the wall that running a rung once will take."""
+        """Return the expected wall seconds of running a variant once."""
         beside = self.overheads.known if _code(variant) in self.compiled else self.overheads.fresh
         return self.worker.pace * (self.costs.of(variant, self.base) + beside)
 
     def _round(self, rows: Sequence[Row]) -> float:
-        """Seconds of the wall that timing these rungs once more will take."""
+        """Return the wall seconds of timing these variants once more."""
         return sum(self._one_timing(row) for row in rows if row.rung.axis not in ("verify", "reference"))
 
     def _one_timing(self, row: Row) -> float:
@@ -142,7 +144,7 @@ class VariantRuns:
 
 
 def _known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
-    """Whether the ratio of a rung's seconds to those beside it is known well enough."""
+    """Return whether the ratio of a variant's seconds to the alternating ones is known well enough."""
     from thirdbody.studies.timing_statistics import timing
 
     seconds = [cpu for _, cpu, _ in again]
@@ -152,7 +154,7 @@ def _known(again: Sequence[tuple[float, float, float]], repeats: int) -> bool:
 
 
 def _rank(variant: Variant, number: int, count: int) -> int:
-    """What is run first: the scene's own rung, the reference, the finest law at the same step, then the others in their order."""
+    """Return the rank in the order of runs: own variant of the scene, reference, finest law at the same step, others."""
     if variant.default:
         return 0
     if variant.reference:
@@ -161,7 +163,7 @@ def _rank(variant: Variant, number: int, count: int) -> int:
 
 
 def _code(variant: Variant) -> tuple[Any, ...]:
-    """What decides whether a rung has to be compiled."""
+    """Return a key of the code that a variant needs compiled."""
     return variant.level, variant.springs, variant.integrator
 
 

@@ -1,4 +1,4 @@
-"""The rungs of a ladder of accuracy: contact law, springs, time step and integrator, one of them changed at a time."""
+"""Variants of a scene for a study of accuracy: contact law, springs, time step and integrator, one changed at a time."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ SPRINGS = (8, 16, 32, 64, 128)
 """Springs of a level that has that option."""
 
 FACTORS = {"explicit": (4.0, 2.0, 0.5, 0.25), "implicit": (16.0, 4.0, 0.25, 0.0625)}
-"""Times the time step, or the tolerance of a step: the length of an implicit step goes as the root of that."""
+"""Factors on the time step, or on the tolerance of a step: the length of an implicit step goes as its square root."""
 
 FINE = {"explicit": (2.0, 0.5), "implicit": (4.0, 0.25)}
-"""The same with the finest law, between its own step and that of the reference: there only the step errs."""
+"""The same with the finest law, between its own step and that of the reference: there only the step has an error."""
 
 FINEST = {"explicit": 0.25, "implicit": 1.0 / 64.0}
 """The same of the reference."""
@@ -26,18 +26,24 @@ AROUND = {"explicit": (1.0, 2.0, 0.5), "implicit": (1.0, 4.0, 0.25)}
 """The same for the integrator that the scene does not use; 1 leaves it to its default."""
 
 CURVES = {"nodes": 96}
-"""Options of the finest law that resolve slip on curved paths, for the rungs with the reference's law: the error of `exact` falls
-with the square of its nodes, from 2e-4 of mu N for 48 to 5e-5, which 128 springs have too; more would be too dear."""
+"""Options of the finest law that resolve slip on curved paths, for the variants with the reference's law.
+
+The error of `exact` falls with the square of its nodes, from 2e-4 of mu N for 48 to 5e-5, which 128 springs have too; more would
+be too costly.
+"""
 
 
 Law = tuple[str, int | None]
-"""A level and its springs."""
+"""Level and its springs."""
 
 
 @dataclass(frozen=True)
 class Base:
-    """What the scene itself says. `kind`: its integrator; `level`, `springs` (None without that option); `step`: the time step
-    (s) of the explicit integrator, the smallest that an automatic one takes; `tolerance` of the implicit one."""
+    """Settings of the scene itself.
+
+    `kind`: its integrator; `level`, `springs` (None without that option); `step`: the time step of the explicit integrator [s],
+    the smallest automatic one; `tolerance` of the implicit one.
+    """
 
     kind: str
     level: str
@@ -48,7 +54,7 @@ class Base:
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to compute the scene. `changes`: keys of the scene and their new values, None to take the key out."""
+    """Variant of the scene. `changes`: keys of the scene and their new values, None to remove the key."""
 
     name: str
     axis: str
@@ -62,12 +68,12 @@ class Variant:
 
 
 def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = False) -> list[Variant]:
-    """Some 18 rungs around a scene; the last one is the reference: the finest law, and steps as fine as the ladder has.
+    """Return some 18 variants of a scene; the last one is the reference: the finest law and the finest steps.
 
-    The levels of a family go from the coarsest to the finest, as it lists them. Explicit rungs have a fixed time step, for an
-    automatic one looks at the contacts: laws would differ by their steps too, and a body that rocks into place while it settles
-    tells that from the law's error no longer. `verify` adds all numbers of springs with the steps of the reference (axis
-    `verify`): only there is what the springs neglect not hidden by the steps.
+    The levels of a family go from the coarsest to the finest, in its own order. Explicit variants have a fixed time step, since
+    an automatic one depends on the contacts: laws would differ by their steps too, and a body that rocks into position while it
+    settles would confound that with the law's error. `verify` adds all numbers of springs with the steps of the reference (axis
+    `verify`): only there the error of the springs is not hidden by the steps.
     """
     laws = [(level, springs) for level in family.levels for springs in _springs_of(family, level, base)]
     other = "implicit" if base.kind == "explicit" else "explicit"
@@ -93,7 +99,7 @@ def variants_of(scene: Scene, family: LawFamily, base: Base, verify: bool = Fals
 
 
 def springs_option(family: LawFamily, level: str) -> int | None:
-    """The springs of a level when the scene does not tell them; None where it has no such option."""
+    """Return the default number of springs of a level; None where it has no such option."""
     result = [option.default for law in family.levels[level] for option in law.options if option.name == "springs"]
     return int(result[0]) if result else None  # type: ignore[arg-type]
 
@@ -119,7 +125,7 @@ def _options_of(family: LawFamily, level: str) -> set[str]:
 
 
 def _law_changes(scene: Scene, family: LawFamily, law: Law) -> dict[str, Any]:
-    """The level and its springs; options of the scene that the level does not know are taken out."""
+    """Return the level and its springs; options of the scene that the level does not know are removed."""
     level, springs = law
     known = _options_of(family, level)
     changes: dict[str, Any] = {f"contact.{key}": None for key in scene.contact.options if key not in known}
@@ -128,7 +134,7 @@ def _law_changes(scene: Scene, family: LawFamily, law: Law) -> dict[str, Any]:
 
 
 def _resolved(scene: Scene, family: LawFamily, level: str) -> dict[str, Any]:
-    """`CURVES`, as far as the level knows these options, or what the scene asks for if that is more."""
+    """Return `CURVES`, as far as the level knows these options, or the scene's own values if larger."""
     known = _options_of(family, level)
     return {
         f"contact.{key}": max(value, scene.contact.options.get(key, value)) for key, value in CURVES.items() if key in known
@@ -136,7 +142,7 @@ def _resolved(scene: Scene, family: LawFamily, level: str) -> dict[str, Any]:
 
 
 def _step_changes(base: Base, kind: str, factor: float) -> dict[str, Any]:
-    """The integrator, with its step or tolerance times a factor; keys of the other one are taken out."""
+    """Return the integrator with its step or tolerance times a factor; keys of the other one are removed."""
     if kind == "implicit":
         finer = {} if factor == 1.0 else {"solver.tolerance": factor * base.tolerance}
         return {"solver.integrator": kind, "solver.time_step": "auto", **finer}

@@ -1,12 +1,12 @@
-"""Computes rungs in a process of its own (`process.Worker`): requests and answers are lines of JSON.
+"""Computes variants in a separate process (`worker_process.Worker`): requests and answers are lines of JSON.
 
-A request holds what to `do`, the `scene` (file), the `changes` to it, `plugins`, the `folder` for the run and the `limit` (s of
-one core for one run). `make` saves a smaller copy of the scene in the folder; `run` compiles the rung by a run that ends at once
-and then runs it into its folder; `time` integrates it again. Timed is the integration alone, from stop to stop (`clock.bare`):
-neither compiling, nor building the scene, nor what is done at an output, which is the same for all. One thread computes, so its
-seconds of processor time are told beside those of the wall: on a machine that does nothing else they are the same, on a busy one
-they still tell what a rung costs. All rungs of a study are asked of one process and in turns, so that what disturbs the machine
-for a while disturbs all of them.
+A request holds what to `do`, the `scene` (file), the `changes` to it, `plugins`, the `folder` for the run and the `limit` ([s] of
+one core for one run). `make` saves a smaller copy of the scene in the folder; `run` compiles the variant by a run that ends at
+once and then runs it into its folder; `time` integrates it again. Only the integration from stop to stop is timed
+(`stopwatch.bare`): neither compiling, nor building the scene, nor the work at an output, which is the same for all. One thread
+computes, so its processor seconds are reported along with the wall seconds: on an idle machine they are equal, on a busy one they
+still measure the cost of a variant. All variants of a study are computed alternately by one process, so that a temporary
+disturbance of the machine affects all of them.
 """
 
 from __future__ import annotations
@@ -26,14 +26,16 @@ from thirdbody.scene.model import Scene
 from thirdbody.studies.stopwatch import Late, attach, bare
 
 BATCH, ENOUGH = 9, 0.1
-"""A timing of a short run is up to so many, until they take so many seconds together, and their median: the first ones find the
-processor's caches cold, which is nothing of theirs."""
+"""Largest number of runs in the batch of a timing, and its duration [s]; the result is the median.
+
+The first runs find the processor's caches cold, which is not part of their cost.
+"""
 
 
 def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) -> dict[str, Any]:
-    """One run into a folder: seconds of integration, its step, how it ended, and which share of it was `done`.
+    """Run a variant into a folder; return seconds of integration, its step, how it ended, and the fraction `done`.
 
-    Raises ThirdbodyError for what cannot be built.
+    Raises ThirdbodyError for a scene that cannot be built.
     """
     from thirdbody.runner.simulate import execute, prepare
 
@@ -41,7 +43,7 @@ def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) 
     clock, message = attach(built.integrator), ""
     end = time.process_time() + limit
     try:
-        # a busy machine makes a rung late, not costly: the limit is one of the processor's time
+        # a busy machine makes a variant late, not costly: the limit is one of the processor's time
         execute(built, folder, threads=1, overwrite=True, every=math.inf, stop=lambda: time.process_time() > end)
     except GuardStop as error:
         message = str(error)
@@ -56,7 +58,7 @@ def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) 
 
 
 def timed(scene: Scene, plugins: Sequence[str], limit: float) -> dict[str, Any]:
-    """Seconds of integrating a rung: medians of a batch. Raises GuardStop, Late and ThirdbodyError."""
+    """Return the seconds of integrating a variant: medians of a batch. Raises GuardStop, Late and ThirdbodyError."""
     from thirdbody.runner.simulate import prepare, set_threads
 
     set_threads(1)
@@ -68,7 +70,10 @@ def timed(scene: Scene, plugins: Sequence[str], limit: float) -> dict[str, Any]:
 
 
 def answer(request: Mapping[str, Any]) -> dict[str, Any]:
-    """What came of a request; one that failed has a `message` and is not `stable`. `compile_s`: of its first, empty run."""
+    """Return the result of a request; a failed one has a `message` and is not `stable`.
+
+    `compile_s`: time of its first, empty run.
+    """
     from thirdbody.studies.study_setup import make_copy
 
     began, folder, limit = time.process_time(), Path(request["folder"]), float(request["limit"])
@@ -94,7 +99,7 @@ def answer(request: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def serve() -> None:
-    """Answer requests on standard input until it ends; whatever else is printed goes to standard error."""
+    """Answer requests on standard input until it ends; all other output goes to standard error."""
     replies = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     import thirdbody.runner.simulate  # noqa: F401  (before it is ready: the start is what takes long)

@@ -1,4 +1,4 @@
-"""A worker process that computes rungs one after the other; what it is asked ends at a deadline, with the process if need be."""
+"""Worker process that computes variants in sequence; a request ends at its deadline, by ending the process if necessary."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from typing import Any
 from thirdbody.system.child_process import python_command, python_environment
 
 LIMIT = 90.0
-"""Seconds of one core after which one run of a rung is given up, and shown as such."""
+"""Time limit of one run of a variant on one core [s]; a run beyond it is marked as such."""
 
 SCENE_FILE, RUNGS = "scene.toml", "rungs"
-"""In the folder of a study: the scene as it is climbed, and the runs of its rungs."""
+"""In the folder of a study: the scene as it is computed, and the runs of its variants."""
 
 PATIENCE = 3600.0
-"""Seconds that a request without a deadline may take."""
+"""Time limit of a request without a deadline [s]."""
 
 
 class Overdue(Exception):
-    """The deadline of a request is over; its process was ended."""
+    """The deadline of a request has passed; its process was ended."""
 
 
 class Worker:
-    """The process of `thirdbody.studies.worker`, started when it is first asked, and again after it died.
+    """Process of `thirdbody.studies.worker`, started at the first request, and again after it died.
 
-    `started`: seconds that the last start took, imports included; `wall`, `cpu`: seconds of all answered requests together.
+    `started`: seconds of the last start, imports included; `wall`, `cpu`: seconds of all answered requests together.
     """
 
     def __init__(self) -> None:
@@ -41,11 +41,11 @@ class Worker:
 
     @property
     def pace(self) -> float:
-        """Seconds of the wall per second of a core: 1 on an idle machine, more where other processes take their share."""
+        """Wall seconds per second of a core: 1 on an idle machine, more on a shared one."""
         return max(1.0, self.wall / self.cpu) if self.cpu > 0.1 else 1.0
 
     def start(self, until: float = float("inf")) -> None:
-        """Start the process, if it does not run. Raises Overdue at `until` (s of `time.perf_counter`)."""
+        """Start the process, if it does not run. Raises Overdue at `until` ([s] of `time.perf_counter`)."""
         if self._process is not None:
             return
         began = time.perf_counter()
@@ -55,13 +55,13 @@ class Worker:
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
         )  # fmt: skip
         self._rest = b""
-        self._answer(until)  # it says that it is ready
+        self._answer(until)  # its message that it is ready
         self.started = time.perf_counter() - began
 
     def ask(self, request: Mapping[str, Any], until: float = float("inf")) -> dict[str, Any]:
-        """The answer to a request; one of a process that crashed tells so in `message`, like a rung that failed.
+        """Return the answer to a request; for a crashed process with that `message`, like a variant that failed.
 
-        Raises Overdue where there is none at `until` (s of `time.perf_counter`).
+        Raises Overdue where there is none at `until` ([s] of `time.perf_counter`).
         """
         self.start(until)
         assert self._process is not None and self._process.stdin is not None
@@ -90,7 +90,7 @@ class Worker:
         self.close()
 
     def _answer(self, until: float) -> dict[str, Any]:
-        """The next line that the process writes."""
+        """Return the next line that the process writes."""
         assert self._process is not None and self._process.stdout is not None
         until = min(until, time.perf_counter() + PATIENCE)
         with selectors.DefaultSelector() as selector:
@@ -120,14 +120,14 @@ def in_process(
     scene: Path, place: Path, variants: Sequence[Mapping[str, Any]], plugins: Sequence[str | Path], repeats: int,
     limit: float = LIMIT,
 ) -> list[dict[str, Any]]:  # fmt: skip
-    """What the variants of a scene took, run and then timed in turns in a process of their own; see `worker`."""
+    """Run the variants of a scene, then time them alternately, in a separate process; return the results (see `worker`)."""
     with Worker() as worker:
         jobs = [request(scene, place / str(k), changes, plugins, limit) for k, changes in enumerate(variants)]
         result = [worker.ask({"do": "run", **job}) | {"wall": [], "cpu": []} for job in jobs]
         for report in (told for told in result if told["stable"] and told["cpu_s"] > LONG):
             report["wall"].append(report["wall_s"])
             report["cpu"].append(report["cpu_s"])
-        if len({len(told["cpu"]) for told in result if told["stable"]}) > 1:  # only some are long: no pair is to be torn
+        if len({len(told["cpu"]) for told in result if told["stable"]}) > 1:  # only some are long: do not separate pairs
             for report in result:
                 report["wall"], report["cpu"] = [], []
         going = [(told, job) for told, job in zip(result, jobs, strict=True) if told["stable"]]
@@ -142,12 +142,12 @@ def in_process(
 
 
 LONG = 2.0
-"""Seconds of one core from which on a run is timed while it writes its frames too, for they do not matter there."""
+"""Run time on one core above which a run is timed while it also writes its frames, which do not matter there [s]."""
 
 
 def request(
     scene: Path, folder: Path, changes: Mapping[str, Any], plugins: Sequence[str | Path], limit: float = LIMIT
 ) -> dict[str, Any]:
-    """What a worker is told of one rung."""
+    """Return the request to a worker for one variant."""
     return {"scene": str(scene), "folder": str(folder), "changes": dict(changes), "plugins": [str(path) for path in plugins],
             "limit": limit}  # fmt: skip

@@ -1,4 +1,4 @@
-"""Reads one block of a run: arrays of single frames out of data sets that hold all frames one after the other."""
+"""Reader of one block of a run: arrays of single frames from data sets that hold all frames in sequence."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from thirdbody.trajectory.validate import damage_as_fault
 
 
 class BlockReader:
-    """The arrays of one block, cut out of their growing data sets by the offsets of a frame."""
+    """Arrays of one block, cut out of their growing data sets by the offsets of a frame."""
 
     def __init__(self, group: h5py.Group, path: Path):
         self._group, self._data = group, group["PointData"]
         self._steps = group["Steps"]
         self.frames = int(self._steps.attrs["NSteps"])
         self._path = path
-        self.names_of: dict[str, int] = {}  # of arrays of codes: how many there are
+        self.names_of: dict[str, int] = {}  # number of names, for arrays of codes
 
     @property
     def names(self) -> list[str]:
         return list(self._data)
 
     def read(self, frame: int) -> dict[str, np.ndarray]:
-        """All arrays of one frame, the coordinates as `position`."""
+        """Return all arrays of one frame, the coordinates as `position`."""
         return Named((name, self.array(name, frame)) for name in (POSITION, *self._data))
 
     def array(self, name: str, frame: int) -> np.ndarray:
-        """One array of one frame."""
+        """Return one array of one frame."""
         if name != POSITION and name not in self._data:
             raise unknown_name(name, (POSITION, *self._data))
         with damage_as_fault(self._path, f"{self._group.name}/{name}"):
@@ -47,14 +47,14 @@ class BlockReader:
             return int(self._group["NumberOfPoints"][int(self._steps["PartOffsets"][frame])])
 
     def history(self, name: str, frames: int) -> np.ndarray:
-        """One varying array at all frames (frames, rows, ...), for a block whose row count never changes."""
+        """Return one varying array at all frames (frames, rows, ...), for a block with a constant number of rows."""
         rows = self.rows(0) if frames else 0
         with damage_as_fault(self._path, f"{self._group.name}/{name}"):
             data = self._data[name]
             return self._known(name, data[: frames * rows].reshape(frames, rows, *data.shape[1:]))
 
     def _known(self, name: str, codes: np.ndarray) -> np.ndarray:
-        """The array, if its codes, when it holds some, all have a name."""
+        """Return the array; if it holds codes, check that all have a name."""
         maximum = self.names_of.get(name)
         if maximum is not None and codes.size and not 0 <= codes.min() <= codes.max() < maximum:
             raise ValueError(f"codes {codes.min()} to {codes.max()}, of which {maximum} have names")

@@ -1,7 +1,7 @@
-"""A run as flat tables: every column one-dimensional, with its name and unit; for CSV files and data frames.
+"""Flat tables of a run for CSV files and data frames: one-dimensional columns with name and unit.
 
-Vectors become one column per component (`force_x`, quaternions `quaternion_w` first), and codes have their names beside them
-(`state`, `state_name`). Columns without a unit are pure numbers, codes or names.
+Vectors become one column per component (`force_x`, quaternions `quaternion_w` first), and codes get a column of names (`state`,
+`state_name`). Columns without a unit are pure numbers, codes or names.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _SIDES = {LOWER: "lower", UPPER: "upper", DEBRIS: "debris"}
 
 
 class Column(NamedTuple):
-    """One column of a table: `values` (rows,) numbers or texts; `unit` is empty for pure numbers, codes and names."""
+    """Column of a table: `values` (rows,) numbers or texts; `unit` is empty for pure numbers, codes and names."""
 
     name: str
     unit: str
@@ -36,9 +36,9 @@ class Column(NamedTuple):
 
 
 def table(run: Run, name: str, frame: int | None = None) -> list[Column]:
-    """One of TABLES; of bodies and contacts one frame, or all of them one below the other.
+    """Return one of TABLES; bodies and contacts of one frame, or of all frames concatenated.
 
-    Raises ValueError for another name, IndexError for a frame that the run has not, AttributeError when it has no states.
+    Raises ValueError for another name, IndexError for a frame outside the run, AttributeError when the run has no states.
     """
     if name in (BODIES, CONTACTS):
         same = zip(*tables_by_frame(run, name, frame), strict=True)
@@ -53,7 +53,7 @@ def table(run: Run, name: str, frame: int | None = None) -> list[Column]:
 
 
 def tables_by_frame(run: Run, name: str, frame: int | None = None) -> Iterator[list[Column]]:
-    """The table of bodies or contacts frame by frame, or of one frame. Raises IndexError for frames that the run has not."""
+    """Yield the table of bodies or contacts frame by frame, or of one frame. Raises IndexError outside the run."""
     numbers = [run.frame_number(frame)] if frame is not None else range(run.frame_number(-1) + 1)
     for number in numbers:
         yield (_bodies if name == BODIES else _contacts)(run, number)
@@ -108,7 +108,7 @@ def _columns(arrays: Mapping[str, np.ndarray], names: Mapping[str, Mapping[int, 
 
 
 def _spread(name: str, values: np.ndarray, unit: str | None = None) -> list[Column]:
-    """An array as columns: itself, or its components."""
+    """Return an array as columns: itself, or its components."""
     unit = _UNITS.get(name, "") if unit is None else unit
     unit = "" if unit == "1" else unit
     if values.ndim == 1:

@@ -1,4 +1,4 @@
-"""The file under HDF5: a kill between any two writes, or a fault of the system, leaves what was committed before readable."""
+"""File under HDF5 that keeps committed data readable after a kill between any two writes, or a system error."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from pathlib import Path
 from typing import Any
 
 PAGE = 4096
-"""Bytes, at their multiples, that a kill never tears apart: a longer write may end between two pages of the system."""
+"""Page size in bytes: a kill never tears a write within a page; a longer write may end between two pages."""
 
 NODE = b"TREE"
-"""How the nodes of an index of chunks begin; their sixth byte is the level, 0 for the leaves (HDF5 file format 3.0, III.A.1)."""
+"""First bytes of the nodes of a chunk index; their sixth byte is the level, 0 for the leaves (HDF5 file format 3.0, III.A.1)."""
 
 
 def _open_no_link(path: str, flags: int) -> int:
-    """Open a file, but not what a link of that name points to."""
+    """Open a file, but not the target of a link of that name."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
 
 
 class Sink(io.FileIO):
-    """A file that keeps the first fault of the system to itself until `check` is asked, and writes nothing after it.
+    """File that withholds the first system error until `check` is called, and writes nothing after it.
 
-    Told of a full disk, HDF5 goes on to write a header that promises what is not there (the file opens no more), or dies by a
-    segmentation fault when it cannot close. This way the file stays as a kill at that moment would leave it.
+    After a full disk HDF5 goes on to write a header that refers to missing data (the file opens no more), or ends in a
+    segmentation fault when it cannot close. With this class the file stays as a kill at that moment would leave it.
     """
 
     def __init__(self, path: str | Path, mode: str):
@@ -37,7 +37,7 @@ class Sink(io.FileIO):
         self._told: set[int] = set()
 
     def write(self, data: Any) -> int:
-        """Write all of it, or nothing more after a fault; within `in_order` keep it."""
+        """Write all data, or nothing after an error; within `in_order` buffer it."""
         if self._held is not None:
             self._held.append((self.tell(), bytes(data)))
         else:
@@ -50,18 +50,18 @@ class Sink(io.FileIO):
         while done < len(data) and self._fault is None:
             try:
                 self.seek(place + done)
-                done += super().write(data[done:]) or 0  # the system may take a part only
+                done += super().write(data[done:]) or 0  # the system may write only a part
             except OSError as error:
                 self._fault = error
 
     @contextmanager
     def in_order(self) -> Iterator[None]:
-        """A flush of HDF5, whose writes reach the file when it ends, in an order that a kill may break off; none after an error.
+        """Order the writes of one flush of HDF5 such that a kill may end them at any point; nothing is written after an error.
 
-        HDF5 writes by address and the length of the file last. A reader then meets an index whose nodes are not there yet, or
-        lie beyond the length. Here what points to something comes after it: the length, what is new, the indices from their
-        roots down (a node that was split keeps its second half until the one above names its new neighbour), all else by
-        address, one write for each page. HDF5 reads nothing back while it flushes.
+        HDF5 writes by address and the length of the file last. A reader then may find an index whose nodes are missing, or lie
+        beyond the length. Here pointers are written after their targets: the length, new data, the indices from their roots down
+        (a split node keeps its second half until its parent refers to the new neighbour), all else by address, one write per
+        page. HDF5 reads nothing back while it flushes.
         """
         self._held = []
         try:
@@ -85,7 +85,7 @@ class Sink(io.FileIO):
         if together:
             start, end = min(place for place, _ in parts), max(place + len(data) for place, data in parts)
             self.seek(start)
-            whole = bytearray(self.read(end - start) or b"")  # what lies between the parts stays as it is
+            whole = bytearray(self.read(end - start) or b"")  # bytes between the parts stay unchanged
             for place, data in parts:
                 whole[place - start : place - start + len(data)] = data
             parts = [(start, bytes(whole))]
@@ -93,7 +93,7 @@ class Sink(io.FileIO):
             self.put(place, data)
 
     def truncate(self, size: int | None = None) -> int:
-        """Set the size, which may be refused as a write may."""
+        """Set the size; may fail as a write may."""
         try:
             return size or 0 if self._fault else super().truncate(size)
         except OSError as error:
@@ -101,13 +101,13 @@ class Sink(io.FileIO):
             return size or 0
 
     def reserve(self, nbytes: int) -> None:
-        """Make the file longer by a hole, which takes no room; HDF5 cuts off what it did not use when it flushes.
+        """Extend the file by a hole, which uses no disk space; HDF5 cuts off the unused part when it flushes.
 
-        HDF5 writes the length that it is about to have into its header first: a file that is shorter opens no more.
+        HDF5 writes the coming length into its header first: a shorter file opens no more.
         """
         self.truncate(self.seek(0, io.SEEK_END) + nbytes)
 
     def check(self) -> None:
-        """Raise the fault (OSError) that came while writing."""
+        """Raise the error (OSError) that occurred while writing."""
         if self._fault is not None:
             raise self._fault

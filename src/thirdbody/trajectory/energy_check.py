@@ -1,4 +1,4 @@
-"""Does the energy balance of a run close, does its integrator keep energy, and if not, why: from the facts of the run."""
+"""Check of the energy balance of a run and of the numerical loss of its integrator, with the likely cause."""
 
 from __future__ import annotations
 
@@ -7,21 +7,20 @@ from collections.abc import Mapping
 from typing import Any
 
 CLOSED = 1e-3
-"""Largest residual, over the largest energy of the run, of which nothing is said."""
+"""Largest residual, relative to the largest energy of the run, that is accepted."""
 
 KEPT = 0.01
-"""Largest energy that the implicit integrator itself loses or makes, over the largest energy of the run, of which nothing is
-said."""
+"""Largest numerical loss or gain of the implicit integrator, relative to the largest energy of the run, that is accepted."""
 
 MUCH = 0.05
-"""Share of the energy spent from which a line of the ledger is named as the likely reason."""
+"""Fraction of the spent energy from which a line of the ledger is named as the likely cause."""
 
 
 def energy_verdict(summary: Mapping[str, Any], scene_text: str = "") -> str | None:
-    """What is wrong with the energy of a run and the likely reason; None where it closes and is kept, or is not known.
+    """Return the error of a run's energy and its likely cause; None where the balance closes or is unknown.
 
-    `summary`: what a run stored at its end. `scene_text`: its scene, which tells whether the time step is a fixed one, and
-    whether bodies have inertia.
+    `summary`: what a run stored at its end. `scene_text`: its scene, for whether the time step is fixed and whether bodies have
+    inertia.
     """
     residual, lines = summary.get("energy_residual"), summary.get("energy") or {}
     solver, report = _solver(scene_text), []
@@ -68,7 +67,7 @@ def _reason(summary: Mapping[str, Any], lines: Mapping[str, float], solver: Mapp
 
 
 def _solver(scene_text: str) -> Mapping[str, Any]:
-    """The table `solver` of a scene; empty where it cannot be read."""
+    """Return the table `solver` of a scene; empty where it cannot be read."""
     try:
         return dict(tomllib.loads(scene_text).get("solver", {}))
     except tomllib.TOMLDecodeError:

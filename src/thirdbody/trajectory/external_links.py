@@ -1,7 +1,7 @@
-"""Is everything that a run file names in the file itself? Looked at when it is opened, before anything is read through a link.
+"""Refusal of run files that refer to anything outside themselves; checked before anything is read through a link.
 
-HDF5 can store a link to another file, data in another file, and filters that it loads as code. Opening these could wait for ever
-(a pipe), read what the user did not name, or run foreign code; no run needs them.
+HDF5 can store a link to another file, data in another file, and filters that it loads as code. Opening these could block for ever
+(a pipe), read files that the user did not name, or run foreign code; no run needs them.
 """
 
 from __future__ import annotations
@@ -9,15 +9,15 @@ from __future__ import annotations
 import h5py
 
 MOST_LINKS = 10_000
-"""Links in one run file: a run has some hundred, and one for each array that a law or an effect records."""
+"""Largest number of links in a run file: a run has some hundred, and one for each array that a law or an effect records."""
 
 _FILTERS = (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_SHUFFLE, h5py.h5z.FILTER_FLETCHER32)
 
 
 def refuse_foreign(file: h5py.File) -> None:
-    """Raise ValueError for a link or data that lie outside the file, a filter that runs other code, and too many links.
+    """Raise ValueError for a link or data outside the file, a filter that runs other code, and too many links.
 
-    Nothing is followed but hard links, each object once; a soft link leads to an object that has a hard link of its own.
+    Only hard links are followed, each object once; the target of a soft link also has a hard link.
     """
     groups, seen, links = [file["/"]], {_address(file["/"])}, 0
     while groups:
@@ -42,7 +42,7 @@ def refuse_foreign(file: h5py.File) -> None:
 
 
 def _address(node: h5py.HLObject) -> int:
-    """Where the object lies in the file."""
+    """Return the address of the object in the file."""
     return int(h5py.h5o.get_info(node.id).addr)
 
 

@@ -1,4 +1,4 @@
-"""From the state of a run to a frame of its trajectory: only what the step computed, nothing is evaluated again."""
+"""Frames of a trajectory from the state of a run: stored quantities of the step, without new evaluations."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ UNITS = {
 
 
 class FrameMaker:
-    """Makes frames and keeps what means over the output interval need: the impulses at the frame before."""
+    """Builder of frames; holds the impulses of the previous frame for means over the output interval."""
 
     def __init__(
         self, state: State, ledger: Ledger, labeller: Labeller | None, drag: tuple[float, float],
@@ -33,12 +33,12 @@ class FrameMaker:
     ) -> None:  # fmt: skip
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
         self.impulses = impulses_of(self.state)
-        self.interval = 0.0  # since the frame before, s
+        self.interval = 0.0  # since the previous frame [s]
         self._corners, self.pressure = _corners(state), pressure
         self.given, self.spheres = state.given, state.given_spheres
 
     def static(self) -> dict[str, dict[str, np.ndarray]]:
-        """Arrays that never change, by block."""
+        """Return the arrays that never change, by block."""
         s = self.state
         clumps = {
             "id": np.arange(s.n_bodies),
@@ -55,8 +55,10 @@ class FrameMaker:
         return {"spheres": spheres, "clumps": clumps}
 
     def frame(self, labels: np.ndarray | None) -> Frame:
-        """The frame of this instant, bodies as the scene has them; `labels` as `Explicit.label` gives them, None without a
-        labeller."""
+        """Return the present frame, bodies in the order of the scene.
+
+        `labels`: from `Explicit.label`; None without a labeller.
+        """
         s = self.state
         contacts = self._contacts()
         clumps = self._clumps(labels, contacts)
@@ -129,7 +131,7 @@ class FrameMaker:
         return arrays
 
     def _largest(self, contacts: dict[str, np.ndarray], values: np.ndarray) -> np.ndarray:
-        """Largest value over the contacts of each body, zero without any."""
+        """Return the largest value over the contacts of each body, zero without any."""
         largest = np.zeros(self.state.n_bodies)
         np.maximum.at(largest, contacts["body"], values)
         debris = contacts["partner"] >= 0
@@ -151,22 +153,22 @@ class FrameMaker:
         return {"points": points}
 
     def _gap(self) -> float:
-        """Height of the upper plate's surface over the lower one's: of the common plate, else the mean over patches, m."""
+        """Return the height of the upper plate's surface over the lower one's [m]: common plate, else mean over patches."""
         upper, P = self.state.world.upper, self.state.P
         if upper is None:
             return np.nan
         return float(P[-1, patch.HEIGHT]) if upper.foundation is not None else float(np.mean(P[:, patch.HEIGHT]))
 
     def _displacement(self) -> float:
-        """Displacement of the upper plate relative to the lower one along its first direction of motion, m; NaN without it.
+        """Return the displacement of the upper plate relative to the lower one along its first direction of motion [m].
 
-        The plate follows its schedule exactly, in every step of both integrators.
+        NaN without motion. The plate follows its schedule exactly in every step of both integrators.
         """
         upper = self.state.world.upper
         return np.nan if upper is None else float(np.array(upper.schedule.place(self.state.time)) @ self.drag[:2])
 
     def _mean_forces(self) -> tuple[np.ndarray, np.ndarray]:
-        """Mean force of the debris on both plates since the frame before; at the first frame the present one."""
+        """Return the mean force of the debris on both plates since the previous frame; at the first frame the present force."""
         now, A = impulses_of(self.state), self.state.A
         change, self.impulses = now - self.impulses, now
         self.interval = float(change[0])
@@ -199,13 +201,13 @@ class FrameMaker:
 
 
 def impulses_of(state: State) -> np.ndarray:
-    """Time, s, and the impulses of the debris on upper and lower plate since the start, N s: (7,)."""
+    """Return the time [s] and the impulses of the debris on the upper and the lower plate since the start [N s], (7,)."""
     A = state.A
     return np.concatenate([[A[run_totals.TIME]], A[run_totals.UPPER_IMPULSE3], A[run_totals.LOWER_IMPULSE3]])
 
 
 def _corners(state: State) -> np.ndarray | None:
-    """Corners of the lower and the upper plate at the start, (8, 3) m; None without plates."""
+    """Return the initial corners of the lower and the upper plate, (8, 3) [m]; None without plates."""
     if state.world.lower is None:
         return None
     (l_x, l_y) = state.world.size

@@ -1,4 +1,4 @@
-"""The friction coefficient of a run: one value with its error and whether it is stationary. All outputs take it from here."""
+"""Friction coefficient of a run, its error and whether it is stationary: the single source for all outputs."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
 
 SMALL_CHANGE, SMALL = 0.01, 1e-3
-"""A friction coefficient that changes by less than this share of its size, or by less than SMALL, is stationary."""
+"""A change by less than SMALL_CHANGE of the coefficient, or by less than SMALL, counts as stationary."""
 
 UNCLEAR = 0.1
-"""Error of the change, as a share of the mean, above which nothing is said of it."""
+"""Error of the change, relative to the mean, above which stationarity is undecided."""
 
 FEWEST = 4
-"""Values, at least, through which a straight line is laid."""
+"""Least number of values for a linear fit."""
 
 NAN = float("nan")
 
@@ -31,13 +31,13 @@ NAN = float("nan")
 class Friction:
     """Friction coefficient of a run.
 
-    `value`: of one-way sliding the mean of -(upper_force . e)/|normal force| over the output intervals of the second half of the
-    sliding distance; of strokes the mean size (of |T|/N) over the last whole cycle. NaN where there is none.
-    `error`: standard error of that mean, autocorrelation counted; of strokes the standard deviation from cycle to cycle. NaN with
-    fewer than eight independent values; then `low` and `high`, the extremes of the averaged values, show the spread.
-    `change`: change over the second half by a straight line (of two or three cycles: from first to last), `change_error` its half
-    width at 99 % confidence. `stationary`: None where that cannot be told. `verdict`: the same in words.
-    `cycles`: whole cycles of a stroke, 0 of one-way sliding; `energy_per_cycle` (J): work of the friction force over the last.
+    `value`: for one-way sliding the mean of -(upper_force . e)/|normal force| over the output intervals of the second half of the
+    sliding distance; for strokes the mean of |T|/N over the last whole cycle. NaN where there is none. `error`: standard error of
+    that mean, corrected for autocorrelation; for strokes the standard deviation between cycles. NaN with fewer than eight
+    independent values; then `low` and `high`, the extremes of the averaged values, give the range. `change`: change over the
+    second half by a linear fit (for two or three cycles: first to last), `change_error` its half width at 99 % confidence.
+    `stationary`: None where undecided. `verdict`: the same in words. `cycles`: whole cycles of a stroke, 0 for one-way sliding;
+    `energy_per_cycle` [J]: work of the friction force over the last one.
     """
 
     value: float = NAN
@@ -52,12 +52,12 @@ class Friction:
     energy_per_cycle: float = NAN
 
     def to_dict(self) -> dict[str, Any]:
-        """The fields by name."""
+        """Return the fields by name."""
         return asdict(self)
 
     @property
     def text(self) -> str:
-        """Value with error, of strokes with how it is meant: `0.158 ± 0.003`."""
+        """Value with error, for strokes with its definition: `0.158 ± 0.003`."""
         if not math.isfinite(self.value):
             return self.verdict
         if not self.cycles:
@@ -72,17 +72,17 @@ class Friction:
 
     @property
     def short_verdict(self) -> str:
-        """`stationary`, `still rising by 4 % over the second half`, or that it cannot be told."""
+        """`stationary`, `still rising by 4 % over the second half`, or that it is undecided."""
         if self.stationary is None:
             return "stationary or not: cannot be told"
         return "stationary" if self.stationary else self.verdict
 
     def __str__(self) -> str:
-        """Value, error and verdict in one line."""
+        """Return value, error and verdict in one line."""
         return f"{self.text}; {self.verdict}" if math.isfinite(self.value) else self.verdict
 
     def _range(self) -> str:
-        """The extremes, where no error can be told."""
+        """Return the extremes as text where no error can be given."""
         if math.isfinite(self.error):
             return ""
         why = "" if self.stationary is False else "; too few independent values for an error"
@@ -90,7 +90,7 @@ class Friction:
 
 
 def friction_of(run: Run) -> Friction:
-    """The friction coefficient of a run."""
+    """Return the friction coefficient of a run."""
     drag, mu = run.drag, run.series.get("friction_coefficient")
     if mu is None or not drag.dragged:
         return Friction(verdict="no sliding")
@@ -100,7 +100,7 @@ def friction_of(run: Run) -> Friction:
 
 
 def averaged(run: Run) -> np.ndarray:
-    """Frames (F,), bool, whose intervals the mean of one-way sliding counts: loaded ones of the second half."""
+    """Return the frames (F,), bool, whose intervals enter the mean of one-way sliding: loaded ones of the second half."""
     mu = run.series.get("friction_coefficient", np.full(run.frames, NAN))
     return run.drag.second_half & np.isfinite(mu)
 
@@ -135,7 +135,7 @@ def _of_strokes(run: Run, drag: Drag, mu: np.ndarray) -> Friction:
 
 
 def _verdict(mean: float, change: float, margin: float, over: str) -> tuple[bool | None, str]:
-    """Whether a coefficient is stationary, None where it cannot be told, and that in words."""
+    """Return whether a coefficient is stationary, None where undecided, and that in words."""
     if not math.isfinite(change):
         return None, "too few output intervals to tell whether it is stationary"
     small = max(SMALL_CHANGE * abs(mean), SMALL)
@@ -149,23 +149,23 @@ def _verdict(mean: float, change: float, margin: float, over: str) -> tuple[bool
 
 
 def _size(change: float, mean: float) -> str:
-    """A change in percent of the mean; as it is where the mean is next to nothing."""
+    """Return a change in percent of the mean; as a number where the mean is nearly zero."""
     return percent(change / abs(mean)).replace(GLUE, " ") if abs(mean) > 10.0 * SMALL else f"{change:.2g}"
 
 
 def friction_cycles(run: Run) -> dict[str, np.ndarray]:
-    """Whole cycles of a stroke, one value each (n,): n is 0 without a stroke.
+    """Return the whole cycles of a stroke, one value each (n,); n is 0 without a stroke.
 
-    `cycle` counts from 1; `start_time`, `end_time` (s); `energy` (J): work of the friction force, the sum of mean force times
+    `cycle` counts from 1; `start_time`, `end_time` [s]; `energy` [J]: work of the friction force, the sum of mean force times
     displacement over the output intervals; `friction_coefficient`: mean of |T|/N; its extremes `friction_coefficient_min`, `_max`
-    (signed by the first direction of motion); `tangential_force_min`, `_max` (N), `displacement_min`, `_max` (m).
+    (signed by the first direction of motion); `tangential_force_min`, `_max` [N], `displacement_min`, `_max` [m].
     """
     drag, frames = run.drag, run.frames
     mu = run.series.get("friction_coefficient", np.full(frames, NAN))
     force = _friction_force(run, mu)
     columns: dict[str, list[float]] = {name: [] for name in CYCLE_UNITS}
     for number, cycle in enumerate(drag.cycles):
-        inside = slice(cycle.start + 1, cycle.stop)  # the interval that ends at the first frame belongs to the cycle before
+        inside = slice(cycle.start + 1, cycle.stop)  # the interval that ends at the first frame belongs to the previous cycle
         energy = float(np.sum(force[inside] * drag.steps[inside]))
         row = [number + 1, run.times[cycle.start], run.times[cycle.stop - 1], energy, _known(np.mean, np.abs(mu[inside]))]
         for values in (mu[inside], force[inside], drag.displacement[cycle]):
@@ -184,9 +184,9 @@ CYCLE_UNITS = {
 
 
 def _friction_force(run: Run, mu: np.ndarray) -> np.ndarray:
-    """Friction force (F,) on the upper plate against its first direction of motion, N, mean over each output interval.
+    """Return the friction force (F,) [N] on the upper plate against its first direction of motion, mean per output interval.
 
-    The series has the coefficient, which is that force over the normal one; an unloaded interval has none.
+    The series holds the coefficient, which is that force over the normal one; an unloaded interval has none.
     """
     if "upper_force" not in run.series:
         return np.full(run.frames, NAN)
@@ -198,6 +198,6 @@ def _extremes(values: np.ndarray) -> tuple[float, float]:
 
 
 def _known(figure: Any, values: np.ndarray) -> float:
-    """A figure of the finite values, NaN without any."""
+    """Return a figure of the finite values, NaN without any."""
     values = values[np.isfinite(values)]
     return float(figure(values)) if len(values) else NAN

@@ -1,4 +1,4 @@
-"""The file of a run, open for reading while its run may still be written: what fails then is read again."""
+"""File of a run, open for reading while its run may still be writing: failed reads are repeated."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from thirdbody.trajectory.validate import ClosedRun, damage_as_fault
 
 FILE_NAME = "run.vtkhdf"
 TRIES, PAUSE = 10, 0.05
-"""How often a file that keeps changing is read, and the time (s) between two tries: a frame is written within some ms."""
+"""Number of tries to read a file that keeps changing, and the pause between two [s]: a frame is written within some ms."""
 
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -25,7 +25,7 @@ Result = TypeVar("Result")
 
 
 class OpenFile:
-    """A run file; `connect` opens its HDF5 `file`, anew each time. Raises InputError when there is none."""
+    """Run file; `connect` (re)opens its HDF5 `file`. Raises InputError when there is none."""
 
     file: h5py.File
 
@@ -33,15 +33,15 @@ class OpenFile:
         if not os.path.isfile(path):  # False also for a name that the system refuses
             raise InputError(f"{path}: no such run; give the folder of a run or its {FILE_NAME}")
         self.path = path
-        # By a file object of its own: of one path HDF5 gives all readers in a process the data that the first of them has cached,
-        # however much was written since. It locks no file either, so a run can be read while it is written.
+        # Opened through a separate file object: for one path HDF5 gives all readers in a process the data cached by the first of
+        # them, however much was written since. It locks no file either, so a run can be read while it is written.
         try:
             self._stream = io.FileIO(path)
         except OSError as error:
             raise InputError(f"{path}: the file cannot be opened ({error})") from error
 
     def connect(self) -> None:
-        """Open the file, again if it was open. Raises InputError when it is no HDF5 file or leads to other files."""
+        """Open the file, or reopen it. Raises InputError when it is not HDF5 or refers to other files."""
         self._disconnect()
         self._stream.seek(0)
         if self._stream.read(len(_SIGNATURE)) != _SIGNATURE:
@@ -55,9 +55,10 @@ class OpenFile:
             refuse_foreign(self.file)
 
     def steady(self, read: Callable[[], Result], again: Callable[[], None] | None = None) -> Result:
-        """What `read` gives, if need be after some tries, with `again` before each but the first.
+        """Return the result of `read`, retried if it fails; `again` is called before each retry.
 
-        Raises what `read` raises of a file that does not change; InputError that asks to try again of one that is being written.
+        Raises the errors of `read` for a file that does not change; InputError with the advice to try again for one that is being
+        written.
         """
         for number in range(TRIES):
             if self._stream.closed:
@@ -69,7 +70,7 @@ class OpenFile:
                 return read()
             except InputError:
                 time.sleep(PAUSE)
-                # once more in any case: what was half-written may have been completed within one tick of the clock of files
+                # at least one retry: a half-written file may have been completed within one tick of the file clock
                 if number and self._stamp() == before:
                     raise
         raise InputError(f"{self.path}: is being written, and changed whenever it was read; try again in a moment")

@@ -1,4 +1,4 @@
-"""Peak pressures of contacts: of the elastic indentation alone, for a dashpot's force is spread over no known area."""
+"""Peak pressures of contacts, of the elastic indentation alone: the distribution of a dashpot's force is unknown."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from thirdbody.laws.elasticity import e_star
 
 
 class HertzPressure:
-    """Peak pressures of the contacts of a frame from their overlap and contact radius, and the materials that meet there."""
+    """Peak pressures of the contacts of a frame from overlap, contact radius and the two materials."""
 
     def __init__(self, state: State, materials: Sequence[Material]):
         world = state.world
@@ -21,7 +21,7 @@ class HertzPressure:
         self.of_plate = {-1: world.lower, -2: None if world.upper is None else world.upper.material}
 
     def materials(self, contacts: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of the materials of each contact's body and of its partner, (n,) and (n,)."""
+        """Return the material codes of each contact's body and of its partner, (n,) and (n,)."""
         partner = contacts["partner"]
         other = self.of_body[np.maximum(partner, 0)]
         for side, material in self.of_plate.items():
@@ -30,8 +30,10 @@ class HertzPressure:
         return self.of_body[contacts["body"]], other
 
     def peak(self, contacts: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Hertz' peak pressure p0 = 2 E* d/(pi a) (n,), Pa: 3 N/(2 pi a^2) with the elastic force N = (4/3) E* a d (Willert,
-        Eq. 5 with a^2 = R d). Zero where nothing is indented."""
+        """Return Hertz' peak pressure p0 = 2 E* d/(pi a) (n,) [Pa]: 3 N/(2 pi a^2) with the elastic force N = (4/3) E* a d.
+
+        Willert, Eq. 5 with a^2 = R d. Zero without overlap.
+        """
         overlap, a = np.maximum(contacts["overlap"], 0.0), contacts["contact_radius"]
         strain = np.divide(2.0 * overlap, np.pi * a, out=np.zeros_like(a), where=a > 0.0)
         return self.moduli[self.materials(contacts)] * strain

@@ -1,4 +1,4 @@
-"""The motion of the upper plate over a run: distance, displacement, where it turns back, whole cycles of a stroke."""
+"""Motion of the upper plate over a run: distance, displacement, reversals, whole cycles of a stroke."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
 
 BACK = 0.05
-"""A way back by this share of the range of displacement is a stroke."""
+"""A return by this fraction of the range of displacement is a stroke."""
 
 CLOSED = 1e-3
-"""A cycle is whole if it ends where it began, to this share of the range of displacement."""
+"""A cycle is whole if it ends where it began, to this fraction of the range of displacement."""
 
 
 class Drag:
-    """How the upper plate moved relative to the lower one, by frame."""
+    """Motion of the upper plate relative to the lower one, by frame."""
 
     def __init__(self, run: Run):
         self.run, self.frames = run, run.frames
 
     @cached_property
     def distance(self) -> np.ndarray:
-        """Sliding distance (F,), m; zero without a drag."""
+        """Sliding distance (F,) [m]; zero without drag."""
         return np.nan_to_num(self.run.series.get("distance", np.zeros(self.frames)))
 
     @property
@@ -35,7 +35,7 @@ class Drag:
 
     @cached_property
     def start(self) -> int:
-        """The frame at which the drag starts, 0 without one: pressing comes before it."""
+        """Frame at which the drag starts, after pressing; 0 without drag."""
         if not self.dragged:
             return 0
         # settling ends within a step of the drag: the first frame well beyond that is the one after the start
@@ -43,14 +43,14 @@ class Drag:
 
     @cached_property
     def displacement(self) -> np.ndarray:
-        """Displacement of the upper plate along its first direction of motion (F,), m; zero without plates."""
+        """Displacement of the upper plate along its first direction of motion (F,) [m]; zero without plates."""
         recorded = self.run.series.get("displacement")
         if recorded is not None:
             return np.nan_to_num(recorded)
         return self._displacement_of_corners()
 
     def _displacement_of_corners(self) -> np.ndarray:
-        """The displacement from the corners of the plates: runs of earlier versions have no such series."""
+        """Return the displacement from the corners of the plates: runs of earlier versions lack the series."""
         corners = [self.run.plates(k)["position"] for k in range(self.frames)]
         if not corners or not len(corners[0]):
             return np.zeros(self.frames)
@@ -64,12 +64,12 @@ class Drag:
 
     @cached_property
     def steps(self) -> np.ndarray:
-        """Change of displacement (F,) since the frame before, m."""
+        """Change of displacement since the previous frame (F,) [m]."""
         return np.diff(self.displacement, prepend=self.displacement[:1])
 
     @cached_property
     def turns(self) -> list[int]:
-        """Frames at which the plate turns back, by more than a share BACK of the range of its displacement."""
+        """Frames at which the plate reverses, by more than the fraction BACK of the range of its displacement."""
         u, turns = self.displacement, []
         back = BACK * float(np.ptp(u)) if len(u) else 0.0
         best, sign = 0, 1.0
@@ -83,14 +83,14 @@ class Drag:
 
     @property
     def stroke(self) -> bool:
-        """Whether the plate goes back and forth."""
+        """Whether the plate moves back and forth."""
         return bool(self.turns)
 
     @cached_property
     def cycles(self) -> list[slice]:
         """Frames of the whole cycles, both ends included, in order; counted back from the last turn.
 
-        Start and end of the drag count as turns where the plate stands there as at the nearest turn of the same kind.
+        Start and end of the drag count as turns where the plate is at the position of the nearest turn of the same kind.
         """
         if not self.stroke:
             return []
@@ -108,7 +108,7 @@ class Drag:
         Where the run is too short for one, the last interval.
         """
         before = np.concatenate([self.distance[:1], self.distance[:-1]])
-        # to rounding: an output by distance ends within a step of it
+        # with a margin for rounding: an output by distance ends within a step of it
         moved = self.distance > before
         inside = moved & (before >= 0.499 * self.distance[-1])
         if not inside.any():

@@ -1,4 +1,4 @@
-"""One temporal PolyData block of a VTKHDF file, made of data sets that only grow."""
+"""Temporal PolyData block of a VTKHDF file, consisting of growing data sets."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ VERSION = (2, 1)
 
 
 class Column:
-    """A data set that only grows, by low-level calls: about 5 times cheaper than `dataset[n:] = rows`."""
+    """Growing data set, by low-level calls: about 5 times cheaper than `dataset[n:] = rows`."""
 
     def __init__(self, dataset: h5py.Dataset):
         self._id = dataset.id
@@ -24,7 +24,7 @@ class Column:
         self._dtype = dataset.dtype
 
     def extend(self, rows: Any) -> int:
-        """Append rows; returns the row at which they begin."""
+        """Append rows; return the row at which they begin."""
         data = np.ascontiguousarray(rows, self._dtype)
         if data.shape[1:] != self._tail:
             raise ValueError(f"rows of shape {data.shape[1:]} do not fit a data set with rows of {self._tail}")
@@ -38,16 +38,16 @@ class Column:
         return start
 
     def add(self, row: Any) -> int:
-        """Append one row; returns its number."""
+        """Append one row; return its number."""
         return self.extend(np.asarray(row, self._dtype)[None])
 
 
 def growing(group: h5py.Group, name: str, tail: tuple[int, ...], dtype: Any, rows_ahead: int = 256) -> Column:
-    """The growing data set of that name, made when it is not there; chunks hold `rows_ahead` rows."""
+    """Return the growing data set of that name, created if missing; chunks hold `rows_ahead` rows."""
     if name not in group:
         kind = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
         kind.set_chunk((rows_ahead, *tail))
-        # Else every new chunk is first written full of zeros: twice the bytes.
+        # Else every new chunk is first filled with zeros: twice the bytes.
         kind.set_fill_time(h5py.h5d.FILL_TIME_NEVER)
         rows = h5py.h5s.create_simple((0, *tail), (h5py.h5s.UNLIMITED, *tail))
         h5py.h5d.create(group.id, name.encode(), h5py.h5t.py_create(np.dtype(dtype)), rows, kind)
@@ -55,7 +55,7 @@ def growing(group: h5py.Group, name: str, tail: tuple[int, ...], dtype: Any, row
 
 
 def as_numbers(name: str, values: Any, narrow: bool = False) -> np.ndarray:
-    """`values` as an array that VTK reads; `narrow` halves floats. TypeError for anything but numbers."""
+    """Return `values` as an array that VTK reads; `narrow` halves floats. TypeError for anything but numbers."""
     array = np.asarray(values)
     if array.dtype == np.bool_:
         return array.astype(np.uint8)
@@ -65,11 +65,11 @@ def as_numbers(name: str, values: Any, narrow: bool = False) -> np.ndarray:
 
 
 class Block:
-    """One temporal PolyData block; its cells are runs of `per_cell` consecutive points, all of one kind."""
+    """Temporal PolyData block; its cells are runs of `per_cell` consecutive points, all of one kind."""
 
     def __init__(self, group: h5py.Group, kind: str, per_cell: int, rows: int, narrow: bool = False):
         self._group, self._kind, self._per_cell, self._narrow = group, kind, per_cell, narrow
-        # A few frames a chunk, so that a small run makes a small file and a large one has few chunks.
+        # A few frames per chunk: small files for small runs and few chunks for large ones.
         self._ahead = int(np.clip(4 * rows, 64, 65536))
         if "Type" not in group:
             group.attrs["Version"] = np.array(VERSION, np.int64)
@@ -114,14 +114,14 @@ class Block:
             self._static[name] = self._offset_column(name)
 
     def restrict_static(self, names: Sequence[str]) -> None:
-        """After re-opening: only `names` are static, the others go on growing."""
+        """After reopening: only `names` are static, the others go on growing."""
         for name in list(self._static):
             if name not in names:
                 offsets = self._static.pop(name)
                 self._varying[name] = (Column(self._data[name]), offsets)
 
     def plain(self, arrays: Arrays) -> dict[str, np.ndarray]:
-        """The arrays of a frame in the types that are stored; ValueError when they do not fit the block."""
+        """Return the arrays of a frame in the stored types; ValueError when they do not fit the block."""
         plain = {k: as_numbers(k, v, self._narrow and k != "points") for k, v in arrays.items()}
         count = len(plain["points"])
         wrong = [name for name, array in plain.items() if len(array) != count]
@@ -132,7 +132,7 @@ class Block:
         return plain
 
     def append(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """Write one frame of arrays from `plain`; not seen by readers before `count_frames`."""
+        """Write one frame of arrays from `plain`; invisible to readers before `count_frames`."""
         count = len(arrays["points"])
         self._append_cells(count)
         self._step["PartOffsets"].add(self._point_count.add(count))
@@ -163,13 +163,13 @@ class Block:
             columns["NumberOfConnectivityIds"].add(ids)
 
     def count_frames(self, frames: int) -> None:
-        """Tell readers of `frames` frames; the file must be flushed before and after it."""
+        """Publish `frames` frames to readers; the file must be flushed before and after."""
         self._steps.attrs.modify("NSteps", np.int64(frames))
 
     def add_time(self, time: float) -> None:
         """Write the time of the frame counted last.
 
-        VTK reads all of `Values` into a buffer of `NSteps` numbers: one more of them overruns it and the
-        reader dies. So the count is on disk before the time is.
+        VTK reads all of `Values` into a buffer of `NSteps` numbers: one value more overruns it and the reader crashes. So the
+        count must be on disk before the time.
         """
         self._values.add(time)

@@ -19,7 +19,7 @@ PLATES = np.array([4, 0, 1, 2, 3, 4, 4, 5, 6, 7])
 
 
 def multiblock(run: Run, frame: int) -> pyvista.MultiBlock:
-    """Return the blocks of one frame. Raises IndexError for a frame that the run has not, ImportError without pyvista."""
+    """Return the blocks of one frame. Raises IndexError for a frame outside the run, ImportError without pyvista."""
     try:
         import pyvista
     except ImportError as error:
@@ -47,5 +47,5 @@ def _block(name: str, arrays: dict[str, np.ndarray]) -> pyvista.PolyData:
     for key, values in arrays.items():
         # not by `block[key] = values`, which refuses arrays of no rows
         block.point_data.VTKObject.AddArray(pyvista.convert_array(np.ascontiguousarray(values), name=key))
-        block.field_data[f"{key}_units"] = [ARRAY_UNITS.get(key, "1").replace("·", " ")]  # VTK takes ASCII only
+        block.field_data[f"{key}_units"] = [ARRAY_UNITS.get(key, "1").replace("·", " ")]  # VTK accepts ASCII only
     return block

@@ -1,7 +1,6 @@
-"""Reads a run back: arrays per frame, series, names, texts and summary, from `run.vtkhdf`.
+"""Reader of a run: arrays per frame, series, names, texts and summary, from `run.vtkhdf`.
 
-Only committed frames exist for the reader: a file whose run was killed, or is still running, reads to its
-last one.
+Only committed frames are read: the file of a run that was killed, or is still running, ends at its last one.
 """
 
 from __future__ import annotations
@@ -37,9 +36,9 @@ Result = TypeVar("Result")
 
 
 class Run:
-    """One run, read from its file when asked; a context manager. Arrays are in SI units.
+    """A run, read from its file on demand; a context manager. Arrays are in SI units.
 
-    `open_run` makes it. Raises InputError when the file is missing, damaged or not one of ours.
+    Opened by `open_run`. Raises InputError when the file is missing, damaged or not a run file.
     """
 
     def __init__(self, path: str | Path):
@@ -52,13 +51,13 @@ class Run:
             raise
 
     def _connect(self) -> None:
-        """Open the file and look at all that is needed to read it; of an open one the frames stay those that it had."""
+        """Open the file and read its headers; when an open file is reopened, its number of frames does not grow."""
         self._open.connect()
         with damage_as_fault(self.path):
             self._blocks = Named((name, BlockReader(self.file["VTKHDF"][name], self.path)) for name in BLOCKS)
             self._series_group, self._scene = self.file["series"], self.file["scene"]
             counts = [block.frames for block in self._blocks.values()]
-            # A run killed between two counts has some one higher: the lowest is what is whole.
+            # A run killed between two counts has one count too high: the lowest holds for all blocks.
             frames = min(counts + [int(self._series_group.attrs["NSteps"])])
             refuse_large_texts(self._scene)
             self.header = {name: self._text(name) for name in self._scene if name != SUMMARY_TEXT}
@@ -75,7 +74,7 @@ class Run:
         return self._open.file
 
     def _steady(self, where: str, read: Callable[[], Result]) -> Result:
-        """What `read` gives; damage is told with its place, and a file that is being written is read again."""
+        """Return the result of `read`; report damage with its place, and read a file again while it is being written."""
 
         def told() -> Result:
             with damage_as_fault(self.path, where):
@@ -89,32 +88,32 @@ class Run:
 
     @property
     def scene_text(self) -> str:
-        """The resolved scene as the run used it."""
+        """Resolved scene as the run used it."""
         return str(self.header["scene_text"])
 
     @cached_property
     def times(self) -> np.ndarray:
-        """Times of the frames (F,), s."""
+        """Times of the frames, (F,) [s]."""
         return self._steady("the times", lambda: self.file["VTKHDF/clumps/Steps/Values"][: self.frames])
 
     @cached_property
     def states(self) -> np.ndarray:
-        """State codes (F, B) uint8; their names are `state_names`."""
+        """State codes, (F, B) uint8; their names are `state_names`."""
         return self._history("state")
 
     @cached_property
     def reasons(self) -> np.ndarray:
-        """Reason codes (F, B); their names are `reason_names`."""
+        """Reason codes, (F, B); their names are `reason_names`."""
         return self._history("state_reason")
 
     @cached_property
     def forecast(self) -> np.ndarray:
-        """Forecast state codes (F, B) uint8; AttributeError when the run recorded none."""
+        """Forecast state codes, (F, B) uint8; AttributeError when the run recorded none."""
         return self._history("forecast")
 
     @property
     def has_states(self) -> bool:
-        """Whether the run's laws tell states."""
+        """Whether the run recorded states."""
         return "state" in self._names("clumps")
 
     def _history(self, name: str) -> np.ndarray:
@@ -123,7 +122,7 @@ class Run:
         return self._steady("", lambda: self._blocks["clumps"].history(name, self.frames))
 
     def _names(self, block: str) -> list[str]:
-        """Names of the arrays of a block."""
+        """Return the names of the arrays of a block."""
         return self._steady("", lambda: self._blocks[block].names)
 
     @cached_property
@@ -142,12 +141,12 @@ class Run:
 
     @cached_property
     def material_names(self) -> list[str]:
-        """Names of the materials, by the codes of the bodies' array `material`."""
+        """Names of the materials, indexed by the bodies' array `material`."""
         return list(self.header.get("materials", []))
 
     @cached_property
     def population_names(self) -> list[str]:
-        """Names of the populations, by the codes of the bodies' array `population`."""
+        """Names of the populations, indexed by the bodies' array `population`."""
         from thirdbody.trajectory.state_groups import names_from_scene
 
         names = self.header.get("populations")
@@ -155,14 +154,14 @@ class Run:
 
     @cached_property
     def drag(self) -> Drag:
-        """How the upper plate moved: displacement, turns, whole cycles of a stroke."""
+        """Motion of the upper plate: displacement, turns, whole cycles of a stroke."""
         from thirdbody.trajectory.plate_motion import Drag
 
         return Drag(self)
 
     @cached_property
     def friction(self) -> Friction:
-        """The friction coefficient of the run: `value`, `error`, `verdict` on whether it is stationary, and more."""
+        """Friction coefficient of the run: `value`, `error`, `verdict` on whether it is stationary, and more."""
         from thirdbody.trajectory.friction import friction_of
 
         with damage_as_fault(self.path, "the series of friction"):
@@ -180,38 +179,38 @@ class Run:
             return friction_cycles(self)
 
     def bodies(self, frame: int = -1) -> dict[str, np.ndarray]:
-        """Arrays of the bodies (clumps) by name, one row per body: `position`, `quaternion`, `state`, ..."""
+        """Return the arrays of the bodies (clumps) by name, one row per body: `position`, `quaternion`, `state`, ..."""
         return self.block("clumps", frame)
 
     def spheres(self, frame: int = -1) -> dict[str, np.ndarray]:
-        """Arrays of the spheres that the bodies are made of: `position`, `radius`, `clump`, ..."""
+        """Return the arrays of the spheres of all bodies: `position`, `radius`, `clump`, ..."""
         return self.block("spheres", frame)
 
     def contacts(self, frame: int = -1) -> dict[str, np.ndarray]:
-        """Arrays of the contacts, one row each, perhaps none: `position`, `vector`, `utilisation`, ..."""
+        """Return the arrays of the contacts, one row each (there may be none): `position`, `vector`, `utilisation`, ..."""
         return self.block("contacts", frame)
 
     def plates(self, frame: int = -1) -> dict[str, np.ndarray]:
-        """Arrays of the plates' corners (8, 3): lower four, upper four; (0, 3) without plates."""
+        """Return the corners of the plates (8, 3): lower four, upper four; (0, 3) without plates."""
         return self.block("plates", frame)
 
     def block(self, name: str, frame: int = -1) -> dict[str, np.ndarray]:
-        """All arrays of one block of the file: `spheres`, `clumps` (the bodies), `contacts` or `plates`."""
+        """Return all arrays of one block of the file: `spheres`, `clumps` (the bodies), `contacts` or `plates`."""
         number = self.frame_number(frame)
         return self._open.steady(lambda: self._blocks[name].read(number), self._connect)
 
     def array(self, block: str, name: str, frame: int = -1) -> np.ndarray:
-        """One array of one block, without reading the others. Raises KeyError for a name that the run has not."""
+        """Return one array of one block without reading the others. Raises KeyError for an unknown name."""
         number = self.frame_number(frame)
         return self._open.steady(lambda: self._blocks[block].array(name, number), self._connect)
 
     def rows(self, block: str, frame: int = -1) -> int:
-        """Number of rows of one block: bodies, contacts, ..."""
+        """Return the number of rows of one block: bodies, contacts, ..."""
         number = self.frame_number(frame)
         return self._open.steady(lambda: self._blocks[block].rows(number), self._connect)
 
     def transitions(self) -> dict[str, np.ndarray]:
-        """Changes of state between successive frames, one row each: frame, time, distance, body, from, to, reason, position.
+        """Return the changes of state between frames, one row each: frame, time, distance, body, from, to, reason, position.
 
         See `transitions.state_transitions`. Raises AttributeError when the run recorded no states.
         """
@@ -220,7 +219,10 @@ class Run:
         return state_transitions(self)
 
     def frame_number(self, frame: int) -> int:
-        """The frame counted from 0; negative ones count from the end. Raises IndexError outside the run, TypeError for 1.5."""
+        """Return the frame number counted from 0; negative ones count from the end.
+
+        Raises IndexError outside the run, TypeError for a number that is not whole.
+        """
         try:
             frame = operator.index(frame)
         except TypeError:
@@ -231,13 +233,13 @@ class Run:
         return frame % self.frames
 
     def static_arrays(self) -> dict[str, dict[str, np.ndarray]]:
-        """Per block the arrays that hold for all frames, as `TrajectoryWriter` takes them."""
+        """Return, per block, the arrays that hold for all frames, in the form that `TrajectoryWriter` accepts."""
         names: Mapping[str, list[str]] = self.header[STATIC_TEXT]
         data = {block: self.file["VTKHDF"][block]["PointData"] for block in names}
         return {block: {name: data[block][name][()] for name in names[block]} for block in names}
 
     def stored_frame(self, frame: int) -> Frame:
-        """One frame as `TrajectoryWriter.append` takes it, for copies."""
+        """Return one frame in the form that `TrajectoryWriter.append` accepts, for copies."""
         number = self.frame_number(frame)
         blocks = {}
         for name in BLOCKS:
@@ -248,19 +250,21 @@ class Run:
         return Frame(time=float(self.times[number]), series=series, **blocks)
 
     def summary(self) -> dict[str, Any]:
-        """The summary that a run stored at its end, and figures computed from its frames.
+        """Return the summary that the run stored at its end, and figures computed from its frames.
 
-        `finished` (False when it was killed, interrupted or stopped by a guard; then `stopped` may tell why),
-        `frames`, `bodies`, `duration` (s), `distance` (m), `friction_coefficient` with `friction_coefficient_error` and
-        `friction_verdict` (value, error and verdict of `friction`), of strokes `cycles` and `energy_per_cycle` (J),
-        `fractions` (state name to share, last frame), the same by `populations`, `materials` and `sizes` (lists as
-        `trajectory.state_groups.states_by_group` gives them); of a run that came to its end also what it stored, among it
-        `energy_residual`, relative, with `energy_verdict` where it, or what the integrator loses or makes, is too large (the
-        likely reason, else absent), `peak_pressure` (Pa, largest over contacts and frames) and `first_yield` (its `ratio` to the
-        pressure at first yield, `assumed` yield strength or not), `energy_numerical_share` (what the implicit integrator itself
-        lost, below zero: made, divided as the residual), `load_ratio` (mean force on the upper plate over its load, last
-        interval), of implicit runs `steps_limited_by` (cause to steps), and of quasi-static ones `patches_not_carried` (how many
-        at the end) and `largest_fraction_rolling` (of all frames). Figures that the run has no series for are absent.
+        From the frames: `finished` (False when the run was killed, interrupted or stopped by a guard; then `stopped` may give the
+        reason), `frames`, `bodies`, `duration` [s], `distance` [m], `friction_coefficient`, `friction_coefficient_error` and
+        `friction_verdict` (value, error and verdict of `friction`), for strokes `cycles` and `energy_per_cycle` [J], `fractions`
+        (state name to fraction of the bodies, last frame), and the same by `populations`, `materials` and `sizes` (lists from
+        `trajectory.state_groups.states_by_group`).
+
+        Of a finished run also what it stored, such as `energy_residual` (relative), `energy_verdict` (likely reason, only where
+        the residual or the numerical loss or gain is too large), `peak_pressure` (largest over contacts and frames [Pa]),
+        `first_yield` (its `ratio` to the pressure at first yield; whether the yield strength is `assumed`),
+        `energy_numerical_share` (loss by the implicit integrator, negative for a gain, divided as the residual), `load_ratio`
+        (mean force on the upper plate over its load, last interval), for implicit runs `steps_limited_by` (cause to number of
+        steps), and for quasi-static ones `patches_not_carried` (number at the end) and `largest_fraction_rolling` (over all
+        frames). Figures whose series the run lacks are absent.
         """
         stored = self._steady("", lambda: dict(self._text(SUMMARY_TEXT)) if SUMMARY_TEXT in self._scene else None)
         report = self._figures() | {"finished": stored is not None} | (stored or {})
@@ -295,12 +299,12 @@ class Run:
         return figures
 
     def to_pandas(self, table: str = "series", frame: int | None = None) -> Any:
-        """One table of the run as a pandas DataFrame: `series`, `bodies`, `contacts`, `cycles` or `transitions`.
+        """Return one table as a pandas DataFrame: `series`, `bodies`, `contacts`, `cycles` or `transitions`.
 
-        Series have one row per frame, bodies and contacts one row each of one frame, or of all frames one below the other
-        (column `frame`). Vectors are columns `_x`, `_y`, `_z`; states and reasons come by code and by name. Units by column
-        are in `.attrs["units"]`. Raises ImportError when pandas, which nothing else needs, is not installed; ValueError for
-        another table; IndexError for a frame that the run has not; AttributeError when it has no states.
+        Series have one row per frame; bodies and contacts one row each, of one frame, or of all frames concatenated (column
+        `frame`). Vectors are columns `_x`, `_y`, `_z`; states and reasons are given by code and by name. Units by column are in
+        `.attrs["units"]`. Raises ImportError without pandas (needed here only), ValueError for another table, IndexError for a
+        frame outside the run, AttributeError when the run has no states.
         """
         try:
             import pandas
@@ -314,9 +318,9 @@ class Run:
         return data
 
     def plot(self, out: str | Path | None = None, panels: Sequence[str] | None = None, frame: int = -1) -> Figure:
-        """The page that tells what happened, as a figure of matplotlib: the `panels` named, or all that fit the run.
+        """Return the summary page as a matplotlib figure: the `panels` named, or all that apply to the run.
 
-        `frame` is that of the contacts; with `out` (.png, .pdf, .svg) the page is written too. Panels and errors:
+        `frame` is the frame of the contacts; with `out` (.png, .pdf, .svg) the page is also written. Panels and errors:
         `plot.summary_page`.
         """
         from thirdbody.plot.summary_page import checked_path, page, save
@@ -342,8 +346,8 @@ class Run:
     ) -> list[Path]:  # fmt: skip
         """Write tables into the folder `csv`, PVD files into the folder `pvd`, a compressed copy to the file `pack`.
 
-        Of one `frame`, or of all if None; a compressed copy has all. Returns the paths of the files. Raises UsageError when
-        nothing is asked for, InputError for a frame that the run has not, OutputError.
+        Of one `frame`, or of all if None; a compressed copy has all. Returns the paths of the files. Raises UsageError when no
+        target is given, InputError for a frame outside the run, OutputError.
         """
         from thirdbody.export.export_run import export_run
 
@@ -351,24 +355,24 @@ class Run:
         return list(export_run(self.path, tables, files, copy, frame, overwrite))
 
     def to_pyvista(self, frame: int = -1) -> pyvista.MultiBlock:
-        """One frame as a pyvista.MultiBlock: `spheres`, `clumps`, `contacts` (points) and `plates` (two rectangles).
+        """Return one frame as a pyvista.MultiBlock: `spheres`, `clumps`, `contacts` (points) and `plates` (two rectangles).
 
-        Each block has the arrays of `block()` as point data; the unit of the array `force` is in its
-        `field_data["force_units"]`. Time, frame, and the names of states and reasons are in the `field_data` of the whole.
-        Surfaces of the debris, and arrows of the contact forces:
+        Each block has the arrays of `block()` as point data; the unit of the array `force` is in its `field_data["force_units"]`.
+        Time, frame, and the names of states and reasons are in the `field_data` of the multiblock. Surfaces of the debris, and
+        arrows of the contact forces:
 
             blocks = run.to_pyvista(-1)
             balls = blocks["spheres"].glyph(scale="radius", geom=pyvista.Sphere(radius=1.0), orient=False)
             arrows = blocks["contacts"].glyph(scale="force", orient="force", factor=0.1, geom=pyvista.Arrow())  # m per N
 
-        Raises IndexError for a frame that the run has not, ImportError without pyvista.
+        Raises IndexError for a frame outside the run, ImportError without pyvista.
         """
         from thirdbody.trajectory.pyvista_blocks import multiblock
 
         return multiblock(self, frame)
 
     def _repr_html_(self) -> str:
-        """A table and a picture, for notebooks."""
+        """Return a table and a picture as HTML, for notebooks."""
         from thirdbody.render.notebook import run_html
 
         return run_html(self)
@@ -388,6 +392,6 @@ class Run:
 
 
 def open_run(path: str | Path) -> Run:
-    """The run in a folder, or in its `run.vtkhdf`. Raises InputError when missing, damaged or not a run."""
+    """Open the run in a folder, or its `run.vtkhdf`. Raises InputError when missing, damaged or not a run."""
     path = Path(path)
     return Run(path / FILE_NAME if os.path.isdir(path) else path)

@@ -1,4 +1,4 @@
-"""What the writer and the reader of a run agree on: a frame, and the names in the file."""
+"""Common definitions of the writer and the reader of a run: a frame, and the names in the file."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ BLOCKS = ("spheres", "clumps", "contacts", "plates")
 REQUIRED_TEXTS = ("scene_text", "state_names", "reason_names", "units")
 STATIC_TEXT, SUMMARY_TEXT = "static_arrays", "summary"
 
-# What coordinates are called where arrays are read, as VTK calls them `Points`.
+# Name of the coordinates in arrays that are read; VTK calls them `Points`.
 POSITION = "position"
 
 
 @dataclass(frozen=True)
 class Frame:
-    """All that is written at one time: plain arrays by name, SI units.
+    """All arrays written at one time, by name, in SI units.
 
-    `points` of spheres (S, 3) and clumps (B, 3) are centres, of contacts (C, 3) the contact points, of plates
-    (8, 3) the corners of the lower plate, then of the upper one; other arrays have one row per point. C may
-    change and be 0. The names of the arrays are those of the first frame. `series` holds numbers or small
-    vectors.
+    `points` of spheres (S, 3) and clumps (B, 3) are centres, of contacts (C, 3) the contact points, of plates (8, 3) the corners
+    of the lower plate, then of the upper one; other arrays have one row per point. C may change and be 0. The names of the arrays
+    are those of the first frame. `series` holds numbers or small vectors.
     """
 
     time: float
@@ -36,6 +35,6 @@ class Frame:
     series: Mapping[str, Any] = field(default_factory=dict)
 
     def block(self, name: str) -> Arrays:
-        """The arrays of one block; without plates the block has no points."""
+        """Return the arrays of one block; without plates the block has no points."""
         arrays = getattr(self, name)
         return {"points": np.empty((0, 3))} if arrays is None else arrays

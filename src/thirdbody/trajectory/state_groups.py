@@ -1,4 +1,4 @@
-"""Who rolls and who slides: the states of one frame by population, by material and by size of the bodies."""
+"""States of one frame by population, by material and by size of the bodies."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
 
 SIZE_CLASSES, SMALLEST_CLASS = 4, 5
-"""Size classes of as many bodies each, and the fewest bodies that make one."""
+"""Number of size classes, equal in bodies, and the least number of bodies in one."""
 
 ALIKE = 1.02
-"""Bodies whose largest diameter is at most so many times the smallest have one size."""
+"""Bodies have one size if the largest diameter is at most this many times the smallest."""
 
 POPULATION, MATERIAL, SIZE = KINDS = ("population", "material", "size")
 
 
 class Group(NamedTuple):
-    """Some of the bodies: what they have in common, its name, and which they are (B,), bool."""
+    """Group of bodies: common property, name, and members (B,), bool."""
 
     kind: str
     name: str
@@ -33,12 +33,12 @@ class Group(NamedTuple):
 
 
 def code_name(names: Sequence[str], code: int) -> str:
-    """The name of a code, or the code where it has none."""
+    """Return the name of a code, or the code where it has none."""
     return names[code] if 0 <= code < len(names) else str(code)
 
 
 def names_from_scene(text: str) -> list[str]:
-    """Names of the populations of a run that stored none (earlier versions): material and kind, numbered where they repeat."""
+    """Return the populations of a run that stored no names (earlier versions): material and kind, numbered where they repeat."""
     try:
         tables = tomllib.loads(text).get("debris", [])
         plain = [f"{table['material']} ({table.get('kind', 'irregular')})" for table in tables]
@@ -49,7 +49,7 @@ def names_from_scene(text: str) -> list[str]:
 
 
 def groups_of(run: Run, bodies: dict[str, np.ndarray]) -> list[Group]:
-    """All populations, materials and size classes of the bodies (arrays of a frame); runs without these arrays have none."""
+    """Return all populations, materials and size classes of the bodies (arrays of a frame); none without these arrays."""
     result: list[Group] = []
     for kind, names in ((POPULATION, run.population_names), (MATERIAL, run.material_names)):
         codes = bodies.get(kind, np.zeros(0, np.int64))
@@ -58,7 +58,7 @@ def groups_of(run: Run, bodies: dict[str, np.ndarray]) -> list[Group]:
 
 
 def _size_classes(diameter: np.ndarray | None) -> list[Group]:
-    """Classes of equal number by volume-equivalent diameter, from small to large; none where all are of one size."""
+    """Return classes of equal number by volume-equivalent diameter, ascending; none where all bodies have one size."""
     if diameter is None or not len(diameter) or diameter.max() <= ALIKE * diameter.min():
         return []
     count = min(SIZE_CLASSES, len(diameter) // SMALLEST_CLASS)
@@ -71,19 +71,20 @@ def _size_classes(diameter: np.ndarray | None) -> list[Group]:
 
 
 def states_by_group(run: Run, frame: int = -1) -> dict[str, list[dict[str, Any]]]:
-    """Per kind of group a list of `name`, `bodies`, `load_share` (of the plate's normal force), `fractions` (state to share).
+    """Return per kind of group a list of `name`, `bodies`, `load_share` (of the plate's normal force), `fractions`.
 
-    Populations also have their `material`, size classes the ends `smallest` and `largest` (m). Empty for a run without labels.
+    `fractions` maps each state to its fraction. Populations also have their `material`, size classes the limits `smallest` and
+    `largest` [m]. Empty for a run without labels.
     """
     if not run.frames or not run.has_states:
         return {}
-    bodies = run.bodies(frame)  # IndexError for a frame that the run has not
+    bodies = run.bodies(frame)  # IndexError for a frame outside the run
     with damage_as_fault(run.path, "bodies and contacts"):
         return _rows_of_groups(run, bodies, frame)
 
 
 def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict[str, list[dict[str, Any]]]:
-    """The rows of `states_by_group`."""
+    """Return the rows of `states_by_group`."""
     load = _load_shares(run, frame, len(bodies["state"]))
     result: dict[str, list[dict[str, Any]]] = {}
     for group in groups_of(run, bodies):
@@ -103,7 +104,7 @@ def _rows_of_groups(run: Run, bodies: dict[str, np.ndarray], frame: int) -> dict
 
 
 def _load_shares(run: Run, frame: int, count: int) -> np.ndarray | None:
-    """Share of each body (B,) in the normal force on the upper plate, without one the lower; None without contacts."""
+    """Return the fraction of the normal force on the upper plate (without one: lower) per body (B,); None without contacts."""
     contacts = run.contacts(frame)
     if not {"side", "body", "normal_force"} <= set(contacts):
         return None
@@ -116,7 +117,7 @@ def _load_shares(run: Run, frame: int, count: int) -> np.ndarray | None:
 
 
 def telling(result: dict[str, list[dict[str, Any]]]) -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """The kinds of groups that tell something: of more than one group, and materials only where populations share one."""
+    """Yield the informative kinds of groups: of more than one group; materials only where populations share one."""
     for kind in KINDS:
         rows = result.get(kind, [])
         same = kind == MATERIAL and len(rows) == len(result.get(POPULATION, []))
@@ -125,6 +126,6 @@ def telling(result: dict[str, list[dict[str, Any]]]) -> Iterator[tuple[str, list
 
 
 def shares_text(fractions: dict[str, float], maximum: int = 4) -> str:
-    """`95 % rolling, 5 % sliding`, the largest first."""
+    """Return `95 % rolling, 5 % sliding`, the largest first."""
     portions = sorted(((share, name) for name, share in fractions.items() if share > 0.0), key=lambda entry: -entry[0])
     return ", ".join(f"{percent(share)} {name}" for share, name in portions[:maximum]).replace(GLUE, " ")

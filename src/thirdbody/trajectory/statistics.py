@@ -1,24 +1,24 @@
-"""Mean of a correlated series with its error, its change over time, and its running mean."""
+"""Mean and standard error of a correlated series, its change over time, and its running mean."""
 
 from __future__ import annotations
 
 import numpy as np
 
 WINDOW = 5.0
-"""The sum over autocorrelations ends at the first lag beyond WINDOW times the autocorrelation time found so far."""
+"""Autocorrelations are summed up to the first lag beyond WINDOW times the current autocorrelation time."""
 
 LEAST = 8
-"""Independent values, at least, of which an error is told: with fewer the estimate of the error is itself a guess."""
+"""Least number of independent values for which an error is reported: with fewer its estimate is unreliable."""
 
 
 def mean_and_error(values: np.ndarray) -> tuple[float, float]:
-    """Mean of a stationary series (n,) and the standard error of that mean, in the unit of the series.
+    """Return the mean of a stationary series (n,) and the standard error of that mean, in the unit of the series.
 
-    Neighbours are correlated, so the error is sqrt(2 tau s^2/n) with the integrated autocorrelation time tau = 1/2 + sum rho(k),
-    summed to a self-consistent window W = 5 tau (Madras and Sokal 1988, J. Stat. Phys. 50, 109, appendix C). The sum is freed of
-    the bias that the estimated mean brings by the factor 1 + (2 W + 1)/n (Wolff 2004, Comput. Phys. Commun. 156, 143);
-    anticorrelation is not credited (tau >= 1/2). Values that are not finite are left out. NaN for a mean of nothing; the error is
-    NaN where fewer than LEAST independent values stand behind it.
+    Successive values are correlated, so the error is sqrt(2 tau s^2/n) with the integrated autocorrelation time tau = 1/2 + sum
+    rho(k), summed to a self-consistent window W = 5 tau (Madras and Sokal 1988, J. Stat. Phys. 50, 109, appendix C). The factor 1
+    + (2 W + 1)/n corrects the bias due to the estimated mean (Wolff 2004, Comput. Phys. Commun. 156, 143); anticorrelation is not
+    credited (tau >= 1/2). Non-finite values are ignored. The mean is NaN without values; the error is NaN with fewer than LEAST
+    independent values.
     """
     values = values[np.isfinite(values)]
     n = len(values)
@@ -37,9 +37,9 @@ def mean_and_error(values: np.ndarray) -> tuple[float, float]:
 
 
 def _autocorrelation_time(rest: np.ndarray, variance: float) -> tuple[float, int]:
-    """Integrated autocorrelation time of deviations from their mean, at least 1/2, and its window; in steps of the series."""
+    """Return the integrated autocorrelation time of deviations from their mean, at least 1/2, and its window [samples]."""
     n = len(rest)
-    size = 1 << (2 * n - 1).bit_length()  # zeros beyond the end: no value meets one from the other end
+    size = 1 << (2 * n - 1).bit_length()  # zero padding against circular correlation
     spectrum = np.abs(np.fft.rfft(rest, size)) ** 2
     covariance = np.fft.irfft(spectrum, size)[:n] / np.arange(n, 0, -1)
     times = np.cumsum(covariance / variance) - 0.5
@@ -49,7 +49,7 @@ def _autocorrelation_time(rest: np.ndarray, variance: float) -> tuple[float, int
 
 
 def change_and_error(values: np.ndarray) -> tuple[float, float]:
-    """Change of a series (n,), n >= 4, from its first to its last value by a straight line, and the half width of that at 99 %.
+    """Return the change of a series (n,), n >= 4, over its length by a linear fit, and its half width at 99 %.
 
     Least squares with Student's t; residuals are correlated, so their number is divided by 2 tau, tau as in `mean_and_error`.
     """
@@ -70,7 +70,7 @@ def change_and_error(values: np.ndarray) -> tuple[float, float]:
 
 
 def running_mean(values: np.ndarray, width: int) -> np.ndarray:
-    """Mean (n,) over the `width` values around each one, fewer at the ends; NaN are left out, NaN where nothing is left."""
+    """Return the mean (n,) over the `width` values around each one, fewer at the ends; NaN are ignored, NaN without values."""
     known = np.isfinite(values)
     sums = np.concatenate([[0.0], np.cumsum(np.where(known, values, 0.0))])
     counts = np.concatenate([[0], np.cumsum(known)])

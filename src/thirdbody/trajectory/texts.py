@@ -1,4 +1,4 @@
-"""The texts of a run file (`/scene`): read only after their claimed sizes have been looked at."""
+"""Texts of a run file (`/scene`), read only after their claimed sizes have been checked."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 import h5py
 
 MOST_TEXT = 1 << 28
-"""Bytes of all texts of a run together: the resolved scene of a million positions has some 60 MB."""
+"""Limit of all texts of a run together [bytes]: the resolved scene of a million positions has some 60 MB."""
 
 MOST_JSON = 1 << 24
-"""Bytes of those that are JSON (names, units, the summary), which takes up to 30 times as much once it is read."""
+"""Limit of JSON texts (names, units, the summary) [bytes]; parsed they occupy up to 30 times as much."""
 
 
 def refuse_large_texts(group: h5py.Group) -> None:
-    """Raise ValueError or TypeError for texts that are too large together, larger than their file, or no texts."""
+    """Raise ValueError or TypeError for texts that are too large together, larger than their file, or not texts."""
     sizes = {name: _size(group[name]) for name in group}
     json_size = sum(size for name, size in sizes.items() if group[name].attrs["json"])
     for what, size, maximum in (("texts", sum(sizes.values()), MOST_TEXT), ("JSON texts", json_size, MOST_JSON)):
@@ -24,7 +24,7 @@ def refuse_large_texts(group: h5py.Group) -> None:
 
 
 def _size(dataset: h5py.Dataset) -> int:
-    """Bytes that the text claims. Raises ValueError when the file cannot hold them, TypeError for what is no text."""
+    """Return the claimed size of a text [bytes]. Raises ValueError when the file cannot hold it, TypeError for other data."""
     if not isinstance(dataset, h5py.Dataset) or dataset.shape != () or dataset.id.get_type().get_class() != h5py.h5t.STRING:
         raise TypeError(f"{dataset.name} is no text")
     if dataset.id.get_type().is_variable_str():
@@ -36,6 +36,6 @@ def _size(dataset: h5py.Dataset) -> int:
 
 
 def read_text(dataset: h5py.Dataset) -> Any:
-    """The text, or what it holds as JSON."""
+    """Return the text, or its content if it is JSON."""
     text = dataset[()].decode("utf-8")
     return json.loads(text) if dataset.attrs["json"] else text

@@ -1,7 +1,7 @@
-"""Changes of state between successive frames: which body went from what to what, why, when and where.
+"""Changes of state between successive frames: body, old and new state, reason, time and position.
 
-A frame sees states, not events: a body that changed twice between two frames shows one change, or none. The interval of
-the output is the resolution in time.
+Frames record states, not events: a body that changed twice between two frames shows one change, or none. The output interval is
+the resolution in time.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 
 def state_transitions(run: Run) -> dict[str, np.ndarray]:
-    """One row per change, ordered by frame, then by body; the values are those of the frame that shows the new state.
+    """Return one row per change, ordered by frame, then by body; values of the frame that shows the new state.
 
-    `frame` (T,), `time` (T,) s, `distance` (T,) m slid by the plates (only if the run has that series), `body` (T,),
-    `from` and `to` (T,) state codes, `reason` (T,) code of the reason for the new state, `position` (T, 3) m. Raises
-    AttributeError when the run recorded no states.
+    `frame` (T,), `time` (T,) [s], `distance` (T,) [m] slid by the plates (only if the run has that series), `body` (T,), `from`
+    and `to` (T,) state codes, `reason` (T,) code of the reason for the new state, `position` (T, 3) [m]. Raises AttributeError
+    when the run recorded no states.
     """
     states, reasons = run.states, run.reasons
     frame, body = np.nonzero(states[1:] != states[:-1])
@@ -34,7 +34,7 @@ def state_transitions(run: Run) -> dict[str, np.ndarray]:
 
 
 def _positions(run: Run, frame: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """Positions (T, 3) m, read only from the frames that show a change."""
+    """Return the positions (T, 3) [m], read only from the frames that show a change."""
     positions = np.empty((len(frame), 3))
     for number in np.unique(frame):
         rows = frame == number

@@ -1,5 +1,7 @@
-"""Is a run file what its reader takes it for? Looked at once, when it is opened: types, shapes, offsets, and that what data sets
-claim to hold is there, so that nothing is allocated on the word of a damaged or hostile file."""
+"""Validation of a run file when it is opened: types, shapes, offsets and claimed sizes.
+
+Nothing is allocated on the claims of a damaged or hostile file.
+"""
 
 from __future__ import annotations
 
@@ -15,13 +17,13 @@ from thirdbody.errors import InputError
 from thirdbody.trajectory.schema import BLOCKS, STATIC_TEXT
 
 DENSEST = 1100
-"""Bytes of numbers over bytes in the file: deflate packs no better than 1032 to 1."""
+"""Largest ratio of stored numbers to bytes in the file: deflate reaches at most 1032 to 1."""
 
 UNASKED = 1 << 26
-"""Bytes that are not worth asking whether they are there."""
+"""Size in bytes below which storage is not checked."""
 
 WIDEST = 64
-"""Numbers in one row of an array: vectors and quaternions have 3 and 4."""
+"""Largest number of values in one row of an array: vectors and quaternions have 3 and 4."""
 
 _HEADER: dict[str, type] = {
     "scene_text": str, "title": str, "state_names": list, "reason_names": list, "units": dict, "domain": dict, "materials": list,
@@ -32,16 +34,16 @@ _HEADER: dict[str, type] = {
 _WORDS = ("state_names", "reason_names", "materials", "populations", "effects", "warnings")
 
 DAMAGE = (KeyError, IndexError, AttributeError, OSError, RuntimeError, ValueError, TypeError, OverflowError, MemoryError)
-"""What h5py, json and numpy raise for a damaged file."""
+"""Errors that h5py, json and numpy raise for a damaged file."""
 
 
 class ClosedRun(ValueError):
-    """The run was closed before this was read."""
+    """Error: the run was closed before this was read."""
 
 
 @contextmanager
 def damage_as_fault(path: Path | str, where: str = "") -> Iterator[None]:
-    """Tells whatever reading a damaged file raises as one InputError with the place."""
+    """Turn any error from reading a damaged file into one InputError with its place."""
     try:
         yield
     except (InputError, ClosedRun):
@@ -53,7 +55,7 @@ def damage_as_fault(path: Path | str, where: str = "") -> Iterator[None]:
 
 
 def refuse_unsound(file: h5py.File, header: Mapping[str, Any], frames: int) -> None:
-    """Raise ValueError, TypeError or KeyError for a file that is not as `TrajectoryWriter` makes it."""
+    """Raise ValueError, TypeError or KeyError for a file that does not have the form `TrajectoryWriter` writes."""
     if frames < 0:
         raise ValueError(f"{frames} frames")
     _refuse_header(header)
@@ -109,7 +111,7 @@ def _refuse_block(home: str, block: h5py.Group, static: tuple[str, ...], frames:
 
 
 def _whole(home: str, dataset: h5py.Dataset, frames: int) -> np.ndarray:
-    """The numbers of the frames, each at least 0 and small enough to be added."""
+    """Return the counts of the frames, each at least 0 and small enough to be added."""
     values = sound(home, dataset, frames, "iu", 1)[:frames].astype(np.int64)
     if frames and not 0 <= values.min() <= values.max() < 2**62:
         raise ValueError(f"{dataset.name} holds {values.min()} to {values.max()}")
@@ -117,7 +119,7 @@ def _whole(home: str, dataset: h5py.Dataset, frames: int) -> np.ndarray:
 
 
 def sound(home: str, dataset: h5py.Dataset, rows: int, kinds: str = "fiu", axes: int = 0) -> h5py.Dataset:
-    """The data set, if it holds that many rows of numbers in this very file. Raises ValueError, TypeError."""
+    """Return the data set if it holds that many rows of numbers in this very file. Raises ValueError, TypeError."""
     if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind not in kinds or not dataset.shape:
         raise TypeError(f"{dataset.name} is no array of numbers")
     if dataset.external or dataset.is_virtual or dataset.file.filename != home:
@@ -128,7 +130,7 @@ def sound(home: str, dataset: h5py.Dataset, rows: int, kinds: str = "fiu", axes:
     if len(dataset) < rows:
         raise ValueError(f"{dataset.name} has {len(dataset)} rows, {rows} are needed")
     size = rows * width * dataset.dtype.itemsize
-    # asked only where it matters: of a run that was killed within a write it cannot always be told
+    # checked only for large data sets: for a run killed within a write the storage size is not always known
     if size > UNASKED and size > DENSEST * (there := dataset.id.get_storage_size()):
         raise ValueError(f"{dataset.name} claims {size:.3g} bytes and has {there}")
     if dataset.chunks and int(np.prod(dataset.chunks, dtype=object)) * dataset.dtype.itemsize > max(UNASKED, size):

@@ -1,24 +1,21 @@
-"""Writes `run.vtkhdf`: one HDF5 file that is the trajectory and opens in VTK 9.4 / ParaView 5.13 and later.
+"""Writer of `run.vtkhdf`: one HDF5 file that is the trajectory and opens in VTK 9.4 / ParaView 5.13 and later.
 
     /VTKHDF   MultiBlockDataSet of four temporal PolyData blocks: spheres, clumps, contacts, plates
     /scene    texts: the resolved scene, versions, names of states and reasons, units, domain, summary
     /series   one dataset per series, first axis the frame, with an attribute `units`
 
-What VTK's reader demands, each learnt from a file that "read" as empty:
-`Type` is fixed-length ASCII; the assembly holds soft links in tracked order; all four cell groups exist;
-arrays are plain numbers. Connectivity is 0, 1, 2, ... for every frame, so one copy serves them all and the
-cell offsets stay 0.
+Requirements of VTK's reader, each established from a file that it read as empty: `Type` is fixed-length ASCII; the assembly holds
+soft links in tracked order; all four cell groups exist; arrays are plain numbers. Connectivity is 0, 1, 2, ... for every frame,
+so one copy serves them all and the cell offsets stay 0.
 
-A frame counts once `NSteps` says so, and `NSteps` is written after the data has been flushed: a killed run
-leaves a file that reads to its last committed frame. Readers never look beyond `NSteps`, but for the times,
-which are therefore written last (`Block.add_time`); the frames of `series` count with them and are the ones
-that our own reader trusts. (With `NSteps` 1 VTK takes a file for static: of a run killed within its second
-frame it shows both; ours shows the first.)
+A frame counts once `NSteps` includes it, and `NSteps` is written after the data has been flushed: the file of a killed run can be
+read up to its last committed frame. Readers never read beyond `NSteps`, except for the times, which are therefore written last
+(`Block.add_time`); the frames of `series` are counted with them, and our own reader relies on that count. (With `NSteps` 1 VTK
+treats a file as static: of a run killed within its second frame it shows both; our reader shows the first.)
 
-A kill comes at any write of HDF5, or within one. VTK refuses a file whose blocks differ in `NSteps`: the four
-counts lie in one page of the file and reach it by one write. No header crosses the end of a page, where a kill
-may tear a write in two (half of a new header after half of an old one does not sum to its checksum, and nothing
-below it can be read). In which order the writes of a flush are safe: `Sink.in_order`.
+A kill may come at or within any write of HDF5. VTK refuses a file whose blocks differ in `NSteps`: the four counts lie in one
+page of the file and reach it by one write. No header crosses the end of a page, where a kill may tear a write in two (a half-new
+header fails its checksum, and nothing below it can be read). For the safe order of the writes of a flush see `Sink.in_order`.
 """
 
 from __future__ import annotations
@@ -39,26 +36,25 @@ from thirdbody.trajectory.crash_safe_file import PAGE, Sink
 from thirdbody.trajectory.polydata_block import VERSION, Block, Column, growing
 from thirdbody.trajectory.schema import BLOCKS, REQUIRED_TEXTS, STATIC_TEXT, SUMMARY_TEXT, Arrays, Frame
 
-# The lowest format that has the indices of growing data sets; `latest` leaves an open flag when a run is
-# killed, and such a file does not open.
+# The lowest format that has the indices of growing data sets; `latest` leaves an open flag when a run is killed, and such a file
+# does not open.
 FORMAT = ("v108", "v110")
 
-# Room that a frame may need beside its own bytes: some sixty data sets may each begin a new page.
+# Space that a frame may need in addition to its own bytes: some sixty data sets may each begin a new page.
 SPARE_BYTES = 512 * 1024
 
-# Length that a frame may add beside its own chunks: the first chunks of all data sets, and HDF5's own tables.
+# Length that a frame may add in addition to its own chunks: the first chunks of all data sets, and HDF5's own tables.
 HOLE_BYTES = 4 * 1024 * 1024
 
 
 class TrajectoryWriter:
-    """Writes the trajectory frame by frame; a context manager.
+    """Writer of the trajectory, frame by frame; a context manager.
 
-    `header` holds texts, stored as they are, and anything JSON can hold; `scene_text`, `state_names`,
-    `reason_names` and `units` (name to unit) must be there, `domain` ({"size": [x, y], "periodic": bool}),
-    `title` and `versions` are of use to others. `static` gives per block ("spheres", "clumps") the arrays
-    that never change, written once; `clump` of a sphere is the `id` of its clump.
-    `copy_of`: the file, and its frames, that the written one is to take the place of; faults are told of that one.
-    Raises OutputError when the file cannot be written; what was committed before stays readable.
+    `header` holds texts, stored as they are, and anything JSON can hold; `scene_text`, `state_names`, `reason_names` and `units`
+    (name to unit) are required, `domain` ({"size": [x, y], "periodic": bool}), `title` and `versions` are used by other programs.
+    `static` gives per block ("spheres", "clumps") the arrays that never change, written once; `clump` of a sphere is the `id` of
+    its clump. `copy_of`: the file, and its number of frames, that the written one will replace; errors name that one. Raises
+    OutputError when the file cannot be written; committed frames stay readable.
     """
 
     def __init__(
@@ -91,13 +87,12 @@ class TrajectoryWriter:
     def resume(
         cls, path: str | Path, frames: int, header: Mapping[str, Any] | None = None, between: Callable[[], None] = lambda: None
     ) -> TrajectoryWriter:
-        """A writer that goes on after the first `frames` frames of an existing file; the others are dropped.
+        """Return a writer that continues after the first `frames` frames of an existing file; the others are dropped.
 
-        The committed frames are copied to a fresh file which then takes the old one's place: the index of a
-        killed run's file may hold entries of frames that were never committed, and is not safe to write to.
-        `header` replaces the old one's texts; the summary of a run that had come to its end is dropped.
-        `between` is called before every frame that is copied; what it raises leaves the file as it was.
-        Raises InputError when the file is no run or has fewer frames.
+        The committed frames are copied to a new file that then replaces the old one: the index of a killed run's file may hold
+        entries of frames that were never committed, and is not safe to write to. `header` replaces the old texts; the summary of
+        a finished run is dropped. `between` is called before every frame that is copied; if it raises, the file stays unchanged.
+        Raises InputError when the file is not a run or has fewer frames.
         """
         from thirdbody.trajectory.reader import open_run
 
@@ -114,7 +109,7 @@ class TrajectoryWriter:
                     for number in range(frames):
                         between()
                         new.append(old.stored_frame(number))
-                    new.sync()  # the checkpoint, which is on the disk, asks for these frames
+                    new.sync()  # the checkpoint on the disk refers to these frames
             with writer._told():
                 os.replace(fresh, path)
         except BaseException:
@@ -130,7 +125,7 @@ class TrajectoryWriter:
         return writer
 
     def _open(self, mode: str, rows: Mapping[str, int]) -> None:
-        if mode == "w":  # another file of that name, not the same one emptied: whoever reads that keeps it
+        if mode == "w":  # a new file of that name, not the old one truncated: processes that read the old one keep it
             self.path.unlink(missing_ok=True)
         # No chunk cache: it would write every chunk whole at every flush (23 -> 10 ms per frame of 8 MB).
         self._sink = Sink(self.path, "w+" if mode == "w" else mode)
@@ -146,7 +141,7 @@ class TrajectoryWriter:
         self._blocks = {}
         for name in BLOCKS:
             kind, per_cell = ("Polygons", 4) if name == "plates" else ("Vertices", 1)
-            # float32 for the spheres: their motion follows from the clump's, which is kept in full.
+            # float32 for the spheres: their motion follows from the clump's, which is stored in full precision.
             group = root.require_group(name)
             self._blocks[name] = Block(group, kind, per_cell, ahead[name], narrow=name == "spheres")
         self._scene = self._file.require_group("scene")
@@ -201,7 +196,7 @@ class TrajectoryWriter:
         self._sink.check()
 
     def _require_space(self, nbytes: int) -> None:
-        """Refuse a frame before anything is written when it cannot fit: a half-written index helps nobody."""
+        """Refuse a frame that does not fit on the disk before anything is written: a half-written index is useless."""
         # asked of the open file: its folder may have been moved
         free = shutil.disk_usage(self._sink.fileno() if hasattr(os, "fstatvfs") else self.path.parent).free
         if free < nbytes + nbytes // 2 + SPARE_BYTES:
@@ -216,7 +211,7 @@ class TrajectoryWriter:
 
     @contextmanager
     def _told(self) -> Iterator[None]:
-        """Turn what HDF5 raises (OSError, RuntimeError) into one message; the file is closed then."""
+        """Turn what HDF5 raises (OSError, RuntimeError) into one message, and close the file."""
         try:
             yield
         except (OSError, RuntimeError) as error:
@@ -225,18 +220,18 @@ class TrajectoryWriter:
             raise OutputError(f"{self._named}: cannot be written ({reason}); {self._kept()}") from error
 
     def finish(self, summary: Mapping[str, Any]) -> None:
-        """Store the summary of a run that came to its end. Raises OutputError."""
+        """Store the summary of a finished run. Raises OutputError."""
         with self._told():
             _write_text(self._scene, SUMMARY_TEXT, summary)
             self._flush()
 
     def sync(self) -> None:
-        """Make sure that what was written is on the disk: a checkpoint must not be ahead of its frames. Raises OutputError."""
+        """Flush all written data to the disk: a checkpoint must not be ahead of its frames. Raises OutputError."""
         with self._told():
             os.fsync(self._sink.fileno())
 
     def close(self) -> None:
-        """Close the file; may be called twice. Errors are not told: every frame was flushed already."""
+        """Close the file; may be called twice. Errors are ignored: every frame was flushed already."""
         for file in (getattr(self, "_file", None), getattr(self, "_sink", None)):
             if file is not None:
                 try:
@@ -252,7 +247,7 @@ class TrajectoryWriter:
 
 
 def _write_text(group: h5py.Group, name: str, value: Any) -> None:
-    """Store a text as it is, anything else as JSON, in a data set (attributes end at 64 KiB)."""
+    """Store a text as it is, anything else as JSON, in a data set (attributes are limited to 64 KiB)."""
     text = value if isinstance(value, str) else json.dumps(value, default=_number_or_list)
     data = text.encode("utf-8")
     if name in group:

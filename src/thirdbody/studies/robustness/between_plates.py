@@ -1,7 +1,7 @@
-"""Hard cases of bodies between plates: they run in both integrators.
+"""Robustness cases of bodies between plates: they run in both integrators.
 
-Every course builds its simulations with `trial.start`, goes along them, and states what must hold. Below each description: the
-cure that was taken out, and the invariant that failed then.
+Every case builds its simulations with `Trial.start`, advances them, and checks its invariants. Below each description: mutations
+of the code, and the invariant that then failed.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from thirdbody.studies.robustness.scenes import (
 )
 
 WAY = tuple(5e-8 * k for k in range(1, 11))
-"""Stops of the drag, m."""
+"""Stops of the drag [m]."""
 
 SETTLED = 2e-2
-"""Deviation of the friction coefficient where inertia and the dashpot of the patch still carry a little at 1 m/s."""
+"""Deviation of the friction coefficient where inertia and the dashpot of the patch still carry a small load at 1 m/s."""
 
 
 def lost_contact(trial: Trial) -> None:
-    """Pressed and dragged, without load until every spot is open, then loaded again: an open spot remembers nothing.
+    """Pressed and dragged, without load until every contact is open, then loaded again: an open contact has no history.
 
-    Taken out: a contact that opens wipes its history -> memory of open spots.
+    Mutation: without the reset of the history at opening -> memory of open contacts.
     """
     lifted = [Pause(pause=3e-7), Load(load=0.0), Pause(pause=2e-7), Load(load=LOAD)]
     course = trial.start(pressed(trial, clump(TRIPOD), 0.3, plate={"loading": lifted, "damping": 0.0, "mass": 2e-12}))
@@ -60,10 +60,10 @@ def lost_contact(trial: Trial) -> None:
 
 
 def touch_and_go(trial: Trial) -> None:
-    """A lump of three uneven balls tips over: spots leave and touch inside long steps.
+    """A lump of three uneven spheres tips over: contacts open and close inside long steps.
 
-    Taken out: a contact that opens wipes its history -> memory of open spots. The cutting of implicit steps that found no balance
-    -> no step is found (`mdr`).
+    Mutations: without the reset of the history at opening -> memory of open contacts. Without cutting unconverged implicit steps
+    -> no step converges (`mdr`).
     """
     lump = clump([(-3, 0, 0, 3), (3, 0.5, 0, 3), (0, 1, 1, 3.25)], gap=1e-6)
     course = trial.start(pressed(trial, lump, 0.6, Motion(y=(ConstantVelocity(velocity=SPEED),))))
@@ -81,7 +81,7 @@ def touch_and_go(trial: Trial) -> None:
 def no_friction(trial: Trial) -> None:
     """mu = 0: no shear, no work, no motion; the label is sliding.
 
-    Taken out: the guarded division of the radial return (0/0 at rest) -> forces are not numbers.
+    Mutation: without the guarded division of the radial return (0/0 at rest) -> non-finite forces.
     """
     course = trial.start(pressed(trial, clump(TRIPOD), 0.0))
     labels: list[str] = []
@@ -89,7 +89,7 @@ def no_friction(trial: Trial) -> None:
     course.follow(WAY, see=lambda: labels.append(course.label()[0]))
     trial.hold("shear force", np.abs(course.shear()).max(), 0.0)
     trial.hold("friction work", course.state.A[run_totals.FRICTION_WORK], 0.0)
-    # a seat that is found by tilting may shift the centre; friction must not
+    # tilting into equilibrium may shift the centre; friction must not
     trial.hold("way of the body, m", np.abs(course.state.B[0, :2] - start).max(), 0.0)
     # the first step of the drag opens the window in which slip is counted
     trial.hold_true("labelled sliding", set(labels[1:]) == {"sliding"})
@@ -98,12 +98,11 @@ def no_friction(trial: Trial) -> None:
 def endless_friction(trial: Trial) -> None:
     """mu = 1e9: critical displacements of metres; the body tips, with finite forces.
 
-    Taken out of the implicit integrator: the line search (whole steps of Newton's method) -> no step is found (`mdr`). The
-    clip of a correction -> twice as many cuts (`mindlin`). The cutting of a step that found no balance -> no step is found
-    (`mindlin`, `mdr`).
+    Mutations of the implicit integrator: without line search (full Newton steps) -> no step converges (`mdr`). Without the limit
+    of a correction -> twice as many cuts (`mindlin`). Without cutting unconverged steps -> no step converges (`mindlin`, `mdr`).
 
-    Known to fail: `exact` by the implicit integrator at .1 m/s. A spot that lifts off with T far above N lets go of T as the root
-    of its overlap, and steps shrink until none is found; the run is stopped and says so.
+    Known failure: `exact` with the implicit integrator at 0.1 m/s. At a contact that lifts off with T far above N, T vanishes as
+    the square root of its overlap, and steps shrink until none converges; the run is stopped with that message.
     """
     speed = 0.1 if trial.setting.integrator == "explicit" else 1e-3
     course = trial.start(pressed(trial, clump(TRIPOD, gap=1e-6), 1e9, drag(speed)))
@@ -114,15 +113,15 @@ def endless_friction(trial: Trial) -> None:
         forces.append(abs(float(course.state.A[run_totals.UPPER_FORCE])) / LOAD)
 
     course.follow(WAY, see=see)
-    # it pivots about the edge of two spots, at most span over height = 5/2 times the load
+    # it pivots about the edge of two contacts, at most span over height = 5/2 times the load
     trial.hold("shear over load", max(forces), 2.5)
     trial.hold_true("never labelled sliding", "sliding" not in labels)
 
 
 def symmetric_spots(trial: Trial) -> None:
-    """x_1 = 0 between spots at -L and L: nothing happens while it is pressed, it slides when dragged below its limit.
+    """x_1 = 0 between spots at -L and L: no motion under pressing; it slides when dragged below its limit.
 
-    Taken out: the bounds of the time step, eight times longer steps -> the travel guard stops it.
+    Mutation: without the bounds of the time step, steps eight times longer -> the travel guard stops it.
     """
     course = trial.start(pressed(trial, particle([0.0], [-SPAN, SPAN]), 0.3))
     shifts: list[float] = []
@@ -137,7 +136,7 @@ def symmetric_spots(trial: Trial) -> None:
 
 
 def degenerate_spots(trial: Trial) -> None:
-    """Two spots (a ball), coincident spots, spots in a row: rank-deficient, but finite and named as indeterminate."""
+    """Two contacts (one sphere), coincident contacts, contacts in a row: rank-deficient; finite, labelled indeterminate."""
     for what, body_number in _degenerate():
         course = trial.start(pressed(trial, body_number, 0.3, Motion(x=(Pause(pause=1e-6), ConstantVelocity(velocity=SPEED)))))
         course.follow([5e-8, 1e-7], "time")
@@ -157,11 +156,11 @@ def _degenerate() -> list[tuple[str, Any]]:
 
 
 def at_the_limit(trial: Trial) -> None:
-    """mu = t_max to 1e-6: whether it slides or starts to tip is open, the force is not.
+    """mu = t_max to 1e-6: whether it slides or starts to tip is undetermined, the force is not.
 
-    Taken out: the cutting of implicit steps that found no balance -> no step is found (`mdr`).
+    Mutation: without cutting unconverged implicit steps -> no step converges (`mdr`).
 
-    Looked at from 50 nm on: partial slip (`exact`) reaches its limit at some 25 nm, until when it may be called sticking.
+    Checked from 50 nm on: partial slip (`exact`) reaches its limit at some 25 nm, before which it may be labelled sticking.
     """
     for change in (-1e-6, 0.0, 1e-6):
         mu = SPAN / HEIGHT * (1.0 + change)
@@ -169,14 +168,14 @@ def at_the_limit(trial: Trial) -> None:
         labels: list[str] = []
         course.follow([5e-8, 7.5e-8], see=lambda labels=labels, course=course: labels.append(course.label()[0]))  # type: ignore[misc]
         trial.hold_true(f"mu (1 {change:+.0e}): sliding or rolling", set(labels) <= {"sliding", "rolling"})
-        # once it tips, by way/h = .02 at most, the upper spot moves on by that much of h, against L = h/2; inertia on top
+        # once it tips, by distance/h = 0.02 at most, the upper spot moves on by that fraction of h, against L = h/2; plus inertia
         trial.hold(f"mu (1 {change:+.0e}): friction coefficient - mu", abs(course.friction() / mu - 1.0), 0.04 + SETTLED)
 
 
 def both_sides(trial: Trial) -> None:
-    """Both sides slide with equal mu: where the body goes is open, the force and the label are not.
+    """Both sides slide with equal mu: the motion of the body is undetermined, the force and the label are not.
 
-    Taken out: the bounds of the time step, eight times longer steps -> the energy guard stops it.
+    Mutation: without the bounds of the time step, steps eight times longer -> the energy guard stops it.
     """
     course = trial.start(pressed(trial, particle([-SPAN, SPAN], [-SPAN, SPAN]), 0.3))
     labels: list[str] = []
@@ -188,9 +187,9 @@ def both_sides(trial: Trial) -> None:
 
 
 def stiff_ratio(trial: Trial) -> None:
-    """A body a thousand times softer than its plates and incompressible, and the other way round.
+    """A body a thousand times softer than its plates and incompressible, and vice versa.
 
-    Taken out: the bounds of the time step, eight times longer steps -> the energy guard stops it.
+    Mutation: without the bounds of the time step, steps eight times longer -> the energy guard stops it.
     """
     soft, stiff = solid(210e6, 0.5, 1000.0), solid(210e9, 0.3, 7850.0)
     for what, materials, load in (("soft body", (soft, stiff), 1e-6), ("soft plates", (stiff, soft), 1e-6)):
@@ -204,7 +203,7 @@ def stiff_ratio(trial: Trial) -> None:
 def across_a_face(trial: Trial) -> None:
     """Dragged across a periodic face, and in the middle of the domain: the same forces.
 
-    Taken out: the bounds of the time step, eight times longer steps -> the overlap guard stops it.
+    Mutation: without the bounds of the time step, steps eight times longer -> the overlap guard stops it.
     """
     histories = [_forces(trial, x) for x in (0.5 * BOX, BOX - 1.5 * MICRON)]
     scale = np.abs(histories[0]).max(axis=0)
@@ -220,9 +219,9 @@ def _forces(trial: Trial, x: float) -> np.ndarray:
 
 
 def constant_gap(trial: Trial) -> None:
-    """mu > t_max at constant gap: the particle wedges. Told when the scene is built; until then its forces are finite.
+    """mu > t_max at constant gap: the particle wedges. Warned of when the scene is built; until then its forces are finite.
 
-    Taken out: the warning -> warned of wedging. The bounds of the time step -> the energy guard stops it.
+    Mutations: without the warning -> warned of wedging. Without the bounds of the time step -> the energy guard stops it.
     """
     gap = {"support": "rigid", "load": None, "gap": HEIGHT, "closing": 2e-3}
     course = trial.start(pressed(trial, particle([0.0], [-SPAN, SPAN]), 0.7, drag(0.01), plate=gap, settle=1e-6))
@@ -233,9 +232,9 @@ def constant_gap(trial: Trial) -> None:
 
 
 def many_dashpots(trial: Trial) -> None:
-    """A sheet of seven balls, fourteen spots, each with the dashpot of a restitution of .1: they add up on one body.
+    """A sheet of seven spheres, fourteen contacts, each with the dashpot of a restitution of 0.1: they add up on one body.
 
-    Taken out: the bound of the time step by damping -> the energy guard stops it (residual .74).
+    Mutation: without the bound of the time step by damping -> the energy guard stops it (residual 0.74).
     """
     ring = [(3.0 * math.cos(k * math.pi / 3.0), 3.0 * math.sin(k * math.pi / 3.0), 0.0, 2.0) for k in range(6)]
     sheet = clump([(0.0, 0.0, 0.0, 2.0), *ring])
@@ -250,7 +249,7 @@ def many_dashpots(trial: Trial) -> None:
 
 
 def plain_slide(trial: Trial) -> CaseRun:
-    """A tripod that slides, settled: the course of cases about the time step."""
+    """A tripod that slides, settled: the run of cases about the time step."""
     course = trial.start(pressed(trial, clump(TRIPOD), 0.3, materials={"ball": STEEL}))
     course.follow(WAY[:2])
     return course

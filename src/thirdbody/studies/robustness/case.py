@@ -1,4 +1,4 @@
-"""One course of a hard case: its simulations, stepped by one integrator at one law level, and what was found out about them."""
+"""One run of a robustness case: its simulations, advanced by one integrator at one law level, and its findings."""
 
 from __future__ import annotations
 
@@ -17,13 +17,18 @@ from thirdbody.kernels.columns import body, body_extra, run_totals
 from thirdbody.scene.model import Scene
 
 RESIDUAL = {"explicit": 2e-2, "implicit": 1e-6}
-"""Largest residual of the energy balance with the automatic step. Explicit steps leave their truncation (2e-3 in an impact of 16
-steps, 5e-3 where a load jumps), implicit ones what Newton's method leaves of the forces (1e-9, at corners of laws 1e-6)."""
+"""Largest residual of the energy balance with the automatic step.
+
+Explicit steps leave their truncation error (2e-3 in an impact of 16 steps, 5e-3 where a load jumps), implicit ones the force
+residual of Newton's method (1e-9, at corners of laws 1e-6).
+"""
 
 GAINED = 5e-3
-"""Energy that the implicit integrator may have made, over the plate's work; its truncation has either sign. The largest is that
-of `lost_contact` with `mdr` and `exact`: 3e-3 at the default tolerance and at a quarter of it, 1.2e-3 to 1.7e-3 at a sixteenth. A
-law that makes energy returns 1e-2 and more."""
+"""Largest energy gain of the implicit integrator, over the plate's work; its truncation error has either sign.
+
+The largest is that of `lost_contact` with `mdr` and `exact`: 3e-3 at the default tolerance and at a quarter of it, 1.2e-3 to
+1.7e-3 at a sixteenth. A law that gains energy returns 1e-2 and more.
+"""
 
 NORM = 1e-12
 """Deviation of a quaternion's length from 1: it is normalised in every step."""
@@ -31,8 +36,11 @@ NORM = 1e-12
 
 @dataclass(frozen=True)
 class Setting:
-    """How a course is integrated. `steps`: fixed time steps (s) of its simulations in the order in which they are built, each
-    taken `factor` times; empty for automatic steps. `full`: the long version of the case."""
+    """Settings of the integration of a case.
+
+    `steps`: fixed time steps [s] of its simulations in the order in which they are built, each times `factor`; empty for
+    automatic steps. `full`: the long version of the case.
+    """
 
     integrator: str
     level: str
@@ -43,7 +51,7 @@ class Setting:
 
 @dataclass(frozen=True)
 class Finding:
-    """An invariant: what was found must not exceed the limit."""
+    """Invariant: a value that must not exceed its limit."""
 
     name: str
     value: float
@@ -51,7 +59,7 @@ class Finding:
 
     @property
     def holds(self) -> bool:
-        """Whether it holds; what is not a number does not."""
+        """Whether it holds; NaN does not."""
         return self.value <= self.limit
 
     def __str__(self) -> str:
@@ -59,17 +67,17 @@ class Finding:
 
 
 class Trial:
-    """Builds the simulations of a course, watches them as `thirdbody run` does, and collects what must hold."""
+    """Builder of the simulations of a case; applies the checks of `thirdbody run`, and collects invariants."""
 
     def __init__(self, setting: Setting) -> None:
         self.setting, self.findings = setting, list[Finding]()
-        self.steps: list[float] = []  # smallest time step of every simulation so far, s
+        self.steps: list[float] = []  # smallest time step of every simulation so far [s]
         self.residual = math.nan  # until something moved freely
         self.built = 0
 
     @property
     def sweeping(self) -> bool:
-        """Whether steps are fixed to find the largest stable one: what follows from truncation alone is then not judged."""
+        """Whether steps are fixed to find the largest stable one: effects of truncation alone are then not checked."""
         return bool(self.setting.steps)
 
     def solver(self) -> dict[str, Any]:
@@ -79,27 +87,30 @@ class Trial:
         return {"integrator": self.setting.integrator} | step
 
     def start(self, scene: Scene) -> CaseRun:
-        """A simulation of the scene, in place at time zero."""
+        """Return a simulation of the scene at time zero."""
         simulation = build(scene, force=self.sweeping)
         self.built += 1
         return CaseRun(self, simulation)
 
     def hold(self, name: str, value: float, limit: float, stable: float | None = None) -> None:
-        """An invariant. `stable`: its limit in a sweep of the time step, by default the same, infinite for truncation alone."""
+        """Record an invariant.
+
+        `stable`: its limit in a sweep of the time step, by default the same, infinite for truncation alone.
+        """
         self.findings.append(Finding(name, float(value), limit if stable is None or not self.sweeping else stable))
 
     def hold_true(self, name: str, sound: bool) -> None:
-        """An invariant that is not a number: a label, a reason, a message."""
+        """Record an invariant that is not a number: a label, a reason, a message."""
         self.findings.append(Finding(name, 0.0 if sound else 1.0, 0.0))
 
     def broken(self) -> list[Finding]:
-        """The invariants that do not hold."""
+        """Return the invariants that do not hold."""
         return [finding for finding in self.findings if not finding.holds]
 
 
 @dataclass
 class CaseRun:
-    """One simulation on its way."""
+    """Simulation of a case in progress."""
 
     trial: Trial
     simulation: Simulation
@@ -117,7 +128,7 @@ class CaseRun:
             self.looks.look(self.state)
 
     def to(self, time: float = math.inf, distance: float = math.inf) -> None:
-        """Go on to a time (s) or a way of the drag (m), and judge what must hold in every run. Raises GuardStop."""
+        """Advance to a time [s] or a distance of the drag [m], and check what must hold in every run. Raises GuardStop."""
         self.integrator.advance_to(time=time, distance=distance, watch=self._watch)
         self._watch()
         trial, state = self.trial, self.state
@@ -135,7 +146,7 @@ class CaseRun:
             trial.hold_true("every step solved", not self.integrator.summary()["unsolved"])
 
     def follow(self, stops: Sequence[float], kind: str = "distance", see: Callable[[], None] = lambda: None) -> None:
-        """Settle, then go from stop to stop (m of drag, or s after settling), looking at each."""
+        """Settle, then advance from stop to stop ([m] of drag, or [s] after settling), calling `see` at each."""
         self.to(time=self.simulation.settle)
         for stop in stops:
             if kind == "distance":
@@ -146,57 +157,57 @@ class CaseRun:
         self.end()
 
     def end(self) -> None:
-        """Note what the time step was limited by on the way."""
+        """Record the limits of the time step during the run."""
         limit = self.integrator.summary().get("time_step_limit")
         self.trial.steps.append(limit["smallest"] if limit else math.nan)
 
     def steps(self, count: int = 1) -> None:
-        """So many steps of the explicit integrator, the last one recorded."""
+        """Make `count` steps of the explicit integrator, the last one recorded."""
         for _ in range(count):
             self.integrator.advance_to(time=self.state.time + 0.5 * self.state.dt, watch=self._watch)
 
-    # ---- what can be read off -------------------------------------------------------------------------------------------------
+    # ---- observed quantities --------------------------------------------------------------------------------------------------
 
     def label(self, body: int = 0) -> tuple[str, str]:
-        """State of a body, and its reason."""
+        """Return the state of a body, and its reason."""
         labeller = self.simulation.labeller
         assert labeller is not None
         row = self.integrator.label()[body]
         return labeller.states[int(row[0])], labeller.reasons[int(row[1])]
 
     def friction(self) -> float:
-        """Force on the upper plate along x over its normal force, at this instant."""
+        """Return the present force on the upper plate along x over its normal force."""
         A = self.state.A
         return -float(A[run_totals.UPPER_FORCE]) / float(A[run_totals.UPPER_FORCE + 2])
 
     def loaded(self) -> np.ndarray:
-        """Which candidates for contact are closed (n,), bool."""
+        """Return which candidates are closed (n,), bool."""
         return self.state.slots.histories.slip > 0.0
 
     def remembered(self) -> float:
-        """Largest entry of the history of open contacts, which must have forgotten all."""
+        """Return the largest entry of the history of open contacts, which must be zero."""
         return float(np.abs(self.state.slots.H[~self.loaded()]).max(initial=0.0))
 
     def shear(self) -> np.ndarray:
-        """Tangential forces of the candidates (n, 3), N; zero where open."""
+        """Return the tangential forces of the candidates (n, 3) [N]; zero where open."""
         return np.where(self.loaded()[:, None], self.state.slots.records.tangential_force, 0.0)
 
     def velocity(self, number: int = 0) -> np.ndarray:
-        """Velocity of a body (3,), m/s."""
+        """Return the velocity of a body (3,) [m/s]."""
         return self.state.bodies.velocity[number].copy()
 
     def kinetic(self) -> float:
-        """Kinetic energy of all bodies, J."""
+        """Return the kinetic energy of all bodies [J]."""
         B, E = self.state.B, self.state.E
         moving = np.sum(B[:, body.MASS, None] * B[:, body.VELOCITY3] ** 2)
         return 0.5 * float(moving + np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3]))
 
     def momentum(self) -> np.ndarray:
-        """Linear momentum of all bodies (3,), kg m/s."""
+        """Return the linear momentum of all bodies (3,) [kg m/s]."""
         return np.sum(self.state.B[:, body.MASS, None] * self.state.bodies.velocity, axis=0)
 
     def leave(self, period: float) -> None:
-        """Go on, in parts of `period` (s), until bodies that have touched are apart."""
+        """Advance, in intervals of `period` [s], until bodies that have touched are apart."""
         touched = False
         for _ in range(200):
             self.to(time=self.state.time + period)
@@ -209,5 +220,5 @@ class CaseRun:
 
 
 def turn_of(course: CaseRun, number: int = 0) -> np.ndarray:
-    """Rotation matrix of a body (3, 3), body to world."""
+    """Return the rotation matrix of a body (3, 3), body to world."""
     return rotation_matrices(course.state.bodies.quaternion[number : number + 1])[0]

@@ -1,4 +1,4 @@
-"""The hard cases by name: what goes wrong in a naive code, the course that shows it, and how it can be run."""
+"""Robustness cases by name: the failure of a naive code, the test that shows it, and its settings."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from thirdbody.studies.robustness import free_bodies as free
 from thirdbody.studies.robustness.case import Trial
 
 LEVELS = ("coulomb", "mindlin", "mdr", "exact")
-"""Of the law family three_spot, from coarse to fine."""
+"""Levels of the law family three_spot, from coarse to fine."""
 
 BOTH, EXPLICIT = ("explicit", "implicit"), ("explicit",)
 
 
 @dataclass(frozen=True)
 class Case:
-    """A hard case. `swept`: it has a largest stable time step; else nothing in it rings, or it is about something else."""
+    """Robustness case. `swept`: it has a largest stable time step; others have no oscillation, or test something else."""
 
     name: str
     what: str

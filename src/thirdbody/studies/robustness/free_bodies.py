@@ -1,4 +1,4 @@
-"""Hard cases of bodies in the open, or that meet one plate: impacts, rotation, time steps. They need the explicit integrator."""
+"""Robustness cases of free bodies, or bodies on one plate: impacts, rotation, time steps; explicit integrator only."""
 
 from __future__ import annotations
 
@@ -19,15 +19,17 @@ from thirdbody.studies.robustness.scenes import LONG, STEEL, TRIPOD, ball, clump
 RADIUS = 1e-3
 
 ENERGY = 2e-3
-"""Energy that truncation may feign in one undamped impact at the automatic step (16 to 25 steps); it has either sign. A law that
-makes energy returns 1e-2 and more."""
+"""Apparent energy change by truncation in one undamped impact at the automatic step (16 to 25 steps), of either sign.
+
+A law that gains energy returns 1e-2 and more.
+"""
 
 
 def oblique_impact(trial: Trial) -> None:
-    """Undamped oblique impacts, nu = .1: mu = 1 at 36 degrees from the normal and mu = 1e3 at 76 make no energy.
+    """Undamped oblique impacts, nu = 0.1: no energy gain for mu = 1 at 36 degrees from the normal and mu = 1e3 at 76.
 
-    Taken out: the force that shrinks with its contact (`mindlin`) -> E'/E - 1 = .041 at mu = 1e3. The history that is wiped
-    when a contact opens -> memory of open spots.
+    Mutations: without reducing the force as its contact shrinks (`mindlin`) -> E'/E - 1 = 0.041 at mu = 1e3. Without the reset of
+    the history at opening -> memory of open contacts.
     """
     material = solid(210e9, 0.1, 7850.0)
     for mu, degrees in ((1.0, 36.0), (1e3, 76.0)):
@@ -40,10 +42,10 @@ def oblique_impact(trial: Trial) -> None:
 
 
 def mass_ratio(trial: Trial) -> None:
-    """Size ratio 10, mass ratio 1e6, head on: the light ball bounces as off a wall, momentum holds to rounding.
+    """Size ratio 10, mass ratio 1e6, head on: the light sphere rebounds as from a wall, momentum holds to rounding.
 
-    Taken out: the guarded division of the radial return (0/0 without slip) -> forces are not numbers. The bounds of the
-    time step by stiffness and by Rayleigh's time, both eight times as long -> energy residual .10.
+    Mutations: without the guarded division of the radial return (0/0 without slip) -> non-finite forces. With the bounds of the
+    time step by stiffness and by Rayleigh's time both eight times as long -> energy residual 0.10.
     """
     materials = {"heavy": solid(210e9, 0.3, 7850.0 * 1e3), "light": STEEL}
     gap = 1e-14
@@ -63,7 +65,7 @@ def mass_ratio(trial: Trial) -> None:
 
 
 def rigid_plane(trial: Trial) -> None:
-    """A rigid plane as a stiffness ratio of 1e6, ball of .2 m at .2 m/s: no energy made, restitution 1."""
+    """A rigid plane as a stiffness ratio of 1e6, sphere of 0.2 m at 0.2 m/s: no energy gain, restitution 1."""
     course = trial.start(on_plane(trial, solid(70e9, 0.3, 2699.0), 0.1, (0.0, 0.0, -0.2), 0.3))
     course.leave(5e-5)
     trial.hold("speed of the rebound - 1", abs(course.velocity()[2] / 0.2 - 1.0), ENERGY, math.inf)
@@ -71,7 +73,7 @@ def rigid_plane(trial: Trial) -> None:
 
 
 def incompressible(trial: Trial) -> None:
-    """nu -> .5 in a rebound that sticks and slips: every result finite, and no jump towards the limit."""
+    """nu -> 0.5 in a rebound that sticks and slips: every result finite, and no jump towards the limit."""
     result = []
     nus = (0.49, 0.4999, 0.5)
     for nu in nus:
@@ -79,19 +81,19 @@ def incompressible(trial: Trial) -> None:
         course.leave(5e-6)
         result.append([*course.velocity(), RADIUS * course.state.bodies.spin[0, 1]])
     change = np.abs(np.array(result) - result[-1]).max(axis=1)
-    # proportional to .5 - nu, with a factor of order one; steps of a twentieth of the contact time leave 2e-3
+    # proportional to 0.5 - nu, with a factor of order one; steps of a twentieth of the contact time leave 2e-3
     allowed = 3.0 * (0.5 - np.array(nus)) + ENERGY
     trial.hold("change towards nu = .5 over what is smooth", float((change / allowed).max()), 1.0, math.inf)
 
 
 FLAKE, WOBBLE = (1.0, 1.1, 2.09), (4e4, -2e4, 2e5)
-"""Moments of a thin sheet, I_3 close to I_1 + I_2, in those of the ball that carries them; its spin, rad/s: .05 rad a step."""
+"""Moments of a thin sheet, I_3 close to I_1 + I_2, over those of its sphere; its spin [rad/s]: 0.05 rad a step."""
 
 
 def _flake(trial: Trial) -> CaseRun:
-    """A body with the moments of a thin sheet, alone, spinning about its thin axis with a wobble.
+    """Return a run of a single body with the moments of a thin sheet, spinning about its thin axis with a wobble.
 
-    It is a ball, whose centre is at rest: a sheet of balls would need a search in every step.
+    It is a sphere with its centre at rest: a sheet of spheres would need a search in every step.
     """
     alone = ball(RADIUS, (0.0, 0.0, 0.0))
     course = trial.start(scene(trial, [alone], {"ball": STEEL}, 0.0))
@@ -107,7 +109,7 @@ def _flake(trial: Trial) -> CaseRun:
 def spinning_flake(trial: Trial) -> None:
     """Free rotation: |L| is constant to the last bit, and the wobble has the period of Euler's top.
 
-    Taken out: the symmetric splitting, for one turn by the present spin -> the energy guard stops it.
+    Mutation: with one rotation by the present spin instead of the symmetric splitting -> the energy guard stops it.
     """
     course = _flake(trial)
     B, E = course.state.B, course.state.E
@@ -124,14 +126,14 @@ def spinning_flake(trial: Trial) -> None:
     k = np.flatnonzero((first[:-1] < 0.0) & (first[1:] >= 0.0))
     zeros = time[k] - first[k] * (time[k + 1] - time[k]) / (first[k + 1] - first[k])
     trial.hold("change of the angular momentum", np.abs(E[0, body_extra.ANGULAR_MOMENTUM3] - before).max(), 0.0)
-    # second order: the square of the turn of a step, .05 radians, times a factor of order one
+    # second order: the square of the rotation in a step, 0.05 radians, times a factor of order one
     trial.hold("period over that of Euler's top - 1", np.abs(np.diff(zeros) / period - 1.0).max(), 1e-3)
     trial.hold("kinetic energy", abs(course.kinetic() / energy - 1.0), 1e-3)
     course.end()
 
 
 def _period(moments: np.ndarray, spin: np.ndarray) -> float:
-    """Period of the body-frame spin of a torque-free top, s (Landau and Lifshitz I, section 37): 4 K(k)/rate."""
+    """Return the period of the body-frame spin of a torque-free top [s]: 4 K(k)/rate (Landau and Lifshitz I, section 37)."""
     from scipy.special import ellipk
 
     order = np.argsort(moments)
@@ -155,13 +157,13 @@ def many_steps(trial: Trial) -> None:
     course.to(time=(count - 0.5) * course.state.dt)
     trial.hold_true("so many steps", int(course.state.A[run_totals.STEPS]) == count)
     trial.hold("change of the angular momentum", np.abs(E[0, body_extra.ANGULAR_MOMENTUM3] - before).max(), 0.0)
-    # no drift: the energy error of the splitting stays (omega dt)^2/12, whatever the time
+    # no drift: the energy error of the splitting stays (omega dt)^2/12 at any time
     trial.hold("kinetic energy", abs(course.kinetic() / energy - 1.0), 3e-4)
     course.end()
 
 
 def _rolling_on(trial: Trial) -> None:
-    """A ball that rolls between plates, ten thousand steps (two thousand in the short version)."""
+    """A sphere that rolls between plates, ten thousand steps (two thousand in the short version)."""
     from thirdbody.scene.model import Solver
 
     steps = 10_000 if trial.setting.full else 2_000
@@ -171,15 +173,15 @@ def _rolling_on(trial: Trial) -> None:
     course.follow([1e-8 * steps])
     trial.hold_true("so many steps", course.integrator.summary()["steps"] >= steps)
     trial.hold_true("labelled rolling", course.label()[0] == "rolling")
-    # rolling without slip between parallel plates: half the way of the plate
+    # rolling without slip between parallel plates: half the distance of the plate
     moved = float(course.state.bodies.position[0, 0]) - 1e-6
     trial.hold("way over half of the plate's - 1", abs(moved / (0.5e-8 * steps) - 1.0), 2e-2)
 
 
 def overlapping_start(trial: Trial) -> None:
-    """Bodies that start within each other are refused, and the message says so.
+    """Bodies that overlap initially are refused, and the message says so.
 
-    Taken out: the look at the start -> two balls: accepted.
+    Mutation: without the check at the start -> two balls: accepted.
     """
     pair = [ball(RADIUS, (sign * 0.99 * RADIUS, 0.0, 0.0)) for sign in (-1.0, 1.0)]
     cases: list[tuple[str, Any]] = [("two balls", lambda: scene(trial, pair, {"ball": STEEL}, 0.3))]
@@ -198,14 +200,14 @@ PERIOD = 0.1
 
 
 def periodic_face(trial: Trial) -> None:
-    """Two balls that graze each other as both drift across a face or a corner: the same forces as in the middle.
+    """Two spheres in grazing contact as both drift across a face or a corner: the same forces as in the middle.
 
-    Taken out: the nearest image in the contact pass -> difference of the forces 1.
+    Mutation: without the nearest image in the contact pass -> difference of the forces 1.
     """
     inside = _crossing(trial, (0.05, 0.05))
     scale = np.abs(inside).max(axis=0)
     trial.hold_true("they touch and part", bool(inside[:, 0].max() > 0.0 and inside[-1, 0] == 0.0))
-    # the contact crosses a face, then two at once; the centre of a ball crosses one
+    # the contact crosses a face, then two at once; the centre of a sphere crosses one
     for corner in ((-1e-6, 0.05), (-1e-6, -1e-6), (0.8 * RADIUS - 1e-6, 0.05)):
         # rounding of the coordinates, 1e-17 m, against overlaps of some 5 um: 1e-11 of the largest force
         difference = np.abs(_crossing(trial, corner) - inside).max(axis=0) / scale
@@ -237,8 +239,8 @@ def _crossing(trial: Trial, corner: tuple[float, float]) -> np.ndarray:
 def hundredfold_step(trial: Trial) -> None:
     """A time step a hundred times too long is refused; forced, it is stopped with the time and the reason.
 
-    Taken out: the refusal -> accepted. Without the guards of overlap, travel and energy it is stopped later, by places that are
-    not numbers.
+    Mutations: without the refusal -> accepted. Without the guards of overlap, travel and energy it is stopped later, by
+    non-finite positions.
     """
     step = 100.0 * plain_slide(trial).integrator.summary()["time_step_limit"]["smallest"]
     from thirdbody.scene.model import Solver
@@ -261,23 +263,26 @@ def hundredfold_step(trial: Trial) -> None:
 
 
 def turning_pair(trial: Trial) -> None:
-    """A loaded, sheared pair turned rigidly by two radians, twist about the normal included: T turns with it, no work.
+    """A loaded, sheared pair rotated rigidly by two radians, including twist about the normal: T rotates with it, no work.
 
-    The balls are so heavy that forces cannot move them: their motion is prescribed, chord by chord.
+    The spheres are so heavy that forces cannot move them: their motion is prescribed, chord by chord.
 
-    Taken out: the turn of the contact frame with the twist -> T missed by .65 to 1.7 of itself. The frame that is carried with
-    the normal -> the same. Slip at mid-step -> .001 to 1, and work from nothing.
+    Mutations: without rotating the contact frame with the twist -> relative error of T 0.65 to 1.7. Without transporting the
+    frame with the normal -> the same. Without slip at mid-step -> 0.001 to 1, and spurious work.
     """
     for axis in ((1.0, 0.0, 0.0), (1.0, 2.0, -2.0)):
         before, after, rotation, built = _turned(trial, np.array(axis) / np.linalg.norm(axis), 2000)
-        # chords for arcs: second order in the turn of a step, 1e-3 radians
+        # chords for arcs: second order in the rotation of a step, 1e-3 radians
         missed = float(np.linalg.norm(after - rotation @ before) / np.linalg.norm(before))
         trial.hold(f"T that did not turn, axis {axis}", missed, 4e-4)
         trial.hold(f"work of the turn over stored energy, axis {axis}", built, 8e-4)
 
 
 def _turned(trial: Trial, axis: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
-    """Tangential force before and after (3,), N, the turn (3, 3), and |work| + |change of stored energy| over the stored one."""
+    """Return the tangential force before and after (3,) [N], the rotation (3, 3), and the relative energy error.
+
+    The error is |work| + |change of stored energy| over the stored energy.
+    """
     from thirdbody.scene.model import Solver
 
     step, offset = 1e-7, np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])

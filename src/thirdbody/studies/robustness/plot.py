@@ -1,4 +1,4 @@
-"""The picture of the hard cases: what each leaves of the energy balance, and how far its time step may be stretched."""
+"""Picture of the robustness cases: residual of the energy balance, and largest stable time step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS = (".png", ".pdf", ".svg")
-LEVELS = {  # colour and marker: apart without colours too
+LEVELS = {  # colour and marker, distinguishable without colours too
     "coulomb": (LINE_COLORS["orange"], "s"),
     "mindlin": (LINE_COLORS["blue"], "o"),
     "mdr": (LINE_COLORS["green"], "^"),
@@ -23,9 +23,9 @@ LEVELS = {  # colour and marker: apart without colours too
 }
 INK, SOFT = "#222222", "#5A626C"
 WIDTH, ROW, ROOM = 7.2, 0.25, 1.45
-"""Of the figure, inch: width of a page's text, height of a row, height of all that is no row."""
+"""Of the figure [inch]: width of a page's text, height of a row, height of everything except the rows."""
 NOTHING = 1e-16
-"""Residuals below it are drawn there: free rotation has none."""
+"""Smaller residuals are drawn at this value: free rotation has none."""
 SPREAD = 0.17
 """Distance of the levels of one row, whose height is 1."""
 TICKS = (1, 1.5, 2, 3, 5, 7, 10, 15)
@@ -33,16 +33,16 @@ BROKEN = LINE_COLORS["vermilion"]
 
 
 def check_format(path: Path) -> None:
-    """Raises UsageError for a picture that is none of FORMATS."""
+    """Raise UsageError for a picture whose suffix is not in FORMATS."""
     if path.suffix.lower() not in FORMATS:
         raise UsageError(f"{path}: a picture ends in {', '.join(FORMATS)}")
 
 
 def draw_stability(rows: Sequence[dict[str, Any]], path: Path, range_: tuple[float, float]) -> None:
-    """Write the picture; its kind is told by the suffix.
+    """Write the picture; the suffix selects the format.
 
-    `rows` as `thirdbody hard --json` prints them, `range_` of sound factors. Raises UsageError for another suffix,
-    InputError without rows, OutputError if the file cannot be written.
+    `rows` as `thirdbody hard --json` prints them, `range_` of sound factors. Raises UsageError for another suffix, InputError
+    without rows, OutputError if the file cannot be written.
     """
     from thirdbody.plot.summary_page import save
 
@@ -51,7 +51,7 @@ def draw_stability(rows: Sequence[dict[str, Any]], path: Path, range_: tuple[flo
 
 
 def picture(rows: Sequence[dict[str, Any]], range_: tuple[float, float]) -> Figure:
-    """The picture as a figure of matplotlib. Raises InputError without rows."""
+    """Return the picture as a matplotlib figure. Raises InputError without rows."""
     from matplotlib.figure import Figure
 
     if not rows:
@@ -92,7 +92,7 @@ def _energies(axes: Axes, rows: Sequence[dict[str, Any]], cases: list[str]) -> N
     for row in rows:
         color, marker = LEVELS.get(row["level"], (INK, "o"))
         filled = color if row["integrator"] == "explicit" else "white"
-        known = math.isfinite(row["residual"])  # what is only refused, or moved by hand, has none
+        known = math.isfinite(row["residual"])  # cases that are only refused, or with prescribed motion, have none
         place = max(row["residual"], NOTHING) if known else NOTHING
         axes.plot(place, _place(row, cases), marker if known else "", color=color, markerfacecolor=filled, markersize=4.5,
                   markeredgewidth=1.0, clip_on=False, zorder=3)  # fmt: skip

@@ -1,4 +1,4 @@
-"""The command `thirdbody hard`: runs the hard cases, prints their table, draws it."""
+"""Command `thirdbody hard`: runs the robustness cases, prints their table, draws it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ from thirdbody.system.terminal import say
 
 
 def hard_command(names: Sequence[str], out: Path | None, json: bool, quick: bool, tell: Any) -> None:
-    """Do what `thirdbody hard` was asked for. Raises UsageError for a name or a picture that is not known, GuardStop if a case
-    fails, OutputError."""
+    """Run `thirdbody hard`. Raises UsageError for an unknown name or picture format, GuardStop if a case fails, OutputError."""
     cases = chosen(names)
     if out is not None:
         from thirdbody.studies.robustness.plot import check_format
@@ -53,7 +52,7 @@ def print_rows(result: Sequence[Row]) -> None:
 
 
 def as_json(row: Row) -> dict[str, Any]:
-    """A row as `--json` and the picture take it."""
+    """Return a row for `--json` and the picture."""
     return vars(row) | {"holds": row.holds}
 
 

@@ -1,4 +1,4 @@
-"""Runs the hard cases, and finds the largest time step at which each stays stable."""
+"""Runs of the robustness cases, and search for the largest stable time step of each."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from thirdbody.studies.robustness.case import Setting, Trial
 from thirdbody.studies.robustness.cases import CASES, Case
 
 FACTORS = (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0, 15.0)
-"""Time steps that are tried, over the smallest automatic one of the run."""
+"""Trial time steps, over the smallest automatic one of the run."""
 
 LEAST, MOST = 1.2, 10.0
-"""Within which the largest stable factor is to lie: the automatic step has a margin, and wastes no more than that."""
+"""Required range of the largest stable factor: the automatic step has a margin, but not more than that."""
 
 QUICK = "mindlin"
 """Level of the short version."""
@@ -22,8 +22,11 @@ QUICK = "mindlin"
 
 @dataclass(frozen=True)
 class Row:
-    """One case by one integrator at one level. `factor`: largest stable step over the automatic one, None where it was not
-    sought; `beyond`: what went wrong at the next one; `broken`: the invariants that did not hold with the automatic step."""
+    """Result of one case with one integrator at one level.
+
+    `factor`: largest stable step over the automatic one, None where it was not sought; `beyond`: the failure at the next one;
+    `broken`: the invariants that did not hold with the automatic step.
+    """
 
     case: str
     what: str
@@ -37,12 +40,12 @@ class Row:
 
     @property
     def holds(self) -> bool:
-        """Whether every invariant held, and the largest stable step, if one was sought, lies where it should."""
+        """Whether every invariant held, and the largest stable step, if sought, lies in the required range."""
         return not self.broken and (self.factor is None or LEAST <= self.factor <= MOST)
 
 
 def chosen(names: Sequence[str]) -> tuple[Case, ...]:
-    """The cases of these names, all if none is given. Raises UsageError."""
+    """Return the cases of these names, all if none is given. Raises UsageError."""
     known = {case.name: case for case in CASES}
     for name in names:
         if name not in known:
@@ -51,7 +54,7 @@ def chosen(names: Sequence[str]) -> tuple[Case, ...]:
 
 
 def settings_of(case: Case, quick: bool = False) -> list[Setting]:
-    """Every way to run a case; the short version at one level only."""
+    """Return all settings of a case; the short version at one level only."""
     levels = case.levels if not quick or QUICK not in case.levels else (QUICK,)
     return [Setting(kind, level, full=not quick) for kind in case.integrators for level in levels]
 
@@ -59,7 +62,7 @@ def settings_of(case: Case, quick: bool = False) -> list[Setting]:
 def rows(
     cases: Sequence[Case], quick: bool = False, sweep: bool = True, tell: Callable[[str], None] = lambda _: None
 ) -> Iterator[Row]:
-    """Run cases, one after the other; `tell` is given a line before each."""
+    """Run cases in sequence; `tell` is called with a line before each."""
     for case in cases:
         for setting in settings_of(case, quick):
             tell(f"{case.name}, {setting.integrator}, {setting.level}")
@@ -78,7 +81,7 @@ def run_case(case: Case, setting: Setting, sweep: bool = True) -> Row:
 
 
 def attempt(case: Case, setting: Setting) -> tuple[Trial, tuple[str, ...]]:
-    """The course of a case, and what did not hold: invariants, worst of each name, and what stopped it."""
+    """Run a case; return its trial and its failures: broken invariants, the worst of each name, and the stop message."""
     trial = Trial(setting)
     stop: tuple[str, ...] = ()
     try:
@@ -90,7 +93,7 @@ def attempt(case: Case, setting: Setting) -> tuple[Trial, tuple[str, ...]]:
 
 
 def largest_step(case: Case, setting: Setting, steps: Sequence[float]) -> tuple[float, str]:
-    """Largest of FACTORS at which everything holds, 0 if not even at the first, and what went wrong at the next one."""
+    """Return the largest of FACTORS at which everything holds, 0 if not even the first, and the failure at the next one."""
     largest = 0.0
     for factor in FACTORS:
         fixed = Setting(setting.integrator, setting.level, tuple(steps), factor, setting.full)
