@@ -20,9 +20,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from thirdbody.assembly import simulation as building
+from thirdbody.assembly.simulation import Simulation
 from thirdbody.bodies.clump import Clump
-from thirdbody.build import simulation as building
-from thirdbody.build.simulation import Simulation
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.precompile import warm_up
 from thirdbody.engine.state import Placed

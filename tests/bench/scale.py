@@ -26,10 +26,10 @@ from thirdbody.kernels.columns import run_totals
 from thirdbody.runner.simulate import execute, prepare
 
 CLOCKED = {
-    "shapes": ("thirdbody.build.populate", "make_bodies"),
-    "poses": ("thirdbody.build.placement", "settle_all"),
-    "places": ("thirdbody.build.placement", "place_layer"),
-    "populate": ("thirdbody.build.simulation", "populate"),
+    "shapes": ("thirdbody.assembly.populate", "make_bodies"),
+    "poses": ("thirdbody.assembly.placement", "settle_all"),
+    "places": ("thirdbody.assembly.placement", "place_layer"),
+    "populate": ("thirdbody.assembly.simulation", "populate"),
 }
 """Parts of building a scene that are timed: the module that calls, and the name that it calls. `populate` holds the others."""
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from steel import STEEL
 
-from thirdbody.build.simulation import Simulation, build
+from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.kernels.columns import contact_state
 from thirdbody.laws.codegen.dependencies import plain, source_files
 from thirdbody.laws.codegen.tangents import tangent_module

@@ -353,6 +353,6 @@ def test_the_real_command_says_the_same(balls, tmp_path):
 
 def test_a_bug_of_ours_asks_for_a_report(balls, command, monkeypatch):
     balls()
-    monkeypatch.setattr("thirdbody.build.simulation.populate", lambda scene: 1 / 0)
+    monkeypatch.setattr("thirdbody.assembly.simulation.populate", lambda scene: 1 / 0)
     told = command("check", "scene.toml")
     assert told.code == 1 and "Traceback" in told.err and "please report it" in told.err

@@ -13,7 +13,7 @@ import pytest
 from steel import STEEL
 
 import thirdbody
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.kernels.columns.sides import DEBRIS
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.step_loop import FEW

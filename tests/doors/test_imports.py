@@ -26,18 +26,18 @@ ROOMS = {
     "laws": {"kernels", "jit", "system"},
     "engine": {"bodies", "laws", "kernels", "jit", "system"},
     "scene": {"bodies", "laws"},
-    "build": {"scene", "engine", "bodies", "laws", "kernels"},
+    "assembly": {"scene", "engine", "bodies", "laws", "kernels"},
     "trajectory": {"engine", "laws", "kernels"},
     "export": {"trajectory"},
     "plot": {"trajectory"},
     "render": {"trajectory", "bodies", "system"},
-    "runner": {"export", "build", "trajectory", "scene", "engine", "bodies", "laws", "kernels", "jit", "system"},
+    "runner": {"export", "assembly", "trajectory", "scene", "engine", "bodies", "laws", "kernels", "jit", "system"},
     "report": {
-        "runner", "render", "plot", "export", "build", "trajectory", "scene", "engine", "bodies", "laws", "kernels", "jit",
+        "runner", "render", "plot", "export", "assembly", "trajectory", "scene", "engine", "bodies", "laws", "kernels", "jit",
         "system",
     },
     "studies": {
-        "report", "runner", "render", "plot", "export", "build", "trajectory", "scene", "engine", "bodies", "laws", "kernels",
+        "report", "runner", "render", "plot", "export", "assembly", "trajectory", "scene", "engine", "bodies", "laws", "kernels",
         "jit", "system",
     },
 }  # fmt: skip

@@ -104,7 +104,7 @@ def test_json_of_a_time_step_that_a_guard_stops(balls, command):
 
 def test_planned_frames_are_those_of_the_targets(balls, command, tmp_path):
     """`check` computes the number; for a run by distance or by time it must be what `targets` yields."""
-    from thirdbody.build.simulation import build
+    from thirdbody.assembly.simulation import build
     from thirdbody.runner.output_schedule import planned_frames, targets
 
     for changes in (

@@ -281,8 +281,8 @@ def read_run(path: Path) -> None:
 
 def read_scene(path: Path) -> None:
     """The bodies, or the motion, that a scene has from the file."""
-    from thirdbody.build.populate import populate
-    from thirdbody.build.schedule import schedule
+    from thirdbody.assembly.populate import populate
+    from thirdbody.assembly.schedule import schedule
     from thirdbody.scene.model import Scene
 
     scene = Scene.load(path)

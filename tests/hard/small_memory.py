@@ -57,7 +57,7 @@ def answer(words: list[str]) -> tuple[int, str]:
 
 
 if __name__ == "__main__":
-    import thirdbody.build.simulation  # noqa: F401
+    import thirdbody.assembly.simulation  # noqa: F401
     import thirdbody.cli.main  # noqa: F401
     import thirdbody.trajectory.reader  # noqa: F401
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels.columns import contact_state, record, run_totals
 from thirdbody.runner.simulate import run

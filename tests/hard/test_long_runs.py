@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.build.simulation import Simulation
+from thirdbody.assembly.simulation import Simulation
 from thirdbody.engine.energy import Ledger
 from thirdbody.kernels.columns import body, run_totals
 from thirdbody.runner.simulate import prepare

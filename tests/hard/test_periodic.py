@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.kernels.columns import body
 from thirdbody.scene.model import Domain
 

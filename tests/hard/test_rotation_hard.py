@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum, rotation_matrices
 from thirdbody.kernels.columns import body, body_extra, record, run_totals
 

@@ -6,7 +6,7 @@ import numpy as np
 import peers_scenes
 from thirdbody_three_spot import PLUGIN as THREE_SPOT
 
-from thirdbody.build.simulation import Simulation, build
+from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.kernels.columns import run_totals
 from thirdbody.laws.builtin import PLUGIN as CATALOGUE
 from thirdbody.laws.registry import Registry

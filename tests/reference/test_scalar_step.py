@@ -25,7 +25,7 @@ import scalar_step
 import small_scenes
 from scalar_step import Reference
 
-from thirdbody.build.simulation import Simulation
+from thirdbody.assembly.simulation import Simulation
 from thirdbody.engine import explicit, thread_tuner
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import Candidates, Physics, rotation_matrices

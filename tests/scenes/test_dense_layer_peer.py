@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from thirdbody.assembly.physics import compile_physics
 from thirdbody.bodies.clump import Clump
-from thirdbody.build.physics import compile_physics
 from thirdbody.engine.explicit import Explicit
 from thirdbody.engine.state import Placed, World, assemble
 from thirdbody.engine.upper_plate import Schedule, Segment, UpperPlate

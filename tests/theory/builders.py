@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.build.simulation import Simulation, build
+from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.kernels.columns import body, body_extra, record, run_totals
 from thirdbody.scene.model import (
     Contact,

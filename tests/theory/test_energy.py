@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import theory
 
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.scene.model import Scene
 

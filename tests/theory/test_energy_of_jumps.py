@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.kernels.columns import law_input, law_output, run_totals
 from thirdbody.kernels.columns.tile import TILE

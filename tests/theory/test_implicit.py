@@ -10,7 +10,7 @@ import pytest
 from thirdbody_three_spot import theory
 from thirdbody_three_spot.balance import balance
 
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.kernels.columns import body, record
 from thirdbody.scene.model import Constant, ConstantVelocity, Effects, Irregular, Motion, Ramp, Scene, Spots, Stroke

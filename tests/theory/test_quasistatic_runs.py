@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.build.inertial_number import FAST, SLOW, inertial_number
-from thirdbody.build.simulation import build
+from thirdbody.assembly.inertial_number import FAST, SLOW, inertial_number
+from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.numerical_energy_guard import MADE_GUARD
 from thirdbody.engine.upper_plate import Segment, mean_value

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from thirdbody_three_spot import exact, mdr, theory
 
-from thirdbody.build.physics import _value
+from thirdbody.assembly.physics import _value
 from thirdbody.laws.contract import Contact, Load, Material, Pair
 from thirdbody.laws.coulomb import COULOMB, COULOMB_ROLLING
 from thirdbody.laws.mindlin import MINDLIN, MINDLIN_ROLLING

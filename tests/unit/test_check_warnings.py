@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from steel import STEEL
 
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.errors import InputError
 from thirdbody.laws.contract import Material
 from thirdbody.laws.first_yield import yield_limit

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from steel import STEEL
 
+from thirdbody.assembly.populate import populate, sphere_centres
+from thirdbody.assembly.simulation import build
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
 from thirdbody.bodies.clumps_from_table import load_bodies
-from thirdbody.build.populate import populate, sphere_centres
-from thirdbody.build.simulation import build
 from thirdbody.engine.state import Placed
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover

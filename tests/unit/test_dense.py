@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from steel import STEEL
 
+from thirdbody.assembly.placement import spheres_of
+from thirdbody.assembly.populate import populate
 from thirdbody.bodies.clump import clump, matrix_from_quaternion
 from thirdbody.bodies.dense_packing import pack
 from thirdbody.bodies.irregular_clumps import population
-from thirdbody.build.placement import spheres_of
-from thirdbody.build.populate import populate
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import thirdbody
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns import record

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import EnergyGuard
 from thirdbody.errors import GuardStop

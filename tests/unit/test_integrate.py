@@ -12,7 +12,7 @@ import pytest
 from steel import STEEL
 
 import thirdbody
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.runner.simulate import prepare
 from thirdbody.scene.model import Scene

@@ -11,8 +11,8 @@ import pytest
 from steel import STEEL
 
 from thirdbody import units
+from thirdbody.assembly.csv_series import rows_of
 from thirdbody.bodies.clumps_from_table import load_bodies
-from thirdbody.build.csv_series import rows_of
 from thirdbody.errors import InputError
 from thirdbody.runner.checkpoint import read_checkpoint
 from thirdbody.scene.model import Scene

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from steel import STEEL
 
-from thirdbody.build.schedule import schedule
+from thirdbody.assembly.schedule import schedule
 from thirdbody.errors import InputError
 from thirdbody.scene.model import Scene
 

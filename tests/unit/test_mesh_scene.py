@@ -7,10 +7,10 @@ import pytest
 import trimesh
 from steel import STEEL
 
+from thirdbody.assembly.clumps import shapes_of
+from thirdbody.assembly.simulation import build
 from thirdbody.bodies.mesh import Mesh, load_mesh
 from thirdbody.bodies.mesh_to_clump import clump_from_mesh
-from thirdbody.build.clumps import shapes_of
-from thirdbody.build.simulation import build
 from thirdbody.errors import InputError
 from thirdbody.laws.registry import discover
 from thirdbody.scene.model import Scene

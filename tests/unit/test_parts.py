@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.report.active_components import neighbours, part_warnings, parts
 from thirdbody.scene.model import Scene
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from steel import STEEL
 
-from thirdbody.build.schedule import schedule
-from thirdbody.build.simulation import build
+from thirdbody.assembly.schedule import schedule
+from thirdbody.assembly.simulation import build
 from thirdbody.engine.upper_plate import Schedule, Segment
 from thirdbody.kernels.columns import run_totals
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE

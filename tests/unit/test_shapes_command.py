@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from steel import STEEL
 
-from thirdbody.build.clumps import shapes_of
+from thirdbody.assembly.clumps import shapes_of
 from thirdbody.cli.main import main
 from thirdbody.errors import OutputError
 from thirdbody.scene.model import Scene

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from steel import STEEL
 
+from thirdbody.assembly.simulation import build
 from thirdbody.bodies.spots import rows, spot_body
-from thirdbody.build.simulation import build
 from thirdbody.errors import InputError
 from thirdbody.kernels.columns import body, body_extra
 from thirdbody.scene.model import Scene

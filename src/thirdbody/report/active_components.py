@@ -13,7 +13,7 @@ from thirdbody.laws.elasticity import e_star
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
 
 STANDARD_GRAVITY = 9.80665
 """Standard acceleration of gravity [m/s2]."""

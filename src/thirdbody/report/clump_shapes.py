@@ -39,7 +39,7 @@ class Population:
 
 def populations(scene: Scene) -> list[Population]:
     """Return the bodies of every population of a scene. Raises InputError when they cannot be generated."""
-    from thirdbody.build.clumps import shapes_of
+    from thirdbody.assembly.clumps import shapes_of
 
     result = []
     for index, debris in enumerate(scene.debris):
@@ -116,7 +116,7 @@ def _of_folder(folder: Path, unit: str | None, spheres: int | None, seed: int | 
 
 def _followed(scene: Scene, index: int) -> list[MeshShape]:
     """Return the meshes of a population and how well its spheres fit; those of `shapes_of`, fitted once."""
-    from thirdbody.build.clumps import population_context
+    from thirdbody.assembly.clumps import population_context
 
     return scene.debris[index].mesh_shapes(population_context(scene, index, []))
 

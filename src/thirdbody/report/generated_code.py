@@ -18,7 +18,7 @@ def generated_code(scene: Scene, registry: Registry) -> dict[str, str]:
     `law`: the contact laws of an explicit step, with the stiffness that bounds it. `tangents`: the additional functions of an
     implicit step; absent if a law has none. `effects` and `labeller`: absent from a scene without any. Raises InputError.
     """
-    from thirdbody.build.physics import compile_physics
+    from thirdbody.assembly.physics import compile_physics
 
     choice = compile_physics(scene, registry)
     compiled: dict[str, Callable | None] = {

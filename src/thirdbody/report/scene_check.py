@@ -22,7 +22,7 @@ from thirdbody.system.terminal import PrintableStream, say
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
     from thirdbody.engine.explicit import Explicit
     from thirdbody.engine.implicit import Implicit
     from thirdbody.scene.model import Scene

@@ -12,7 +12,7 @@ from thirdbody.engine.upper_plate import mean_value
 from thirdbody.kernels.columns import contact_state, patch
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
     from thirdbody.runner.run_loop import Conduct
 
 LOAD = 0.1

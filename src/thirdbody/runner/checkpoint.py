@@ -24,7 +24,7 @@ from thirdbody.errors import Fault, InputError, OutputError
 from thirdbody.kernels.columns import body, body_extra, run_totals
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
 
 FILE = "checkpoint.npz"
 VERSION = 6

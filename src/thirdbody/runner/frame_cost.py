@@ -12,7 +12,7 @@ from thirdbody.errors import OutputError
 from thirdbody.trajectory.reader import FILE_NAME
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
     from thirdbody.engine.explicit import Explicit
     from thirdbody.engine.implicit import Implicit
 

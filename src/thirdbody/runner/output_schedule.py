@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
 
 SUBTICKS = 8
 """Reports of progress per output interval: a run with few frames still shows that it moves."""

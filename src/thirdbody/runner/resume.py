@@ -22,7 +22,7 @@ from thirdbody.system.signals import stop_on_ctrl_c
 from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
 
 LONGER = ("solver.distance", "solver.duration")
 """What may differ: how far the run goes."""

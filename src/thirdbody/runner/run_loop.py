@@ -24,7 +24,7 @@ from thirdbody.trajectory.frame import FrameMaker
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
     from thirdbody.engine.implicit import Implicit
 
 CHECKPOINT_EVERY = 30.0

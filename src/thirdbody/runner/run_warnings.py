@@ -11,7 +11,7 @@ from thirdbody.runner.output_schedule import settling_frames
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
 
 LONG = 86400.0
 """Wall time of a run that is warned of, s: a day."""

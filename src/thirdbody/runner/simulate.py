@@ -30,7 +30,7 @@ from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
 from thirdbody.trajectory.writer import TrajectoryWriter
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
 
 _preparing = threading.Lock()
 """One thread at a time compiles: what is compiled next, and how thoroughly, is known to the whole process (`precompile`)."""
@@ -78,7 +78,7 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
         start_compiling()
         report_compilation()
         registry = discover(tuple(plugins))
-        from thirdbody.build.simulation import build
+        from thirdbody.assembly.simulation import build
 
         return build(scene, registry, force, warm_up)
 

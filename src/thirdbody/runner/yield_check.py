@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.build.load_checks import limit_words
+from thirdbody.assembly.load_checks import limit_words
 from thirdbody.laws.first_yield import yield_limit
 from thirdbody.trajectory.peak_pressure import HertzPressure
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
     from thirdbody.trajectory.reader import Run
 
 

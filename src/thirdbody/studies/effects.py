@@ -21,7 +21,7 @@ from thirdbody.studies.study_setup import save
 from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, in_process
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
 
 SECONDS = 2.0
 """Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""

@@ -12,7 +12,7 @@ from thirdbody import units
 from thirdbody.scene.model import Scene
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
 
 SECONDS = 0.75
 """Initial limit of the integration time of a copy with the scene's settings [s]; the measured cost then decides."""

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from thirdbody.runner.output_schedule import targets
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
 
 EMPTY = 50
 """Number of timed calls that do nothing, for the cost of a call."""

@@ -17,7 +17,7 @@ from thirdbody.studies.variants import Base, Variant, springs_option, variants_o
 from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, Overdue, Worker, request
 
 if TYPE_CHECKING:
-    from thirdbody.build.simulation import Simulation
+    from thirdbody.assembly.simulation import Simulation
 
 TRIED = 3
 """Approximate number of variants whose laws are compiled by trying the costliest ones."""

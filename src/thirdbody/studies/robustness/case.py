@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.build.simulation import Simulation, build
+from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.engine.energy import Ledger
 from thirdbody.engine.guards import RESIDUAL_GUARD, EnergyGuard
 from thirdbody.engine.state import rotation_matrices

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from thirdbody.build.simulation import build
+from thirdbody.assembly.simulation import build
 from thirdbody.engine.state import angular_momentum, rotation_matrices
 from thirdbody.errors import GuardStop, InputError
 from thirdbody.kernels.columns import body, body_extra, record, run_totals

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from thirdbody import units
+from thirdbody.assembly.placement import spheres_of
 from thirdbody.bodies.layer_packing import overlaps
-from thirdbody.build.placement import spheres_of
 from thirdbody.engine.state import Placed
 from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_UPPER

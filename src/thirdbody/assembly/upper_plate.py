@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from thirdbody import units
-from thirdbody.build.load_checks import Pressing, pressing_warnings, refuse_crushing
-from thirdbody.build.physics import CompiledPhysics
-from thirdbody.build.placement import CLEARANCE
-from thirdbody.build.populate import sphere_centres
-from thirdbody.build.schedule import first_load, schedule
+from thirdbody.assembly.load_checks import Pressing, pressing_warnings, refuse_crushing
+from thirdbody.assembly.physics import CompiledPhysics
+from thirdbody.assembly.placement import CLEARANCE
+from thirdbody.assembly.populate import sphere_centres
+from thirdbody.assembly.schedule import first_load, schedule
 from thirdbody.engine.state import Placed
 from thirdbody.engine.static_response import overlap_at, response
 from thirdbody.engine.upper_plate import Foundation, UpperPlate
@@ -264,12 +264,12 @@ def _warn_dashpot(scene: Scene, settle: float, dashpot: np.ndarray, load: float,
     fraction = float(dashpot.max()) * schedule(scene, settle).top_speed() / load
     if fraction > 1.0:
         warnings.append(
-            f"the patches' dashpot carries up to {fraction:.1f} of the load when they rise or fall at the drag speed: the motion is "
-            "not quasi-static, and what bodies that roll should rub the dashpots take; lower plates.upper.damping or the speed"
+            f"the patches' dashpot carries up to {fraction:.1f} of the load when they rise or fall at the drag speed: the motion "
+            "is not quasi-static, and what bodies that roll should rub the dashpots take; lower plates.upper.damping or the speed"
         )
     elif fraction > TAKEN:
         warnings.append(
-            f"the patches' dashpot carries up to {fraction:.2f} of the load when they rise or fall at the drag speed: where bodies "
-            "roll, dashpots may take more than a tenth of the plate's work (the summary of a run tells how much), which friction "
-            "work then lacks; lower plates.upper.damping or the speed where that matters"
+            f"the patches' dashpot carries up to {fraction:.2f} of the load when they rise or fall at the drag speed: where "
+            "bodies roll, dashpots may take more than a tenth of the plate's work (the summary of a run tells how much), which "
+            "friction work then lacks; lower plates.upper.damping or the speed where that matters"
         )

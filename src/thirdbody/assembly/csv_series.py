@@ -6,9 +6,9 @@ import csv
 import math
 from collections.abc import Callable
 
+from thirdbody import units
 from thirdbody.bodies.bounded_read import MOST_ROWS, read_bytes
 from thirdbody.errors import InputError
-from thirdbody import units
 from thirdbody.scene.model import Scene
 
 Fault = Callable[[str], InputError]

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.engine.guards import OVERLAP_GUARD
 from thirdbody.engine.static_response import overlap_at, response
 from thirdbody.errors import InputError
 from thirdbody.laws.contract import Material
 from thirdbody.laws.first_yield import YieldLimit, yield_limit
-from thirdbody.build.physics import CompiledPhysics
 from thirdbody.scene.model import Scene
 from thirdbody.units import pretty
 

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from thirdbody.assembly.clumps import make_bodies, read_populations
+from thirdbody.assembly.initial_checks import refuse_start
+from thirdbody.assembly.placement import place, refuse_placements, spheres_of
 from thirdbody.engine.state import Placed
 from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps
-from thirdbody.build.clumps import make_bodies, read_populations
-from thirdbody.scene.model import Scene
-from thirdbody.build.placement import place, refuse_placements, spheres_of
-from thirdbody.build.initial_checks import refuse_start
 from thirdbody.scene.field_types import REST
+from thirdbody.scene.model import Scene
 
 UNPLACED = (float("nan"),) * 3
 """The position of a body that a placement puts somewhere."""

@@ -10,7 +10,6 @@ from thirdbody import units
 from thirdbody.engine.upper_plate import Schedule, ends_of
 from thirdbody.errors import InputError
 from thirdbody.kernels import schedule as motion
-from thirdbody.kernels.columns import body, sphere
 
 if TYPE_CHECKING:
     from thirdbody.engine.state import State

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from thirdbody import units
 from thirdbody.engine.state import Physics
 from thirdbody.errors import Fault, InputError, UsageError, nearest
-from thirdbody.laws.null_labeller import NO_LABELS
 from thirdbody.laws.codegen.compile_errors import compile_error, foreign
-from thirdbody.laws.codegen.laws import Chain, compose
 from thirdbody.laws.codegen.effects import compose_effects, compose_labeller
+from thirdbody.laws.codegen.laws import Chain, compose
 from thirdbody.laws.contract import BodyEffect, Labeller, Law, LawFamily, Material, Option, Pair
+from thirdbody.laws.null_labeller import NO_LABELS
 from thirdbody.laws.registry import Registry
-from thirdbody import units
 from thirdbody.scene.field_types import as_float, show
 from thirdbody.scene.model import Scene
 
@@ -123,8 +123,7 @@ def _materials(scene: Scene) -> tuple[tuple[Material, ...], tuple[Pair, ...]]:
     )
     by_name = {material.name: material for material in materials}
     pairs = tuple(
-        Pair(by_name[p.between[0]], by_name[p.between[1]], p.friction, p.restitution, p.rolling_friction)
-        for p in scene.pairs
+        Pair(by_name[p.between[0]], by_name[p.between[1]], p.friction, p.restitution, p.rolling_friction) for p in scene.pairs
     )
     return materials, pairs
 

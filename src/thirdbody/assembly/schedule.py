@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+from thirdbody.assembly.csv_series import rows_of
 from thirdbody.engine.upper_plate import Axis, Schedule, Segment, at_time
 from thirdbody.kernels.schedule import POLYNOMIAL, SINE, TRIANGLE
-from thirdbody.scene.motion import Constant, Pause, Ramp, Stroke
 from thirdbody.scene.load_history import Load
 from thirdbody.scene.model import Scene
-from thirdbody.build.csv_series import rows_of
+from thirdbody.scene.motion import Constant, Pause, Ramp, Stroke
 
 
 def schedule(scene: Scene, start: float) -> Schedule:

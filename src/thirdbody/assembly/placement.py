@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from thirdbody import units
 from thirdbody.bodies.clump import Clump
 from thirdbody.bodies.dense_packing import pack
-from thirdbody.bodies.random_sequential import scatter
 from thirdbody.bodies.layer_packing import place_layer
+from thirdbody.bodies.random_sequential import scatter
 from thirdbody.bodies.resting_poses import settle_all
 from thirdbody.engine.state import rotation_matrices
 from thirdbody.errors import Fault, InputError
-from thirdbody import units
 from thirdbody.scene.debris.contract import CLEARANCE
 from thirdbody.scene.debris.population import PopulationContext
 from thirdbody.scene.model import Scene

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from thirdbody.build.physics import CompiledPhysics
-from thirdbody.build.upper_plate import Upper
+from thirdbody.assembly.physics import CompiledPhysics
+from thirdbody.assembly.upper_plate import Upper
 from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import ends_of
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import sphere
 from thirdbody.scene.model import Scene
 from thirdbody.scene.tables import IMPLICIT_KEYS
 

@@ -11,16 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from thirdbody import units
-from thirdbody.build.inertial_number import examine_inertia
-from thirdbody.build.integrator import Plan, implicit, plan
-from thirdbody.build.physics import CompiledPhysics, compile_physics
-from thirdbody.build.populate import populate
-from thirdbody.build.upper_plate import Upper, upper_plate
+from thirdbody.assembly.inertial_number import examine_inertia
+from thirdbody.assembly.integrator import Plan, implicit, plan
+from thirdbody.assembly.physics import CompiledPhysics, compile_physics
+from thirdbody.assembly.populate import populate
+from thirdbody.assembly.upper_plate import Upper, upper_plate
 from thirdbody.engine.spatial_order import in_columns
 from thirdbody.engine.state import Placed, State, World, assemble
 from thirdbody.engine.upper_plate import Schedule
 from thirdbody.errors import InputError
-from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import EVERYTHING
 from thirdbody.laws.contract import Labeller
 from thirdbody.laws.elasticity import dundurs_beta
