@@ -16,7 +16,7 @@ def g_star(a: Material, b: Material) -> float:
 
 
 def dundurs_beta(a: Material, b: Material) -> float:
-    """Dundurs' second parameter: zero when the pair is elastically similar (Willert, Eq. 3), which Hertz-Mindlin assumes."""
+    """Dundurs' second parameter: zero if the pair is elastically similar (Willert, Eq. 3), as Hertz-Mindlin assumes."""
     x, y = (1.0 - 2.0 * a.poisson_ratio) / a.shear_modulus, (1.0 - 2.0 * b.poisson_ratio) / b.shear_modulus
     s, t = (2.0 - 2.0 * a.poisson_ratio) / a.shear_modulus, (2.0 - 2.0 * b.poisson_ratio) / b.shear_modulus
     return (x - y) / (s + t)
