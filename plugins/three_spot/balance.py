@@ -64,9 +64,11 @@ class Point:
 
 @dataclass(frozen=True)
 class Forecast:
-    """States permitted by geometry and friction of the spots that are loaded after pressing: smallest friction that can hold the
-    particle, the frictions t_min to t_max with which it can slide along the drag (None if it never can), and the possible
-    states."""
+    """States permitted by geometry and friction of the spots that are loaded after pressing.
+
+    Smallest friction that can hold the particle, the frictions t_min to t_max with which it can slide along the drag (None if it
+    never can), and the possible states.
+    """
 
     mu_required: float | None
     t_min: float | None
@@ -76,10 +78,10 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Seat:
-    """Posture into which a particle rotated because its first contacts did not hold it; points count from first touch in it.
+    """Posture into which a particle rotated because its first contacts did not hold it.
 
-    Rotation vector from the given posture [rad] (a number for a planar particle), and the spots (n, 3) from the centre of mass
-    [m].
+    Points count from first touch in it. Rotation vector from the given posture [rad] (a number for a planar particle), and the
+    spots (n, 3) from the centre of mass [m].
     """
 
     rotation: float | list[float]
@@ -88,8 +90,10 @@ class Seat:
 
 @dataclass(frozen=True)
 class Stop:
-    """End of the path: `rolling` if no static state exists and the particle tips or rolls, `undecided` if the solver failed close
-    to a balance."""
+    """End of the path before the end of the drag.
+
+    `rolling` if no static state exists and the particle tips or rolls, `undecided` if the solver failed close to a balance.
+    """
 
     indentation: float | None
     load: float | None

@@ -165,7 +165,7 @@ class Path(Part):
         return one_of(raw, ("indentation", "load"))
 
     def checks(self) -> list[Wrong]:
-        """A direction that is one."""
+        """Return a fault for a direction of zero length."""
         return [] if any(self.direction) else [(("direction",), "has no length")]
 
     def heading(self) -> tuple[float, float]:
@@ -215,7 +215,7 @@ class BalanceFile(Part):
         return cls(**tables)
 
     def spots(self) -> Spots:
-        """The particle's spots. Raises InputError for a clump in several parts."""
+        """Return the spots of the particle. Raises InputError for a clump in several parts."""
         flat = self.path.heading()[1] == 0.0
         if self.particle.spots is not None:
             spots = self.particle.spots

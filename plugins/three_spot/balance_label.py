@@ -22,8 +22,7 @@ AT_LIMIT = {"mdr": 1e-3}
 RING = {"mdr": 0.15}
 """Detectable loss of tangential stiffness, the width of the slip ring over a: `mdr` has 16 to 32 springs."""
 SPREAD = 0.02
-"""The same in space, and in `classify`: springs of a contact that slid along a curved path pull in slightly different
-directions."""
+"""The same in space, as in `classify`: springs of a contact that slid along a curved path differ slightly in direction."""
 ROUNDING, ANNULUS = 1e-9, 1e-6
 
 

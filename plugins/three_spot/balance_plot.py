@@ -21,8 +21,10 @@ PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "\N{MICRO SIGN}"), (1e-9, "n"), (1e-1
 
 
 def plot(result: Result, path: Path, title: str = "") -> None:
-    """Write the picture in the format of the suffix. Raises UsageError for an unknown one, or without any point; OutputError if
-    the file cannot be written."""
+    """Write the picture in the format of the suffix.
+
+    Raises UsageError for an unknown one, or without any point; OutputError if the file cannot be written.
+    """
     from matplotlib.figure import Figure
 
     if not result.points:

@@ -18,9 +18,9 @@ where a law was too rough for the solver, 1e-6."""
 
 
 def press(solver: QuasiStatic, given: float) -> tuple[QuasiStatic, Balance]:
-    """Return the balance under `given`, a load [N] or an indentation [m], and the solver with which it was computed.
+    """Return the balance under `given`, a load [N] or an indentation [m], and its solver.
 
-    That is a new one, in the posture of the seat, if the particle rotated in between. Raises NoStaticState if it tips over.
+    The solver is a new one, in the posture of the seat, if the particle rotated in between. Raises NoStaticState if it tips over.
     """
     seats = 0
     for k in range(1, STEPS + 1):
@@ -39,9 +39,10 @@ def press(solver: QuasiStatic, given: float) -> tuple[QuasiStatic, Balance]:
 
 
 def drag(solver: QuasiStatic, target: Sequence[float]) -> tuple[QuasiStatic, Balance]:
-    """Return the balance at a load or indentation and drag x, y, and the solver for the next step, which follows the rotation.
+    """Return the balance at a load or indentation and drag x, y, and the solver for the next step.
 
-    Under a load a particle that tips over moves on until its forces balance again. Raises NoStaticState where they never do.
+    The solver follows the rotation of the particle. Under a load a particle that tips over moves on until its forces balance
+    again. Raises NoStaticState where they never do.
     """
     try:
         result = _balance(solver, target)

@@ -1,11 +1,11 @@
-"""Planar self-consistency beyond `theory`: weight, any number of spots per side, one friction per side; tilt with weight.
+"""Planar self-consistency beyond `theory`: weight, many spots, two frictions, tilt with weight.
 
-Signs of `theory`: x from the centre of mass S, drag toward -x, t = T/N_1 with N_1 the load of the upper side, h the distance of
-the sides, w = m g/N_1. "Eq. n" is E. Willert, Self-consistency conditions in static three-body elastic tangential contact.
-Imports nothing of thirdbody.
+Any number of spots per side, one friction per side. Signs of `theory`: x from the centre of mass S, drag toward -x, t = T/N_1
+with N_1 the load of the upper side, h the distance of the sides, w = m g/N_1. "Eq. n" is E. Willert, Self-consistency conditions
+in static three-body elastic tangential contact. Imports nothing of thirdbody.
 
 Principle: the resultant of a side acts between its outermost spots, wherever elasticity puts it. N_1 p - (N_1 + m g) q = T h
-(Eqs. 1 and 2, p above, q below, weight through S) then turns the extent of the spots into an interval of t.
+(Eqs. 1 and 2, p above, q below, weight through S) then converts the extent of the spots into an interval of t.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ def lower_resultant(x_upper: float, t: float, h: float, weight_ratio: float = 0.
 
 
 def planar_interval(upper: Sequence[float], lower: Sequence[float], h: float, weight_ratio: float = 0.0) -> tuple[float, float]:
-    """(t_min, t_max) of T/N_1 in balance: (min p - (1+w) max q)/h, (max p - (1+w) min q)/h, spots at `upper`, `lower` [m].
+    """(t_min, t_max) of T/N_1 in balance: (min p - (1+w) max q)/h, (max p - (1+w) min q)/h.
 
-    Outside it a spot would have to pull: above t_max the particle tips and T/N_1 stays t_max. One spot above, two below and w = 0
-    is `theory.sliding_interval`; one below, Eq. 16. Raises ValueError without spots, for h <= 0 or w < 0.
+    Spots at `upper`, `lower` [m]. Outside the interval a spot would have to pull: above t_max the particle tips and T/N_1 stays
+    t_max. One spot above, two below and w = 0 is `theory.sliding_interval`; one below, Eq. 16. Raises ValueError without spots,
+    for h <= 0 or w < 0.
     """
     if not len(upper) or not len(lower) or not h > 0.0 or not weight_ratio >= 0.0:
         raise ValueError("needs a spot on each side, h > 0 and a weight ratio >= 0")
@@ -107,10 +108,11 @@ def _closing(x: Sequence[float], c: Sequence[float], force: float, weight: float
 def tilted_normal_forces(
     x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], closing: float, weight: float
 ) -> tuple[float, float, float]:
-    """(N_1, N_2, N_3) [N] of the frictionless particle of weight m g that may tilt, at closing dh (Eqs. 1, 5, 6; section 3).
+    """(N_1, N_2, N_3) [N] of the frictionless particle that may tilt, at closing dh (Eqs. 1, 5, 6; section 3).
 
-    `x` = (x_1, x_2, x_3) with x_2 < x_3 [m]. No closed form: bisection in N_1. Without weight, `theory.tilted_state` at mu h = 0.
-    Raises ValueError where a spot lifts off: dh too small for the weight, or x_1 outside the lower spots.
+    `weight` = m g; `x` = (x_1, x_2, x_3) with x_2 < x_3 [m]. No closed form: bisection in N_1. Without weight,
+    `theory.tilted_state` at mu h = 0. Raises ValueError where a spot lifts off: dh too small for the weight, or x_1 outside the
+    lower spots.
     """
     b, a = _shares(x)
     c = _compliances(e_1, e_2, radii)
@@ -136,11 +138,13 @@ def tilted_normal_forces(
 def tilted_force_series(
     x: Sequence[float], e_1: float, e_2: float, radii: Sequence[float], closing: float, weight: float
 ) -> float:
-    """N_1 [N] of `tilted_normal_forces` to second order in m g: the counterpart of Eq. 10 for a particle that tilts.
+    """N_1 [N] of `tilted_normal_forces` to second order in m g: Eq. 10 for a particle that tilts.
 
-    sum b_i c_i N_i^(2/3) = dh, N_i = b_i N_1 + a_i m g, twice differentiated at m g = 0 with n_i = dN_i/d(m g): sum b_i c_i
-    N_i^(-1/3) n_i = 0,  N_1'' sum b_i^2 c_i N_i^(-1/3) = sum b_i c_i N_i^(-4/3) n_i^2/3. Needs x_2 < x_1 < x_3; raises ValueError
-    elsewhere.
+    sum b_i c_i N_i^(2/3) = dh, N_i = b_i N_1 + a_i m g, twice differentiated at m g = 0 with n_i = dN_i/d(m g):
+
+        sum b_i c_i N_i^(-1/3) n_i = 0,  N_1'' sum b_i^2 c_i N_i^(-1/3) = sum b_i c_i N_i^(-4/3) n_i^2/3.
+
+    Needs x_2 < x_1 < x_3; raises ValueError elsewhere.
     """
     b, a = _shares(x)
     if min(b) <= 0.0:

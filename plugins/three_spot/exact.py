@@ -45,7 +45,7 @@ from .spring_field import GAUSS, advance_field, field_energy, field_force, helpe
 
 
 class ExactParameters(NamedTuple):
-    """Effective shear modulus (the paper's G*) [Pa]; friction; mu E*/G*; renewal of a rolling contact area per contact radius."""
+    """Effective shear modulus (the paper's G*) [Pa]; friction; mu E*/G*; renewal in rolling per contact radius."""
 
     g_star: float
     mu: float
@@ -55,11 +55,12 @@ class ExactParameters(NamedTuple):
 
 @helper
 def step_of(c, load, p, h):
-    """(slip x, y since touch, overlap before and now, bound of |w| per compression), fraction of slip, `Ground`, `Renewal`.
+    """Return the step of the springs, the fraction of slip that counts, `Ground` and `Renewal`.
 
-    The slip is multiplied by the fraction that remains in the springs while rolling renews them. A negative overlap before the
-    step removes the part of the slip before touch. The bound is kappa (d - q) N_total/N_Hertz, so that the whole contact slides
-    at mu times the load available to friction.
+    Step: (slip x, y since touch, overlap before and now, bound of |w| per compression). The slip is multiplied by the fraction
+    that remains in the springs while rolling renews them. A negative overlap before the step removes the part of the slip before
+    touch. The bound is kappa (d - q) N_total/N_Hertz, so that the whole contact slides at mu times the load available to
+    friction.
     """
     d, d_old = c.overlap, h[0]
     after = d / (d - d_old) if d_old < 0.0 else 1.0
@@ -96,9 +97,11 @@ def rolled_field(w, n, kept, step):
 
 @helper
 def turn_of(w, n, w_new, step):
-    """Springs after one step that turns, from a field (w, n) or from springs: (number for the history, slip of the centre,
-    loss/(2 G*)). Springs that all slid along one line become one straight field again, if their loss in the step covers the
-    energy of the field in excess of its means."""
+    """Springs after one step that turns, from a field (w, n) or from springs.
+
+    Returns (number for the history, slip of the centre, loss/(2 G*)). Springs that all slid along one line become one straight
+    field again, if their loss in the step covers the energy of the field in excess of its means.
+    """
     sx, sy, d_old, d, k = step
     loss = 0.0
     if n >= 0:
@@ -123,8 +126,10 @@ def turn_of(w, n, w_new, step):
 
 @helper
 def moved(w, n, w_new, step):
-    """The field (w, n), or the springs if n is negative, after one step: (number for the history, slip of the centre, loss/(2
-    G*), nodes dropped)."""
+    """Field (w, n), or springs if n is negative, after one step.
+
+    Returns (number for the history, slip of the centre, loss/(2 G*), nodes dropped).
+    """
     turned = n < 0
     if not turned:
         count, slip, loss, dropped, turned = advance_field(w, n, w_new, step)
@@ -142,7 +147,9 @@ def exact(c, load, p, h, w, w_new):
 
     `h` = (overlap before the step, nodes of the field, force, ground, nodes dropped for lack of space); instead of the number of
     nodes, -1 minus the number of wide cells if there are springs. `w` is the field or the springs, displaced by the slip of i
-    relative to j. Dissipated: by springs that slide, the mean of their bounds times their slip (exact at constant overlap, second
+    relative to j.
+
+    Dissipated: by springs that slide, the mean of their bounds while sliding times their slip (exact at constant overlap, second
     order in the step otherwise), and the energy released by rolling and by loss of contact area. None of these is a difference of
     works, none is negative. The slip is that of the centre, which sticks while any spring does. Rolling: unstressed material
     enters the contact area; the field is carried outward with the travel over fresh ground (`exact_rolling`), at the rate of
@@ -175,7 +182,7 @@ def exact(c, load, p, h, w, w_new):
 
 @helper
 def spring_at(w, n, q):
-    """The old spring at q and its slope: (x, y, dx/dq, dy/dq)."""
+    """Old spring at q and its slope: (x, y, dx/dq, dy/dq)."""
     for i in range(3, 3 * n, 3):
         if q <= w[i]:
             length = max(w[i] - w[i - 3], 1e-300)
@@ -258,10 +265,11 @@ curved_tangent = central(exact)
 
 @kernel
 def exact_tangent(c, load, p, h, w):
-    """Consistent tangent of one step. Along an axis in closed form: sticking springs follow the slip, others the bound.
+    """Consistent tangent of one step.
 
-    Ends of pieces move with the step, but the field is continuous there, so they do not contribute: dT/ds is 2 G* times the
-    radius of the stick area. Off an axis by differences: there the step also adds and drops nodes, which changes the force.
+    Along an axis in closed form: sticking springs follow the slip, others the bound. Ends of pieces move with the step, but the
+    field is continuous there, so they do not contribute: dT/ds is 2 G* times the radius of the stick area. Off an axis by
+    differences: there the step also adds and drops nodes, which changes the force.
     """
     # without friction no spring holds, not even at rest
     if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0 and p.kappa * load.force > 0.0):

@@ -1,8 +1,7 @@
-"""Effect of rolling on the field of the level `exact`: springs are carried outward, w(x) -> kept w(kept x)
-(`laws.patch_renewal`).
+"""Effect of rolling on the field of the level `exact`: springs are carried outward.
 
-In q = x^2/R that scales the nodes of a field, so it remains piecewise linear: the step is exact. Springs of fixed positions
-(`exact_springs`) become means over the new content of their cells.
+w(x) -> kept w(kept x) (`laws.patch_renewal`). In q = x^2/R that scales the nodes of a field, so it remains piecewise linear: the
+step is exact. Springs of fixed positions (`exact_springs`) become means over the new content of their cells.
 """
 
 from __future__ import annotations
@@ -135,11 +134,11 @@ def lost_by(w, n, v, kept, end):
 
 @helper
 def renewal_loss(w, n, v, m, step, renewal, slip, slides):
-    """Energy released by rolling in the step over G*, of the field (w, n), which is (v, m) when carried outward; springs: n
-    negative.
+    """Energy released by rolling in the step, over G*.
 
-    `slip` is that of the step, `step` as for `spring_field.advance_field`. Exact for a uniform field that sticks and for one that
-    slides in one direction throughout, of first order in the renewal of a step in between.
+    Of the field (w, n), which is (v, m) when carried outward; springs: n negative. `slip` is that of the step, `step` as for
+    `spring_field.advance_field`. Exact for a uniform field that sticks and for one that slides in one direction throughout, of
+    first order in the renewal of a step in between.
     """
     s_x, s_y = slip
     x, y, energy, gone_x, gone_y, loss = lost_by(w, n, v, renewal.kept, max(step[2], step[3]))

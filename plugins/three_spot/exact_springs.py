@@ -109,7 +109,10 @@ def cell_means(w, count, d, new):
 
 @helper
 def merge_next(w, m):
-    """Merge cells m and m + 1, which leaves the outermost empty; return the new m. With all cells wide, the spacing doubles."""
+    """Merge cells m and m + 1, which leaves the outermost empty; return the new m.
+
+    With all cells wide, the spacing doubles.
+    """
     n = cells_of(w)
     if m == n:
         w[0], m = 2.0 * w[0], 0
@@ -126,7 +129,10 @@ def merge_next(w, m):
 
 @helper
 def cut_all(w, m):
-    """Split every cell into two of half its width, as far as there is space: the outer half must be empty. Return the new m."""
+    """Split every cell into two of half its width, as far as there is space; return the new m.
+
+    The outer half must be empty.
+    """
     n = cells_of(w)
     for part in range(2):
         first = 1 + part * n
@@ -138,7 +144,7 @@ def cut_all(w, m):
 
 @helper
 def fit_cells(w, m, y):
-    """Adapt the cells to a contact area that extends to y; return (new m, twice the energy released by averaging over 2 G*)."""
+    """Adapt the cells to a contact area that extends to y; return (new m, twice the energy released by averaging, over 2 G*)."""
     n = cells_of(w)
     if y <= w[0] * (n + m) <= 2.0 * y:
         return m, 0.0
@@ -173,7 +179,7 @@ def drag(x, y, b_0, b_1, e_x, e_y, length):
     rise, along = b_1 - b_0, x * e_x + y * e_y
     b, c, b_t, rest = along * length - b_0 * rise, square - b_0 * b_0, b_0, length
     if not (b > 0.0 and c >= -1e-15 * square):
-        # |w + t l e| = b_0 + t rise, the larger root
+        # |w + t l e| = b_0 + t rise, the root where the bound is crossed outwards
         a = length * length - rise * rise
         root = math.sqrt(max(b * b - a * c, 0.0))
         t = -c / (b + root) if b > 0.0 else (root - b) / a if a > 0.0 else 1.0
@@ -208,10 +214,9 @@ def drag(x, y, b_0, b_1, e_x, e_y, length):
 
 @helper
 def advance_springs(w, m, step):
-    """Advance the springs in place through one straight step: (new m, slip of the centre, loss/(2 G*), whether all slid along
-    it).
+    """Advance the springs in place through one straight step.
 
-    `step` as for `spring_field.advance_field`.
+    Returns (new m, slip of the centre, loss/(2 G*), whether all slid along it). `step` as for `spring_field.advance_field`.
     """
     sx, sy, d_old, d, k = step
     m, merged = fit_cells(w, m, math.sqrt(max(d_old, d)))

@@ -1,14 +1,14 @@
-"""Balance of a wrench by friction cones. The general case by linear programming: weight, a friction per spot, any normals.
+"""Balance of a wrench by friction cones: the general case by linear programming.
 
-`hull_conditions` and `conditions` are exact where they hold; this module is their reference, and replaces them elsewhere. A cone
-is approximated by an inscribed pyramid of K edges. The circumscribed pyramid is the inscribed one of a friction larger by
-1/cos(pi/K), so one search gives both ends of a bracket. Feasibility grows with friction (cones contain smaller cones), hence
-bisection. Imports nothing of thirdbody. Cf. static slip and sliding in E. Willert's Eqs. 1 and 20, and force closure of grasps
-(R. M. Murray, Z. Li, S. S. Sastry 1994, chapter 5).
+Any weight, normals, and friction per spot. `hull_conditions` and `conditions` are exact where they hold; this module is their
+reference, and replaces them elsewhere. A cone is approximated by an inscribed pyramid of K edges. The circumscribed pyramid is
+the inscribed one of a friction larger by 1/cos(pi/K), so one search gives both ends of a bracket. Feasibility grows with friction
+(cones contain smaller cones), hence bisection. Imports nothing of thirdbody. Cf. static slip and sliding in E. Willert's Eqs. 1
+and 20, and force closure of grasps (R. M. Murray, Z. Li, S. S. Sastry 1994, chapter 5).
 
 Arrays: `points` (n, 3) [m], from the reference point of `moment` (the centre of mass: weight then has none); `normals` (n, 3),
-unit, into the particle; `mu` (n,); `pressed` (n,) bool, the spots whose normal forces add up to `load` [N] (one side, say the
-upper: without it zero forces would be a solution).
+unit, into the particle; `mu` (n,); `pressed` (n,) bool, the spots whose normal forces add up to `load` [N] (of one side, such as
+the upper: without it zero forces would be a solution).
 """
 
 from __future__ import annotations
@@ -50,7 +50,10 @@ def grasp(
     points: ArrayLike, normals: ArrayLike, mu: ArrayLike, pressed: ArrayLike, load: float = 1.0,
     force: ArrayLike = (0.0, 0.0, 0.0), moment: ArrayLike = (0.0, 0.0, 0.0), axis: ArrayLike | None = None,
 ) -> Grasp:  # fmt: skip
-    """Return a checked `Grasp`. Raises ValueError for inconsistent shapes, normals not of unit length, or no positive load."""
+    """Return a checked `Grasp`.
+
+    Raises ValueError for inconsistent shapes, normals not of unit length, or no positive load.
+    """
     places, outward = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
     count = len(places)
     frictions = np.broadcast_to(np.asarray(mu, dtype=np.float64), (count,))
@@ -109,8 +112,10 @@ def required_scale(held: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> t
 
 
 def can_balance(held: Grasp, scale: float = 1.0, edges: int = EDGES) -> bool:
-    """Return whether inscribed pyramids of friction `scale` mu_i balance the wrench; with `scale`/cos(pi/K), circumscribed
-    ones."""
+    """Return whether inscribed pyramids of friction `scale` mu_i balance the wrench.
+
+    With `scale`/cos(pi/K) the pyramids are circumscribed.
+    """
     return _feasible(held, _cone_rays(held, scale, edges))
 
 

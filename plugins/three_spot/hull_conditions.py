@@ -1,4 +1,4 @@
-"""Conditions of sticking and sliding for any number of spots between parallel plates, in 3-D, without weight: convex hulls.
+"""Conditions of sticking and sliding between parallel plates, in 3-D, without weight: convex hulls.
 
 With one friction mu and no weight the particle is a strut: the upper resultant acts in the convex hull P of the horizontal
 positions of the upper spots, the lower one in Q below, and both lie on one line of action. So the force leans by q - p over the
@@ -47,7 +47,7 @@ def convex_hull(points: ArrayLike) -> Array:
 
 
 def _half(ordered: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The chain of left turns through points in lexical order."""
+    """Chain of left turns through points in lexical order."""
     chain: list[tuple[float, float]] = []
     for x, y in ordered:
         while len(chain) > 1:
@@ -80,9 +80,9 @@ def hull_distance(upper: ArrayLike, lower: ArrayLike) -> float:
 
 
 def required_friction(upper: ArrayLike, lower: ArrayLike, h: float) -> float:
-    """Smallest mu for which the particle can stick: dist(P, Q)/h; the margin of static slip is 1 - `required_friction`/mu.
+    """Smallest mu for which the particle can stick: dist(P, Q)/h.
 
-    Two spots: |tan alpha| of Eq. 16.
+    The margin of static slip is 1 - `required_friction`/mu. Two spots: |tan alpha| of Eq. 16.
     """
     return hull_distance(upper, lower) / _height(h)
 

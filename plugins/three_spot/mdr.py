@@ -1,4 +1,4 @@
-"""Partial slip by the method of dimensionality reduction: a row of springs in the contact area, each with a friction limit.
+"""Partial slip by the method of dimensionality reduction: a row of springs with friction limits.
 
 T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap exceeds their gap, and that slip at
 |w| = kappa h, h the local overlap (Popov and Hess, Method of Dimensionality Reduction in Contact Mechanics and Friction,

@@ -1,5 +1,7 @@
-"""Effect of rolling on the springs of the level `mdr`: they are carried outward, w(x) -> kept w(kept x)
-(`laws.patch_renewal`)."""
+"""Effect of rolling on the springs of the level `mdr`: they are carried outward.
+
+w(x) -> kept w(kept x) (`laws.patch_renewal`).
+"""
 
 from __future__ import annotations
 

@@ -12,22 +12,26 @@ STEP = 1e-6
 
 @helper
 def displaced(c, overlap, slip_x, slip_y):
-    """The same contact at another overlap and after another slip."""
+    """Return the same contact at another overlap and after another slip."""
     return Contact(overlap, c.radius, c.mass, c.v_n, slip_x, slip_y, c.v_x, c.v_y, c.roll_x, c.roll_y)
 
 
 @helper
 def risen(load, overlap, rise):
-    """The load when the overlap grows by `rise`: Hertz's part goes as d^1.5, the contact radius as d^0.5, the total by its
-    stiffness."""
+    """Return the load after the overlap has grown by `rise`.
+
+    The part of Hertz goes as d^1.5, the contact radius as d^0.5, the total by its stiffness.
+    """
     fraction = rise / overlap
     elastic = load.elastic * (1.0 + 1.5 * fraction)
     return Load(load.force + load.stiffness * rise, elastic, load.contact_radius * (1.0 + 0.5 * fraction), load.stiffness)
 
 
 def central(law):
-    """Return the tangent of a tangential kernel with a field by central differences: compiled, with the arguments of a
-    tangent."""
+    """Return the tangent of a tangential kernel with a field by central differences.
+
+    It is compiled and has the arguments of a tangent.
+    """
 
     @helper
     def differences(c, load, p, h, w):

@@ -74,8 +74,10 @@ def regime(x_1: float, half_width: float, mu: float) -> str:
 
 
 def map_numbers(big_h: float, half_width: float, count: int = 9) -> dict[str, Any]:
-    """Return the values of the map at `count` stations per axis, for JSON: zeta_3[zeta_2][n_2], and the limits of mu over
-    x_1/h."""
+    """Return the values of the map at `count` stations per axis, for JSON.
+
+    zeta_3[zeta_2][n_2], and the limits of mu over x_1/h.
+    """
     n_2, zeta_2 = np.linspace(0.1, 0.9, count), np.linspace(*ZETA_2, count)
     places = np.linspace(*_places(half_width), count)
     limits = [_limits(float(x), half_width) for x in places]
@@ -141,8 +143,7 @@ def _draw_fig2(axes: Axes, big_h: float) -> None:
 
 
 def _label_places(level: float, big_h: float) -> list[tuple[float, float]]:
-    """Intersections of a contour with the panel's rising diagonal, or else the falling one: labels do not overlap and stay
-    inside."""
+    """Intersections of a contour with the panel's rising diagonal, or else the falling one, for labels inside."""
     n_2 = np.linspace(0.05, 0.95, GRID)
     for zeta_2 in (ZETA_2[1] * n_2, ZETA_2[1] * (1.0 - n_2)):
         values = np.array([theory.third_spot_place(float(n), float(z), big_h) for n, z in zip(n_2, zeta_2, strict=True)])

@@ -14,8 +14,10 @@ STEPS = 60
 
 
 def computed_points(half_width: float) -> tuple[MapPoint, ...]:
-    """Points for the panel of regimes, x_1/h over friction; lower spots at -+ `half_width` (over h). Undecided ones are
-    omitted."""
+    """Points for the panel of regimes, x_1/h over friction; lower spots at -+ `half_width` (over h).
+
+    Undecided ones are omitted.
+    """
     result = [(x, mu, _regime(_dragged(x, half_width, mu))) for x in PLACES for mu in FRICTIONS]
     return tuple(MapPoint("regimes", x, mu, state) for x, mu, state in result if state is not None)
 

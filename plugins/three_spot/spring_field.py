@@ -257,14 +257,14 @@ def is_straight(w, n, k, d):
 
 @helper
 def advance_field(w, n, new, step):
-    """Compute the field `new` after one step from (w, n), which rolling may have carried beyond the old overlap
-    (`exact_rolling`).
+    """Compute the field `new` after one step from (w, n).
 
-    Returns (nodes, slip of the centre, loss/(2 G*), nodes dropped for lack of space, whether sliding springs turn). In the last
-    case the result is not a field: see `exact_springs`. `step` = (slip x, y, overlap before and now, bound per compression k).
-    Every spring receives the fraction of the slip during which it touched, then returns radially onto |w| <= k (d - q). In one
-    direction this is exact for a straight path of overlap and slip of any length. Source: Popov and Hess 2015; its 1-D case is
-    the memory diagram of Aleshin, Bou Matar and Van Den Abeele 2015.
+    (w, n) may have been carried beyond the old overlap by rolling (`exact_rolling`). Returns (nodes, slip of the centre, loss/(2
+    G*), nodes dropped for lack of space, whether sliding springs turn). In the last case the result is not a field: see
+    `exact_springs`. `step` = (slip x, y, overlap before and now, bound per compression k). Every spring receives the fraction of
+    the slip during which it touched, then returns radially onto |w| <= k (d - q). In one direction this is exact for a straight
+    path of overlap and slip of any length. Source: Popov and Hess 2015; its 1-D case is the memory diagram of Aleshin, Bou Matar
+    and Van Den Abeele 2015.
     """
     sx, sy, d_old, d, k = step
     per_rise = 1.0 / (d - d_old) if d > d_old else 0.0

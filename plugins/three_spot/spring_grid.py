@@ -56,8 +56,7 @@ def mean_gap(i, wide, scale):
 
 @helper
 def merge(rows, count, n, wide):
-    """In each of `count` rows of n springs replace number `wide` and the next by their mean; a spring at rest is added
-    outside."""
+    """In each of `count` rows of n springs replace number `wide` and the next by their mean; add a spring at rest outside."""
     for row in range(count):
         first, last = row * n + wide, row * n + n - 1
         rows[first] = 0.5 * (rows[first] + rows[first + 1])

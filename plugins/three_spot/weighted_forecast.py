@@ -68,8 +68,10 @@ def can_hold(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions
 
 @helper
 def required_scale(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions: Pair) -> float:
-    """Smallest scale of the frictions with which the body can stick; inf beyond `LARGEST`. At most 1 exactly if `can_hold` at
-    1."""
+    """Smallest scale of the frictions with which the body can stick; inf beyond `LARGEST`.
+
+    At most 1 exactly if `can_hold` at 1.
+    """
     if can_hold(upper, lower, heights, wrench, (0.0, 0.0)):
         return 0.0
     low, high = 0.0, 1.0

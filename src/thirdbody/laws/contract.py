@@ -312,8 +312,10 @@ class LawFamily:
 
 @dataclass(frozen=True)
 class Plugin:
-    """Everything that one plug-in provides except commands, which are entry points of the group `thirdbody.commands`: functions
-    for typer, imported only when called."""
+    """Everything that one plug-in provides except commands.
+
+    Commands are entry points of the group `thirdbody.commands`: functions for typer, imported only when called.
+    """
 
     name: str
     families: tuple[LawFamily, ...] = ()

@@ -22,8 +22,7 @@ from thirdbody.laws.radial_return import (
 
 
 class CoulombParameters(NamedTuple):
-    """Friction; slip at the limit over the contact's radius of curvature; effective shear modulus G* [Pa]; whether the energy of
-    a non-uniform field is remembered."""
+    """Friction; slip at the limit over the contact's radius of curvature; G* [Pa]; whether a non-uniform field is remembered."""
 
     mu: float
     slip_scale: float
@@ -33,11 +32,12 @@ class CoulombParameters(NamedTuple):
 
 @kernel
 def coulomb(c, load, p, h):
-    """Spring limited to mu N with stiffness k = mu N/s_0, s_0 = slip_scale R; T and the energy U are the history (`stretched`).
+    """Spring limited to mu N with stiffness k = mu N/s_0, s_0 = slip_scale R.
 
-    The spring is never stiffer than the elastic contact, 2 G* a: a stiffer one, at large mu N, would need a smaller time step
-    than the impact of two bodies. As in `mindlin`, a falling stiffness releases the excess force and energy: no closed path
-    creates energy; and a contact that rolls on keeps its tangential force. In `coulomb_rolling` it decays.
+    The history is T and the energy U (`stretched`). The spring is never stiffer than the elastic contact, 2 G* a: a stiffer one,
+    at large mu N, would need a smaller time step than the impact of two bodies. As in `mindlin`, a falling stiffness releases the
+    excess force and energy: no closed path creates energy; and a contact that rolls on keeps its tangential force. In
+    `coulomb_rolling` it decays.
     """
     limit = p.mu * load.force
     stiffness = min(limit / (p.slip_scale * c.radius), 2.0 * p.g_star * load.contact_radius)

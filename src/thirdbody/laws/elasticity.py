@@ -6,12 +6,12 @@ from thirdbody.laws.contract import Material
 
 
 def e_star(a: Material, b: Material) -> float:
-    """E*, Pa: 1/E* = (1 - nu_a)/(2 G_a) + (1 - nu_b)/(2 G_b) (Willert, Eq. 4)."""
+    """E* [Pa]: 1/E* = (1 - nu_a)/(2 G_a) + (1 - nu_b)/(2 G_b) (Willert, Eq. 4)."""
     return 1.0 / ((1.0 - a.poisson_ratio) / (2.0 * a.shear_modulus) + (1.0 - b.poisson_ratio) / (2.0 * b.shear_modulus))
 
 
 def g_star(a: Material, b: Material) -> float:
-    """G*, Pa: 1/G* = (2 - nu_a)/(4 G_a) + (2 - nu_b)/(4 G_b) (Willert, Eq. 14); four times the G_eff of most DEM codes."""
+    """G* [Pa]: 1/G* = (2 - nu_a)/(4 G_a) + (2 - nu_b)/(4 G_b) (Willert, Eq. 14); four times the G_eff of most DEM codes."""
     return 1.0 / ((2.0 - a.poisson_ratio) / (4.0 * a.shear_modulus) + (2.0 - b.poisson_ratio) / (4.0 * b.shear_modulus))
 
 

@@ -1,4 +1,7 @@
-"""Pressure at first yield of a pair of materials in a Hertz contact; contacts are computed as elastic beyond it, too."""
+"""Pressure at first yield of a pair of materials in a Hertz contact.
+
+Contacts are computed as elastic beyond it, too.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +24,11 @@ more."""
 
 
 class YieldLimit(NamedTuple):
-    """Peak pressure at first yield of a pair [Pa] (infinite if neither yields), the material that yields first, its yield
-    strength [Pa], and whether that was assumed because the scene gives none."""
+    """Peak pressure at first yield of a pair.
+
+    Pressure [Pa] (infinite if neither yields), the material that yields first, its yield strength [Pa], and whether that was
+    assumed because the scene gives none.
+    """
 
     pressure: float
     material: str

@@ -61,7 +61,10 @@ class RollingMindlinParameters(NamedTuple):
 
 @kernel
 def mindlin_rolling(c, load, p, h):
-    """`mindlin` with renewal of the material where the contact area rolls over fresh ground (`thirdbody.laws.patch_renewal`)."""
+    """`mindlin` with renewal of the contact area in rolling (`thirdbody.laws.patch_renewal`).
+
+    In reality unstressed material enters the contact, and the force decays over about two contact radii of travel.
+    """
     limit, a = p.mu * load.force, load.contact_radius
     ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
     fraction = renewed(p.renewal * ground.way / max(a, 1e-300))

@@ -1,4 +1,7 @@
-"""Labeller without effect, the target of a function pointer that is never called: scenes without labels or body effects."""
+"""Labeller without effect, for scenes without labels or body effects.
+
+It is the target of a function pointer that the engine never calls.
+"""
 
 from __future__ import annotations
 

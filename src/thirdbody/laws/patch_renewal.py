@@ -65,8 +65,10 @@ def creep_coefficient(nu: float) -> float:
 
 
 def renewal_rate(pair: Pair, options: Options) -> float:
-    """Renewal per contact radius of travel: the value of the scene, or Kalker's for the mean shear compliance of both
-    materials."""
+    """Renewal per contact radius of travel: value of the scene, or Kalker's.
+
+    Kalker's is that for the mean shear compliance of both materials.
+    """
     given = options.get("renewal", RENEWAL.default)
     if given != "kalker":
         return float(given)

@@ -1,11 +1,12 @@
-"""Common part of tangential laws with one spring and Coulomb's limit: the memory of the spring, and the derivative of the radial
-return of a trial force onto the limit.
+"""Common part of tangential laws with one spring and Coulomb's limit.
+
+The memory of the spring, and the derivative of the radial return of a trial force onto the limit.
 
 A contact stores the tangential force T and the elastic energy U of its displacement field. With the stiffness 2 G* a of a uniform
 displacement they give the radius a_c = T^2/(4 G* U) that carries the force: slip over an area that has grown since is added at
 equal force and equal energy. A shrinking contact area loses force only once it is smaller than a_c, so load cycles release their
-fraction once, not in every cycle (physics: tangential memory). With a uniform field, U = T^2/(4 G* a), this is the rescaled force
-of Thornton and Randall (1988), which assumes a uniform field after every step.
+fraction once, not in every cycle. With a uniform field, U = T^2/(4 G* a), this is the rescaled force of Thornton and Randall
+(1988), which assumes a uniform field after every step.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Registry of plug-ins: the built-in one, installed entry points, and files from the command line. A scene names none."""
+"""Registry of plug-ins: the built-in one, installed entry points, and files from the command line.
+
+A scene names no plug-in.
+"""
 
 from __future__ import annotations
 

@@ -74,8 +74,7 @@ def _named_in(module: ModuleType) -> list[ModuleType]:
 
 
 def _installed(module: ModuleType, own: set[str]) -> bool:
-    """Return whether a module belongs to Python, to this engine (hashed in the cache folder's name), or to an installed
-    library."""
+    """Return whether a module belongs to Python, to this engine (hashed in the cache folder's name), or to a library."""
     top = module.__name__.partition(".")[0]
     if top in own:
         return False

@@ -59,8 +59,11 @@ def _total(effects: Sequence[int]) -> str:
 
 
 def _late(effects: Sequence[int]) -> str:
-    """The body with the closing half kick of these effects: without it the sign of the velocity has a bias of g dt/2, and a force
-    opposing the motion would make a body tremble instead of bringing it to rest."""
+    """Body after the closing half kick of these effects.
+
+    Without it the sign of the velocity has a bias of g dt/2, and a force opposing the motion would make a body tremble instead of
+    bringing it to rest.
+    """
     kicks = [f"b[{4 + k}] + 0.5 * dt / {'mean' if k > 2 else 'b.mass'} * (0.0{_sum(effects, k)})" for k in range(6)]
     return f"Body(b.mass, b.x, b.y, b.z, {', '.join(kicks)}, mean, time)"
 

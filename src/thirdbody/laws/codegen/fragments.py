@@ -63,8 +63,10 @@ def head_of(chain: Sequence[Law]) -> str:
 
 
 def memory_names(chain: Sequence[Law]) -> tuple[str, ...]:
-    """Names of all floats stored per contact: those of the laws, fields included, the stored energy where no law has it as
-    history, then the forces of the dashpots."""
+    """Names of all floats stored per contact.
+
+    Those of the laws, fields included, the stored energy where no law has it as history, then the forces of the dashpots.
+    """
     laws = tuple(f"{law.name}.{name}" for law in chain for name in law.memory())
     return laws + (("springs.energy",) if energy_column(chain) == len(laws) else ()) + viscous_names(chain)
 
@@ -84,8 +86,11 @@ def energy_column(chain: Sequence[Law]) -> int:
 
 
 def viscous_names(chain: Sequence[Law]) -> tuple[str, ...]:
-    """Names of the dashpot forces stored for their dissipation: normal and tangential force packed into one number
-    (`kernels.packed_triple`), and their moment in another if there is a law of the rolling stage."""
+    """Names of the dashpot forces stored for their dissipation.
+
+    Normal and tangential force packed into one number (`kernels.packed_triple`), and their moment in another if there is a law of
+    the rolling stage.
+    """
     stages = {law.stage for law in chain}
     if "rolling" in stages:
         return ("viscous.force", "viscous.moment")

@@ -37,8 +37,11 @@ from thirdbody.laws.contract import STAGES, STIFF, Law
 
 @dataclass(frozen=True)
 class Chain:
-    """The compiled laws of one scene. `law`, `stiffness` and `tangents` work on tiles; `width` is the number of parameters per
-    pair; `history` names all floats stored per contact, fields included."""
+    """Compiled laws of one scene.
+
+    `law`, `stiffness` and `tangents` work on tiles; `width` is the number of parameters per pair; `history` names all floats
+    stored per contact, fields included.
+    """
 
     laws: tuple[Law, ...]
     law: Callable
@@ -66,8 +69,11 @@ class Chain:
 
     @property
     def remembered_forces(self) -> tuple[int, int]:
-        """Columns of the tangential force and of the rolling moment in the history. Moment -1: no law of that stage. Force -1: a
-        law of these stages does not name its stored force `force_x, force_y` (moment `moment_x, moment_y`)."""
+        """Columns of the tangential force and of the rolling moment in the history.
+
+        Moment -1: no law of that stage. Force -1: a law of these stages does not name its stored force `force_x, force_y` (moment
+        `moment_x, moment_y`).
+        """
         stages = {law.stage: k for k, law in enumerate(self.laws)}
         places = []
         for stage, names in (("tangential", ("force_x", "force_y")), ("rolling", ("moment_x", "moment_y"))):
@@ -94,8 +100,10 @@ class Chain:
 
     @property
     def rolling(self) -> int:
-        """Relative rotation required by the laws: `kernels.rolling_kinematics.MOMENTS`, 1 for the travel of the contact area
-        only, or 0."""
+        """Relative rotation required by the laws.
+
+        `kernels.rolling_kinematics.MOMENTS`, 1 for the travel of the contact area only, or 0.
+        """
         if any(law.stage == "rolling" for law in self.laws):
             return MOMENTS
         return int(any(law.rolls for law in self.laws))
@@ -194,8 +202,10 @@ def _law_function(chain: Sequence[Law]) -> str:
 
 
 def _viscous_lines(chain: Sequence[Law]) -> list[str]:
-    """Lines that write forces and moment of the dashpots after the history; the stored columns are zero here, filled by the
-    caller."""
+    """Lines that write forces and moment of the dashpots after the history.
+
+    Their stored columns are set to zero here and filled by the caller.
+    """
     history, saved = len(memory_names(chain)), len(viscous_names(chain))
     outputs = (
         {rolling_output.VISCOUS_NORMAL: "viscous_n", rolling_output.VISCOUS_X: "tv_x", rolling_output.VISCOUS_Y: "tv_y"}
@@ -224,8 +234,10 @@ def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]
 
 
 def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
-    """Lines for the moment, whose columns follow the history; energy of its spring and its losses are added to those of
-    friction."""
+    """Lines for the moment, whose columns follow the history.
+
+    The energy of its spring and its losses are added to those of friction.
+    """
     history = len(memory_names(chain))
     rotation = ", ".join(
         f"I[{field_of(law_input.HISTORY + history + i)}]"
@@ -239,8 +251,10 @@ def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
 
 
 def _fitted(x: str, y: str, viscosity: str, rate: str, limit: str, name: str) -> list[str]:
-    """Lines for `name`_x, `name`_y: (x, y) plus the largest fraction s in [0, 1] of the viscous part d with |t + s d| within the
-    limit."""
+    """Lines for `name`_x, `name`_y: (x, y) plus the viscous part d, limited.
+
+    The largest fraction s in [0, 1] of d is added for which |t + s d| is within the limit.
+    """
     return [
         f"        {name}_x, {name}_y = {x}, {y}",
         f"        d_x, d_y = -{viscosity} * {rate}_x, -{viscosity} * {rate}_y",
@@ -255,9 +269,10 @@ def _fitted(x: str, y: str, viscosity: str, rate: str, limit: str, name: str) ->
 
 
 def _stiffness_function(chain: Sequence[Law]) -> str:
-    """Function for the bounds of the time step: normal, virgin tangential and rolling stiffness, then the dashpots, of a tile.
+    """Function for the bounds of the time step: stiffness and dashpots of a tile.
 
-    The tile holds an approach at 1 m/s, so the viscous force is the coefficient of the dashpot.
+    Normal, virgin tangential and rolling stiffness, then the coefficients of the dashpots: the tile holds an approach at 1 m/s,
+    so the viscous force is the coefficient.
     """
     stages = {law.stage: k for k, law in enumerate(chain)}
     k = stages["normal"]
@@ -287,8 +302,10 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
 
 
 def _pressed(chain: Sequence[Law], k: int, moved: str) -> list[str]:
-    """Lines that close a contact without slip, so that its stiffness is that of the whole contact area: one that closes in the
-    step itself receives a part of the slip only."""
+    """Lines that close a contact without slip, so that its stiffness is that of the whole contact area.
+
+    A contact that closes in the step itself receives a part of the slip only.
+    """
     lines = [f"        p{k} = {parameters_of(chain, k)}"]
     if not history_of(chain, k)[1]:
         return lines

@@ -190,7 +190,7 @@ def _size(bench: Bench, sample: Sample, expected: Array, given: Array) -> Array:
 
 
 def _load(bench: Bench, sample: Sample, c: Contact) -> tuple[Normal, float]:
-    """Force and stiffness of Hertz, on which the law is based."""
+    """Force and stiffness of the Hertz law, which precedes this law in the chain."""
     p = bench.rows[sample.setting][0]
     return plain(hertz)(c, p), plain(hertz_tangent)(c, p)
 

@@ -133,7 +133,7 @@ class Bench:
         self.sheared = law.stage in ("tangential", "rolling")
 
     def parameters(self, setting: int) -> Any:
-        """The law's own parameters in a setting."""
+        """Return the law's parameters in a setting."""
         return self.rows[setting][self.place]
 
     def setting_of(self, tiles: int) -> NDArray[np.int64]:
@@ -141,7 +141,7 @@ class Bench:
         return np.arange(tiles) % len(self.settings)
 
     def per_tile(self, values: Sequence[float], tiles: int) -> Array:
-        """A number of each setting as (tiles, 1)."""
+        """Return a number of each setting as (tiles, 1)."""
         return np.array(values, float)[self.setting_of(tiles), None]
 
     def radius(self, tiles: int) -> Array:

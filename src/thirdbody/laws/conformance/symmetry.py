@@ -1,5 +1,7 @@
-"""Conformance tests of single results and of symmetry: finite, no touch no force, rotation, swap, friction, compiler, history.
-Each returns (passed, detail)."""
+"""Conformance tests of single results and of symmetry. Each returns (passed, detail).
+
+Finite, no touch no force, rotation, swap, friction, compiler, history.
+"""
 
 from __future__ import annotations
 
@@ -129,8 +131,10 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
 
 
 def friction_limit(bench: Bench) -> Result:
-    """Test that |T| never exceeds the stated limit, which is mu times the load if the law has a parameter `mu` (rolling:
-    `mu_r`)."""
+    """Test that |T| never exceeds the stated limit.
+
+    The limit is mu times the load if the law has a parameter `mu` (rolling: `mu_r`).
+    """
     path = random_paths(bench, 8, repeats=2)
     tiles = len(path.overlap[0])
     mu = bench.friction(tiles)
@@ -202,8 +206,10 @@ def compiled(bench: Bench) -> Result:
 
 
 def history(bench: Bench) -> Result:
-    """Test that continuing from copied history gives the same bits, also elsewhere in the tile: no hidden memory. A history value
-    named `energy` must be the stored energy."""
+    """Test that continuing from copied history gives the same bits, also elsewhere in the tile.
+
+    No memory is hidden. A history value named `energy` must be the stored energy.
+    """
     path = random_paths(bench, 4)
     moments: list[Moment] = list(follow_path(bench, path, 3))
     order = np.random.default_rng(3).permutation(TILE)
@@ -224,8 +230,7 @@ def history(bench: Bench) -> Result:
 
 
 def _energy(bench: Bench, moment: Moment) -> Array:
-    """Energy of the spring in the law's history (read there by the engine) [J]; the stored energy it returns, if not in the
-    history."""
+    """Energy of the spring in the law's history, read there by the engine [J]; else the stored energy it returns."""
     own = bench.sheared and "energy" in bench.law.history
     return moment.after[:, bench.chain.stored] if own else moment.answer[:, law_output.STORED_TANGENTIAL]
 
