@@ -61,7 +61,7 @@ def discover(files: Sequence[str | Path] = ()) -> Registry:
     for point in sorted(entry_points(group=GROUP), key=lambda point: point.name):
         try:
             plugins.append(_plugin(point.load()))
-        except Exception as problem:  # any error of one plug-in on import must not affect the others
+        except Exception as problem:  # whatever a plug-in raises on import, the others must still load
             failures[point.name] = f"{type(problem).__name__}: {problem}"
     plugins += [load_file(Path(file)) for file in files]
     _refuse_doubles(plugins)
