@@ -1,13 +1,13 @@
 """The three-spot Hertz-Mindlin contact of an irregular particle between two elastic half-spaces, and its labels.
 
-Source: E. Willert, Self-consistency conditions in static three-body elastic tangential contact. An ordinary plug-in: it
-imports nothing of the engine but `thirdbody.plugin`. A level is a preset: which law stands at each stage.
+Source: E. Willert, Self-consistency conditions in static three-body elastic tangential contact. An ordinary plug-in: it imports
+nothing of the engine but `thirdbody.plugin`. A level is a preset: one law for each stage.
 
 | level | tangential law | neglects |
 |---|---|---|
 | coulomb | elastic-plastic spring with a slip scale | tangential elasticity |
 | mindlin | no-slip stiffness, rescaled force form | partial slip |
-| mdr | a row of `springs` under the patch, each with its limit | discretisation: the error falls with the springs |
+| mdr | a row of `springs` in the contact area, each with its limit | discretisation: the error falls with the springs |
 | exact | the field of such springs in closed form between turning points, on curves 72 of them | nothing on slip along one line |
 """
 

@@ -4,8 +4,8 @@
     result.points[-1].N, result.points[-1].label
 
 Signs are those of Willert (Eqs. 1, 2, 6, 11): w down, phi about +y (into the page), and for a planar particle u and T positive
-toward -x, T_i being the force that the upper body hands to the particle and the particle to the lower body. Out of the plane
-u (2,) is the displacement of the centre of mass and T_i (2,) that same force, both along world x, y; phi is the rotation vector.
+toward -x, T_i being the force of the upper body on the particle and of the particle on the lower body. Out of the plane u (2,) is
+the displacement of the centre of mass and T_i (2,) the same force, both along world x, y; phi is the rotation vector.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from .balance_label import Observer
 from .balance_press import UNDECIDED, drag, press
 
 NODES = 1024
-"""Room for the history of a spot at level `exact`: a bend for each of some 1000 steps of pressing and drag."""
-MISMATCH = 0.01  # Dundurs' beta below which the coupling of normal and tangential contact is not worth a word
-TOUCHING = 1e-12  # gap over the size of the particle that is rounding
-LARGE = 0.1  # overlap over radius beyond which Hertz' theory is a rough guess
+"""Size of the history of a spot at level `exact`: a bend for each of some 1000 steps of pressing and drag."""
+MISMATCH = 0.01  # Dundurs' beta below which there is no warning of the coupling of normal and tangential contact
+TOUCHING = 1e-12  # gap over the size of the particle that counts as rounding
+LARGE = 0.1  # overlap over radius beyond which Hertz's theory is inaccurate
 DEFAULT_LEVEL = "exact"
 
 
@@ -64,8 +64,11 @@ class Point:
 
 @dataclass(frozen=True)
 class Forecast:
-    """What geometry and friction allow the spots that are loaded after pressing: least friction that can hold the particle, the
-    frictions t_min to t_max with which it can slide along the drag (None if it never can), and the possible states."""
+    """States permitted by geometry and friction of the spots that are loaded after pressing.
+
+    Smallest friction that can hold the particle, the frictions t_min to t_max with which it can slide along the drag (None if it
+    never can), and the possible states.
+    """
 
     mu_required: float | None
     t_min: float | None
@@ -75,9 +78,10 @@ class Forecast:
 
 @dataclass(frozen=True)
 class Seat:
-    """The posture that a particle turned into because its first contacts did not hold it; points count from first touch in it.
+    """Posture into which a particle rotated because its first contacts did not hold it.
 
-    Rotation vector from the given posture, rad (a number for a planar particle), and the spots (n, 3) from the centre of mass, m.
+    Points count from first touch in it. Rotation vector from the given posture [rad] (a number for a planar particle), and the
+    spots (n, 3) from the centre of mass [m].
     """
 
     rotation: float | list[float]
@@ -86,8 +90,10 @@ class Seat:
 
 @dataclass(frozen=True)
 class Stop:
-    """Where the path ended: `rolling` where no static state exists and the particle tips or rolls away, `undecided` where the
-    solver failed close to a balance."""
+    """End of the path before the end of the drag.
+
+    `rolling` if no static state exists and the particle tips or rolls, `undecided` if the solver failed close to a balance.
+    """
 
     indentation: float | None
     load: float | None
@@ -98,9 +104,9 @@ class Stop:
 
 @dataclass(frozen=True)
 class Result:
-    """The end of pressing, then the steps of the drag, as far as they exist; `stopped` tells where they end too early.
+    """End of pressing, then the steps of the drag, as far as they exist; `stopped` is set if they end early.
 
-    `seat` is None for a particle that its first contacts hold.
+    `seat` is None for a particle that is held by its first contacts.
     """
 
     points: list[Point]
@@ -113,19 +119,19 @@ class Result:
     seat: Seat | None = None
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain dicts, lists and numbers, as `to_json` writes them."""
+        """Return plain dicts, lists and numbers, as written by `to_json`."""
         return asdict(self)
 
     def to_json(self) -> str:
-        """The result as JSON text, SI."""
+        """Return the result as JSON text, SI."""
         return json.dumps(self.to_dict(), indent=1, allow_nan=False)
 
 
 def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, level: str | None = None) -> Result:
-    """The path of one particle from a balance file, or tables built in Python.
+    """Compute the path of one particle from a balance file, or tables built in Python.
 
     `level` is a level of the law `three_spot`, "exact" if not given. Raises InputError with every fault of the input, UsageError
-    for an unknown level. That no static state exists is no error: see `Result.stopped`.
+    for an unknown level. If no static state exists, no error is raised: see `Result.stopped`.
     """
     level = DEFAULT_LEVEL if level is None else level
     if level not in THREE_SPOT.levels:
@@ -147,7 +153,7 @@ def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, le
 
 
 def _pairs(report: BalanceFile) -> tuple[Pair, Pair]:
-    """Particle against the lower and the upper body; nothing bounces, so the restitution is 1."""
+    """Particle against the lower and the upper body; the restitution is 1, as there are no impacts."""
     built = {side: getattr(report.materials, side).material(side) for side in ("lower", "upper", "particle")}
     lower, upper = (Pair(built["particle"], built[side], getattr(report.friction, side), 1.0) for side in ("lower", "upper"))
     return lower, upper
@@ -167,23 +173,23 @@ class _Walk:
         self.radius, self.level = spots.radius, level
         self.observer: Observer | None = None
         self.balances: list[Balance] = []
-        self.pressed = grip  # as it is pressed: the drag may turn the particle on
+        self.pressed = grip  # posture while pressed: the drag may rotate the particle further
         self.points: list[Point] = []
 
     @property
     def grip(self) -> Grip:
-        """The spots in the present posture."""
+        """Spots in the present posture."""
         return self.solver.grip
 
     def seat(self) -> Seat | None:
-        """The posture that the particle turned into, if it did."""
+        """Return the posture into which the particle rotated, or None."""
         turned = self.solver.turned
         if not turned.any():
             return None
         return Seat(float(turned[1]) if self.planar else turned.tolist(), self.pressed.place.tolist())
 
     def go(self) -> Stop | None:
-        """Press, then drag; tells where no static state exists."""
+        """Press, then drag; return a `Stop` where no static state exists."""
         given = self.path.load if self.under_load else self.path.indentation
         assert given is not None  # one of the two is given: `Path.rules`
         e_x, e_y = self.path.heading()
@@ -226,7 +232,7 @@ class _Walk:
 
 
 def _forecast(report: BalanceFile, walk: _Walk) -> Forecast:
-    """Conditions of self-consistency for the spots that are loaded after pressing; if it cannot be pressed, that touch first."""
+    """Conditions of self-consistency for the spots loaded after pressing; if it cannot be pressed, for those that touch first."""
     up, place = walk.pressed.upper, walk.pressed.place
     first = walk.balances[0] if walk.balances else None
     loaded = first.overlap > 0.0 if first is not None else walk.pressed.gap <= TOUCHING * walk.pressed.arm
@@ -240,7 +246,7 @@ def _forecast(report: BalanceFile, walk: _Walk) -> Forecast:
     load = float(first.answer.normal[up].sum()) if first is not None else 0.0
     ratio = report.particle.weight / load if load > 0.0 else 0.0
     if walk.planar:
-        # the theory drags toward -x: places along the opposite of the drag
+        # the theory drags toward -x: positions along the opposite of the drag
         over, under = ((-heading[0] * side[:, 0]).tolist() for side in (above, below))
         low, high = conditions.planar_interval(over, under, h, ratio)
         required = max(low, -high, 0.0)

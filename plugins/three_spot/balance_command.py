@@ -1,4 +1,4 @@
-"""`thirdbody balance FILE.toml`: one particle, pressed and dragged, as a table, as JSON, as a plot."""
+"""Command `thirdbody balance FILE.toml`: one particle, pressed and dragged, as a table, as JSON, as a plot."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from .balance import Result
 
 ROWS = 12
-"""Points that the table shows besides every change of a label or of a spot."""
+"""Points in the table in addition to every change of a label or of a spot."""
 
 
 def balance_command(
@@ -45,7 +45,7 @@ def balance_command(
 
 
 def table(result: Result) -> list[str]:
-    """Lines for people: the forecast, then the points where something changes and some between."""
+    """Return lines of text: the forecast, then the points where something changes and some in between."""
     f = result.forecast
     interval = "never slides" if f.t_min is None else f"slides for mu from {f.t_min:.4g} to {f.t_max:.4g}"
     required = "-" if f.mu_required is None else f"{f.mu_required:.4g}"
@@ -64,7 +64,7 @@ def table(result: Result) -> list[str]:
 
 
 def chosen(result: Result) -> list[int]:
-    """Indices of the points that the table shows."""
+    """Return the indices of the points in the table."""
     points, last = result.points, len(result.points) - 1
     saved = {round(k * last / ROWS) for k in range(ROWS + 1)} if points else set()
     for k in range(1, len(points)):

@@ -1,4 +1,4 @@
-"""The file of a single particle: what `thirdbody balance` reads, checked in one go.
+"""Input file of a single particle, read by `thirdbody balance` and checked in one go.
 
     balance = 1
     [materials.upper]                 # also lower, particle
@@ -16,7 +16,7 @@
     steps = 480
     direction = [-1, 0]
 
-In place of `spots` a `clump = [{center = ["0 um", "0 um", "0 um"], radius = "5 um"}, ...]` turned by `quaternion` = [w, x, y, z]:
+Instead of `spots` a `clump = [{center = ["0 um", "0 um", "0 um"], radius = "5 um"}, ...]` rotated by `quaternion` = [w, x, y, z]:
 every sphere is a candidate of both sides, in the order upper, lower of the first sphere, then of the next.
 """
 
@@ -52,9 +52,9 @@ from thirdbody.plugin import (
 
 VERSION = 1
 MOST_SPHERES = 100
-"""Spheres of a clump: memory for its mass properties grows with the cube, 0.4 GB for 100 and 31 GB for 300."""
+"""Maximum number of spheres of a clump: memory for its mass properties grows with the cube, 0.4 GB for 100 and 31 GB for 300."""
 MOST_SPOTS = 1000
-"""Candidates of a balance, whose equations are solved together."""
+"""Maximum number of candidates of a balance, whose equations are solved together."""
 
 Array = NDArray[np.float64]
 Length = Annotated[float, Quantity(dimension="length")]
@@ -77,7 +77,7 @@ class Solid(Part):
         return one_of(raw, ("youngs_modulus", "shear_modulus"))
 
     def material(self, name: str) -> Material:
-        """The material of the contact laws; its density plays no part where nothing is accelerated."""
+        """Return the material of the contact laws; its density is irrelevant without acceleration."""
         if self.shear_modulus is not None:
             return Material(name, self.shear_modulus, self.poisson_ratio, 1.0)
         assert self.youngs_modulus is not None  # one of the two is given: `rules`
@@ -165,18 +165,18 @@ class Path(Part):
         return one_of(raw, ("indentation", "load"))
 
     def checks(self) -> list[Wrong]:
-        """A direction that is one."""
+        """Return a fault for a direction of zero length."""
         return [] if any(self.direction) else [(("direction",), "has no length")]
 
     def heading(self) -> tuple[float, float]:
-        """Unit vector of the drag."""
+        """Return the unit vector of the drag."""
         size = math.hypot(*self.direction)
         return self.direction[0] / size, self.direction[1] / size
 
 
 @dataclass(frozen=True, eq=False)
 class Spots:
-    """The spots of a particle: place (n, 3) from its centre of mass, radius (n,), upper (n,) bool; m."""
+    """Spots of a particle: place (n, 3) from its centre of mass [m], radius (n,) [m], upper (n,) bool."""
 
     place: Array
     radius: Array
@@ -195,11 +195,11 @@ class BalanceFile(Part):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> BalanceFile:
-        """The particle in a TOML file. Raises InputError with every fault, each with file, line and column."""
+        """Read the particle in a TOML file. Raises InputError with every fault, each with file, line and column."""
         document, source = read_toml(read_text(path), os.fspath(path))
         wrongs: list[Wrong] = []
         if "balance" not in document:
-            document["balance"] = VERSION  # read on, so that the other faults are told too
+            document["balance"] = VERSION  # continue, so that the other faults are reported, too
             wrongs.append((("balance",), f"required key is missing: write balance = {VERSION}"))
         try:
             result = cls.model_validate(document, context={"file": True})
@@ -211,11 +211,11 @@ class BalanceFile(Part):
 
     @classmethod
     def made(cls, tables: Mapping[str, Any]) -> BalanceFile:
-        """The particle in tables built in Python, numbers in SI or texts with units. Raises InputError."""
+        """Return the particle from tables built in Python, numbers in SI or texts with units. Raises InputError."""
         return cls(**tables)
 
     def spots(self) -> Spots:
-        """The particle's spots. Raises InputError for a clump in several parts."""
+        """Return the spots of the particle. Raises InputError for a clump in several parts."""
         flat = self.path.heading()[1] == 0.0
         if self.particle.spots is not None:
             spots = self.particle.spots
@@ -235,7 +235,7 @@ class BalanceFile(Part):
         planar = bool(flat and not center[:, 1].any() and rotation[1] == 0.0 == rotation[3])
         arm = (center - centroid) @ matrix_from_quaternion(rotation / np.linalg.norm(rotation)).T
         if planar:
-            arm[:, 1] = 0.0  # the centroid of a plane of spheres is off it by rounding only
+            arm[:, 1] = 0.0  # the centroid of coplanar spheres is off their plane by rounding only
         place = np.repeat(arm, 2, axis=0)
         place[::2, 2] += radius
         place[1::2, 2] -= radius

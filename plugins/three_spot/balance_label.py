@@ -1,6 +1,6 @@
 """State of every spot, label, reason and margins of a particle in balance, point by point along its path.
 
-Label and reason are those of a run: `classify` judges the balances as it judges the steps of a run. So a side slides when all its
+Label and reason are those of a run: `classify` evaluates the balances like the steps of a run. So a side slides when all its
 spots are at the limit and have slipped by more than their critical displacement. Margins (positive = satisfied): those of
 `classify`, and `friction_spots`, 1 - eta of each spot, eta = |T|/(mu N).
 """
@@ -18,16 +18,16 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 AT_LIMIT = {"mdr": 1e-3}
-"""Least 1 - eta that is not the limit: the springs of `mdr` fall short of mu N by 4e-4."""
+"""Smallest 1 - eta that is not the limit: the springs of `mdr` fall short of mu N by 4e-4."""
 RING = {"mdr": 0.15}
-"""Loss of tangential stiffness, the width of the slip ring over a, that can be told: `mdr` has 16 to 32 springs."""
+"""Detectable loss of tangential stiffness, the width of the slip ring over a: `mdr` has 16 to 32 springs."""
 SPREAD = 0.02
-"""The same in space, and `classify`'s: springs of a patch that slid along a curved path pull in slightly different directions."""
+"""The same in space, as in `classify`: springs of a contact that slid along a curved path differ slightly in direction."""
 ROUNDING, ANNULUS = 1e-9, 1e-6
 
 
 class Observer:
-    """Follows one particle; `see` the pressed state first, then every point of the drag."""
+    """Labels one particle; call `see` for the pressed state first, then for every point of the drag."""
 
     def __init__(self, labeller: Labeller, grip: Grip, radius: Array, heading: tuple[float, float], level: str) -> None:
         self.labeller = labeller
@@ -36,7 +36,7 @@ class Observer:
         self.ring = RING.get(level, ANNULUS)
 
     def see(self, point: Balance, grip: Grip) -> tuple[list[str], str, str, dict[str, Any]]:
-        """(state of each spot, label, reason, margins) of the next point, found with the spots at `grip`."""
+        """Return (state of each spot, label, reason, margins) of the next point, computed with the spots at `grip`."""
         loaded = point.overlap > 0.0
         eta = utilisation(point, loaded)
         report = self.labels.see(point, grip)
@@ -59,7 +59,7 @@ class Observer:
 
 
 def utilisation(point: Balance, loaded: Flags) -> Array:
-    """eta = |T|/(mu N) of every spot; without friction 1 where it slipped, else 0; 0 where it is open."""
+    """eta = |T|/(mu N) of every spot; without friction 1 if it slipped, else 0; 0 if it is open."""
     size, limit = np.hypot(*point.answer.tangential.T), point.answer.limit
     slipped = (point.slip > ROUNDING * point.answer.contact_radius).astype(float)
     return np.where(loaded, np.where(limit > 0.0, size / np.where(limit > 0.0, limit, 1.0), slipped), 0.0)

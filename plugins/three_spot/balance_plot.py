@@ -1,4 +1,4 @@
-"""The picture of a balance: normal forces, use of friction, tilt and states over the drag."""
+"""Picture of a balance: normal forces, utilisation of friction, tilt and states over the drag."""
 
 from __future__ import annotations
 
@@ -15,14 +15,16 @@ FORMATS = (".png", ".pdf", ".svg")
 
 LABELS = {"free": "#8E939A", "sticking": "#4C78A8", "sliding": "#F58518", "rolling": "#54A24B"}  # as in every picture
 SPOTS = {"open": "#FFFFFF", "stick": "#4C78A8", "partial": "#9ECAE9", "slide": "#F58518"}
-# Okabe and Ito: apart for every kind of colour vision
+# Okabe and Ito: distinguishable with every kind of colour vision
 LINES = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#F0E442")
 PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "\N{MICRO SIGN}"), (1e-9, "n"), (1e-12, "p"))
 
 
 def plot(result: Result, path: Path, title: str = "") -> None:
-    """Write the picture; its kind is told by the suffix. Raises UsageError for an unknown one, or without any point; OutputError
-    if the file cannot be written."""
+    """Write the picture in the format of the suffix.
+
+    Raises UsageError for an unknown one, or without any point; OutputError if the file cannot be written.
+    """
     from matplotlib.figure import Figure
 
     if not result.points:
@@ -48,20 +50,20 @@ def plot(result: Result, path: Path, title: str = "") -> None:
 
 
 def check_format(path: Path) -> None:
-    """Raises UsageError for a picture that is none of FORMATS."""
+    """Raise UsageError for a picture whose suffix is not in FORMATS."""
     if path.suffix.lower() not in FORMATS:
         raise UsageError(f"{path}: a picture ends in {', '.join(FORMATS)}")
 
 
 def scaled(values: np.ndarray) -> tuple[np.ndarray, str]:
-    """The values in a unit that makes the largest 1 to 1000, and the prefix of that unit."""
+    """Return the values in a unit for which the largest is 1 to 1000, and the prefix of that unit."""
     size = float(np.abs(values).max(initial=0.0))
     factor, prefix = next(((f, p) for f, p in PREFIXES if size >= f), PREFIXES[0] if size == 0.0 else PREFIXES[-1])
     return values / factor, prefix
 
 
 def _loaded(result: Result) -> list[int]:
-    """Spots that are loaded at some point; the others would be lines at zero."""
+    """Return the spots that are loaded at some point; the others would be lines at zero."""
     return [k for k in range(len(result.points[0].N)) if any(p.N[k] > 0.0 for p in result.points)]
 
 
@@ -75,7 +77,7 @@ def _forces(axes: Any, result: Result, drag: np.ndarray) -> None:
 
 
 def _friction(axes: Any, result: Result, drag: np.ndarray) -> None:
-    """T signed in the plane, its size out of it, over the friction limit of the spot: eta stands in the margins."""
+    """Plot T over the friction limit of the spot, signed in the plane, its magnitude in space; eta is in the margins."""
     eta = 1.0 - np.array([p.margins["friction_spots"] for p in result.points])
     eta[np.array([p.N for p in result.points]) <= 0.0] = np.nan
     if result.planar:
@@ -103,7 +105,7 @@ def _style(drag: np.ndarray) -> dict[str, Any]:
 
 
 def _states(axes: Any, result: Result, drag: np.ndarray) -> None:
-    """One row of colour for the label, one per loaded spot."""
+    """Draw one colour bar for the label and one per loaded spot."""
     from matplotlib.patches import Patch
 
     spots = _loaded(result)
@@ -125,7 +127,7 @@ def _states(axes: Any, result: Result, drag: np.ndarray) -> None:
 
 
 def runs(values: list[str]) -> list[tuple[int, int, str]]:
-    """(start, end, value) of every stretch of equal values."""
+    """Return (start, end, value) of every run of equal values."""
     result, start = [], 0
     for k in range(1, len(values) + 1):
         if k == len(values) or values[k] != values[start]:

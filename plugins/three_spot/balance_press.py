@@ -1,4 +1,4 @@
-"""Steps of the path of one particle: past corners of the laws, and through contacts that do not hold it, until it sits."""
+"""Steps along the path of one particle: past kinks of the laws, and through contacts that do not hold it, to a stable seat."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from thirdbody.plugin import Balance, NoStaticState, QuasiStatic, from_first_tou
 STEPS = 100
 """Steps of the pressing: one for laws that are exact along the straight paths of a weightless particle."""
 SEATS = 10
-"""Seats that a particle may take and leave again while it is pressed."""
+"""Maximum number of seats that a particle may leave again while it is pressed."""
 UNDECIDED = 1e-3
-"""Unbalanced share of the forces below which a failed search says nothing of the particle: where it tips, 2 to 20 % were left,
+"""Unbalanced fraction of the forces below which a failed search is inconclusive: where a particle tips, 2 to 20 % were left,
 where a law was too rough for the solver, 1e-6."""
 
 
 def press(solver: QuasiStatic, given: float) -> tuple[QuasiStatic, Balance]:
-    """The balance under `given`, a load, N, or an indentation, m, and the solver that it was found with.
+    """Return the balance under `given`, a load [N] or an indentation [m], and its solver.
 
-    That is another one, in the posture of the seat, if the particle turned on the way. Raises NoStaticState if it tips over.
+    The solver is a new one, in the posture of the seat, if the particle rotated in between. Raises NoStaticState if it tips over.
     """
     seats = 0
     for k in range(1, STEPS + 1):
@@ -39,9 +39,10 @@ def press(solver: QuasiStatic, given: float) -> tuple[QuasiStatic, Balance]:
 
 
 def drag(solver: QuasiStatic, target: Sequence[float]) -> tuple[QuasiStatic, Balance]:
-    """The balance at a load or indentation and drag x, y, and the solver to go on with, which keeps up with the particle's turn.
+    """Return the balance at a load or indentation and drag x, y, and the solver for the next step.
 
-    Under a load a particle that tips over moves on until its forces balance again. Raises NoStaticState where they never do.
+    The solver follows the rotation of the particle. Under a load a particle that tips over moves on until its forces balance
+    again. Raises NoStaticState where they never do.
     """
     try:
         result = _balance(solver, target)
@@ -54,7 +55,7 @@ def drag(solver: QuasiStatic, target: Sequence[float]) -> tuple[QuasiStatic, Bal
 
 
 def _balance(solver: QuasiStatic, target: Sequence[float]) -> Balance:
-    """The balance next to the last one: by Newton's method, else by relaxation."""
+    """Return the balance next to the last one: by Newton's method, else by relaxation."""
     try:
         return solver.move(target)
     except NoStaticState as problem:
@@ -64,7 +65,7 @@ def _balance(solver: QuasiStatic, target: Sequence[float]) -> Balance:
 
 
 def _load(solver: QuasiStatic, target: Sequence[float]) -> float:
-    """The load, N, to go on with: of the last balance if the indentation is given, else of the upright particle."""
+    """Load [N] for continuing: of the last balance if the indentation is given, else of the upright particle."""
     if solver.under_load:
         return target[0]
     if solver.now is not None:

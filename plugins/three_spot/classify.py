@@ -1,46 +1,43 @@
-"""The labeller: is a body free, sticking, sliding or rolling? Two kernels over flat arrays.
+"""The labeller: classifies a body as free, sticking, sliding or rolling. Two kernels over flat arrays.
 
-`update_history` (in `motion_history`) follows every body at a fixed stride of steps; `label` reads the memory it keeps when
-a frame is written, so that nothing depends on the output interval. Motion is judged by travel, never by
-speed: on the elastic reference path the body turns with .65 of the drag while every spot still sticks.
+`update_history` (in `motion_history`) follows every body at a fixed stride of steps; `label` reads its memory when a frame is
+written, so that nothing depends on the output interval. Motion is classified by travel, never by speed: on the elastic reference
+path the body rotates at 0.65 of the drag while every spot still sticks.
 
-Words used below
-    drag             of the upper side relative to the lower; one-sided: of the centre along the partner's
-    surface travel W         path length of the drag since the reference; a window closes at W >= 4 a
-    rotation         vector since the reference, from quaternions: a sum of increments drifts when a body
-    wobbles lever D          vertical distance of the sides' load centres; one-sided: twice centre to load
-    centre roll ratio r     rotation D / W of the last closed window
-    patch travel p   largest over the spots of R_i times the rotation about in-plane axes and, for pivoting,
-    the
-                     distance from the common load centre times the rotation about the spot's normal
+Definitions
 
-What ends a history. A stop, a start or a reversal of the plates (two-sided body) or a reversal of the centre
-by .02 a (one-sided body) clears both windows and r. So does rest: with the plates at rest, or on one side
-only, travel below .02 a within 50 sqrt(m a / N), in which time N could have moved the body far beyond a.
-Without it a body that turned into its seat while it was pressed would be called rolling for ever. First load
-resets the reference only. A body that was free in between keeps its reference: what it turned meanwhile
-counts in the window in which it lands, so that a snap over to another side is told as rolling, however short
-the flight. A window also closes after a rotation of 1 rad, before quaternions lose the count
-of turns.
+    drag             of the upper side relative to the lower; one-sided body: of its centre along the surface of the partner
+    travel W         path length of the drag since the reference; a window closes at W >= 4 a
+    rotation         vector since the reference, from quaternions: a sum of increments drifts when a body wobbles
+    lever D          vertical distance of the load centres of both sides; one-sided: twice the distance of centre and load centre
+    roll ratio r     rotation D / W of the last closed window
+    patch travel p   largest over the spots of R_i times the rotation about in-plane axes and, for pivoting, the distance from
+                     the common load centre times the rotation about the normal of the spot
+
+End of a history. A stop, a start or a reversal of the plates (two-sided body) or a reversal of the centre by 0.02 a (one-sided
+body) clears both windows and r. So does rest: with the plates at rest, or on one side only, travel below 0.02 a within 50 sqrt(m
+a / N), in which time N could have moved the body far beyond a. Without this rule a body that rotated into its seat while it was
+pressed would be labelled rolling for ever. First load resets the reference only. A body that was free in between keeps its
+reference: its rotation meanwhile counts in the window in which it lands, so that a snap over to another side is labelled rolling,
+however short the flight. A window also closes after a rotation of 1 rad, before quaternions lose the number of revolutions.
 
 Margins (positive = satisfied; 1 where a condition does not apply)
+
     friction         1 - max eta_i over every loaded spot
     friction_upper, friction_lower
-                     1 - min eta_i of the side: it holds while one of its spots does
-    force_balance    1 - |sum F - m a| / (.05 sum N)
-    moment_balance   1 - |sum M - dL/dt| / (.05 sum N D)
+                     1 - min eta_i of the side: satisfied as long as one of its spots sticks
+    force_balance    1 - |sum F - m a| / (0.05 sum N)
+    moment_balance   1 - |sum M - dL/dt| / (0.05 sum N D)
     determinacy      max over sides of (spread of loaded spots along the drag) / a - 1; > 0 is "held"
-    rotation         min of 1 - p/a, 1 - r/.05 and, for a body that is not held, 1 - turn/.5; <= 0 is rolling
-                     (but a one-sided body that skids is sliding whatever this says)
+    rotation         min of 1 - p/a, 1 - r/0.05 and, for a body that is not held, 1 - turn/0.5; <= 0 is rolling
+                     (but a one-sided body that skids is sliding whatever this margin)
 
-Reasons: sliding -> friction_limit; rolling -> lift_off (a spot was lost since the reference), pivoting,
-rotation, or indeterminate while only the two-point rule tells; sticking -> none, one_sided, or indeterminate
-(not held).
-A body out of balance gets unbalanced in place of any of these. force_balance and moment_balance are for
-forecasts.
+Reasons: sliding -> friction_limit; rolling -> lift_off (a spot was lost since the reference), pivoting, rotation, or
+indeterminate if only the two-point rule applies; sticking -> none, one_sided, or indeterminate (not held). A body out of balance
+has the reason unbalanced instead of any of these. force_balance and moment_balance are for forecasts.
 
-Source: E. Willert, Self-consistency conditions in static three-body elastic tangential contact, for the
-conditions; the travel rules are our own.
+Source: E. Willert, Self-consistency conditions in static three-body elastic tangential contact, for the conditions; the travel
+rules are new here.
 """
 
 from __future__ import annotations
@@ -141,15 +138,15 @@ TWIST = is_plain(observed_body.TORQUE)
 TWIST_RATE = is_plain(observed_body.ANGULAR_MOMENTUM_RATE)
 
 EPS_LIMIT = 0.02
-TURN = 0.5  # share of the drag that a body which is not held takes up by turning
+TURN = 0.5  # fraction of the drag accommodated by rotation of a body that is not held
 BALANCE = 0.05
-ROUND_OFF = 1e-9  # contact radii of slip that are no slip, felt at mu = 0 only
+ROUND_OFF = 1e-9  # slip over the contact radius that counts as zero; matters at mu = 0 only
 LOWEST = -1e9  # margins stay finite and fit a float32
 
 
 @helper
 def slipping(C: Array, i: int) -> bool:
-    """Whether a spot slipped by more than its critical displacement in this window or in the last."""
+    """Return whether a spot slipped by more than its critical displacement in this window or in the last."""
     minimum = max(C[i, loaded_contact.CRITICAL_SLIP], ROUND_OFF * C[i, loaded_contact.CONTACT_RADIUS])
     return max(C[i, loaded_contact.SLIP] - C[i, SLIP_REFERENCE], C[i, SLIP_LAST]) > minimum
 
@@ -171,7 +168,7 @@ def utilisation(C: Array, i: int) -> float:
 
 @helper
 def friction(C: Array, n: int, side: int) -> tuple[float, float, bool]:
-    """Least and largest eta of a side (inf, 0 without spots); whether all of it is at the limit and slips."""
+    """Minimum and maximum eta of a side (inf, 0 without spots); whether all of it is at the limit and slips."""
     minimum, largest, slides = math.inf, 0.0, True
     for i in range(n):
         if side_of(C, i) == side:
@@ -184,7 +181,7 @@ def friction(C: Array, n: int, side: int) -> tuple[float, float, bool]:
 
 @helper
 def friction_margins(C: Array, n: int, pose: Posture, out: Array) -> bool:
-    """Write the friction margins and the sliding sides; gives whether the body slides."""
+    """Write the friction margins and the sliding sides; return whether the body slides."""
     lower = friction(C, n, BELOW)
     upper = friction(C, n, ABOVE)
     lateral = friction(C, n, NEITHER)
@@ -199,7 +196,7 @@ def friction_margins(C: Array, n: int, pose: Posture, out: Array) -> bool:
 
 @helper
 def balance_margin(b: Array, k: int, rate: int, scale: float) -> float:
-    """1 - |b[k:k+3] - b[rate:rate+3]| / (.05 scale); 1 without a scale."""
+    """1 - |b[k:k+3] - b[rate:rate+3]| / (0.05 scale); 1 without a scale."""
     if scale <= 0.0:
         return 1.0
     rest = length(b[k] - b[rate], b[k + 1] - b[rate + 1], b[k + 2] - b[rate + 2])
@@ -208,9 +205,9 @@ def balance_margin(b: Array, k: int, rate: int, scale: float) -> float:
 
 @helper
 def determinacy(C: Array, n: int, b: Array, a: float) -> float:
-    """Largest spread of a side's loaded spots along the drag, over a, less 1: positive if the body is held.
+    """Largest spread of a side's loaded spots along the drag over a, minus 1: positive if the body is held.
 
-    Where nothing drags the spread is taken in any horizontal direction.
+    Without drag the spread in any horizontal direction counts.
     """
     ex, ey = b[observed_body.DRAG], b[observed_body.DRAG + 1]
     widest = 0.0
@@ -226,7 +223,7 @@ def determinacy(C: Array, n: int, b: Array, a: float) -> float:
 
 @helper
 def turn_with_drag(b: Array, m: Array, pose: Posture) -> float:
-    """Share of the drag taken up by turning since the set of loaded spots last changed; 0 below .02 a."""
+    """Fraction of the drag accommodated by rotation since the set of loaded spots last changed; 0 below 0.02 a."""
     x, y = m[CHANGE_X], m[CHANGE_Y]
     size = length(x, y, 0.0)
     if size < LEAST_TRAVEL * pose[1] or size <= 0.0:
@@ -237,7 +234,7 @@ def turn_with_drag(b: Array, m: Array, pose: Posture) -> float:
 
 @helper
 def rotation_margin(b: Array, m: Array, pose: Posture, p: float, held: bool) -> float:
-    """Min of 1 - p/a, 1 - r/.05 once a window closed, 1 - turn/.5 if it is not held: <= 0 is rolling."""
+    """Min of 1 - p/a, 1 - r/0.05 once a window closed, 1 - turn/0.5 if it is not held: <= 0 is rolling."""
     margin = 1.0 - p / pose[1]
     if m[WINDOWS] > 0.0:
         margin = min(margin, 1.0 - m[ROLL_RATIO] / EPS_ROLL)
@@ -248,7 +245,7 @@ def rotation_margin(b: Array, m: Array, pose: Posture, p: float, held: bool) -> 
 
 @helper
 def rolling_reason(m: Array, pose: Posture, turn: Triple, p: float) -> int:
-    """Why a body counts as rolling: lift_off, pivoting, rotation, indeterminate (rotation still elastic)."""
+    """Reason of the label rolling: lift_off, pivoting, rotation, indeterminate (rotation still elastic)."""
     if m[LIFTED] > 0.0:
         return LIFT_OFF
     if p >= pose[1]:
@@ -261,7 +258,7 @@ def rolling_reason(m: Array, pose: Posture, turn: Triple, p: float) -> int:
 
 @helper
 def ratios_so_far(C: Array, n: int, m: Array, pose: Posture, turn: Triple, out: Array) -> None:
-    """Write roll ratio and slip over travel of the last window, or of the first one as far as it goes."""
+    """Write roll ratio and slip over travel of the last window, or of the first one so far."""
     if m[WINDOWS] > 0.0:
         out[OUT_ROLL] = m[ROLL_RATIO]
         out[OUT_SLIP] = m[SLIP_RATIO]
@@ -273,7 +270,7 @@ def ratios_so_far(C: Array, n: int, m: Array, pose: Posture, turn: Triple, out: 
 
 @helper
 def normal_sum(C: Array, n: int) -> float:
-    """Sum of |N| over the loaded spots, N."""
+    """Sum of |N| over the loaded spots [N]."""
     total = 0.0
     for i in range(n):
         total += abs(C[i, loaded_contact.NORMAL_FORCE])
@@ -282,7 +279,7 @@ def normal_sum(C: Array, n: int) -> float:
 
 @helper
 def clear(m: Array, out: Array) -> None:
-    """Write what an unloaded body gets: margins of 1, no forecast, zeros, and the length rolled so far."""
+    """Write the output of an unloaded body: margins of 1, no forecast, zeros, and the length rolled so far."""
     for k in range(OUTPUTS):
         out[k] = 1.0 if OUT_FRICTION <= k < OUT_SIDE else 0.0
     out[OUT_ROLLED], out[OUT_FORECAST] = m[ROLLED], UNTOLD
@@ -290,12 +287,11 @@ def clear(m: Array, out: Array) -> None:
 
 @njit(error_model="numpy")
 def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
-    """Write state, reason, MARGINS and EXTRAS of one body into `out` (OUTPUTS,), after `update_history` at the same
-    instant.
+    """Write state, reason, MARGINS and EXTRAS of one body into `out` (OUTPUTS,), after `update_history` at the same instant.
 
-    `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` (m) grows when a window closes; `forecast` is 0
-    for a body that can only roll, 1 can stick, 3 can stick or slide, 4 untold (`forecast_output`), with the ratios behind it.
-    Reads only: the memories stay as they are. Every number is finite.
+    `sliding_side` is 0 none, 1 lower, 2 upper, 3 both; `rolled_distance` [m] grows when a window closes; `forecast` is 0 for a
+    body that can only roll, 1 can stick, 3 can stick or slide, 4 none (`forecast_output`), followed by its ratios. Read-only for
+    the memories. Every number is finite.
     """
     clear(m, out)
     if n > 0:
@@ -306,7 +302,7 @@ def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
 
 @njit(error_model="numpy")
 def label_without_effects(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
-    """`label` of a body on which no effect acts, to the same bits: without the linear programmes, slow to compile."""
+    """`label` of a body without effects, to the same bits: without the linear programmes, slow to compile."""
     clear(m, out)
     if n > 0:
         pose = support_of(C, n)
@@ -316,7 +312,7 @@ def label_without_effects(C: Array, n: int, b: Array, m: Array, out: Array) -> N
 
 @helper
 def write_label(C: Array, n: int, b: Array, m: Array, pose: Posture, out: Array) -> None:
-    """Write state, reason, margins and the other extras of a loaded body: margins first, then the rules in their order."""
+    """Write state, reason, margins and the other extras of a loaded body: margins first, then the rules in order."""
     rotation = rotation_since(b, m, REFERENCE)
     p = patch_travel(C, n, rotation)
     total = normal_sum(C, n)

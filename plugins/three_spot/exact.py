@@ -1,19 +1,19 @@
 """Partial slip without discretisation: the tangential law of the level `exact`.
 
-The springs of the method of dimensionality reduction as a field that is piecewise linear in q = x^2/R, moved in closed form
+The springs of the method of dimensionality reduction as a field that is piecewise linear in q = x^2/R, advanced in closed form
 (`spring_field`). On slip along one line, with any overlap and load, it is the Hertz-Mindlin contact itself: memory diagrams give
 the same force to rounding, and a straight path of any length may be one step. A smooth history of overlap and slip on a line has
-a piece for every step. The field keeps `nodes` - 10 of them, then drops the one that matters least and counts it (`dropped` in
-the history): 3e-4 of mu N with 32 nodes, falling with their square.
+a piece for every step. The field holds up to `nodes` - 10 of them, then drops the least important one and counts it (`dropped` in
+the history): an error of 3e-4 of mu N with 32 nodes, falling with their square.
 
-Where springs slide on a curve each lags by an angle of its own, and no field of finitely many pieces is the solution. From the
-first such step on the patch has some 1.5 `nodes` springs, dragged in closed form (`exact_springs`): at constant overlap a polygon
-is followed exactly, a curve to second order in the step. The springs themselves add an error of at most 2e-4 of mu N with 48
-nodes, which falls with the square of their number. A patch that has slid far along a line is a field again.
+Where springs slide on a curve each lags by a different angle, and no field of finitely many pieces is the solution. From the
+first such step on the contact area has some 1.5 `nodes` springs, dragged in closed form (`exact_springs`): at constant overlap a
+polygon is followed exactly, a curve to second order in the step. The springs themselves add an error of at most 2e-4 of mu N with
+48 nodes, which falls with the square of their number. A contact that has slid far along a line is a field again.
 
-What it neglects: the elastic coupling of unlike bodies, and tangential forces across the direction of sliding (Cattaneo's
-approximation). Where a whole patch slides on a curve of radius r its springs lag by different angles and |T| falls short of mu N
-by some 0.03 (s_c/r)^2; on a line it is mu N.
+Neglected: the elastic coupling of dissimilar bodies, and tangential forces across the direction of sliding (Cattaneo's
+approximation). Where a whole contact slides on a curve of radius r its springs lag by different angles and |T| falls short of mu
+N by some 0.03 (s_c/r)^2; on a line it is mu N.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ from .spring_field import GAUSS, advance_field, field_energy, field_force, helpe
 
 
 class ExactParameters(NamedTuple):
-    """Effective shear modulus (the paper's G*), Pa; friction; mu E*/G*; renewal of a rolling patch per contact radius."""
+    """Effective shear modulus (the paper's G*) [Pa]; friction; mu E*/G*; renewal in rolling per contact radius."""
 
     g_star: float
     mu: float
@@ -55,11 +55,12 @@ class ExactParameters(NamedTuple):
 
 @helper
 def step_of(c, load, p, h):
-    """(slip x, y since touch, overlap before and now, bound of |w| per compression), share of slip, `Ground`, `Renewal`.
+    """Return the step of the springs, the fraction of slip that counts, `Ground` and `Renewal`.
 
-    Of the slip counts what the springs keep of it while rolling renews them. A negative overlap before the step drops the part
-    of the slip before touch. The bound is kappa (d - q) N_total/N_Hertz, so that the whole patch slides at mu times the load that
-    friction may use.
+    Step: (slip x, y since touch, overlap before and now, bound of |w| per compression). The slip is multiplied by the fraction
+    that remains in the springs while rolling renews them. A negative overlap before the step removes the part of the slip before
+    touch. The bound is kappa (d - q) N_total/N_Hertz, so that the whole contact slides at mu times the load available to
+    friction.
     """
     d, d_old = c.overlap, h[0]
     after = d / (d - d_old) if d_old < 0.0 else 1.0
@@ -72,19 +73,19 @@ def step_of(c, load, p, h):
 
 @helper
 def force_of(w, n):
-    """int w dy of a field with n nodes, or of springs where n is negative."""
+    """int w dy of a field with n nodes, or of springs if n is negative."""
     return field_force(w, n) if n >= 0 else spring_force(w, -n - 1)
 
 
 @helper
 def energy_of(w, n):
-    """int |w|^2 dy of a field with n nodes, or of springs where n is negative."""
+    """int |w|^2 dy of a field with n nodes, or of springs if n is negative."""
     return field_energy(w, n, 0.0) if n >= 0 else spring_energy(w, -n - 1)
 
 
 @helper
 def rolled_field(w, n, kept, step):
-    """The field, or the springs where n is negative, that rolling has carried outward before the step, and its number."""
+    """Return the field, or the springs if n is negative, after rolling has carried it outward before the step, and its number."""
     if kept >= 1.0 or n == 0:
         return w, n
     v = np.empty(len(w) + 6)
@@ -96,9 +97,11 @@ def rolled_field(w, n, kept, step):
 
 @helper
 def turn_of(w, n, w_new, step):
-    """The springs after one step that turns, from a field (w, n) or from springs: (number for the history, slip of the centre,
-    loss/(2 G*)). Springs that all slid along one line are one straight field again, where what they lost in the step covers what
-    the field holds more than its means."""
+    """Springs after one step that turns, from a field (w, n) or from springs.
+
+    Returns (number for the history, slip of the centre, loss/(2 G*)). Springs that all slid along one line become one straight
+    field again, if their loss in the step covers the energy of the field in excess of its means.
+    """
     sx, sy, d_old, d, k = step
     loss = 0.0
     if n >= 0:
@@ -123,8 +126,10 @@ def turn_of(w, n, w_new, step):
 
 @helper
 def moved(w, n, w_new, step):
-    """The field (w, n), or the springs where n is negative, after one step: (number for the history, slip of the centre,
-    loss/(2 G*), nodes dropped)."""
+    """Field (w, n), or springs if n is negative, after one step.
+
+    Returns (number for the history, slip of the centre, loss/(2 G*), nodes dropped).
+    """
     turned = n < 0
     if not turned:
         count, slip, loss, dropped, turned = advance_field(w, n, w_new, step)
@@ -140,13 +145,15 @@ def moved(w, n, w_new, step):
 def exact(c, load, p, h, w, w_new):
     """T = -2 G* int_0^a w dx, U = G* int_0^a |w|^2 dx.
 
-    `h` = (overlap before the step, nodes of the field, force, ground, nodes dropped for want of room); in place of the nodes
-    stands -1 less the number of wide cells where there are springs. `w` is the field or the springs, displaced by the slip of i
-    against j.
-    Dissipated: by springs that slide, the mean of their bounds while they do times their way (exact at constant overlap, second
-    order in the step else), and what rolling and the loss of contact area release. None of these is a difference of works, none
-    is negative. The slip is that of the centre, which sticks while any spring does. Rolling: fresh material enters the patch
-    unloaded; the field is carried outward with the way over fresh ground (`exact_rolling`), at the rate of Kalker's creep.
+    `h` = (overlap before the step, nodes of the field, force, ground, nodes dropped for lack of space); instead of the number of
+    nodes, -1 minus the number of wide cells if there are springs. `w` is the field or the springs, displaced by the slip of i
+    relative to j.
+
+    Dissipated: by springs that slide, the mean of their bounds while sliding times their slip (exact at constant overlap, second
+    order in the step otherwise), and the energy released by rolling and by loss of contact area. None of these is a difference of
+    works, none is negative. The slip is that of the centre, which sticks while any spring does. Rolling: unstressed material
+    enters the contact area; the field is carried outward with the travel over fresh ground (`exact_rolling`), at the rate of
+    Kalker's creep.
     """
     limit, d = p.mu * load.force, c.overlap
     if not (d > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
@@ -166,7 +173,7 @@ def exact(c, load, p, h, w, w_new):
     stored = modulus * energy_of(w_new, count)
     x, y = -2.0 * modulus * x, -2.0 * modulus * y
     size = math.sqrt(x * x + y * y)
-    # a patch that slides one way has two nodes left: then the force is the limit to the last digit
+    # a contact that slides in one direction has two nodes left: then the force is the limit to the last digit
     fraction = limit / max(size, 1e-300) if (slip > 0.0 and count == 2) or size > limit else 1.0
     x, y = fraction * x, fraction * y
     answer = Tangential(x, y, limit, p.kappa * d, slip, stored, 2.0 * modulus * loss)
@@ -175,7 +182,7 @@ def exact(c, load, p, h, w, w_new):
 
 @helper
 def spring_at(w, n, q):
-    """The old spring at q and its slope: (x, y, dx/dq, dy/dq)."""
+    """Old spring at q and its slope: (x, y, dx/dq, dy/dq)."""
     for i in range(3, 3 * n, 3):
         if q <= w[i]:
             length = max(w[i] - w[i - 3], 1e-300)
@@ -188,8 +195,8 @@ def spring_at(w, n, q):
 def spring_rates(w, n, rates, step, q):
     """dw_x/ds_x, dw_x/ds_y, dw_y/ds_y, dw_x/dd, dw_y/dd of the spring at q after the step, from the field (w, n).
 
-    `rates` = (share of the slip that counts, its rate with the overlap; that of log `kept`, by which rolling has scaled the field
-    and carried it outward; that of the bound per compression).
+    `rates` = (fraction of the slip that counts, its rate with the overlap; that of log `kept`, by which rolling has scaled the
+    field and carried it outward; that of the bound per compression).
     """
     sx, sy, d_old, d, k = step
     after, after_rate, kept_rate, k_rate = rates
@@ -215,7 +222,7 @@ def spring_rates(w, n, rates, step, q):
 
 @helper
 def tangent_of_field(c, load, p, h, w):
-    """What `exact_tangent` returns, for an overlap above zero."""
+    """Result of `exact_tangent` for an overlap above zero."""
     step, after, _, renewal = step_of(c, load, p, h)
     d = c.overlap
     modulus = p.g_star * load.contact_radius / math.sqrt(d)
@@ -229,7 +236,7 @@ def tangent_of_field(c, load, p, h, w):
     count, _, _, _, _ = advance_field(v, n, new, step)
     xx = xy = yy = x_d = y_d = 0.0
     for i in range(0, 3 * count - 3, 3):
-        # the share of the slip has a corner at the old edge of the patch, also where the field has none
+        # the fraction of the slip has a kink at the old edge of the contact area, even where the field has none
         corner = min(max(step[2], new[i]), new[i + 3])
         for q_a, q_b in ((new[i], corner), (corner, new[i + 3])):
             h_piece, _ = piece_mean(q_a, q_b)
@@ -246,7 +253,7 @@ def tangent_of_field(c, load, p, h, w):
 
 @helper
 def on_an_axis(w, n, slip_x, slip_y):
-    """Whether the slip and all springs lie along one axis of the frame, as in every planar problem."""
+    """Return whether the slip and all springs lie along one axis of the frame, as in every planar problem."""
     x, y = slip_x != 0.0, slip_y != 0.0
     for i in range(0, 3 * n, 3):
         x, y = x or w[i + 1] != 0.0, y or w[i + 2] != 0.0
@@ -258,10 +265,11 @@ curved_tangent = central(exact)
 
 @kernel
 def exact_tangent(c, load, p, h, w):
-    """Consistent tangent of one step. Along an axis in closed form: springs that stick follow the slip, others the bound.
+    """Consistent tangent of one step.
 
-    Ends of pieces move with the step but the field is continuous there, so they do not count: dT/ds is 2 G* times the radius of
-    the stick area. Off an axis by differences: there the step also places nodes and drops some, which moves the force.
+    Along an axis in closed form: sticking springs follow the slip, others the bound. Ends of pieces move with the step, but the
+    field is continuous there, so they do not contribute: dT/ds is 2 G* times the radius of the stick area. Off an axis by
+    differences: there the step also adds and drops nodes, which changes the force.
     """
     # without friction no spring holds, not even at rest
     if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0 and p.kappa * load.force > 0.0):
@@ -272,7 +280,7 @@ def exact_tangent(c, load, p, h, w):
 
 
 def mix_exact(pair: Pair, options: Options) -> ExactParameters:
-    """G*, friction, kappa = mu E*/G* (Willert, Eqs. 13, 14) and the renewal of a rolling patch."""
+    """Return G*, friction, kappa = mu E*/G* (Willert, Eqs. 13, 14) and the renewal of a rolling contact area."""
     g = g_star(pair.a, pair.b)
     return ExactParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, renewal_rate(pair, options))
 
@@ -288,7 +296,7 @@ NODES = Option(
 
 
 def width(options: Options) -> int:
-    """Floats of the field: three per node. Raises ValueError for a number of nodes that is not whole."""
+    """Number of floats of the field: three per node. Raises ValueError for a non-integer number of nodes."""
     nodes = options["nodes"]
     if nodes % 1.0 != 0.0:
         raise ValueError(f"nodes = {nodes:g} must be a whole number")

@@ -1,8 +1,7 @@
-"""What rolling does to the field of the level `exact`: springs are carried outward, w(x) -> kept w(kept x)
-(`laws.patch_renewal`).
+"""Effect of rolling on the field of the level `exact`: springs are carried outward.
 
-In q = x^2/R that scales the nodes of a field, so it stays piecewise linear: the step is exact. Springs of fixed places
-(`exact_springs`) become means over what their cells then hold.
+w(x) -> kept w(kept x) (`laws.patch_renewal`). In q = x^2/R that scales the nodes of a field, so it remains piecewise linear: the
+step is exact. Springs of fixed positions (`exact_springs`) become means over the new content of their cells.
 """
 
 from __future__ import annotations
@@ -16,10 +15,10 @@ from .spring_field import field_energy, field_force, piece_mean, piece_products
 
 @helper
 def carry_field(w, n, kept, ends, new):
-    """Write the field (w, n) as rolling carries it outward; returns its nodes. `new` needs room for two nodes more.
+    """Write the field (w, n) carried outward by rolling; return its number of nodes. `new` needs space for two more nodes.
 
-    `ends` = (overlap before and after the step): what passes the larger one is gone. Between the two stands a node at the first,
-    as springs beyond it touch within the step.
+    `ends` = (overlap before and after the step): zero beyond the larger one. If they differ, a node is placed at the first, as
+    springs beyond it touch within the step.
     """
     d_old, d = ends
     stretch, end = 1.0 / (kept * kept), max(d_old, d)
@@ -42,7 +41,7 @@ def carry_field(w, n, kept, ends, new):
 
 @helper
 def field_beyond(w, n, start):
-    """(int w_x dy, int w_y dy, int |w|^2 dy) over what lies beyond q = start."""
+    """(int w_x dy, int w_y dy, int |w|^2 dy) beyond q = start."""
     f_x = f_y = energy = 0.0
     for i in range(0, 3 * n - 3, 3):
         q_1, q_2 = w[i], w[i + 3]
@@ -60,7 +59,7 @@ def field_beyond(w, n, start):
 
 @helper
 def field_product(w, n, v, m):
-    """int w.v dy of two fields over the nodes of both, as far as the shorter one reaches."""
+    """int w.v dy of two fields over the nodes of both, up to the end of the shorter one."""
     i = j = 3
     q_1, a_x, a_y, b_x, b_y = 0.0, w[1], w[2], v[1], v[2]
     total = 0.0
@@ -79,17 +78,17 @@ def field_product(w, n, v, m):
 
 @helper
 def cell_at(y, m, h):
-    """Cell that holds the place y."""
+    """Cell that contains the position y."""
     wide = 2.0 * h * m
     return int(y / (2.0 * h)) if y < wide else m + int((y - wide) / h)
 
 
 @helper
 def carry_springs(w, m, kept, overlap, new):
-    """Write the springs (w, m) as rolling carries them outward, as means over the cells.
+    """Write the springs (w, m) carried outward by rolling, as means over the cells.
 
-    Beyond the larger `overlap` of the step they are gone. A cell holds what came from `kept` times its ends, so no force is lost
-    but what passes the edge. That interval is no wider than any cell that it meets: two at most.
+    Zero beyond the larger `overlap` of the step. A cell holds the content of `kept` times its ends, so force is lost across the
+    edge only. That interval is no wider than any cell that it intersects: two at most.
     """
     n, h = cells_of(w), w[0]
     new[0] = h
@@ -117,7 +116,7 @@ def springs_product(w, v, m):
 
 @helper
 def lost_by(w, n, v, kept, end):
-    """(int w_x dy, int w_y dy, int |w|^2 dy) of a field or of springs, and how much of each is lost where v is carried outward.
+    """(int w_x dy, int w_y dy, int |w|^2 dy) of a field or of springs, and the loss of each when v is carried outward.
 
     `end`: the larger overlap of the step.
     """
@@ -135,10 +134,11 @@ def lost_by(w, n, v, kept, end):
 
 @helper
 def renewal_loss(w, n, v, m, step, renewal, slip, slides):
-    """What rolling takes in the step, over G*, of the field (w, n), which is (v, m) when carried outward; springs: n negative.
+    """Energy released by rolling in the step, over G*.
 
-    `slip` is that of the step, `step` as for `exact_field.advance_field`. Exact for a uniform field that sticks and for one that
-    slides one way throughout, of first order in the renewal of a step between.
+    Of the field (w, n), which is (v, m) when carried outward; springs: n negative. `slip` is that of the step, `step` as for
+    `spring_field.advance_field`. Exact for a uniform field that sticks and for one that slides in one direction throughout, of
+    first order in the renewal of a step in between.
     """
     s_x, s_y = slip
     x, y, energy, gone_x, gone_y, loss = lost_by(w, n, v, renewal.kept, max(step[2], step[3]))

@@ -1,16 +1,18 @@
-"""Springs of one spot whose slip turns: places fixed in the patch, each moved in closed form along a straight step.
+"""Springs of one spot whose slip turns: fixed positions in the contact area, each advanced in closed form along a straight step.
 
-The part of a patch that slides on a curve has no field of finitely many straight pieces: every spring lags by its own angle. So
-the patch is cut into cells of y = sqrt(q) = x/sqrt(R), and each carries one spring, the mean over its cell. A spring is dragged
-behind its end at the distance of its bound b (a tractrix, the curve of pursuit): with the angle t between spring and slip,
+The part of a contact that slides on a curve has no field of finitely many straight pieces: every spring lags by a different
+angle. So the contact area is divided into cells of y = sqrt(q) = x/sqrt(R), each with one spring, the mean over its cell. A
+spring trails its end at the distance of its bound b (a tractrix, the curve of pursuit): with the angle t between spring and slip,
 dt = -sin t dl/b, so tan(t/2) falls by exp(-l/b), and a straight step of any length is exact at constant overlap. Where the bound
-moves in the step, b is its logarithmic mean, exact as well. A curve that is followed by straight steps is met to second order in
-them, and the cells add about 1 / (their number)^2 of mu N. No step makes energy: each spring alone is an elastic-plastic spring
-whose force along the slip grows while it sticks and while it turns, and means of springs hold less energy than these.
+changes in the step, b is its logarithmic mean, exact as well. A curve approximated by straight steps is followed to second order
+in them, and the cells add an error of about 1 / (their number)^2 of mu N. No step creates energy: each spring alone is an
+elastic-plastic spring whose force along the slip grows while it sticks and while it turns, and means of springs hold less energy
+than these.
 
-Array: w[0] the spacing h, then all x and all y of the springs. The first m cells are 2 h wide, the others h. When the patch
-outgrows its cells, the next two of width h become one, until all are 2 h wide and the spacing is doubled; when it has left half
-of the width, all cells are cut in two. So nearly all cells are in use, whatever the overlap. Means keep the force.
+Array: w[0] the spacing h, then all x and all y of the springs. The first m cells are 2 h wide, the others h. When the contact
+area outgrows its cells, the next two of width h are merged into one, until all are 2 h wide and the spacing is doubled; when it
+has shrunk to half of the width, all cells are split in two. So nearly all cells are in use, whatever the overlap. Means preserve
+the force.
 """
 
 from __future__ import annotations
@@ -21,24 +23,24 @@ from .numerical_tangent import helper
 from .spring_field import piece_mean
 
 ALIGNED = 1e-10
-"""Sine of the angle to the slip up to which a spring lies along it."""
+"""Sine of the angle to the slip up to which a spring counts as parallel to it."""
 IN_LINE = 1e-16
-"""The same for one that lies along it to the last digit."""
+"""The same to the last digit."""
 SHORT = 0.1
-"""Way over the bound below which the slid way is the trapezoid of the cosine, with the corrections of its ends: to 1e-7."""
+"""Path over the bound below which the slip path is the trapezoid of the cosine with end corrections: error 1e-7."""
 SERIES = 1e-2
-"""Relative change of the bound below which its logarithmic mean is the mean but for 1/12 of the square."""
+"""Relative change of the bound below which its logarithmic mean is computed by a series."""
 
 
 @helper
 def cells_of(w):
-    """Number of springs that the array of the field holds."""
+    """Number of springs in the array of the field."""
     return (len(w) - 2) // 2
 
 
 @helper
 def lower_end(i, m, h):
-    """Inner edge of cell i, over sqrt(R)."""
+    """Inner edge of cell i over sqrt(R)."""
     return h * (i + min(i, m))
 
 
@@ -51,7 +53,7 @@ def gap_of(i, m, h):
 
 @helper
 def grid_for(d, n):
-    """(spacing, number m of wide cells) of n cells that just hold a patch of overlap d."""
+    """(spacing, number m of wide cells) of the smallest grid of n cells for a contact area of overlap d."""
     y = math.sqrt(d)
     spacing = math.ldexp(0.5, math.frexp(y / n)[1])
     m = int(math.ceil(y / spacing)) - n
@@ -60,7 +62,7 @@ def grid_for(d, n):
 
 @helper
 def spring_energy(w, m):
-    """int |w|^2 dy over the patch."""
+    """int |w|^2 dy over the contact area."""
     n, total = cells_of(w), 0.0
     for i in range(n):
         x, y = w[1 + i], w[1 + n + i]
@@ -70,7 +72,7 @@ def spring_energy(w, m):
 
 @helper
 def spring_force(w, m):
-    """int w dy over the patch, both components."""
+    """int w dy over the contact area, both components."""
     n, x, y = cells_of(w), 0.0, 0.0
     for i in range(n):
         width = lower_end(i + 1, m, w[0]) - lower_end(i, m, w[0])
@@ -80,7 +82,7 @@ def spring_force(w, m):
 
 @helper
 def cell_means(w, count, d, new):
-    """Write springs that are the means of the field (w, count) over the cells for a patch of overlap d; returns m."""
+    """Write springs that are the means of the field (w, count) over the cells for a contact area of overlap d; return m."""
     n = cells_of(new)
     spacing, m = grid_for(d, n)
     for i in range(len(new)):
@@ -107,7 +109,10 @@ def cell_means(w, count, d, new):
 
 @helper
 def merge_next(w, m):
-    """Cells m and m + 1 become one, and the outermost is empty; returns the new m. With all cells wide, the spacing doubles."""
+    """Merge cells m and m + 1, which leaves the outermost empty; return the new m.
+
+    With all cells wide, the spacing doubles.
+    """
     n = cells_of(w)
     if m == n:
         w[0], m = 2.0 * w[0], 0
@@ -124,7 +129,10 @@ def merge_next(w, m):
 
 @helper
 def cut_all(w, m):
-    """Every cell becomes two of half its width, as far as there is room: the outer half must be empty. Returns the new m."""
+    """Split every cell into two of half its width, as far as there is space; return the new m.
+
+    The outer half must be empty.
+    """
     n = cells_of(w)
     for part in range(2):
         first = 1 + part * n
@@ -136,7 +144,7 @@ def cut_all(w, m):
 
 @helper
 def fit_cells(w, m, y):
-    """Cells for a patch that reaches to y; returns (new m, twice the energy that means let go, over 2 G*)."""
+    """Adapt the cells to a contact area that extends to y; return (new m, twice the energy released by averaging, over 2 G*)."""
     n = cells_of(w)
     if y <= w[0] * (n + m) <= 2.0 * y:
         return m, 0.0
@@ -150,7 +158,7 @@ def fit_cells(w, m, y):
 
 @helper
 def mean_bound(b_1, b_2):
-    """Logarithmic mean of the ends of a bound that moves on a straight line: its length over int dl / b."""
+    """Logarithmic mean of a bound that changes linearly from b_1 to b_2: its length over int dl / b."""
     change = b_2 - b_1
     if abs(change) <= SERIES * b_1:
         fraction = change / b_1 if change != 0.0 else 0.0
@@ -160,10 +168,10 @@ def mean_bound(b_1, b_2):
 
 @helper
 def drag(x, y, b_0, b_1, e_x, e_y, length):
-    """One spring through a straight slip of this length along e while its bound goes from b_0 to b_1, to where it is beyond it.
+    """Advance one spring through a straight slip of this length along e while its bound changes from b_0 to b_1.
 
-    Returns (x, y, energy lost over its stiffness, way that it slid). It holds its ground until it meets the bound, at the share t
-    of the way, and slides from there on. Energy: mean bound times way, exact on a line and of second order else.
+    Returns (x, y, energy lost over its stiffness, slip). It sticks until it reaches the bound, at the fraction t of the path, and
+    slides from there on. Energy: mean bound times slip, exact on a line and of second order otherwise.
     """
     square = x * x + y * y
     size = math.sqrt(square)
@@ -171,7 +179,7 @@ def drag(x, y, b_0, b_1, e_x, e_y, length):
     rise, along = b_1 - b_0, x * e_x + y * e_y
     b, c, b_t, rest = along * length - b_0 * rise, square - b_0 * b_0, b_0, length
     if not (b > 0.0 and c >= -1e-15 * square):
-        # |w + t l e| = b_0 + t rise, the root on the way out
+        # |w + t l e| = b_0 + t rise, the root where the bound is crossed outwards
         a = length * length - rise * rise
         root = math.sqrt(max(b * b - a * c, 0.0))
         t = -c / (b + root) if b > 0.0 else (root - b) / a if a > 0.0 else 1.0
@@ -191,7 +199,7 @@ def drag(x, y, b_0, b_1, e_x, e_y, length):
     fall = math.exp(-distances)
     ahead, behind = 1.0 + cosine, (1.0 - cosine) * fall * fall
     total = ahead + behind
-    # a spring that is pushed straight back stays so
+    # a spring exactly opposite to the slip stays so
     along, across, distance = -1.0, 0.0, -rest
     if total > 1e-300:
         per_total = 1.0 / total
@@ -206,9 +214,9 @@ def drag(x, y, b_0, b_1, e_x, e_y, length):
 
 @helper
 def advance_springs(w, m, step):
-    """Move the springs in place through one straight step; (new m, slip of the centre, loss/(2 G*), whether all slid along it).
+    """Advance the springs in place through one straight step.
 
-    `step` as for `exact_field.advance_field`.
+    Returns (new m, slip of the centre, loss/(2 G*), whether all slid along it). `step` as for `spring_field.advance_field`.
     """
     sx, sy, d_old, d, k = step
     m, merged = fit_cells(w, m, math.sqrt(max(d_old, d)))

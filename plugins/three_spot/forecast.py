@@ -1,8 +1,9 @@
-"""The forecast of a body, compiled: can it stick, can it slide? The conditions of `hull_conditions` without allocations.
+"""Forecast of a body, compiled: whether it can stick and slide.
 
-Another road to the same numbers: {q - p} meets the line of the drag where a slice of P and a slice of Q at the same distance
-across the drag face each other. The reach of the slices, max of Q less min of P, is concave and piecewise linear across, so its
-largest value stands at some spot's own line. Work grows as (n + m)(n^2 + m^2): a microsecond for six spots.
+The conditions of `hull_conditions` without allocations, by another method: {q - p} meets the line of the drag where a slice of P
+and a slice of Q at the same distance across the drag face each other. The reach of the slices, max of Q minus min of P, is
+concave and piecewise linear across, so its maximum is on the line of some spot. Cost grows as (n + m)(n^2 + m^2): a microsecond
+for six spots.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ TOLERANCE = 1e-12  # of the largest |q - p|, as in `hull_conditions`
 
 @helper
 def patch_size(upper: Array, n_upper: int, lower: Array, n_lower: int) -> float:
-    """Largest |q - p|, m: the measure of every tolerance; the same wherever the origin is."""
+    """Largest |q - p| [m]: the scale of all tolerances; independent of the origin."""
     size = 0.0
     for i in range(n_upper):
         for j in range(n_lower):
@@ -32,7 +33,7 @@ def patch_size(upper: Array, n_upper: int, lower: Array, n_lower: int) -> float:
 
 @helper
 def slice_ends(spots: Array, n: int, x: float, y: float, ex: float, ey: float, near: float) -> tuple[float, float]:
-    """Least and largest place along e of the spots' hull on the line through (x, y) along e; (inf, -inf) off the hull."""
+    """Minimum and maximum position along e of the spots' hull on the line through (x, y) along e; (inf, -inf) off the hull."""
     low, high = math.inf, -math.inf
     for i in range(n):
         a = (spots[i, 0] - x) * ex + (spots[i, 1] - y) * ey
@@ -51,7 +52,7 @@ def slice_ends(spots: Array, n: int, x: float, y: float, ex: float, ey: float, n
 
 @helper
 def reach(upper: Array, n_upper: int, lower: Array, n_lower: int, ex: float, ey: float, near: float) -> tuple[float, float]:
-    """Least and largest a with a e in {q - p}, m; (inf, -inf) if none is."""
+    """Minimum and maximum a with a e in {q - p} [m]; (inf, -inf) if there is none."""
     low, high = math.inf, -math.inf
     for k in range(n_upper + n_lower):
         x = upper[k, 0] if k < n_upper else lower[k - n_upper, 0]
@@ -65,7 +66,7 @@ def reach(upper: Array, n_upper: int, lower: Array, n_lower: int, ex: float, ey:
 
 @helper
 def corner_distance(corners: Array, n: int, chords: Array, m: int) -> float:
-    """Least distance of a corner from a chord between two of the other spots, m: of two hulls apart, with roles both ways."""
+    """Minimum distance of a corner from a chord between two of the other spots [m]; for separate hulls, with both roles."""
     minimum = math.inf
     for i in range(n):
         for j in range(m):
@@ -83,14 +84,13 @@ def corner_distance(corners: Array, n: int, chords: Array, m: int) -> float:
 def forecast(
     upper: Array, n_upper: int, lower: Array, n_lower: int, h: float, ex: float, ey: float
 ) -> tuple[float, float, float]:
-    """(mu_required, t_min, t_max) of a body between parallel plates, no weight: `hull_conditions`, and the values below instead
-    of errors.
+    """(mu_required, t_min, t_max) of a body between parallel plates, no weight (`hull_conditions`).
 
-    `upper`, `lower` (>= n, >= 2): x, y of the loaded spots in their first rows and columns, m; `h` distance of the sides, m;
+    `upper`, `lower` (>= n, >= 2): x, y of the loaded spots in their first rows and columns [m]; `h` distance of the sides [m];
     (ex, ey) drag of the upper side, of any length. Sticking is possible iff mu >= mu_required, sliding along e iff t_min <= mu <=
-    t_max. Never NaN for finite input. Where the line of the drag misses {q - p}: t_min = inf, t_max = -inf, so that no mu lies
-    between; with no direction these too, mu_required as usual; without spots on a side or h <= 0 all three say impossible:
-    (inf, inf, -inf). Reads only.
+    t_max. Instead of errors: where the line of the drag misses {q - p}, t_min = inf, t_max = -inf, so that no mu lies between;
+    without a direction likewise, mu_required as usual; without spots on a side or h <= 0 both are impossible: (inf, inf, -inf).
+    Never NaN for finite input. Read-only.
     """
     if n_upper <= 0 or n_lower <= 0 or not h > 0.0:
         return math.inf, math.inf, -math.inf

@@ -1,10 +1,10 @@
-"""The forecast of a body between the plates: which states without rolling are possible, from geometry and friction alone.
+"""Forecast of a body between the plates: possible states without rolling, from geometry and friction only.
 
-Sticking is possible while the required friction (distance of the hulls of the upper and the lower spots over their height) is
-there; sliding along the drag while the friction lies in [t_min, t_max] (`forecast`). A body that can neither stick nor slide
-rolls; one that can stick but not slide tips over when the drag goes on. Feasible is not realised: the label beside it tells
-what the body does. Body forces (weight and other effects) enter by linear programmes (`weighted_forecast`) where they move the
-line of action by `NEGLIGIBLE` contact radii or more: programmes cost 0.1 ms and more per body, closed forms a microsecond.
+Sticking is possible if the friction is at least the required one (distance of the hulls of the upper and the lower spots over
+their height); sliding along the drag if the friction lies in [t_min, t_max] (`forecast`). A body that can neither stick nor slide
+rolls; one that can stick but not slide tips over when the drag continues. Feasible is not realised: the label is the observed
+state. Body forces (weight and other effects) enter by linear programmes (`weighted_forecast`) where they move the line of action
+by `NEGLIGIBLE` contact radii or more: programmes cost 0.1 ms and more per body, closed forms a microsecond.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from .support_geometry import ABOVE, BELOW, BOTH, NEITHER, Array, Posture, helpe
 from .weighted_forecast import body_size, weighted_forecast
 
 CAN_STICK, CAN_SLIDE, UNTOLD = 1.0, 2.0, 4.0
-"""Bits of `forecast`; UNTOLD where there is none: not held from both plates."""
+"""Bits of `forecast`; UNTOLD: no forecast, the body is not held from both plates."""
 
 FARTHEST = 1e9
-"""Stands for an infinite ratio: outputs stay finite."""
+"""Finite value for an infinite ratio in outputs."""
 
 NEGLIGIBLE = 0.01
-"""Contact radii by which body forces may move the line of action and be left out: the patch itself is no better known."""
+"""Shift of the line of action by body forces that is neglected, over the contact radius: the contact area is no better known."""
 
 HEAVIEST = 1e6
 """Body force over load beyond which there is no forecast."""
@@ -36,7 +36,7 @@ POINT = is_plain(loaded_contact.POINT)
 
 @helper
 def friction_coefficient(C: Array, n: int, sides: int) -> float:
-    """Least friction coefficient of the loaded spots on `sides` (bits; NEITHER: all)."""
+    """Minimum friction coefficient of the loaded spots on `sides` (bits; NEITHER: all)."""
     minimum = FARTHEST
     for i in range(n):
         if C[i, loaded_contact.LOAD] > 0.0 and (sides == NEITHER or side_of(C, i) == sides):
@@ -46,7 +46,7 @@ def friction_coefficient(C: Array, n: int, sides: int) -> float:
 
 @helper
 def upper_load(C: Array, n: int) -> float:
-    """Normal force of the upper spots, N."""
+    """Normal force of the upper spots [N]."""
     total = 0.0
     for i in range(n):
         if side_of(C, i) == ABOVE:
@@ -56,7 +56,7 @@ def upper_load(C: Array, n: int) -> float:
 
 @helper
 def side_places(C: Array, n: int, side: int) -> Array:
-    """(m, 2): x, y of the spots of a side from the centre of mass, m."""
+    """(m, 2): x, y of the spots of a side from the centre of mass [m]."""
     m = 0
     for i in range(n):
         if side_of(C, i) == side:
@@ -72,7 +72,7 @@ def side_places(C: Array, n: int, side: int) -> Array:
 
 @helper
 def body_force_share(wrench: Array, load: float, size: float) -> float:
-    """Distance over `size` by which body forces move the line of action, of force or moment; inf without load."""
+    """Shift of the line of action by body forces over `size`, due to force or moment; inf without load."""
     force = max(abs(wrench[0]), abs(wrench[1]), abs(wrench[2]))
     moment = max(abs(wrench[3]), abs(wrench[4]), abs(wrench[5]))
     if force == 0.0 and moment == 0.0:
@@ -105,7 +105,7 @@ def write_plain_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, f
 
 @helper
 def write_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: int) -> None:
-    """Write forecast, mu_required, t_min, t_max into out[first:]; zeros and UNTOLD where the theory does not speak."""
+    """Write forecast, mu_required, t_min, t_max into out[first:]; zeros and UNTOLD where the theory does not apply."""
     out[first] = UNTOLD
     if pose[0] != BOTH or not only_plates(C, n) or pose[2] <= 0.0:
         return
@@ -119,7 +119,7 @@ def write_outlook(C: Array, n: int, b: Array, pose: Posture, out: Array, first: 
     if fraction * size < NEGLIGIBLE * pose[1]:
         write_plain_outlook(C, n, b, pose, out, first)
     elif fraction <= HEAVIEST and heights[0] > heights[1]:
-        # a side may carry a contact that presses nothing at this instant
+        # a side may have a contact without load at this instant
         frictions = min(friction_coefficient(C, n, ABOVE), HEAVIEST), min(friction_coefficient(C, n, BELOW), HEAVIEST)
         drag = b[observed_body.DRAG], b[observed_body.DRAG + 1]
         required, low, high = weighted_forecast(upper, lower, heights, wrench, load, frictions, drag)

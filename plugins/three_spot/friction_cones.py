@@ -1,14 +1,14 @@
-"""Can friction cones balance a wrench? The general case by linear programming: weight, a friction per spot, any normals.
+"""Balance of a wrench by friction cones: the general case by linear programming.
 
-`hulls` and `conditions` are exact where they hold; this is their judge, and the answer where they do not. A cone is replaced by
-an inscribed pyramid of K edges. The circumscribed pyramid is the inscribed one of a friction larger by 1/cos(pi/K), so one
-search gives both ends of a bracket. Feasibility grows with friction (cones contain smaller cones), hence bisection.
-Imports nothing of ours. Cf. static slip and sliding in E. Willert's Eqs. 1 and 20, and force closure of grasps (R. M. Murray,
-Z. Li, S. S. Sastry 1994, chapter 5).
+Any weight, normals, and friction per spot. `hull_conditions` and `conditions` are exact where they hold; this module is their
+reference, and replaces them elsewhere. A cone is approximated by an inscribed pyramid of K edges. The circumscribed pyramid is
+the inscribed one of a friction larger by 1/cos(pi/K), so one search gives both ends of a bracket. Feasibility grows with friction
+(cones contain smaller cones), hence bisection. Imports nothing of thirdbody. Cf. static slip and sliding in E. Willert's Eqs. 1
+and 20, and force closure of grasps (R. M. Murray, Z. Li, S. S. Sastry 1994, chapter 5).
 
-Arrays: `points` (n, 3), m, from the point about which `moment` counts (the centre of mass: weight then has none); `normals`
-(n, 3), unit, into the particle; `mu` (n,); `pressed` (n,) bool, the spots whose normal forces add up to `load`, N (one side,
-say the upper: without it the answer is no force at all).
+Arrays: `points` (n, 3) [m], from the reference point of `moment` (the centre of mass: weight then has none); `normals` (n, 3),
+unit, into the particle; `mu` (n,); `pressed` (n,) bool, the spots whose normal forces add up to `load` [N] (of one side, such as
+the upper: without it zero forces would be a solution).
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ Array = NDArray[np.float64]
 EDGES = 32
 LARGEST = 1e3  # scale of friction beyond which a wrench counts as out of reach
 ROUNDS = 60
-RESIDUAL = 1e-8  # wrench left unbalanced that counts as none, over the load (forces) and load times largest arm (moments)
+RESIDUAL = 1e-8  # unbalanced wrench that counts as zero, over the load (forces) and load times largest arm (moments)
 PRECISE = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
 
 
 @dataclass(frozen=True, eq=False)
 class Grasp:
-    """Spots that hold a particle against an external force (3,), N, and moment (3,), N m; `axis` makes it planar.
+    """Spots that hold a particle against an external force (3,) [N] and moment (3,) [N m]; `axis` makes it planar.
 
     With `axis` (3,) friction acts along it only and the plane's cones are exact: no pyramids.
     """
@@ -50,7 +50,10 @@ def grasp(
     points: ArrayLike, normals: ArrayLike, mu: ArrayLike, pressed: ArrayLike, load: float = 1.0,
     force: ArrayLike = (0.0, 0.0, 0.0), moment: ArrayLike = (0.0, 0.0, 0.0), axis: ArrayLike | None = None,
 ) -> Grasp:  # fmt: skip
-    """A checked `Grasp`. Raises ValueError for shapes that disagree, normals not of unit length, or no positive load."""
+    """Return a checked `Grasp`.
+
+    Raises ValueError for inconsistent shapes, normals not of unit length, or no positive load.
+    """
     places, outward = np.asarray(points, dtype=np.float64), np.asarray(normals, dtype=np.float64)
     count = len(places)
     frictions = np.broadcast_to(np.asarray(mu, dtype=np.float64), (count,))
@@ -68,7 +71,7 @@ def between_plates(
     upper: ArrayLike, lower: ArrayLike, h: float, mu_upper: float, mu_lower: float, weight_ratio: float = 0.0,
     axis: ArrayLike | None = None,
 ) -> Grasp:  # fmt: skip
-    """`Grasp` of a particle between horizontal plates, spots at (n, 2), m, from the centre of mass, at +-h/2.
+    """`Grasp` of a particle between horizontal plates, spots at (n, 2) [m] from the centre of mass, at +-h/2.
 
     `weight_ratio` = m g/N_1, N_1 = 1 the load of the upper side.
     """
@@ -81,11 +84,11 @@ def between_plates(
 
 
 def required_scale(held: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> tuple[float, float]:
-    """(lower, upper) bracket of the least s for which cones of friction s mu_i balance the wrench.
+    """(lower, upper) bracket of the smallest s for which cones of friction s mu_i balance the wrench.
 
-    upper/lower = 1/cos(pi/K) up to `accuracy` of the bisection (relative; below it, absolute); without pyramids (`axis`) only
-    that is left. (inf, inf) beyond `LARGEST`. Sticking is possible if upper <= 1 and impossible if lower > 1. `RESIDUAL` is felt
-    where s is that small. Raises ValueError for fewer than 3 edges.
+    upper/lower = 1/cos(pi/K) up to `accuracy` of the bisection (relative; below it, absolute); without pyramids (`axis`) the
+    bisection is the only error. (inf, inf) beyond `LARGEST`. Sticking is possible if upper <= 1 and impossible if lower > 1.
+    `RESIDUAL` matters where s is that small. Raises ValueError for fewer than 3 edges.
     """
     if edges < 3:
         raise ValueError(f"{edges} edges are no pyramid")
@@ -109,15 +112,18 @@ def required_scale(held: Grasp, edges: int = EDGES, accuracy: float = 1e-7) -> t
 
 
 def can_balance(held: Grasp, scale: float = 1.0, edges: int = EDGES) -> bool:
-    """Whether inscribed pyramids of friction `scale` mu_i balance the wrench; `scale`/cos(pi/K) asks the circumscribed ones."""
+    """Return whether inscribed pyramids of friction `scale` mu_i balance the wrench.
+
+    With `scale`/cos(pi/K) the pyramids are circumscribed.
+    """
     return _feasible(held, _cone_rays(held, scale, edges))
 
 
 def can_slide(held: Grasp, pulls: ArrayLike, sliding: ArrayLike = True, edges: int = EDGES) -> bool:
-    """Whether spot forces balance the wrench of which those of the spots `sliding` (n,), all by default, are at their limit.
+    """Return whether spot forces balance the wrench if those of the spots `sliding` (n,), all by default, are at their limit.
 
-    These are N_i (n_i + mu_i pull_i); `pulls` (n, 3): unit direction of the friction on the particle at each spot: along the
-    drag above, against it below. The others lie anywhere inside pyramids of `edges` edges.
+    These are N_i (n_i + mu_i pull_i); `pulls` (n, 3): unit direction of the friction on the particle at each spot: along the drag
+    above, against it below. The others lie anywhere inside pyramids of `edges` edges.
     """
     limits = (held.normals + held.mu[:, None] * np.asarray(pulls, dtype=np.float64))[:, None, :]
     chosen = np.broadcast_to(np.asarray(sliding, dtype=bool), (len(held.points),))
@@ -147,7 +153,7 @@ def _tangents(normals: Array) -> tuple[Array, Array]:
 
 
 def _feasible(held: Grasp, rays: Array) -> bool:
-    """Whether non-negative multiples of the rays (n, k, 3), each of normal part 1, balance wrench and load."""
+    """Return whether non-negative multiples of the rays (n, k, 3), each of normal part 1, balance wrench and load."""
     count, edges = rays.shape[:2]
     arms = held.points - held.points.mean(axis=0)
     size = max(float(np.max(np.abs(arms))), np.finfo(np.float64).tiny)  # lengths and forces of order 1 for the solver
@@ -157,7 +163,7 @@ def _feasible(held: Grasp, rays: Array) -> bool:
     rotation = held.moment - np.cross(held.points.mean(axis=0), held.force)
     right = np.concatenate([-held.force / held.load, -rotation / (held.load * size), [1.0]])
     balance = np.vstack([wrench, pressed])
-    # what is left unbalanced is minimised, not forbidden: at the edge of the possible, plain feasibility ends without an answer
+    # the residual is minimised, not forbidden: at the edge of feasibility, a plain feasibility search fails
     rest = np.eye(len(balance))
     costs = np.concatenate([np.zeros(count * edges), np.ones(2 * len(balance))])
     result = linprog(costs, A_eq=np.hstack([balance, rest, -rest]), b_eq=right, method="highs", options=PRECISE)

@@ -1,14 +1,14 @@
-"""When can a particle with any number of spots stick or slide between parallel plates? Convex hulls, in 3-D, without weight.
+"""Conditions of sticking and sliding between parallel plates, in 3-D, without weight: convex hulls.
 
 With one friction mu and no weight the particle is a strut: the upper resultant acts in the convex hull P of the horizontal
-places of the upper spots, the lower one in Q below, and both lie on one line of action. So the force leans by q - p over the
+positions of the upper spots, the lower one in Q below, and both lie on one line of action. So the force leans by q - p over the
 height h, and T/N = (q - p)/h for some point of the difference set {q - p}. Sticking needs a point within mu h of the origin;
-sliding along e needs the point mu h e itself, since every spot pulls the particle along e with mu N.
-Hulls may be segments or points: the difference set may then be one too, and sliding possible at one mu only, or never.
-Weight adds a moment that hulls do not know: see `conditions` in the plane and `friction_cones` in space. Two frictions: use the
-smaller one. Generalises E. Willert's Eqs. 16, 19 and 20. Imports nothing of ours.
+sliding along e needs the point mu h e itself, since every spot pulls the particle along e with mu N. Hulls may be segments or
+points: the difference set may then be one, too, and sliding possible at one mu only, or never. Weight adds a moment that hulls do
+not include: see `conditions` in the plane and `friction_cones` in space. Two frictions: use the smaller one. Generalises E.
+Willert's Eqs. 16, 19 and 20. Imports nothing of thirdbody.
 
-Places are (n, 2) arrays in m; a direction needs no unit length; raises ValueError for no spots, h <= 0 or no direction.
+Positions are (n, 2) arrays [m]; a direction needs no unit length; raises ValueError for no spots, h <= 0 or no direction.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-TOLERANCE = 1e-12  # of the largest |q - p|: places nearer to a line than this lie on it
+TOLERANCE = 1e-12  # of the largest |q - p|: positions nearer to a line than this lie on it
 NEVER = (math.inf, -math.inf)
 """The empty interval (t_min, t_max)."""
 
@@ -47,7 +47,7 @@ def convex_hull(points: ArrayLike) -> Array:
 
 
 def _half(ordered: list[tuple[float, float]]) -> list[tuple[float, float]]:
-    """The chain of left turns through points in lexical order."""
+    """Chain of left turns through points in lexical order."""
     chain: list[tuple[float, float]] = []
     for x, y in ordered:
         while len(chain) > 1:
@@ -60,18 +60,18 @@ def _half(ordered: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def difference_hull(upper: ArrayLike, lower: ArrayLike) -> Array:
-    """Corners (k, 2) of the set {q - p}, q in the hull of `lower` and p in that of `upper`, m."""
+    """Corners (k, 2) of the set {q - p} [m], q in the hull of `lower` and p in that of `upper`."""
     above, below = convex_hull(upper), convex_hull(lower)
     return convex_hull((below[:, None, :] - above[None, :, :]).reshape(-1, 2))
 
 
 def hull_distance(upper: ArrayLike, lower: ArrayLike) -> float:
-    """Distance of the two hulls, m; 0 where they meet."""
+    """Distance of the two hulls [m]; 0 where they meet."""
     corners = difference_hull(upper, lower)
     ends = np.roll(corners, -1, axis=0)
     side = ends - corners
     left = corners[:, 0] * side[:, 1] - corners[:, 1] * side[:, 0] >= 0.0  # the origin lies left of a side
-    # the box: of spots in line up to round-off, the hull is a sliver, and all of its line may count as left of every side
+    # the box: of collinear spots up to round-off, the hull is a sliver, and its whole line may count as left of every side
     if len(corners) > 2 and np.all(left) and np.all((corners.min(axis=0) <= 0.0) & (corners.max(axis=0) >= 0.0)):
         return 0.0
     square = np.maximum(np.sum(side**2, axis=1), np.finfo(np.float64).tiny)
@@ -80,18 +80,18 @@ def hull_distance(upper: ArrayLike, lower: ArrayLike) -> float:
 
 
 def required_friction(upper: ArrayLike, lower: ArrayLike, h: float) -> float:
-    """Least mu for which the particle can stick: dist(P, Q)/h; the margin of static slip is 1 - `required_friction`/mu.
+    """Smallest mu for which the particle can stick: dist(P, Q)/h.
 
-    Two spots: |tan alpha| of Eq. 16.
+    The margin of static slip is 1 - `required_friction`/mu. Two spots: |tan alpha| of Eq. 16.
     """
     return hull_distance(upper, lower) / _height(h)
 
 
 def sliding_interval(upper: ArrayLike, lower: ArrayLike, h: float, direction: ArrayLike) -> tuple[float, float]:
-    """(t_min, t_max): the t for which t h e lies in {q - p}, e = drag of the upper body; `NEVER` = (inf, -inf) if none does.
+    """(t_min, t_max): the t for which t h e lies in {q - p}, e = drag of the upper body; `NEVER` = (inf, -inf) if none.
 
-    The particle can slide along e iff t_min <= mu <= t_max; above t_max it tips, or turns about the vertical. In the plane
-    (e toward -x) it is `conditions.planar_interval`.
+    The particle can slide along e iff t_min <= mu <= t_max; above t_max it tips, or rotates about the vertical. In the plane (e
+    toward -x) it is `conditions.planar_interval`.
     """
     e = np.asarray(direction, dtype=np.float64)
     size = math.hypot(*e)
@@ -108,17 +108,17 @@ def sliding_interval(upper: ArrayLike, lower: ArrayLike, h: float, direction: Ar
 
 
 def can_stick(upper: ArrayLike, lower: ArrayLike, h: float, mu: float) -> bool:
-    """Whether static slip is possible: mu >= `required_friction`, up to round-off."""
+    """Return whether static slip is possible: mu >= `required_friction`, up to round-off."""
     return required_friction(upper, lower, h) <= mu + _slack(upper, lower, h)
 
 
 def can_slide(upper: ArrayLike, lower: ArrayLike, h: float, mu: float, direction: ArrayLike) -> bool:
-    """Whether stationary sliding along `direction` is possible: mu in `sliding_interval`, up to round-off."""
+    """Return whether stationary sliding along `direction` is possible: mu in `sliding_interval`, up to round-off."""
     low, high = sliding_interval(upper, lower, h, direction)
     slack = _slack(upper, lower, h)
     return low - slack <= mu <= high + slack
 
 
 def _slack(upper: ArrayLike, lower: ArrayLike, h: float) -> float:
-    """Friction that stands for a round-off of the places."""
+    """Friction equivalent to a round-off of the positions."""
     return TOLERANCE * float(np.max(np.hypot(*difference_hull(upper, lower).T))) / _height(h)

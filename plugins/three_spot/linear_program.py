@@ -1,9 +1,8 @@
 """Small dense linear programmes in compiled code: min c x with A x = b, x >= 0, by the simplex method in two phases.
 
-scipy's solver takes milliseconds a call and cannot be called from the labels' kernel; `friction_cones` uses it and checks this
-one.
-Columns enter by the most negative reduced cost, after `QUICK` pivots by the lowest index (R. G. Bland 1977), which cannot cycle.
-Entries are expected to be of order 1. Plain loops, since slices and array expressions take seconds to compile.
+scipy's solver takes milliseconds a call and cannot be called from the labels' kernel; `friction_cones` uses it and verifies this
+one. Columns enter by the most negative reduced cost, after `QUICK` pivots by the lowest index (R. G. Bland 1977), which cannot
+cycle. Entries are expected to be of order 1. Plain loops, since slices and array expressions take seconds to compile.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from thirdbody.plugin import helper
 Array = NDArray[np.float64]
 
 TOLERANCE = 1e-9  # reduced costs and pivots that count as zero
-REDUNDANT = 1e-7  # largest entry of a row that says nothing new, after elimination
+REDUNDANT = 1e-7  # largest entry of a redundant row after elimination
 QUICK, MAX_PIVOTS = 200, 2000
 
 
@@ -39,7 +38,7 @@ def pivot(tableau: Array, basis: Array, row: int, column: int) -> None:
 
 @helper
 def entering_column(tableau: Array, first: bool) -> int:
-    """Column with the least reduced cost, or the first negative one; -1 if none is negative."""
+    """Column with the lowest reduced cost, or the first negative one; -1 if none is negative."""
     last = tableau.shape[0] - 1
     best, minimum = -1, -TOLERANCE
     for j in range(tableau.shape[1] - 1):
@@ -52,7 +51,7 @@ def entering_column(tableau: Array, first: bool) -> int:
 
 @helper
 def leaving_row(tableau: Array, basis: Array, column: int) -> int:
-    """Row that limits the entering column, the lowest basis index among equals; -1 if nothing limits it."""
+    """Row that limits the entering column, the lowest basis index among equals; -1 if there is none."""
     n = tableau.shape[1] - 1
     best, minimum = -1, math.inf
     for i in range(tableau.shape[0] - 1):
@@ -65,7 +64,7 @@ def leaving_row(tableau: Array, basis: Array, column: int) -> int:
 
 @helper
 def optimise(tableau: Array, basis: Array) -> bool:
-    """Pivot until no reduced cost in the last row is negative; False if the objective has no least value."""
+    """Pivot until no reduced cost in the last row is negative; return False if the objective is unbounded."""
     for count in range(MAX_PIVOTS):
         column = entering_column(tableau, count >= QUICK)
         if column < 0:
@@ -85,7 +84,7 @@ def drop_artificial(tableau: Array, basis: Array) -> None:
         if basis[i] < n:
             continue
         tableau[i, n] = 0.0
-        column = i  # any to begin with
+        column = i  # any column
         for j in range(n):
             if abs(tableau[i, j]) > abs(tableau[i, column]):
                 column = j
@@ -98,10 +97,10 @@ def drop_artificial(tableau: Array, basis: Array) -> None:
 
 @helper
 def find_feasible(tableau: Array, basis: Array, residual: float) -> bool:
-    """Phase one: whether A x = b has a solution x >= 0, to a least sum of |A x - b| of at most `residual`.
+    """Phase one: return whether A x = b has a solution x >= 0, up to a sum of |A x - b| of at most `residual`.
 
-    `tableau` (m + 1, n + 1) holds A in its first rows and b in its last column; it is left at a solution, its last row for
-    reduced costs. `basis` (m,) is written: column of each row; from n on it stands for a redundant row.
+    `tableau` (m + 1, n + 1) holds A in its first rows and b in its last column; on return it is at a solution, its last row for
+    reduced costs. `basis` (m,) is written: column of each row; n and above mean a redundant row.
     """
     m, n = tableau.shape[0] - 1, tableau.shape[1] - 1
     for j in range(n + 1):
@@ -121,9 +120,9 @@ def find_feasible(tableau: Array, basis: Array, residual: float) -> bool:
 
 @helper
 def minimise(tableau: Array, basis: Array, sign: float) -> float:
-    """Least value of `sign` (x[0] - x[1]), a free variable, from a feasible tableau; -inf if there is none.
+    """Minimum of `sign` (x[0] - x[1]), a free variable, from a feasible tableau; -inf if unbounded.
 
-    The tableau is left at the optimum.
+    On return the tableau is at the optimum.
     """
     m, n = tableau.shape[0] - 1, tableau.shape[1] - 1
     for j in range(n + 1):

@@ -1,4 +1,4 @@
-"""`thirdbody map`: where a three-spot particle sticks, slides or rolls, by theory, and by the full solution if asked."""
+"""Command `thirdbody map`: regimes of a three-spot particle (sticking, sliding, rolling), by theory and by full solution."""
 
 from __future__ import annotations
 

@@ -1,21 +1,21 @@
-"""Partial slip by the method of dimensionality reduction: a row of springs under the patch, each with its own friction limit.
+"""Partial slip by the method of dimensionality reduction: a row of springs with friction limits.
 
 T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap exceeds their gap, and that slip at
 |w| = kappa h, h the local overlap (Popov and Hess, Method of Dimensionality Reduction in Contact Mechanics and Friction,
 2015; kappa = mu E*/G*, Willert, Eq. 13). w is a 2-D vector in the contact plane.
 
-* On a straight path of overlap and slip a spring takes the share of the slip that came after it touched, and is then returned
-  onto its limit. Along a line that is exact whatever the length of the step, so 100 steps give what one gives; on a curved
-  path the return makes an error of first order in the angle that a step turns by, down to that of the row: 4e-4 of
+* On a straight path of overlap and slip a spring receives the fraction of the slip after it touched, and is then returned
+  onto its limit. Along a line that is exact whatever the length of the step, so 100 steps give the same as one; on a curved
+  path the return makes an error of first order in the angle by which a step turns, down to that of the row: 4e-4 of
   mu N for 32 springs, 5e-5 for 128.
-* Two neighbouring springs become one at the very moment when the patch reaches the end of the grid (`spring_grid`): n springs
-  carry a growing patch, and the state depends on the path alone. A patch that shrinks keeps its coarse grid until the contact
-  opens. The gap of a spring is the mean over its cell, so merging keeps every field that is linear in x^2, and the springs
-  together never pass mu N (they fall short of it by 1.5 (spacing/2a)^2 at most: 4e-4 for 32 springs).
-* Springs that leave the patch forget. Where the patch moves on over fresh ground its springs are carried outward and leave at the
-  edge, at the rate of Kalker's creep (`thirdbody.laws.patch_renewal`), exactly for uniform springs that stick and steps of any
-  length:
-  such a spot that rolls without creep has lost two thirds of its force after two contact radii, one that sways keeps it.
+* Two neighbouring springs are merged at the very moment when the contact area reaches the end of the grid (`spring_grid`):
+  n springs suffice for a growing contact, and the state depends on the path only. A shrinking contact keeps its coarse grid
+  until it opens. The gap of a spring is the mean over its cell, so merging preserves every field that is linear in x^2, and the
+  springs together never exceed mu N (they fall short of it by 1.5 (spacing/2a)^2 at most: 4e-4 for 32 springs).
+* Springs that leave the contact area are reset. Where the contact area moves over fresh ground its springs are carried outward
+  and leave at the edge, at the rate of Kalker's creep (`thirdbody.laws.patch_renewal`), exactly for uniform springs that stick
+  and steps of any length: a spot that rolls without creep loses two thirds of its force in two contact radii, one that sways
+  keeps it.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ from .spring_grid import cells_of, end_of, mean_gap, merge, merges_for, squares_
 
 
 class SpringParameters(NamedTuple):
-    """Effective shear modulus (the paper's G*), Pa; friction; ratio of the moduli mu E*/G*; renewal per contact radius."""
+    """Effective shear modulus (the paper's G*) [Pa]; friction; ratio of the moduli mu E*/G*; renewal per contact radius."""
 
     g_star: float
     mu: float
@@ -57,7 +57,7 @@ class SpringParameters(NamedTuple):
 
 @helper
 def sums(w, n, wide):
-    """Sums of the elongations along x and y and of their squares, each times the width of its cell in spacings, in one loop."""
+    """Sums of the elongations along x and y and of their squares, each times the width of its cell in spacings."""
     x, y, square = 0.0, 0.0, 0.0
     for i in range(n):
         width = width_of(i, wide)
@@ -68,15 +68,15 @@ def sums(w, n, wide):
 
 @helper
 def segment(w, grid, path, slip, bound, back):
-    """One straight piece of the path; returns (heat of friction, slip of the middle).
+    """Advance the springs along one straight piece of the path; return (heat of friction, slip of the centre).
 
     `grid` = (springs, wide cells, spacing^2/R), `path` = overlap before and after, `slip` along x and y.
 
-    The heat of a spring is int b |d(slip)| with its limit b, in m2: times the stiffness of a cell one spacing wide it is energy.
-    A spring slides from where it meets the limit, at b_t; limit and way being linear in time, the mean of the limit is that of
-    b_t and its end. That is exact for a spring that moves along one line, turning round or not, and of second order in the angle
-    of a step else. A spring that leaves the patch slides before it does, as its limit falls to nothing. `back` (3 n,) is scratch.
-    Two loops, the expensive one without branches or sums, so that the compiler does several springs at once.
+    The heat of a spring is int b |d(slip)| with its limit b [m2]: times the stiffness of a cell one spacing wide it is energy. A
+    spring slides from the point where it reaches the limit, at b_t; limit and displacement being linear in time, the mean of the
+    limit is that of b_t and its end. That is exact for a spring that moves along one line, reversing or not, and of second order
+    in the angle of a step otherwise. A spring that leaves the contact area slides before it does, as its limit falls to zero.
+    `back` (3 n,) is scratch. Two loops, the expensive one without branches or sums, so that the compiler vectorises it.
     """
     (n, wide, scale), (before, after), (slip_x, slip_y) = grid, path, slip
     per_rise = 1.0 / max(abs(after - before), 1e-300)
@@ -92,7 +92,7 @@ def segment(w, grid, path, slip, bound, back):
         w[i], w[n + i] = back[i] * x_try, back[i] * y_try
         start = (x_old * x_try + y_old * y_try) / max(size, 1e-300)
         far, margin = max(size - limit, 0.0), max(bound * old_depth - start, 0.0)
-        # b_t is read off the spring: the limit before the step has no digits left for huge friction
+        # b_t from the spring: the limit before the step has no significant digits for huge friction
         met = start + (size - start) * (margin / max(margin + far, 1e-300))
         back[2 * n + i] = 0.5 * (met + limit) * far
     heat = 0.0
@@ -103,7 +103,7 @@ def segment(w, grid, path, slip, bound, back):
 
 @kernel
 def springs(c, load, p, h, w, w_new):
-    """Force, energies and the new row of springs after a straight step from the overlap and the grid in h."""
+    """Return force, energies and the new row of springs after a straight step from the overlap and the grid in h."""
     n = len(w) // 2
     before, merges = h[0], int(h[1])
     if before <= 0.0:
@@ -112,7 +112,7 @@ def springs(c, load, p, h, w, w_new):
     for i in range(2 * n):
         w_new[i] = w[i]
     scratch = np.empty(3 * n)
-    # Coulomb's limit uses the whole normal force, dashpot included
+    # Coulomb's limit uses the total normal force, including the dashpot
     bound = p.kappa * load.force / max(load.elastic, 1e-300)
     ground = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
     fraction = renewed(p.renewal * ground.way / max(load.contact_radius, 1e-300))
@@ -146,12 +146,12 @@ def springs(c, load, p, h, w, w_new):
     x, y, square = sums(w_new, n, wide)
     stored = 0.5 * stiffness * square
     energy += stiffness * heat
-    if before <= 0.0 < c.overlap:  # the smaller grids on the way: a virgin field is linear in x^2, its work goes as slope . slip
+    if before <= 0.0 < c.overlap:  # the smaller grids passed: a virgin field is linear in x^2, its work goes as slope . slip
         slope = math.hypot(w_new[0], w_new[n]) / (c.overlap - mean_gap(0, wide, grid[2]))
         rate = math.hypot(slip_x, slip_y) / (c.overlap - before)
         energy += 0.5 * stiffness * slope * rate * squares_lost(merges, n, spacing) / (c.radius * c.radius)
     if fraction.kept < 1.0:
-        if merged:  # springs before and after are not the same: int rate U by the trapezoid, exact without slip
+        if merged:  # springs before and after differ: int rate U by the trapezoid, exact without slip
             energy += renewed_part * (before_renewal + stored)
         else:
             energy += stiffness * renewal_heat(w, rolled, w_new, grid, scratch, (before, c.slip_x, c.slip_y), fraction)
@@ -163,20 +163,20 @@ def springs(c, load, p, h, w, w_new):
 
 @kernel
 def springs_tangent(c, load, p, h, w):
-    """Consistent tangent of one step, whatever happens within it: springs that stick, slip, touch or merge (`mdr_tangent`)."""
+    """Consistent tangent of one step, including springs that stick, slip, touch or merge within it (`mdr_tangent`)."""
     merges = int(h[1]) if h[0] > 0.0 else merges_for(c.overlap, len(w) // 2, c.radius)
     distance = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6]).way
     return tangent_of_springs(c, load, p, (h[0], merges, renewed(p.renewal * distance / max(load.contact_radius, 1e-300))), w)
 
 
 def mix_springs(pair: Pair, options: Options) -> SpringParameters:
-    """G*, friction and kappa = mu E*/G* (Willert, Eqs. 13, 14)."""
+    """Return G*, friction and kappa = mu E*/G* (Willert, Eqs. 13, 14)."""
     g = g_star(pair.a, pair.b)
     return SpringParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, renewal_rate(pair, options))
 
 
 def width(options: Options) -> int:
-    """Floats of the field: two per spring. Raises ValueError for a number of springs that is not whole."""
+    """Number of floats of the field: two per spring. Raises ValueError for a non-integer number of springs."""
     springs = options["springs"]
     if springs % 1.0 != 0.0:
         raise ValueError(f"springs = {springs:g} must be a whole number")

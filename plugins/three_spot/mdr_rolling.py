@@ -1,5 +1,7 @@
-"""What rolling does to the springs of the level `mdr`: they are carried outward, w(x) -> kept w(kept x)
-(`laws.patch_renewal`)."""
+"""Effect of rolling on the springs of the level `mdr`: they are carried outward.
+
+w(x) -> kept w(kept x) (`laws.patch_renewal`).
+"""
 
 from __future__ import annotations
 
@@ -9,16 +11,16 @@ from .spring_grid import mean_gap, width_of
 
 @helper
 def cell_at(y, wide):
-    """Cell that holds the place y, in spacings."""
+    """Cell that contains the position y, in spacings."""
     return int(0.5 * y) if y < 2.0 * wide else wide + int(y - 2.0 * wide)
 
 
 @helper
 def carry_outward(w, rows, grid, overlap, kept):
-    """Write the springs that rolling has carried outward into `rows`, as means over the cells; beyond `overlap` they are gone.
+    """Write the springs carried outward by rolling into `rows`, as means over the cells; zero beyond `overlap`.
 
-    `grid` = (springs, wide cells, spacing^2/R). A cell holds what came from the interval of `kept` times its ends, so no force is
-    lost but what passes the edge.
+    `grid` = (springs, wide cells, spacing^2/R). A cell holds the content of the interval of `kept` times its ends, so force is
+    lost across the edge only.
     """
     n, wide, scale = grid
     lost = 1.0 - kept
@@ -43,7 +45,7 @@ def carry_outward(w, rows, grid, overlap, kept):
 
 @helper
 def carried_rate(w, i, grid, overlap, kept):
-    """Derivative of the spring i of `carry_outward` by `kept`, along x and y."""
+    """Derivative of spring i of `carry_outward` by `kept`, along x and y."""
     n, wide, scale = grid
     if mean_gap(i, wide, scale) >= overlap:
         return 0.0, 0.0
@@ -55,11 +57,11 @@ def carried_rate(w, i, grid, overlap, kept):
 
 @helper
 def renewal_heat(w, rolled, w_new, grid, back, step, share):
-    """What rolling takes of the springs in the step, m2: times the stiffness of a spring it is energy.
+    """Energy released from the springs by rolling in the step [m2]: times the stiffness of a spring it is energy.
 
-    `rolled` are the old springs carried outward, `back` the share by which each was returned onto its limit; `grid` = (springs,
+    `rolled` are the old springs carried outward, `back` the factor by which each was returned onto its limit; `grid` = (springs,
     wide cells, spacing^2/R), `step` = (overlap before, slip x, y); `share` is the `Renewal` of the step. Exact for uniform
-    springs that stick and for springs that slide one way throughout, of first order in the renewal of a step between.
+    springs that stick and for springs that slide in one direction throughout, of first order in the renewal of a step in between.
     """
     (n, wide, scale), (before, slip_x, slip_y) = grid, step
     mean = 1.0 - share.fill
@@ -73,7 +75,7 @@ def renewal_heat(w, rolled, w_new, grid, back, step, share):
             lost_y = y - far_y - mean * s_y
             heat = 0.5 * (lost_x * (x + w_new[i]) + lost_y * (y + w_new[n + i]))
         else:
-            # mean over the step less the share `fill` of the end, where the springs go from one to the other as they decay
+            # mean over the step minus the fraction `fill` of the end, where the springs decay from one to the other
             heat = 0.5 * (x * x + y * y - far_x * far_x - far_y * far_y) + share.own * (s_x * s_x + s_y * s_y)
             heat -= s_x * (mean * x + mixed * (x - far_x)) + s_y * (mean * y + mixed * (y - far_y))
         total += width_of(i, wide) * heat

@@ -1,11 +1,11 @@
-"""The consistent tangent of the level `mdr`: the derivative of its own step, spring by spring.
+"""Consistent tangent of the level `mdr`: the derivative of its step, spring by spring.
 
-Every spring carries how its elongation changes with the slip of the whole step, a 2 x 2 matrix, and with the overlap at its end.
-A piece of the path moves a spring by its share of the slip, which depends on the overlap where the spring is touched within the
-step, and on pieces between merges of springs. A spring beyond its limit L is returned onto it, w = L e with e = w'/|w'|, so
+Every spring carries the derivatives of its elongation by the slip of the whole step, a 2 x 2 matrix, and by the overlap at its
+end. A piece of the path moves a spring by its fraction of the slip, which depends on the overlap if the spring is touched within
+the step, and on pieces between merges of springs. A spring beyond its limit L is returned onto it, w = L e with e = w'/|w'|, so
 dw = e dL + (L/|w'|)(1 - e e^T) dw' (the derivative of a radial return: Simo and Taylor 1985). Merged springs have the mean of
-both derivatives. The moments when a spring is touched or two springs merge move with the step; the springs are continuous there,
-so that this adds nothing.
+both derivatives. The instants when a spring is touched or two springs merge move with the step; the springs are continuous there,
+so this contributes nothing.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ ROWS = 8
 
 @helper
 def loaded_rows(w, grid, overlap, kept, kept_rate):
-    """The rows (8 n,) of springs as rolling carries them outward; `kept_rate`: of log `kept` with the overlap, 1/m."""
+    """Return the rows (8 n,) of springs carried outward by rolling; `kept_rate`: of log `kept` with the overlap [1/m]."""
     n = len(w) // 2
     rows = np.zeros(ROWS * n)
     if kept >= 1.0:
@@ -40,12 +40,12 @@ def loaded_rows(w, grid, overlap, kept, kept_rate):
 
 @helper
 def advance_rows(rows, grid, path, slip, share, bound, moves):
-    """One straight piece of the path: the springs move as the law moves them, and their rates.
+    """Advance the springs along one straight piece of the path as the law does, and their derivatives.
 
-    `grid` = (springs, wide cells, spacing^2/R), `path` = overlap before and after.
-    `fraction` is the part of the step's `slip` in this piece, and its rate with the overlap; `bound` the limit of a spring per
-    compression, and its rate. `moves` is 1.0 where `after` is the overlap at the end of the step, 0.0 where springs merge.
-    Without branches, and row by row, so that the compiler does several springs at once.
+    `grid` = (springs, wide cells, spacing^2/R), `path` = overlap before and after. `share` is the fraction of the step's `slip`
+    in this piece, and its rate with the overlap; `bound` the limit of a spring per compression, and its rate. `moves` is 1.0
+    where `after` is the overlap at the end of the step, 0.0 where springs merge. Without branches, and row by row, so that the
+    compiler vectorises it.
     """
     (n, wide, scale), (before, after) = grid, path
     per_rise = 1.0 / max(after - before, 1e-300)
@@ -63,7 +63,7 @@ def advance_rows(rows, grid, path, slip, share, bound, moves):
         over = slips / max(size, 1e-300)
         e_x, e_y, back = over * x, over * y, 1.0 - slips + over * limit
         limit_rate = moves * bound[0] + bound[1] * depth if depth > 0.0 else 0.0
-        # of the motion of a spring that slips, the part along it is lost
+        # the motion of a slipping spring along its direction is lost
         by_x, by_y = back * (e_x * xx + e_y * yx), back * (e_x * xy + e_y * yy)
         by_d = back * (e_x * xd + e_y * yd) - limit_rate
         rows[i], rows[n + i] = back * x, back * y
@@ -74,10 +74,11 @@ def advance_rows(rows, grid, path, slip, share, bound, moves):
 
 @helper
 def tangent_of_springs(c, load, p, start, w):
-    """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd, N/m, of the straight step that the law `springs` makes.
+    """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd [N/m] of a straight step of the law `springs`.
 
-    `start`: the overlap and the merges before the step, and the `Renewal` in it; `w` (2 n,) its springs. The normal force is
-    Hertz': the elastic part goes as d^1.5, the patch as d^0.5; `load.stiffness` is the rate of the load that friction may use.
+    `start`: the overlap and the merges before the step, and the `Renewal` in it; `w` (2 n,) its springs. The normal force is that
+    of Hertz: the elastic part goes as d^1.5, the contact radius as d^0.5; `load.stiffness` is the rate of the load available to
+    friction.
     """
     if not (c.overlap > 0.0 and load.contact_radius > 0.0 and load.elastic > 0.0):
         return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -86,7 +87,7 @@ def tangent_of_springs(c, load, p, start, w):
     spacing, wide = cells_of(merges, n, c.radius)
     limit = p.kappa * load.force / load.elastic
     bound = (limit, p.kappa * load.stiffness / load.elastic - 1.5 * limit / c.overlap)
-    # the renewal of a way goes as 1/a, so its exponent as d^-0.5
+    # the renewal of a given travel goes as 1/a, so its exponent as d^-0.5
     exponent = (1.0 - renewal.kept) / renewal.fill
     grid = (n, wide, spacing * spacing / c.radius)
     rows = loaded_rows(w, grid, max(before, c.overlap), renewal.kept, 0.5 * exponent / c.overlap)

@@ -1,7 +1,4 @@
-"""What the labeller remembers of a body, and the kernel that keeps it up to date.
-
-The rules are told in `classify`.
-"""
+"""Memory of the labeller for a body, and the kernel that updates it. The rules are described in `classify`."""
 
 from __future__ import annotations
 
@@ -42,7 +39,7 @@ memory.scalar("change_z", "", "z")
 TRAVEL = memory.scalar("travel", "m", "path of the drag since the reference")
 CHANGE_X = memory.scalar("change_drag_x", "m", "drag since the rule for free bodies began, x")
 CHANGE_Y = memory.scalar("change_drag_y", "m", "y")
-# from WINDOWS up to ROLLED: what a stop or a reversal wipes out
+# from WINDOWS up to ROLLED: cleared by a stop or a reversal
 WINDOWS = memory.scalar("windows", "", "number of closed windows")
 ROLL_RATIO = memory.scalar("roll_ratio", "", "roll ratio of the last closed window")
 PIVOTED = memory.scalar("pivoted", "", "1: that window turned more about the normal than in plane")
@@ -80,7 +77,7 @@ def store_orientation(b: Array, m: Array, k: int) -> None:
 
 @helper
 def anchor_change(b: Array, m: Array) -> None:
-    """Begin here what the rule for bodies that are not held looks at."""
+    """Start the interval that the rule for bodies that are not held evaluates."""
     store_orientation(b, m, CHANGE)
     m[CHANGE_X] = 0.0
     m[CHANGE_Y] = 0.0
@@ -88,7 +85,7 @@ def anchor_change(b: Array, m: Array) -> None:
 
 @helper
 def note_plates(b: Array, m: Array) -> bool:
-    """Whether the plates stopped, started or reversed since the last observation."""
+    """Return whether the plates stopped, started or reversed since the last observation."""
     moving = 1.0 if b[observed_body.PLATE_SPEED] > 0.0 else 0.0
     along = b[observed_body.DRAG] * m[PLATE_X] + b[observed_body.DRAG + 1] * m[PLATE_Y]
     broke = moving != m[MOVING] or along < 0.0
@@ -100,7 +97,7 @@ def note_plates(b: Array, m: Array) -> bool:
 
 @helper
 def note_spots(C: Array, n: int, b: Array, m: Array) -> None:
-    """Compare the set of loaded spots with the last one by stamps, whatever their order; note a lift-off."""
+    """Compare the set of loaded spots with the last one by stamps, in any order; record a lift-off."""
     saved = 0
     for i in range(n):
         if m[SERIAL] > 0.0 and C[i, STAMP] == m[SERIAL]:
@@ -116,7 +113,7 @@ def note_spots(C: Array, n: int, b: Array, m: Array) -> None:
 
 @helper
 def is_reversed(m: Array, a: float, x: float, y: float) -> bool:
-    """Whether a one-sided body has come back by .02 a against its heading; follows the heading."""
+    """Update the heading of a one-sided body; return whether it has moved back by 0.02 a against it."""
     size = length(m[HEADING_X], m[HEADING_Y], 0.0)
     if size > 0.0:
         m[WAY_BACK] = max(0.0, m[WAY_BACK] - (x * m[HEADING_X] + y * m[HEADING_Y]) / size)
@@ -127,7 +124,7 @@ def is_reversed(m: Array, a: float, x: float, y: float) -> bool:
 
 @helper
 def has_rested(C: Array, n: int, b: Array, m: Array, a: float, path: float) -> bool:
-    """Whether the body did not travel during the span in which its load could have moved it far."""
+    """Return whether the body did not travel during the span in which its load could have moved it far."""
     m[REST_TIME] += b[observed_body.ELAPSED]
     m[REST_PATH] += path
     load = 0.0
@@ -143,13 +140,13 @@ def has_rested(C: Array, n: int, b: Array, m: Array, a: float, path: float) -> b
 
 @helper
 def was_loaded(m: Array) -> bool:
-    """Whether the body has a reference: it was loaded before, and nothing ended its history since then."""
+    """Return whether the body has a reference: it was loaded before, and nothing ended its history since then."""
     return m[REFERENCE] != 0.0 or m[REFERENCE + 1] != 0.0 or m[REFERENCE + 2] != 0.0 or m[REFERENCE + 3] != 0.0
 
 
 @helper
 def follow_free(b: Array, m: Array, broke: bool) -> None:
-    """Count how far a free body turns (rad), and the drag meanwhile: of the plates, or its own path where they rest."""
+    """Add up rotation [rad] and drag of a free body: drag of the plates, or its own path where they rest."""
     if broke:
         for k in range(WINDOWS, ROLLED):
             m[k] = 0.0
@@ -168,7 +165,7 @@ def follow_free(b: Array, m: Array, broke: bool) -> None:
 
 @helper
 def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Triple, broke: bool) -> bool:
-    """Whether a stop, a start, a reversal or rest ends what was seen so far."""
+    """Return whether a stop, a start, a reversal or rest ends the history."""
     if pose[0] == BOTH:
         m[HEADING_X] = m[HEADING_Y] = m[WAY_BACK] = 0.0
         if broke:
@@ -183,17 +180,17 @@ def history_ends(C: Array, n: int, b: Array, m: Array, pose: Posture, step: Trip
 
 @helper
 def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, turn: Triple, complete: bool) -> None:
-    """End the window here and begin the next; store its ratios if it is complete, else forget all.
+    """End the window and start the next; store its ratios if it is complete, else clear all.
 
-    Adds the length rolled in it, rotation about in-plane axes times D/2, unless the rotation was elastic; a body that was free
-    for a time rolled by what it did not turn then.
+    Adds the length rolled in it, rotation about in-plane axes times D/2, unless the rotation was elastic; for a body that was
+    free for a time the rotation during that time is excluded.
     """
     a = pose[1]
     tilt, twist = split(turn, pose[3], pose[4], pose[5])
-    travel = max(m[TRAVEL], WINDOW * a)  # shorter only when a whole turn closed it
+    travel = max(m[TRAVEL], WINDOW * a)  # shorter only if closed by a rotation of 1 rad
     ratio = m[ROLL_RATIO]
     if complete:
-        ratio = max(length(tilt, twist, 0.0), m[TURNED_FREE]) * pose[2] / travel  # whole turns are lost to quaternions only
+        ratio = max(length(tilt, twist, 0.0), m[TURNED_FREE]) * pose[2] / travel  # quaternions do not count whole revolutions
     if ratio >= EPS_ROLL or patch_travel(C, n, turn) >= a:
         m[ROLLED] += 0.5 * pose[2] * max(tilt - m[TURNED_FREE], 0.0)
     slip = 0.0
@@ -209,18 +206,18 @@ def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, turn: Tri
     m[PIVOTED] = 1.0 if twist > tilt else 0.0
     m[SLIP_RATIO] = slip / travel
     size = length(m[HEADING_X], m[HEADING_Y], 0.0)
-    if size > 0.0:  # the heading follows a curved path with a memory of about one window
+    if size > 0.0:  # the heading follows a curved path, averaged over about one window
         m[HEADING_X] *= a / size
         m[HEADING_Y] *= a / size
 
 
 @njit(error_model="numpy")
 def update_history(C: Array, n: int, b: Array, m: Array) -> None:
-    """Follow one body: bring its memory `m` and that of its loaded contacts `C[:n]` to the present instant.
+    """Update the memory `m` of a body and that of its loaded contacts `C[:n]` to the present instant.
 
     `C` (n or more rows, `loaded_contact` and CONTACT_MEMORY), `b` (`observed_body`), `m` (MEMORY) as in the contract of
-    labellers. To be called for unloaded bodies too (n = 0). The memory of a contact between two debris must
-    be kept once for each of them.
+    labellers. Must be called for unloaded bodies, too (n = 0). The memory of a contact between two debris must be stored once for
+    each of them.
     """
     landed = m[COUNT] == 0.0
     broke = note_plates(b, m)
@@ -233,7 +230,7 @@ def update_history(C: Array, n: int, b: Array, m: Array) -> None:
     step = drag(C, n, b, pose)
     ends = history_ends(C, n, b, m, pose, step, broke)
     closes = False
-    if landed:  # spots that closed just now
+    if landed:  # spots that have just closed
         for i in range(n):
             C[i, SLIP_REFERENCE], C[i, SLIP_LAST] = C[i, loaded_contact.SLIP], 0.0
     if not fresh:

@@ -1,11 +1,11 @@
-"""The paper's Fig. 2 and a map of what a three-spot particle does, over friction and geometry: numbers and picture.
+"""The paper's Fig. 2 and a map of the regimes of a three-spot particle, over friction and geometry: numbers and picture.
 
-Weightless, equal friction on both sides, spots 2 and 3 at -+L around the middle, drag toward -x. Three regimes (E. Willert's
-Eqs. 19 and 20 with the tilt left free):
+Weightless, equal friction on both sides, spots 2 and 3 at -+L around the middle, drag toward -x. Three regimes (E. Willert's Eqs.
+19 and 20 with free tilt):
 
-sliding   t_min <= mu <= t_max: it sticks until T = mu N, then slides on both sides
-sticking  mu > t_max but mu >= mu_required: it sticks at rest; dragged on, a spot lifts off at T = t_max N and it tips
-rolling   mu < mu_required = max(t_min, -t_max, 0): friction cannot hold it at all
+    sliding   t_min <= mu <= t_max: it sticks until T = mu N, then slides on both sides
+    sticking  mu > t_max but mu >= mu_required: it sticks at rest; dragged on, a spot lifts off at T = t_max N and it tips
+    rolling   mu < mu_required = max(t_min, -t_max, 0): friction cannot hold it at all
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 COLORS: Mapping[str, str] = {"sticking": "#4C78A8", "sliding": "#F58518", "rolling": "#54A24B"}
-"""Of the states, as in every picture of the program; apart for the colour-blind."""
+"""Colours of the states, as in every picture of the program; distinguishable with colour-blindness."""
 REGIMES = ("rolling", "sticking", "sliding")
 WORDS = {"rolling": "rolls", "sticking": "sticks at rest, tips when dragged", "sliding": "sticks, then slides"}
 LINES = ((r"$t_\mathrm{max} = (x_1 - x_2)/h$", "-"), (r"$t_\mathrm{min} = (x_1 - x_3)/h$", "--"), (r"$-t_\mathrm{max}$", ":"))
 DOTS = 160  # per inch
-HATCHES = {"rolling": "", "sticking": "....", "sliding": "////"}  # the regimes stay apart in a black and white print
+HATCHES = {"rolling": "", "sticking": "....", "sliding": "////"}  # the regimes remain distinguishable in black and white print
 MARKERS = {"rolling": "o", "sticking": "s", "sliding": "D"}
 PANELS = ("fig2", "regimes")
 
@@ -40,7 +40,7 @@ SHARES = (0.02, 0.98)  # n_2: zeta_3 is infinite at 1
 ZETA_2 = (0.0, 4.0)
 MU = 1.0  # largest on the map, or the half width if that is more
 GRID = 401
-INK, PALE = "#222222", 0.55  # share of white in the areas, so that lines and letters on them can be read
+INK, PALE = "#222222", 0.55  # fraction of white in the areas, so that lines and text on them are legible
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def third_spots(n_2: Array, zeta_2: Array, big_h: float) -> Array:
 
 
 def regime(x_1: float, half_width: float, mu: float) -> str:
-    """One of `REGIMES` for the upper spot at x_1/h and the lower ones at -+`half_width`, all in units of h."""
+    """Return one of `REGIMES` for the upper spot at x_1/h and the lower ones at -+`half_width`, all in units of h."""
     spots = ((x_1,), (-half_width, half_width), 1.0)
     try:
         state = conditions.dragged_friction(*spots, mu)[1]
@@ -74,7 +74,10 @@ def regime(x_1: float, half_width: float, mu: float) -> str:
 
 
 def map_numbers(big_h: float, half_width: float, count: int = 9) -> dict[str, Any]:
-    """What the map shows at `count` stations per axis, for JSON: zeta_3[zeta_2][n_2], and the limits of mu over x_1/h."""
+    """Return the values of the map at `count` stations per axis, for JSON.
+
+    zeta_3[zeta_2][n_2], and the limits of mu over x_1/h.
+    """
     n_2, zeta_2 = np.linspace(0.1, 0.9, count), np.linspace(*ZETA_2, count)
     places = np.linspace(*_places(half_width), count)
     limits = [_limits(float(x), half_width) for x in places]
@@ -111,7 +114,7 @@ def draw_map(
 
 
 def _places(half_width: float) -> tuple[float, float]:
-    """Range of x_1/h that shows both ends of every regime."""
+    """Range of x_1/h that contains both ends of every regime."""
     top = max(MU, half_width)
     return -half_width - 0.6 * top, half_width + 1.1 * top
 
@@ -140,7 +143,7 @@ def _draw_fig2(axes: Axes, big_h: float) -> None:
 
 
 def _label_places(level: float, big_h: float) -> list[tuple[float, float]]:
-    """Where a contour crosses the panel's rising diagonal, or else the falling one: its numbers stay apart and inside."""
+    """Intersections of a contour with the panel's rising diagonal, or else the falling one, for labels inside."""
     n_2 = np.linspace(0.05, 0.95, GRID)
     for zeta_2 in (ZETA_2[1] * n_2, ZETA_2[1] * (1.0 - n_2)):
         values = np.array([theory.third_spot_place(float(n), float(z), big_h) for n, z in zip(n_2, zeta_2, strict=True)])
@@ -177,7 +180,7 @@ def _draw_regimes(axes: Axes, half_width: float, colors: Mapping[str, str]) -> N
 
 
 def _mark_lower_spots(axes: Axes, half_width: float) -> None:
-    """The places of the lower spots, named above the panel: inside it a computed particle could cover the words."""
+    """Mark the positions of the lower spots, labelled above the panel: inside it a computed particle could cover the text."""
     for number, x in ((2, -half_width), (3, half_width)):
         axes.axvline(x, color=INK, linewidth=0.7, linestyle=(0, (1, 3)))
         axes.annotate(f"spot {number}", (x, 1.0), (0.0, 3.0), xycoords=axes.get_xaxis_transform(), textcoords="offset points",
@@ -185,7 +188,7 @@ def _mark_lower_spots(axes: Axes, half_width: float) -> None:
 
 
 def _legend_entries(computed: set[str], colors: Mapping[str, str]) -> list[Any]:
-    """One column each of the regimes by theory, their limits, and the computed particles where there are some."""
+    """Return one column each of the regimes by theory, their limits, and the computed particles, if any."""
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -208,6 +211,6 @@ def _draw_points(axes: Axes, points: Sequence[MapPoint], colors: Mapping[str, st
 
 
 def _pale(color: str) -> tuple[float, float, float]:
-    """The colour `#RRGGBB` with a share `PALE` of white."""
+    """Return the colour `#RRGGBB` mixed with a fraction `PALE` of white."""
     red, green, blue = (int(color[k : k + 2], 16) / 255.0 for k in (1, 3, 5))
     return red + (1.0 - red) * PALE, green + (1.0 - green) * PALE, blue + (1.0 - blue) * PALE

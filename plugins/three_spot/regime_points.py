@@ -1,4 +1,4 @@
-"""Particles of the regime map, computed with full partial slip: what each does when it is pressed and dragged."""
+"""Particles of the regime map, computed with full partial slip: their states when pressed and dragged."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from .balance import Result, balance
 from .regime_map import MapPoint
 
 HEIGHT, RADIUS, CLOSING = 4.0, 2.0, 0.01
-"""um; the indentation is small against everything, as the theory wants it."""
+"""[um]; the indentation is small against all lengths, as the theory assumes."""
 
 PLACES = (-1.0, -0.75, -0.4, -0.1, 0.15, 0.4, 0.7, 0.95, 1.25)
 FRICTIONS = (0.12, 0.35, 0.6, 0.85)
@@ -14,13 +14,16 @@ STEPS = 60
 
 
 def computed_points(half_width: float) -> tuple[MapPoint, ...]:
-    """Points for the panel of regimes, x_1/h over friction; lower spots at -+ `half_width` (over h). Not those left undecided."""
+    """Points for the panel of regimes, x_1/h over friction; lower spots at -+ `half_width` (over h).
+
+    Undecided ones are omitted.
+    """
     result = [(x, mu, _regime(_dragged(x, half_width, mu))) for x in PLACES for mu in FRICTIONS]
     return tuple(MapPoint("regimes", x, mu, state) for x, mu, state in result if state is not None)
 
 
 def _dragged(x_1: float, half_width: float, mu: float) -> Result:
-    """The particle of the map under a load, dragged well beyond the critical displacement of its spots."""
+    """Return the particle of the map under a load, dragged well beyond the critical displacement of its spots."""
     solid = {"shear_modulus": "80 GPa", "poisson_ratio": 0.3}
     spots = [
         {"side": "upper", "x": f"{x_1 * HEIGHT} um", "z": f"{0.5 * HEIGHT} um", "radius": f"{RADIUS} um"},
@@ -41,7 +44,7 @@ def _dragged(x_1: float, half_width: float, mu: float) -> Result:
 
 
 def _regime(result: Result) -> str | None:
-    """Rolling if it is not held even at rest, sliding if it ends so, sticking if it tips in the drag; None if undecided.
+    """Rolling if it is not held even at rest, sliding if it ends so, sticking if it tips during the drag; None if undecided.
 
     It tips when a spot lifts off: from then on two spots carry it.
     """

@@ -1,13 +1,13 @@
-"""The spring field of one spot: a vector w, piecewise linear in q = x^2/R over the patch [0, d].
+"""Spring field of one spot: a vector w, piecewise linear in q = x^2/R over the contact area [0, d].
 
-Springs stand at half width x with normal compression d - q (method of dimensionality reduction, Popov and Hess 2015). A field is
-a flat array of nodes (q, w_x, w_y), q rising from 0 at the centre to the overlap d at the edge, where w = 0. As q is measured
-from the centre, a change of overlap cuts or lengthens the field at its edge and moves no node. On integrals: with y = sqrt(q),
-so that x = sqrt(R) y, a piece has the width h = y_2 - y_1, and every moment of w over dy is a sum of terms of one sign.
+Springs at half width x have the normal compression d - q (method of dimensionality reduction, Popov and Hess 2015). A field is a
+flat array of nodes (q, w_x, w_y), q rising from 0 at the centre to the overlap d at the edge, where w = 0. As q is measured from
+the centre, a change of overlap cuts or extends the field at its edge and moves no node. Integrals: with y = sqrt(q), so that x =
+sqrt(R) y, a piece has the width h = y_2 - y_1, and every moment of w over dy is a sum of terms of one sign.
 
-No step makes energy: with w_t the old field displaced by the slip, the work T_new ds less the gain of stored energy is half the
-square of w_new - w_old plus w_new.(w_t - w_new), over the patch. A radial return, a chord within a right angle between springs
-so returned, and a projection all leave the second term positive.
+No step creates energy: with w_t the old field displaced by the slip, the work T_new ds minus the gain of stored energy is half
+the square of w_new - w_old plus w_new.(w_t - w_new), over the contact area. A radial return, a chord within a right angle between
+springs so returned, and a projection all leave the second term positive.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ import math
 from thirdbody.plugin import helper
 
 SPARE = 10
-"""Nodes of the array that a field at rest leaves free: a step may add some before it thins them out again."""
+"""Nodes of the array that a field at rest leaves free: a step may add some before it removes others again."""
 COLLINEAR = 1e-12
-"""Largest difference of slopes, over the larger of the two, of pieces that count as one. Smooth loading at one rate would add a
-piece per step otherwise. It bounds the error of all merging together, however small the steps: 1e-12 of the field."""
+"""Largest difference of slopes, over the larger of the two, of pieces that count as one; otherwise smooth loading at one rate
+would add a piece per step. It bounds the error of all merging together, however small the steps: 1e-12 of the field."""
 ROUNDING = 8.0 * 2.0**-52
 CURVED = 1e-3
-"""Least difference of slopes, over the slopes, that thinning assumes between pieces: so the longest of many straight ones survive
-last."""
+"""Minimum difference of slopes, over the slopes, assumed between pieces when nodes are removed: so the longest of many straight
+ones is removed last."""
 TURNED = 1e-10
-"""Error of the force, over mu N, that a sliding piece may have in a step by not following how springs turn."""
+"""Permitted error of the force over mu N from neglecting the rotation of springs in a sliding piece in a step."""
 ALIGNED = 1e-7
 GAUSS = ((0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0))
 
@@ -54,7 +54,7 @@ def piece_products(q_1, q_2):
 
 @helper
 def field_force(w, n):
-    """int w dy over the patch, both components."""
+    """int w dy over the contact area, both components."""
     x = y = 0.0
     for i in range(0, 3 * n - 3, 3):
         h, phi = piece_mean(w[i], w[i + 3])
@@ -65,7 +65,7 @@ def field_force(w, n):
 
 @helper
 def field_energy(w, n, start):
-    """int |w|^2 dy over what lies beyond q = start."""
+    """int |w|^2 dy beyond q = start."""
     total = 0.0
     for i in range(0, 3 * n - 3, 3):
         q_1, q_2 = w[i], w[i + 3]
@@ -82,7 +82,7 @@ def field_energy(w, n, start):
 
 @helper
 def push_piece(w, n, q, x, y):
-    """Append a node and return the new number; a last node that lies on the line to the new one gives way to it."""
+    """Append a node and return the new number; a last node collinear with the new one is replaced by it."""
     j = 3 * n - 3
     if n >= 2:
         i = j - 3
@@ -101,7 +101,7 @@ def push_piece(w, n, q, x, y):
 
 @helper
 def release_energy(w, j):
-    """int w_new.(w_old - w_new) dy if the node at w[j] is dropped: energy let go where positive, made where negative."""
+    """int w_new.(w_old - w_new) dy if the node at w[j] is dropped: energy released if positive, created if negative."""
     part = (w[j] - w[j - 3]) / max(w[j + 3] - w[j - 3], 1e-300)
     x, y = w[j - 2] + part * (w[j + 4] - w[j - 2]), w[j - 1] + part * (w[j + 5] - w[j - 1])
     v_x, v_y = w[j + 1] - x, w[j + 2] - y
@@ -113,7 +113,7 @@ def release_energy(w, j):
 
 @helper
 def drop(w, n, j):
-    """Take the node at w[j] out; returns the new number of nodes."""
+    """Remove the node at w[j]; return the new number of nodes."""
     for i in range(j, 3 * n - 3):
         w[i] = w[i + 3]
     return n - 1
@@ -121,12 +121,12 @@ def drop(w, n, j):
 
 @helper
 def thin(w, n):
-    """Drop the node whose loss changes the field least; returns the new number of nodes.
+    """Drop the node whose loss changes the field least; return the new number of nodes.
 
-    Least: the area between the old and the new line as if the two pieces were chords of a smooth curve, |slope change| times
-    length squared. The area itself would let a long last piece swallow any number of short new ones unseen. Where the new chord
-    holds more energy than the two pieces, the whole field shrinks to its projection: int w_new.(w_old - w_new) >= 0 is what
-    keeps a step from making energy.
+    Measure: the area between the old and the new line as if the two pieces were chords of a smooth curve, |slope change| times
+    length squared. The area itself would let a long last piece absorb any number of short new ones unnoticed. Where the new chord
+    holds more energy than the two pieces, the whole field shrinks to its projection: int w_new.(w_old - w_new) >= 0 prevents a
+    step from creating energy.
     """
     best, minimum = 3, math.inf
     for j in range(3, 3 * n - 3, 3):
@@ -149,9 +149,9 @@ def thin(w, n):
 
 @helper
 def crossing(ax, ay, b_a, bx, by, b_b, t):
-    """Place t in [0, 1] between a and b at which |w| meets the bound, sought from the end t beyond it; -1 if there is none.
+    """Position t in [0, 1] between a and b at which |w| meets the bound, searched from the end t beyond it; -1 if there is none.
 
-    |w| - bound is convex along a piece, so Newton's steps from outside never pass the root; on a line they meet it at once.
+    |w| - bound is convex along a piece, so Newton's steps from outside never pass the root; on a line they reach it at once.
     """
     dx, dy, db = bx - ax, by - ay, b_b - b_a
     for _ in range(60):
@@ -174,7 +174,7 @@ def slip_loss(q, size, x, y, step):
     """Energy lost by a spring that slides in the step, over 2 G* dy: mean bound while it slides times the distance.
 
     `size` = |w| of the trial, (x, y) its vector. Bound and trial move on straight lines in time, so the spring begins to slide
-    after the share t of the step, at the bound b_t.
+    after the fraction t of the step, at the bound b_t.
     """
     sx, sy, d_old, d, k = step
     touched = 1.0 if q <= d_old or d <= d_old else (d - q) / (d - d_old)
@@ -189,9 +189,9 @@ def slip_loss(q, size, x, y, step):
 
 @helper
 def slide(new, n, q_a, ax, ay, q_b, bx, by, step):
-    """Return the springs of a trial piece beyond the bound onto it; (nodes, energy lost over 2 G*, whether they turn).
+    """Return the springs of a trial piece beyond the bound onto it: (nodes, energy lost over 2 G*, whether they turn).
 
-    A turn counts by what it does to the force: by the part of the ends, or of the slip, across the springs.
+    A rotation counts by its effect on the force: by the part of the ends, or of the slip, across the springs.
     """
     sx, sy, _, d, k = step
     length = q_b - q_a
@@ -212,7 +212,7 @@ def slide(new, n, q_a, ax, ay, q_b, bx, by, step):
 
 @helper
 def span(new, n, q_a, ax, ay, q_b, bx, by, step):
-    """Carry one piece of the trial field over, end a excluded: as it is where it sticks, onto the bound where it slides.
+    """Transfer one piece of the trial field, end a excluded: unchanged where it sticks, onto the bound where it slides.
 
     Returns (nodes, energy lost over 2 G*, whether it turned).
     """
@@ -225,7 +225,7 @@ def span(new, n, q_a, ax, ay, q_b, bx, by, step):
     dq, dx, dy = q_b - q_a, bx - ax, by - ay
     first, loss, turned = 0.0, 0.0, False
     if a_out:
-        # within a right angle the new chord loses energy against the old one wherever both ends do: a sag inside the bound may go
+        # within a right angle the new chord has less energy than the old one if both ends do: a sag inside may be dropped
         acute = b_out and ax * bx + ay * by >= 0.0
         first = -1.0 if acute else crossing(ax, ay, b_a, bx, by, b_b, 0.0)
         if first < 0.0 and b_out:
@@ -234,8 +234,8 @@ def span(new, n, q_a, ax, ay, q_b, bx, by, step):
         n, loss, turned = slide(new, n, q_a, ax, ay, q_a + first * dq, ax + first * dx, ay + first * dy, step)
         if not b_out:
             return push_piece(new, n, q_b, bx, by), loss, turned
-    t = max(crossing(ax, ay, b_a, bx, by, b_b, 1.0), first)  # none: rounding lost the one at the inner end
-    # the trial itself, not k (d - q), which has no digits left for huge friction
+    t = max(crossing(ax, ay, b_a, bx, by, b_b, 1.0), first)  # none: lost by rounding at the inner end
+    # the trial itself, not k (d - q), which has no significant digits for huge friction
     q, x, y = q_a + t * dq, ax + t * dx, ay + t * dy
     n = push_piece(new, n, q, x, y)
     n, more, again = slide(new, n, q, x, y, q_b, bx, by, step)
@@ -244,7 +244,7 @@ def span(new, n, q_a, ax, ay, q_b, bx, by, step):
 
 @helper
 def is_straight(w, n, k, d):
-    """Whether all springs are at the bound and point one way but for ALIGNED, whose square is below rounding."""
+    """Return whether all springs are at the bound and parallel up to ALIGNED, whose square is below rounding."""
     size = max(math.sqrt(w[1] * w[1] + w[2] * w[2]), 1e-300)
     e_x, e_y = w[1] / size, w[2] / size
     for i in range(0, 3 * n - 3, 3):
@@ -257,13 +257,14 @@ def is_straight(w, n, k, d):
 
 @helper
 def advance_field(w, n, new, step):
-    """The field `new` after one step from (w, n), which rolling may have carried beyond the old overlap (`exact_rolling`).
+    """Compute the field `new` after one step from (w, n).
 
-    Returns (nodes, slip of the centre, loss/(2 G*), nodes dropped for want of room, whether springs that slide turn). Of the last
-    the answer is no field: see `exact_springs`. `step` = (slip x, y, overlap before and now, bound per compression k). Every
-    spring takes the share of the slip during which it touched, then returns radially onto |w| <= k (d - q). In one direction this
-    is exact for a straight path of overlap and slip of any length. Source: Popov and Hess 2015; its 1-D case is the memory
-    diagram of Aleshin, Bou Matar and Van Den Abeele 2015.
+    (w, n) may have been carried beyond the old overlap by rolling (`exact_rolling`). Returns (nodes, slip of the centre, loss/(2
+    G*), nodes dropped for lack of space, whether sliding springs turn). In the last case the result is not a field: see
+    `exact_springs`. `step` = (slip x, y, overlap before and now, bound per compression k). Every spring receives the fraction of
+    the slip during which it touched, then returns radially onto |w| <= k (d - q). In one direction this is exact for a straight
+    path of overlap and slip of any length. Source: Popov and Hess 2015; its 1-D case is the memory diagram of Aleshin, Bou Matar
+    and Van Den Abeele 2015.
     """
     sx, sy, d_old, d, k = step
     per_rise = 1.0 / (d - d_old) if d > d_old else 0.0

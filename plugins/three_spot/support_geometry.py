@@ -1,4 +1,4 @@
-"""Where a body is held and how it moves: sides, lever, drag, rotation. The geometry under `classify`."""
+"""Support and motion of a body: sides, lever, drag, rotation. The geometry used by `classify`."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ TINY = 1e-300
 
 
 def is_plain(value: int) -> int:
-    """The same number from numpy: a Python one is a type to numba, and helpers compile anew for each."""
+    """Return the number as a numpy integer: to numba a Python one is a type, and helpers are compiled again for each."""
     return np.int64(value)  # type: ignore[return-value]
 
 
-# sides are bits, so that their sum names both
+# sides are bits: their sum is both
 NEITHER, BELOW, ABOVE, BOTH = (is_plain(side) for side in range(4))
 ARM, NORMAL, SURFACE = is_plain(loaded_contact.POINT), is_plain(loaded_contact.NORMAL), is_plain(loaded_contact.PARTNER_VELOCITY)
 
@@ -61,7 +61,7 @@ def load_mean(C: Array, n: int, sides: int, k: int) -> Triple:
 
 @helper
 def support_of(C: Array, n: int) -> Posture:
-    """Sides that carry load (bits), largest contact radius a (m, never zero), lever D (m), unit axis."""
+    """Loaded sides (bits), largest contact radius a [m] (never zero), lever D [m], unit axis."""
     sides = NEITHER
     a = TINY
     for i in range(n):
@@ -73,14 +73,14 @@ def support_of(C: Array, n: int) -> Posture:
     x, y, z = load_mean(C, n, sides, ARM)
     nx, ny, nz = load_mean(C, n, sides, NORMAL)
     size = length(nx, ny, nz)
-    if size < LATERAL:  # pinched from opposite directions: there is no mean normal
+    if size < LATERAL:  # loaded from opposite directions: no mean normal
         return sides, a, 2.0 * length(x, y, z), 0.0, 0.0, 1.0
     return sides, a, 2.0 * length(x, y, z), nx / size, ny / size, nz / size
 
 
 @helper
 def only_plates(C: Array, n: int) -> bool:
-    """Whether no debris takes part in a side."""
+    """Return whether no debris is part of a side."""
     for i in range(n):
         if C[i, loaded_contact.PARTNER] >= DEBRIS and side_of(C, i) != NEITHER:
             return False
@@ -89,7 +89,7 @@ def only_plates(C: Array, n: int) -> bool:
 
 @helper
 def drag(C: Array, n: int, b: Array, pose: Posture) -> Triple:
-    """Drag since the last observation: its x and y parts and the length of its path, m."""
+    """Drag since the last observation: its x and y parts and the length of its path [m]."""
     if pose[0] == BOTH:
         if only_plates(C, n):
             x, y = b[observed_body.PLATE_SHIFT], b[observed_body.PLATE_SHIFT + 1]
@@ -107,7 +107,7 @@ def drag(C: Array, n: int, b: Array, pose: Posture) -> Triple:
 
 @helper
 def rotation_since(b: Array, m: Array, k: int) -> Triple:
-    """Rotation vector (rad, world axes) from the orientation stored at m[k:k+4] to the present one."""
+    """Rotation vector [rad], world axes, from the orientation stored at m[k:k+4] to the present one."""
     w = b[observed_body.QUATERNION]
     x = b[observed_body.QUATERNION + 1]
     y = b[observed_body.QUATERNION + 2]
@@ -126,14 +126,14 @@ def rotation_since(b: Array, m: Array, k: int) -> Triple:
 
 @helper
 def split(turn: Triple, nx: float, ny: float, nz: float) -> tuple[float, float]:
-    """Rotation about in-plane axes and about the normal, both as magnitudes, rad."""
+    """Rotation about in-plane axes and about the normal, both as magnitudes [rad]."""
     about = turn[0] * nx + turn[1] * ny + turn[2] * nz
     return length(turn[0] - about * nx, turn[1] - about * ny, turn[2] - about * nz), abs(about)
 
 
 @helper
 def patch_travel(C: Array, n: int, turn: Triple) -> float:
-    """Largest distance p that a patch has moved over the body's surface by the rotation `turn`, m."""
+    """Largest distance p [m] of a contact area over the body's surface by the rotation `turn`."""
     cx, cy, cz = load_mean(C, n, NEITHER, ARM)
     p = 0.0
     for i in range(n):

@@ -1,14 +1,14 @@
-"""The forecast of a body with body forces (weight, an applied force or torque), compiled: linear programmes over friction cones.
+"""Forecast of a body with body forces (weight, applied force or torque), compiled: linear programmes over friction cones.
 
 Without body forces `forecast` has closed forms. A body force changes the loads of the spots and, in three dimensions, leaves a
 moment about the vertical that friction has to carry, so the upper and the lower resultant need not share a line. The side with
-the smaller limit of friction slides, with all its spots at the limit against their slip; the other side holds with any friction
+the smaller limit of friction slides, with all its spots at the limit against their slip; the other side sticks with any friction
 inside its cones. Cones are inscribed pyramids of `EDGES` edges, one of them along the drag: required frictions are at most
 1/cos(pi/EDGES) - 1 = 0.12 % too large.
 
-Sides are (n, 2) arrays: x, y of the loaded spots from the centre of mass, m. `heights`: of the upper and the lower spots above
-the centre of mass, m. `wrench` (6,): body force, N, and its moment about the centre of mass, N m. `load`: normal force of the
-upper side, N. `frictions`: upper, lower. A "scale" s multiplies both frictions. Checked against `friction_cones`.
+Sides are (n, 2) arrays: x, y of the loaded spots from the centre of mass [m]. `heights`: of the upper and the lower spots above
+the centre of mass [m]. `wrench` (6,): body force [N] and its moment about the centre of mass [N m]. `load`: normal force of the
+upper side [N]. `frictions`: upper, lower. A "scale" s multiplies both frictions. Verified against `friction_cones`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ ACCURACY = 1e-4  # of the required scale, relative
 
 @helper
 def body_size(upper: Array, lower: Array, heights: Pair) -> float:
-    """Largest distance of a spot from the centre of mass along a coordinate, m."""
+    """Largest distance of a spot from the centre of mass along a coordinate [m]."""
     size = max(abs(heights[0]), abs(heights[1]))
     for i in range(upper.shape[0]):
         size = max(size, abs(upper[i, 0]), abs(upper[i, 1]))
@@ -44,7 +44,7 @@ def body_size(upper: Array, lower: Array, heights: Pair) -> float:
 
 @helper
 def can_hold(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions: Pair) -> bool:
-    """Whether forces inside the friction cones balance the wrench. Lengths over a size, wrench over the upper side's load.
+    """Return whether forces inside the friction cones balance the wrench. Lengths over a size, wrench over the upper side's load.
 
     A column per edge of a spot's pyramid: force x, y, z and moment x, y, z per normal force; the last row is the load.
     """
@@ -68,7 +68,10 @@ def can_hold(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions
 
 @helper
 def required_scale(upper: Array, lower: Array, heights: Pair, wrench: Array, frictions: Pair) -> float:
-    """Least scale of the frictions with which the body can stick; inf beyond `LARGEST`. At most 1 exactly if `can_hold` at 1."""
+    """Smallest scale of the frictions with which the body can stick; inf beyond `LARGEST`.
+
+    At most 1 exactly if `can_hold` at 1.
+    """
     if can_hold(upper, lower, heights, wrench, (0.0, 0.0)):
         return 0.0
     low, high = 0.0, 1.0
@@ -89,10 +92,10 @@ def required_scale(upper: Array, lower: Array, heights: Pair, wrench: Array, fri
 def sliding_range(slider: Array, holder: Array, heights: Pair, wrench: Array, frictions: Pair, drag: Pair) -> Pair:
     """(low, high): friction of the slider with which it can slide while the holder sticks; (inf, -inf) if none.
 
-    Given as for a slider above; `drag` is the unit direction in which its plate moves against the holder's plate. Divided by the
+    For a slider above; `drag` is the unit direction in which its plate moves relative to the holder's plate. Divided by the
     friction t of the slider, the tangential balance is linear in t, the normal forces and the holder's tangential forces over t:
     two programmes give the ends. The friction of the holder scales with t, and so do horizontal force and vertical moment of the
-    body: the answer at the given frictions is exact, the ends are so for a wrench without these. Columns: t, -t, the slider's
+    body: the result at the given frictions is exact, the ends are exact for a wrench without these. Columns: t, -t, the slider's
     spots, the edges of the holder's pyramids (one of them along the drag).
     """
     n, m, e_x, e_y = slider.shape[0], holder.shape[0], drag[0], drag[1]

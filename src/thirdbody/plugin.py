@@ -1,18 +1,18 @@
-"""The one door through which plug-ins reach the engine. Nothing else of `thirdbody` is theirs to import.
+"""Public interface for plug-ins, the only module of `thirdbody` that they import.
 
-A plug-in for laws and effects is a module with `PLUGIN = Plugin(...)`: installed under the entry-point group
-`thirdbody.plugins`, or a file given to `--plugin`. `plugins/dmt_adhesion.py` is the template; `thirdbody laws --check FILE` runs
-the conformance suite on it.
+A plug-in for laws and effects is a module with `PLUGIN = Plugin(...)`: installed under the entry-point group `thirdbody.plugins`,
+or a file given to `--plugin`. `plugins/dmt_adhesion.py` is the template; `thirdbody laws --check FILE` runs the conformance suite
+on it.
 
 A kind of debris is a class derived from `PlacedDebris`: `DEBRIS_KINDS = (Dumbbell,)` in a file given to `--plugin`, or an entry
 point of the group `thirdbody.debris_kinds`, whose name is that of the kind. `thirdbody shapes --list` shows it.
 
-Kernels are compiled once and kept. They are compiled anew when anything changes that they depend on: the source files of the
-plug-in and of modules beside it, every function that a kernel calls, in whichever package it is installed, and the value of every
-global name that these functions use, a table that was read from a data file included. Three things cannot be seen. What a kernel
-calls in a shared library (ctypes, cffi): rename the function when it changes. A function that is compiled with `cache=True`:
-numba then looks for changes in its own file only, so leave that out; kernels and what they call are kept anyway. And a global
-that is changed after the kernel was compiled: numba has taken its value; give such numbers as options.
+Compiled kernels are cached. They are recompiled when anything changes that they depend on: the source files of the plug-in and of
+modules in the same folder, every function that a kernel calls, in whichever package it is installed, and the value of every
+global name that these functions use, including a table that was read from a data file. Three changes cannot be detected. Code
+that a kernel calls in a shared library (ctypes, cffi): rename the function when it changes. A function compiled with
+`cache=True`: numba then watches its own file only, so omit that; kernels and the functions they call are cached anyway. And a
+global that is changed after the kernel was compiled: numba has compiled its value in; pass such numbers as options.
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""Contact laws and body effects: the contract, the catalogue, and their composition into compiled code."""
+"""Contact laws and body effects: the contract, the built-in laws, and their composition into compiled code."""

@@ -1,4 +1,4 @@
-"""Body effects of the catalogue: gravity, and viscous damping of the motion. Off unless a scene names them."""
+"""Built-in body effects: gravity, and viscous damping of the motion. Inactive unless a scene names them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from thirdbody.laws.contract import BodyEffect, Option, Options, Wrench, kernel
 
 
 class GravityParameters(NamedTuple):
-    """Acceleration, m/s2."""
+    """Acceleration [m/s2]."""
 
     g_x: float
     g_y: float
@@ -22,25 +22,25 @@ def gravity(b, p):
 
 
 def mix_gravity(options: Options) -> GravityParameters:
-    """The scene's acceleration."""
+    """Return the acceleration of the scene."""
     return GravityParameters(*options["acceleration"])
 
 
 class ViscousParameters(NamedTuple):
-    """Rate at which velocity decays, 1/s."""
+    """Decay rate of the velocity [1/s]."""
 
     rate: float
 
 
 @kernel
 def viscous(b, p):
-    """-rate m v and -rate I omega with the mean moment of inertia: a background that slows every motion alike."""
+    """-rate m v and -rate I omega with the mean moment of inertia: a background that slows all motion equally."""
     f, t = -p.rate * b.mass, -p.rate * b.inertia
     return Wrench(f * b.v_x, f * b.v_y, f * b.v_z, t * b.w_x, t * b.w_y, t * b.w_z)
 
 
 def mix_viscous(options: Options) -> ViscousParameters:
-    """The scene's rate."""
+    """Return the rate of the scene."""
     return ViscousParameters(options["rate"])
 
 

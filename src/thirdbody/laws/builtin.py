@@ -1,4 +1,4 @@
-"""The engine's own laws and effects, as an ordinary plug-in."""
+"""The built-in laws and effects, registered as an ordinary plug-in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Coulomb friction as an elastic-plastic spring with a named slip scale, so that a contact can stick."""
+"""Coulomb friction as an elastic-plastic spring with a given slip scale, so that a contact can stick."""
 
 from __future__ import annotations
 
@@ -22,8 +22,7 @@ from thirdbody.laws.radial_return import (
 
 
 class CoulombParameters(NamedTuple):
-    """Friction; slip at which the limit is reached over the contact's radius of curvature; effective shear modulus G*, Pa; what
-    is kept of a non-uniform field."""
+    """Friction; slip at the limit over the contact's radius of curvature; G* [Pa]; whether a non-uniform field is remembered."""
 
     mu: float
     slip_scale: float
@@ -33,11 +32,12 @@ class CoulombParameters(NamedTuple):
 
 @kernel
 def coulomb(c, load, p, h):
-    """Spring cut at mu N, stiffness k = mu N/s_0 with s_0 = slip_scale R; T and the energy U are remembered (`stretched`).
+    """Spring limited to mu N with stiffness k = mu N/s_0, s_0 = slip_scale R.
 
-    The spring is never stiffer than the elastic contact, 2 G* a: a stiffer one, at large mu N, would need a smaller time step
-    than the impact of two bodies. As in `mindlin`, a falling stiffness releases force and energy that no longer fit: no closed
-    path makes energy; and a spot that rolls on keeps its tangential force. `coulomb_rolling` lets it go.
+    The history is T and the energy U (`stretched`). The spring is never stiffer than the elastic contact, 2 G* a: a stiffer one,
+    at large mu N, would need a smaller time step than the impact of two bodies. As in `mindlin`, a falling stiffness releases the
+    excess force and energy: no closed path creates energy; and a contact that rolls on keeps its tangential force. In
+    `coulomb_rolling` it decays.
     """
     limit = p.mu * load.force
     stiffness = min(limit / (p.slip_scale * c.radius), 2.0 * p.g_star * load.contact_radius)
@@ -61,7 +61,7 @@ def coulomb_tangent(c, load, p, h):
 
 
 class RollingCoulombParameters(NamedTuple):
-    """Those of `CoulombParameters`, and the renewal of a rolling patch per contact radius."""
+    """Fields of `CoulombParameters`, and the renewal of a rolling contact area per contact radius of travel."""
 
     mu: float
     slip_scale: float
@@ -71,7 +71,7 @@ class RollingCoulombParameters(NamedTuple):
 
 @kernel
 def coulomb_rolling(c, load, p, h):
-    """`coulomb` for a patch that renews its material where it rolls over fresh ground (`thirdbody.laws.patch_renewal`)."""
+    """`coulomb` with renewal of the material where the contact area rolls over fresh ground (`thirdbody.laws.patch_renewal`)."""
     limit, a = p.mu * load.force, load.contact_radius
     stiffness = min(limit / (p.slip_scale * c.radius), 2.0 * p.g_star * a)
     ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
@@ -86,7 +86,7 @@ def coulomb_rolling(c, load, p, h):
 
 @kernel
 def coulomb_rolling_tangent(c, load, p, h):
-    """As `coulomb_tangent`, with the share of the slip that renewal leaves."""
+    """As `coulomb_tangent`, with the fraction of the slip that renewal leaves."""
     limit, limit_rate, a = p.mu * load.force, p.mu * load.stiffness, load.contact_radius
     stiffness, rate = limit / (p.slip_scale * c.radius), limit_rate / (p.slip_scale * c.radius)
     elastic = 2.0 * p.g_star * a
@@ -99,18 +99,18 @@ def coulomb_rolling_tangent(c, load, p, h):
 
 
 def mix_coulomb(pair: Pair, options: Options) -> CoulombParameters:
-    """Friction of the pair, the scene's slip scale, G*, and the scene's memory."""
+    """Return friction of the pair, slip scale, G*, and the kind of memory."""
     return CoulombParameters(pair.friction, options["slip_scale"], g_star(pair.a, pair.b), keeps(options))
 
 
 def mix_coulomb_rolling(pair: Pair, options: Options) -> RollingCoulombParameters:
-    """As `mix_coulomb`, with the rate of renewal; none for the rescaled force."""
+    """As `mix_coulomb`, with the rate of renewal; zero for the rescaled force."""
     p = mix_coulomb(pair, options)
     return RollingCoulombParameters(p.mu, p.slip_scale, p.g_star, p.keeps * renewal_rate(pair, options))
 
 
 def forgetting_coulomb(options: Options) -> Law | None:
-    """The variant for spots that forget as they roll on, where these options ask for it."""
+    """Return the variant with renewal in rolling, where these options require it, or None."""
     return COULOMB_ROLLING if forgets(options) else None
 
 

@@ -1,4 +1,4 @@
-"""Viscous damping of a Hertz contact with a coefficient of restitution that does not depend on speed.
+"""Viscous damping of a Hertz contact with a coefficient of restitution independent of speed.
 
 m x'' + K x^1.5 + alpha sqrt(m K) x^0.25 x' = 0 (Tsuji et al. 1992). With y = x^1.25 as the coordinate this is the linear
 oscillator (Antypov and Elliott 2011), so the restitution of the *clipped* contact, which cannot pull, is the linear one of
@@ -16,16 +16,16 @@ from thirdbody.laws.elasticity import e_star, g_star
 
 
 class DampingParameters(NamedTuple):
-    """Viscosity scale: alpha sqrt((4/3) E*), Pa^0.5."""
+    """Viscosity scale alpha sqrt((4/3) E*) [Pa^0.5]."""
 
     scale: float
 
 
 def restitution_of(alpha: float) -> float:
-    """Coefficient of restitution of the clipped contact for the damping number alpha >= 0, dimensionless.
+    """Coefficient of restitution [-] of the clipped contact for the damping number alpha >= 0.
 
-    Linear oscillator with omega_0^2 = 4/5 and gamma = 2 alpha/5, released where its acceleration vanishes
-    (Schwager and Poeschel 2007, Eqs. 10-12).
+    Linear oscillator with omega_0^2 = 4/5 and gamma = 2 alpha/5, released where its acceleration vanishes (Schwager and Poeschel
+    2007, Eqs. 10-12).
     """
     omega_0, gamma = math.sqrt(0.8), 0.4 * alpha
     if gamma == 0.0:
@@ -36,12 +36,12 @@ def restitution_of(alpha: float) -> float:
     if gamma == omega_0:
         return math.exp(-2.0)
     root = math.sqrt(gamma**2 - omega_0**2)
-    # ln((gamma + root)/(gamma - root)), in the form that keeps its digits near critical damping
+    # ln((gamma + root)/(gamma - root)), in a form without cancellation near critical damping
     return math.exp(-2.0 * gamma / root * math.atanh(root / gamma))
 
 
 def damping_number(restitution: float) -> float:
-    """alpha that gives this restitution in a contact that cannot pull, for restitution in (0, 1]."""
+    """Return the alpha of a given restitution in (0, 1], in a contact that cannot pull."""
     low, high = 0.0, 1.0
     while restitution_of(high) > restitution:
         high *= 2.0
@@ -60,23 +60,23 @@ def hertz_damping(c, n, p):
 
 
 def mix_damping(pair: Pair, _options: Options) -> DampingParameters:
-    """The scale alpha sqrt((4/3) E*) of a pair."""
+    """Return the scale alpha sqrt((4/3) E*) of a pair."""
     return DampingParameters(damping_number(pair.restitution) * math.sqrt(4.0 / 3.0 * e_star(pair.a, pair.b)))
 
 
 @kernel
 def tangential_damping(c, load, p):
-    """alpha sqrt((2/3) m k_t) with k_t = 2 G* a: the ratio of dashpot to spring that the normal direction has, N s/m."""
+    """alpha sqrt((2/3) m k_t) [N s/m] with k_t = 2 G* a: the same damping ratio as in the normal direction."""
     return p.scale * math.sqrt(c.mass * load.contact_radius)
 
 
 def mix_tangential_damping(pair: Pair, _options: Options) -> DampingParameters:
-    """The scale alpha sqrt((4/3) G*) of a pair."""
+    """Return the scale alpha sqrt((4/3) G*) of a pair."""
     return DampingParameters(damping_number(pair.restitution) * math.sqrt(4.0 / 3.0 * g_star(pair.a, pair.b)))
 
 
 def loses_energy(pairs: Sequence[Pair]) -> bool:
-    """Whether any pair has a restitution below one: only then is there a dashpot in the contact."""
+    """Return whether any pair has a restitution below one: only then is there a dashpot in the contact."""
     return any(pair.restitution < 1.0 for pair in pairs)
 
 

@@ -1,4 +1,7 @@
-"""Pressure at which a pair of materials first yields under a Hertz contact; contacts are computed as elastic beyond it too."""
+"""Pressure at first yield of a pair of materials in a Hertz contact.
+
+Contacts are computed as elastic beyond it, too.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +14,21 @@ FIRST_YIELD = 1.6
 """Peak pressure at first yield over the yield strength (K.L. Johnson, Contact Mechanics, 1985, Eq. 4.35; Poisson's ratio 0.3)."""
 
 YIELD_STRAIN = 0.01
-"""Yield strength over Young's modulus where the scene gives none. M.F. Ashby (Materials Selection in Mechanical Design, 4th ed.
-2011, modulus-strength chart) has 0.001 to 0.01 for metals and about 0.01 and more for engineering polymers and, in compression,
-ceramics: 0.01 is a hard metal, so a pressure above the assumed limit is above that of most metals too."""
+"""Assumed yield strength over Young's modulus if the scene gives none. M.F. Ashby (Materials Selection in Mechanical Design, 4th
+ed. 2011, modulus-strength chart) has 0.001 to 0.01 for metals and about 0.01 and more for engineering polymers and, in
+compression, ceramics: 0.01 is a hard metal, so a pressure above the assumed limit is above that of most metals too."""
 
 ELASTOMER = 1e8
-"""Young's modulus below which no yield strength is assumed, Pa: elastomers (same chart) stay elastic to strains of 1 and more."""
+"""Young's modulus below which no yield strength is assumed [Pa]: elastomers (same chart) stay elastic to strains of 1 and
+more."""
 
 
 class YieldLimit(NamedTuple):
-    """Peak pressure at first yield of a pair (Pa, infinite if neither yields), the material that yields first, its yield strength
-    (Pa), and whether that was assumed because the scene gives none."""
+    """Peak pressure at first yield of a pair.
+
+    Pressure [Pa] (infinite if neither yields), the material that yields first, its yield strength [Pa], and whether that was
+    assumed because the scene gives none.
+    """
 
     pressure: float
     material: str
@@ -30,13 +37,13 @@ class YieldLimit(NamedTuple):
 
 
 def yield_limit(a: Material, b: Material) -> YieldLimit:
-    """The limit of the pair, that of the softer material: both bodies of a contact carry the same pressure."""
+    """Return the limit of the pair, that of the softer material: both bodies of a contact carry the same pressure."""
     limits = [YieldLimit(FIRST_YIELD * strength, m.name, strength, not m.yield_strength)
               for m in (a, b) for strength in (m.yield_strength or _assumed_strength(m),)]  # fmt: skip
     return min(limits, key=lambda limit: limit.pressure)
 
 
 def _assumed_strength(material: Material) -> float:
-    """Usual yield strength of a material of this stiffness, Pa; infinite for an elastomer."""
+    """Usual yield strength [Pa] of a material of this stiffness; infinite for an elastomer."""
     young = 2.0 * material.shear_modulus * (1.0 + material.poisson_ratio)
     return YIELD_STRAIN * young if young >= ELASTOMER else math.inf

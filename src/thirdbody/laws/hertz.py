@@ -1,4 +1,4 @@
-"""Hertz' normal contact (Willert, Eq. 5, with R_i for every spot)."""
+"""Hertz's normal contact (Willert, Eq. 5, with R_i for every contact)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from thirdbody.laws.elasticity import e_star
 
 
 class HertzParameters(NamedTuple):
-    """Effective modulus, Pa."""
+    """Effective modulus E* [Pa]."""
 
     e_star: float
 
@@ -25,12 +25,12 @@ def hertz(c, p):
 
 @kernel
 def hertz_tangent(c, p):
-    """dN/dd = 2 E* a, N/m."""
+    """dN/dd = 2 E* a [N/m]."""
     return 2.0 * p.e_star * math.sqrt(c.radius * c.overlap)
 
 
 def mix_hertz(pair: Pair, _options: Options) -> HertzParameters:
-    """The pair's E*."""
+    """Return E* of the pair."""
     return HertzParameters(e_star(pair.a, pair.b))
 
 

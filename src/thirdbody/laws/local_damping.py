@@ -1,4 +1,4 @@
-"""Cundall's local damping: a force against the motion, in proportion to what moves the body. For settling only."""
+"""Cundall's local damping: a force against the motion, proportional to the unbalanced force. For settling only."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from thirdbody.laws.contract import BodyEffect, Option, Options, Wrench, kernel
 
 
 class LocalParameters(NamedTuple):
-    """Share alpha of the unbalanced force."""
+    """Fraction alpha of the unbalanced force."""
 
     alpha: float
 
@@ -22,11 +22,11 @@ def against(alpha, force, velocity):
 
 @kernel
 def local(b, total, p):
-    """-alpha |F_k| sign(v_k) and -alpha |T_k| sign(omega_k), component by component along the world's axes.
+    """-alpha |F_k| sign(v_k) and -alpha |T_k| sign(omega_k), component by component along the world axes.
 
-    It never moves a body at rest and vanishes in equilibrium, so it does not shift where things settle; but it slows a fall
-    to (1 - alpha) g and is no physics: between two turning points the potential energy, taken from the equilibrium, falls to
-    (1 - alpha)/(1 + alpha) of itself, whatever the frequency.
+    It never moves a body at rest and vanishes in equilibrium, so it does not shift equilibrium positions; but it slows a fall to
+    (1 - alpha) g and is unphysical: between two turning points the potential energy, measured from the equilibrium, falls to the
+    fraction (1 - alpha)/(1 + alpha), whatever the frequency.
     """
     return Wrench(
         against(p.alpha, total.f_x, b.v_x), against(p.alpha, total.f_y, b.v_y), against(p.alpha, total.f_z, b.v_z),
@@ -35,7 +35,7 @@ def local(b, total, p):
 
 
 def mix_local(options: Options) -> LocalParameters:
-    """The scene's coefficient."""
+    """Return the coefficient of the scene."""
     return LocalParameters(options["coefficient"])
 
 

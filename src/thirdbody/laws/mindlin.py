@@ -1,4 +1,4 @@
-"""Mindlin's no-slip stiffness with Coulomb's limit, and a memory that cycles of the load do not wear out."""
+"""Mindlin's no-slip stiffness with Coulomb's limit; its memory does not decay under load cycles."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from thirdbody.laws.radial_return import (
 
 
 class MindlinParameters(NamedTuple):
-    """Effective shear modulus (the paper's G*), Pa; friction; ratio of the moduli E*/G*; what is kept of a non-uniform field."""
+    """Effective shear modulus G* [Pa]; friction; kappa; whether the energy of a non-uniform field is remembered."""
 
     g_star: float
     mu: float
@@ -31,11 +31,11 @@ class MindlinParameters(NamedTuple):
 
 @kernel
 def mindlin(c, load, p, h):
-    """T -= 2 G* a ds, scaled back onto mu N; T and the energy U are remembered (`stretched`).
+    """T -= 2 G* a ds, scaled back onto mu N; T and the energy U are the history (`stretched`).
 
-    Loss of contact area releases force and energy of the area that is lost (Thornton and Randall 1988; Walton and Braun 1986);
-    a stored displacement instead makes energy (Elata and Berryman 1996). The spring belongs to the patch, not to the material
-    under it: a spot that rolls on keeps its tangential force. `mindlin_rolling` lets it go.
+    A decrease of the contact area releases force and energy of the lost area (Thornton and Randall 1988; Walton and Braun 1986);
+    a stored displacement instead would create energy (Elata and Berryman 1996). The spring belongs to the contact area, not to
+    the material under it: a contact that rolls on keeps its tangential force. In `mindlin_rolling` it decays.
     """
     limit = p.mu * load.force
     t = stretched(c.slip_x, c.slip_y, h, 2.0 * p.g_star * load.contact_radius, limit, p.keeps)
@@ -44,14 +44,14 @@ def mindlin(c, load, p, h):
 
 @kernel
 def mindlin_tangent(c, load, p, h):
-    """Consistent tangent of one step: dT/d(slip) and dT/d(overlap), with the load's own stiffness in the limit."""
+    """Consistent tangent of one step: dT/d(slip) and dT/d(overlap), with the stiffness of the load in the limit."""
     stiffness, rate = 2.0 * p.g_star * load.contact_radius, p.g_star * c.radius / max(load.contact_radius, 1e-300)
     x, y, x_rate, y_rate = stretched_tangent(c.slip_x, c.slip_y, h, stiffness, rate)
     return friction_tangent(x, y, p.mu * load.force, p.mu * load.stiffness, stiffness, x_rate, y_rate)
 
 
 class RollingMindlinParameters(NamedTuple):
-    """Those of `MindlinParameters`, and the renewal of a rolling patch per contact radius."""
+    """Fields of `MindlinParameters`, and the renewal of a rolling contact area per contact radius of travel."""
 
     g_star: float
     mu: float
@@ -61,7 +61,10 @@ class RollingMindlinParameters(NamedTuple):
 
 @kernel
 def mindlin_rolling(c, load, p, h):
-    """`mindlin` for a patch that renews its material where it rolls over fresh ground (`thirdbody.laws.patch_renewal`)."""
+    """`mindlin` with renewal of the contact area in rolling (`thirdbody.laws.patch_renewal`).
+
+    In reality unstressed material enters the contact, and the force decays over about two contact radii of travel.
+    """
     limit, a = p.mu * load.force, load.contact_radius
     ground = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5])
     fraction = renewed(p.renewal * ground.way / max(a, 1e-300))
@@ -72,7 +75,7 @@ def mindlin_rolling(c, load, p, h):
 
 @kernel
 def mindlin_rolling_tangent(c, load, p, h):
-    """As `mindlin_tangent`, with the share of the slip that renewal leaves."""
+    """As `mindlin_tangent`, with the fraction of the slip that renewal leaves."""
     a = load.contact_radius
     stiffness, rate = 2.0 * p.g_star * a, p.g_star * c.radius / max(a, 1e-300)
     distance = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
@@ -82,19 +85,19 @@ def mindlin_rolling_tangent(c, load, p, h):
 
 
 def mix_mindlin(pair: Pair, options: Options) -> MindlinParameters:
-    """G*, friction and kappa = mu E*/G* (Willert, Eqs. 13, 14)."""
+    """Return G*, friction, kappa = mu E*/G* (Willert, Eqs. 13, 14), and the kind of memory."""
     g = g_star(pair.a, pair.b)
     return MindlinParameters(g, pair.friction, pair.friction * e_star(pair.a, pair.b) / g, keeps(options))
 
 
 def mix_mindlin_rolling(pair: Pair, options: Options) -> RollingMindlinParameters:
-    """As `mix_mindlin`, with the rate of renewal; none for the rescaled force."""
+    """As `mix_mindlin`, with the rate of renewal; zero for the rescaled force."""
     p = mix_mindlin(pair, options)
     return RollingMindlinParameters(p.g_star, p.mu, p.kappa, p.keeps * renewal_rate(pair, options))
 
 
 def forgetting_mindlin(options: Options) -> Law | None:
-    """The variant for spots that forget as they roll on, where these options ask for it."""
+    """Return the variant with renewal in rolling, where these options require it, or None."""
     return MINDLIN_ROLLING if forgets(options) else None
 
 

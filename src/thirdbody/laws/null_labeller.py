@@ -1,4 +1,7 @@
-"""What stands behind a pointer that the engine never follows: a scene without labels or body effects."""
+"""Labeller without effect, for scenes without labels or body effects.
+
+It is the target of a function pointer that the engine never calls.
+"""
 
 from __future__ import annotations
 
@@ -7,13 +10,13 @@ from thirdbody.laws.contract import Labeller, kernel
 
 @kernel
 def observe_nothing(contacts, n, body, memory):
-    """Leaves the memory alone."""
+    """Leave the memory unchanged."""
     memory[0] += 0.0
 
 
 @kernel
 def label_nothing(contacts, n, body, memory, out):
-    """Leaves every body at state 0."""
+    """Leave every body at state 0."""
     out[0] = 0.0
 
 

@@ -1,25 +1,26 @@
-"""How a rolling patch forgets: fresh ground under a patch, and the rate at which it renews the tangential field.
+"""Renewal: loss of tangential memory where a contact area rolls over fresh ground, and its rate.
 
-Where a patch moves over the surfaces, material that was never under it enters unloaded, and loaded material leaves with what the
-trailing edge carries. A row of springs w(x), the mean of both sides of the patch, has a half that moves to either edge. So it is
-carried outward at a speed that goes as x: dw = -ds - (rate/a) d(x w)/dx dr, with the way dr over fresh ground, the contact radius
-a and the slip ds; in a step, w(x) -> kept w(kept x) - fill ds. The force lost is rate w(a) dr, what springs at the edge carry:
-a field that falls to nothing there loses of second order in dr. A uniform field stays uniform and decays, dw = -ds - rate w dr/a,
-and steady rolling ends at one. A law with one spring has that alone.
+Where a contact area moves over the surfaces, unloaded material enters at its leading edge, and loaded material leaves with the
+force at the trailing edge. A row of springs w(x), the mean of both sides of the area, has halves that move to either edge. So it
+is carried outward at a speed proportional to x: dw = -ds - (rate/a) d(x w)/dx dr, with the travel dr over fresh ground, the
+contact radius a and the slip ds; in a step, w(x) -> kept w(kept x) - fill ds. The force lost is rate w(a) dr, the force of the
+springs at the edge: for a field that vanishes there the loss is of second order in dr. A uniform field stays uniform and decays,
+dw = -ds - rate w dr/a, and steady rolling leads to one. A law with a single spring has that field only.
 
-What the mean of both sides cannot tell: a uniform field loses half of this at first in truth, and a patch that grows or shrinks
-faster than it moves has nothing replaced, while the field here changes its shape in first order of the way, not its force.
+Limits of the mean of both sides: a uniform field in reality loses half of this at first, and in a contact area that grows or
+shrinks faster than it moves nothing is replaced, while the field here changes its shape, not its force, in first order of the
+travel.
 
-Ground is fresh where the patch has not been. A contact remembers the offset of the patch from the middle of the ground that it
-knows, and how far from there it was: only way beyond counts, so a spot that sways by a nanometre stays on its ground after the
-first sway, and one that rolls on renews all. What is assumed of a turn back: known ground reaches one contact radius from its
-middle, which a patch that rolls on draws behind it. So a patch that turns back after a long way must go back by its own diameter,
-when it has left the place where it turned, before it renews again. Until then the loss is small in truth too, as the edge that is
-then behind carries least. The offset is the mean of those over the two surfaces.
+Ground is fresh where the contact area has not been. A contact stores the offset of the contact area from the middle of the known
+ground, and its largest distance from there: only travel beyond counts, so a contact that sways by a nanometre stays on its ground
+after the first sway, and one that rolls on renews all. Assumption for a reversal: known ground extends one contact radius from
+its middle, which follows a contact area that rolls on. So after a long travel a contact area that reverses must travel back by
+its own diameter, from the point of reversal, before it renews again. Until then the loss is small in reality too, as the edge
+that is then trailing carries least. The offset is the mean of those over the two surfaces.
 
-Rate: steady rolling with the creep ds/dr = xi ends at T = 2 G* a^2 xi/rate. Kalker's linear theory of a round patch says
-T = G a^2 C11 xi (Kalker, Three-dimensional elastic bodies in rolling contact, 1990), so rate = 2 (G*/G)/C11: 0.59 at nu = 0,
-0.55 at 0.25, 0.51 at 0.5.
+Rate: steady rolling with the creep ds/dr = xi ends at T = 2 G* a^2 xi/rate. Kalker's linear theory of a circular contact has T =
+G a^2 C11 xi (Kalker, Three-dimensional elastic bodies in rolling contact, 1990), so rate = 2 (G*/G)/C11: 0.59 at nu = 0, 0.55 at
+0.25, 0.51 at 0.5.
 """
 
 from __future__ import annotations
@@ -44,16 +45,16 @@ RENEWAL = Option(
 )
 
 RENEWAL_OF_SPRINGS = replace(RENEWAL, default=0.0, doc=RENEWAL.doc + '; memory = "rescaled" has none')
-"""The same for laws with one spring, without renewal unless the scene names it. Every contact would pay for it with three more
-floats of history (88 bytes, no longer one line of the cache) and an exponential: an explicit step of 16 000 spheres takes 1.9 to
-2.3 times as long, of 2000 clumps twice."""
+"""The same for laws with one spring, zero unless the scene sets it: it costs every contact three more floats of history (88
+bytes, more than one cache line) and an exponential; an explicit step of 16 000 spheres takes 1.9 to 2.3 times as long, of 2000
+clumps twice."""
 
 KALKER = ((0.0, 3.40), (0.25, 4.12), (0.5, 5.20))
-"""Poisson's ratio and C11 of a round patch (Kalker 1990, table of creepage coefficients)."""
+"""Poisson's ratio and C11 of a circular contact (Kalker 1990, table of creepage coefficients)."""
 
 
 def creep_coefficient(nu: float) -> float:
-    """Kalker's C11 of a round patch. Creep is a compliance, nearly linear in nu: 1/C11 is the parabola through his values."""
+    """Kalker's C11 of a circular contact: 1/C11, a compliance nearly linear in nu, is the parabola through his values."""
     total = 0.0
     for x, c in KALKER:
         weight = 1.0
@@ -64,7 +65,10 @@ def creep_coefficient(nu: float) -> float:
 
 
 def renewal_rate(pair: Pair, options: Options) -> float:
-    """Renewal per contact radius of way: the value of the scene, or Kalker's for the mean shear compliance of both materials."""
+    """Renewal per contact radius of travel: value of the scene, or Kalker's.
+
+    Kalker's is that for the mean shear compliance of both materials.
+    """
     given = options.get("renewal", RENEWAL.default)
     if given != "kalker":
         return float(given)
@@ -75,7 +79,7 @@ def renewal_rate(pair: Pair, options: Options) -> float:
 
 
 class Ground(NamedTuple):
-    """Way over fresh ground in the step, m; then the offset from the middle of known ground, and how far away the patch was."""
+    """Travel over fresh ground in the step [m]; offset from the middle of known ground [m]; largest distance from it [m]."""
 
     way: float
     x: float
@@ -85,7 +89,7 @@ class Ground(NamedTuple):
 
 @kernel
 def fresh_ground(roll_x, roll_y, radius, x, y, reach):
-    """`Ground` after the patch, of contact radius `radius`, went by (roll_x, roll_y) from the offset (x, y), m."""
+    """Return `Ground` after the contact area, of radius `radius`, moved by (roll_x, roll_y) from the offset (x, y) [m]."""
     x, y = x + roll_x, y + roll_y
     size = math.sqrt(x * x + y * y)
     back = min(size, radius) / max(size, 1e-300)
@@ -93,9 +97,9 @@ def fresh_ground(roll_x, roll_y, radius, x, y, reach):
 
 
 class Renewal(NamedTuple):
-    """A step in which a share of a field is renewed: w = kept w_old - fill ds in a spring that sticks.
+    """A step in which a fraction of a field is renewed: w = kept w_old - fill ds in a spring that sticks.
 
-    What a spring of unit stiffness then loses is (1 - kept^2) w_old^2/2 - mixed w_old . ds + own ds^2.
+    A spring of unit stiffness then loses the energy (1 - kept^2) w_old^2/2 - mixed w_old . ds + own ds^2.
     """
 
     kept: float
@@ -106,7 +110,7 @@ class Renewal(NamedTuple):
 
 @kernel
 def renewed(exponent):
-    """`Renewal` of dw/dt = -ds/dt - exponent w over a step with a steady slip ds: exact for any length of the step."""
+    """Return `Renewal` of dw/dt = -ds/dt - exponent w over a step with a steady slip ds: exact for any length of the step."""
     if exponent < 1e-12:
         return Renewal(1.0, 1.0, 0.0, 0.0)
     lost = -math.expm1(-exponent)

@@ -1,11 +1,12 @@
-"""What the tangential laws with one spring and Coulomb's limit share: the memory of the spring, and the derivative of a trial
-force that is scaled back onto the limit.
+"""Common part of tangential laws with one spring and Coulomb's limit.
 
-A contact remembers the tangential force T and the elastic energy U of its field of displacements. With the stiffness 2 G* a of a
-uniform displacement they tell the radius a_c = T^2/(4 G* U) that carries the force: slip over a patch that has grown since is
-added at equal force and equal energy. A patch that shrinks loses force only once it is smaller than a_c, so cycles of the load
-release their share once, not again in every cycle (physics: tangential memory). With a uniform field, U = T^2/(4 G* a), this is
-the rescaled force of Thornton and Randall (1988), which takes the field as uniform after every step.
+The memory of the spring, and the derivative of the radial return of a trial force onto the limit.
+
+A contact stores the tangential force T and the elastic energy U of its displacement field. With the stiffness 2 G* a of a uniform
+displacement they give the radius a_c = T^2/(4 G* U) that carries the force: slip over an area that has grown since is added at
+equal force and equal energy. A shrinking contact area loses force only once it is smaller than a_c, so load cycles release their
+fraction once, not in every cycle. With a uniform field, U = T^2/(4 G* a), this is the rescaled force of Thornton and Randall
+(1988), which assumes a uniform field after every step.
 """
 
 from __future__ import annotations
@@ -25,17 +26,17 @@ MEMORY = Option(
 
 
 def keeps(options: Options) -> float:
-    """Share of the energy of a non-uniform field that a contact remembers: 1, or 0 for the rescaled force."""
+    """Fraction of the energy of a non-uniform field that a contact remembers: 1, or 0 for the rescaled force."""
     return 0.0 if options.get("memory", MEMORY.default) == "rescaled" else 1.0
 
 
 def forgets(options: Options) -> bool:
-    """Whether a spot that rolls on forgets: where the scene says so, and not with the rescaled force."""
+    """Return whether rolling contacts renew their material: where the scene requires it, and not with the rescaled force."""
     return keeps(options) > 0.0 and options.get("renewal", 0.0) != 0.0
 
 
 class Spring(NamedTuple):
-    """A spring after a step: force on the owner, N; slip at the limit, m; elastic energy and what was dissipated, J."""
+    """A spring after a step: force on the owner [N]; slip at the limit [m]; elastic and dissipated energy [J]."""
 
     x: float
     y: float
@@ -46,11 +47,12 @@ class Spring(NamedTuple):
 
 @kernel
 def stretched(slip_x, slip_y, memory, stiffness, limit, keeps):
-    """A spring of this stiffness (N/m) after a slip (m), from its memory (T_x, T_y, U), cut at the `limit` (N).
+    """Spring of this stiffness [N/m] after a slip [m], from its memory (T_x, T_y, U), limited to `limit` [N].
 
-    kept = min(1, 2 k U/T^2) of force and energy fit into the patch. X = U - T^2/(2 k) is what the field holds beyond a uniform
-    one of the same force: slip leaves it as it is, the limit takes its share of it. Dissipated are the energy of lost area, that
-    share, and the work of the slip at the limit, so the balance is exact: U + (T'^2 - T^2)/(2 k) + L slip = U' + dissipated.
+    The contact area carries the fraction min(1, 2 k U/T^2) of force and energy. X = U - T^2/(2 k) is the energy of the field in
+    excess of a uniform one of the same force: slip leaves it unchanged, sliding at the limit reduces it. Dissipated are the
+    energy of lost area, that reduction, and the work of the slip at the limit, so the balance is exact: U + (T'^2 - T^2)/(2 k) +
+    L slip = U' + dissipated.
     """
     x_old, y_old, energy = memory
     square = max(x_old * x_old + y_old * y_old, 1e-150)
@@ -73,7 +75,7 @@ def stretched(slip_x, slip_y, memory, stiffness, limit, keeps):
 
 @kernel
 def stretched_tangent(slip_x, slip_y, memory, stiffness, stiffness_rate):
-    """The trial force of `stretched` and its derivative by the overlap: x, y (N), x_rate, y_rate (N/m)."""
+    """Trial force of `stretched` and its derivative by the overlap: x, y [N], x_rate, y_rate [N/m]."""
     x_old, y_old, energy = memory
     square = max(x_old * x_old + y_old * y_old, 1e-150)
     fraction = 2.0 * energy / square
@@ -89,9 +91,10 @@ def stretched_tangent(slip_x, slip_y, memory, stiffness, stiffness_rate):
 
 @kernel
 def rolled(slip_x, slip_y, memory, share, stiffness, limit):
-    """`stretched` in a step in which rolling renews a share of the field (`renewal.Renewal`).
+    """`stretched` in a step in which rolling renews a fraction of the field (`patch_renewal.Renewal`).
 
-    Renewal takes int (renewal rate) 2 U over the step: exact in a spring that sticks and in one that slides one way throughout.
+    Renewal dissipates int (renewal rate) 2 U over the step: exact in a spring that sticks and in one that slides in one direction
+    throughout.
     """
     x_old, y_old, energy = memory
     scaled = (share.kept * x_old, share.kept * y_old, share.kept * share.kept * energy)
@@ -113,7 +116,7 @@ def rolled(slip_x, slip_y, memory, share, stiffness, limit):
 
 @kernel
 def rolled_tangent(slip_x, slip_y, memory, share, overlap, stiffness, stiffness_rate):
-    """The trial force of `rolled` and its derivative by the overlap; the exponent of renewal falls as overlap^-0.5."""
+    """Trial force of `rolled` and its derivative by the overlap; the exponent of renewal falls as overlap^-0.5."""
     x_old, y_old, energy = memory
     scaled = (share.kept * x_old, share.kept * y_old, share.kept * share.kept * energy)
     x, y, x_rate, y_rate = stretched_tangent(share.fill * slip_x, share.fill * slip_y, scaled, stiffness, stiffness_rate)
@@ -125,7 +128,7 @@ def rolled_tangent(slip_x, slip_y, memory, share, overlap, stiffness, stiffness_
 
 @kernel
 def friction_tangent(x, y, limit, limit_rate, stiffness, x_rate, y_rate):
-    """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy (N/m), dTx/dd, dTy/dd (N/m) of the trial force (x, y) cut at `limit`.
+    """dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy [N/m], dTx/dd, dTy/dd [N/m] of the trial force (x, y) limited to `limit`.
 
     The trial force falls by `stiffness` per slip along either axis and changes by (x_rate, y_rate) per overlap, the limit by
     `limit_rate`. Beyond the limit T = L t/|t|, so dT = dL t/|t| + (L/|t|)(1 - t t^T/|t|^2) dt (radial return).

@@ -1,4 +1,7 @@
-"""Finding plug-ins: the catalogue, installed entry points, and files named on the command line. A scene names none."""
+"""Registry of plug-ins: the built-in one, installed entry points, and files from the command line.
+
+A scene names no plug-in.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ DEBRIS_KINDS = "DEBRIS_KINDS"
 
 @dataclass(frozen=True)
 class Registry:
-    """Everything that was found. `failures` tells what did not load and why."""
+    """All plug-ins that were loaded. `failures` maps the others to the reason."""
 
     plugins: tuple[Plugin, ...]
     failures: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
@@ -40,17 +43,17 @@ class Registry:
 
     @property
     def laws(self) -> dict[str, Law]:
-        """Every contact law that any plug-in brings, by name."""
+        """Every contact law of all plug-ins, by name."""
         result = [law for family in self.families.values() for laws in family.levels.values() for law in laws]
         result += [effect for effect in self.effects.values() if isinstance(effect, Law)]
         return {law.name: law for law in result}
 
 
 def discover(files: Sequence[str | Path] = ()) -> Registry:
-    """All plug-ins: the catalogue, entry points of the group `thirdbody.plugins`, and the files given.
+    """Load all plug-ins: the built-in one, entry points of the group `thirdbody.plugins`, and the given files.
 
-    A broken installed plug-in is told in `failures`; a broken file, which the user asked for, raises UsageError, as do two
-    plug-ins that bring the same name.
+    A broken installed plug-in is listed in `failures`; a broken file, which the user requested, raises UsageError, as do two
+    plug-ins that define the same name.
     """
     from thirdbody.laws.builtin import PLUGIN
 
@@ -74,7 +77,7 @@ def _plugin(result: object) -> Plugin:
 
 
 def load_module(path: Path) -> ModuleType:
-    """The module of a plug-in file, imported once. Raises UsageError if it cannot be read or fails."""
+    """Import the module of a plug-in file, once. Raises UsageError if it cannot be read or fails."""
     if not os.path.isfile(path):  # unlike Path.is_file, False for a name that is too long
         raise UsageError(f"plug-in {path}: no such file")
     digest = hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]
@@ -87,7 +90,7 @@ def load_module(path: Path) -> ModuleType:
 
 
 def load_file(path: Path) -> Plugin:
-    """The `PLUGIN` of a Python file; an empty one for a file that brings kinds of debris only. Raises UsageError."""
+    """Return the `PLUGIN` of a Python file; an empty one if it has only kinds of debris. Raises UsageError."""
     module = load_module(path)
     if not hasattr(module, "PLUGIN") and hasattr(module, DEBRIS_KINDS):
         return Plugin(path.stem)

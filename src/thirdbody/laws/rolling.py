@@ -1,4 +1,4 @@
-"""Rolling resistance: a moment that opposes relative rolling, elastic up to mu_r R* N. Off unless a scene names it."""
+"""Rolling resistance: a moment that opposes relative rolling, elastic up to mu_r R* N. Inactive unless a scene names it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ STIFFNESS = 2.25
 """k_r over k_n (mu_r R*)^2 (Iwashita and Oda 1998; Wensrich and Katterfeld 2012, Eq. 10)."""
 
 INERTIA = 7.0 / 5.0
-"""Moment of inertia of a ball about the point it rolls on, over m R^2."""
+"""Moment of inertia of a ball about its contact point over m R^2."""
 
 
 class RollingParameters(NamedTuple):
-    """Coefficient; k_r over mu_r^2 R*^2 a, Pa; viscosity over that of critical damping of a ball that rolls on a plane."""
+    """Coefficient; k_r over mu_r^2 R*^2 a [Pa]; viscosity over that of critical damping of a ball rolling on a plane."""
 
     mu_r: float
     scale: float
@@ -26,10 +26,10 @@ class RollingParameters(NamedTuple):
 
 @kernel
 def rolling_resistance(c, turn, load, p, h):
-    """Spring cut at mu_r R* N, k_r = 2.25 k_n (mu_r R*)^2 with k_n = 2 E* a, the normal stiffness of any round contact.
+    """Spring limited to mu_r R* N, k_r = 2.25 k_n (mu_r R*)^2 with k_n = 2 E* a, the normal stiffness of any circular contact.
 
-    As in `coulomb`, a falling stiffness releases its share of moment and energy: U = M^2/(2 k_r), and no closed path makes
-    energy. The spring yields at the angle N/(2.25 k_n mu_r R*), in Hertz' contact 0.296 d/(mu_r R*) at the overlap d.
+    As in `coulomb`, a falling stiffness releases its fraction of moment and energy: U = M^2/(2 k_r), and no closed path creates
+    energy. The spring yields at the angle N/(2.25 k_n mu_r R*), for a Hertz contact 0.296 d/(mu_r R*) at the overlap d.
     """
     x_old, y_old, k_old = h
     arm = p.mu_r * c.radius
@@ -67,7 +67,7 @@ def rolling_tangent(c, turn, load, p, h):
 
 
 def mix_rolling(pair: Pair, options: Options) -> RollingParameters:
-    """The pair's coefficient if the scene gives it one, else that of all pairs; 2.25 * 2 E*; 2 zeta sqrt(7/5)."""
+    """Return the coefficient of the pair if the scene gives one, else that of all pairs; 2.25 * 2 E*; 2 zeta sqrt(7/5)."""
     mu_r = options["coefficient"] if pair.rolling is None else pair.rolling
     return RollingParameters(mu_r, STIFFNESS * 2.0 * e_star(pair.a, pair.b), 2.0 * options["damping"] * math.sqrt(INERTIA))
 

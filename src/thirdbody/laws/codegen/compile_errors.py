@@ -1,4 +1,4 @@
-"""What numba says about a kernel that is no valid code, in one line."""
+"""numba's message about a kernel that is not valid code, in one line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from thirdbody.laws.codegen.dependencies import plain
 from thirdbody.laws.contract import BodyEffect, Labeller, Law
 
 GENERATED = re.compile(r"thirdbody_[a-z]+_[0-9a-f]{20}\.py")
-"""Files of generated code (`generated.load`)."""
+"""Files of generated code (`module_cache.load_module`)."""
 
 
 def compile_error(problem: Exception) -> str | None:
@@ -29,7 +29,7 @@ def compile_error(problem: Exception) -> str | None:
 
 
 def _raised_by_numba(problem: Exception) -> bool:
-    """Return whether numba raised it or was at work when it was raised, as for a name that a module does not have."""
+    """Return whether numba raised it or was running when it was raised, as for a name that a module does not have."""
     if type(problem).__module__.startswith("numba."):
         return True
     trace = problem.__traceback__
@@ -41,13 +41,13 @@ def _raised_by_numba(problem: Exception) -> bool:
 
 
 def _place(lines: list[str]) -> str:
-    """Return file and line of the kernel; of the generated code, into which kernels are inlined, nothing can be learnt."""
+    """Return file and line of the kernel; generated code, into which kernels are inlined, is not informative."""
     result = next((line for line in lines if line.startswith("File ") and not GENERATED.search(line)), "")
     return result.rstrip(":").replace("File ", "in file ", 1)
 
 
 def foreign(parts: Iterable[Law | BodyEffect | Labeller]) -> list[str]:
-    """Return the names of the laws, effects and labellers that plug-ins bring: our own always compile."""
+    """Return the names of the laws, effects and labellers of plug-ins: the built-in ones always compile."""
     return [part.name for part in parts if not _module(part).startswith("thirdbody.")]
 
 

@@ -1,7 +1,7 @@
-"""What compiled functions depend on: the source files, the code and the values that they can reach from where they are defined.
+"""Dependencies of compiled functions: the source files, code and values that they can reach.
 
 numba compiles the value of a global name into the machine code: a number, a table that was read from a file, a function of
-another package. All of it belongs into the name of the compiled module.
+another package. All of them must enter the name of the compiled module.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import numpy as np
 
 ENGINE = "thirdbody"
 LIBRARIES = frozenset({ENGINE, "llvmlite", "numba", "numpy", "scipy"}) | sys.stdlib_module_names
-"""Packages that are not looked into: the name of the cache folder stands for the engine, for Python and for numba."""
+"""Packages that are not searched: the name of the cache folder covers the engine, Python and numba."""
 
 SIMPLE = (type(None), type(Ellipsis), bool, int, float, complex, str, bytes)
 
 
 def plain(function: Any) -> Any:
-    """Return the Python function behind a compiled one."""
+    """Return the Python function of a compiled one."""
     return function.py_func if hasattr(function, "py_func") else function
 
 
@@ -41,9 +41,9 @@ def sources(functions: Iterable[Callable]) -> str:
 def source_files(functions: Iterable[Callable], reached: Reached | None = None) -> list[Path]:
     """Return every source file that a law's result can depend on.
 
-    The whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there through
-    names (functions, classes, constants of a module, modules); of installed packages those with functions that the law reaches.
-    Of this engine only what the law can reach counts, not the whole package.
+    The whole package of the law, or the file of a one-file plug-in, and all modules that can be reached from there through names
+    (functions, classes, constants of a module, modules); of installed packages those with functions that the law reaches. Of this
+    engine only the modules that the law can reach count, not the whole package.
     """
     functions = list(functions)
     files = (reached or Reached(functions)).files()
@@ -65,7 +65,7 @@ def source_files(functions: Iterable[Callable], reached: Reached | None = None) 
 
 
 def _named_in(module: ModuleType) -> list[ModuleType]:
-    """Modules that a module's names come from."""
+    """Return the modules in which a module's names are defined."""
     values = list(vars(module).values())
     names = {getattr(value, "__module__", None) for value in values}
     names |= {getattr(plain(value), "__module__", None) for value in values if callable(value)}
@@ -74,7 +74,7 @@ def _named_in(module: ModuleType) -> list[ModuleType]:
 
 
 def _installed(module: ModuleType, own: set[str]) -> bool:
-    """Whether a module belongs to Python, to this engine (the cache folder's name hashes it), or to an installed library."""
+    """Return whether a module belongs to Python, to this engine (hashed in the cache folder's name), or to a library."""
     top = module.__name__.partition(".")[0]
     if top in own:
         return False
@@ -83,7 +83,7 @@ def _installed(module: ModuleType, own: set[str]) -> bool:
 
 
 class Reached:
-    """What some functions reach, wherever it is installed: code and values, and the modules where functions and classes stand."""
+    """Code and values that functions reach, wherever they are installed, and the modules that define functions and classes."""
 
     def __init__(self, functions: Iterable[Callable]) -> None:
         self._hash = hashlib.sha256()
@@ -93,7 +93,7 @@ class Reached:
             self._value(function, frozenset())
 
     def digest(self) -> str:
-        """Return the same text for the same code and values, in any process."""
+        """Return the digest, the same for the same code and values in any process."""
         return self._hash.hexdigest()
 
     def files(self) -> set[Path]:
@@ -105,7 +105,7 @@ class Reached:
         self._hash.update("\0".join([*map(str, words), "\n"]).encode("utf-8", "surrogatepass"))
 
     def _value(self, value: Any, names: frozenset[str]) -> None:
-        """Add a value; `names` are those that the code which reaches it uses, of attributes too."""
+        """Add a value; `names` are those used by the code that reaches it, including attributes."""
         value = plain(value)
         if isinstance(value, SIMPLE):
             self._add(type(value).__name__, repr(value))
@@ -118,7 +118,7 @@ class Reached:
             if key in self._met:
                 self._add("met", self._met[key][0])
             else:
-                self._met[key] = len(self._met), value  # kept, or another could have its identity
+                self._met[key] = len(self._met), value  # reference held, or another object could get its id
                 self._compound(value, names)
 
     def _array(self, array: np.ndarray) -> None:
@@ -153,7 +153,7 @@ class Reached:
                 self._attributes(vars(value), names)
         elif _of_library(getattr(value, "__module__", None)):
             if owner is not value and " at 0x" not in repr(value):
-                self._add(repr(value))  # a type of numba's, a kind of number
+                self._add(repr(value))  # a numba type, a number type
         elif isinstance(value, FunctionType):
             self._function(value)
         elif isinstance(value, type):
@@ -163,7 +163,7 @@ class Reached:
             self._instance(value)
 
     def _instance(self, value: Any) -> None:
-        """Add what an object holds: an enumeration's member, numba's wrapper of a function, or any other."""
+        """Add the contents of an object: an enumeration's member, numba's wrapper of a function, or any other."""
         self._modules.add(type(value).__module__)
         self._value(value.value if isinstance(value, Enum) else dict(getattr(value, "__dict__", {})), frozenset())
 
@@ -184,14 +184,14 @@ class Reached:
             self._value(constant, frozenset())
 
     def _attributes(self, space: Mapping[str, Any], names: frozenset[str]) -> None:
-        """Add what the names stand for in a module or a class; others are Python's own or attributes of something else."""
+        """Add the values of these names in a module or a class; other names are builtins or attributes of other objects."""
         for name in sorted(names & space.keys()):
             self._add(name)
             self._value(space[name], names)
 
 
 def _names_in(code: CodeType) -> frozenset[str]:
-    """Names of globals and attributes that code uses, in functions within it too."""
+    """Return the names of globals and attributes used by code, including functions within it."""
     inner = [_names_in(constant) for constant in code.co_consts if isinstance(constant, CodeType)]
     return frozenset(code.co_names).union(*inner)
 

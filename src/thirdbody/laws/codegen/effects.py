@@ -1,4 +1,4 @@
-"""Body effects and labellers composed into generated, compiled modules, as `compose` does with contact laws."""
+"""Composition of body effects and labellers into generated, compiled modules, as `compose` does with contact laws."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from thirdbody.laws.contract import BodyEffect, Labeller
 
 
 def compose_effects(effects: Sequence[BodyEffect]) -> Callable:
-    """Compile the loop over bodies that applies these effects, each with its own parameters, in their order.
+    """Compile the loop over bodies that applies these effects in order, each with its own parameters.
 
-    Effects that see forces come last. Behind all parameters stands the end of settling, s, if any effect asks for it.
+    Effects that see forces come last. The end of settling [s] follows all parameters if any effect is for settling.
     """
     lines: list[str] = []
     imports: list[str] = []
@@ -52,15 +52,18 @@ def _sum(effects: Sequence[int], component: int) -> str:
 
 
 def _total(effects: Sequence[int]) -> str:
-    """Force and torque of the contacts, which the table holds when effects are asked, and of these effects."""
+    """Force and torque of the contacts, which the table contains when effects are evaluated, plus those of these effects."""
     columns = (*range(body.FORCE, body.FORCE + 3), *range(body.TORQUE, body.TORQUE + 3))
     parts = [f"B[i, {column}]{_sum(effects, k)}" for k, column in enumerate(columns)]
     return f"Wrench({', '.join(parts)})"
 
 
 def _late(effects: Sequence[int]) -> str:
-    """The body with the closing half kick of these effects: without it the sign of the velocity has a bias of g dt/2, and what
-    opposes the motion would keep a body trembling instead of bringing it to rest."""
+    """Body after the closing half kick of these effects.
+
+    Without it the sign of the velocity has a bias of g dt/2, and a force opposing the motion would make a body tremble instead of
+    bringing it to rest.
+    """
     kicks = [f"b[{4 + k}] + 0.5 * dt / {'mean' if k > 2 else 'b.mass'} * (0.0{_sum(effects, k)})" for k in range(6)]
     return f"Body(b.mass, b.x, b.y, b.z, {', '.join(kicks)}, mean, time)"
 
@@ -85,9 +88,9 @@ def own(function, name):
 
 
 def compose_labeller(labeller: Labeller, effects: bool = True) -> tuple[Callable, Callable]:
-    """Compile `observe` and `label` behind the engine's signatures; `effects`: whether some may act on bodies.
+    """Compile `observe` and `label` with the engine's signatures; `effects`: whether effects may act on bodies.
 
-    The generated module takes their code over as its own: behind wrappers that call them all of it would be compiled twice.
+    The generated module copies their code: through wrappers that call them all code would be compiled twice.
     """
     text = "# generated: " + labeller.name + OWN
     chosen = labeller.label if effects else labeller.label_without_effects or labeller.label

@@ -1,4 +1,4 @@
-"""Pieces of the modules that are generated from laws: how a tile is read, how a law is called, what it remembers."""
+"""Text fragments of the modules generated from laws: reading a tile, calling a law, its memory."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}
 
 
 def field_names(parameters: Any) -> tuple[str, ...]:
-    """Names of a law's parameters, which are a NamedTuple class."""
+    """Names of a law's parameters, a NamedTuple class."""
     return tuple(parameters._fields)
 
 
 def width_of(chain: Sequence[Law]) -> int:
-    """Parameters per material pair; at least one, so that the table is never empty."""
+    """Number of parameters per material pair; at least one, so that the table is never empty."""
     return max(sum(len(field_names(law.parameters)) for law in chain), 1)
 
 
@@ -51,7 +51,7 @@ def imports_of(k: int, kernel: Callable, parameters: type) -> list[str]:
 
 
 def head_of(chain: Sequence[Law]) -> str:
-    """The imports of a module about these laws."""
+    """Imports of a module generated from these laws."""
     imports: list[str] = []
     for k, law in enumerate(chain):
         imports += imports_of(k, law.kernel, law.parameters)
@@ -63,16 +63,18 @@ def head_of(chain: Sequence[Law]) -> str:
 
 
 def memory_names(chain: Sequence[Law]) -> tuple[str, ...]:
-    """Names of all floats kept per contact: those of the laws, fields included, the stored energy where none of these is it, then
-    the forces of the dashpots."""
+    """Names of all floats stored per contact.
+
+    Those of the laws, fields included, the stored energy where no law has it as history, then the forces of the dashpots.
+    """
     laws = tuple(f"{law.name}.{name}" for law in chain for name in law.memory())
     return laws + (("springs.energy",) if energy_column(chain) == len(laws) else ()) + viscous_names(chain)
 
 
 def energy_column(chain: Sequence[Law]) -> int:
-    """Place in the history of the energy that tangential and rolling springs store; -1: the chain has no such springs.
+    """Column of the energy stored by tangential and rolling springs in the history; -1: the chain has no such springs.
 
-    It is the law's own `energy` where one law has all the springs, else a column behind the histories of all laws.
+    It is the law's own `energy` where one law has all the springs, else a column after the histories of all laws.
     """
     springs = [k for k, law in enumerate(chain) if law.stage in ("tangential", "rolling")]
     if not springs:
@@ -84,8 +86,11 @@ def energy_column(chain: Sequence[Law]) -> int:
 
 
 def viscous_names(chain: Sequence[Law]) -> tuple[str, ...]:
-    """Names of what is kept of the dashpots for the energy that they take: their normal and tangential force in one number
-    (`kernels.packed_triple`), and their moment in another where there is a law of the rolling stage."""
+    """Names of the dashpot forces stored for their dissipation.
+
+    Normal and tangential force packed into one number (`kernels.packed_triple`), and their moment in another if there is a law of
+    the rolling stage.
+    """
     stages = {law.stage for law in chain}
     if "rolling" in stages:
         return ("viscous.force", "viscous.moment")
@@ -142,7 +147,7 @@ def tile_function(name: str, chain: Sequence[Law], contact: str, lines: Sequence
 
 
 def empty_history(chain: Sequence[Law], k: int) -> str:
-    """Arguments for the memory of law k when there is none yet."""
+    """Arguments for the memory of law k in a virgin contact."""
     count = history_of(chain, k)[1]
     field = ", w" if len(chain[k].memory()) > count else ""
     return ", (" + "0.0, " * count + ")" + field if count else ""

@@ -1,8 +1,8 @@
-"""Contact laws composed into one generated, compiled module per scene.
+"""Composition of contact laws into one generated, compiled module per scene.
 
-The module's name carries a hash of its text and of every source file it is made from, because numba's own cache watches only
-the file of the compiled function: an edited law gives another module, never a stale result (design: generated module with
-a source hash behind a function pointer; same speed as hand-inlined, the engine is compiled once for all laws).
+The module name contains a hash of its text and of every source file it depends on, because numba's own cache watches only the
+file of the compiled function: an edited law gives another module, never a stale result. The module is called through a function
+pointer: as fast as laws inlined by hand, while the engine is compiled once for all laws.
 """
 
 from __future__ import annotations
@@ -37,8 +37,11 @@ from thirdbody.laws.contract import STAGES, STIFF, Law
 
 @dataclass(frozen=True)
 class Chain:
-    """The compiled laws of one scene. `law`, `stiffness` and `tangents` work on tiles; `width` is the number of parameters per
-    pair; `history` names all floats that are kept per contact, fields included."""
+    """Compiled laws of one scene.
+
+    `law`, `stiffness` and `tangents` work on tiles; `width` is the number of parameters per pair; `history` names all floats
+    stored per contact, fields included.
+    """
 
     laws: tuple[Law, ...]
     law: Callable
@@ -49,9 +52,9 @@ class Chain:
 
     @cached_property
     def tangents(self) -> Callable | None:
-        """Tangents with history, dashpots included (`tangents`).
+        """Tangents with history, dashpots included (`tangents`); None if a law has no tangent.
 
-        Compiled when first asked for: the explicit integrator never does. None if a law has no tangent.
+        Compiled on first use: the explicit integrator never needs them.
         """
         if self.stiffness is None:
             return None
@@ -61,13 +64,16 @@ class Chain:
 
     @property
     def without_tangent(self) -> tuple[str, ...]:
-        """Names of the laws that lack the tangent which their stage needs: they run in the explicit integrator only."""
+        """Names of the laws without the tangent that their stage requires: they run in the explicit integrator only."""
         return tuple(law.name for law in self.laws if law.tangent is None and law.stage in STIFF)
 
     @property
     def remembered_forces(self) -> tuple[int, int]:
-        """Places in the history of the tangential force and of the rolling moment; moment -1: no law of that stage. Force -1:
-        there is a law of these stages that does not name what it remembers `force_x, force_y` (`moment_x, moment_y`)."""
+        """Columns of the tangential force and of the rolling moment in the history.
+
+        Moment -1: no law of that stage. Force -1: a law of these stages does not name its stored force `force_x, force_y` (moment
+        `moment_x, moment_y`).
+        """
         stages = {law.stage: k for k, law in enumerate(self.laws)}
         places = []
         for stage, names in (("tangential", ("force_x", "force_y")), ("rolling", ("moment_x", "moment_y"))):
@@ -83,28 +89,30 @@ class Chain:
 
     @property
     def stored(self) -> int:
-        """Place in the history of the energy that tangential and rolling springs store; -1 without any."""
+        """Column of the energy stored by tangential and rolling springs in the history; -1 if there is none."""
         return energy_column(self.laws)
 
     @property
     def dashpots(self) -> int:
-        """Place of the forces of the dashpots in the history; -1 without any."""
+        """First column of the dashpot forces in the history; -1 if there are none."""
         count = len(viscous_names(self.laws))
         return len(self.history) - count if count else -1
 
     @property
     def rolling(self) -> int:
-        """What the laws need of the relative rotation: `kernels.rolling_kinematics.MOMENTS`, 1 for the travel of the patch
-        only, or 0."""
+        """Relative rotation required by the laws.
+
+        `kernels.rolling_kinematics.MOMENTS`, 1 for the travel of the contact area only, or 0.
+        """
         if any(law.stage == "rolling" for law in self.laws):
             return MOMENTS
         return int(any(law.rolls for law in self.laws))
 
 
 def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
-    """Laws in the order of their stages; a stage may hold one law, adhesion any number.
+    """Return the laws in the order of their stages; one law per stage, any number for adhesion.
 
-    Raises ValueError when the normal stage is empty or a stage is taken twice.
+    Raises ValueError when the normal stage is empty or a stage has two laws.
     """
     chain = tuple(sorted(laws, key=lambda law: STAGES.index(law.stage)))
     for stage in STAGES:
@@ -125,7 +133,7 @@ def compose(laws: Iterable[Law]) -> Chain:
 
 
 def _functions(chain: Sequence[Law]) -> list[Callable]:
-    """Everything that a module generated from these laws depends on."""
+    """Return all functions on which a module generated from these laws depends."""
     return [law.kernel for law in chain] + [law.tangent for law in chain if law.tangent]
 
 
@@ -194,7 +202,10 @@ def _law_function(chain: Sequence[Law]) -> str:
 
 
 def _viscous_lines(chain: Sequence[Law]) -> list[str]:
-    """Forces and moment of the dashpots behind the history; what is kept of them is left to whoever needs it, zero here."""
+    """Lines that write forces and moment of the dashpots after the history.
+
+    Their stored columns are set to zero here and filled by the caller.
+    """
     history, saved = len(memory_names(chain)), len(viscous_names(chain))
     outputs = (
         {rolling_output.VISCOUS_NORMAL: "viscous_n", rolling_output.VISCOUS_X: "tv_x", rolling_output.VISCOUS_Y: "tv_y"}
@@ -223,7 +234,10 @@ def _tangential_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]
 
 
 def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
-    """The moment; its spring and its losses join those of friction. Its columns stand behind the history."""
+    """Lines for the moment, whose columns follow the history.
+
+    The energy of its spring and its losses are added to those of friction.
+    """
     history = len(memory_names(chain))
     rotation = ", ".join(
         f"I[{field_of(law_input.HISTORY + history + i)}]"
@@ -237,7 +251,10 @@ def _rolling_lines(chain: Sequence[Law], k: int) -> list[str]:
 
 
 def _fitted(x: str, y: str, viscosity: str, rate: str, limit: str, name: str) -> list[str]:
-    """`name`_x, `name`_y: (x, y) plus the largest share s in [0, 1] of the viscous part d that keeps |t + s d| in the limit."""
+    """Lines for `name`_x, `name`_y: (x, y) plus the viscous part d, limited.
+
+    The largest fraction s in [0, 1] of d is added for which |t + s d| is within the limit.
+    """
     return [
         f"        {name}_x, {name}_y = {x}, {y}",
         f"        d_x, d_y = -{viscosity} * {rate}_x, -{viscosity} * {rate}_y",
@@ -252,9 +269,10 @@ def _fitted(x: str, y: str, viscosity: str, rate: str, limit: str, name: str) ->
 
 
 def _stiffness_function(chain: Sequence[Law]) -> str:
-    """Normal, virgin tangential and rolling stiffness, then the dashpots, of a tile: what the time step is bounded by.
+    """Function for the bounds of the time step: stiffness and dashpots of a tile.
 
-    The tile is asked for an approach at 1 m/s, so the viscous force is the coefficient of the dashpot.
+    Normal, virgin tangential and rolling stiffness, then the coefficients of the dashpots: the tile holds an approach at 1 m/s,
+    so the viscous force is the coefficient.
     """
     stages = {law.stage: k for k, law in enumerate(chain)}
     k = stages["normal"]
@@ -284,8 +302,10 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
 
 
 def _pressed(chain: Sequence[Law], k: int, moved: str) -> list[str]:
-    """Lines that close a spot without slip, so that its stiffness is that of the whole patch: one that closes in the step itself
-    takes a part of the slip only."""
+    """Lines that close a contact without slip, so that its stiffness is that of the whole contact area.
+
+    A contact that closes in the step itself receives a part of the slip only.
+    """
     lines = [f"        p{k} = {parameters_of(chain, k)}"]
     if not history_of(chain, k)[1]:
         return lines
@@ -294,7 +314,7 @@ def _pressed(chain: Sequence[Law], k: int, moved: str) -> list[str]:
 
 
 def _settled(chain: Sequence[Law], k: int) -> str:
-    """Arguments for the memory that `_pressed` leaves."""
+    """Arguments for the memory after `_pressed`."""
     if not history_of(chain, k)[1]:
         return ""
     return f", h{k}" + (", w_new" if len(chain[k].memory()) > len(chain[k].history) else "")

@@ -1,4 +1,4 @@
-"""Generated modules: written under a name that hashes all that they depend on, then imported.
+"""Generated modules: written under a name that hashes all dependencies, then imported.
 
 numba's own cache watches only the file of the compiled function, so the name must change with the source of every law.
 """
@@ -23,7 +23,7 @@ from thirdbody.system.module_import import import_lock, import_text
 
 
 def as_kernel(kernel: Callable) -> Callable:
-    """The same kernel for kernels only: without what Python needs to call it, which takes as long to compile as most laws."""
+    """Return the kernel without its Python wrapper, which takes as long to compile as most laws; callable from kernels only."""
     if plain(kernel) is kernel:
         return kernel
     options = {name: value for name, value in vars(kernel)["targetoptions"].items() if name != "nopython"}
@@ -31,7 +31,7 @@ def as_kernel(kernel: Callable) -> Callable:
 
 
 def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[ModuleType, Path]:
-    """Write the generated text under a name that hashes all it depends on, and import it; several threads may.
+    """Write the generated text under a name that hashes all its dependencies, and import it. Thread-safe.
 
     Raises OutputError if it cannot be written.
     """
@@ -49,7 +49,7 @@ def load_module(kind: str, text: str, functions: Sequence[Callable]) -> tuple[Mo
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file that is not there, or damaged: from its content numba knows whether what it has compiled still holds."""
+    """Write a file if it is missing or damaged: from its content numba decides whether its compiled code is still valid."""
     with suppress(OSError):
         if path.read_bytes() == content:
             return
@@ -57,4 +57,4 @@ def _write(path: Path, content: bytes) -> None:
         shutil.rmtree(path)
     draft = path.with_suffix(f".{os.getpid()}")
     draft.write_bytes(content)
-    os.replace(draft, path)  # atomic: several processes may race for the same name
+    os.replace(draft, path)  # atomic: several processes may write the same name

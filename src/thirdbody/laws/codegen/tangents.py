@@ -1,4 +1,4 @@
-"""The tangents of a chain of laws as generated text: what implicit solvers ask beside the forces."""
+"""Tangents of a chain of laws as generated text, for implicit solvers."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from thirdbody.laws.contract import Law
 
 
 def tangent_module(chain: Sequence[Law]) -> str:
-    """Text of the module with the function `tangents`."""
+    """Return the text of the module with the function `tangents`."""
     return head_of(chain) + _tangent_function(chain)
 
 
 def _tangent_function(chain: Sequence[Law]) -> str:
     """Tangents with history: of the normal force with adhesion, of the tangential law, of the rolling one (`contact_tangent`).
 
-    Dashpots count with one over the length of the step, which the tile holds behind the history: a step that closes a contact
-    by dd changes its speed by dd/dt. A viscous tangential force that the limit cuts adds nothing.
+    Dashpots contribute with 1/dt, which the tile holds after the history: a step that closes a contact by dd changes its speed by
+    dd/dt. A viscous tangential force that is reduced by the limit contributes nothing.
     """
     stages = {law.stage: k for k, law in enumerate(chain)}
     k = stages["normal"]
@@ -65,26 +65,26 @@ def _tangent_function(chain: Sequence[Law]) -> str:
 
 
 def _remembering(chain: Sequence[Law], k: int, name: str, arguments: str) -> list[str]:
-    """Lines that ask the tangent of law k with its memory."""
+    """Lines that call the tangent of law k with its memory."""
     before, memory = history_arguments(chain, k)
     return [*before, f"        p{k} = {parameters_of(chain, k)}", f"        {name} = tangent_{k}({arguments}, p{k}{memory})"]
 
 
 def _damped_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
-    """The load and its stiffness, with the dashpot: its coefficient is the viscous force of an approach at 1 m/s."""
+    """Lines for the load and its stiffness, with the dashpot: its coefficient is the viscous force of an approach at 1 m/s."""
     if "damping" not in stages:
         return ["        load = Load(n.force, n.force, n.contact_radius, k_n)"]
     k = stages["damping"]
     closing = "Contact(c.overlap, c.radius, c.mass, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)"
     lines = call_without_history(chain, k, "c, n", "viscous") + call_without_history(chain, k, f"{closing}, n", "c_n")
-    # a dashpot that would pull the contact is cut with all the force
+    # where the dashpot would pull, the whole force is clipped to zero
     lines.append("        force = max(n.force + viscous, 0.0)")
     lines.append("        k_n = k_n + c_n * rate if force > 0.0 else 0.0")
     return [*lines, "        load = Load(force, n.force, n.contact_radius, k_n)"]
 
 
 def _dragged_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
-    """The tangential dashpot where all of it acts: where spring and dashpot together stay within the limit."""
+    """Lines for the tangential dashpot where all of it acts: where spring and dashpot together stay within the limit."""
     k, d = stages["tangential"], stages["tangential_damping"]
     field = ", w_new" if len(chain[k].memory()) > len(chain[k].history) else ""
     memory = history_arguments(chain, k)[1]

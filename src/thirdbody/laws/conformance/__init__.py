@@ -1,1 +1,1 @@
-"""The conformance suite that every contact law has to pass."""
+"""The conformance suite that every contact law must pass."""

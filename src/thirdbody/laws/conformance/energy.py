@@ -1,8 +1,7 @@
-"""Conformance tests of work and stiffness: no energy made, the law's own ledger, the consistent tangent.
+"""Conformance tests of work and stiffness: no creation of energy, the law's own ledger, the consistent tangent.
 
-The work of a tangential law is the sum of T_new . ds: the trapezoid would fail good laws on long segments.
-That of a normal or adhesion law is the trapezoid, since its force is a function of the overlap. Each gives
-(passed, detail).
+The work of a tangential law is the sum of T_new . ds: the trapezoid would fail good laws on long segments. That of a normal or
+adhesion law is the trapezoid, since its force is a function of the overlap. Each test returns (passed, detail).
 """
 
 from __future__ import annotations
@@ -32,16 +31,14 @@ from thirdbody.laws.hertz import hertz, hertz_tangent
 Result = tuple[bool, str]
 
 ROUND_OFF = 1e-9
-"""Share of all the work done that roundings may make: some hundred steps of 1e-16, amplified by friction of
-1e9."""
+"""Energy due to round-off over all the work done: some hundred steps of 1e-16, amplified by friction of 1e9."""
 
 FASTER = 2.0
-"""Four times finer steps must lessen a truncation error by this at least: order 1 gives 4, kinks cost some of
-it."""
+"""Factor by which four times finer steps must reduce a truncation error: order 1 gives 4, kinks cost some of it."""
 
 
 class Account(NamedTuple):
-    """Energies of each path as a share of all the work done on it, worst moment first."""
+    """Energies of each path over all the work done on it, maximum over time."""
 
     made: Array  # largest excess of the stored energy over the work so far
     mismatch: Array  # |work - stored - dissipated| at the end
@@ -49,8 +46,7 @@ class Account(NamedTuple):
 
 
 def account(bench: Bench, path: Path, m: int) -> Account:
-    """Drive the paths and keep their accounts. A contact that opens dissipates what its tangential spring
-    holds."""
+    """Follow the paths and sum their energies. A contact that opens dissipates the energy of its tangential spring."""
     tangential = bench.sheared
     column = law_output.STORED_TANGENTIAL if tangential else law_output.STORED_NORMAL
     zero = np.zeros_like(path.overlap[0])
@@ -78,9 +74,8 @@ def account(bench: Bench, path: Path, m: int) -> Account:
 
 
 def energy(bench: Bench) -> Result:
-    """No energy made on random paths and closed cycles, up to any moment of them: work >= stored energy,
-    virgin start."""
-    repeats = 1 if compiler_is_off() else 4  # thousands of paths, but not one contact at a time in the interpreter
+    """Test that no energy is created on random paths and closed cycles: work >= stored energy at any time, virgin start."""
+    repeats = 1 if compiler_is_off() else 4  # thousands of paths, fewer in the interpreter
     cases = {"random": random_paths(bench, 8, repeats), "press-shear cycle": closed_cycles(bench)}
     worst, report = 0.0, ""
     for name, path in cases.items():
@@ -94,7 +89,7 @@ def energy(bench: Bench) -> Result:
 
 
 def _excess(bench: Bench, path: Path) -> Iterator[tuple[int, Array]]:
-    """Energy made with small and large steps; by the trapezoid, only what does not fall with the step."""
+    """Yield the created energy with small and large steps; by the trapezoid, only the part that does not fall with the step."""
     if bench.sheared:
         for m in (1, 3, 16):
             yield m, account(bench, path, m).made
@@ -104,9 +99,8 @@ def _excess(bench: Bench, path: Path) -> Iterator[tuple[int, Array]]:
 
 
 def ledger(bench: Bench) -> Result:
-    """Stored plus dissipated equals the work, but for truncation that falls with the step; no step dissipates
-    < 0."""
-    path = touching(random_paths(bench, 5, repeats=2, resolved=True))  # some hundred paths for each setting
+    """Test that stored plus dissipated equals the work, up to truncation that falls with the step; no step dissipates < 0."""
+    path = touching(random_paths(bench, 5, repeats=2, resolved=True))  # some hundred paths per setting
     coarse, fine = account(bench, path, 12), account(bench, path, 48)
     lowest = float(min(coarse.negative.min(), fine.negative.min()))
     if not lowest >= -ROUND_OFF:
@@ -120,23 +114,21 @@ def ledger(bench: Bench) -> Result:
 
 
 def touching(path: Path) -> Path:
-    """The same paths with open corners put at first touch, so that a step is in contact as a whole or not at
-    all."""
+    """Return the same paths with open corners moved to first touch, so that a step is in contact throughout or not at all."""
     return path._replace(overlap=np.maximum(path.overlap, 0.0))
 
 
 def _lasting(coarse: Array, fine: Array) -> Array:
-    """Settings (T,) where an error does not fall with the step: in the mean of the paths, or much of a single
-    one."""
+    """Return settings (T,) whose error does not fall with the step: in the mean of the paths, or much of a single one."""
     before, after = coarse.mean(1), fine.mean(1)
     slow = ~((after <= ROUND_OFF) | (after <= before / FASTER))
-    # a single path may touch for less than a step, or hardly at all; the mean would hide more than that
+    # one path may touch for less than a step, or hardly; the mean would hide more than that
     stuck = np.mean((fine > 0.05) & (fine > coarse / 1.2), 1) > 0.02
     return slow | stuck
 
 
 class Sample(NamedTuple):
-    """One contact in plain floats."""
+    """One contact as plain floats."""
 
     setting: int
     contact: Contact
@@ -144,8 +136,7 @@ class Sample(NamedTuple):
 
 
 def samples(bench: Bench) -> list[Sample]:
-    """Touching contacts with their history, from random paths; usual options, friction neither zero nor
-    huge."""
+    """Return touching contacts with their history, from random paths; typical options, friction neither zero nor huge."""
     rng = np.random.default_rng(5)
     usual = [k for k, s in enumerate(bench.settings[: len(PAIRS)]) if 0.0 < s.pair.friction < 10.0]
     first = law_input.HISTORY + sum(len(law.memory()) for law in bench.chain.laws[: bench.place])
@@ -163,7 +154,7 @@ def samples(bench: Bench) -> list[Sample]:
 
 
 def tangent(bench: Bench) -> Result:
-    """The tangent against central differences of the kernel, away from kinks."""
+    """Compare the tangent with central differences of the kernel, away from kinks."""
     law = bench.law
     if law.tangent is None:
         return True, "explicit only: the law has no tangent"
@@ -187,8 +178,7 @@ def tangent(bench: Bench) -> Result:
 
 
 def _size(bench: Bench, sample: Sample, expected: Array, given: Array) -> Array:
-    """Stiffness to compare with: what is compared, or a thousandth of the force over the overlap or the slip
-    if larger."""
+    """Stiffness for the comparison: the compared ones, or a thousandth of the force over the overlap or the slip if larger."""
     c = sample.contact
     force = 1e-3 * float(np.max(np.abs(_force(bench, sample, c))))
     parts = np.maximum(np.abs(expected), np.abs(given))
@@ -200,7 +190,7 @@ def _size(bench: Bench, sample: Sample, expected: Array, given: Array) -> Array:
 
 
 def _load(bench: Bench, sample: Sample, c: Contact) -> tuple[Normal, float]:
-    """Hertz below the law: its answer and stiffness."""
+    """Force and stiffness of the Hertz law, which precedes this law in the chain."""
     p = bench.rows[sample.setting][0]
     return plain(hertz)(c, p), plain(hertz_tangent)(c, p)
 
@@ -241,7 +231,7 @@ def _tangent(bench: Bench, sample: Sample) -> Any:
 
 
 def _difference(bench: Bench, sample: Sample) -> tuple[Array, Array]:
-    """Central differences in the order of the contract, and how far the two one-sided ones lie apart."""
+    """Return central differences in the order of the contract, and the deviation between the two one-sided ones."""
     c = sample.contact
     here = _force(bench, sample, c)
     directions = [("overlap", 1e-6 * c.overlap)]

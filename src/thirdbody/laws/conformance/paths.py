@@ -1,11 +1,10 @@
-"""The bench on which the conformance suite drives a law: its composed tile function, materials, and paths of
-contacts.
+"""Test bench of the conformance suite for one law: its composed tile function, materials, and paths of contacts.
 
-Arrays are (T, TILE) or (T, k, TILE): one tile for each setting, times `repeats`, all driven at once. A setting
-is a pair of materials, a radius and a set of options, from ordinary to extreme.
+Arrays are (T, TILE) or (T, k, TILE): one tile for each setting, times `repeats`, all run at once. A setting is a pair of
+materials, a radius and a set of options, from ordinary to extreme.
 
-A rolling law is driven along the same paths: its moment over R* is the tangential force, and the slip over R* is the turn, so
-that work and power are the same and every test of a tangential law is one of a rolling law.
+A rolling law follows the same paths: its moment over R* is the tangential force, and the slip over R* is the rotation, so that
+work and power are the same and every test of a tangential law applies to a rolling law.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ Array = NDArray[np.float64]
 
 SEED = 20240501
 SPAN = 1e-3
-"""Time of one straight segment of a path, s: only sets the velocities that go with it."""
+"""Duration of one straight segment of a path [s]; sets the velocities only."""
 
 STEEL = Material("steel", 80e9, 0.3, 7850.0)
 CERAMIC = Material("ceramic", 120e9, 0.2, 3900.0)
@@ -52,11 +51,11 @@ TYPICAL = {
     "energy_per_area": 0.05, "length": 1e-7, "time": 1e-6, "velocity": 0.1, "force": 1e-5, "pressure": 1e8,
     "density": 2000.0, "stiffness": 1e3, "damping": 1e-6, "energy": 1e-12, "torque": 1e-11, "viscosity": 1e-3,
 }  # fmt: skip
-"""A value in SI for an option without a default, by its dimension; 0.1 for any other."""
+"""Value in SI for an option without a default, by its dimension; 0.1 for any other."""
 
 
 class Setting(NamedTuple):
-    """One row of the parameter table: materials, the law's options, the contact's effective radius, m."""
+    """One row of the parameter table: materials, the law's options, the contact's effective radius [m]."""
 
     label: str
     pair: Pair
@@ -65,8 +64,7 @@ class Setting(NamedTuple):
 
 
 def option_sets(law: Law) -> list[tuple[str, dict[str, Any]]]:
-    """Values for the law's options: the usual ones, then all at their lower and upper ends where these are
-    finite."""
+    """Return values for the law's options: typical ones, then all at their lower and upper ends where these are finite."""
     sets: list[tuple[str, dict[str, Any]]] = []
     for label in ("", "lowest", "highest"):
         values = {option.name: _value(option, label) for option in law.options}
@@ -91,7 +89,7 @@ def _value(option: Option, end: str) -> float | str | tuple[float, ...]:
 
 
 def forms_of(law: Law) -> list[Law]:
-    """The law, and its variants for the words of its options, named `NAME_variant`."""
+    """Return the law and its variants for the words of its options, named `NAME_variant`."""
     forms = [replace(law, variant=None)]
     variant = law.variant or (lambda options: None)
     for name, word in [(option.name, word) for option in law.options for word in option.words]:
@@ -103,12 +101,12 @@ def forms_of(law: Law) -> list[Law]:
 
 
 def settings_of(law: Law) -> list[Setting]:
-    """Every pair of materials with every set of options."""
+    """Return every pair of materials with every set of options."""
     return [Setting(name + label, pair, options, radius) for label, options in option_sets(law) for name, pair, radius in PAIRS]
 
 
 class Contacts(NamedTuple):
-    """What a tile is asked, SI: overlap (T, TILE), slip (T, 2, TILE), separation speed, slip velocity."""
+    """Input of a tile, SI: overlap (T, TILE), slip (T, 2, TILE), separation speed, slip velocity."""
 
     overlap: Array
     slip: Array
@@ -117,8 +115,7 @@ class Contacts(NamedTuple):
 
 
 class Bench:
-    """One law in its place in a chain: Hertz below every law that is not normal, Mindlin below a tangential
-    dashpot."""
+    """One law in its place in a chain: after Hertz unless it is a normal law; a tangential dashpot after Mindlin, too."""
 
     def __init__(self, law: Law):
         below: dict[str, tuple[Law, ...]] = {"normal": (), "tangential_damping": (HERTZ, MINDLIN)}
@@ -136,7 +133,7 @@ class Bench:
         self.sheared = law.stage in ("tangential", "rolling")
 
     def parameters(self, setting: int) -> Any:
-        """The law's own parameters in a setting."""
+        """Return the law's parameters in a setting."""
         return self.rows[setting][self.place]
 
     def setting_of(self, tiles: int) -> NDArray[np.int64]:
@@ -144,7 +141,7 @@ class Bench:
         return np.arange(tiles) % len(self.settings)
 
     def per_tile(self, values: Sequence[float], tiles: int) -> Array:
-        """A number of each setting as (tiles, 1)."""
+        """Return a number of each setting as (tiles, 1)."""
         return np.array(values, float)[self.setting_of(tiles), None]
 
     def radius(self, tiles: int) -> Array:
@@ -156,7 +153,7 @@ class Bench:
         return self.per_tile([s.pair.friction for s in self.settings], tiles)
 
     def inputs(self, requested: Contacts, history: Array) -> Array:
-        """The tiles as the engine stages them, (T, fields, TILE)."""
+        """Return the tiles in the engine's layout, (T, fields, TILE)."""
         tiles = len(requested.overlap)
         radius = self.radius(tiles)
         end = law_input.HISTORY + self.width
@@ -172,7 +169,7 @@ class Bench:
         return I
 
     def call(self, requested: Contacts, history: Array, law: Callable | None = None) -> tuple[Array, Array]:
-        """Answers (T, 13, TILE) by `columns.law_output`, and the new history (T, h, TILE)."""
+        """Return results (T, 13, TILE) by `columns.law_output`, and the new history (T, h, TILE)."""
         I = self.inputs(requested, history)  # noqa: E741
         end = law_output.HISTORY + self.width
         O = np.full((len(I), end + rolling_output.WIDTH, TILE), np.nan)  # noqa: E741
@@ -190,11 +187,11 @@ class Bench:
         return O[:, : law_output.HISTORY], O[:, law_output.HISTORY : end]
 
     def virgin(self, tiles: int) -> Array:
-        """Empty history."""
+        """Return an empty history."""
         return np.zeros((tiles, self.width, TILE))
 
     def interpreted(self) -> Callable:
-        """The tile function without the compiler, on Python floats: a division by zero raises."""
+        """Return the tile function without the compiler, on Python floats: a division by zero raises."""
         text = plain(self.chain.law)
         names = dict(text.__globals__)
         names["broadcast_parameters"] = plain(names["broadcast_parameters"])
@@ -212,24 +209,23 @@ class Bench:
 
 
 def compiler_is_off() -> bool:
-    """Whether numba was told to leave all functions to the interpreter."""
+    """Return whether numba is disabled and all functions run in the interpreter."""
     return plain(HERTZ.kernel) is HERTZ.kernel
 
 
 def plain(function: Callable) -> Any:
-    """The Python function behind a compiled one; the function itself when the compiler is off."""
+    """Return the Python function of a compiled one; the function itself when the compiler is off."""
     return getattr(function, "py_func", function)
 
 
 class Path(NamedTuple):
-    """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the
-    corners, m."""
+    """Piecewise straight paths from the virgin state: overlap (k, T, TILE) and slip (k, T, 2, TILE) at the corners [m]."""
 
     overlap: Array
     slip: Array
 
     def steps(self, m: int) -> Iterator[Contacts]:
-        """The contacts after each of m equal steps per segment."""
+        """Yield the contacts after each of m equal steps per segment."""
         old, at_slip = np.zeros_like(self.overlap[0]), np.zeros_like(self.slip[0])
         for new, to_slip in zip(self.overlap, self.slip, strict=True):
             v, v_n = (to_slip - at_slip) / SPAN, (old - new) / SPAN
@@ -239,7 +235,7 @@ class Path(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """One step of a walk: what was asked, with which history, and the answer. Open contacts answer zeros."""
+    """One step of a path: input, history before it, result. Open contacts have the result zero."""
 
     asked: Contacts
     before: Array
@@ -248,8 +244,7 @@ class Moment(NamedTuple):
 
 
 def follow_path(bench: Bench, path: Path, m: int) -> Iterator[Moment]:
-    """Drive the law along the paths as the engine does: open contacts are not asked and forget their
-    history."""
+    """Run the law along the paths as the engine does: open contacts are skipped and lose their history."""
     tiles = len(path.overlap[0])
     history, radius = bench.virgin(tiles), bench.radius(tiles)
     for requested in path.steps(m):
@@ -262,10 +257,10 @@ def follow_path(bench: Bench, path: Path, m: int) -> Iterator[Moment]:
 
 
 def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = False) -> Path:
-    """Corners anywhere: overlap 1e-6 to 0.03 radii, one in eight open; a third of the paths keep to a line.
+    """Random corners: overlap 1e-6 to 0.03 radii, one in eight open; a third of the paths have their slip on a line.
 
-    The slip is drawn to the scale of the overlap, of the radius, or of the displacement at which the law says
-    that a virgin contact slips; only of the last if `resolved`, so that some twenty steps see every reversal.
+    The slip is scaled by the overlap, by the radius, or by the displacement at which, according to the law, a virgin contact
+    slips; only by the last if `resolved`, so that every reversal takes some twenty steps.
     """
     rng = np.random.default_rng(SEED)
     tiles = repeats * len(bench.settings)
@@ -288,7 +283,7 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
 
 
 def _critical(bench: Bench, overlap: Array) -> Array:
-    """Displacement at which a virgin contact slips, m, as the law says; 0 where it gives none."""
+    """Displacement at which a virgin contact slips [m], according to the law; 0 where it has none."""
     still, none = np.zeros_like(overlap), np.zeros((len(overlap), 2, TILE))
     answer, _ = bench.call(Contacts(overlap, none, still, none), bench.virgin(len(overlap)))
     critical = answer[:, law_output.CRITICAL_SLIP]
@@ -296,10 +291,9 @@ def _critical(bench: Bench, overlap: Array) -> Array:
 
 
 def closed_cycles(bench: Bench) -> Path:
-    """Press, shear, change the overlap, shear back, return: with less overlap (C1) or more (C2) on the way
-    back.
+    """Press, shear, change the overlap, shear back, return: with less overlap (C1) or more (C2) on the return.
 
-    On these the form F = k_t(d) xi makes (k_1 - k_0) U^2/2 out of nothing (Elata and Berryman 1996).
+    On these paths the form F = k_t(d) xi creates the energy (k_1 - k_0) U^2/2 (Elata and Berryman 1996).
     """
     tiles = len(bench.settings)
     rng = np.random.default_rng(SEED + 1)
@@ -314,7 +308,7 @@ def closed_cycles(bench: Bench) -> Path:
 
 
 def extremes(bench: Bench, count: int) -> list[Contacts]:
-    """Contacts asked one after another, with every quantity drawn from zero, ordinary and absurd values."""
+    """Successive contacts, with every quantity drawn from zero, ordinary and absurd values."""
     rng = np.random.default_rng(SEED + 2)
     tiles = len(bench.settings)
     lanes = (tiles, TILE)

@@ -1,8 +1,7 @@
-"""The conformance suite: what every contact law has to satisfy, whoever wrote it. `thirdbody laws --check
-FILE` runs it.
+"""The conformance suite: requirements on every contact law. `thirdbody laws --check FILE` runs it.
 
-Each law is driven through the same composed, compiled tile function that a run uses. A test that does not
-apply to the law's stage is left out.
+Each law is run through the same composed, compiled tile function as in a simulation. Tests that do not apply to the law's stage
+are omitted.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ TESTS: tuple[tuple[str, tuple[str, ...], Callable[[Bench], tuple[bool, str]]], .
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one test of one law; `detail` tells the worst case or why it failed."""
+    """Result of one test of one law; `detail` describes the worst case or the failure."""
 
     law: str
     test: str
@@ -47,7 +46,7 @@ class Finding:
 
 
 def check(laws: Iterable[Law]) -> list[Finding]:
-    """All findings on these laws, in order. A law that raises has failed the test in which it did."""
+    """Return all findings on these laws, in order. A law that raises fails the test in which it did."""
     findings: list[Finding] = []
     for law in laws:
         faults = declaration_faults(law)
@@ -60,11 +59,11 @@ def check(laws: Iterable[Law]) -> list[Finding]:
 
 
 def _measured(law: Law) -> list[Finding]:
-    """The findings of the compiled law, or of a variant."""
+    """Return the findings on the compiled law, or on a variant."""
     try:
         bench = Bench(law)
         faults = parameter_faults(bench)
-    except Exception as problem:  # the law is anyone's code: whatever it raises is a finding
+    except Exception as problem:  # third-party code: any exception is a finding
         faults = [_told(problem)]
     result = [Finding(law.name, "parameters", not faults, "; ".join(faults[:3]))]
     if not faults:
@@ -73,7 +72,7 @@ def _measured(law: Law) -> list[Finding]:
 
 
 def report(findings: Sequence[Finding]) -> str:
-    """The findings as a table in plain text, failures first, and a line that counts them."""
+    """Format the findings as a plain-text table, failures first, with a line of counts."""
     rows = [("", "law", "test", "")]
     rows += [("ok" if f.passed else "FAIL", f.law, f.test, f.detail) for f in sorted(findings, key=lambda f: f.passed)]
     widths = [max(len(row[k]) for row in rows) for k in range(3)]
@@ -85,7 +84,7 @@ def report(findings: Sequence[Finding]) -> str:
 
 
 def declaration_faults(law: Law) -> list[str]:
-    """What is wrong with the law's own statement of itself, before anything is compiled."""
+    """Return faults in the declaration of the law, before anything is compiled."""
     faults = []
     if law.stage not in STAGES:
         faults.append(f"stage '{law.stage}' is none of {', '.join(STAGES)}")
@@ -112,7 +111,7 @@ def declaration_faults(law: Law) -> list[str]:
 
 
 def parameter_faults(bench: Bench) -> list[str]:
-    """Settings in which `mix` gives something other than finite floats in a tuple of the declared type."""
+    """Return settings in which `mix` does not return finite floats in a tuple of the declared type."""
     faults = []
     for k, setting in enumerate(bench.settings):
         p = bench.parameters(k)

@@ -1,5 +1,7 @@
-"""Conformance tests of single answers and of symmetry: finite, no touch no force, rotation, swap, friction,
-compiler, history. Each gives (passed, detail)."""
+"""Conformance tests of single results and of symmetry. Each returns (passed, detail).
+
+Finite, no touch no force, rotation, swap, friction, compiler, history.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +26,10 @@ from thirdbody.laws.conformance.paths import (
 Result = tuple[bool, str]
 
 ROUND_OFF = 1e-12
-"""Relative difference that a few thousand roundings of double precision may leave."""
+"""Relative difference due to a few thousand round-offs of double precision."""
 
 ROTATED = 1e-9
-"""The same for a rotated path: a cosine per step, and friction's return amplifies it by the trial over the
-limit."""
+"""The same for a rotated path: a cosine per step, amplified by friction's return by the trial over the limit."""
 
 FORCES = [
     law_output.NORMAL_FORCE,
@@ -44,7 +45,7 @@ NAMES = {column.first: column.name for column in law_output.table}
 
 
 def finite(bench: Bench) -> Result:
-    """Finite answers and history on absurd contacts, each after another one."""
+    """Test for finite results and history on absurd contacts in succession."""
     memory = bench.virgin(len(bench.settings))
     for requested in extremes(bench, 24):
         answer, memory = bench.call(requested, memory)
@@ -59,7 +60,7 @@ def finite(bench: Bench) -> Result:
 
 
 def no_touch(bench: Bench) -> Result:
-    """No force and no energy at zero overlap: virgin, after any path, moving, slipping."""
+    """Test for no force and no energy at zero overlap: virgin, after any path, moving, slipping."""
     path = random_paths(bench, 3)
     tiles = len(bench.settings)
     moved = Contacts(np.zeros_like(path.overlap[0]), path.slip[0], -np.abs(path.overlap[0]) * 1e3, path.slip[0] * 1e3)
@@ -75,18 +76,17 @@ def no_touch(bench: Bench) -> Result:
 
 
 def rotation(bench: Bench) -> Result:
-    """Turning the contact frame turns the tangential force and leaves all else."""
+    """Test that rotating the contact frame rotates the tangential force and changes nothing else."""
     angle = np.random.default_rng(7).uniform(0.0, 2.0 * np.pi, (len(bench.settings), TILE))
     cos, sin = np.cos(angle), np.sin(angle)
     return _transformed(bench, np.array([[cos, -sin], [sin, cos]]), ROTATED)
 
 
 def swap(bench: Bench) -> Result:
-    """The same contact told from the other body: the normal turns over, and with it the frame's second axis.
+    """Test the same contact seen from the other body: the normal reverses, and with it the second axis of the frame.
 
-    Slip and force on the other body change sign, and the second axis once more: components (-x, +y). With
-    `rotation` this also says that negating the slip negates the force. The order of two materials must not
-    matter either.
+    Slip and force on the other body change sign, and the second axis once more: components (-x, +y). With `rotation` this implies
+    that negating the slip negates the force. The order of two materials must not matter either.
     """
     one = np.ones((len(bench.settings), TILE))
     passed, detail = _transformed(bench, np.array([[-one, 0.0 * one], [0.0 * one, one]]), ROUND_OFF)
@@ -101,7 +101,7 @@ def swap(bench: Bench) -> Result:
 
 
 def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
-    """Compare a walk with the walk of the path transformed by `matrix` (2, 2, T, TILE)."""
+    """Compare a path with the path transformed by `matrix` (2, 2, T, TILE)."""
     path = random_paths(bench, 5)
     image = Path(path.overlap, np.einsum("ijtl,ktjl->ktil", matrix, path.slip))
     size = np.full((len(bench.settings), law_output.HISTORY, TILE), 1e-300)
@@ -116,7 +116,7 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
             size[:, law_output.TANGENTIAL_X : law_output.TANGENTIAL_Y + 1], 1, keepdims=True
         )
         size[:, ENERGIES] = np.max(size[:, ENERGIES], 1, keepdims=True)
-        # what the friction limit leaves to a dashpot may be the rounding of a difference: so the scale is
+        # the dashpot force within the friction limit may be the round-off of a difference: so the scale is
         # force by speed
         speed = np.hypot(*np.moveaxis(one.asked.v, 1, 0)) + np.abs(one.asked.v_n)
         size[:, law_output.DASHPOT_POWER] = np.maximum(
@@ -131,8 +131,10 @@ def _transformed(bench: Bench, matrix: Array, tolerance: float) -> Result:
 
 
 def friction_limit(bench: Bench) -> Result:
-    """|T| never beyond the stated limit, and the limit is mu times the load where the law has a parameter
-    `mu` (rolling: `mu_r`)."""
+    """Test that |T| never exceeds the stated limit.
+
+    The limit is mu times the load if the law has a parameter `mu` (rolling: `mu_r`).
+    """
     path = random_paths(bench, 8, repeats=2)
     tiles = len(path.overlap[0])
     mu = bench.friction(tiles)
@@ -158,8 +160,7 @@ def friction_limit(bench: Bench) -> Result:
 
 
 def passive(bench: Bench) -> Result:
-    """A dashpot takes power at any velocity, and none at rest. The power is that of the force which really
-    acted."""
+    """Test that a dashpot takes power at any velocity, none at rest, and that the power is that of the force that acted."""
     path = random_paths(bench, 5)
     rng = np.random.default_rng(11)
     for moment in follow_path(bench, path, 2):
@@ -182,7 +183,7 @@ def passive(bench: Bench) -> Result:
 
 
 def compiled(bench: Bench) -> Result:
-    """The compiled tile against the same text in the interpreter, on ordinary and absurd contacts."""
+    """Compare the compiled tile with the same text in the interpreter, on ordinary and absurd contacts."""
     if compiler_is_off():
         return True, "the compiler is off"
     law = bench.interpreted()
@@ -205,8 +206,10 @@ def compiled(bench: Bench) -> Result:
 
 
 def history(bench: Bench) -> Result:
-    """Continuing from copied history gives the same bits, elsewhere in the tile too: no hidden memory. What is named `energy` in
-    it is the stored energy."""
+    """Test that continuing from copied history gives the same bits, also elsewhere in the tile.
+
+    No memory is hidden. A history value named `energy` must be the stored energy.
+    """
     path = random_paths(bench, 4)
     moments: list[Moment] = list(follow_path(bench, path, 3))
     order = np.random.default_rng(3).permutation(TILE)
@@ -227,13 +230,13 @@ def history(bench: Bench) -> Result:
 
 
 def _energy(bench: Bench, moment: Moment) -> Array:
-    """What the law remembers as the energy of its spring (the engine reads it there), J; what it answers, if it does not."""
+    """Energy of the spring in the law's history, read there by the engine [J]; else the stored energy it returns."""
     own = bench.sheared and "energy" in bench.law.history
     return moment.after[:, bench.chain.stored] if own else moment.answer[:, law_output.STORED_TANGENTIAL]
 
 
 def _place(bench: Bench, requested: Contacts, tile: int, lane: int) -> str:
-    """Which contact it was, in words."""
+    """Describe a contact in words."""
     setting = bench.settings[tile % len(bench.settings)]
     depth = requested.overlap[tile, lane] / setting.radius
     slip = float(np.hypot(*requested.slip[tile, :, lane])) / setting.radius
