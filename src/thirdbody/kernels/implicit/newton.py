@@ -51,7 +51,7 @@ FOUND, LOST, CROWDED = range(3)
 def solve_linear(J, r, n):
     """Overwrite r with the solution x of J x = -r by Gaussian elimination with row pivots; False if J is singular.
 
-    Not `numpy.linalg.solve`, which allocates, calls LAPACK for six unknowns, and raises where the matrix is singular.
+    Not `numpy.linalg.solve`, which allocates, calls LAPACK for six or seven unknowns, and raises for a singular matrix.
     """
     for c in range(n):
         best, row = abs(J[c, c]), c
