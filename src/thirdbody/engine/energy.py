@@ -17,7 +17,7 @@ Stored = tuple[float, float, float, float]
 
 
 def stored_energies(state: State) -> Stored:
-    """Return kinetic, elastic normal, elastic tangential and foundation energy [J] at the last observed step."""
+    """Return kinetic, elastic normal, elastic tangential, foundation energy [J] at the last observed step."""
     P, kinetic = state.P, _kinetic(state) if state.inertial else 0.0
     springs = 0.5 * float(np.sum(P[:, patch.SPRING] * (P[:, patch.HEIGHT] - P[-1, patch.HEIGHT]) ** 2))
     if state.summed:
@@ -36,13 +36,14 @@ def _kinetic(state: State) -> float:
 
 
 class Ledger:
-    """Energy balance: plate work + work of effects = change of stored energy + dissipation + residual.
+    """Energy balance.
 
-    The relative residual is scaled by max(sum of |plate work increments|, largest stored plus kinetic energy). For velocity
-    Verlet, numerical loss cannot be separated from truncation error: `numerical` is zero, and the residual is the truncation
-    error. Friction dissipates the work of the mean force of each step (`kernels.explicit.contact_dissipation`), so the residual
-    comes from springs and dashpots in the normal direction, from rotations, and from laws that create energy. The implicit
-    integrator (BDF2 with backward-Euler starts) damps; its loss is computed in every step and reported as `numerical`.
+    plate work + work of effects = change of stored energy + dissipation + residual. The relative residual is scaled by max(sum of
+    |plate work increments|, largest stored plus kinetic energy). For velocity Verlet, numerical loss cannot be separated from
+    truncation error: `numerical` is zero, and the residual is the truncation error. Friction dissipates the work of the mean
+    force of each step (`kernels.explicit.contact_dissipation`), so the residual comes from springs and dashpots in the normal
+    direction, from rotations, and from laws that create energy. The implicit integrator (BDF2 with backward-Euler starts) damps;
+    its loss is computed in every step and reported as `numerical`.
     """
 
     def __init__(self, state: State):
@@ -50,7 +51,7 @@ class Ledger:
         self.peak = self.start
 
     def watch(self, state: State) -> Stored:
-        """Update the largest stored plus kinetic energy, from the record of the last step; return `stored_energies`."""
+        """Update the largest total energy from the record of the last step; return `stored_energies`."""
         result = stored_energies(state)
         self.peak = max(self.peak, sum(result))
         return result

@@ -1,4 +1,4 @@
-"""Explicit integrator: velocity Verlet with an automatic time step and guards that stop an invalid run."""
+"""Explicit integrator: velocity Verlet with automatic time step and guards."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ EXPECTED = argument_specs(KINDS)
 
 
 class Explicit:
-    """Explicit integrator of a state; `time_step=None`: automatic. Stops between outputs do not change the steps."""
+    """Explicit integrator. `time_step=None`: automatic. Stops between outputs do not change the steps."""
 
     divisible = True
 
@@ -157,7 +157,7 @@ class Explicit:
         return answer
 
     def _context(self) -> Array:
-        """Return the packed arguments of the kernels, packed again only when an array was replaced (some 30 us)."""
+        """Return the packed kernel arguments; they are packed (30 us) only if an array was replaced."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
         now = Context(  # type: ignore[call-arg]
             slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
@@ -212,7 +212,7 @@ class Explicit:
         }
 
     def label(self) -> np.ndarray:
-        """Return one row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""
+        """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
 
     def _explain(self, code: int, number: int) -> str:

@@ -54,7 +54,7 @@ class EnergyGuard:
         self.above = 0  # consecutive checks with a residual above the limit
 
     def look(self, state: State, result: Stored | None = None) -> None:
-        """Check this instant, whose last step must be recorded (`result` as for `Ledger.lines`). Raises GuardStop."""
+        """Raise GuardStop on violation; the last step must be recorded. `result`: see `Ledger.lines`."""
         _judge_norms(state, self.norm)
         off = self.ledger.relative_residual(state, self.ledger.lines(state, result)["residual"])
         self.above = 0 if off <= self.residual else self.above + 1  # NaN counts as above

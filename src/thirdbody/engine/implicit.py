@@ -1,4 +1,4 @@
-"""Implicit integrator (BDF2 with backward-Euler starts), body by body, for bodies that touch only the plates.
+"""Implicit integrator (BDF2, backward-Euler starts) for bodies that touch only the plates.
 
 A body between the plates is a small problem with six coordinates and the height of its patch. Solved with the tangents of the
 laws, it needs no steps that resolve elastic waves: steps are as long as the motion allows, and their number does not depend on
@@ -182,7 +182,7 @@ class Implicit:
                 watch()
 
     def _waiting(self, first: int, last: int, until: float) -> int:
-        """Return the number of running bodies that have not reached a time [s]; after a resume some may have."""
+        """Return the number of running bodies that have not reached a time [s] (relevant after resume)."""
         going = self.memory[first:last, step_memory.CODE] == step_control.GOING
         return int(np.count_nonzero(going & (self.totals[first:last, run_totals.TIME] < until)))
 
@@ -208,7 +208,7 @@ class Implicit:
         )  # fmt: skip
 
     def trial(self, bodies: int, until: float) -> None:
-        """Advance the first `bodies` bodies to a time [s], to measure the cost. Raises GuardStop like `advance_to`."""
+        """Advance the first `bodies` bodies to a time [s], to measure the cost. Raises GuardStop."""
         self.march(0, bodies, until)
         self._judge()
 
@@ -311,7 +311,7 @@ class Implicit:
         return float(self.totals[:, run_totals.TIME].mean())
 
     def label(self) -> Array:
-        """Return one row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""
+        """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
 
     def _explain(self, body: int) -> str:

@@ -1,4 +1,4 @@
-"""Implicit integrator with one common plate carried by all bodies: rigid under a load, or with a foundation.
+"""Implicit integrator with one plate carried by all bodies: rigid, or with a foundation.
 
 All bodies share their time steps. Each body is solved for a trial rise of the plate; one scalar equation remains, the balance
 of the plate's load and the sum of the bodies' forces, whose slope is the Schur complement of the whole system. It is solved by
@@ -91,7 +91,7 @@ class Shared(Implicit):
             (watch if noted else between)()
 
     def _step(self, until: float) -> None:
-        """Make one step of all bodies and the plate, shortened until it is accepted. Raises GuardStop if no step is."""
+        """Make one step, shortened until it is accepted. Raises GuardStop if no step is."""
         time = float(self.totals[0, run_totals.TIME])
         end = self._stretch(time, until)
         if end - time < self.settings[step_settings.SHORTEST]:
@@ -135,7 +135,7 @@ class Shared(Implicit):
             self.memory[:, step_memory.LAST_DT], self.last = 0.0, 0.0
 
     def _why(self, result: bool, error: float, turn: float) -> tuple[int, int]:
-        """Return the body that requires a shorter step, and the cause (as `kernels.implicit.step_limits.why_cut`)."""
+        """Return the body that requires a shorter step, and the cause (as `step_limits.why_cut`)."""
         lost = self.told[:, body_solution.FOUND] == 0.0
         turning = result and not (error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30))
         body = int(np.argmax(lost if lost.any() else self.told[:, body_solution.TURN if turning else body_solution.ERROR]))
@@ -144,7 +144,7 @@ class Shared(Implicit):
         return body, step_limits.TURNING if turning else (step_limits.ERROR if result else step_limits.NEWTON)
 
     def _why_not_longer(self, grown: float) -> int:
-        """Return the cause that limits the step after one that was not rejected (`kernels.implicit.step_limits`)."""
+        """Return the cause (`step_limits`) that limits the step after an accepted one."""
         if grown == self.accuracy.growth:
             return step_limits.GROWTH
         return (
@@ -180,7 +180,7 @@ class Shared(Implicit):
         return rise, False
 
     def _yielding(self) -> float:
-        """Return the largest descent [m] of the plate in one correction: half the largest or the expected overlap."""
+        """Return the largest descent [m] of the plate in one correction: half the largest or expected overlap."""
         H, R = self.state.slots.H, self.state.slots.R
         deepest = float(np.max(R[:, record.OVERLAP], where=H[:, contact_state.SLIP] > 0.0, initial=0.0))
         return 0.5 * max(deepest, float(self.settings[step_settings.DEEP]))
@@ -210,7 +210,7 @@ class Shared(Implicit):
         return float(self.state.patches.velocity[-1])
 
     def _error(self, rise: PlateStep, dt: float) -> float:
-        """Return the largest error of bodies and plate over the tolerance (`kernels.implicit.step_control.local_error`)."""
+        """Return the largest error of bodies and plate over the tolerance (`step_control.local_error`)."""
         first = self.last == 0.0 or not self.accuracy.inertia
         ratio = 0.0 if first else dt / self.last
         change = abs(rise.velocity - self._plate_velocity - ratio * self.change)
@@ -247,7 +247,7 @@ class Shared(Implicit):
             row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(self.schedule.load, time, time + dt)
 
     def _take(self, dt: float, end: float, whole: bool, velocity: tuple[float, float], rise: PlateStep, load: float) -> None:
-        """Accept the step of all bodies and the plate, and book the plate's energy; `load`: load [N] at the start."""
+        """Accept the step, and book the plate's energy; `load`: load [N] at the start of the step."""
         s, physics, row = self.state, self.state.physics, self.state.P[-1]
         kernel.accept_bodies(
             dt, end, whole, *velocity, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, self.starts,

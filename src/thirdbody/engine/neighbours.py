@@ -12,7 +12,7 @@ from thirdbody.kernels.rigid_body import BODIES
 
 
 def search(state: State, recorded: bool = True) -> None:
-    """Find all pairs that can touch before anything has moved by the skin; transfer the contact histories.
+    """Find all pairs that can touch before displacements reach the skin; transfer histories.
 
     Records are transferred if this step was `recorded`; they are allocated then, or if a labeller needs them between outputs.
     """
@@ -32,7 +32,7 @@ def search(state: State, recorded: bool = True) -> None:
 
 
 def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Array, R: Array) -> Candidates:
-    """Return the candidates with history H, record R, and all index tables that follow from the pairs."""
+    """Return the candidates with history H, record R, and the index tables of the pairs."""
     spheres, incidence = passes.incidences(len(own), own, partner, state.n_spheres)
     meets = np.diff(spheres) > 0
     host = state.body[own]
@@ -100,7 +100,7 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
 
 
 def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return origin, cell size, cell counts and periodicity of the search grid; a cell is at least one interaction range wide."""
+    """Return origin, cell size (at least the interaction range), cell counts, periodicity of the grid."""
     columns = np.ascontiguousarray(state.S[:, : sphere.RADIUS + 1].T)  # ten times faster in numpy than short rows
     reach = 2.0 * float(columns[sphere.RADIUS].max()) + skin
     lowest, highest = columns[:3].min(axis=1), columns[:3].max(axis=1)

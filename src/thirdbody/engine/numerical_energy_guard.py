@@ -1,7 +1,7 @@
-"""Guard of the implicit integrator: its numerical line of the energy ledger may dissipate energy, but not create it.
+"""Guard against energy created by the implicit integrator; numerical dissipation is allowed.
 
-The energy balance closes including that line, so the residual does not show energy created or lost there by the integrator, or
-by a law with a wrong tangent or stored energy.
+The energy balance closes including the numerical line of the ledger, so the residual does not show energy created or lost there
+by the integrator, or by a law with a wrong tangent or stored energy.
 """
 
 from __future__ import annotations

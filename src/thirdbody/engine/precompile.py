@@ -39,7 +39,7 @@ _usual: Any = None
 
 
 def start_compiling() -> None:
-    """Start child processes that compile what is missing in the cache, while this one reads its scene."""
+    """Start child processes that fill the cache while this process reads its scene."""
     global _begun
     if _begun is not None or (cache_dir.place() / MARK).exists():
         return
@@ -52,7 +52,7 @@ def start_compiling() -> None:
 
 
 def report_compilation() -> None:
-    """Report on a terminal that this first start compiles, and anywhere a problem that makes every start compile."""
+    """Report why this start compiles: on a terminal, or always if every start will."""
     if _begun is not None and cache_dir.note:
         print(f"warning: {cache_dir.note}", file=sys.stderr, flush=True)
         return
@@ -61,7 +61,7 @@ def report_compilation() -> None:
 
 
 def warm_up() -> None:
-    """Compile what is missing in the cache; after a failure numba compiles each function at its first call."""
+    """Fill the cache; after a failure numba compiles each function at its first call."""
     start_compiling()
     if _begun is None:
         return

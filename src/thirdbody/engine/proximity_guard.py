@@ -15,7 +15,7 @@ STRIDE = 0.25
 
 
 class Nearness:
-    """Compares sphere positions at two checks, to detect whether spheres of different bodies may have touched in between."""
+    """Detects whether spheres of different bodies may have touched between two checks."""
 
     def __init__(self, state: State) -> None:
         self.state = state
@@ -38,7 +38,7 @@ class Nearness:
         self.places[:], self.ways[:] = state.S[:, :3], distances
 
     def _closest(self, own: Numbers, partner: Numbers, initial_gap: Array) -> Array:
-        """Return the smallest gaps (n,) [m] between straight paths of pairs of spheres, less their largest deviations."""
+        """Return the smallest gaps (n,) [m] of pairs of straight paths, less their largest deviations."""
         S, body = self.state.S, self.state.body
         moved = S[:, :3] - self.places
         strayed = 0.5 * np.sqrt(np.maximum(initial_gap[body] ** 2 - np.sum(moved**2, axis=1), 0.0))
@@ -77,9 +77,10 @@ class Nearness:
 
 
 def _apart(between: Array, a: Array, b: Array) -> Array:
-    """Return the smallest distances (n,) of pairs of segments a and b (n, 3), whose ends differ by `between` (n, 3), from b to a.
+    """Return the smallest distances (n,) of segments a and b (n, 3).
 
-    Closest points of two segments (Ericson 2005, Real-time collision detection, 5.1.9): those of the lines, then clipped.
+    `between` (n, 3): vector from the end of b to the end of a. Closest points of two segments (Ericson 2005, Real-time collision
+    detection, 5.1.9): those of the lines, then clipped.
     """
     start = between - a + b
     aa, bb, ab = np.sum(a * a, axis=1), np.sum(b * b, axis=1), np.sum(a * b, axis=1)

@@ -1,10 +1,10 @@
-"""Quasi-static solver: one rigid particle between two plates, in equilibrium at every point of a path, without inertia or time.
+"""Quasi-static solver: equilibria of one rigid particle between two plates along a path.
 
-The lower plate is fixed; the upper one is lowered by its closing (or loaded, with the closing unknown) and displaced laterally.
-Kinematics is linear, as in Willert's theory (Eqs. 1, 6, 11): a spot at r from the centre of mass moves by t + theta x r, with
-translation t and rotation vector theta of the particle since first touch. The normal component changes the overlap; the
-tangential one relative to the plate is the slip. This is the theory itself for a planar particle, and holds in 3-D for small
-|theta|; for larger rotations `relaxation` recomputes the positions of the spots and continues from there.
+There is no inertia and no time. The lower plate is fixed; the upper one is lowered by its closing (or loaded, with the closing
+unknown) and displaced laterally. Kinematics is linear, as in Willert's theory (Eqs. 1, 6, 11): a spot at r from the centre of
+mass moves by t + theta x r, with translation t and rotation vector theta of the particle since first touch. The normal component
+changes the overlap; the tangential one relative to the plate is the slip. This is the theory itself for a planar particle, and
+holds in 3-D for small |theta|; for larger rotations `relaxation` recomputes the positions of the spots and continues from there.
 
 Laws enter only by their compiled `law` and `tangents`. A step starts from the history of the last equilibrium and commits it only
 when the new one is solved, so a law that is exact for straight paths of overlap and slip is applied to exactly such paths.
@@ -33,11 +33,11 @@ REACH = 0.5
 
 
 class NoStaticState(Exception):
-    """No equilibrium on the path from the last point; `plate`: closing or load, and drag (2,), where the solver failed.
+    """No equilibrium on the path from the last point.
 
-    `closest`: smallest relative residual reached there. It is some percent where the particle tips; a much smaller value means
-    that the solver failed close to an equilibrium, perhaps because the laws are not smooth enough. `undecided`: the search ended
-    before the particle came to rest or tipped over.
+    `plate`: closing or load, and drag (2,), where the solver failed. `closest`: smallest relative residual reached there. It is
+    some percent where the particle tips; a much smaller value means that the solver failed close to an equilibrium, perhaps
+    because the laws are not smooth enough. `undecided`: the search ended before the particle came to rest or tipped over.
     """
 
     def __init__(self, message: str, plate: Array, closest: float, undecided: bool = False):
@@ -47,8 +47,10 @@ class NoStaticState(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """Spots (points of contact) of one particle. `place` (n, 3): from the centre of mass [m]; `gap` (n,): to their plate at first
-    touch [m]; `upper` (n,): on the upper plate; `weight` [N]; `planar`: only x, z and the rotation about y are free."""
+    """Spots (points of contact) of one particle, and its `weight` [N].
+
+    `place` (n, 3): from the centre of mass [m]; `gap` (n,): to their plate at first touch [m]; `upper` (n,): on the upper plate;
+    `planar`: only x, z and the rotation about y are free."""
 
     place: Array
     gap: Array
@@ -58,7 +60,7 @@ class Grip:
 
     @property
     def arm(self) -> float:
-        """Largest distance [m] of a spot from the centre of mass, which scales rotations to lengths; 1 if that is 0."""
+        """Largest distance [m] of a spot from the centre of mass; scales rotations; 1 if that is 0."""
         return float(np.linalg.norm(self.place, axis=1).max()) or 1.0
 
 
@@ -103,7 +105,7 @@ class Trial:
 
 
 class QuasiStatic:
-    """Solver for one particle along a path of the upper plate. `now`: last equilibrium, None before the first."""
+    """Solver for one particle on a path of the upper plate; `now`: last equilibrium or None."""
 
     def __init__(self, grip: Grip, contacts: Contacts, under_load: bool = False) -> None:
         self.grip, self.contacts, self.under_load = grip, contacts, under_load
@@ -118,14 +120,15 @@ class QuasiStatic:
         self._dragged, self._gained = np.zeros(2), np.zeros(self.rows.shape[2])
 
     def remembered(self, name: str) -> Array:
-        """Return the history variable "law.name" of the spots (n,) at the last equilibrium; zeros if no law has it."""
+        """Return the history variable "law.name" (n,) at the last equilibrium; zeros if no law has it."""
         names = self.contacts.chain.history
         return self.memory[:, names.index(name)] if name in names else np.zeros(len(self.memory))
 
     def move(self, plate: Sequence[float]) -> Balance:
-        """Return the equilibrium at closing [m] (or load [N]) and drag x, y [m] of the upper plate, along a straight path.
+        """Move the upper plate straight to `plate` and return the equilibrium there.
 
-        A step without solution is halved; raises NoStaticState, with the last equilibrium unchanged, if that fails.
+        `plate`: closing [m] (or load [N]) and drag x, y [m]. A step without solution is halved; raises NoStaticState, with the
+        last equilibrium unchanged, if that fails.
         """
         target = np.asarray(plate, float)
         start = np.zeros(3) if self.now is None else self.now.plate
@@ -263,7 +266,7 @@ class QuasiStatic:
         return Trial(y, force, scale, overlap, shift, slip, fraction, answer)
 
     def jacobian(self, trial: Trial) -> Array:
-        """Return d(force)/d(coordinates): the laws' tangents, and the fraction of the step in which a spot is closed."""
+        """Return d(force)/d(coordinates) from the laws' tangents, exact also for spots that close."""
         k = self.contacts.stiffness(trial.overlap, trial.slip * trial.share[:, None], self.memory)
         before = np.zeros(len(k[0])) if self.now is None else self.now.overlap
         growth = np.where(trial.share < 1.0, -before / np.where(trial.share < 1.0, trial.overlap - before, 1.0) ** 2, 0.0)
@@ -313,7 +316,7 @@ class QuasiStatic:
         return None
 
     def longest_part(self, trial: Trial, step: NDArray) -> float:
-        """Return the fraction, at most 1, of a Newton step up to which no overlap changes by more than `REACH` allows.
+        """Return the fraction, at most 1, of a Newton step for which overlap changes respect `REACH`.
 
         A spot that is open, or opens, counts only while it is loaded. For steps whose rotation is bounded otherwise: `_search`
         counts all spots, since it would otherwise reach equilibria far beyond linear kinematics.
@@ -332,10 +335,10 @@ class QuasiStatic:
         return int(np.sum(values <= NEUTRAL * values[0])), vectors[-1]
 
     def _nearest(self, trial: Trial, vector: Array, plate: Array) -> Trial:
-        """Return the equilibrium nearest to the last point, of a continuous row along `vector` (both sides slide).
+        """Return the equilibrium nearest to the last point.
 
-        The particle then stays where it is when sliding begins; with any weight it does so without this rule, since its lower
-        spots carry a higher friction force.
+        Where both sides slide, there is a continuous row of equilibria along `vector`. The particle then stays where it is when
+        sliding begins; with any weight it does so without this rule, since its lower spots carry a higher friction force.
         """
         if self.now is None:
             return trial
@@ -355,7 +358,7 @@ class QuasiStatic:
 
 
 def _rows(grip: Grip, kept: Sequence[int], under_load: bool) -> Array:
-    """Return (3, n, m): derivatives of overlap and displacement along x and y with respect to the coordinates.
+    """Return the derivatives (3, n, m) of overlap and displacements by the coordinates.
 
     Coordinates: translation, arm times rotation vector, and under load the closing.
     """
@@ -380,7 +383,7 @@ def after(first: Array, then: Array) -> Array:
 
 
 def _root(excess: Callable[[float], float], high: float) -> float:
-    """Return the zero of an increasing function of a length in [0, high] [m]; `high` is first halved, as overlaps are tiny."""
+    """Return the zero in [0, high] of an increasing function; `high` is halved first: overlaps are tiny."""
     low = 0.0
     while high > 0.0 and excess(0.5 * high) > 0.0 and high > 1e-300:
         high *= 0.5

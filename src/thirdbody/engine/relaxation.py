@@ -37,9 +37,10 @@ STRONGEST, WEAKEST = 1e6, 1e-12
 
 
 def relax(walk: QuasiStatic, plate: Sequence[float]) -> bool:
-    """Move `walk` to an equilibrium at `plate` near its last one where Newton's method fails: laws of springs have corners.
+    """Move `walk` to an equilibrium at `plate` near its last one where Newton's method fails.
 
-    Return False, with `walk` unchanged, if the particle would have to rotate by more than `SMALL_TURN`.
+    It fails at the corners of laws of springs. Return False, with `walk` unchanged, if the particle would have to rotate by more
+    than `SMALL_TURN`.
     """
     if walk.now is None:
         return False
@@ -53,9 +54,10 @@ def relax(walk: QuasiStatic, plate: Sequence[float]) -> bool:
 
 
 def seat(walk: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
-    """Return a solver under load, in equilibrium where the particle comes to rest at `plate`: load [N] and drag x, y [m].
+    """Return a solver under load, in equilibrium where the particle comes to rest.
 
-    The particle starts from the last equilibrium of `walk`, or else upright. Raises NoStaticState if it tips over.
+    `plate`: load [N] and drag x, y [m]. The particle starts from the last equilibrium of `walk`, or else upright. Raises
+    NoStaticState if it tips over.
     """
     moving = _Turning(walk, np.asarray(plate, float))
     if moving.comes_to_rest():
@@ -68,7 +70,7 @@ def seat(walk: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
 
 
 def from_first_touch(seated: QuasiStatic, walk: QuasiStatic) -> QuasiStatic:
-    """Return a solver like `walk` in the orientation of `seated`, with motion measured from first touch in it."""
+    """Return a solver like `walk`, with motion measured from first touch in the posture of `seated`."""
     assert seated.now is not None
     grip, y, up = seated.grip, seated.now.coordinates.copy(), seated.grip.upper
     above, below = float(grip.gap[up].min()), float(grip.gap[~up].min())
@@ -83,7 +85,7 @@ def from_first_touch(seated: QuasiStatic, walk: QuasiStatic) -> QuasiStatic:
 
 
 def in_present_posture(walk: QuasiStatic, minimum: float = BENT_PATH) -> QuasiStatic:
-    """Return a solver like `walk`, at its last equilibrium, with kinematics linearised at the present orientation.
+    """Return a solver like `walk` at its last equilibrium, linearised at that orientation.
 
     Returns `walk` itself while the circular paths of the spots deviate from straight lines by less than `minimum` overlaps.
     """

@@ -11,9 +11,10 @@ Array = NDArray[np.float64]
 
 
 class Rows:
-    """Tables with the same rows: `rows.force` is a view of the columns of that name, (n,) or (n, width), in any of the tables.
+    """Tables with the same rows, by column name.
 
-    Assign through the view: `rows.force[:] = 0.0`.
+    `rows.force` is a view, (n,) or (n, width), of the columns of that name in any of the tables. Assign through the view:
+    `rows.force[:] = 0.0`.
     """
 
     __slots__ = ("_parts",)

@@ -67,7 +67,7 @@ class Snapshot:
 
 
 def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> Snapshot:
-    """Return all variable data of a run; the arrays are not copied, so write them before the run continues."""
+    """Return all variable data of a run, without copies: write them before the run continues."""
     slots = state.slots
     arrays = _fixed(state)
     arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
@@ -80,7 +80,7 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
 
 
 def put(kept: Snapshot, state: State, integrator: Explicit | Implicit, ledger: Ledger) -> None:
-    """Restore a snapshot into a newly built run. Raises ValueError, with the run unchanged, if they do not match."""
+    """Restore a snapshot into a new run. Raises ValueError, with the run unchanged, on mismatch."""
     own, remembered = integrator.keep()
     fixed = _fixed(state)
     check(kept.arrays, fixed | {f"integrator_{name}": array for name, array in own.items()})
@@ -113,7 +113,7 @@ def _fixed(state: State) -> dict[str, Array]:
 
 
 def _refuse_others(arrays: Mapping[str, np.ndarray], state: State) -> None:
-    """Raise ValueError unless bodies and plates are those of the scene: a zero mass would give infinite accelerations."""
+    """Raise ValueError unless bodies and plates are those of the scene; a zero mass gives infinite forces."""
     fixed = _fixed(state)
     for name, columns in GIVEN.items():
         for column in columns if name in fixed else ():

@@ -20,9 +20,10 @@ WIDTH = 1.25
 
 
 def in_columns(positions: Array, diameter: float) -> Ints:
-    """Return a spatial order (n,) of bodies at `positions` (n, 3) [m] of mean `diameter` [m]; deterministic.
+    """Return a spatial order (n,) of bodies, deterministically.
 
-    Columns of a square grid follow a Morton curve, which keeps neighbouring columns close (Morton 1966); upwards in each column.
+    `positions` (n, 3) [m]; `diameter`: mean [m]. Columns of a square grid follow a Morton curve, which keeps neighbouring columns
+    close (Morton 1966); upwards in each column.
     """
     if len(positions) <= FEWEST:
         return np.arange(len(positions))

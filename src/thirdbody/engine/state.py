@@ -51,7 +51,7 @@ class _Taken(Sequence[Clump]):
 
 @dataclass(frozen=True)
 class Placed:
-    """Initial state of n bodies: centres of mass (n, 3) [m], quaternions (n, 4) body to world, velocities (n, 3), SI."""
+    """Initial state of bodies: centres of mass (n, 3), quaternions (n, 4) body to world, velocities (n, 3)."""
 
     clumps: Sequence[Clump]
     densities: Array
@@ -119,7 +119,7 @@ class Physics:
 
     @cached_property
     def stiffness_at(self) -> int:
-        """Address of `stiffness` for `kernels.explicit.critical_time_step`; raises AttributeError if there is none."""
+        """Address of `stiffness` for `critical_time_step`; raises AttributeError if there is none."""
         return address(self.stiffness, LAW)
 
     @property
@@ -183,10 +183,11 @@ class Candidates:
 
 @dataclass
 class State:
-    """Tables at one synchronised instant; columns are declared in `kernels.columns`. S may be the same array as B (`unite`).
+    """Tables at one synchronised instant; columns are declared in `kernels.columns`.
 
-    `order` (n_bodies,): number of each body in the scene and in all outputs. `summed`: the integrator sums the elastic energies;
-    otherwise they come from the records. `inertial`: bodies and patches have inertia, thus kinetic energy.
+    S may be the same array as B (`unite`). `order` (n_bodies,): number of each body in the scene and in all outputs. `summed`:
+    the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and patches have inertia,
+    thus kinetic energy.
     """
 
     world: World
@@ -277,12 +278,12 @@ def empty_slots(memory: int, record: int) -> Candidates:
 
 
 def memory_columns(physics: Physics) -> int:
-    """Return the width of H: the engine's columns, the laws' history, the labeller's memory for both bodies of a contact."""
+    """Return the width of H: engine's columns, laws' history, labeller's memory for both bodies."""
     return max(contact_state.LAW + len(physics.history), contact_state.MIN_WIDTH) + 2 * physics.contact_memory
 
 
 def table(rows: int, columns: int) -> Array:
-    """Return cache-line-aligned zeros (rows, columns), so that no group of columns straddles two cache lines."""
+    """Return cache-line-aligned zeros (rows, columns): no group of columns straddles two lines."""
     line = 64
     margin = np.zeros(rows * columns * 8 + line, np.uint8)
     first = -margin.ctypes.data % line
@@ -290,7 +291,7 @@ def table(rows: int, columns: int) -> Array:
 
 
 def assemble(placed: Placed, world: World, physics: Physics, skin: float, order: Ints | None = None) -> State:
-    """Assemble the tables of a scene at time zero, without forces (`Explicit.start` evaluates them); `order`: see `State`."""
+    """Assemble the tables at time zero; forces are evaluated by `Explicit.start`. `order`: see `State`."""
     counts = np.array([len(clump.radii) for clump in placed.clumps], np.int64)
     start = np.concatenate(([0], np.cumsum(counts)))
     n_bodies, n_spheres = len(counts), int(start[-1])
@@ -331,7 +332,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
 
 
 def unite(state: State) -> None:
-    """Alias the sphere table to the body table if all bodies are single centred spheres (a third less memory traffic)."""
+    """Alias S to B if all bodies are single centred spheres: a third less memory traffic."""
     if state.n_spheres == state.n_bodies and not state.offsets.any():
         state.B[:, [sphere.RADIUS, sphere.SIDE]] = state.S[:, [sphere.RADIUS, sphere.SIDE]]
         state.S = state.B
@@ -360,7 +361,7 @@ def rotation_matrices(q: Array) -> Array:
 
 
 def angular_momentum(B: Array, E: Array) -> Array:
-    """Return the angular momenta (n, 3) [kg m2/s] in world axes from spins, orientations and principal moments."""
+    """Return the angular momenta (n, 3) [kg m2/s] in world axes."""
     rotation = rotation_matrices(B[:, body.QUATERNION4])
     in_body = np.einsum("nji,nj->ni", rotation, B[:, body.SPIN3]) * E[:, body_extra.INERTIA3]
     return np.einsum("nij,nj->ni", rotation, in_body)

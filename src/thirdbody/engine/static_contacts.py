@@ -1,4 +1,4 @@
-"""Compiled laws of one particle's contacts, evaluated for straight steps of overlap and slip without velocity."""
+"""Compiled laws of one particle's contacts for straight steps of overlap and slip in statics."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ TANGENTS = 7
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """Output of the laws for all contacts [N, m]; zero for open ones. `tangential` (n, 2): force on the body."""
+    """Output of the laws for all contacts, SI; 0 for open ones. `tangential` (n, 2): on the body."""
 
     normal: Array
     tangential: Array
@@ -34,9 +34,10 @@ class Answer:
 
 
 class Contacts:
-    """Compiled laws of one particle's contacts; `kind` (n,): index of each contact's pair in `pairs`, `radius` (n,) [m].
+    """Compiled laws of one particle's contacts.
 
-    Dashpot laws are omitted in statics. Raises ValueError for a law of the rolling stage or without tangent.
+    `kind` (n,): index of each contact's pair in `pairs`; `radius` (n,) [m]. Dashpot laws are omitted in statics. Raises
+    ValueError for a law of the rolling stage or without tangent.
     """
 
     def __init__(
@@ -71,7 +72,7 @@ class Contacts:
         return np.zeros((len(self.radius), len(self.chain.history)))
 
     def ask(self, overlap: Array, slip: Array, memory: Array) -> Answer:
-        """Return the laws' output after a straight step to `overlap` (n,) [m] with `slip` (n, 2) [m] from history `memory`."""
+        """Return the output after a step to `overlap` (n,) [m] with `slip` (n, 2) [m] from `memory`."""
         count = law_output.HISTORY + len(self.chain.history)
         out = self._call(self.chain.law, count, overlap, slip, memory)
         tangential = np.stack([out[law_output.TANGENTIAL_X], out[law_output.TANGENTIAL_Y]], axis=1)
@@ -85,9 +86,10 @@ class Contacts:
         return self._call(self.tangents, TANGENTS, overlap, slip, memory)
 
     def hold(self, before: Array, overlap: Array, slip: Array, memory: Array, answer: Answer) -> Array:
-        """Return the tangential stiffness (n,) along the force over that of a contact that never slipped: 1 sticks, 0 slides.
+        """Return the relative tangential stiffness (n,) along the force: 1 sticks, 0 slides.
 
-        Both are for a step from the overlap `before`: the annulus that closes within the step sees only a part of the slip.
+        It is relative to a contact that never slipped. Both are for a step from the overlap `before`: the annulus that closes
+        within the step sees only a part of the slip.
         """
         still = np.zeros_like(slip)
         unslipped = self.ask(np.maximum(before, 0.0), still, self.virgin()).memory

@@ -1,4 +1,4 @@
-"""Labels of one particle along a quasi-static path: the labeller receives successive equilibria as steps of a run."""
+"""Labels of one particle on a quasi-static path, whose equilibria the labeller sees as steps."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ STEP = 1.0
 
 
 class StaticLabels:
-    """Labels of one particle along its path: call `see` for the pressed state, then for each equilibrium of the drag.
+    """Labels of one particle along its path.
 
-    `heading`: unit vector of the drag.
+    Call `see` for the pressed state, then for each equilibrium of the drag. `heading`: unit vector of the drag.
     """
 
     def __init__(self, labeller: Labeller, grip: Grip, radius: Array, heading: tuple[float, float]) -> None:
@@ -29,7 +29,7 @@ class StaticLabels:
         self._observe, self._label = compose_labeller(labeller, effects=False)
 
     def see(self, point: Balance, grip: Grip) -> dict[str, float]:
-        """Return the labels of the next equilibrium with the contacts of `grip`: codes `state`, `reason`; margins, extras."""
+        """Return the labels of the next equilibrium, by name: `state`, `reason`, margins, extras."""
         self.grip = grip
         loaded = np.flatnonzero(point.overlap > 0.0)
         contacts, body = self._contacts(point, loaded), self._body(point)
@@ -64,7 +64,7 @@ class StaticLabels:
         return rows
 
     def _body(self, point: Balance) -> Array:
-        """Return the row of the particle: its motion since the last equilibrium, and the plates (`columns.observed_body`)."""
+        """Return the row `observed_body` of the particle: motion since the last equilibrium, plates."""
         from scipy.spatial.transform import Rotation  # imported here: 0.2 s
 
         row = np.zeros(observed_body.WIDTH)

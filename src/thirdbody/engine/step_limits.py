@@ -1,4 +1,4 @@
-"""Report of what limits the implicit steps, from the counters of each body (`kernels.implicit.step_limits`)."""
+"""Report of the causes that limit implicit steps (`kernels.implicit.step_limits`)."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def _counts(memory: Array) -> Array:
 
 
 def limited_by(memory: Array) -> dict[str, int]:
-    """Return the number of steps of single bodies limited by each cause, most frequent first, without zeros."""
+    """Return the number of steps limited by each cause, most frequent first, without zeros."""
     counts = _counts(memory)
     return {CAUSES[k]: int(counts[k]) for k in np.argsort(-counts, kind="stable") if counts[k] > 0.0}
 
@@ -28,7 +28,7 @@ def limiting_body(memory: Array, order: np.ndarray) -> dict[str, int]:
 
 
 def in_words(memory: Array, order: np.ndarray) -> str:
-    """Return text with the most frequent cause, its fraction and the body most affected; empty without steps."""
+    """Return as text the most frequent cause, its fraction, the body most affected; "" without steps."""
     counts = _counts(memory)
     if not counts.sum() > 0.0:
         return ""

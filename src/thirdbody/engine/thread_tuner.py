@@ -1,4 +1,4 @@
-"""Number of threads: reduced while other processes use the cores, or while steps are too short to be shared.
+"""Number of threads: reduced while other processes use the cores, or steps are too short.
 
 The threads of a step synchronise several times. If another process occupies the core of one thread, each synchronisation takes a
 scheduler time slice, i.e. milliseconds: a step of 0.5 ms then takes 5 ms, whereas a single thread only loses its share of the
@@ -26,7 +26,7 @@ again after the longest, too."""
 
 
 class Pace:
-    """Chooses the number of threads of the next call of the step loop from the timings of all calls so far."""
+    """Chooses the number of threads of the step loop from the timings of its calls."""
 
     def __init__(self) -> None:
         self.until, self.pause = 0.0, PAUSE

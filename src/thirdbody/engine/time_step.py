@@ -69,7 +69,7 @@ def bound(state: State, materials: list[Material], steps: int, deepest: float) -
 
 
 def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, Array]:
-    """Return the bodies that may have the shortest step, their frequencies and steps (n, 4), and those of the patches (m, 4)."""
+    """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
     slots, physics = state.slots, state.physics
     patches, margin = np.zeros((len(state.P), 4)), critical_time_step.scratch(state.n_bodies, slots.count)
     l_x, l_y = max(state.D[domain.LENGTH_X], 0.0), max(state.D[domain.LENGTH_Y], 0.0)
@@ -82,7 +82,7 @@ def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, A
 
 
 def _pressed(state: State, horizon: float) -> Array:
-    """Return the patches under their largest load until the next bound; the horizon allows for slightly longer steps."""
+    """Return the patches under their largest load until the next bound (1.5 horizons, as steps may grow)."""
     upper = state.world.upper
     if upper is None or not upper.schedule.load:
         return state.P

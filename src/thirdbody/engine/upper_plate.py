@@ -20,7 +20,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Segment:
-    """One segment of a schedule, valid until the next one starts [s] (kinds and a, b, c: `kernels.schedule`)."""
+    """Segment of a schedule, valid until the next one starts (`kernels.schedule`)."""
 
     start: float
     kind: int
@@ -53,7 +53,7 @@ Axis = tuple[Segment, ...]
 
 @dataclass(frozen=True)
 class Schedule:
-    """Prescribed lateral motion along x and y [m], height of the plate [m], and load over the initial load."""
+    """Prescribed lateral motion x, y [m], height of the plate [m], load over the initial load."""
 
     x: Axis = ()
     y: Axis = ()
@@ -118,7 +118,7 @@ class Schedule:
         return total
 
     def time_of(self, distance: float, start: float) -> float:
-        """Return the time [s] at which the path since `start` reaches `distance` [m]; infinite if the motion ends before."""
+        """Return the time [s] at which the path since `start` reaches `distance` [m], or infinity."""
         if not self.moves:
             return math.inf
         left = distance
@@ -141,7 +141,7 @@ class Schedule:
         return math.inf
 
     def _pieces(self, start: float, end: float) -> Iterator[tuple[float, float, float | None]]:
-        """Yield (begin, end, speed) of the intervals without a new segment; speed is None where it is not constant."""
+        """Yield (begin, end, speed) of intervals without a new segment; speed None if not constant."""
         breaks = sorted({s.start for s in (*self.x, *self.y) if start < s.start < end})
         t = start
         for until in [*breaks, end]:
@@ -214,7 +214,7 @@ def ends_of(axis: Axis) -> Iterator[tuple[Segment, float]]:
 
 
 def mean_value(axis: Axis, start: float, end: float) -> float:
-    """Return the mean value between two times [s] of an axis of linear segments (loads); if they are equal, the value."""
+    """Return the mean of an axis of linear segments (loads) between two times; its value if equal."""
     if not end > start:
         return at_time(axis, end)
     corners = [start, *(s.start for s in axis if start < s.start < end), end]
@@ -223,7 +223,7 @@ def mean_value(axis: Axis, start: float, end: float) -> float:
 
 
 def value_before(axis: Axis, t: float, end: float) -> float:
-    """Return the value of an axis at `end` [s] in the segment valid at t: the value before a jump at `end`."""
+    """Return the value at `end` [s] of the segment valid at t: the value before a jump at `end`."""
     row = _held(axis, t)
     return axis[row].value(end) if row >= 0 else 0.0
 
@@ -259,8 +259,7 @@ def _top_rate(axis: Axis) -> float:
 
 @dataclass(frozen=True)
 class Foundation:
-    """Common plate to which each patch is connected by a spring: stiffness per patch [N/m]; height, mass, damping and load of the
-    plate, SI."""
+    """Common plate carried by springs: stiffness per patch [N/m]; height, mass, damping, load, SI."""
 
     stiffness: float
     height: float

@@ -1,4 +1,4 @@
-"""BDF2 driver: advance each body between the plates to a common time, with individual time steps.
+"""BDF2 driver: bodies between two plates, advanced to a common time by individual steps.
 
 A step that Newton's method or the error estimate rejects is shortened; step lengths grow again afterwards. The error is relative
 to the radius of the largest contact: steps are short where a contact starts to slip or a body tips, and long where it slides or
@@ -81,7 +81,7 @@ def workspace(n_history, width, maximum):
 
 @njit(**INNER)
 def prescribed_rise(p, P, t, dt, schedule, first, Z):
-    """Return the prescribed rise [m] of patch p over the step, 0 if it is free; store the plate's height for its spring in Z."""
+    """Return the prescribed rise [m] of patch p, 0 if it is free; store the plate's height in Z."""
     driven = first[GAP + 1] > first[GAP]
     rise = mean_rate(schedule, first, np.int64(GAP), t, dt) * dt if driven else 0.0
     if P[p, patch.SPRING] != 0.0:
@@ -100,7 +100,7 @@ def scheduled_load(p, P, t, dt, schedule, first):
 @njit(**INNER)
 def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents, effects,
          observe):  # fmt: skip
-    """Make one step of body b, shortened until it is accepted; set the body's code if it has to stop."""
+    """Make one step of body b, shortened until it is accepted; set its code if it has to stop."""
     (_, B, P, _, _, _), y, diagnostics = state, work[6], work[11]
     save_start(b, p, shape, state, Z)
     gaps(b, spots, state, work[5])
@@ -183,7 +183,7 @@ def advance_bodies(
     low, high, until, tries, spots, shape, state, known, maximum, M, D, V, totals, memory, schedule, first, drag, law, tangents,
     effects, observe,
 ):  # fmt: skip
-    """Advance bodies `low` to `high` - 1 to the time `until` [s], each with individual time steps.
+    """Advance bodies `low` to `high` - 1 to the time `until` [s], with individual time steps.
 
     A body stops after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in
     `memory` (step_memory.CODE) and stays at the end of its last step.

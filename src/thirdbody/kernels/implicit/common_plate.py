@@ -51,7 +51,7 @@ BODIES = 8
 
 @njit(**INNER)
 def plate_reaction(p, m, spots, P, work, Z):
-    """Return the upward force [N] of the body on the plate: of the patch's spring, or of its contacts without one."""
+    """Return the upward force [N] of the body on the plate, by a spring or directly by its contacts."""
     if P[p, patch.SPRING] != 0.0:
         return P[p, patch.SPRING] * (P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
     partner, O, G, slots = spots[1], work[1], work[3], work[4]  # noqa: E741
@@ -64,7 +64,7 @@ def plate_reaction(p, m, spots, P, work, Z):
 
 @njit(**INNER)
 def plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents):
-    """Return the derivative [N/m] of `plate_reaction` with respect to the plate's rise at equilibrium of the body."""
+    """Return d(plate_reaction)/d(rise of the plate) [N/m] at equilibrium of the body."""
     P, x, J = state[2], work[8], work[10]
     assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, True, J)
     spring = P[p, patch.SPRING]
@@ -176,10 +176,10 @@ def solve_bodies(
     first_iteration, dt, rise, plate, v_x, v_y, spots, shape, state, known, maximum, V, totals, memory, starts, ends,
     initial_gap, diagnostics, law, tangents, effects,
 ):  # fmt: skip
-    """Solve the step of all bodies under a plate that rises from the height `plate` [m] by `rise` [m].
+    """Solve the step of all bodies for a given rise of the plate.
 
-    `first_iteration`: the step begins; otherwise the iteration continues from `ends` (n, 7) of the previous call. Results are
-    written to `diagnostics` (n, body_solution.WIDTH).
+    `plate`: height [m] at the start; `rise` [m]. `first_iteration`: the step begins; otherwise the iteration continues from
+    `ends` (n, 7) of the previous call. Results are written to `diagnostics` (n, body_solution.WIDTH).
     """
     n = totals.shape[0]
     for c in prange((n + BODIES - 1) // BODIES):
@@ -194,7 +194,7 @@ def accept_bodies(
     dt, end, whole, v_x, v_y, spots, shape, state, known, maximum, M, D, V, totals, memory, starts, ends, initial_gap, drag, law,
     effects, observe,
 ):  # fmt: skip
-    """Accept the step of all bodies solved by `solve_bodies`; `whole`: it ends exactly at the time `end` [s]."""
+    """Accept the step solved by `solve_bodies`; `whole`: it ends exactly at the time `end` [s]."""
     n = totals.shape[0]
     for c in prange((n + BODIES - 1) // BODIES):
         accept_chunk(

@@ -1,4 +1,4 @@
-"""Friction work of a body in an implicit step: of contacts that open within the step, and its error.
+"""Friction work in an implicit step: error, and work of contacts that open within the step.
 
 A rolling body dissipates only while load passes from one contact to the next: over some nanometres, with work far below that of
 a sliding body and too small to show in the position error. Step lengths are therefore also controlled by an energy error.
@@ -33,10 +33,10 @@ CALM = 0.01
 
 @njit(**INNER)
 def weight_of_old(m, dt, last, power, work):
-    """Return the weight of the force at the start of a step in the work of plate and friction: 0.5, or 0 where forces jump.
+    """Return the weight of the force at the start of a step in its work: 0.5, or 0 where forces jump.
 
-    Forces jump with the velocity at a breakpoint of the motion (`last` = 0) if the dashpots of the m contacts, of `power` [W],
-    dissipate more than CALM of the work of the tangential forces.
+    The work is that of the plate and of friction. Forces jump with the velocity at a breakpoint of the motion (`last` = 0) if the
+    dashpots of the m contacts, of `power` [W], dissipate more than CALM of the work of the tangential forces.
     """
     I, O, taken = work[0], work[1], 0.0  # noqa: E741
     for q in range(m):
@@ -48,9 +48,9 @@ def weight_of_old(m, dt, last, power, work):
 
 @njit(**INNER)
 def dragged_off(k, before, dt, v_x, v_y, spots, state, force):
-    """Return the slip work [J] of the tangential spring force of candidate k, which falls to zero as k opens within the step.
+    """Return the slip work [J] of the tangential spring of candidate k, which opens within the step.
 
-    `before`: overlap [m] at the start of the step; `force`: index of the force in the history.
+    Its force falls to zero. `before`: overlap [m] at the start of the step; `force`: index of the force in the history.
     """
     own, partner = spots[0], spots[1]
     S, P, H = state[0], state[2], state[3]
@@ -68,7 +68,7 @@ def dragged_off(k, before, dt, v_x, v_y, spots, state, force):
 
 @njit(**INNER)
 def energy_of_spots(m, I, O):  # noqa: E741
-    """Return friction limit times critical slip summed over m contacts [J]; each at most normal force times overlap."""
+    """Return the sum [J] of friction limit times critical slip, each at most N times overlap."""
     total = 0.0
     for q in range(m):
         pressed = abs(O[q + law_output.NORMAL_FORCE * TILE]) * I[q + law_input.OVERLAP * TILE]
@@ -101,7 +101,7 @@ def differing(m, force, stored, before, b, spots, work):
 
 @njit(**INNER)
 def kinetic(b, B, arm):
-    """Return the approximate kinetic energy [J] of body b; `arm` [m] is used as radius of gyration."""
+    """Return the approximate kinetic energy [J] of body b; `arm` [m]: radius of gyration used."""
     total = 0.0
     for k in range(3):
         total += B[b, body.VELOCITY + k] ** 2 + (arm * B[b, body.SPIN + k]) ** 2

@@ -1,4 +1,4 @@
-"""Jacobian of the residual of an implicit step with respect to its coordinates (see `residual`)."""
+"""Jacobian of the residual of an implicit step (see `residual`)."""
 
 from numba import njit
 
@@ -59,7 +59,7 @@ def assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, coupl
 
 @njit(**INNER)
 def add_contact_stiffness(q, slot, gap, own, partner, S, I, O, K, G, rolling, J):  # noqa: E741
-    """Add contact q to J, with rotations in radians: stiffness, rotation of its arm, change of its contact area."""
+    """Add contact q to J (rotations in rad): stiffness, rotation of its arm, change of its area."""
     i, up, n_z = own[slot], is_upper(partner[slot]), G[q + (geometry.NORMAL + 2) * TILE]
     a_x, a_y, a_z = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
     x, y, z = a_x, a_y, a_z - G[q + geometry.ARM * TILE] * n_z
@@ -105,7 +105,7 @@ def add_contact_stiffness(q, slot, gap, own, partner, S, I, O, K, G, rolling, J)
 
 @njit(**INNER)
 def contact_displacements(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up):
-    """Return derivatives with respect to coordinate c: overlap, slip along both axes of the frame, arm of the sphere (3)."""
+    """Return derivatives by coordinate c: overlap, slip along both axes, arm of the sphere (3)."""
     if c == 0:
         return 0.0, e_x, g_x, 0.0, 0.0, 0.0
     if c == 1:
@@ -123,7 +123,7 @@ def contact_displacements(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up
 
 @njit(**INNER)
 def add_moment(q, c, d, e_x, e_y, g_x, g_y, K, J):
-    """Add column c of the rolling moment, which resists rotation about the axes of the frame, to J."""
+    """Add column c of the rolling moment (rotation about the axes of the frame) to J."""
     turn_1 = e_x if c == 3 else (e_y if c == 4 else 0.0)
     turn_2 = g_x if c == 3 else (g_y if c == 4 else 0.0)
     at = contact_tangent.ROLLING * TILE + q

@@ -1,4 +1,4 @@
-"""Damped Newton's method for one step of one body: limited corrections and a line search. No history is written."""
+"""Damped Newton's method for one step of one body; writes no history."""
 
 import math
 
@@ -49,7 +49,7 @@ FOUND, LOST, CROWDED = range(3)
 
 @njit(**CHUNK)
 def solve_linear(J, r, n):
-    """Overwrite r with the solution x of J x = -r by Gaussian elimination with row pivots; False if J is singular.
+    """Overwrite r with the solution x of J x = -r (Gaussian elimination); False if J is singular.
 
     Not `numpy.linalg.solve`, which allocates, calls LAPACK for six or seven unknowns, and raises for a singular matrix.
     """
@@ -124,7 +124,7 @@ def rounding_force(b, p, B, P, Z, diagnostics):
 
 @njit(**INNER)
 def massless_at_rest(b, dt, share, r, Z, T, B, E, diagnostics, minimum):
-    """Return whether the residual of a body without inertia is at most `share` of the forces on the body itself.
+    """Return whether the residual on a body without inertia is at most `share` of its own forces.
 
     Forces on its patch are excluded: otherwise a body that touches neither plate would count as balanced at any velocity. The
     remaining residual moves the body by `share` of a contact radius at most. `minimum`: rounding error [N].
@@ -143,9 +143,9 @@ def massless_at_rest(b, dt, share, r, Z, T, B, E, diagnostics, minimum):
 
 @njit(**INNER)
 def limit_overlap_change(b, x, deep, spots, state, Z):
-    """Return the fraction of the correction x that changes no overlap by more than REACH of `deep` [m].
+    """Return the fraction of the correction x for which overlaps change by at most REACH `deep` [m].
 
-    This holds for contacts that sink in, and for the deepest contact of each plate, which must not open.
+    Limited are contacts that sink in, and the deepest contact of each plate, which must not open.
     """
     (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
     arm = 1.0 / Z[step_start.ARM]
@@ -175,7 +175,7 @@ def limit_overlap_change(b, x, deep, spots, state, Z):
 
 @njit(**INNER)
 def limit_slip_reversal(x, m, own, S, work, Z, share):
-    """Return the fraction of the correction x, at most `share`, that reverses the slip of no contact.
+    """Return the fraction, at most `share`, of the correction x that reverses no slip.
 
     Between the two slip directions a contact sticks. Where all others slip, that is often the solution, and a full correction
     jumps over it.
@@ -208,7 +208,7 @@ def limit_slip_reversal(x, m, own, S, work, Z, share):
 
 @njit(**INNER)
 def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects):
-    """Solve for the coordinates y of a step from the guess in y; return outcome, number of contacts, iterations."""
+    """Solve for the coordinates y, from a guess in y; return outcome, contacts, iterations."""
     y, r, x, tried, J, diagnostics = work[6], work[7], work[8], work[9], work[10], work[11]
     S, B, P, _, _, E = state
     size, part, whole, halvings, leaps, iterations, m = 1e300, 0.0, 0.0, 0, 0, 0, np.int64(0)

@@ -1,4 +1,4 @@
-"""Residual of an implicit step of one body between two plates, evaluated at the end of a trial step.
+"""Residual of an implicit step of one body between two plates, at the end of a trial step.
 
 Tables are passed in groups with the same names in all implicit kernels:
 
@@ -7,15 +7,15 @@ Tables are passed in groups with the same names in all implicit kernels:
 | spots | own, partner, kind, edges, incidence: the candidates, here all pairs of a sphere and a plate |
 | shape | body, start, patch, offsets |
 | state | S, B, P, H, R, E |
-| known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels, and the indices of
-stored energy (`spring_energy`), remembered force and moment in the history |
+| known | pairs, effect parameters, n_history, rolling, width of labeller rows, has_effects, labels, stored, force, moment |
 | work | I, O, K, G: the law's tile; slots: its candidates; before: overlaps at the start of the step; the rest: `bdf2` |
 
-The coordinates y (7,) of a step are the displacement of the centre of mass (3,) [m], the rotation vector of the step times the
-arm of the body (3,) [m] in world axes, and the rise of the body's patch of the upper plate [m]. `set_configuration` moves body,
-spheres and patch to the end of the step; `residual` evaluates the laws there and returns the residual (7,) [N]; its derivative
-is in `jacobian`. No history is written before `commit`. Contact geometry, slip and history are those of the explicit integrator
-(`contact_geometry`, `contact_history`); here a contact that closes within the step slips only during the rest of the step.
+In `known`, `stored` (`spring_energy`), `force` and `moment` are indices in the history. The coordinates y (7,) of a step are the
+displacement of the centre of mass (3,) [m], the rotation vector of the step times the arm of the body (3,) [m] in world axes, and
+the rise of the body's patch of the upper plate [m]. `set_configuration` moves body, spheres and patch to the end of the step;
+`residual` evaluates the laws there and returns the residual (7,) [N]; its derivative is in `jacobian`. No history is written
+before `commit`. Contact geometry, slip and history are those of the explicit integrator (`contact_geometry`, `contact_history`);
+here a contact that closes within the step slips only during the rest of the step.
 """
 
 import math
@@ -82,7 +82,7 @@ def save_start(b, p, shape, state, Z):
 
 @njit(**INNER)
 def set_configuration(b, p, y, dt, Z, T, shape, state):
-    """Move body b, its spheres and its patch p to the end of the step, with their mean and end velocities."""
+    """Move body b, its spheres and patch p to the end of the step, with mean and end velocities."""
     (S, B, P, _, _, _), (_, start, _, offsets) = state, shape
     inverse, arm = 1.0 / dt, 1.0 / Z[step_start.ARM]
     now, last = Z[step_start.NOW] * inverse, Z[step_start.BEFORE] * inverse
@@ -141,7 +141,7 @@ def momentum_of(b, B, E):
 
 @njit(**INNER)
 def active_contacts(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
-    """Gather the contacts of body b into the law's tile; return their number, or -1 if they exceed the tile.
+    """Gather the contacts of body b into the tile; return their number, or -1 if they do not fit.
 
     `rate`: derivative of the end velocity with respect to the displacement [1/s]; v_x, v_y: mean velocity of the upper plate
     [m/s].
@@ -183,7 +183,7 @@ def active_contacts(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
 
 @njit(**INNER)
 def force_and_point(q, i, S, O, G):  # noqa: E741
-    """Return normal force [N], force on the body (3,) [N], and contact point from the centre of mass (3,) [m] of contact q."""
+    """Return normal force [N], force (3,) [N] and point from the centre of mass (3,) [m] of contact q."""
     n = O[law_output.NORMAL_FORCE * TILE + q]
     t_1 = O[law_output.TANGENTIAL_X * TILE + q]
     t_2 = O[law_output.TANGENTIAL_Y * TILE + q]
@@ -207,9 +207,9 @@ def force_and_point(q, i, S, O, G):  # noqa: E741
 
 @njit(**INNER)
 def residual(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, diagnostics):
-    """Write the residual r (7,) [N] of body b and patch p with m contacts; write sums and maxima to `diagnostics`.
+    """Write the residual r (7,) [N] of body b and patch p with m contacts.
 
-    Columns of `diagnostics`: `columns.step_contacts`.
+    Sums and maxima over the contacts are written to `diagnostics` (`columns.step_contacts`).
     """
     own, partner, edges = spots[0], spots[1], spots[3]
     S, B, P, _, _, E = state
@@ -263,7 +263,7 @@ def residual(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, la
 
 @njit(**INNER)
 def mean_velocity_factor(q, dt, before, I):  # noqa: E741
-    """Return the ratio of the mean velocity of the step to that at its end, for contact q, in [0, 2].
+    """Return the mean velocity of contact q in the step over that at its end, in [0, 2].
 
     A dashpot's force is that at the end of the step, but it acts along the displacement of the step: its dissipation is force
     times displacement.
@@ -280,7 +280,7 @@ def mean_velocity_factor(q, dt, before, I):  # noqa: E741
 
 @njit(**INNER)
 def inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r):
-    """Subtract inertial forces from the residual r; add load, dashpot, spring and inertia of the patch.
+    """Subtract inertial forces from r; add load, dashpot, spring and inertia of the patch.
 
     Without inertia (`inertial` = 0) every step begins at rest. A weak spring to the start position (PULL) then makes the position
     of a body that slides on all its contacts unique, and a fraction of the mass (MASS_SHARE) limits jumps within a step.
@@ -315,10 +315,11 @@ def inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r):
 
 @njit(**INNER)
 def unbooked_energy(q, k, stored, O, H):  # noqa: E741
-    """Return the stored energy [J] of candidate k (contact q) that is not yet booked although it transmits no friction any more.
+    """Return the stored energy [J] of candidate k (contact q) to be dissipated as friction ends.
 
-    Where the dashpot of a departing sphere cancels its normal force, friction ends in one step at a limit of zero. No force
-    does work then: all stored energy is dissipated, as in a contact that opens (`contact_history.reset_history`).
+    It is zero unless friction has ended without the energy being booked. Where the dashpot of a departing sphere cancels its
+    normal force, friction ends in one step at a limit of zero. No force does work then: all stored energy is dissipated, as in a
+    contact that opens (`contact_history.reset_history`).
     """
     if (
         O[law_output.TANGENTIAL_X * TILE + q] != 0.0
@@ -331,10 +332,11 @@ def unbooked_energy(q, k, stored, O, H):  # noqa: E741
 
 @njit(**INNER)
 def recoil(b, m, dt, spots, state, work):
-    """Return the dashpot dissipation [J] missing in `residual`, of contacts without normal force at the start of the step.
+    """Return the dashpot dissipation [J] of opening contacts that `residual` does not include.
 
-    Such a contact is about to open: its dashpot cancels the elastic force and dissipates all energy still stored. As nothing
-    accelerates the body, one step can lead from there to the open contact, and the force at its end does not include it.
+    A contact without normal force at the start of the step is about to open: its dashpot cancels the elastic force and dissipates
+    all energy still stored. As nothing accelerates the body, one step can lead from there to the open contact, and the force at
+    its end does not include it.
     """
     edges, incidence = spots[3], spots[4]
     H, R, O, I, slots, before = state[3], state[4], work[1], work[0], work[4], work[5]  # noqa: E741
@@ -355,10 +357,11 @@ def recoil(b, m, dt, spots, state, work):
 
 @njit(**INNER)
 def commit(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
-    """Store the m contacts as the end of a step: history, friction work, slip, records; add work and plate forces to `sums`.
+    """Store history, friction work, slip and records of m contacts; add work and plate forces to `sums`.
 
-    Friction dissipates the work of the mean force of a step (`explicit.contact_dissipation`). Where forces jump
-    (`friction_work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's work.
+    Bodies exchange the work of the mean force of a step, which friction dissipates (`explicit.contact_dissipation`). Where forces
+    jump (`friction_work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
+    work.
     """
     own, partner, _, edges, incidence = spots
     S, B, P, H, R, _ = state

@@ -1,4 +1,4 @@
-"""Step control of the implicit integrator for one body: BDF2 weights, step length, error, acceptance and energy ledger."""
+"""Step control of the implicit integrator: BDF2 weights, length, error, acceptance, energy."""
 
 import math
 
@@ -58,7 +58,7 @@ def next_breakpoint(t, schedule, first, until):
 
 @njit(**INNER)
 def is_breakpoint(t, end, schedule, first):
-    """Return whether the interval that began at t ends at a breakpoint of the motion, and not only at a stop."""
+    """Return whether the interval from t to `end` ends at a breakpoint, and not only at a stop."""
     return next_breakpoint(t, schedule, first, np.inf) <= end
 
 
@@ -70,7 +70,7 @@ def plate_velocity(schedule, first, t, dt):
 
 @njit(**INNER)
 def next_length(T, W, V, schedule, first, end):
-    """Return the length [s] of the next step in an interval that ends at `end`, and its cause (`step_limits`)."""
+    """Return length [s] and limiting cause (`step_limits`) of the next step, at most to `end` [s]."""
     t = W[run_totals.TIME]
     left = end - t
     dt, limit = min(T[step_memory.NEXT_DT], left), np.int64(T[step_memory.LIMIT])
@@ -90,7 +90,7 @@ def next_length(T, W, V, schedule, first, end):
 
 @njit(**INNER)
 def bdf2_weights(dt, distance, mass, T, Z, V):
-    """Set the weights of a step: BDF2 for unequal steps, or backward Euler after a breakpoint or without inertia.
+    """Set the weights: BDF2 for unequal steps; backward Euler after a breakpoint or without inertia.
 
     `distance`: drag in the step [m]. Sources: Curtiss and Hirschfelder 1952; unequal steps: Hairer, Norsett and Wanner, Solving
     Ordinary Differential Equations I, III.5.
@@ -111,11 +111,11 @@ def bdf2_weights(dt, distance, mass, T, Z, V):
 
 @njit(**INNER)
 def local_error(b, p, dt, Z, T, B, P, diagnostics, V):
-    """Return the local error of the step over the tolerance, which is a fraction of the radius of the largest contact.
+    """Return the local error of the step over the tolerance.
 
-    Backward Euler: half the step length times the change of velocity. BDF2: 2/9 of the step length times the difference between
-    this change and the last one scaled by the ratio of steps (at equal steps 2/9 of the third derivative times dt^3: Hairer,
-    Norsett and Wanner, III.2).
+    The tolerance is a fraction of the radius of the largest contact. Backward Euler: half the step length times the change of
+    velocity. BDF2: 2/9 of the step length times the difference between this change and the last one scaled by the ratio of steps
+    (at equal steps 2/9 of the third derivative times dt^3: Hairer, Norsett and Wanner, III.2).
     """
     first = T[step_memory.LAST_DT] == 0.0 or V[step_settings.INERTIAL] == 0.0
     ratio = 0.0 if first else dt / T[step_memory.LAST_DT]
@@ -141,7 +141,7 @@ def rotation_of(y, Z):
 
 @njit(**INNER)
 def gaps(b, spots, state, before):
-    """Write the overlaps [m] of the candidates of body b at the start of the step to `before`; negative: a gap."""
+    """Write the overlaps [m] of body b's candidates at the start of the step; negative: a gap."""
     (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
     for e in range(edges[b], edges[b + 1]):
         before[e - edges[b]] = overlap_and_normal(incidence[e] >> 1, own, partner, S, P, 0.0, 0.0)[0]
@@ -149,7 +149,7 @@ def gaps(b, spots, state, before):
 
 @njit(**INNER)
 def predict(p, y, dt, Z, P, rise):
-    """Predict the coordinates y of a step at constant velocity; the patch by `rise` [m] where its height is prescribed."""
+    """Predict the coordinates y at constant velocity, and a prescribed patch by `rise` [m]."""
     for k in range(3):
         y[k], y[3 + k] = Z[step_start.VELOCITY + k] * dt, Z[step_start.SPIN + k] * Z[step_start.ARM] * dt
     y[6] = Z[step_start.PATCH_VELOCITY] * dt if P[p, patch.FREE] != 0.0 else rise
@@ -169,7 +169,7 @@ def elastic_energy(b, spots, H, R):
 
 @njit(**INNER)
 def add_impulses(W, sums, old, dt):
-    """Add the impulses on both plates to the totals, with weight `old` of the last forces; store the new forces."""
+    """Add the impulses on both plates, with weight `old` of the last forces; store the new forces."""
     for k in range(3):
         upper, lower = -sums[0, contact_sums.UPPER_FORCE + k], -sums[0, contact_sums.LOWER_FORCE + k]
         W[run_totals.UPPER_IMPULSE + k] += dt * (old * W[run_totals.UPPER_FORCE + k] + (1.0 - old) * upper)
@@ -179,13 +179,14 @@ def add_impulses(W, sums, old, dt):
 
 @njit(**INNER)
 def update_ledger(b, p, y, dt, v_x, v_y, diagnostics, sums, gained, Z, T, B, E, P, W, inertial, hub):
-    """Add the accepted step to the energy totals of body b; each line is computed independently, their sum is the residual.
+    """Add the accepted step to the energy totals of body b.
 
-    The method uses the forces at the end of the step: their work in excess of the energy stored and dissipated by the laws, and
-    of the kinetic energy, is the numerical loss. The plate's work and impulse use the mean of the forces at both ends of the
-    step or, where forces jump (`weight_of_old`), those at its end, as does friction (`commit`); the difference from the work of
-    the method is added to the numerical loss. With a common plate (`hub`) the body-plate forces are internal and do no external
-    work. Without inertia bodies and patches have no kinetic energy.
+    Each line is computed independently; their imbalance is the residual. The method uses the forces at the end of the step: their
+    work in excess of the energy stored and dissipated by the laws, and of the kinetic energy, is the numerical loss. The plate's
+    work and impulse use the mean of the forces at both ends of the step or, where forces jump (`weight_of_old`), those at its
+    end, as does friction (`commit`); the difference from the work of the method is added to the numerical loss. With a common
+    plate (`hub`) the body-plate forces are internal and do no external work. Without inertia bodies and patches have no kinetic
+    energy.
     """
     arm = 1.0 / Z[step_start.ARM]
     contacts, effects, before, after, pushed = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -315,7 +316,7 @@ def accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V,
 
 @njit(**INNER)
 def reduction_factor(result, error, turn):
-    """Return the factor by which a rejected step is shortened; `result`: Newton's method converged."""
+    """Return the factor that shortens a rejected step; `result`: Newton's method converged."""
     if not result:
         return 0.5
     from_turn = 0.9 * TURN / max(turn, 1e-30)
@@ -324,7 +325,7 @@ def reduction_factor(result, error, turn):
 
 @njit(**INNER)
 def next_dt(T, W, V, dt, requested_dt, error, iterations, cuts, limit):
-    """Set the length of the next step and update the counters; `limit`: cause that limited this step."""
+    """Set the length of the next step; update the counters; `limit`: cause that limited this one."""
     T[step_memory.LIMITED + limit] += 1.0
     T[step_memory.CUTS] += cuts
     T[step_memory.HARD_STEPS] += 1.0 if cuts > HARD else 0.0
