@@ -1,4 +1,4 @@
-"""The energy ledger at a synchronised instant, J."""
+"""Energy ledger at a synchronised instant [J]."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Stored = tuple[float, float, float, float]
 
 
 def stored_energies(state: State) -> Stored:
-    """Kinetic, elastic normal, elastic tangential and foundation energy, as of the last observed step."""
+    """Return kinetic, elastic normal, elastic tangential, foundation energy [J] at the last observed step."""
     P, kinetic = state.P, _kinetic(state) if state.inertial else 0.0
     springs = 0.5 * float(np.sum(P[:, patch.SPRING] * (P[:, patch.HEIGHT] - P[-1, patch.HEIGHT]) ** 2))
     if state.summed:
@@ -27,7 +27,7 @@ def stored_energies(state: State) -> Stored:
 
 
 def _kinetic(state: State) -> float:
-    """Kinetic energy of bodies and free patches, J."""
+    """Return the kinetic energy [J] of bodies and free patches."""
     B, E, P = state.B, state.E, state.P
     kinetic = 0.5 * float(np.sum(B[:, body.MASS] * np.sum(B[:, body.VELOCITY3] ** 2, axis=1)))
     kinetic += 0.5 * float(np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3]))
@@ -36,14 +36,14 @@ def _kinetic(state: State) -> float:
 
 
 class Ledger:
-    """Closes the energy balance: plate work + effects = change of stored energy + dissipation + residual.
+    """Energy balance.
 
-    The residual is divided by max(sum of |plate work increments|, largest stored plus kinetic energy). Velocity Verlet has
-    no loss of its own that could be told apart from truncation: its `numerical` is zero, and truncation is the residual. What
-    friction takes there is the work of the mean force of each step (`kernels.explicit.contact_dissipation`), so that the
-    residual tells of springs and
-    dashpots in the normal direction, of rotations, and of laws that make energy.
-    Backward Euler damps; what it loses is computed in every step and stands on the line `numerical`.
+    plate work + work of effects = change of stored energy + dissipation + residual. The relative residual is scaled by max(sum of
+    |plate work increments|, largest stored plus kinetic energy). For velocity Verlet, numerical loss cannot be separated from
+    truncation error: `numerical` is zero, and the residual is the truncation error. Friction dissipates the work of the mean
+    force of each step (`kernels.explicit.contact_dissipation`), so the residual comes from springs and dashpots in the normal
+    direction, from rotations, and from laws that create energy. The implicit integrator (BDF2 with backward-Euler starts) damps;
+    its loss is computed in every step and reported as `numerical`.
     """
 
     def __init__(self, state: State):
@@ -51,14 +51,16 @@ class Ledger:
         self.peak = self.start
 
     def watch(self, state: State) -> Stored:
-        """Note the largest stored plus kinetic energy; needs a record of the last step. Returns what is `stored_energies`."""
+        """Update the largest total energy from the record of the last step; return `stored_energies`."""
         result = stored_energies(state)
         self.peak = max(self.peak, sum(result))
         return result
 
     def lines(self, state: State, result: Stored | None = None) -> dict[str, float]:
-        """The lines of the ledger that the scene has, J; `residual` is the absolute one. `result`: what is `stored_energies`,
-        if known."""
+        """Return the lines [J] of the ledger that exist in the scene, with the absolute `residual`.
+
+        `result`: `stored_energies` of this instant, if known.
+        """
         kinetic, normal, tangential, springs = result or stored_energies(state)
         A = state.A
         gained = A[run_totals.PLATE_WORK] + A[run_totals.EFFECT_WORK]
@@ -76,12 +78,12 @@ class Ledger:
             gained - spent,
         )
         lines = {name: float(value) for name, value in zip(LINES, values, strict=True)}
-        if not state.physics.has_effects:  # absent, not a line of zeros
+        if not state.physics.has_effects:  # omitted rather than zero
             del lines["body_effects"]
         upper = state.world.upper
         return lines if upper is None or upper.foundation is None else lines | {"foundation": springs}
 
     def relative_residual(self, state: State, residual: float) -> float:
-        """|residual| by the contract's definition, dimensionless."""
+        """Return |residual| over the scale defined in the class docstring."""
         scale = max(float(state.A[run_totals.PLATE_WORK_SIZE]), self.peak)
         return abs(residual) / scale if scale > 0.0 else 0.0

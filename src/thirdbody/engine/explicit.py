@@ -1,4 +1,4 @@
-"""The explicit integrator: velocity Verlet between events, with an automatic time step and guards that stop a bad run."""
+"""Explicit integrator: velocity Verlet with automatic time step and guards."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ from thirdbody.kernels.signatures import EFFECTS, KINDS, LAW, OBSERVE, WORK, Con
 from thirdbody.laws.contract import Material
 
 BUDGET = 64
-"""Steps between two evaluations of the time step, counted from the start of the run, so that output cannot shift them."""
+"""Steps between two updates of the time step, counted from the start of the run, so that outputs do not shift them."""
 
 CALL = 1.0
-"""Wall time, s, that a compiled call shall take at most: a signal is heard only after it."""
+"""Largest wall time [s] of a compiled call: signals are handled only between calls."""
 
 GROWTH, PATIENCE = 1.25, 16
-"""The automatic step follows its bound down at once. Up it goes at once to a bound that is higher by this factor, to a lower one
-only after so many bounds that all allow more: a step that wobbles loses energy."""
+"""The automatic step follows its bound down at once. It grows at once to a bound that is larger by GROWTH, and to a smaller one
+only after PATIENCE bounds in a row that allow more: an oscillating step loses energy."""
 
 
 EXPECTED = argument_specs(KINDS)
-"""What the step loop takes."""
+"""Argument specifications of the step loop."""
 
 
 class Explicit:
-    """Advances a state; `time_step=None` chooses the step automatically. Stops between outputs do not change its steps."""
+    """Explicit integrator. `time_step=None`: automatic. Stops between outputs do not change the steps."""
 
     divisible = True
 
@@ -61,17 +61,17 @@ class Explicit:
         unite(state)
         self.bound: Bound | None = None
         self.tightest: Bound | None = None
-        self.waiting: list[float] = []  # bounds since the last change of the step, all above it
+        self.waiting: list[float] = []  # bounds since the last change of the step, all larger than the step
         self.drag = _drag(state)
         self.ahead = np.array(self.drag)
-        self.pace, self.seconds = Pace(), CALL / BUDGET  # wall time of a step, as it was last measured
+        self.pace, self.seconds = Pace(), CALL / BUDGET  # last measured wall time of a step
         physics = state.physics
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
-        self.known: Context | None = None  # what `pack` tells of, which must stay alive as long
+        self.known: Context | None = None  # the packed arrays, which must stay alive
 
     def start(self) -> None:
-        """First search, forces at time zero, first time step."""
+        """Run the first search, evaluate the forces at time zero, and choose the first time step."""
         search(self.state)
         self._tables()
         self._advance(1, math.inf, math.inf, 0.0)
@@ -85,16 +85,16 @@ class Explicit:
         watch: Callable[[], None] = lambda: None,
         between: Callable[[], None] = lambda: None,
     ) -> None:
-        """Run until the first step at or after a time (s) or a sliding distance (m).
+        """Advance to the first step at or after a time [s] or a sliding distance [m].
 
-        `watch` is called every `BUDGET` steps of the run, `between` wherever else a compiled call was cut short to take no longer
-        than about `CALL`. Raises GuardStop when the run leaves its valid range; the state is the one that tripped the guard.
+        `watch` is called every `BUDGET` steps of the run, `between` after other compiled calls that ended early to limit their
+        wall time to about `CALL`. Raises GuardStop, with the state that violated the guard, when the run leaves its valid range.
         """
         state = self.state
         while state.time < time and state.distance < distance:
             budget = min(BUDGET - int(state.A[run_totals.STEPS]) % BUDGET, max(1, int(CALL / self.seconds)))
             code, number = self._advance(budget, time, distance, state.dt)
-            if code == step_loop.RECORD:  # no step was made
+            if code == step_loop.RECORD:  # no step was done
                 state.slots.R = table(state.slots.count, state.slots.R.shape[1])
                 continue
             if code in (step_loop.SEARCH, step_loop.DONE) and number == 1:
@@ -104,18 +104,18 @@ class Explicit:
                 raise GuardStop(self._explain(code, number))
             if int(state.A[run_totals.STEPS]) % BUDGET == 0:
                 self._choose_step()
-            if code == step_loop.BUDGET:  # here the run could be put away and taken up again
+            if code == step_loop.BUDGET:  # the run can be saved here
                 (watch if int(state.A[run_totals.STEPS]) % BUDGET == 0 else between)()
             if code == step_loop.DONE:
                 return
 
     def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Arrays and notes of what the integrator itself remembers."""
+        """Return arrays and notes with the integrator's own state."""
         bound, tightest = (None if found is None else dict(vars(found)) for found in (self.bound, self.tightest))
         return {}, {"bound": bound, "tightest": tightest, "waiting": list(self.waiting)}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
-        """Go on from what `keep` told; the state has been put back before. Raises KeyError or TypeError."""
+        """Restore the result of `keep`, after the state itself was restored. Raises KeyError or TypeError."""
         bounds = {name: None if notes[name] is None else Bound(**notes[name]) for name in ("bound", "tightest")}
         self.bound, self.tightest, self.waiting = bounds["bound"], bounds["tightest"], [float(x) for x in notes["waiting"]]
         self._tables()
@@ -128,7 +128,7 @@ class Explicit:
         self._scratch(numba.get_num_threads())
 
     def _scratch(self, threads: int) -> None:
-        """Room to work in for every part of a pass: the kernels themselves make no arrays."""
+        """Allocate workspace for every part of a pass: the kernels allocate no arrays."""
         slots, physics, parts = self.state.slots, self.state.physics, step_loop.SHARES * threads
         chunks = slots.cuts.shape[1] - 1
         ends = np.minimum(np.arange(0, chunks + contact_pass.GROUP, contact_pass.GROUP), chunks)
@@ -153,11 +153,11 @@ class Explicit:
         done = int(s.A[run_totals.STEPS] - before)
         self.pace.note(threads, done, now - began, busy - worked, now)
         self.seconds = max(now - began, 1e-9) / max(done, 1)
-        refresh_spheres(s)  # the kernel places only spheres that can meet something
+        refresh_spheres(s)  # the kernel updates only spheres with candidates
         return answer
 
     def _context(self) -> Array:
-        """What tells kernels of all tables; made anew only when one of them is another (some 30 us)."""
+        """Return the packed kernel arguments; they are packed (30 us) only if an array was replaced."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
         now = Context(  # type: ignore[call-arg]
             slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
@@ -174,7 +174,7 @@ class Explicit:
         return self.told
 
     def _choose_step(self) -> None:
-        # a fixed step is judged by the contacts as they are
+        # a fixed step is compared with the bound of the present contacts
         steps = BUDGET if self.fixed is None else 0
         self.bound = bound(self.state, self.materials, steps, float(self.state.D[domain.OVERLAP_GUARD]))
         if self.tightest is None or self.bound.step < self.tightest.step:
@@ -187,7 +187,7 @@ class Explicit:
             self.state.dt = self._next_step(self.bound.step, self.state.dt)
 
     def _next_step(self, allowed: float, now: float) -> float:
-        """The automatic time step after a bound of `allowed`, s."""
+        """Return the automatic time step [s] for a bound of `allowed` [s]; `now`: the present step [s]."""
         if now == 0.0 or allowed <= now or allowed > GROWTH * now:
             self.waiting.clear()
             return allowed
@@ -199,7 +199,7 @@ class Explicit:
         return minimum
 
     def summary(self) -> dict[str, Any]:
-        """What the summary of a run tells of its integration."""
+        """Return the entries of the run summary about the integration."""
         limit, steps = self.tightest, int(self.state.A[run_totals.STEPS])
         assert limit is not None
         return {
@@ -212,7 +212,7 @@ class Explicit:
         }
 
     def label(self) -> np.ndarray:
-        """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""
+        """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
 
     def _explain(self, code: int, number: int) -> str:
@@ -256,6 +256,6 @@ class Explicit:
 
 
 def _drag(state: State) -> tuple[float, float]:
-    """Direction of the planned drag of the upper plate, a unit vector, or (0, 0)."""
+    """Return the unit vector of the prescribed drag of the upper plate, or (0, 0)."""
     upper = state.world.upper
     return (0.0, 0.0) if upper is None else upper.schedule.direction()

@@ -1,4 +1,4 @@
-"""Limits of a run that every integrator keeps."""
+"""Validity limits of a run, for all integrators."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import domain, run_totals
 
 OVERLAP_GUARD = 0.3
-"""Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape mean nothing."""
+"""Largest overlap over the smaller radius: beyond it Hertz' theory and the clump's shape are invalid."""
 
 TRAVEL_GUARD = 0.25
-"""Largest way of a body in one step over the radius of its first sphere: beyond it contacts are skipped."""
+"""Largest displacement of a body in one step over the radius of its first sphere: beyond it contacts can be missed."""
 
 FLOOR = 1.0
-"""A body whose centre is lower than this many of its own radii below the lower plate has left."""
+"""Depth of a body's centre below the lower plate at which it has left, in equivalent radii of the largest body."""
 
 RESIDUAL_GUARD = 0.1
-"""Largest residual of the energy balance over its scale (`Ledger.relative_residual`). Sound runs stay below 1e-2; in a run that
-has become unstable the residual passes any limit within some hundred steps."""
+"""Largest residual of the energy balance over its scale (`Ledger.relative_residual`). Valid runs stay below 1e-2; in an unstable
+run the residual exceeds any limit within some hundred steps."""
 
 NORM_GUARD = 1e-6
-"""Largest deviation of the length of a quaternion from 1, which rounding keeps below 1e-12 over a million steps."""
+"""Largest deviation of the norm of a quaternion from 1; rounding causes less than 1e-12 over a million steps."""
 
 
 @dataclass(frozen=True)
@@ -43,21 +43,21 @@ class Guards:
 
 
 class EnergyGuard:
-    """Judges a run at the instants at which its ledger is complete: energy balance and orientations.
+    """Checks the energy balance and the orientations at instants at which the ledger is complete.
 
-    One residual above the limit does not count by itself where forces may jump (`patience` 2): the step in which a load jumps is
-    booked with half of its work, which for that one look can be all the energy there is.
+    A single violation is tolerated where forces may jump (`patience` = 2): the step in which a load jumps is booked with half of
+    its work, which can be all the energy at that instant.
     """
 
     def __init__(self, ledger: Ledger, patience: int = 1, residual: float = RESIDUAL_GUARD, norm: float = NORM_GUARD) -> None:
         self.ledger, self.patience, self.residual, self.norm = ledger, patience, residual, norm
-        self.above = 0  # looks in a row with a residual above the limit
+        self.above = 0  # consecutive checks with a residual above the limit
 
     def look(self, state: State, result: Stored | None = None) -> None:
-        """Judge this instant, whose last step must be recorded (`result` as for `Ledger.lines`). Raises GuardStop."""
+        """Raise GuardStop on violation; the last step must be recorded. `result`: see `Ledger.lines`."""
         _judge_norms(state, self.norm)
         off = self.ledger.relative_residual(state, self.ledger.lines(state, result)["residual"])
-        self.above = 0 if off <= self.residual else self.above + 1  # what is not a number is above
+        self.above = 0 if off <= self.residual else self.above + 1  # NaN counts as above
         if self.above >= self.patience:
             raise GuardStop(
                 f"{_when(state)}: the energy balance does not close: its residual is {off:.2g} of the largest energy "

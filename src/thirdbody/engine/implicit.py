@@ -1,9 +1,9 @@
-"""The implicit integrator: backward Euler, body by body, for bodies that meet only the first bodies.
+"""Implicit integrator (BDF2, backward-Euler starts) for bodies that touch only the plates.
 
-A body held by the plates is a small problem of six coordinates and the height of its patch. Solved with the tangents of the
-laws it needs no step that resolves elastic waves: steps are as long as the motion allows, so their number does not depend on
-the speed of the drag. Bodies are independent of each other between two outputs, each has a time step of its own, and the same
-bits come out for any number of threads.
+A body between the plates is a small problem with six coordinates and the height of its patch. Solved with the tangents of the
+laws, it needs no steps that resolve elastic waves: steps are as long as the motion allows, and their number does not depend on
+the speed of the drag. Between two outputs bodies are independent, with individual time steps; results are bit-identical for any
+number of threads.
 """
 
 from __future__ import annotations
@@ -42,29 +42,32 @@ BATCH = 512
 """Bodies per compiled call."""
 
 CALL, PACE, FEW = 1.0, 1e4, 8.0
-"""Wall time, s, that a compiled call shall take, for a stop is heard only after it; tries of steps per second until they are
-measured; and tries of each body in a call, at least."""
+"""Target wall time [s] of a compiled call, since a stop is handled only after it; trial steps per second assumed before they are
+measured; minimum trial steps of each body in a call."""
 
 FIRST, SHORTEST = 0.1, 1e-6
-"""Length of the first step, and of the shortest one that is tried, in Rayleigh times."""
+"""Length of the first step and of the shortest trial step, in Rayleigh times."""
 
 WORK = 5.0
-"""Error of a step in the friction work of a body over `tolerance`, in parts of the energies in play
-(`kernels.implicit.friction_work`)."""
+"""Tolerance of the friction work of a body in a step, relative to its scale of energy (`kernels.implicit.friction_work`), over
+`tolerance`."""
 
 HELD = 0.1
-"""Energy that the springs of a body can hold at least under its load, over load times overlap: half of it at friction 0.3. Errors
-of friction work are measured in parts of it while the load still comes on."""
+"""Lower bound of the energy that the springs of a body can store, over load times overlap: half of that at friction 0.3. It
+scales errors of the friction work while the load is still being applied."""
 
 UNLOADED = 0.01
-"""Stands for the radius of the largest contact, in radii of the smallest sphere, until a body is loaded."""
+"""Assumed radius of the largest contact until a body is loaded, in radii of its smallest sphere."""
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """What steps may do. `tolerance`: error of a step in parts of the largest contact's radius; `radii`: longest way of the drag
-    in one step, in the same; `largest_step`: that way in m; `growth` of a step from one to the next; `inertia`: whether bodies
-    keep their momentum."""
+    """Settings of the step control.
+
+    `tolerance`: error of a step over the radius of the largest contact; `radii`: largest drag in one step over the same radius;
+    `largest_step`: largest drag in one step [m]; `growth`: largest ratio of consecutive steps; `inertia`: whether bodies keep
+    their momentum; `go_on`: whether a run continues without bodies that cannot be solved.
+    """
 
     tolerance: float = 5e-4
     radii: float = 2.0
@@ -75,9 +78,10 @@ class Accuracy:
 
 
 class Implicit:
-    """Advances a state whose bodies meet only the plates. `tangents` are those of the laws; `overlap` is the one to expect, m.
+    """Implicit integrator of a state whose bodies touch only the plates.
 
-    A step ends at every stop, so there are no stops but outputs.
+    `tangents`: compiled tangents of the laws; `overlap`: expected overlap [m]. A step ends at every stop, so there are no stops
+    except outputs.
     """
 
     divisible, together = False, False
@@ -113,8 +117,8 @@ class Implicit:
         self.memory[:, step_memory.STIFFNESS] = float(state.patches.load.max()) / overlap
         self.memory[:, step_memory.MAX_ENERGY] = HELD * float(state.patches.load.max()) * overlap
         self.settings = self._settings(overlap)
-        self.pace = PACE  # tries per second of the last call
-        self._told, self._limit = self.memory.copy(), ""  # what `tell_limit` saw and said before
+        self.pace = PACE  # trial steps per second in the last call
+        self._told, self._limit = self.memory.copy(), ""  # counters and text of the last `tell_limit`
 
     def _settings(self, overlap: float) -> Array:
         V, chosen = np.zeros(step_settings.WIDTH), self.accuracy
@@ -127,7 +131,7 @@ class Implicit:
         return V
 
     def start(self) -> None:
-        """Every sphere becomes a candidate for both plates, once and for all."""
+        """Make every sphere a candidate with both plates, for the whole run."""
         state, world = self.state, self.state.world
         state.skin = math.inf
         state.world = replace(world, debris_meets=False)
@@ -143,10 +147,11 @@ class Implicit:
         watch: Callable[[], None] = lambda: None,
         between: Callable[[], None] = lambda: None,
     ) -> None:
-        """Bring all bodies to a time (s) or a sliding distance (m), whichever comes first.
+        """Advance all bodies to a time [s] or a sliding distance [m], whichever comes first.
 
-        `watch` is called about every second; where all bodies go together after so many steps, and `between` after all others.
-        Raises GuardStop when a body leaves its valid range or no step can be found for it, with all bodies as far as they came.
+        `watch` is called about every second; if all bodies share their steps, after a fixed number of steps, and `between` after
+        all other steps. Raises GuardStop when a body leaves its valid range or no step converges; the bodies then remain at the
+        times they have reached.
         """
         state = self.state
         while state.time < time and state.distance < distance:
@@ -159,7 +164,7 @@ class Implicit:
                 self._reach(until, watch, between)
                 reached = True
             finally:
-                # also where a guard or the user stops it: the bodies are as far as they came
+                # also after a guard or an interrupt: bodies are at the times they have reached
                 now = until if reached else float(self.totals[:, run_totals.TIME].min())
                 self._sum_up(now, self._distance(now, state.distance + path if by_distance > until else stop, reached))
             self._judge()
@@ -177,24 +182,24 @@ class Implicit:
                 watch()
 
     def _waiting(self, first: int, last: int, until: float) -> int:
-        """How many of the bodies have not come to a time, s; of a run that was put away some have."""
+        """Return the number of running bodies that have not reached a time [s] (relevant after resume)."""
         going = self.memory[first:last, step_memory.CODE] == step_control.GOING
         return int(np.count_nonzero(going & (self.totals[first:last, run_totals.TIME] < until)))
 
     def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Arrays and notes of what the integrator itself remembers."""
+        """Return arrays and notes with the integrator's own state."""
         arrays = {"totals": self.totals, "memory": self.memory}
         return arrays | ({} if self.near is None else {"near_places": self.near.places, "near_ways": self.near.ways}), {}
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
-        """Go on from what `keep` told; the state has been put back before. Raises KeyError or TypeError."""
+        """Restore the result of `keep`, after the state itself was restored. Raises KeyError or TypeError."""
         for name, table in Implicit.keep(self)[0].items():
             table[:] = arrays[name]
 
     def march(self, first: int, last: int, until: float, tries: float = math.inf) -> None:
-        """Bring the bodies from `first` to `last` (excluded) to a time, s, or as far as so many tries of steps bring each.
+        """Advance bodies `first` to `last` - 1 to a time [s], with at most `tries` trial steps each.
 
-        Totals of the run are not touched. The bits are those of one call, however often a body waits.
+        Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
         s, physics = self.state, self.state.physics
         kernel.advance_bodies(
@@ -203,12 +208,12 @@ class Implicit:
         )  # fmt: skip
 
     def trial(self, bodies: int, until: float) -> None:
-        """Bring the first so many bodies to a time, s, to see what it costs. Raises GuardStop as `advance_to` does."""
+        """Advance the first `bodies` bodies to a time [s], to measure the cost. Raises GuardStop."""
         self.march(0, bodies, until)
         self._judge()
 
     def _groups(self) -> tuple[tuple, tuple, tuple, tuple]:
-        """The tables in the groups of `kernels.implicit.residual`: spots, shape, state, known."""
+        """Return the table groups of `kernels.implicit.residual`: spots, shape, state, known."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
         return (
             (slots.own, slots.partner, slots.kind, slots.edges, slots.incidence), (s.body, s.start, s.patch, s.offsets),
@@ -219,15 +224,15 @@ class Implicit:
         )  # fmt: skip
 
     def _summed(self) -> Array:
-        """Totals of all bodies."""
+        """Return the totals summed over all bodies."""
         return self.totals.sum(axis=0)
 
     def _distance(self, time: float, whole: float, reached: bool) -> float:
-        """Sliding distance at a time, m: `whole` where the stop was reached."""
+        """Return the sliding distance [m] at a time [s]; `whole` if the stop was reached."""
         return whole if reached else self.state.distance + self.schedule.path(self.state.time, time)
 
     def _sum_up(self, time: float, distance: float) -> None:
-        """Totals of the run from those of the bodies."""
+        """Update the totals of the run from those of the bodies."""
         A = self.state.A
         summed = self._summed()
         for column in (
@@ -250,7 +255,7 @@ class Implicit:
             self.state.patches.height[-1] = at_time(self.schedule.gap, time)
 
     def _judge(self) -> None:
-        """Raise GuardStop for the first body that was stopped; one without a solution is left behind where the scene says so."""
+        """Raise GuardStop for the first stopped body; with `go_on`, bodies without a solution are skipped."""
         codes = self.memory[:, step_memory.CODE]
         stopped = np.flatnonzero(codes != step_control.GOING)
         if self.accuracy.go_on:
@@ -259,7 +264,7 @@ class Implicit:
             raise GuardStop(self._explain(int(stopped[0])))
 
     def refuse_made_energy(self) -> None:
-        """Raise GuardStop where the integrator itself has made more than a share of the energy exchanged (`MADE_GUARD`)."""
+        """Raise GuardStop if the integrator has created more than MADE_GUARD of the exchanged energy."""
         held = body_energies(self.state, self.memory[:, step_memory.STORED])
         built = created_fraction(self.totals, held)
         body, whole = int(np.argmax(built)), float(created_fraction(self._summed()[None], float(held.sum()))[0])
@@ -277,7 +282,7 @@ class Implicit:
         )
 
     def summary(self) -> dict[str, Any]:
-        """What the summary of a run tells of its integration; steps are those of single bodies."""
+        """Return the entries of the run summary about the integration; steps are counted per body."""
         taken, T, state = self.totals[:, run_totals.STEPS], self.memory, self.state
         total = max(float(taken.sum()), 1.0)
         lost = np.flatnonzero(T[:, step_memory.CODE] == step_control.UNSOLVED)
@@ -296,17 +301,17 @@ class Implicit:
         }
 
     def tell_limit(self) -> str:
-        """What has limited most steps since this was asked before, in words; empty until a step is taken."""
+        """Return, as text, the most frequent step limit since the last call; empty before the first step."""
         before, self._told = self._told, self.memory.copy()
         self._limit = in_words(self.memory - before, self.state.order) or self._limit
         return self._limit
 
     def mean_time(self) -> float:
-        """Simulated time that bodies have reached in the mean, s: between two stops each is at a time of its own."""
+        """Return the mean time [s] reached by the bodies: between two stops their times differ."""
         return float(self.totals[:, run_totals.TIME].mean())
 
     def label(self) -> Array:
-        """One row per body: state, reason, margins and extras at this instant (columns named by the labeller)."""
+        """Return state, reason, margins and extras of each body now (columns named by the labeller)."""
         return labels(self.state, self.drag)
 
     def _explain(self, body: int) -> str:
@@ -330,12 +335,12 @@ class Implicit:
         return f"{when}: no step of {who} could be solved, down to {shortest:.2g} s; {self._spots(body)}"
 
     def _who(self, number: int) -> str:
-        """A body by its number in the scene, and where it is."""
+        """Return text that names a body by its number in the scene and its position."""
         where = ", ".join(f"{x:.4g}" for x in self.state.bodies.position[number])
         return f"body {self.state.order[number]} at ({where}) m"
 
     def _spots(self, body: int) -> str:
-        """The loaded spots of a body in words."""
+        """Return text that lists the contacts of a body with their forces."""
         slots = self.state.slots
         report = []
         for k in range(slots.edges[body], slots.edges[body + 1]):
@@ -348,7 +353,7 @@ class Implicit:
 
 
 def _own_patches(state: State) -> None:
-    """A plate at a prescribed height is the same for all bodies: each gets a copy, for each has a time of its own."""
+    """Give each body a copy of a plate of prescribed height, since bodies are at different times."""
     if state.world.upper is not None and len(state.P) == 1 and state.patches.free[0] == 0.0:
         state.P = np.repeat(state.P, state.n_bodies, axis=0)
         state.patch = np.arange(state.n_bodies)

@@ -1,8 +1,8 @@
-"""The implicit integrator under a plate that all bodies carry together: a rigid one under a load, or a foundation's.
+"""Implicit integrator with one plate carried by all bodies: rigid, or with a foundation.
 
-All bodies take the same step. Each is solved for a trial rise of the plate; the plate then has one equation of its own, for
-its load against the sum of their pushes, whose slope is the Schur complement of the whole system. Newton's method on it, kept
-inside a bracket, for the push falls with the rise but has corners.
+All bodies share their time steps. Each body is solved for a trial rise of the plate; one scalar equation remains, the balance
+of the plate's load and the sum of the bodies' forces, whose slope is the Schur complement of the whole system. It is solved by
+Newton's method inside a bracket, since the force falls with the rise but has corners.
 """
 
 from __future__ import annotations
@@ -33,12 +33,12 @@ from thirdbody.kernels.implicit import step_control, step_limits
 from thirdbody.kernels.implicit.residual import TURN
 
 CONVERGED, ROUNDS = 1e-8, 30
-"""Unbalanced force on the plate as a share of its load and of what bodies push, and how often its rise is corrected."""
+"""Tolerance of the residual force on the plate over its load and the bodies' forces; maximum corrections of its rise."""
 
 
 @dataclass
 class PlateStep:
-    """The plate's part of a step: rise, velocity and acceleration at the end, and the unbalanced force on it."""
+    """Step of the plate: rise (`way`) [m], and velocity [m/s] and acceleration [m/s2] at its end."""
 
     way: float
     velocity: float
@@ -46,7 +46,7 @@ class PlateStep:
 
 
 class Shared(Implicit):
-    """`Implicit` for a state whose last patch is a free plate of all bodies."""
+    """`Implicit` for a state whose last patch is a free plate carried by all bodies."""
 
     def __init__(self, state: State, *arguments, **options) -> None:
         _one_plate(state)
@@ -55,14 +55,14 @@ class Shared(Implicit):
         self.starts = np.zeros((n, step_start.WIDTH))
         self.ends = np.zeros((n, 7))
         self.told = np.zeros((n, body_solution.WIDTH))
-        self.plate = np.zeros(run_totals.WIDTH)  # energy that is the plate's alone
+        self.plate = np.zeros(run_totals.WIDTH)  # totals of the plate itself
         self.length, self.last = float(self.memory[0, step_memory.NEXT_DT]), 0.0
-        self.moved, self.change = 0.0, 0.0  # rise and change of velocity of the plate in its last step
+        self.moved, self.change = 0.0, 0.0  # of the plate in its last step: rise [m], change of velocity [m/s]
 
     together = True
 
     def trial(self, bodies: int, until: float) -> None:
-        """As in `Implicit`, but all bodies move, whatever their number."""
+        """As in `Implicit`, but always for all bodies."""
         self._reach(until, lambda: None, lambda: None)
 
     def start(self) -> None:
@@ -71,7 +71,7 @@ class Shared(Implicit):
         self.gone = np.zeros(self.state.slots.count)
 
     def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
-        """As `Implicit.keep`; where a step begins and ends is found anew in every step."""
+        """As `Implicit.keep`; `starts` and `ends` are omitted, since every step computes them."""
         arrays, notes = super().keep()
         plate = {"length": self.length, "last": self.last, "moved": self.moved, "change": self.change}
         return arrays | {"plate": self.plate}, notes | plate
@@ -86,16 +86,16 @@ class Shared(Implicit):
         while self.totals[0, run_totals.TIME] < until:
             self._step(until)
             self._judge()
-            # counted from the start of the run, so that a run that was put away looks at the same instants
+            # counted from the start of the run, so that a resumed run calls `watch` at the same instants
             noted = int(self.totals[0, run_totals.STEPS]) % max(1, BATCH // self.state.n_bodies) == 0
             (watch if noted else between)()
 
     def _step(self, until: float) -> None:
-        """One step of all bodies and the plate, cut until it is good. Raises GuardStop if none is."""
+        """Make one step, shortened until it is accepted. Raises GuardStop if no step is."""
         time = float(self.totals[0, run_totals.TIME])
         end = self._stretch(time, until)
         if end - time < self.settings[step_settings.SHORTEST]:
-            # a stop that misses a corner by rounding: no step is that short
+            # the interval is shorter than any step: a stop that misses a breakpoint by rounding
             self.totals[:, run_totals.TIME], self.memory[:, step_memory.LAST_DT], self.last = end, 0.0, 0.0
             return
         (dt, cause), cuts, load = self._length(time, end), 0, float(self.state.patches.load[-1])
@@ -135,8 +135,7 @@ class Shared(Implicit):
             self.memory[:, step_memory.LAST_DT], self.last = 0.0, 0.0
 
     def _why(self, result: bool, error: float, turn: float) -> tuple[int, int]:
-        """The body that asks for a shorter step, and why (`kernels.implicit.step_limits`, as
-        `kernels.implicit.step_control.why_cut`)."""
+        """Return the body that requires a shorter step, and the cause (as `step_limits.why_cut`)."""
         lost = self.told[:, body_solution.FOUND] == 0.0
         turning = result and not (error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30))
         body = int(np.argmax(lost if lost.any() else self.told[:, body_solution.TURN if turning else body_solution.ERROR]))
@@ -145,7 +144,7 @@ class Shared(Implicit):
         return body, step_limits.TURNING if turning else (step_limits.ERROR if result else step_limits.NEWTON)
 
     def _why_not_longer(self, grown: float) -> int:
-        """What limits the step after one that was not cut (`kernels.implicit.step_limits`)."""
+        """Return the cause (`step_limits`) that limits the step after an accepted one."""
         if grown == self.accuracy.growth:
             return step_limits.GROWTH
         return (
@@ -155,7 +154,7 @@ class Shared(Implicit):
         )
 
     def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
-        """The rise at which the plate is in balance, and whether it was found."""
+        """Solve for the rise at equilibrium of the plate; return the plate's step and whether it converged."""
         row, first_iteration = self.state.P[-1], True
         distance, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
@@ -173,7 +172,7 @@ class Shared(Implicit):
                 return rise, True
             low, high = (distance, high) if force > 0.0 else (low, distance)
             slope -= row[patch.DAMPING] * rate + float(self.accuracy.inertia) * row[patch.MASS] * rate * rate
-            # never down by more than the bodies can be expected to yield: their push grows faster than its slope tells
+            # limited downwards: the force of the bodies grows faster than its slope predicts
             change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
             distance = distance + change if low < distance + change < high else 0.5 * (low + high)
             if not math.isfinite(distance) or high - low <= 1e-15 * abs(distance):
@@ -181,20 +180,20 @@ class Shared(Implicit):
         return rise, False
 
     def _yielding(self) -> float:
-        """Largest fall of the plate in one correction, m: half the deepest overlap, or half of the one to expect."""
+        """Return the largest descent [m] of the plate in one correction: half the largest or expected overlap."""
         H, R = self.state.slots.H, self.state.slots.R
         deepest = float(np.max(R[:, record.OVERLAP], where=H[:, contact_state.SLIP] > 0.0, initial=0.0))
         return 0.5 * max(deepest, float(self.settings[step_settings.DEEP]))
 
     def _now(self, dt: float) -> float:
-        """Weight of the change of this step in the formula of its end velocity (`kernels.implicit.step_control.bdf2_weights`)."""
+        """Return the BDF2 weight of this step's change in its end velocity (`step_control.bdf2_weights`)."""
         if self.last == 0.0 or not self.accuracy.inertia:
             return 1.0
         ratio = dt / self.last
         return (1.0 + 2.0 * ratio) / (1.0 + ratio)
 
     def _before(self, dt: float) -> float:
-        """Weight of the change of the last step in it."""
+        """Return the BDF2 weight of the last step's change."""
         if self.last == 0.0 or not self.accuracy.inertia:
             return 0.0
         ratio = dt / self.last
@@ -211,7 +210,7 @@ class Shared(Implicit):
         return float(self.state.patches.velocity[-1])
 
     def _error(self, rise: PlateStep, dt: float) -> float:
-        """Largest error of the step over what is allowed, of bodies and plate (`kernels.implicit.step_control.local_error`)."""
+        """Return the largest error of bodies and plate over the tolerance (`step_control.local_error`)."""
         first = self.last == 0.0 or not self.accuracy.inertia
         ratio = 0.0 if first else dt / self.last
         change = abs(rise.velocity - self._plate_velocity - ratio * self.change)
@@ -221,7 +220,7 @@ class Shared(Implicit):
         return max(own, float(self.told[:, body_solution.ERROR].max()))
 
     def _length(self, time: float, end: float) -> tuple[float, int]:
-        """Length of the next step, s, and what limits it (`kernels.implicit.step_limits`)."""
+        """Return the length [s] of the next step and its cause (`kernels.implicit.step_limits`)."""
         left = end - time
         dt, cause = min(self.length, left), int(self.memory[0, step_memory.LIMIT])
         loaded = self.memory[:, step_memory.STORED] > 0.0
@@ -242,13 +241,13 @@ class Shared(Implicit):
         return (left if dt >= step_control.NEARLY * left else 0.5 * left), ends
 
     def _load(self, time: float, dt: float) -> None:
-        """The load of the plate at the end of a step that passes no corner, if a schedule changes it."""
+        """Set the scheduled load [N] of the plate at the end of a step that crosses no breakpoint."""
         if self.schedule.load:
             row = self.state.P[-1]
             row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(self.schedule.load, time, time + dt)
 
     def _take(self, dt: float, end: float, whole: bool, velocity: tuple[float, float], rise: PlateStep, load: float) -> None:
-        """All bodies and the plate take the step; the plate's own energy. `load`: its load as the step begins, N."""
+        """Accept the step, and book the plate's energy; `load`: load [N] at the start of the step."""
         s, physics, row = self.state, self.state.physics, self.state.P[-1]
         kernel.accept_bodies(
             dt, end, whole, *velocity, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, self.starts,
@@ -281,7 +280,7 @@ class Shared(Implicit):
         kernel.restore_bodies(groups[1], groups[2], self.memory, self.starts)
 
     def _give_up(self) -> None:
-        """Raise GuardStop for the first body that could not be solved, else for the plate."""
+        """Raise GuardStop for the first body that did not converge, otherwise for the plate."""
         lost = np.flatnonzero(self.told[:, body_solution.FOUND] == 0.0)
         if not len(lost):
             when = f"stopped at t = {self.totals[0, run_totals.TIME]:.6g} s"
@@ -291,11 +290,11 @@ class Shared(Implicit):
         raise GuardStop(self._explain(int(lost[0])))
 
     def _velocity(self, time: float, dt: float) -> tuple[float, float]:
-        """Mean sideways velocity of the plate over a step, m/s."""
+        """Return the mean lateral velocity (v_x, v_y) [m/s] of the plate over a step."""
         return kernel.plate_velocity_of(self.state.schedule, self.state.first, time, dt)
 
     def _stretch(self, time: float, until: float) -> float:
-        """Where the stretch ends in which the motion has no corner, s."""
+        """Return the time [s] of the next breakpoint of the motion, at most `until`."""
         return kernel.next_breakpoint_after(self.state.schedule, self.state.first, time, until)
 
     def _summed(self) -> Array:
@@ -303,7 +302,7 @@ class Shared(Implicit):
 
 
 def _one_plate(state: State) -> None:
-    """A rigid plate becomes the last row of the patches; every body gets a copy of it, which has no motion of its own."""
+    """Move a rigid plate to the last row of the patches and give every body a copy that follows it."""
     if len(state.P) > 1 or state.world.upper is None or state.world.upper.foundation is not None:
         return
     copies = np.repeat(state.P, state.n_bodies, axis=0)

@@ -1,4 +1,4 @@
-"""The labels of all bodies at a synchronised instant."""
+"""Labels of all bodies at a synchronised instant."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from thirdbody.kernels.columns import loaded_contact, observed_body, run_totals
 
 
 def labels(state: State, drag: tuple[float, float]) -> Array:
-    """One row per body: state, reason, margins and extras (columns named by the labeller), from copies of its memory.
+    """Return one row per body: state, reason, margins and extras (columns named by the labeller).
 
-    `drag`: direction of the planned motion of the upper plate.
+    The labeller works on copies of its memory. `drag`: unit vector of the prescribed motion of the upper plate.
     """
     from thirdbody.kernels.label_bodies import label_bodies
 

@@ -1,4 +1,4 @@
-"""The search: new candidate slots that carry over the memory of the old ones."""
+"""Neighbour search: a new list of candidates, with the contact histories of the old one."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from thirdbody.kernels.rigid_body import BODIES
 
 
 def search(state: State, recorded: bool = True) -> None:
-    """Find all pairs that can touch before anything has moved by the skin; contact memory is carried over, and records if this
-    step was `recorded`. There is room for them then, and where a labeller looks on the way."""
+    """Find all pairs that can touch before displacements reach the skin; transfer histories.
+
+    Records are transferred if this step was `recorded`; they are allocated then, or if a labeller needs them between outputs.
+    """
     n_plates, own, partner = _candidates(state)
     old = state.slots
     n = len(own)
@@ -30,7 +32,7 @@ def search(state: State, recorded: bool = True) -> None:
 
 
 def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Array, R: Array) -> Candidates:
-    """The candidates with all that follows from who meets whom, and with their memory."""
+    """Return the candidates with history H, record R, and the index tables of the pairs."""
     spheres, incidence = passes.incidences(len(own), own, partner, state.n_spheres)
     meets = np.diff(spheres) > 0
     host = state.body[own]
@@ -49,9 +51,10 @@ def slots_of(state: State, own: Numbers, partner: Numbers, n_plates: int, H: Arr
 
 
 def _between_groups(host: Ints, guest: Ints, n_bodies: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    """`outer`, `guests`, `lowest` and `needs` of `Candidates` for these pairs of bodies: chunk by chunk of the guests, in the
-    order of
-    their slots."""
+    """Return `outer`, `guests`, `lowest` and `needs` of `Candidates` for pairs of bodies (host, guest).
+
+    Rows of remote forces are sorted by chunk of the guest, then by candidate.
+    """
     size, groups = BODIES * GROUP, -(-n_bodies // (BODIES * GROUP))
     others = np.flatnonzero(host // size != guest // size)
     others = others[np.argsort(guest[others] // BODIES, kind="stable")]
@@ -97,8 +100,8 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
 
 
 def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Origin, cell size, cell counts and periodicity of the search grid; cells are never smaller than the longest reach."""
-    columns = np.ascontiguousarray(state.S[:, : sphere.RADIUS + 1].T)  # numpy is ten times slower along short rows
+    """Return origin, cell size (at least the interaction range), cell counts, periodicity of the grid."""
+    columns = np.ascontiguousarray(state.S[:, : sphere.RADIUS + 1].T)  # ten times faster in numpy than short rows
     reach = 2.0 * float(columns[sphere.RADIUS].max()) + skin
     lowest, highest = columns[:3].min(axis=1), columns[:3].max(axis=1)
     low, length = lowest - 0.5 * reach, highest - lowest + reach
@@ -106,13 +109,13 @@ def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray,
     for axis in (0, 1):
         if periodic[axis]:
             low[axis], length[axis] = 0.0, state.D[domain.LENGTH_X + axis]
-    # no more cells than spheres along any axis: an escaping body must not blow the grid up
+    # bounded number of cells along each axis: an escaping body must not inflate the grid
     count = np.clip((length / reach).astype(np.int64), 1, max(1, 2 * int(np.ceil(np.sqrt(state.n_spheres)))))
     return low, length / count, count, periodic
 
 
 def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:
-    """Row of the table of pairs for each candidate."""
+    """Return the row of the table of material pairs for each candidate (n,)."""
     if state.physics.kinds.size == 1:
         return np.full(len(own), state.physics.kinds.item(), np.int32)
     material = state.material[state.body]

@@ -1,7 +1,7 @@
-"""A guard of the implicit integrator: its own line of the energy ledger may take energy, but not make it.
+"""Guard against energy created by the implicit integrator; numerical dissipation is allowed.
 
-The balance closes with that line in it, so the residual cannot see what the integrator, or a law with a wrong tangent or stored
-energy, makes or loses there.
+The energy balance closes including the numerical line of the ledger, so the residual does not show energy created or lost there
+by the integrator, or by a law with a wrong tangent or stored energy.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from thirdbody.engine.state import Array, State
 from thirdbody.kernels.columns import body, body_extra, patch, run_totals
 
 MADE_GUARD = 0.1
-"""Energy made, over the energy exchanged, at which a run stops, of each body and of the whole. Sound runs stay below 0.05 of a
-single body in its first instants, and below 0.005 later."""
+"""Largest created energy over the exchanged energy, for each body and for all. Valid runs stay below 0.05 for a single body at
+the very start, and below 0.005 later."""
 
 
 def created_fraction(totals: Array, held: Array | float) -> Array:
-    """Energy (n,) that the integrator has made (below zero: lost), over the energy exchanged.
+    """Return the energy (n,) created by the integrator (negative: lost) over the exchanged energy.
 
-    That is the largest of the sum of |plate work increments|, of the work of effects, and of all that was dissipated or is still
-    `held` (n,), J, as kinetic and elastic energy. `totals` (n, run_totals.WIDTH).
+    The exchanged energy is the largest of: sum of |plate work increments|; |work of effects|; dissipated plus `held` (n,) [J]
+    kinetic and elastic energy. `totals`: (n, run_totals.WIDTH).
     """
     spent = totals[:, run_totals.FRICTION_WORK] + totals[:, run_totals.DAMPING_WORK] + held
     scale = np.maximum(np.maximum(totals[:, run_totals.PLATE_WORK_SIZE], np.abs(totals[:, run_totals.EFFECT_WORK])), spent)
@@ -28,7 +28,7 @@ def created_fraction(totals: Array, held: Array | float) -> Array:
 
 
 def body_energies(state: State, stored: Array) -> Array:
-    """Kinetic energy (n,) of each body, and of its patch where that is free, and the elastic energy `stored` (n,), J."""
+    """Return kinetic energy of each body and its free patch plus elastic energy `stored`, all (n,) [J]."""
     B, E, P = state.B, state.E, state.P[state.patch]
     kinetic = B[:, body.MASS] * np.sum(B[:, body.VELOCITY3] ** 2, axis=1)
     kinetic += np.sum(E[:, body_extra.ANGULAR_MOMENTUM3] * B[:, body.SPIN3], axis=1)

@@ -1,8 +1,8 @@
-"""The first start of a version: compile in several processes at once, since numba itself compiles on one core.
+"""Parallel compilation at the first start of a version, since numba compiles on one core only.
 
-The others start first, with what every scene needs. The main process reads its scene, compiles the laws and the geometry that
-this one names, makes the bodies, and then joins them; whoever is done takes the next unit of work, and all of it goes into the
-same cache. Afterwards all of it is loaded.
+Child processes start first and compile what every scene needs. The main process reads its scene, compiles its laws, places its
+bodies, and then joins in: each process takes the next unit from a common queue, and all write to the same cache, from which the
+compiled code is loaded.
 """
 
 from __future__ import annotations
@@ -22,26 +22,28 @@ from thirdbody.system.child_process import python_command, python_environment
 from thirdbody.system.cpu_count import cores
 
 MARK = "warm"
+"""File in the cache folder that marks a complete compilation."""
+
 PATIENCE = 300.0
-"""Seconds to wait for the other processes; whatever they have not finished the main process compiles itself."""
+"""Time [s] to wait for the child processes; the main process compiles what they have not finished."""
 
 PROCESSES = 4
-"""At most: the passes of a step alone take longer than a fourth of the rest."""
+"""Maximum number of processes: the passes of a step alone take longer to compile than a quarter of the rest."""
 
 COLD = 1
-"""LLVM's level for all but the passes of a step: compiles in 0.8 of the time, and no bit of a result depends on it."""
+"""LLVM's optimisation level for all but the passes of a step: 0.8 of the compile time, bit-identical results."""
 
 _begun: tuple[int, list[subprocess.Popen[bytes]]] | None = None
 _usual: Any = None
-"""numba's own level, while ours is set."""
+"""numba's default level while `COLD` is set."""
 
 
 def start_compiling() -> None:
-    """Let other processes start to compile what is not compiled yet, while this one still reads its scene."""
+    """Start child processes that fill the cache while this process reads its scene."""
     global _begun
     if _begun is not None or (cache_dir.place() / MARK).exists():
         return
-    queue, end = os.pipe()  # one byte per unit: reading one takes it, whoever reads
+    queue, end = os.pipe()  # one byte per unit, removed by the process that reads it
     os.write(end, bytes(range(len(UNITS))))
     os.close(end)
     _begun = queue, [_helper(queue) for _ in range(min(cores(), PROCESSES) - 1)]
@@ -50,7 +52,7 @@ def start_compiling() -> None:
 
 
 def report_compilation() -> None:
-    """Say at a terminal why the start takes longer than it will the next time, and anywhere why it always will."""
+    """Report why this start compiles: on a terminal, or always if every start will."""
     if _begun is not None and cache_dir.note:
         print(f"warning: {cache_dir.note}", file=sys.stderr, flush=True)
         return
@@ -59,7 +61,7 @@ def report_compilation() -> None:
 
 
 def warm_up() -> None:
-    """Compile what is not compiled yet. A failure costs time only: numba then compiles where a function is first called."""
+    """Fill the cache; after a failure numba compiles each function at its first call."""
     start_compiling()
     if _begun is None:
         return
@@ -74,7 +76,7 @@ def warm_up() -> None:
 
 
 def work_off(queue: int) -> None:
-    """Compile the units that the queue still holds."""
+    """Compile the units left in the queue."""
     _quickly()
     while taken := os.read(queue, 1):
         unit = UNITS[taken[0]]
@@ -85,20 +87,20 @@ def work_off(queue: int) -> None:
 
 
 def _quickly() -> None:
-    """From now on numba compiles in little time."""
+    """Set numba's optimisation level to `COLD`."""
     global _usual
     cache_dir.folder()
     import numba
     from numba.core.registry import cpu_target
 
     if _usual is None:
-        cpu_target.target_context.codegen()  # made now, it writes machine code at the usual level for ever
+        cpu_target.target_context.codegen()  # created now, it keeps the default level for machine code
         _usual = numba.config.OPT  # type: ignore[attr-defined]
         numba.config.OPT = type(_usual)(min(COLD, _usual))  # type: ignore[attr-defined]
 
 
 def _thoroughly() -> None:
-    """From now on numba compiles as it does by itself."""
+    """Restore numba's default optimisation level."""
     global _usual
     if _usual is not None:
         import numba
@@ -107,7 +109,7 @@ def _thoroughly() -> None:
 
 
 def _end() -> None:
-    """Stop the other processes; whatever they have compiled so far stays."""
+    """Terminate the child processes; what they have compiled remains in the cache."""
     global _begun
     if _begun is None:
         return
@@ -128,7 +130,7 @@ def _helper(queue: int) -> subprocess.Popen[bytes]:
 
 
 def _all_done(others: list[subprocess.Popen[bytes]]) -> bool:
-    """Whether all others have ended well within our patience."""
+    """Return whether all child processes succeeded within `PATIENCE`."""
     last = time.monotonic() + PATIENCE
     try:
         return all([other.wait(max(last - time.monotonic(), 0.0)) == 0 for other in others])
@@ -167,9 +169,9 @@ def _search() -> None:
 
 
 UNITS: tuple[Callable[[], None], ...] = (_work, _step, _stability, _search)
-"""Units of work, the longest first."""
+"""Units of compilation, the longest first."""
 
 if __name__ == "__main__":
     gc.disable()
     work_off(sys.stdin.fileno())
-    os._exit(0)  # all is written: to take millions of objects apart first costs a second
+    os._exit(0)  # everything is written; deallocating millions of objects would take a second

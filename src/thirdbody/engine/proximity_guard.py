@@ -1,4 +1,4 @@
-"""Watches that no two bodies come near each other in a run whose integrator has no contact between debris."""
+"""Guard against approaching bodies for an integrator without contacts between bodies."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from thirdbody.kernels import neighbour_search
 from thirdbody.kernels.columns import domain, sphere
 
 STRIDE = 0.25
-"""Way of the drag between two looks, in radii of the smallest sphere."""
+"""Drag between two checks, in radii of the smallest sphere."""
 
 
 class Nearness:
-    """Compares the places of all spheres at two looks: could any two of different bodies have touched in between?"""
+    """Detects whether spheres of different bodies may have touched between two checks."""
 
     def __init__(self, state: State) -> None:
         self.state = state
@@ -23,10 +23,10 @@ class Nearness:
         self.places, self.ways = state.S[:, :3].copy(), np.zeros(state.n_bodies)
 
     def check(self, distances: Array) -> None:
-        """Raise GuardStop if two bodies may have touched since the last look. `distances` (n,): how far each can have gone, m.
+        """Raise GuardStop if two bodies may have touched since the last check.
 
-        A sphere goes from its old place to the new one along a path of known length, which strays from the straight line by
-        half the root of length^2 - line^2 at most.
+        `distances` (n,): upper bounds [m] of the path lengths since the start. A path of known length between two positions
+        deviates from the straight line by at most 0.5 sqrt(length^2 - line^2).
         """
         state, initial_gap = self.state, distances - self.ways
         own, partner = self._candidates(2.0 * float(initial_gap.max()))
@@ -38,7 +38,7 @@ class Nearness:
         self.places[:], self.ways[:] = state.S[:, :3], distances
 
     def _closest(self, own: Numbers, partner: Numbers, initial_gap: Array) -> Array:
-        """Smallest gaps between the ways of pairs of spheres since the last look, taken as straight, less what they may stray."""
+        """Return the smallest gaps (n,) [m] of pairs of straight paths, less their largest deviations."""
         S, body = self.state.S, self.state.body
         moved = S[:, :3] - self.places
         strayed = 0.5 * np.sqrt(np.maximum(initial_gap[body] ** 2 - np.sum(moved**2, axis=1), 0.0))
@@ -47,12 +47,12 @@ class Nearness:
             length = max(float(self.state.D[domain.LENGTH_X + axis]), 0.0)
             if length > 0.0:
                 now[:, axis] -= length * np.rint(now[:, axis] / length)
-        # each has a pace of its own on its way, so it is the ways that must be apart, not the places at one time
+        # speeds along the paths are unknown, so the whole paths must be apart, not only simultaneous positions
         reach = S[own, sphere.RADIUS] + S[partner, sphere.RADIUS] + strayed[own] + strayed[partner]
         return _apart(now, moved[own], moved[partner]) - reach
 
     def _candidates(self, skin: float) -> tuple[Numbers, Numbers]:
-        """Pairs of spheres of different bodies that are nearer to each other than `skin`."""
+        """Return the pairs of spheres of different bodies with gaps smaller than `skin` [m]."""
         state = self.state
         low, size, count, periodic = grid(state, skin)
         l_x, l_y = max(state.D[domain.LENGTH_X], 0.0), max(state.D[domain.LENGTH_Y], 0.0)
@@ -77,9 +77,10 @@ class Nearness:
 
 
 def _apart(between: Array, a: Array, b: Array) -> Array:
-    """(n,) smallest distances of pairs of straight ways a and b (n, 3), whose ends are `between` (n, 3) apart, from b to a.
+    """Return the smallest distances (n,) of segments a and b (n, 3).
 
-    The closest points of two segments (Ericson 2005, Real-time collision detection, 5.1.9): of the lines, then clipped.
+    `between` (n, 3): vector from the end of b to the end of a. Closest points of two segments (Ericson 2005, Real-time collision
+    detection, 5.1.9): those of the lines, then clipped.
     """
     start = between - a + b
     aa, bb, ab = np.sum(a * a, axis=1), np.sum(b * b, axis=1), np.sum(a * b, axis=1)

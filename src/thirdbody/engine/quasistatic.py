@@ -1,13 +1,13 @@
-"""One rigid particle between two first bodies, in balance at every point of a path: Newton's method, no inertia, no time.
+"""Quasi-static solver: equilibria of one rigid particle between two plates along a path.
 
-The lower plate is fixed; the upper one is lowered by its closing (or pressed down by a load, its closing being found) and
-dragged sideways. Kinematics is linear, as in Willert's theory (Eqs. 1, 6, 11): a spot at r from the centre of mass moves by
-t + theta x r, with the translation t and the rotation vector theta of the particle since first touch. Its normal part changes
-the overlap, its tangential part against the plate is the slip. That is the theory itself for a planar particle, and holds in
-3-D as long as |theta| is small; where it is not, `relaxation` places the spots anew and goes on from there.
+There is no inertia and no time. The lower plate is fixed; the upper one is lowered by its closing (or loaded, with the closing
+unknown) and displaced laterally. Kinematics is linear, as in Willert's theory (Eqs. 1, 6, 11): a spot at r from the centre of
+mass moves by t + theta x r, with translation t and rotation vector theta of the particle since first touch. The normal component
+changes the overlap; the tangential one relative to the plate is the slip. This is the theory itself for a planar particle, and
+holds in 3-D for small |theta|; for larger rotations `relaxation` recomputes the positions of the spots and continues from there.
 
-Nothing is known of the laws but their compiled `law` and `tangents`. A step takes the history from the last point in balance and
-commits it only when the new one is found: a law that is exact for straight paths of overlap and slip is used as such.
+Laws enter only by their compiled `law` and `tangents`. A step starts from the history of the last equilibrium and commits it only
+when the new one is solved, so a law that is exact for straight paths of overlap and slip is applied to exactly such paths.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from thirdbody.engine.state import Array
 from thirdbody.engine.static_contacts import Answer, Contacts
 
 CONVERGED = 1e-12
-"""Largest unbalanced force, or moment over the arm, as a share of all normal forces, weight and load."""
+"""Tolerance of the residual force, or moment over the arm, over the sum of normal forces, weight and load."""
 ACCEPTED = 1e-9
-"""The same where Newton's method gets no further: a law of springs has corners, on which the last digits do not settle."""
+"""The same where Newton's method stagnates: a law of springs has corners, at which the last digits do not converge."""
 NEWTON_STEPS, HALVINGS, CUTS, BISECTIONS = 30, 12, 8, 50
 NEUTRAL = 1e-10
-"""Stiffness, as a share of the largest, below which a motion meets no resistance."""
+"""Stiffness over the largest stiffness below which a motion counts as free."""
 REACH = 0.5
-"""Largest change of an overlap in one Newton step, in parts of the largest overlap: Hertz' force is far from linear."""
+"""Largest change of an overlap in one Newton step over the largest overlap: Hertz' force is strongly nonlinear."""
 
 
 class NoStaticState(Exception):
-    """No balance was found on the way from the last point; `plate` is closing or load, and drag (2,), where it failed.
+    """No equilibrium on the path from the last point.
 
-    `closest` is the least share of the forces that was left unbalanced there. Where the particle tips it is some percent; far
-    less means that the search failed next to a balance, which the laws may be too rough for. `undecided`: the search ended
-    before the particle came to rest or tipped over.
+    `plate`: closing or load, and drag (2,), where the solver failed. `closest`: smallest relative residual reached there. It is
+    some percent where the particle tips; a much smaller value means that the solver failed close to an equilibrium, perhaps
+    because the laws are not smooth enough. `undecided`: the search ended before the particle came to rest or tipped over.
     """
 
     def __init__(self, message: str, plate: Array, closest: float, undecided: bool = False):
@@ -47,8 +47,10 @@ class NoStaticState(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Grip:
-    """Spots of one particle. place (n, 3) from the centre of mass, m; gap (n,) to their plate at first touch, m; upper (n,) bool;
-    weight, N; `planar` allows x, z and the rotation about y only."""
+    """Spots (points of contact) of one particle, and its `weight` [N].
+
+    `place` (n, 3): from the centre of mass [m]; `gap` (n,): to their plate at first touch [m]; `upper` (n,): on the upper plate;
+    `planar`: only x, z and the rotation about y are free."""
 
     place: Array
     gap: Array
@@ -58,16 +60,17 @@ class Grip:
 
     @property
     def arm(self) -> float:
-        """Largest distance of a spot from the centre of mass, m: turns rotations into lengths; 1 if all spots are there."""
+        """Largest distance [m] of a spot from the centre of mass; scales rotations; 1 if that is 0."""
         return float(np.linalg.norm(self.place, axis=1).max()) or 1.0
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """A point in balance. `plate`: closing or load, drag x, y; `motion` (6,): translation, m, and rotation vector since first
-    touch; `closing` of the upper plate, m; `slip` (n,) accumulated irreversible slip, m; `hold` (n,) tangential stiffness along
-    the tangential force, as a share of that without any slip; `free` number of motions that met no resistance; `rest` what is
-    unbalanced, as a share of the forces."""
+    """An equilibrium.
+
+    `plate`: closing [m] or load [N], drag x, y [m]; `closing` of the upper plate [m]; `motion` (6,): translation [m] and rotation
+    vector since first touch; `slip` (n,): accumulated irreversible slip [m]; `hold` (n,): tangential stiffness along the
+    tangential force over that without slip; `free`: number of motions without resistance; `rest`: relative residual."""
 
     plate: Array
     closing: float
@@ -84,7 +87,7 @@ class Balance:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A point that is tried: coordinates, unbalanced forces, and what the laws were asked."""
+    """A trial point: coordinates, residual forces, and input and output of the laws."""
 
     y: Array
     force: Array
@@ -97,12 +100,12 @@ class Trial:
 
     @property
     def rest(self) -> float:
-        """Largest unbalanced force as a share of all; infinite where nothing is loaded."""
+        """Largest residual force over the sum of forces; infinite without load."""
         return float(np.abs(self.force).max()) / self.scale if self.scale > 0.0 else float("inf")
 
 
 class QuasiStatic:
-    """Walks one particle along a path of the upper plate. `now` is the last point in balance, None before the first."""
+    """Solver for one particle on a path of the upper plate; `now`: last equilibrium or None."""
 
     def __init__(self, grip: Grip, contacts: Contacts, under_load: bool = False) -> None:
         self.grip, self.contacts, self.under_load = grip, contacts, under_load
@@ -110,21 +113,22 @@ class QuasiStatic:
         self._kept = [0, 2, 4] if grip.planar else list(range(6))
         self.rows = _rows(grip, self._kept, under_load)
         self.memory = contacts.virgin()
-        self.turned = np.zeros(3)  # rotation vector from the posture in which the particle was given to that of first touch
-        self.gone = np.zeros(3)  # from there to the posture of `grip`
-        self._closest = float("inf")  # least `rest` that the search for the present point has met
-        # drag of the last step, and what the coordinates gained by it
+        self.turned = np.zeros(3)  # rotation vector from the initial orientation to that of first touch
+        self.gone = np.zeros(3)  # from there to the orientation of `grip`
+        self._closest = float("inf")  # smallest `rest` in the search for the present point
+        # drag of the last step, and change of the coordinates in it
         self._dragged, self._gained = np.zeros(2), np.zeros(self.rows.shape[2])
 
     def remembered(self, name: str) -> Array:
-        """What the spots (n,) remember under this name, "law.name", at the last point in balance; zeros if no law does."""
+        """Return the history variable "law.name" (n,) at the last equilibrium; zeros if no law has it."""
         names = self.contacts.chain.history
         return self.memory[:, names.index(name)] if name in names else np.zeros(len(self.memory))
 
     def move(self, plate: Sequence[float]) -> Balance:
-        """The balance at closing, m (or load, N), and drag x, y, m, of the upper plate; the path there is straight.
+        """Move the upper plate straight to `plate` and return the equilibrium there.
 
-        A step without answer is cut in halves; raises NoStaticState, and keeps the last balance, when that leads nowhere.
+        `plate`: closing [m] (or load [N]) and drag x, y [m]. A step without solution is halved; raises NoStaticState, with the
+        last equilibrium unchanged, if that fails.
         """
         target = np.asarray(plate, float)
         start = np.zeros(3) if self.now is None else self.now.plate
@@ -150,26 +154,26 @@ class QuasiStatic:
 
     @property
     def axes(self) -> list[int]:
-        """The axes of the particle's rotation."""
+        """Axes of the particle's free rotations."""
         return [k - 3 for k in self._kept if k >= 3]
 
     @property
     def rotations(self) -> slice:
-        """Where the rotation, times the arm, stands among the coordinates."""
+        """Slice of the rotation vector, times the arm, in the coordinates."""
         return slice(self.vertical + 1, len(self._kept))
 
     def adopt(self, coordinates: Array, plate: Array, memory: Array) -> None:
-        """Go on from these coordinates and the laws' memory there, whether the forces balance or not."""
+        """Continue from these coordinates and history, whether in equilibrium or not."""
         self.now, self.memory = None, memory
         closing = float(coordinates[-1] if self.under_load else plate[0])
         motion, none = self._motion(coordinates), np.zeros(len(self.grip.place))
-        for _ in range(2):  # overlaps and places first, then the forces there, without slip
+        for _ in range(2):  # positions and overlaps first, then the forces there, without slip
             trial = self.trial(coordinates, plate)
             points = (motion, trial.overlap, trial.answer, none, none, 0, trial.rest, coordinates, trial.shift)
             self.now = Balance(plate, closing, *points)
 
     def _motion(self, coordinates: Array) -> Array:
-        """Translation and rotation vector (6,) of the particle."""
+        """Return translation [m] and rotation vector (6,) of the particle."""
         motion = np.zeros(6)
         motion[self._kept] = coordinates[: len(self._kept)]
         motion[3:] /= self.grip.arm
@@ -192,7 +196,7 @@ class QuasiStatic:
 
     def _find(self, plate: Array) -> tuple[Trial, int] | None:
         self._closest = float("inf")
-        # the better guess first; a particle that slides on stays where it is, although it could do otherwise
+        # smaller residual first: a sliding particle then stays where it is, although other equilibria exist
         for guess in sorted(self._guesses(plate), key=lambda y: self.trial(y, plate).rest):
             result = self._newton(guess, plate)
             if result is not None:
@@ -201,7 +205,7 @@ class QuasiStatic:
         return None
 
     def _guesses(self, plate: Array) -> list[Array]:
-        """Where to start: the continuation of the path, and the last point; upright before the first."""
+        """Return initial guesses: extrapolation of the path and the last point; upright before the first."""
         if self.now is None:
             return [self.upright(plate)]
         last = self.now.coordinates
@@ -213,11 +217,11 @@ class QuasiStatic:
         if self.now.plate[0] <= 0.0:
             return [last]
         ratio = plate[0] / self.now.plate[0]
-        # of Hertz' contacts that grow alike
+        # for Hertz contacts that grow in proportion
         return [last * (ratio ** (2.0 / 3.0) if self.under_load else ratio), last]
 
     def upright(self, plate: Array) -> Array:
-        """Coordinates of the particle that only sinks until the sums of the normal forces agree, by bisection."""
+        """Return the coordinates of the vertical equilibrium without rotation, by bisection."""
         y = np.zeros(self.rows.shape[2])
         vertical, up = self._kept.index(2), self.grip.upper
         size = float(self.contacts.radius.max() + self.grip.gap.max())
@@ -247,7 +251,7 @@ class QuasiStatic:
         shift = (local[1:] - plate[1:, None] * grip.upper).T
         before = np.zeros(len(overlap)) if self.now is None else self.now.overlap
         slip = shift - (0.0 if self.now is None else self.now.shift)
-        # a spot that closes within the step slips only for the rest of it
+        # a spot that closes within the step slips only during the rest of the step
         touched = (before < 0.0) & (overlap > 0.0)
         fraction = np.where(touched, overlap / np.where(touched, overlap - before, 1.0), 1.0)
         answer = self.contacts.ask(overlap, slip * fraction[:, None], self.memory)
@@ -262,7 +266,7 @@ class QuasiStatic:
         return Trial(y, force, scale, overlap, shift, slip, fraction, answer)
 
     def jacobian(self, trial: Trial) -> Array:
-        """d(force)/d(coordinates), exact for the step: the laws' tangents, and the share of a step that closes a spot."""
+        """Return d(force)/d(coordinates) from the laws' tangents, exact also for spots that close."""
         k = self.contacts.stiffness(trial.overlap, trial.slip * trial.share[:, None], self.memory)
         before = np.zeros(len(k[0])) if self.now is None else self.now.overlap
         growth = np.where(trial.share < 1.0, -before / np.where(trial.share < 1.0, trial.overlap - before, 1.0) ** 2, 0.0)
@@ -275,11 +279,11 @@ class QuasiStatic:
         return x.T @ t_x + y.T @ t_y - d.T @ (k[0][:, None] * d)
 
     def _newton(self, y: Array, plate: Array) -> Trial | None:
-        """Newton's method with a line search, then with damping where that fails; None without an answer."""
+        """Run Newton's method with a line search, with damping where that fails; None without solution."""
         trial = self.trial(y, plate)
         for _ in range(NEWTON_STEPS):
             if trial.rest <= CONVERGED:
-                # nothing pressed anywhere is a balance, but not one of a particle between two bodies
+                # without any load the residual vanishes too, but the particle is not between the plates
                 return trial if trial.answer.normal.any() else None
             self._closest = min(self._closest, trial.rest)
             jacobian = self.jacobian(trial)
@@ -299,7 +303,7 @@ class QuasiStatic:
         return trial if trial.rest <= ACCEPTED and trial.answer.normal.any() else None
 
     def _search(self, trial: Trial, step: NDArray, plate: Array) -> Trial | None:
-        """The first point on the way back from the full step with less unbalanced force."""
+        """Backtrack from the full step to the first point with a smaller residual."""
         change = np.abs(self.rows @ step).max(axis=1)
         reach = REACH * max(float(trial.overlap.max()), 0.0)
         part = min(1.0, reach / change[0]) if change[0] > 0.0 and reach > 0.0 else 1.0
@@ -312,10 +316,10 @@ class QuasiStatic:
         return None
 
     def longest_part(self, trial: Trial, step: NDArray) -> float:
-        """The share of a Newton step, at most 1, up to which no spot changes its overlap by more than `REACH` allows.
+        """Return the fraction, at most 1, of a Newton step for which overlap changes respect `REACH`.
 
-        A spot that is open, or opens, counts only for the part of its way on which it is loaded. For steps whose rotation is
-        bounded otherwise: `_search` counts all spots, or it would find balances far beyond linear kinematics.
+        A spot that is open, or opens, counts only while it is loaded. For steps whose rotation is bounded otherwise: `_search`
+        counts all spots, since it would otherwise reach equilibria far beyond linear kinematics.
         """
         reach = REACH * float(trial.overlap.max())
         if reach <= 0.0:
@@ -326,15 +330,15 @@ class QuasiStatic:
         return float(np.min(allowed / np.maximum(counted, allowed)))
 
     def _free(self, trial: Trial, plate: Array) -> tuple[int, Array]:
-        """How many motions meet no resistance, and the last of them."""
+        """Return the number of motions without resistance, and the softest one."""
         _, values, vectors = np.linalg.svd(self.jacobian(trial))
         return int(np.sum(values <= NEUTRAL * values[0])), vectors[-1]
 
     def _nearest(self, trial: Trial, vector: Array, plate: Array) -> Trial:
-        """Of balances in a row along `vector` that nothing tells apart (both sides slide), the one nearest to the last point.
+        """Return the equilibrium nearest to the last point.
 
-        So the particle stays where the sliding reached it; a particle with the least weight does so by itself, for its lower
-        spots can bear the more.
+        Where both sides slide, there is a continuous row of equilibria along `vector`. The particle then stays where it is when
+        sliding begins; with any weight it does so without this rule, since its lower spots carry a higher friction force.
         """
         if self.now is None:
             return trial
@@ -354,8 +358,10 @@ class QuasiStatic:
 
 
 def _rows(grip: Grip, kept: Sequence[int], under_load: bool) -> Array:
-    """(3, n, m): change of overlap and of the displacement along x and y with the coordinates: translation, arm times rotation
-    vector, and under load the closing."""
+    """Return the derivatives (3, n, m) of overlap and displacements by the coordinates.
+
+    Coordinates: translation, arm times rotation vector, and under load the closing.
+    """
     x, y, z = grip.place.T
     one, zero = np.ones_like(x), np.zeros_like(x)
     sign = np.where(grip.upper, 1.0, -1.0)
@@ -370,14 +376,14 @@ def _rows(grip: Grip, kept: Sequence[int], under_load: bool) -> Array:
 
 
 def after(first: Array, then: Array) -> Array:
-    """The rotation vector of one rotation after another."""
-    from scipy.spatial.transform import Rotation  # a fifth of a second of imports
+    """Return the rotation vector of the rotation `first` followed by `then`."""
+    from scipy.spatial.transform import Rotation  # imported here: 0.2 s
 
     return np.asarray((Rotation.from_rotvec(then) * Rotation.from_rotvec(first)).as_rotvec())
 
 
 def _root(excess: Callable[[float], float], high: float) -> float:
-    """Zero of a growing function of a length in [0, high], m, by bisection in the exponent first: overlaps are tiny."""
+    """Return the zero in [0, high] of an increasing function; `high` is halved first: overlaps are tiny."""
     low = 0.0
     while high > 0.0 and excess(0.5 * high) > 0.0 and high > 1e-300:
         high *= 0.5

@@ -1,10 +1,10 @@
-"""A particle that its contacts do not hold moves on until its forces balance: relaxation; and finite rotations.
+"""Relaxation of a particle without a nearby equilibrium, with finite rotations.
 
-Where no balance of forces exists near the last one, the particle moves on against a resistance proportional to its velocity
-until its forces balance again. A step is one of implicit Euler, force(y) = resistance (y - y_last), and the resistance falls
-from step to step, so that the last ones are Newton's (pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer.
-Anal. 35, 1998). The laws remember what happens on the way. Rotations are finite: after every step the spots, spheres that turn
-with the particle, are placed anew, and the rotation of linear kinematics starts from zero.
+Where no equilibrium exists near the last one, the particle moves against a resistance proportional to its velocity until its
+forces balance again. Each step is implicit Euler, force(y) = resistance (y - y_last), with a resistance that falls from step to
+step, so that the last steps are Newton's (pseudo-transient continuation: C. T. Kelley, D. E. Keyes, SIAM J. Numer. Anal. 35,
+1998). Contact histories follow this motion. Rotations are finite: after every step the positions of the spots, summits of
+spheres that rotate with the particle, are recomputed, and the rotation of linear kinematics restarts from zero.
 """
 
 from __future__ import annotations
@@ -20,26 +20,27 @@ from thirdbody.engine.quasistatic import ACCEPTED, Grip, NoStaticState, QuasiSta
 from thirdbody.engine.state import Array
 
 LARGEST_TURN = 0.5
-"""Rotation, rad, beyond which a particle that still moves has tipped over."""
+"""Rotation [rad] beyond which a particle that still moves has tipped over."""
 SMALL_TURN = 0.01
-"""Rotation, rad, beyond which the particle has left the last balance."""
+"""Rotation [rad] beyond which the particle has left the last equilibrium."""
 STEPS, NEWTON_STEPS, HALVINGS = 5000, 20, 6
 SOLVED = 1e-6
-"""Unbalanced share of the forces, resistance included, that ends a step."""
+"""Tolerance of the relative residual, resistance included, of a step."""
 SLOWER, FASTER = 4.0, 3.0
-"""Factors of the resistance after a step that failed, and after one that did not."""
+"""The resistance is multiplied by SLOWER after a failed step, and divided by FASTER after a successful one."""
 BENT, BENT_PATH = 0.5, 0.01
-"""Shares of the largest overlap by which a step, and a path, may leave the circle that a spot moves on."""
+"""Largest deviation of a step, and of a path, from the circular motion of a spot, over the largest overlap."""
 CAUTION = 0.8
-"""Share of the largest rotation of a step that the next one aims at."""
+"""Target rotation of the next step over the largest allowed one."""
 STRONGEST, WEAKEST = 1e6, 1e-12
-"""Bounds of the resistance, in parts of the stiffness."""
+"""Bounds of the resistance over the stiffness."""
 
 
 def relax(walk: QuasiStatic, plate: Sequence[float]) -> bool:
-    """Bring `walk` to a balance at `plate` next to its last one, where Newton's method finds none: laws of springs have corners.
+    """Move `walk` to an equilibrium at `plate` near its last one where Newton's method fails.
 
-    False, with `walk` as it was, if the particle has to turn by more than `SMALL_TURN`.
+    It fails at the corners of laws of springs. Return False, with `walk` unchanged, if the particle would have to rotate by more
+    than `SMALL_TURN`.
     """
     if walk.now is None:
         return False
@@ -53,9 +54,10 @@ def relax(walk: QuasiStatic, plate: Sequence[float]) -> bool:
 
 
 def seat(walk: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
-    """A solver under load, in balance where the particle comes to rest at `plate`, the load, N, and the drag x, y, m.
+    """Return a solver under load, in equilibrium where the particle comes to rest.
 
-    The particle starts from the last balance of `walk`, else upright. Raises NoStaticState if it tips over.
+    `plate`: load [N] and drag x, y [m]. The particle starts from the last equilibrium of `walk`, or else upright. Raises
+    NoStaticState if it tips over.
     """
     moving = _Turning(walk, np.asarray(plate, float))
     if moving.comes_to_rest():
@@ -68,7 +70,7 @@ def seat(walk: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
 
 
 def from_first_touch(seated: QuasiStatic, walk: QuasiStatic) -> QuasiStatic:
-    """A solver like `walk` in the posture of `seated`: coordinates and rotations count from first touch in it."""
+    """Return a solver like `walk`, with motion measured from first touch in the posture of `seated`."""
     assert seated.now is not None
     grip, y, up = seated.grip, seated.now.coordinates.copy(), seated.grip.upper
     above, below = float(grip.gap[up].min()), float(grip.gap[~up].min())
@@ -83,9 +85,9 @@ def from_first_touch(seated: QuasiStatic, walk: QuasiStatic) -> QuasiStatic:
 
 
 def in_present_posture(walk: QuasiStatic, minimum: float = BENT_PATH) -> QuasiStatic:
-    """A solver like `walk`, at its last balance, whose kinematics is linear about the present posture.
+    """Return a solver like `walk` at its last equilibrium, linearised at that orientation.
 
-    `walk` itself while the circles that the spots move on leave the straight lines by less than `minimum` overlaps.
+    Returns `walk` itself while the circular paths of the spots deviate from straight lines by less than `minimum` overlaps.
     """
     assert walk.now is not None
     rotation_vector = walk.now.coordinates[walk.rotations]
@@ -106,24 +108,24 @@ def in_present_posture(walk: QuasiStatic, minimum: float = BENT_PATH) -> QuasiSt
 
 
 class _Relaxation:
-    """A particle on its way to a balance, at the end of a step."""
+    """Relaxation of a particle towards equilibrium; the state is that at the end of a step."""
 
     def __init__(self, solver: QuasiStatic, plate: Array, farthest: float) -> None:
         self.solver, self.plate, self.farthest = solver, plate, farthest
-        self.turn = 0.0  # rad, from the start
-        self.exhausted = False  # whether the search ended without an answer
-        # displacement of the coordinates in the last step, times its resistance: what the next step is expected to repeat
+        self.turn = 0.0  # rotation since the start [rad]
+        self.exhausted = False  # whether the search ended undecided
+        # change of the coordinates in the last step times its resistance: the prediction for the next step
         self.push = np.zeros(solver.rows.shape[2])
 
     def put(self, coordinates: Array, memory: Array) -> None:
-        """Go on from here; the slip so far is kept."""
+        """Continue from these coordinates and history, with the accumulated slip."""
         now = self.solver.now
         self.solver.adopt(coordinates, self.plate, memory)
         if now is not None and self.solver.now is not None:
             self.solver.now = replace(self.solver.now, slip=now.slip)
 
     def comes_to_rest(self) -> bool:
-        """Move until the forces balance; whether they do before the particle has turned too far."""
+        """Move until the forces balance; return whether they do before the largest rotation is reached."""
         assert self.solver.now is not None
         stiff = float(np.linalg.norm(self.solver.jacobian(self.solver.trial(self.solver.now.coordinates, self.plate)), 2))
         resistance = stiff
@@ -145,7 +147,7 @@ class _Relaxation:
         return False
 
     def accept(self, trial: Trial) -> None:
-        """Make the end of a step the start of the next."""
+        """Accept a step: its end is the start of the next one."""
         assert self.solver.now is not None
         part = self.solver.rotations
         self.turn += float(np.linalg.norm(trial.y[part] - self.solver.now.coordinates[part])) / self.solver.grip.arm
@@ -154,7 +156,7 @@ class _Relaxation:
         self.solver.now = replace(self.solver.now, slip=slip)
 
     def _step(self, resistance: float) -> Trial | None:
-        """The end of one step of implicit Euler; None if none is found, or if it turns too far for linear kinematics."""
+        """Return the end of one step of implicit Euler; None without solution or with too large a rotation."""
         solver = self.solver
         assert solver.now is not None
         start = solver.now.coordinates
@@ -176,12 +178,12 @@ class _Relaxation:
         return None
 
     def _least_resistance(self, last: Trial) -> float:
-        """The resistance at which the next step is expected to turn no further than linear kinematics holds."""
+        """Return the resistance at which the predicted rotation of the next step is within linear kinematics."""
         allowed = CAUTION * math.sqrt(BENT * max(float(last.overlap.max()), 0.0) * self.solver.grip.arm)
         return float(np.linalg.norm(self.push[self.solver.rotations])) / allowed if allowed > 0.0 else 0.0
 
     def _search(self, trial: Trial, step: NDArray, start: Array, resistance: float) -> Trial | None:
-        """The first point on the way back from the full step with less unbalanced force."""
+        """Backtrack from the full step to the first point with a smaller residual."""
         part = self.solver.longest_part(trial, step)
         size = float(np.linalg.norm(trial.force - resistance * (trial.y - start)))
         for _ in range(HALVINGS):
@@ -193,7 +195,7 @@ class _Relaxation:
 
 
 class _Turning(_Relaxation):
-    """The same under load, with finite rotations."""
+    """Relaxation under load with finite rotations."""
 
     def __init__(self, walk: QuasiStatic, plate: Array) -> None:
         solver = QuasiStatic(walk.grip, walk.contacts, True)
@@ -208,15 +210,15 @@ class _Turning(_Relaxation):
             solver.now = replace(solver.now, slip=walk.now.slip)
 
     def accept(self, trial: Trial) -> None:
-        """Go on from the end of a step, in the posture there."""
+        """Accept a step, and linearise at the orientation at its end."""
         super().accept(trial)
         self.solver = in_present_posture(self.solver, 0.0)
         self.turn = float(np.linalg.norm(after(-self.start, self.solver.gone)))
 
 
 def _rotated_spots(grip: Grip, radius: Array, rotation: Array) -> Array:
-    """The spots (n, 3) of a particle turned by a rotation vector: summits of spheres that turn with it."""
-    from scipy.spatial.transform import Rotation  # a fifth of a second of imports
+    """Return the spots (n, 3) [m] of a particle after a rotation: summits of spheres that rotate with it."""
+    from scipy.spatial.transform import Rotation  # imported here: 0.2 s
 
     summit = np.zeros_like(grip.place)
     summit[:, 2] = np.where(grip.upper, radius, -radius)

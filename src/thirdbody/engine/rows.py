@@ -1,4 +1,4 @@
-"""Tables by the names of their columns, for Python around the kernels."""
+"""Access to tables by column name, for Python code outside the kernels."""
 
 from __future__ import annotations
 
@@ -11,9 +11,10 @@ Array = NDArray[np.float64]
 
 
 class Rows:
-    """Tables with one row per thing: `rows.force` is a view of the columns of that name, (n,) or (n, width).
+    """Tables with the same rows, by column name.
 
-    Which of the tables holds them is nobody's concern. Write through the view: `rows.force[:] = 0.0`.
+    `rows.force` is a view, (n,) or (n, width), of the columns of that name in any of the tables. Assign through the view:
+    `rows.force[:] = 0.0`.
     """
 
     __slots__ = ("_parts",)

@@ -1,6 +1,6 @@
-"""All that a run holds in memory between two compiled calls, as plain arrays and numbers, and back again.
+"""Export and restore the state of a run between two compiled calls, as plain arrays and numbers.
 
-What follows from the scene (shapes, laws, schedules) is not kept: the run is built from its scene and then put where it was.
+Data that follow from the scene (shapes, laws, schedules) are not stored: the run is built from its scene, then restored.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
 
 FIXED = ("S", "B", "E", "P", "A", "M", "X0")
-"""Tables of a state whose shape follows from the scene; of S and B only one where they are the same."""
+"""Tables of a state whose shape follows from the scene; without S where it is the same array as B."""
 
 GIVEN = {
     "B": (sphere.RADIUS, body.MASS, body.SPHERE_INERTIA, sphere.SIDE),
@@ -30,13 +30,13 @@ GIVEN = {
     "S": (sphere.RADIUS, sphere.MASS, sphere.SIDE),
     "P": (patch.MASS, patch.DAMPING, patch.FREE, patch.SPRING, patch.NOMINAL_LOAD),
 }
-"""Columns that the scene decides on and a run leaves alone; those of spheres are zero in B where S is a table of its own."""
+"""Columns set by the scene and constant in a run; sphere columns of B are zero where S is a separate table."""
 
 LARGEST = 1e100
-"""No number of a run is larger in SI; such ones, and what is no number, would lead compiled loops out of their tables."""
+"""Upper bound of all numbers of a run in SI; larger ones, or NaN, would make compiled loops index out of bounds."""
 
 SAME = 1e-9
-"""Relative: other versions of libraries may round the last digits of a mass elsewhere."""
+"""Relative tolerance: other library versions may round the last digits of a mass differently."""
 
 CLOCKS = {
     "A": (run_totals.TIME, run_totals.DISTANCE, run_totals.STEPS),
@@ -49,24 +49,25 @@ CLOCKS = {
         *range(step_memory.LIMITED, step_memory.WIDTH),
     ),
 }
-"""Columns that only grow, from zero; beyond LAST they would not, and a loop that waits for them would wait for ever."""
+"""Columns that only grow, from zero; beyond LAST they would stop growing, and a loop that waits for them would not end."""
 
 LAST = 2.0**53
+"""Largest float64 up to which integers are exact."""
 
 SLOTS = ("own", "partner", "H", "R")
-"""What the candidates for contact are and remember."""
+"""Arrays that define the candidates: pairs, histories and records."""
 
 
 @dataclass
 class Snapshot:
-    """Arrays by name, and notes that JSON can hold."""
+    """Arrays by name, and notes that can be written as JSON."""
 
     arrays: dict[str, np.ndarray] = field(default_factory=dict)
     notes: dict[str, Any] = field(default_factory=dict)
 
 
 def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> Snapshot:
-    """All that changes in a run, between two compiled calls: the tables themselves, to be written before it goes on."""
+    """Return all variable data of a run, without copies: write them before the run continues."""
     slots = state.slots
     arrays = _fixed(state)
     arrays |= {f"slots_{name}": getattr(slots, name) for name in SLOTS}
@@ -79,7 +80,7 @@ def snapshot(state: State, integrator: Explicit | Implicit, ledger: Ledger) -> S
 
 
 def put(kept: Snapshot, state: State, integrator: Explicit | Implicit, ledger: Ledger) -> None:
-    """Put a freshly built run where the snapshot was taken. Raises ValueError where it does not fit, with the run as it was."""
+    """Restore a snapshot into a new run. Raises ValueError, with the run unchanged, on mismatch."""
     own, remembered = integrator.keep()
     fixed = _fixed(state)
     check(kept.arrays, fixed | {f"integrator_{name}": array for name, array in own.items()})
@@ -97,7 +98,7 @@ def put(kept: Snapshot, state: State, integrator: Explicit | Implicit, ledger: L
 
 
 def check(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, np.ndarray]) -> None:
-    """Raise ValueError unless all wanted arrays are there with their shapes and types."""
+    """Raise ValueError unless all wanted arrays exist with their shapes and types."""
     for name, array in wanted.items():
         if name not in arrays:
             raise ValueError(f"{name} is missing")
@@ -107,12 +108,12 @@ def check(arrays: Mapping[str, np.ndarray], wanted: Mapping[str, np.ndarray]) ->
 
 
 def _fixed(state: State) -> dict[str, Array]:
-    """The tables `FIXED`."""
+    """Return the tables `FIXED` by name."""
     return {name: getattr(state, name) for name in FIXED if name != "S" or state.S is not state.B}
 
 
 def _refuse_others(arrays: Mapping[str, np.ndarray], state: State) -> None:
-    """Raise ValueError for other bodies or plates than those of the scene: a mass of zero would make forces infinite."""
+    """Raise ValueError unless bodies and plates are those of the scene; a zero mass gives infinite forces."""
     fixed = _fixed(state)
     for name, columns in GIVEN.items():
         for column in columns if name in fixed else ():
@@ -121,7 +122,7 @@ def _refuse_others(arrays: Mapping[str, np.ndarray], state: State) -> None:
 
 
 def _refuse_clocks(arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise ValueError for clocks and counters of the run, or of a body, that stand where none can."""
+    """Raise ValueError for impossible times or counters of the run or of a body."""
     for name in CLOCKS.keys() & arrays.keys():
         shown = np.atleast_2d(arrays[name])[:, CLOCKS[name]]
         if not np.all((shown >= 0.0) & (shown < LAST)):
@@ -129,13 +130,13 @@ def _refuse_clocks(arrays: Mapping[str, np.ndarray]) -> None:
 
 
 def _refuse_unlike(name: str, report: Any, wanted: Any) -> None:
-    """Raise ValueError unless notes have the keys and kinds of those wanted."""
+    """Raise ValueError unless the notes have the keys and types of those wanted."""
     if isinstance(wanted, dict):
         if not isinstance(report, dict) or report.keys() != wanted.keys():
             raise ValueError(f"{name} has other notes than expected")
         for key in wanted:
             _refuse_unlike(key, report[key], wanted[key])
-    elif isinstance(wanted, list):  # of numbers, as many as it may be
+    elif isinstance(wanted, list):  # of numbers, of any length
         if not isinstance(report, list):
             raise ValueError(f"{name} is no list")
         for one in report:
@@ -148,14 +149,14 @@ def _refuse_unlike(name: str, report: Any, wanted: Any) -> None:
 
 
 def _slots(kept: Snapshot, state: State) -> Candidates:
-    """The candidates; everything that follows from who meets whom is found again."""
+    """Return the candidates of a snapshot; index tables that follow from the pairs are computed again."""
     arrays, old = {name: kept.arrays.get(f"slots_{name}") for name in SLOTS}, state.slots
     own, partner = arrays["own"], arrays["partner"]
     if own is None or own.ndim != 1:
         raise ValueError("slots_own is missing or no list")
     n, n_plates = len(own), int(kept.notes["plates"])
     rows = {name: np.empty((n, *getattr(old, name).shape[1:]), getattr(old, name).dtype) for name in SLOTS}
-    if arrays["R"] is not None and not len(arrays["R"]):  # nobody was going to read it
+    if arrays["R"] is not None and not len(arrays["R"]):  # not needed, so not stored
         arrays["R"] = np.zeros(rows["R"].shape)
     check({name: array for name, array in arrays.items() if array is not None}, rows)
     low = -2 - len(state.P)
@@ -164,7 +165,7 @@ def _slots(kept: Snapshot, state: State) -> Candidates:
         raise ValueError("slots name spheres or plates that are not there")
     if not 0 <= n_plates <= n or np.any(partner[:n_plates] >= 0) or np.any(partner[n_plates:] < 0):
         raise ValueError("contacts with plates do not come first")
-    # as the search leaves them: by sphere, then by what it meets, nothing twice
+    # sorted as by the search: by sphere, then by partner, without duplicates
     order = own.astype(np.int64) * (state.n_spheres + 2) + np.where(partner < 0, partner < -1, 2 + partner)
     for part in (order[:n_plates], order[n_plates:]):
         if np.any(np.diff(part) <= 0):

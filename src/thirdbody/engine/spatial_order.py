@@ -1,6 +1,6 @@
-"""The order in which a run keeps its bodies: neighbours in space near each other in memory.
+"""Spatial order of the bodies in memory: neighbours in space are close in memory.
 
-The step reads both bodies of a contact; in a large crowd in any order nearly every one of them comes from slow memory, and most
+A step reads both bodies of each contact. With many bodies in arbitrary order, nearly all of these reads miss the cache, and most
 contacts are between bodies of different groups (`kernels.explicit.contact_forces`).
 """
 
@@ -13,15 +13,18 @@ from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.rigid_body import BODIES
 
 FEWEST = BODIES * GROUP
-"""Bodies up to which all are one group."""
+"""Number of bodies up to which all form one group and keep their order."""
 
 WIDTH = 1.25
-"""Width of a column of bodies over the mean diameter."""
+"""Width of a column of the grid over the mean diameter of the bodies."""
 
 
 def in_columns(positions: Array, diameter: float) -> Ints:
-    """The order of bodies at (n, 3), m, of this mean diameter: column by column of a square grid, along Morton's curve, which
-    keeps near columns together (Morton 1966), and from below in each. The same for the same bodies."""
+    """Return a spatial order (n,) of bodies, deterministically.
+
+    `positions` (n, 3) [m]; `diameter`: mean [m]. Columns of a square grid follow a Morton curve, which keeps neighbouring columns
+    close (Morton 1966); upwards in each column.
+    """
     if len(positions) <= FEWEST:
         return np.arange(len(positions))
     cells = np.floor((positions[:, :2] - positions[:, :2].min(axis=0)) / (WIDTH * diameter)).astype(np.int64)
@@ -30,7 +33,7 @@ def in_columns(positions: Array, diameter: float) -> Ints:
 
 
 def _spread(numbers: Ints) -> Ints:
-    """Every bit of numbers below 2^31 moved to twice its place."""
+    """Move bit k of numbers below 2^31 to bit 2 k."""
     numbers = np.minimum(numbers, 2**31 - 1)
     for shift, mask in ((16, 0x0000FFFF0000FFFF), (8, 0x00FF00FF00FF00FF), (4, 0x0F0F0F0F0F0F0F0F), (2, 0x3333333333333333),
                         (1, 0x5555555555555555)):  # fmt: skip

@@ -1,4 +1,4 @@
-"""Everything that a run is made of at one instant: the tables that the kernels work on."""
+"""State of a run at one instant: the tables used by the kernels."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ from thirdbody.kernels.signatures import LAW
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Numbers = NDArray[np.int32]
-"""Of slots and spheres: half the memory that the step loop reads."""
+"""Indices of candidates and spheres; 32 bits halve the memory traffic of the step loop."""
 
 
 class _Taken(Sequence[Clump]):
-    """Shapes in another order, without a list of their own: they may be made as they are asked for."""
+    """Lazy view of clumps in another order; the clumps may be generated on access."""
 
     def __init__(self, clumps: Sequence[Clump], order: Ints) -> None:
         self.clumps, self.order = clumps, order.tolist()
@@ -51,7 +51,7 @@ class _Taken(Sequence[Clump]):
 
 @dataclass(frozen=True)
 class Placed:
-    """Bodies as they start. Positions of the centres of mass (n, 3) m, quaternions (n, 4) body to world, velocities."""
+    """Initial state of bodies: centres of mass (n, 3), quaternions (n, 4) body to world, velocities (n, 3)."""
 
     clumps: Sequence[Clump]
     densities: Array
@@ -63,7 +63,7 @@ class Placed:
     angular_velocities: Array
 
     def taken(self, order: Ints) -> Placed:
-        """The same bodies in another order."""
+        """Return the same bodies in another order."""
         if np.array_equal(order, np.arange(len(order))):
             return self
         return Placed(
@@ -72,14 +72,14 @@ class Placed:
         )  # fmt: skip
 
     def sides(self) -> Ints:
-        """What every sphere can meet (`columns.sides`)."""
+        """Return which plates and debris each sphere can touch (`columns.sides`)."""
         given = [np.zeros(len(c.radii), np.int64) if c.sides is None else c.sides for c in self.clumps]
         return np.concatenate(given)
 
 
 @dataclass(frozen=True)
 class World:
-    """What surrounds the bodies. Not `periodic`, it is open, or ends at its size if `bounded`."""
+    """Domain and plates. A domain that is not `periodic` is open, or ends at its `size` [m] if `bounded`."""
 
     size: tuple[float, float]
     periodic: bool
@@ -91,10 +91,11 @@ class World:
 
 @dataclass(frozen=True)
 class Physics:
-    """Compiled laws and effects with their parameters; `kinds[a, b]` is the row of `pairs` for two materials, -1 if none.
-    `rolling`: what contacts need of the relative rotation (`kernels.rolling_kinematics`). `remembered_forces`, `stored`,
-    `dashpots`: see
-    `Chain`."""
+    """Compiled laws and effects with their parameters.
+
+    `kinds[a, b]`: row of `pairs` for two materials, -1 if none. `rolling`: which relative rotations contacts need
+    (`kernels.rolling_kinematics`). `remembered_forces`, `stored`, `dashpots`: see `Chain`.
+    """
 
     law: Callable
     stiffness: Callable | None
@@ -118,7 +119,7 @@ class Physics:
 
     @cached_property
     def stiffness_at(self) -> int:
-        """The address of `stiffness`, as `kernels.explicit.critical_time_step` wants it. Raises AttributeError without."""
+        """Address of `stiffness` for `critical_time_step`; raises AttributeError if there is none."""
         return address(self.stiffness, LAW)
 
     @property
@@ -129,14 +130,16 @@ class Physics:
 
 @dataclass
 class Candidates:
-    """Candidate contacts, in order, plates first; memory H, and the record R of the last observed step, or no rows.
+    """Sorted candidate contacts, those with plates first.
 
-    `closed` (n,): 1: it touches; 2: it did a step ago. `edges` (n_bodies + 1,): where the slots of a body begin in `incidence`
-    (2 slot, +1 for its partner). `near`: spheres that have slots, body by body from `beginning` (n_bodies + 1,). `outer` (n,):
-    the row of F in which a contact leaves what it does to its partner's body, which is that of `guests`; -1: both bodies are of
-    one group of chunks. `cuts` (3, chunks + 1): `kernels.rigid_body`. `lowest` (groups,): the first group whose contacts act on
-    bodies of a group. `needs`: where the list of the other groups whose bodies its contacts need begins (groups + 1,), then
-    these lists.
+    H: history, one row per candidate. R: record of the last observed step, or no rows. F: remote forces.
+    `closed` (n,): 1: in contact; 2: in contact one step ago.
+    `edges` (n_bodies + 1,): first entry of each body in `incidence` (2 * candidate, +1 if the body is the partner).
+    `near`: spheres that have candidates; those of each body start at `beginning` (n_bodies + 1,).
+    `outer` (n,): row of F for the force on the partner's body, whose number is in `guests`; -1: both bodies are in one group.
+    `cuts` (3, chunks + 1): see `kernels.rigid_body`.
+    `lowest` (groups,): first group whose contacts act on bodies of the group.
+    `needs`: offsets (groups + 1,) of the lists of other groups whose bodies the group's contacts need, then these lists.
     """
 
     own: Numbers
@@ -164,12 +167,12 @@ class Candidates:
 
     @property
     def histories(self) -> Rows:
-        """What the candidates remember, by name (`kernels.columns.contact_state`)."""
+        """Contact histories by name (`kernels.columns.contact_state`)."""
         return Rows((self.H, contact_state.table))
 
     @property
     def records(self) -> Rows:
-        """The records of the candidates, by name (`kernels.columns.record`)."""
+        """Records of the candidates by name (`kernels.columns.record`)."""
         return Rows((self.R, record.table))
 
     @property
@@ -180,10 +183,11 @@ class Candidates:
 
 @dataclass
 class State:
-    """Tables at one synchronised instant; columns are named in `kernels.columns`. S may be B itself (`unite`).
+    """Tables at one synchronised instant; columns are declared in `kernels.columns`.
 
-    `order` (n_bodies,): the number by which the scene and all outputs know each body. `summed`: the integrator itself sums up
-    what contacts store; else their records tell. `inertial`: bodies and patches have inertia, so kinetic energy too.
+    S may be the same array as B (`unite`). `order` (n_bodies,): number of each body in the scene and in all outputs. `summed`:
+    the integrator sums the elastic energies; otherwise they come from the records. `inertial`: bodies and patches have inertia,
+    thus kinetic energy.
     """
 
     world: World
@@ -225,61 +229,61 @@ class State:
 
     @property
     def given(self) -> Ints:
-        """(n_bodies,) where each body of the scene is."""
+        """Row (n_bodies,) of each body of the scene."""
         return np.argsort(self.order)
 
     @property
     def given_spheres(self) -> Ints:
-        """(n_spheres,) where each sphere of the scene is."""
+        """Row (n_spheres,) of each sphere of the scene."""
         given = self.given
         counts = np.diff(self.start)[given]
         return np.repeat(self.start[given] - (np.cumsum(counts) - counts), counts) + np.arange(self.n_spheres)
 
     @property
     def bodies(self) -> Rows:
-        """The bodies, by name (`kernels.columns.body`, `body_extra`)."""
+        """Bodies by name (`kernels.columns.body`, `body_extra`)."""
         return Rows((self.B, body.table), (self.E, body_extra.table))
 
     @property
     def spheres(self) -> Rows:
-        """The spheres, by name (`kernels.columns.sphere`)."""
+        """Spheres by name (`kernels.columns.sphere`)."""
         return Rows((self.S, sphere.table))
 
     @property
     def patches(self) -> Rows:
-        """The patches of the upper plate, by name (`kernels.columns.patch`)."""
+        """Patches of the upper plate by name (`kernels.columns.patch`)."""
         return Rows((self.P, patch.table))
 
     @property
     def search_poses(self) -> Rows:
-        """Where the bodies were at the last search, by name (`kernels.columns.search_pose`)."""
+        """Poses of the bodies at the last search by name (`kernels.columns.search_pose`)."""
         return Rows((self.X0, search_pose.table))
 
     @property
     def time(self) -> float:
-        """Time since the start, s."""
+        """Time since the start [s]."""
         return float(self.A[run_totals.TIME])
 
     @property
     def distance(self) -> float:
-        """Path of the upper plate relative to the lower since the start, m."""
+        """Path length [m] of the upper plate relative to the lower one since the start."""
         return float(self.A[run_totals.DISTANCE])
 
 
 def empty_slots(memory: int, record: int) -> Candidates:
-    """No candidates."""
+    """Return a table of candidates without rows; `memory`, `record`: columns of H and R."""
     none, cuts = np.zeros(0, np.int32), np.zeros((3, 1), np.int32)
     H, F, R = np.zeros((0, memory)), np.zeros((0, remote_force.WIDTH)), np.zeros((0, record))
     return Candidates(none, none, none, none, none, none, none, none, none, none, cuts, none, none, 0, H, F, R)
 
 
 def memory_columns(physics: Physics) -> int:
-    """Columns of H: the engine's own, the laws' history, and the labeller's memory for both bodies of a contact."""
+    """Return the width of H: engine's columns, laws' history, labeller's memory for both bodies."""
     return max(contact_state.LAW + len(physics.history), contact_state.MIN_WIDTH) + 2 * physics.contact_memory
 
 
 def table(rows: int, columns: int) -> Array:
-    """Zeros whose first row begins where a line of the processor's cache does: groups of columns then never lie across two."""
+    """Return cache-line-aligned zeros (rows, columns): no group of columns straddles two lines."""
     line = 64
     margin = np.zeros(rows * columns * 8 + line, np.uint8)
     first = -margin.ctypes.data % line
@@ -287,8 +291,7 @@ def table(rows: int, columns: int) -> Array:
 
 
 def assemble(placed: Placed, world: World, physics: Physics, skin: float, order: Ints | None = None) -> State:
-    """The tables of a scene at time zero; `order`: State's, of bodies that were given in another. Forces are zero until
-    `engine.explicit.start` evaluates them."""
+    """Assemble the tables at time zero; forces are evaluated by `Explicit.start`. `order`: see `State`."""
     counts = np.array([len(clump.radii) for clump in placed.clumps], np.int64)
     start = np.concatenate(([0], np.cumsum(counts)))
     n_bodies, n_spheres = len(counts), int(start[-1])
@@ -312,7 +315,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     S[:, sphere.SIDE] = placed.sides()
     S[:, sphere.MASS] = np.repeat(B[:, body.MASS], counts)
     upper = world.upper
-    # kernels index the patch of every body; without an upper plate nothing is ever a candidate with it
+    # kernels index the patch of every body; without an upper plate no candidate refers to it
     P = np.ones((1, patch.WIDTH)) * (np.arange(patch.WIDTH) == patch.MASS) if upper is None else upper.table()
     schedule, first = (Schedule() if upper is None else upper.schedule).tables()
     state = State(
@@ -329,8 +332,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
 
 
 def unite(state: State) -> None:
-    """Let the rows of the bodies tell of the spheres, too, where every body is one sphere round its centre of mass: a step then
-    reads and writes a third less."""
+    """Alias S to B if all bodies are single centred spheres: a third less memory traffic."""
     if state.n_spheres == state.n_bodies and not state.offsets.any():
         state.B[:, [sphere.RADIUS, sphere.SIDE]] = state.S[:, [sphere.RADIUS, sphere.SIDE]]
         state.S = state.B
@@ -347,7 +349,7 @@ def _limits(world: World, skin: float) -> Array:
 
 
 def rotation_matrices(q: Array) -> Array:
-    """(n, 3, 3) rotation matrices, body to world, of quaternions (n, 4)."""
+    """Return the rotation matrices (n, 3, 3), body to world, of quaternions (n, 4)."""
     w, x, y, z = q.T
     return np.array(
         [
@@ -359,12 +361,12 @@ def rotation_matrices(q: Array) -> Array:
 
 
 def angular_momentum(B: Array, E: Array) -> Array:
-    """(n, 3) angular momenta, world axes, from the spins, orientations and moments in the tables."""
+    """Return the angular momenta (n, 3) [kg m2/s] in world axes."""
     rotation = rotation_matrices(B[:, body.QUATERNION4])
     in_body = np.einsum("nji,nj->ni", rotation, B[:, body.SPIN3]) * E[:, body_extra.INERTIA3]
     return np.einsum("nij,nj->ni", rotation, in_body)
 
 
 def refresh_spheres(state: State) -> None:
-    """Sphere positions, arms and velocities of now, of all spheres, from the bodies."""
+    """Update positions, arms and velocities of all spheres from the bodies."""
     body_pass.place_all(state.start, state.offsets, state.S, state.B, state.E)

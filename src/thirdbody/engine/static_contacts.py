@@ -1,4 +1,4 @@
-"""The compiled laws of one particle's spots, asked about straight steps of overlap and slip without any velocity."""
+"""Compiled laws of one particle's contacts for straight steps of overlap and slip in statics."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from thirdbody.laws.codegen.laws import Chain, compose
 from thirdbody.laws.contract import Law, Pair
 
 AT_REST = ("damping", "tangential_damping")
-"""Stages that have nothing to say where nothing moves in time."""
+"""Stages without effect in statics."""
 TANGENTS = 7
-"""Derivatives that `tangents` gives."""
+"""Number of derivatives written by `tangents`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What the laws say of all spots, N and m; zero where a spot is open. `tangential` (n, 2) acts on the body."""
+    """Output of the laws for all contacts, SI; 0 for open ones. `tangential` (n, 2): on the body."""
 
     normal: Array
     tangential: Array
@@ -34,9 +34,10 @@ class Answer:
 
 
 class Contacts:
-    """The compiled laws of one particle's spots: kind (n,) is the place of each spot's pair in `pairs`, radius (n,) in m.
+    """Compiled laws of one particle's contacts.
 
-    Laws of dashpots are left out, as nothing moves in time. Raises ValueError for a law of the rolling stage or without tangent.
+    `kind` (n,): index of each contact's pair in `pairs`; `radius` (n,) [m]. Dashpot laws are omitted in statics. Raises
+    ValueError for a law of the rolling stage or without tangent.
     """
 
     def __init__(
@@ -61,17 +62,17 @@ class Contacts:
         if not self.pairs.size:
             self.pairs = np.zeros((len(pairs), 1))
         self.radius, self.kind = np.asarray(radius, float), np.asarray(kind, np.int64)
-        # tables of the compiled laws, kept because those of a law with a long history take longer to allocate than to fill
+        # tables of the compiled laws, reused because with a long history allocation takes longer than filling
         history = len(chain.history)
         self._inputs = np.zeros((law_input.HISTORY + history + rolling_input.WIDTH, TILE))
         self._outputs = np.zeros((max(TANGENTS, law_output.HISTORY + history), TILE))
 
     def virgin(self) -> Array:
-        """The memory (n, width) of spots that never touched."""
+        """Return the history (n, width) of virgin contacts."""
         return np.zeros((len(self.radius), len(self.chain.history)))
 
     def ask(self, overlap: Array, slip: Array, memory: Array) -> Answer:
-        """Forces (n,) after a straight step to `overlap` (n,) with `slip` (n, 2) from `memory`."""
+        """Return the output after a step to `overlap` (n,) [m] with `slip` (n, 2) [m] from `memory`."""
         count = law_output.HISTORY + len(self.chain.history)
         out = self._call(self.chain.law, count, overlap, slip, memory)
         tangential = np.stack([out[law_output.TANGENTIAL_X], out[law_output.TANGENTIAL_Y]], axis=1)
@@ -81,13 +82,14 @@ class Contacts:
         return Answer(out[law_output.NORMAL_FORCE], tangential, limit, critical, slid, radius, out[law_output.HISTORY :].T)
 
     def stiffness(self, overlap: Array, slip: Array, memory: Array) -> Array:
-        """(7, n): dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd of the step, N/m; 0 for open spots."""
+        """Return (7, n) [N/m]: dN/dd, dTx/dsx, dTx/dsy, dTy/dsx, dTy/dsy, dTx/dd, dTy/dd; 0 for open contacts."""
         return self._call(self.tangents, TANGENTS, overlap, slip, memory)
 
     def hold(self, before: Array, overlap: Array, slip: Array, memory: Array, answer: Answer) -> Array:
-        """(n,) tangential stiffness of the step along the force, over that of a spot that never slipped: 1 sticks, 0 slides.
+        """Return the relative tangential stiffness (n,) along the force: 1 sticks, 0 slides.
 
-        Both steps go from the overlap `before`: the ring that closes in the step takes a part of the slip only.
+        It is relative to a contact that never slipped. Both are for a step from the overlap `before`: the annulus that closes
+        within the step sees only a part of the slip.
         """
         still = np.zeros_like(slip)
         unslipped = self.ask(np.maximum(before, 0.0), still, self.virgin()).memory
@@ -117,7 +119,7 @@ class Contacts:
 
 
 def _options(law: Law, given: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a law's options: those given, else the defaults. Raises ValueError for one that has none."""
+    """Return the values of a law's options, given or default. Raises ValueError for an option without value."""
     values = {option.name: given.get(option.name, option.default) for option in law.options}
     for name, value in values.items():
         if value is None:

@@ -1,4 +1,4 @@
-"""The labels of one particle in balance, by the labeller of a run: it sees the balances one after another as steps of a run."""
+"""Labels of one particle on a quasi-static path, whose equilibria the labeller sees as steps."""
 
 from __future__ import annotations
 
@@ -12,11 +12,14 @@ from thirdbody.laws.codegen.effects import compose_labeller
 from thirdbody.laws.contract import Labeller
 
 STEP = 1.0
-"""Time from one balance to the next, s: nothing in a balance depends on it, and rates are increments."""
+"""Nominal time [s] between two equilibria, which do not depend on it; rates are increments."""
 
 
 class StaticLabels:
-    """Follows one particle along its path: `see` the pressed state first, then every balance of the drag along `heading`."""
+    """Labels of one particle along its path.
+
+    Call `see` for the pressed state, then for each equilibrium of the drag. `heading`: unit vector of the drag.
+    """
 
     def __init__(self, labeller: Labeller, grip: Grip, radius: Array, heading: tuple[float, float]) -> None:
         self.labeller, self.grip, self.radius, self.heading = labeller, grip, radius, heading
@@ -26,7 +29,7 @@ class StaticLabels:
         self._observe, self._label = compose_labeller(labeller, effects=False)
 
     def see(self, point: Balance, grip: Grip) -> dict[str, float]:
-        """What the labeller says of the next balance, with the spots at `grip`: codes `state`, `reason`, margins and extras."""
+        """Return the labels of the next equilibrium, by name: `state`, `reason`, margins, extras."""
         self.grip = grip
         loaded = np.flatnonzero(point.overlap > 0.0)
         contacts, body = self._contacts(point, loaded), self._body(point)
@@ -40,7 +43,7 @@ class StaticLabels:
         return dict(zip(names, out.tolist(), strict=True))
 
     def _contacts(self, point: Balance, loaded: np.ndarray) -> Array:
-        """One row per loaded spot (C_ columns)."""
+        """Return one row per loaded contact (`columns.loaded_contact`)."""
         rows = np.zeros((len(loaded), loaded_contact.MEMORY + self.contact_memory.shape[1]))
         up, answer = self.grip.upper[loaded], point.answer
         rows[:, loaded_contact.PARTNER] = np.where(up, UPPER, LOWER)
@@ -61,8 +64,8 @@ class StaticLabels:
         return rows
 
     def _body(self, point: Balance) -> Array:
-        """The particle, its motion since the last balance, and the plates (O_ columns)."""
-        from scipy.spatial.transform import Rotation  # a fifth of a second of imports
+        """Return the row `observed_body` of the particle: motion since the last equilibrium, plates."""
+        from scipy.spatial.transform import Rotation  # imported here: 0.2 s
 
         row = np.zeros(observed_body.WIDTH)
         before = point.motion if self.last is None else self.last.motion
@@ -76,15 +79,15 @@ class StaticLabels:
         row[observed_body.DRAG2], row[observed_body.PLATE_SPEED] = (
             self.heading,
             1.0,
-        )  # as in a drag that begins at the pressed state
+        )  # as for a drag that starts from the pressed state
         return row
 
     def _dragged(self, point: Balance) -> Array:
-        """Drag (2,) of the upper plate since the last balance, m."""
+        """Return the drag (2,) [m] of the upper plate since the last equilibrium."""
         return point.plate[1:] - (point.plate if self.last is None else self.last.plate)[1:]
 
     def _unbalanced(self, point: Balance) -> tuple[Array, Array]:
-        """Force, N, and moment about the centre of mass, N m, that are left on the particle."""
+        """Return the residual force (3,) [N] and moment (3,) [N m] about the centre of mass."""
         normal = np.where(self.grip.upper, -1.0, 1.0) * point.answer.normal
         forces = np.column_stack([point.answer.tangential, normal])
         moment = np.cross(self.grip.place, forces).sum(axis=0)

@@ -1,4 +1,4 @@
-"""Asking the compiled laws of a scene about single contacts at rest: force and stiffness at an overlap, overlap at a load."""
+"""Static response of single contacts: force and stiffness at an overlap, overlap at a load."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from thirdbody.kernels.columns.tile import TILE
 
 
 def response(physics: Physics, overlap: Array, radius: Array, kind: Ints) -> tuple[Array, Array]:
-    """Normal force (n,) N and normal stiffness (n,) N/m of virgin contacts at rest; the stiffness is NaN without tangents."""
+    """Return normal force (n,) [N] and stiffness (n,) [N/m] of virgin contacts; NaN without tangents."""
     force, stiffness = np.empty(len(overlap)), np.full(len(overlap), np.nan)
     width = law_input.HISTORY + len(physics.history)
     answers = law_output.HISTORY + len(physics.history) + rolling_output.WIDTH
@@ -31,7 +31,7 @@ def response(physics: Physics, overlap: Array, radius: Array, kind: Ints) -> tup
 
 
 def overlap_at(physics: Physics, load: Array, radius: Array, kind: Ints) -> Array:
-    """Overlap (n,) m at which virgin contacts at rest carry `load` (n,) N, by bisection; at most the radius."""
+    """Return the overlap (n,) [m], at most the radius, of virgin contacts under `load` (n,) [N]."""
     low, high = np.zeros_like(load), radius.astype(float)
     for _ in range(60):
         middle = 0.5 * (low + high)

@@ -1,4 +1,4 @@
-"""What limits the steps of the implicit integrator, from the counters that it keeps per body (`kernels.implicit.step_limits`)."""
+"""Report of the causes that limit implicit steps (`kernels.implicit.step_limits`)."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from thirdbody.kernels.implicit.step_limits import CAUSES, OF_A_BODY, WORDS
 
 
 def _counts(memory: Array) -> Array:
-    """Steps that each cause has limited, over all bodies."""
+    """Return the number of steps limited by each cause, over all bodies."""
     return memory[:, step_memory.LIMITED : step_memory.LIMITED + len(CAUSES)].sum(axis=0)
 
 
 def limited_by(memory: Array) -> dict[str, int]:
-    """Steps of single bodies by what has limited them: the causes that did, most frequent first."""
+    """Return the number of steps limited by each cause, most frequent first, without zeros."""
     counts = _counts(memory)
     return {CAUSES[k]: int(counts[k]) for k in np.argsort(-counts, kind="stable") if counts[k] > 0.0}
 
 
 def limiting_body(memory: Array, order: np.ndarray) -> dict[str, int]:
-    """The body that has limited most steps, by its number in the scene, and how many."""
+    """Return the body (number in the scene) that has limited most steps, and how many."""
     steps = memory[:, step_memory.LIMITED : step_memory.LIMITED + OF_A_BODY].sum(axis=1)
     body = int(np.argmax(steps))
     return {"body": int(order[body]), "steps": int(steps[body])}
 
 
 def in_words(memory: Array, order: np.ndarray) -> str:
-    """The most frequent cause with its share, and the body that it concerns most; empty where no step was taken."""
+    """Return as text the most frequent cause, its fraction, the body most affected; "" without steps."""
     counts = _counts(memory)
     if not counts.sum() > 0.0:
         return ""

@@ -1,10 +1,9 @@
-"""How many threads to use: fewer while others use the cores too, or while a step is too short to be shared.
+"""Number of threads: reduced while other processes use the cores, or steps are too short.
 
-The threads of a step wait for each other several times. Where something else holds the core of one of them, each of these waits
-takes as long as the system lets the other go on: milliseconds, and a step of half a millisecond takes five. One thread alone only
-gets its share of a core. And to wake a thread that waits takes some microseconds on one machine and fifty on another, whose cores
-are lent out: there a step of .2 ms is faster alone. The bits of a result are the same for any number of threads, so a run may
-change it on the way.
+The threads of a step synchronise several times. If another process occupies the core of one thread, each synchronisation takes a
+scheduler time slice, i.e. milliseconds: a step of 0.5 ms then takes 5 ms, whereas a single thread only loses its share of the
+core. Waking a waiting thread takes some microseconds on one machine and 50 on another with virtual cores, where a step of 0.2 ms
+is faster on one thread. Results are bit-identical for any number of threads, so it may change during a run.
 """
 
 from __future__ import annotations
@@ -13,34 +12,33 @@ import math
 import time
 
 STARVED = 0.6
-"""Time of the processor over that of the wall, all threads together: with less, they mostly wait for a core. Two that have one
-each come to 1.5 and more."""
+"""CPU time of all threads over wall time below which they mostly wait for a core; two threads on two cores reach 1.5 or more."""
 
 LEAST = 0.02
-"""Seconds of wall time that tell something."""
+"""Shortest wall time [s] of a measurement."""
 
 SHORT = 1e-3
-"""A step that takes longer, s, gains by every thread that has a core: one thread alone is not tried."""
+"""Wall time of a step [s] above which more threads are always faster: a single thread is not tried."""
 
 PAUSE, LONGEST = 0.5, 8.0
-"""Seconds on one thread before all are tried again; after every trial that failed twice as long, up to the longest. So long, too,
-until one thread is tried again."""
+"""Time [s] on one thread before all are tried again, doubled after each failed trial up to the longest; a single thread is tried
+again after the longest, too."""
 
 
 class Pace:
-    """Told of every call of the step loop, it says how many threads the next one shall use."""
+    """Chooses the number of threads of the step loop from the timings of its calls."""
 
     def __init__(self) -> None:
         self.until, self.pause = 0.0, PAUSE
-        self.alone, self.tried = math.inf, -math.inf  # seconds per step on one thread, as it was last tried, and when
-        self.used, self.steps, self.wall, self.busy = 0, 0, 0.0, 0.0  # what is being tried, and what it took so far
+        self.alone, self.tried = math.inf, -math.inf  # last trial of one thread: time per step [s], instant [s]
+        self.used, self.steps, self.wall, self.busy = 0, 0, 0.0, 0.0  # present measurement: threads, steps, times
 
     def threads(self, allowed: int, now: float) -> int:
-        """Of those that are allowed, at a time `now`, s."""
+        """Return the number of threads to use at the instant `now` [s], at most `allowed`."""
         return 1 if now < self.until else allowed
 
     def note(self, threads: int, steps: int, wall: float, busy: float, now: float) -> None:
-        """A call of so many steps on so many threads took so long, s, by the wall and of the processor; it ended `now`."""
+        """Record a call that ended at `now` [s]: number of threads and steps, wall time and CPU time [s]."""
         if threads != self.used:
             self.used, self.steps, self.wall, self.busy = threads, 0, 0.0, 0.0
         self.steps, self.wall, self.busy = self.steps + steps, self.wall + wall, self.busy + busy
@@ -59,5 +57,5 @@ class Pace:
 
 
 def clocks() -> tuple[float, float]:
-    """Time of the wall and of the processor, s."""
+    """Return wall-clock time and CPU time [s]."""
     return time.perf_counter(), time.process_time()

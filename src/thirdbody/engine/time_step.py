@@ -1,4 +1,4 @@
-"""The explicit time step: bounded by the current contact stiffness, capped by a fraction of the Rayleigh time."""
+"""Explicit time step: bounded by the present contact stiffness and a fraction of the Rayleigh time."""
 
 from __future__ import annotations
 
@@ -13,37 +13,40 @@ from thirdbody.kernels.explicit import critical_time_step
 from thirdbody.laws.contract import Material
 
 RAYLEIGH_FRACTION = 0.2
-"""Share of the Rayleigh time used: a Hertz collision at 1 m/s then takes some 30 steps (the usual DEM choice is 0.1 to 0.3)."""
+"""Time step over Rayleigh time; a Hertz collision at 1 m/s then takes some 30 steps (0.1 to 0.3 is usual in DEM)."""
 
 STABILITY_FRACTION = 0.2
-"""Share used of 2/omega: the frequency error of velocity Verlet is then (omega dt)^2/24 = 0.7 %.
+"""Time step over 2/omega: the frequency error of velocity Verlet is then (omega dt)^2/24 = 0.7 %.
 Halving it changes the friction curve of the main scene by less than 1e-5 and doubles its time."""
 
 DAMPING_FRACTION = 0.7
-"""Share used of the longest stable step with damping. It binds where the dashpots of many spots add up on one body, each scaled
-for its own spot. Such a mode only creeps: what rings at the step itself loses 40 % each step here, so staying off the limit is
-enough."""
+"""Time step over the longest stable step with damping. It is decisive where the dashpots of many contacts, each scaled for its
+contact, add up on one body. Such a mode is overdamped: an oscillation at the step itself loses 40 % in each step, so a margin to
+the limit is enough."""
 
 
 @dataclass(frozen=True)
 class Bound:
-    """A time step and what limits it: `mechanism` is rayleigh, translation, rotation, damping or patch, `body` the particle."""
+    """Time step [s] and what limits it.
+
+    `mechanism`: rayleigh, translation, rotation, damping or patch; `body`: number of the limiting body in the scene.
+    """
 
     step: float
     mechanism: str
     body: int
-    stability: float  # the longest stable step, s; infinite when nothing touches
-    rayleigh: float  # s
+    stability: float  # longest stable step [s]; infinite without contacts
+    rayleigh: float  # Rayleigh time [s]
 
 
 def rayleigh_time(radius: float, material: Material) -> float:
-    """Time of a Rayleigh wave around a sphere, s: pi R sqrt(rho/G)/(0.1631 nu + 0.8766) (physics: time step)."""
+    """Return the time [s] of a Rayleigh wave around a sphere: pi R sqrt(rho/G)/(0.1631 nu + 0.8766)."""
     speed = 0.1631 * material.poisson_ratio + 0.8766
     return math.pi * radius * math.sqrt(material.density / material.shear_modulus) / speed
 
 
 def bound(state: State, materials: list[Material], steps: int, deepest: float) -> Bound:
-    """The automatic time step for the next so many steps; overlaps over the radius are foreseen up to `deepest`."""
+    """Return the bound of the time step for the next `steps` steps, for overlaps up to `deepest` radii."""
     times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
     slowest = int(np.argmin(times))
     rayleigh = float(times[slowest])
@@ -66,7 +69,7 @@ def bound(state: State, materials: list[Material], steps: int, deepest: float) -
 
 
 def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, Array]:
-    """Which bodies may have the shortest step, with their frequencies and steps, and those of the patches."""
+    """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
     slots, physics = state.slots, state.physics
     patches, margin = np.zeros((len(state.P), 4)), critical_time_step.scratch(state.n_bodies, slots.count)
     l_x, l_y = max(state.D[domain.LENGTH_X], 0.0), max(state.D[domain.LENGTH_Y], 0.0)
@@ -79,7 +82,7 @@ def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, A
 
 
 def _pressed(state: State, horizon: float) -> Array:
-    """The patches under the largest load until the bound is asked for next, whose steps may be a little longer."""
+    """Return the patches under their largest load until the next bound (1.5 horizons, as steps may grow)."""
     upper = state.world.upper
     if upper is None or not upper.schedule.load:
         return state.P
@@ -90,5 +93,5 @@ def _pressed(state: State, horizon: float) -> Array:
 
 
 def _steps(result: Array) -> Array:
-    """The steps to take, s, of those by the frequency alone and by the damping rate, too."""
+    """Return the time steps [s] from the stable steps without (column 2) and with damping (column 3)."""
     return np.minimum(STABILITY_FRACTION * result[:, 2], DAMPING_FRACTION * result[:, 3])

@@ -1,4 +1,4 @@
-"""The upper first body: its patches, and schedules of how it is driven."""
+"""Upper plate: its patches and the schedules of its motion and load."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True)
 class Segment:
-    """One piece of a schedule (kinds and meaning of a, b, c: `kernels.schedule`); it holds until the next one starts, s."""
+    """Segment of a schedule, valid until the next one starts (`kernels.schedule`)."""
 
     start: float
     kind: int
@@ -29,7 +29,7 @@ class Segment:
     c: float = 0.0
 
     def value(self, t: float) -> float:
-        """Value at time t."""
+        """Return the value at time t [s]."""
         tau = t - self.start
         if self.kind == motion.SINE:
             return self.a + 0.5 * self.b * (1.0 - math.cos(self.c * tau))
@@ -39,7 +39,7 @@ class Segment:
         return self.a + tau * (self.b + 0.5 * self.c * tau)
 
     def rate(self, t: float) -> float:
-        """Rate of change at time t (of a triangle: to the right of its corners)."""
+        """Return the rate of change at time t [s]; at corners of a triangle the right-hand one."""
         tau = t - self.start
         if self.kind == motion.SINE:
             return 0.5 * self.b * self.c * math.sin(self.c * tau)
@@ -53,7 +53,7 @@ Axis = tuple[Segment, ...]
 
 @dataclass(frozen=True)
 class Schedule:
-    """What is prescribed: the sideways motion along x and y (m), the height of the plate (m), and its load over the first one."""
+    """Prescribed lateral motion x, y [m], height of the plate [m], load over the initial load."""
 
     x: Axis = ()
     y: Axis = ()
@@ -61,7 +61,7 @@ class Schedule:
     load: Axis = ()
 
     def tables(self) -> tuple[Array, Ints]:
-        """The rows and their ranges as the kernels read them."""
+        """Return the rows (n, COLUMNS) of all segments and the first row of each axis (5,) for the kernels."""
         axes: Sequence[Axis] = (self.x, self.y, self.gap, self.load)
         rows = [[s.start, s.kind, s.a, s.b, s.c] for axis in axes for s in axis]
         first = np.concatenate(([0], np.cumsum([len(axis) for axis in axes]))).astype(np.int64)
@@ -69,11 +69,11 @@ class Schedule:
 
     @property
     def moves(self) -> bool:
-        """Whether anything moves sideways at all."""
+        """Whether there is any lateral motion."""
         return any(s.kind != motion.POLYNOMIAL or s.b or s.c for s in (*self.x, *self.y))
 
     def direction(self) -> tuple[float, float]:
-        """Unit vector of the first sideways motion, (0, 0) if there is none."""
+        """Return the unit vector of the first lateral motion, (0, 0) if there is none."""
         rates = [_first_rate(axis) for axis in (self.x, self.y)]
         starts = [start for start, rate in rates if rate]
         if not starts:
@@ -83,15 +83,15 @@ class Schedule:
         return v_x / speed, v_y / speed
 
     def place(self, t: float) -> tuple[float, float]:
-        """Sideways displacement at time t, m."""
+        """Return the lateral displacement (x, y) [m] at time t [s]."""
         return at_time(self.x, t), at_time(self.y, t)
 
     def top_speed(self) -> float:
-        """Largest sideways speed, m/s."""
+        """Return the largest lateral speed [m/s]."""
         return math.hypot(_top_rate(self.x), _top_rate(self.y))
 
     def largest_load(self, start: float = 0.0, end: float = math.inf) -> float:
-        """Largest load over the first one between two times; 1 if the load does not change."""
+        """Return the largest load over the initial one between two times [s]; 1 if the load does not change."""
         if not self.load:
             return 1.0
         first = max(_held(self.load, start), 0)
@@ -99,13 +99,13 @@ class Schedule:
         for s, after in zip_longest(self.load[first:], self.load[first + 1 :]):
             if s.start > end:
                 break
-            # pieces are straight: a piece is largest at one of its ends, before a jump too
+            # segments are linear: the maximum is at one end, or just before a jump
             until = min(end, math.inf if after is None else after.start)
             largest = max(largest, s.value(max(s.start, start)), s.value(until) if math.isfinite(until) else 0.0)
         return largest
 
     def path(self, start: float, end: float) -> float:
-        """Length of the sideways path between two times, m; good to 1e-6 of a stroke."""
+        """Return the length [m] of the lateral path between two times [s], accurate to 1e-6 of a stroke."""
         total = 0.0
         for begin, until, speed in self._pieces(start, end):
             if speed is not None:
@@ -118,7 +118,7 @@ class Schedule:
         return total
 
     def time_of(self, distance: float, start: float) -> float:
-        """Time at which the sideways path since `start` reaches `distance`; infinite if the motion ends before."""
+        """Return the time [s] at which the path since `start` reaches `distance` [m], or infinity."""
         if not self.moves:
             return math.inf
         left = distance
@@ -141,7 +141,7 @@ class Schedule:
         return math.inf
 
     def _pieces(self, start: float, end: float) -> Iterator[tuple[float, float, float | None]]:
-        """(begin, end, speed) of the pieces between which an axis changes its kind; speed None where it is not constant."""
+        """Yield (begin, end, speed) of intervals without a new segment; speed None if not constant."""
         breaks = sorted({s.start for s in (*self.x, *self.y) if start < s.start < end})
         t = start
         for until in [*breaks, end]:
@@ -150,9 +150,9 @@ class Schedule:
             t = until
 
     def _cycles(self, begin: float, until: float) -> tuple[float, float]:
-        """How many whole cycles fit between two times of a piece (perhaps infinitely many), and the length of one, s.
+        """Return the number (possibly infinite) of whole cycles in an interval, and the period [s].
 
-        (0, 0) where the motion does not repeat.
+        (0, 0) where the motion is not periodic.
         """
         axes = [axis for axis in (self.x, self.y) if _constant_rate(axis, begin) is None]
         cycles = {_period([s for s in axis if s.start <= begin][-1]) for axis in axes}
@@ -162,11 +162,11 @@ class Schedule:
         return (math.inf if math.isinf(until) else float(math.floor((until - begin) / cycle))), cycle
 
     def _chorded(self, begin: float, until: float) -> float:
-        """Length of the path between two times of a piece, by chords, m."""
+        """Return the length [m] of the path in an interval, by chords."""
         return sum(length for _, _, length in self._chords(begin, until))
 
     def _chords(self, begin: float, until: float) -> Iterator[tuple[float, float, float]]:
-        """(begin, end, length) of the chords of a piece."""
+        """Yield (begin, end, length) of the chords of an interval."""
         chord = self._chord(begin) if begin < until else 0.0
         while begin < until:
             after = min(begin + chord, until)
@@ -174,7 +174,7 @@ class Schedule:
             begin = after
 
     def _chord(self, t: float) -> float:
-        """A short time: a thousandth of a stroke's period, or of what is left of a ramp."""
+        """Return the duration [s] of a chord: a thousandth of the period, or of the rest of a ramp."""
         periods = []
         for axis in (self.x, self.y):
             held = [s for s in axis if s.start <= t]
@@ -187,14 +187,14 @@ class Schedule:
 
 
 def _period(segment: Segment) -> float:
-    """Time after which a segment repeats, s: 0 if it moves and never does, or rests."""
+    """Return the period [s] of a segment; 0 if it is not periodic."""
     if segment.kind == motion.SINE:
         return 2.0 * math.pi / segment.c
     return 1.0 / segment.c if segment.kind == motion.TRIANGLE else 0.0
 
 
 def _constant_rate(axis: Axis, t: float) -> float | None:
-    """The rate of an axis from t to its next segment if it is constant, else None."""
+    """Return the rate of an axis from t to its next segment if it is constant, otherwise None."""
     held = [s for s in axis if s.start <= t]
     if not held:
         return 0.0
@@ -202,19 +202,19 @@ def _constant_rate(axis: Axis, t: float) -> float | None:
 
 
 def at_time(axis: Axis, t: float) -> float:
-    """Value of an axis at time t; zero before its first segment."""
+    """Return the value of an axis at time t [s]; zero before its first segment."""
     row = _held(axis, t)
     return axis[row].value(t) if row >= 0 else 0.0
 
 
 def ends_of(axis: Axis) -> Iterator[tuple[Segment, float]]:
-    """Every segment with the time at which it ends, s; the last one with that of its start, for it goes on for ever."""
+    """Yield each segment and its end time [s]; the last one, which does not end, with its start time."""
     for segment, after in zip_longest(axis, axis[1:]):
         yield segment, segment.start if after is None else after.start
 
 
 def mean_value(axis: Axis, start: float, end: float) -> float:
-    """Mean value between two times of an axis of straight pieces (loads); the present value where they are one."""
+    """Return the mean of an axis of linear segments (loads) between two times; its value if equal."""
     if not end > start:
         return at_time(axis, end)
     corners = [start, *(s.start for s in axis if start < s.start < end), end]
@@ -223,18 +223,18 @@ def mean_value(axis: Axis, start: float, end: float) -> float:
 
 
 def value_before(axis: Axis, t: float, end: float) -> float:
-    """Value of an axis at `end` by the segment that holds at t: the one before a jump at `end`."""
+    """Return the value at `end` [s] of the segment valid at t: the value before a jump at `end`."""
     row = _held(axis, t)
     return axis[row].value(end) if row >= 0 else 0.0
 
 
 def _held(axis: Axis, t: float) -> int:
-    """Number of the segment that holds at time t, -1 before the first."""
+    """Return the index of the segment valid at time t [s], -1 before the first."""
     return bisect_right(axis, t, key=lambda segment: segment.start) - 1
 
 
 def _first_rate(axis: Iterable[Segment]) -> tuple[float, float]:
-    """Start and sign-giving rate of the first segment that moves."""
+    """Return start [s] and a rate of the right sign of the first segment that moves."""
     for s in axis:
         if s.kind == motion.POLYNOMIAL:
             if s.b or s.c:
@@ -259,7 +259,7 @@ def _top_rate(axis: Axis) -> float:
 
 @dataclass(frozen=True)
 class Foundation:
-    """Every patch sprung to a common plate: stiffness per patch N/m, and the plate's own height, mass, damping and load."""
+    """Common plate carried by springs: stiffness per patch [N/m]; height, mass, damping, load, SI."""
 
     stiffness: float
     height: float
@@ -271,10 +271,10 @@ class Foundation:
 
 @dataclass(frozen=True)
 class UpperPlate:
-    """The upper first body as the engine needs it.
+    """Upper plate: patches and schedule.
 
-    Patches (one if rigid, one per body else) have heights, masses, dashpots and loads; those that are not `free` follow
-    the schedule's gap. Time zero of the run is that of the schedule.
+    Patches (one if the plate is rigid, otherwise one per body) have heights, masses, dashpots and loads; patches that are not
+    `free` follow the schedule's gap. Run and schedule share their time origin.
     """
 
     material: int
@@ -288,7 +288,7 @@ class UpperPlate:
     foundation: Foundation | None = None
 
     def table(self) -> Array:
-        """Rows of the patches, then that of the common plate if there is a foundation."""
+        """Return the rows of the patches, then the row of the common plate if there is a foundation."""
         P = np.zeros((len(self.heights) + (self.foundation is not None), patch.WIDTH))
         n = len(self.heights)
         P[:n, patch.HEIGHT], P[:n, patch.MASS], P[:n, patch.DAMPING] = self.heights, self.mass, self.damping
@@ -299,7 +299,7 @@ class UpperPlate:
             P[n, patch.HEIGHT], P[n, patch.MASS], P[n, patch.DAMPING] = f.height, f.mass, f.damping
             P[n, patch.LOAD], P[n, patch.FREE] = f.load, float(f.free)
         P[:, patch.SEARCH_HEIGHT] = P[:, patch.HEIGHT]
-        # what a changing load changes: that of the plate, or of patches that have no common one
+        # a load schedule scales the load of the common plate, or of the patches if there is none
         pressed = slice(0, n) if self.foundation is None else slice(n, n + 1)
         P[pressed, patch.NOMINAL_LOAD] = P[pressed, patch.LOAD]
         return P

@@ -1,13 +1,12 @@
-"""BDF2, body by body: every body between the first bodies takes steps of its own to a common time.
+"""BDF2 driver: bodies between two plates, advanced to a common time by individual steps.
 
-A step is tried, cut when Newton's method or the error asks for it, and grows again. The error is measured in parts of the radius
-of the largest contact; so steps are short where a spot starts to slip or a body tips, and long where it slides or rolls on. No
-step passes a corner of the driven motion. BDF2 damps what is faster than the step, as backward Euler does, and is of second
-order: at 1 m/s, where inertia decides how fast a body slides, the same error costs a tenth of the steps.
+A step that Newton's method or the error estimate rejects is shortened; step lengths grow again afterwards. The error is relative
+to the radius of the largest contact: steps are short where a contact starts to slip or a body tips, and long where it slides or
+rolls on. No step crosses a breakpoint of the prescribed motion. BDF2 damps modes faster than the step, as backward Euler does,
+and is of second order: at 1 m/s, where inertia governs sliding, the same error takes a tenth of the steps.
 
-The group `work` is a workspace for one body: I, O, K, G, slots, before (`residual`); y, r, x, tried, J (`newton`), told (E_*),
-sums
-of the law's answers, what a labeller sees of a body and of its contacts.
+`work` is the workspace for one body: I, O, K, G, slots, before (`residual`); y, r, x, tried, J (`newton`); diagnostics
+(`columns.step_contacts`), sums over the contacts (`columns.contact_sums`), and the labeller's rows of body and contacts.
 """
 
 import math
@@ -64,12 +63,12 @@ from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, segment, value, val
 from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
 
 BODIES = 8
-"""Bodies per chunk: one workspace each, small enough to share the work of a few bodies among cores."""
+"""Bodies per chunk, which share a workspace; small enough to spread a few bodies over all cores."""
 
 
 @njit(**CHUNK)
 def workspace(n_history, width, maximum):
-    """The group `work`."""
+    """Return the workspace `work` for one body (see the module docstring)."""
     tile = np.empty((law_input.HISTORY + n_history + rolling_input.WIDTH) * TILE)
     answer = np.empty((law_output.HISTORY + n_history + rolling_output.WIDTH) * TILE)
     return (
@@ -82,7 +81,7 @@ def workspace(n_history, width, maximum):
 
 @njit(**INNER)
 def prescribed_rise(p, P, t, dt, schedule, first, Z):
-    """Rise of the patch over the step if its height is prescribed; notes the height of the plate that it is sprung to."""
+    """Return the prescribed rise [m] of patch p, 0 if it is free; store the plate's height in Z."""
     driven = first[GAP + 1] > first[GAP]
     rise = mean_rate(schedule, first, np.int64(GAP), t, dt) * dt if driven else 0.0
     if P[p, patch.SPRING] != 0.0:
@@ -93,7 +92,7 @@ def prescribed_rise(p, P, t, dt, schedule, first, Z):
 
 @njit(**INNER)
 def scheduled_load(p, P, t, dt, schedule, first):
-    """The load of the patch at the end of a step that passes no corner, if a schedule changes it."""
+    """Set the scheduled load [N] of patch p at the end of a step that crosses no breakpoint."""
     if first[LOAD + 1] > first[LOAD] and P[p, patch.NOMINAL_LOAD] != 0.0:
         P[p, patch.LOAD] = P[p, patch.NOMINAL_LOAD] * value_of(schedule, segment(schedule, first, np.int64(LOAD), t), t + dt)
 
@@ -101,14 +100,14 @@ def scheduled_load(p, P, t, dt, schedule, first):
 @njit(**INNER)
 def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents, effects,
          observe):  # fmt: skip
-    """One step of body b, cut until it is good; a body that cannot go on gets its code."""
+    """Make one step of body b, shortened until it is accepted; set its code if it has to stop."""
     (_, B, P, _, _, _), y, diagnostics = state, work[6], work[11]
     save_start(b, p, shape, state, Z)
     gaps(b, spots, state, work[5])
     time = W[run_totals.TIME]
     end = next_breakpoint(time, schedule, first, until)
     if end - time < V[step_settings.SHORTEST]:
-        # a stop that misses a corner by rounding: no step is that short
+        # the interval is shorter than any step: a stop that misses a breakpoint by rounding
         W[run_totals.TIME], T[step_memory.LAST_DT] = end, 0.0
         return
     (dt, limit), requested_dt, cuts = next_length(T, W, V, schedule, first, end), T[step_memory.NEXT_DT], 0
@@ -142,7 +141,7 @@ def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedu
     accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, False)
     advance_clock(W, dt, end, whole, v_x, v_y)
     if whole and is_breakpoint(time, end, schedule, first):
-        T[step_memory.LAST_DT] = 0.0  # what was learnt before a corner says nothing
+        T[step_memory.LAST_DT] = 0.0  # differences across a breakpoint are invalid
     next_dt(T, W, V, dt, requested_dt, error, iterations, cuts, limit)
     if known[6]:
         update_labeller(b, spots, state, M, W, known, drag, observe, work[13], work[14])
@@ -154,7 +153,7 @@ def advance_chunk(
     low, high, until, tries, spots, shape, state, known, maximum, M, D, V, totals, memory, schedule, first, drag, law, tangents,
     effects, observe,
 ):  # fmt: skip
-    """The bodies from low to high, one after the other, in one workspace."""
+    """Advance bodies low to high - 1 in sequence, with one workspace."""
     work, Z, patch = workspace(known[2], known[4], maximum), np.zeros(step_start.WIDTH), shape[2]
     for b in range(low, high):
         T, W = memory[b], totals[b]
@@ -171,8 +170,8 @@ SHAPE = types.Tuple((_I1, _I1, _I1, _F2))
 STATE = types.UniTuple(_F2, 6)
 KNOWN = types.Tuple((_F1, _F1, *(types.int64,) * 3, types.boolean, types.boolean, *(types.int64,) * 3))
 MARCH = types.void(
-    types.int64, types.int64, types.float64, types.float64,  # first and last body, time to reach, most tries of a body
-    SPOTS, SHAPE, STATE, KNOWN, types.int64,  # ... most slots of a body
+    types.int64, types.int64, types.float64, types.float64,  # low, high, until [s], tries per body
+    SPOTS, SHAPE, STATE, KNOWN, types.int64,  # ... maximum candidates of a body
     _F2, _F1, _F1, _F2, _F2,  # M, D, V, totals, memory
     _F2, _I1, types.UniTuple(types.float64, 2),  # schedule, first; drag direction
     types.FunctionType(LAW), types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE),
@@ -184,10 +183,10 @@ def advance_bodies(
     low, high, until, tries, spots, shape, state, known, maximum, M, D, V, totals, memory, schedule, first, drag, law, tangents,
     effects, observe,
 ):  # fmt: skip
-    """Bring the bodies from `low` to `high` (excluded) to the time `until`, each by steps of its own.
+    """Advance bodies `low` to `high` - 1 to the time `until` [s], with individual time steps.
 
-    A body that has tried its last step of this call (`tries`) waits for the next one, which goes on with the same bits. A body
-    that was stopped carries its code in `memory` (step_memory.CODE) and stays at the end of its last step.
+    A body stops after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in
+    `memory` (step_memory.CODE) and stays at the end of its last step.
     """
     for c in prange((high - low + BODIES - 1) // BODIES):
         begin_at = low + c * BODIES

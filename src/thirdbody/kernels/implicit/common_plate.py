@@ -1,9 +1,8 @@
-"""Bodies under a plate of their own: all share its height, so all take the same step.
+"""Bodies under one common plate: they share its height and therefore its time step.
 
-The equations have the shape of an arrow: every body with its own coordinates, and one row and column for the plate. The bodies
-are solved for a given rise of the plate (`solve_bodies`), which also tells how their push on the plate changes with that rise,
-the
-bodies following: the Schur complement of the arrow. What is left is one equation for the plate (`engine.implicit_common_plate`).
+The system matrix is an arrow matrix: one block per body, and one row and column for the plate. `solve_bodies` solves the bodies
+for a given rise of the plate, with the derivative of their force on the plate at equilibrium of each body: the Schur complement
+of the arrow matrix. One scalar equation for the plate remains (`engine.implicit_common_plate`).
 """
 
 import math
@@ -52,7 +51,7 @@ BODIES = 8
 
 @njit(**INNER)
 def plate_reaction(p, m, spots, P, work, Z):
-    """Force of the body on the plate, upwards, N: through its patch's spring, or of its spots where the patch is the plate."""
+    """Return the upward force [N] of the body on the plate, by a spring or directly by its contacts."""
     if P[p, patch.SPRING] != 0.0:
         return P[p, patch.SPRING] * (P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
     partner, O, G, slots = spots[1], work[1], work[3], work[4]  # noqa: E741
@@ -65,7 +64,7 @@ def plate_reaction(p, m, spots, P, work, Z):
 
 @njit(**INNER)
 def plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents):
-    """How that force changes with the rise of the plate while the body stays in balance, N/m."""
+    """Return d(plate_reaction)/d(rise of the plate) [N/m] at equilibrium of the body."""
     P, x, J = state[2], work[8], work[10]
     assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, True, J)
     spring = P[p, patch.SPRING]
@@ -89,7 +88,7 @@ def solve_chunk(
     low, high, first_iteration, dt, rise, plate, v_x, v_y, spots, shape, state, known, maximum, V, totals, memory, starts, ends,
     initial_gap, diagnostics, law, tangents, effects,
 ):  # fmt: skip
-    """The bodies from low to high for this rise of the plate; see `solve_bodies`."""
+    """Solve bodies low to high - 1 for a given rise of the plate; see `solve_bodies`."""
     work, patch_of, P, edges = workspace(known[2], known[4], maximum), shape[2], state[2], spots[3]
     y, before = work[6], work[5]
     for b in range(low, high):
@@ -133,9 +132,9 @@ def accept_chunk(
     low, high, dt, end, whole, v_x, v_y, spots, shape, state, known, maximum, M, D, V, totals, memory, starts, ends, initial_gap,
     drag, law, effects, observe,
 ):  # fmt: skip
-    """The bodies from low to high take the step that was found; see `accept_bodies`.
+    """Accept the step of bodies low to high - 1; see `accept_bodies`.
 
-    Their forces are evaluated again: the tiles of all bodies, kept from the search, would be more to fetch than to fill.
+    Forces are evaluated again: recomputing the tiles is cheaper than storing them for all bodies.
     """
     work, patch, edges, saved = workspace(known[2], known[4], maximum), shape[2], spots[3], known[6]
     y, before, r, diagnostics = work[6], work[5], work[7], work[11]
@@ -161,13 +160,13 @@ def accept_chunk(
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 _D, _B = types.float64, types.boolean
 SOLVE = types.void(
-    _B, _D, _D, _D, _D, _D, SPOTS, SHAPE, STATE, KNOWN, types.int64,  # fresh; dt, rise, plate, v_x, v_y; ... most slots of a body
-    _F1, _F2, _F2, _F2, _F2, _F1, _F2,  # V, totals, memory; starts, ends, gaps at the start; told
+    _B, _D, _D, _D, _D, _D, SPOTS, SHAPE, STATE, KNOWN, types.int64,  # first_iteration; dt, rise, plate, v_x, v_y; ... maximum
+    _F1, _F2, _F2, _F2, _F2, _F1, _F2,  # V, totals, memory, starts, ends, initial_gap, diagnostics
     types.FunctionType(LAW), types.FunctionType(LAW), types.FunctionType(EFFECTS),
 )  # fmt: skip
 TAKE = types.void(
-    _D, _D, _B, _D, _D, SPOTS, SHAPE, STATE, KNOWN, types.int64,  # dt, end, whole, v_x, v_y; ... most slots of a body
-    _F2, _F1, _F1, _F2, _F2, _F2, _F2, _F1,  # M, D, V, totals, memory; starts, ends, gaps at the start
+    _D, _D, _B, _D, _D, SPOTS, SHAPE, STATE, KNOWN, types.int64,  # dt, end, whole, v_x, v_y; ... maximum
+    _F2, _F1, _F1, _F2, _F2, _F2, _F2, _F1,  # M, D, V, totals, memory, starts, ends, initial_gap
     types.UniTuple(types.float64, 2), types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE),
 )  # fmt: skip
 
@@ -177,10 +176,10 @@ def solve_bodies(
     first_iteration, dt, rise, plate, v_x, v_y, spots, shape, state, known, maximum, V, totals, memory, starts, ends,
     initial_gap, diagnostics, law, tangents, effects,
 ):  # fmt: skip
-    """Ends of a step of all bodies, for a plate that starts at the height `plate` and rises by `rise`.
+    """Solve the step of all bodies for a given rise of the plate.
 
-    `first_iteration`: the step begins now; else the search goes on from the ends found before. `diagnostics`
-    (n, body_solution.WIDTH) gets what is found.
+    `plate`: height [m] at the start; `rise` [m]. `first_iteration`: the step begins; otherwise the iteration continues from
+    `ends` (n, 7) of the previous call. Results are written to `diagnostics` (n, body_solution.WIDTH).
     """
     n = totals.shape[0]
     for c in prange((n + BODIES - 1) // BODIES):
@@ -195,7 +194,7 @@ def accept_bodies(
     dt, end, whole, v_x, v_y, spots, shape, state, known, maximum, M, D, V, totals, memory, starts, ends, initial_gap, drag, law,
     effects, observe,
 ):  # fmt: skip
-    """All bodies take the step that `solve_bodies` found; `whole`: it ends at the time `end` exactly."""
+    """Accept the step solved by `solve_bodies`; `whole`: it ends exactly at the time `end` [s]."""
     n = totals.shape[0]
     for c in prange((n + BODIES - 1) // BODIES):
         accept_chunk(
@@ -206,7 +205,7 @@ def accept_bodies(
 
 @njit(types.void(SHAPE, STATE, _F2, _F2), **OPTIONS)
 def restore_bodies(shape, state, memory, starts):
-    """Put all bodies back to where the step began."""
+    """Restore all bodies to the start of the step."""
     for b in range(starts.shape[0]):
         reject_step(b, shape[2][b], starts[b], memory[b], shape, state)
 
@@ -216,17 +215,17 @@ _I1 = types.Array(types.int64, 1, "C")
 
 @njit(types.UniTuple(types.float64, 2)(_F2, _I1, _D, _D), **OPTIONS)
 def plate_velocity_of(schedule, first, t, dt):
-    """Mean sideways velocity of the upper plate over a step, m/s."""
+    """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
     return plate_velocity(schedule, first, t, dt)
 
 
 @njit(_B(_F2, _I1, _D, _D), **OPTIONS)
 def is_breakpoint_at(schedule, first, t, end):
-    """Whether the stretch that began at t ends at a corner of the motion."""
+    """Return whether the smooth interval that began at t [s] ends at a breakpoint of the motion."""
     return is_breakpoint(t, end, schedule, first)
 
 
 @njit(_D(_F2, _I1, _D, _D), **OPTIONS)
 def next_breakpoint_after(schedule, first, t, until):
-    """Where the stretch ends in which the motion has no corner, s."""
+    """Return the time [s] of the next breakpoint of the motion after t, at most `until`."""
     return next_breakpoint(t, schedule, first, until)

@@ -1,7 +1,7 @@
-"""Friction work of a body in an implicit step: of contacts that open within it, and the error of all of it.
+"""Friction work in an implicit step: error, and work of contacts that open within the step.
 
-A body that rolls rubs only while a load goes from one spot to the next: over some nanometres, with a work far below that of a
-body that slides, and below what the error of its place tells. So the length of a step also follows an error of energy.
+A rolling body dissipates only while load passes from one contact to the next: over some nanometres, with work far below that of
+a sliding body and too small to show in the position error. Step lengths are therefore also controlled by an energy error.
 """
 
 import math
@@ -16,26 +16,28 @@ from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.predicates import is_closed, is_upper
 
 FLOOR = 0.02
-"""Friction work, in parts of limit times critical displacement of all spots, below which its error is no longer judged by the
-work itself: a tenth of what one change of the loaded spots takes."""
+"""Floor of the scale of the friction-work error, as a fraction of friction limit times critical slip summed over the contacts: a
+tenth of what is dissipated when the set of loaded contacts changes once."""
 
 LEAST = 1e5
-"""No step is cut for this error below so many shortest steps."""
+"""Shortest step cut for this error, in units of the shortest step tried."""
 
 GROWN = 0.75
-"""Error of the tangential force of a spot whose patch changes by a share of its radius within the step, over that share times
-limit times slip over critical displacement: laws take the stiffness 2 G* a at the end of the step, 1.5 limit/critical; the mean
-would be nearer by half the change."""
+"""Error of the tangential force of a contact whose radius changes within the step, over relative change of radius times friction
+limit times slip over critical slip: laws use the stiffness 2 G* a = 1.5 limit/critical at the end of the step, while the mean
+over the step would differ by half the change."""
 
 CALM = 0.01
-"""Share of the work of tangential forces that dashpots may take in a step after a corner that counts as one without jump."""
+"""Largest dashpot work, as a fraction of the tangential work, for which forces count as continuous at a breakpoint."""
 
 
 @njit(**INNER)
 def weight_of_old(m, dt, last, power, work):
-    """Weight of the force at the start of a step in the work of the plate and of friction: a half, but 0 after a corner of the
-    motion (`last` 0) where dashpots take more than a share (CALM) of what springs and friction take: with the velocity their
-    forces jump. `power`: of the dashpots of m staged spots, W."""
+    """Return the weight of the force at the start of a step in its work: 0.5, or 0 where forces jump.
+
+    The work is that of the plate and of friction. Forces jump with the velocity at a breakpoint of the motion (`last` = 0) if the
+    dashpots of the m contacts, of `power` [W], dissipate more than CALM of the work of the tangential forces.
+    """
     I, O, taken = work[0], work[1], 0.0  # noqa: E741
     for q in range(m):
         taken += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + abs(
@@ -46,9 +48,9 @@ def weight_of_old(m, dt, last, power, work):
 
 @njit(**INNER)
 def dragged_off(k, before, dt, v_x, v_y, spots, state, force):
-    """Work, J, that the spring force of slot k, which opened within the step, takes from the slip until then: it falls to zero.
+    """Return the slip work [J] of the tangential spring of candidate k, which opens within the step.
 
-    `before`: its overlap as the step began; `force`: place of the force in the history.
+    Its force falls to zero. `before`: overlap [m] at the start of the step; `force`: index of the force in the history.
     """
     own, partner = spots[0], spots[1]
     S, P, H = state[0], state[2], state[3]
@@ -66,7 +68,7 @@ def dragged_off(k, before, dt, v_x, v_y, spots, state, force):
 
 @njit(**INNER)
 def energy_of_spots(m, I, O):  # noqa: E741
-    """Limit times critical displacement of m staged spots, J; where friction is large, normal force times overlap."""
+    """Return the sum [J] of friction limit times critical slip, each at most N times overlap."""
     total = 0.0
     for q in range(m):
         pressed = abs(O[q + law_output.NORMAL_FORCE * TILE]) * I[q + law_input.OVERLAP * TILE]
@@ -76,8 +78,11 @@ def energy_of_spots(m, I, O):  # noqa: E741
 
 @njit(**INNER)
 def differing(m, force, stored, before, b, spots, work):
-    """Sum over m staged spots of what the error of their friction work may be, J: what the mean force of the step takes beyond
-    the force at its end, and what the growth of the patch leaves open (`GROWN`)."""
+    """Return the estimated error [J] of the friction work, summed over m contacts.
+
+    It is the difference between the work of the mean force and of the force at the end of the step, plus the effect of a
+    changing contact radius (`GROWN`).
+    """
     first, I, O, slots = spots[3][b], work[0], work[1], work[4]  # noqa: E741
     total = 0.0
     for q in range(m):
@@ -96,7 +101,7 @@ def differing(m, force, stored, before, b, spots, work):
 
 @njit(**INNER)
 def kinetic(b, B, arm):
-    """About the kinetic energy of body b, J; `arm`: that of the body."""
+    """Return the approximate kinetic energy [J] of body b; `arm` [m]: radius of gyration used."""
     total = 0.0
     for k in range(3):
         total += B[b, body.VELOCITY + k] ** 2 + (arm * B[b, body.SPIN + k]) ** 2
@@ -105,8 +110,11 @@ def kinetic(b, B, arm):
 
 @njit(**INNER)
 def work_error(b, m, dt, v_x, v_y, allowed, arm, spots, state, known, work, T):
-    """Error of the friction work of the step over what is `allowed`, a part of the energies in play: the body's friction work so
-    far, its kinetic energy, and a share of what its spots can hold (the largest seen, step_memory.MAX_ENERGY, J)."""
+    """Return the error of the friction work of the step over the tolerance.
+
+    The tolerance is `allowed` times a scale of energy: the body's friction work so far, plus FLOOR times its kinetic energy and
+    the energy that its contacts can store (largest so far: step_memory.MAX_ENERGY [J]).
+    """
     force, edges, incidence, B, H = known[8], spots[3], spots[4], state[1], state[3]
     O, slots, before = work[1], work[4], work[5]  # noqa: E741
     if force < 0:

@@ -1,4 +1,4 @@
-"""How the unbalanced forces of a trial step change with its coordinates (see `residual`): the matrix of Newton's method."""
+"""Jacobian of the residual of an implicit step (see `residual`)."""
 
 from numba import njit
 
@@ -12,9 +12,9 @@ from thirdbody.kernels.rolling_kinematics import MOMENTS
 
 @njit(**INNER)
 def assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
-    """J (7, 7): how the unbalanced forces change with the coordinates, at the spots as staged.
+    """Write the Jacobian J (7, 7) [N/m] of the residual for the m contacts in the tile.
 
-    A patch whose height is prescribed has no equation of its own, unless `coupled` asks how the forces change with its height.
+    A patch of prescribed height has no equation, unless `coupled`: then the derivatives with respect to its height are included.
     """
     own, partner, _, edges, _ = spots
     S, B, P, _, _, E = state
@@ -59,7 +59,7 @@ def assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, coupl
 
 @njit(**INNER)
 def add_contact_stiffness(q, slot, gap, own, partner, S, I, O, K, G, rolling, J):  # noqa: E741
-    """Add the spot at place q of the tile to J, with rotations in radians: stiffness, turn of its arm, growth of its patch."""
+    """Add contact q to J (rotations in rad): stiffness, rotation of its arm, change of its area."""
     i, up, n_z = own[slot], is_upper(partner[slot]), G[q + (geometry.NORMAL + 2) * TILE]
     a_x, a_y, a_z = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
     x, y, z = a_x, a_y, a_z - G[q + geometry.ARM * TILE] * n_z
@@ -77,7 +77,7 @@ def add_contact_stiffness(q, slot, gap, own, partner, S, I, O, K, G, rolling, J)
     yy = K[contact_tangent.YY * TILE + q]
     xd, yd = K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
     if gap < 0.0:
-        # the share of the slip grows with the overlap that is reached
+        # the contact closes within the step: the fraction of the slip that counts grows with its overlap
         overlap = I[law_input.OVERLAP * TILE + q]
         fraction = overlap / (overlap - gap)
         growth = -gap / ((overlap - gap) * (overlap - gap)) / fraction
@@ -85,7 +85,7 @@ def add_contact_stiffness(q, slot, gap, own, partner, S, I, O, K, G, rolling, J)
         yd += (yx * I[law_input.SLIP_X * TILE + q] + yy * I[law_input.SLIP_Y * TILE + q]) * growth
         xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
     for c in range(FREEDOMS):
-        # overlap, slip and arm per coordinate
+        # derivatives of overlap, slip and arm
         d, s_1, s_2, u_x, u_y, u_z = contact_displacements(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up)
         u_z += 0.5 * n_z * d
         f_n = K[contact_tangent.NORMAL * TILE + q] * d
@@ -105,7 +105,7 @@ def add_contact_stiffness(q, slot, gap, own, partner, S, I, O, K, G, rolling, J)
 
 @njit(**INNER)
 def contact_displacements(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up):
-    """Changes with coordinate c: overlap, slip along both axes of the frame, and the arm of the sphere (3)."""
+    """Return derivatives by coordinate c: overlap, slip along both axes, arm of the sphere (3)."""
     if c == 0:
         return 0.0, e_x, g_x, 0.0, 0.0, 0.0
     if c == 1:
@@ -123,7 +123,7 @@ def contact_displacements(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up
 
 @njit(**INNER)
 def add_moment(q, c, d, e_x, e_y, g_x, g_y, K, J):
-    """Add the moment of a rolling law, which resists the rotation about the axes of the frame."""
+    """Add column c of the rolling moment (rotation about the axes of the frame) to J."""
     turn_1 = e_x if c == 3 else (e_y if c == 4 else 0.0)
     turn_2 = g_x if c == 3 else (g_y if c == 4 else 0.0)
     at = contact_tangent.ROLLING * TILE + q

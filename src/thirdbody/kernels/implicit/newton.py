@@ -1,4 +1,4 @@
-"""Newton's method for one step of one body: clipped, with a line search. It moves the body; nothing is remembered."""
+"""Damped Newton's method for one step of one body; writes no history."""
 
 import math
 
@@ -25,33 +25,33 @@ from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.predicates import has_effect_columns, is_upper
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
-"""Largest unbalanced force as a share of all forces; and where the search gets no further: springs have corners.
-In a direction in which all slips only inertia resists, so what is left unbalanced there moves the body: 1e-9 keeps that below the
+"""Tolerances of the residual over the sum of all forces: for convergence, and where the iteration stagnates at corners of the
+laws. Where all contacts slip, only inertia resists, and the remaining residual moves the body: 1e-9 keeps that motion below the
 error of a step."""
 
 ROUNDING = 1e-15
-"""Rounding of a height, in parts of it: what it changes in the forces of the spots does not count as unbalanced."""
+"""Relative rounding error of heights; its effect on the contact forces is not counted as residual."""
 
 ITERATIONS, HALVINGS, LEAPS = 16, 2, 4
-"""Most corrections of a try (a step that needs more is cheaper in two halves), halvings of one correction, and corrections that
-are kept although the unbalanced force grows: spots change between sticking and slipping, and Newton's method then has to
-overshoot once before it finds the other branch."""
+"""Maximum iterations (beyond that, two half steps are cheaper), halvings of one correction, and corrections accepted although the
+residual grows: where contacts change between stick and slip, Newton's method has to overshoot once to reach the other branch."""
 
 REACH = 0.5
-"""Largest growth of an overlap in one iteration, in parts of the deepest one, or of the one that the load lets expect."""
+"""Largest growth of an overlap in one iteration, as a fraction of the largest overlap or of that expected under the load."""
 
 AT_LIMIT, BACK = 1.0 - 1e-9, 0.05
-"""A spot whose squared force reaches this share of its limit slips; part of the critical displacement by which it turns back."""
+"""A contact slips if its squared tangential force reaches this fraction of the squared limit; fraction of the critical slip by
+which a correction may reverse it."""
 
 FOUND, LOST, CROWDED = range(3)
-"""How `newton` ends: a balance, none, or more loaded spots than the law's tile holds."""
+"""Outcomes of `newton`: converged, not converged, more contacts than a tile holds."""
 
 
 @njit(**CHUNK)
 def solve_linear(J, r, n):
-    """Overwrite r with the solution x of J x = -r by elimination with row pivots; False for a singular matrix.
+    """Overwrite r with the solution x of J x = -r (Gaussian elimination); False if J is singular.
 
-    Not `numpy.linalg.solve`, which allocates, calls LAPACK for six unknowns, and raises where the matrix is singular.
+    Not `numpy.linalg.solve`, which allocates, calls LAPACK for six or seven unknowns, and raises for a singular matrix.
     """
     for c in range(n):
         best, row = abs(J[c, c]), c
@@ -83,7 +83,7 @@ def solve_linear(J, r, n):
 
 @njit(**INNER)
 def residual_norm(r):
-    """Euclidean norm of the unbalanced forces, N."""
+    """Return the Euclidean norm of the residual [N]."""
     total = 0.0
     for k in range(FREEDOMS):
         total += r[k] * r[k]
@@ -92,7 +92,7 @@ def residual_norm(r):
 
 @njit(**INNER)
 def force_scale(b, p, y, dt, Z, B, E, P, diagnostics):
-    """Sum of all forces at work, N: what the unbalanced ones are compared with."""
+    """Return the sum of all acting forces [N], the scale of the residual."""
     move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
     weight = (
         abs(E[b, body_extra.EFFECT_FORCE]) + abs(E[b, body_extra.EFFECT_FORCE + 1]) + abs(E[b, body_extra.EFFECT_FORCE + 2])
@@ -101,7 +101,7 @@ def force_scale(b, p, y, dt, Z, B, E, P, diagnostics):
     )
     free = P[p, patch.FREE]
     square = 1.0 / (dt * dt)
-    # of a patch that touches nothing too: its spring pulls, its dashpot holds; without load, what it was loaded with counts
+    # also of a patch without contacts: forces of its spring and dashpot; when unloaded, its nominal load
     patch_number = (
         max(P[p, patch.LOAD], P[p, patch.NOMINAL_LOAD])
         + P[p, patch.MASS] * abs(y[6]) * square
@@ -113,7 +113,7 @@ def force_scale(b, p, y, dt, Z, B, E, P, diagnostics):
 
 @njit(**INNER)
 def rounding_force(b, p, B, P, Z, diagnostics):
-    """Force, N, below which the unbalanced one is rounding: overlaps are small differences of heights."""
+    """Return the residual [N] caused by rounding: overlaps are small differences of heights."""
     if diagnostics[step_contacts.MAX_OVERLAP] <= 0.0:
         return 0.0
     height = max(abs(B[b, body.POSITION + 2]) + Z[step_start.ARM], abs(P[p, patch.HEIGHT]))
@@ -124,10 +124,10 @@ def rounding_force(b, p, B, P, Z, diagnostics):
 
 @njit(**INNER)
 def massless_at_rest(b, dt, share, r, Z, T, B, E, diagnostics, minimum):
-    """Whether the forces on a body without inertia balance to this share of the forces on the body itself.
+    """Return whether the residual on a body without inertia is at most `share` of its own forces.
 
-    Those on its patch do not count: a body that both plates have left carries none of them, and would otherwise be taken for
-    balanced at any velocity. What may be left over then moves it by this share of a contact radius. `minimum`: rounding, N.
+    Forces on its patch are excluded: otherwise a body that touches neither plate would count as balanced at any velocity. The
+    remaining residual moves the body by `share` of a contact radius at most. `minimum`: rounding error [N].
     """
     square = 0.0
     for k in range(6):
@@ -143,7 +143,10 @@ def massless_at_rest(b, dt, share, r, Z, T, B, E, diagnostics, minimum):
 
 @njit(**INNER)
 def limit_overlap_change(b, x, deep, spots, state, Z):
-    """Share of the change x of the coordinates that lets no spot sink in, or lose its side, by more than REACH of `deep`."""
+    """Return the fraction of the correction x for which overlaps change by at most REACH `deep` [m].
+
+    Limited are contacts that sink in, and the deepest contact of each plate, which must not open.
+    """
     (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
     arm = 1.0 / Z[step_start.ARM]
     rotation = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]) * arm
@@ -163,7 +166,7 @@ def limit_overlap_change(b, x, deep, spots, state, Z):
             most_up, change_up = overlap, change
         if not up and overlap > most_low:
             most_low, change_low = overlap, change
-    # the deepest spot of a side stays closed, or the next iteration would know nothing of the plate
+    # the deepest contact of each plate stays closed, or the plate would drop out of the next iteration
     for maximum, change in ((most_up, change_up), (most_low, change_low)):
         if -change * fraction > REACH * max(maximum, deep):
             fraction = REACH * max(maximum, deep) / -change
@@ -172,9 +175,10 @@ def limit_overlap_change(b, x, deep, spots, state, Z):
 
 @njit(**INNER)
 def limit_slip_reversal(x, m, own, S, work, Z, share):
-    """Share of the change x, at most `fraction`, that brings no spot from slipping one way to slipping the other.
+    """Return the fraction, at most `share`, of the correction x that reverses no slip.
 
-    In between it sticks. Where all other spots slip, that is often the answer, and a whole step jumps over it.
+    Between the two slip directions a contact sticks. Where all others slip, that is often the solution, and a full correction
+    jumps over it.
     """
     I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
     arm = 1.0 / Z[step_start.ARM]
@@ -195,7 +199,7 @@ def limit_slip_reversal(x, m, own, S, work, Z, share):
         along_2 = d_x * G[q + geometry.CROSS_AXIS * TILE] + d_y * G[q + (geometry.CROSS_AXIS + 1) * TILE]
         size = math.sqrt(s_x * s_x + s_y * s_y)
         back = -(along_1 * s_x + along_2 * s_y)
-        # just inside what it can bear
+        # ends just inside the friction limit
         margin = size * (size + BACK * O[law_output.CRITICAL_SLIP * TILE + q])
         if back * share > margin > 0.0:
             share = margin / back
@@ -204,7 +208,7 @@ def limit_slip_reversal(x, m, own, S, work, Z, share):
 
 @njit(**INNER)
 def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects):
-    """Find the end y of a step from the guess that it holds; (how it ended, number of staged spots, iterations)."""
+    """Solve for the coordinates y, from a guess in y; return outcome, contacts, iterations."""
     y, r, x, tried, J, diagnostics = work[6], work[7], work[8], work[9], work[10], work[11]
     S, B, P, _, _, E = state
     size, part, whole, halvings, leaps, iterations, m = 1e300, 0.0, 0.0, 0, 0, 0, np.int64(0)
@@ -228,7 +232,7 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
             halvings, part = halvings + 1, 0.5 * part
             continue
         if not better and halvings == HALVINGS and leaps < LEAPS and now > enough:
-            # at the border between stick and slip no part of the step helps, and the whole one changes sides
+            # at a stick-slip transition no fraction of the correction helps; the full one changes the branch
             halvings, leaps, part = halvings + 1, leaps + 1, whole
             continue
         better = better or halvings > HALVINGS
@@ -237,7 +241,7 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
         if now <= enough and (inertial != 0.0 or massless_at_rest(b, dt, CONVERGED, r, Z, T, B, E, diagnostics, minimum)):
             return FOUND, m, iterations
         if not better or iterations == ITERATIONS:
-            # the last digits of a law with corners do not settle
+            # laws with corners do not converge to the last digits
             result = now <= ACCEPTED * scale
             result = result and (inertial != 0.0 or massless_at_rest(b, dt, ACCEPTED, r, Z, T, B, E, diagnostics, minimum))
             return (FOUND if result else LOST), m, iterations

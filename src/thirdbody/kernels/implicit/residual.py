@@ -1,23 +1,21 @@
-"""One body between the first bodies at the end of a trial step of an implicit method: its forces, and how they change.
+"""Residual of an implicit step of one body between two plates, at the end of a trial step.
 
-Tables come in groups, named alike in all these kernels:
+Tables are passed in groups with the same names in all implicit kernels:
 
 | group | tables |
 |---|---|
-| spots | own, partner, kind, edges, incidence: the candidates, which here are all pairs of a sphere and a plate |
+| spots | own, partner, kind, edges, incidence: the candidates, here all pairs of a sphere and a plate |
 | shape | body, start, patch, offsets |
 | state | S, B, P, H, R, E |
-| known | pairs, parameters of effects, n_history, rolling, width of a labeller's rows, has_effects, labels, stored
-(`spring_energy`),
-          places of the remembered force and moment in the history |
-| work | I, O, K, G: the law's tile; slots: candidates in it; before: gaps at the start of the step; then see `march` |
+| known | pairs, effect parameters, n_history, rolling, width of labeller rows, has_effects, labels, stored, force, moment |
+| work | I, O, K, G: the law's tile; slots: its candidates; before: overlaps at the start of the step; the rest: `bdf2` |
 
-The coordinates y of a step are the displacement of the centre of mass (3, m), the rotation vector of the step times the arm of
-the body (3, m, world axes), and the rise of the body's patch of the upper plate (m). `set_configuration` moves body, spheres
-and patch to
-the end of the step, `residual` asks the laws there and gives what is unbalanced (7, N); how that changes with y stands in
-`jacobian`. Nothing is remembered until `commit`. All contact geometry, slip and history is that of the explicit integrator
-(`contacts`), so both see the same laws in the same way; here a spot that closes within the step slips for the rest of it only.
+In `known`, `stored` (`spring_energy`), `force` and `moment` are indices in the history. The coordinates y (7,) of a step are the
+displacement of the centre of mass (3,) [m], the rotation vector of the step times the arm of the body (3,) [m] in world axes, and
+the rise of the body's patch of the upper plate [m]. `set_configuration` moves body, spheres and patch to the end of the step;
+`residual` evaluates the laws there and returns the residual (7,) [N]; its derivative is in `jacobian`. No history is written
+before `commit`. Contact geometry, slip and history are those of the explicit integrator (`contact_geometry`, `contact_history`);
+here a contact that closes within the step slips only during the rest of the step.
 """
 
 import math
@@ -55,16 +53,16 @@ from thirdbody.kernels.rolling_kinematics import MOMENTS, gather_rolling, record
 from thirdbody.kernels.rotation import matrix, rotate
 
 FREEDOMS = 7
-"""Coordinates of a body and its patch."""
+"""Number of coordinates of a body and its patch."""
 
 
 TURN = 0.05
-"""Largest rotation of a step, rad: the slip of a step is that of a turn about one axis."""
+"""Largest rotation in a step [rad]: slip is computed for rotation about one fixed axis."""
 
 
 @njit(**CHUNK)
 def save_start(b, p, shape, state, Z):
-    """Note where a step of body b begins."""
+    """Save the state of body b and patch p at the start of a step in Z."""
     (S, B, P, _, _, E), (_, start, _, offsets) = state, shape
     for k in range(3):
         Z[step_start.POSITION + k], Z[step_start.VELOCITY + k] = B[b, body.POSITION + k], B[b, body.VELOCITY + k]
@@ -84,7 +82,7 @@ def save_start(b, p, shape, state, Z):
 
 @njit(**INNER)
 def set_configuration(b, p, y, dt, Z, T, shape, state):
-    """Move body b, its spheres and its patch p to the end of the step: mean velocities of the step, then those at its end."""
+    """Move body b, its spheres and patch p to the end of the step, with mean and end velocities."""
     (S, B, P, _, _, _), (_, start, _, offsets) = state, shape
     inverse, arm = 1.0 / dt, 1.0 / Z[step_start.ARM]
     now, last = Z[step_start.NOW] * inverse, Z[step_start.BEFORE] * inverse
@@ -121,7 +119,7 @@ def set_configuration(b, p, y, dt, Z, T, shape, state):
 
 @njit(**INNER)
 def inertia_of(b, B, E):
-    """Moments of inertia about world axes: xx, yy, zz, xy, xz, yz."""
+    """Return the moments of inertia [kg m2] about world axes: xx, yy, zz, xy, xz, yz."""
     a, b_, c, d, e, f, g, h, i = matrix(
         B[b, body.QUATERNION], B[b, body.QUATERNION + 1], B[b, body.QUATERNION + 2], B[b, body.QUATERNION + 3]
     )
@@ -135,7 +133,7 @@ def inertia_of(b, B, E):
 
 @njit(**INNER)
 def momentum_of(b, B, E):
-    """Angular momentum, world axes, from spin and orientation."""
+    """Return the angular momentum (3,) [kg m2/s] in world axes from spin and orientation."""
     xx, yy, zz, xy, xz, yz = inertia_of(b, B, E)
     x, y, z = B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2]
     return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
@@ -143,9 +141,10 @@ def momentum_of(b, B, E):
 
 @njit(**INNER)
 def active_contacts(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
-    """Stage the loaded spots of body b in the law's tile; returns how many, or -1 if they are more than the tile holds.
+    """Gather the contacts of body b into the tile; return their number, or -1 if they do not fit.
 
-    `rate`: change of a velocity per change of place over the step, 1/s; v_x, v_y: mean velocity of the upper plate.
+    `rate`: derivative of the end velocity with respect to the displacement [1/s]; v_x, v_y: mean velocity of the upper plate
+    [m/s].
     """
     own, partner, kind, edges, incidence = spots
     (S, _, P, H, _, _), n_history, rolling = state, known[2], known[3]
@@ -184,7 +183,7 @@ def active_contacts(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
 
 @njit(**INNER)
 def force_and_point(q, i, S, O, G):  # noqa: E741
-    """Of the contact at place q: normal force, force on the body, and its point from the centre of mass."""
+    """Return normal force [N], force (3,) [N] and point from the centre of mass (3,) [m] of contact q."""
     n = O[law_output.NORMAL_FORCE * TILE + q]
     t_1 = O[law_output.TANGENTIAL_X * TILE + q]
     t_2 = O[law_output.TANGENTIAL_Y * TILE + q]
@@ -208,8 +207,10 @@ def force_and_point(q, i, S, O, G):  # noqa: E741
 
 @njit(**INNER)
 def residual(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, diagnostics):
-    """Unbalanced forces r (7) of body b and its patch, with m staged spots; `diagnostics` gets what else a step wants to know
-    (E_*)."""
+    """Write the residual r (7,) [N] of body b and patch p with m contacts.
+
+    Sums and maxima over the contacts are written to `diagnostics` (`columns.step_contacts`).
+    """
     own, partner, edges = spots[0], spots[1], spots[3]
     S, B, P, _, _, E = state
     pairs, parameters, n_history, rolling, _, has_effects = known[:6]
@@ -262,9 +263,10 @@ def residual(b, p, m, y, dt, time, inertial, spots, state, known, work, Z, T, la
 
 @njit(**INNER)
 def mean_velocity_factor(q, dt, before, I):  # noqa: E741
-    """Mean velocity of the step over that at its end, for the spot at place q.
+    """Return the mean velocity of contact q in the step over that at its end, in [0, 2].
 
-    A dashpot's force is that of the end of the step, but it acts along the way of the step: what it takes is force times way.
+    A dashpot's force is that at the end of the step, but it acts along the displacement of the step: its dissipation is force
+    times displacement.
     """
     n = I[law_input.NORMAL_VELOCITY * TILE + q]
     x = I[law_input.VELOCITY_X * TILE + q]
@@ -278,10 +280,10 @@ def mean_velocity_factor(q, dt, before, I):  # noqa: E741
 
 @njit(**INNER)
 def inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r):
-    """Take off what accelerates the body; add load, dashpot, spring and inertia of its patch.
+    """Subtract inertial forces from r; add load, dashpot, spring and inertia of the patch.
 
-    Without inertia (`inertial` 0) every step begins at rest, and a weak pull towards where it began lets a body that slides on
-    all its spots, and could be anywhere, be somewhere; a share of the mass holds back what jumps within a step.
+    Without inertia (`inertial` = 0) every step begins at rest. A weak spring to the start position (PULL) then makes the position
+    of a body that slides on all its contacts unique, and a fraction of the mass (MASS_SHARE) limits jumps within a step.
     """
     now = Z[step_start.NOW] / dt
     last = inertial * Z[step_start.BEFORE] / dt
@@ -313,10 +315,11 @@ def inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r):
 
 @njit(**INNER)
 def unbooked_energy(q, k, stored, O, H):  # noqa: E741
-    """Energy, J, that the contact of slot k, at place q, held and did not book although it carries nothing any more.
+    """Return the stored energy [J] of candidate k (contact q) to be dissipated as friction ends.
 
-    Where the dashpot of a sphere that leaves cancels its normal force, friction ends in one step at a limit of zero. No force
-    does work then: all that was stored is dissipated, as it is where a contact opens (`memory.release`).
+    It is zero unless friction has ended without the energy being booked. Where the dashpot of a departing sphere cancels its
+    normal force, friction ends in one step at a limit of zero. No force does work then: all stored energy is dissipated, as in a
+    contact that opens (`contact_history.reset_history`).
     """
     if (
         O[law_output.TANGENTIAL_X * TILE + q] != 0.0
@@ -329,10 +332,11 @@ def unbooked_energy(q, k, stored, O, H):  # noqa: E741
 
 @njit(**INNER)
 def recoil(b, m, dt, spots, state, work):
-    """What the dashpots of spots that carried nothing as the step began dissipate beyond what `residual` told, J.
+    """Return the dashpot dissipation [J] of opening contacts that `residual` does not include.
 
-    Such a spot is on its way out, its elastic force cancelled by its dashpot, which takes all that is still stored. As nothing
-    accelerates the body, one step can lead from there to the open contact, and the force at its end knows nothing of it.
+    A contact without normal force at the start of the step is about to open: its dashpot cancels the elastic force and dissipates
+    all energy still stored. As nothing accelerates the body, one step can lead from there to the open contact, and the force at
+    its end does not include it.
     """
     edges, incidence = spots[3], spots[4]
     H, R, O, I, slots, before = state[3], state[4], work[1], work[0], work[4], work[5]  # noqa: E741
@@ -353,11 +357,11 @@ def recoil(b, m, dt, spots, state, work):
 
 @njit(**INNER)
 def commit(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
-    """Take the staged spots as the end of a step: history, friction work and slip, records; into `sums` work and the forces of
-    the plates on the body.
+    """Store history, friction work, slip and records of m contacts; add work and plate forces to `sums`.
 
-    Bodies exchange the work of the mean force of a step, so friction takes that (`booking`). Not where forces jump
-    (`steps.weight_of_old`): there laws tell what the force at the end of the step takes, as the plate's work is counted.
+    Bodies exchange the work of the mean force of a step, which friction dissipates (`explicit.contact_dissipation`). Where forces
+    jump (`friction_work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
+    work.
     """
     own, partner, _, edges, incidence = spots
     S, B, P, H, R, _ = state
@@ -378,7 +382,7 @@ def commit(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
             if rolling == MOMENTS:
                 record_rolling(q, k, O, G, R, n_history)
             sums[0, contact_sums.FRICTION_WORK] += O[law_output.DISSIPATED * TILE + q]
-            B[b, body.FRICTION_WORK] += O[law_output.DISSIPATED * TILE + q]  # all of it: what a spot meets is a plate
+            B[b, body.FRICTION_WORK] += O[law_output.DISSIPATED * TILE + q]  # all of it: the partner is a plate
             B[b, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
             side = contact_sums.LOWER_FORCE if is_lower(partner[k]) else contact_sums.UPPER_FORCE
             for d in range(3):

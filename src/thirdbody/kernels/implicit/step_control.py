@@ -1,4 +1,4 @@
-"""One step of one body between the first bodies: its formula, its length, its error, and what is kept of it."""
+"""Step control of the implicit integrator: BDF2 weights, length, error, acceptance, energy."""
 
 import math
 
@@ -31,24 +31,25 @@ from thirdbody.kernels.rigid_body import check_position, limits_of
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner
 
 GOING, UNSOLVED, TOO_DEEP, TOO_MANY, LEFT, NOT_A_NUMBER = range(6)
-"""Codes of a body: what stopped it."""
+"""Codes of a body: running, or the reason why it stopped."""
 
 PULL, LOOSER = 1e-8, 100.0
-"""Without inertia: the pull that holds a body back as a share of its stiffness, and how much looser the tolerance is, since no
-velocity is carried on."""
+"""Without inertia: stiffness of the spring to the start position over that of the body, and factor of the tolerance, which may be
+looser because no velocity is carried over."""
 
 HARD = 4
-"""A step that is cut more often than this is counted as hard."""
+"""A step rejected more often than this counts as hard."""
 
 EASY = 8
-"""Iterations up to which a step may grow."""
+"""Largest number of iterations after which the step may grow."""
 
 NEARLY = 1.0 - 1e-9
+"""A step of this fraction of the remaining interval covers all of it."""
 
 
 @njit(**INNER)
 def next_breakpoint(t, schedule, first, until):
-    """Where the stretch ends in which the motion has no corner, s."""
+    """Return the time [s] of the next breakpoint of the motion after t, at most `until`."""
     end = until
     for axis in (X, Y, GAP, LOAD):
         end = min(end, next_corner(schedule, first, np.int64(axis), t))
@@ -57,19 +58,19 @@ def next_breakpoint(t, schedule, first, until):
 
 @njit(**INNER)
 def is_breakpoint(t, end, schedule, first):
-    """Whether the stretch that began at t ends at a corner of the motion, and not only at a stop."""
+    """Return whether the interval from t to `end` ends at a breakpoint, and not only at a stop."""
     return next_breakpoint(t, schedule, first, np.inf) <= end
 
 
 @njit(**INNER)
 def plate_velocity(schedule, first, t, dt):
-    """Mean sideways velocity of the upper plate over a step, m/s."""
+    """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
     return mean_rate(schedule, first, np.int64(X), t, dt), mean_rate(schedule, first, np.int64(Y), t, dt)
 
 
 @njit(**INNER)
 def next_length(T, W, V, schedule, first, end):
-    """Length of the next step, s, on a stretch that ends at `end`, and what limits it (`limits`)."""
+    """Return length [s] and limiting cause (`step_limits`) of the next step, at most to `end` [s]."""
     t = W[run_totals.TIME]
     left = end - t
     dt, limit = min(T[step_memory.NEXT_DT], left), np.int64(T[step_memory.LIMIT])
@@ -83,24 +84,23 @@ def next_length(T, W, V, schedule, first, end):
             limit = np.int64(LARGEST)
     if dt >= NEARLY * left:
         return left, ends
-    # no sliver is left for the last step
+    # two equal steps rather than a tiny last one
     return (0.5 * left, ends) if dt > 0.5 * left else (dt, limit)
 
 
 @njit(**INNER)
 def bdf2_weights(dt, distance, mass, T, Z, V):
-    """Choose the formula of a step of length dt: BDF2 for unequal steps, backward Euler after a corner or without inertia.
+    """Set the weights: BDF2 for unequal steps; backward Euler after a breakpoint or without inertia.
 
-    `distance` is that of the drag in the step, m. Source: Curtiss and Hirschfelder 1952; unequal steps: Hairer, Norsett and
-    Wanner,
-    Solving Ordinary Differential Equations I, III.5.
+    `distance`: drag in the step [m]. Sources: Curtiss and Hirschfelder 1952; unequal steps: Hairer, Norsett and Wanner, Solving
+    Ordinary Differential Equations I, III.5.
     """
     inertial = V[step_settings.INERTIAL]
     Z[step_start.PULL], Z[step_start.MASS_SHARE] = 0.0, 1.0
     if inertial == 0.0:
         Z[step_start.PULL] = PULL * T[step_memory.STIFFNESS]
         longest = min(V[step_settings.LONGEST], V[step_settings.RADII] * T[step_memory.CONTACT_RADIUS])
-        # in a step of the longest way no more than the pull, whatever the speed; in shorter ones it grows
+        # at any speed of drag inertia resists no more than the spring (PULL) in the longest step, and more in shorter ones
         Z[step_start.MASS_SHARE] = min(1.0, Z[step_start.PULL] * (longest * dt / distance) ** 2 / mass) if distance > 0.0 else 1.0
     if T[step_memory.LAST_DT] == 0.0 or inertial == 0.0:
         Z[step_start.NOW], Z[step_start.BEFORE] = 1.0, 0.0
@@ -111,11 +111,11 @@ def bdf2_weights(dt, distance, mass, T, Z, V):
 
 @njit(**INNER)
 def local_error(b, p, dt, Z, T, B, P, diagnostics, V):
-    """Error of the step over what is allowed, a part of the radius of the largest contact.
+    """Return the local error of the step over the tolerance.
 
-    That of backward Euler is half the length of the step times the change of velocity; of BDF2, 2/9 of the length times what
-    this change differs from the last one, taken in proportion (2/9 of the third derivative times dt^3 at equal steps: the same
-    book, III.2).
+    The tolerance is a fraction of the radius of the largest contact. Backward Euler: half the step length times the change of
+    velocity. BDF2: 2/9 of the step length times the difference between this change and the last one scaled by the ratio of steps
+    (at equal steps 2/9 of the third derivative times dt^3: Hairer, Norsett and Wanner, III.2).
     """
     first = T[step_memory.LAST_DT] == 0.0 or V[step_settings.INERTIAL] == 0.0
     ratio = 0.0 if first else dt / T[step_memory.LAST_DT]
@@ -135,13 +135,13 @@ def local_error(b, p, dt, Z, T, B, P, diagnostics, V):
 
 @njit(**INNER)
 def rotation_of(y, Z):
-    """Rotation of the step, rad."""
+    """Return the rotation in the step [rad]."""
     return math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5]) / Z[step_start.ARM]
 
 
 @njit(**INNER)
 def gaps(b, spots, state, before):
-    """Overlaps of the slots of body b as the step begins: one that is negative then closes within the step, if at all."""
+    """Write the overlaps [m] of body b's candidates at the start of the step; negative: a gap."""
     (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
     for e in range(edges[b], edges[b + 1]):
         before[e - edges[b]] = overlap_and_normal(incidence[e] >> 1, own, partner, S, P, 0.0, 0.0)[0]
@@ -149,7 +149,7 @@ def gaps(b, spots, state, before):
 
 @njit(**INNER)
 def predict(p, y, dt, Z, P, rise):
-    """A first guess of the coordinates of a step: going on as before, and by `rise` where the height is prescribed."""
+    """Predict the coordinates y at constant velocity, and a prescribed patch by `rise` [m]."""
     for k in range(3):
         y[k], y[3 + k] = Z[step_start.VELOCITY + k] * dt, Z[step_start.SPIN + k] * Z[step_start.ARM] * dt
     y[6] = Z[step_start.PATCH_VELOCITY] * dt if P[p, patch.FREE] != 0.0 else rise
@@ -157,7 +157,7 @@ def predict(p, y, dt, Z, P, rise):
 
 @njit(**INNER)
 def elastic_energy(b, spots, H, R):
-    """Elastic energy of the loaded spots of body b, J."""
+    """Return the elastic energy [J] of the contacts of body b."""
     edges, incidence = spots[3], spots[4]
     total = 0.0
     for e in range(edges[b], edges[b + 1]):
@@ -169,7 +169,7 @@ def elastic_energy(b, spots, H, R):
 
 @njit(**INNER)
 def add_impulses(W, sums, old, dt):
-    """Add the impulses of a step on both plates to the totals, with the share `old` of the last forces; keep the new ones."""
+    """Add the impulses on both plates, with weight `old` of the last forces; store the new forces."""
     for k in range(3):
         upper, lower = -sums[0, contact_sums.UPPER_FORCE + k], -sums[0, contact_sums.LOWER_FORCE + k]
         W[run_totals.UPPER_IMPULSE + k] += dt * (old * W[run_totals.UPPER_FORCE + k] + (1.0 - old) * upper)
@@ -179,13 +179,14 @@ def add_impulses(W, sums, old, dt):
 
 @njit(**INNER)
 def update_ledger(b, p, y, dt, v_x, v_y, diagnostics, sums, gained, Z, T, B, E, P, W, inertial, hub):
-    """Add the accepted step to the totals of body b. Every line is computed by itself; their balance is the residual.
+    """Add the accepted step to the energy totals of body b.
 
-    The method works with the forces at the end of the step: what they do beyond the energy that laws store and lose, and beyond
-    the kinetic energy, is the integrator's own loss. The plate's work and its impulse are taken with the mean of the forces at
-    both ends of the step, or, where forces jump (`weight_of_old`), with those at its end, as that of friction is (`commit`);
-    how much this work differs from that of the method goes to the same line. What bodies and a common plate of their
-    own (`hub`) do to each other is nobody's work. Without inertia bodies and patches have no kinetic energy.
+    Each line is computed independently; their imbalance is the residual. The method uses the forces at the end of the step: their
+    work in excess of the energy stored and dissipated by the laws, and of the kinetic energy, is the numerical loss. The plate's
+    work and impulse use the mean of the forces at both ends of the step or, where forces jump (`weight_of_old`), those at its
+    end, as does friction (`commit`); the difference from the work of the method is added to the numerical loss. With a common
+    plate (`hub`) the body-plate forces are internal and do no external work. Without inertia bodies and patches have no kinetic
+    energy.
     """
     arm = 1.0 / Z[step_start.ARM]
     contacts, effects, before, after, pushed = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -241,7 +242,7 @@ def update_ledger(b, p, y, dt, v_x, v_y, diagnostics, sums, gained, Z, T, B, E, 
 
 @njit(**INNER)
 def advance_clock(W, dt, end, whole, v_x, v_y):
-    """The clock of a body after a step of length dt; `whole`: it ends the stretch, at the time `end` to the last bit."""
+    """Advance the clock of a body by a step of length dt [s]; `whole`: to exactly `end` [s]."""
     pass_time(W, dt, v_x, v_y)
     if whole:
         W[run_totals.TIME] = end
@@ -249,7 +250,7 @@ def advance_clock(W, dt, end, whole, v_x, v_y):
 
 @njit(**INNER)
 def update_labeller(b, spots, state, M, W, known, drag, observe, seen, table):
-    """Let the labeller observe body b after its step."""
+    """Update the labeller's memory of body b after its step."""
     (own, partner, _, edges, incidence), (_, B, _, H, R, E) = spots, state
     update_body_memory(
         b, edges, incidence, own, partner, H, R, B, E, W, M, drag, W[run_totals.PLATE_SPEED], known[2], known[4], observe, seen,
@@ -260,7 +261,7 @@ def update_labeller(b, spots, state, M, W, known, drag, observe, seen, table):
 
 @njit(**INNER)
 def store_step(b, p, y, dt, Z, T, B, E, P):
-    """Keep of an accepted step what the next one needs."""
+    """Store the data of an accepted step that the next one needs."""
     for k in range(FREEDOMS):
         T[step_memory.LAST_COORDINATES + k] = y[k]
     for k in range(3):
@@ -273,7 +274,7 @@ def store_step(b, p, y, dt, Z, T, B, E, P):
 
 @njit(**INNER)
 def reject_step(b, p, Z, T, shape, state):
-    """Put body b back to where its step began."""
+    """Restore body b and patch p to the start of the step."""
     B, P, E = state[1], state[2], state[5]
     still = np.zeros(FREEDOMS)
     set_configuration(b, p, still, 1.0, Z, T, shape, state)
@@ -288,7 +289,7 @@ def reject_step(b, p, Z, T, shape, state):
 
 @njit(**INNER)
 def accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, hub):
-    """Make the step of body b, as it is staged, part of its past."""
+    """Accept the step of body b: store history, records, energy totals and step data."""
     (_, B, P, H, R, E), diagnostics, sums = state, work[11], work[12]
     for k in range(contact_sums.WIDTH):
         sums[0, k] = 0.0
@@ -315,7 +316,7 @@ def accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V,
 
 @njit(**INNER)
 def reduction_factor(result, error, turn):
-    """By what factor a step that was no good is cut."""
+    """Return the factor that shortens a rejected step; `result`: Newton's method converged."""
     if not result:
         return 0.5
     from_turn = 0.9 * TURN / max(turn, 1e-30)
@@ -324,7 +325,7 @@ def reduction_factor(result, error, turn):
 
 @njit(**INNER)
 def next_dt(T, W, V, dt, requested_dt, error, iterations, cuts, limit):
-    """Choose the length to try next, and count; `limit`: what limited this step."""
+    """Set the length of the next step; update the counters; `limit`: cause that limited this one."""
     T[step_memory.LIMITED + limit] += 1.0
     T[step_memory.CUTS] += cuts
     T[step_memory.HARD_STEPS] += 1.0 if cuts > HARD else 0.0
@@ -338,13 +339,13 @@ def next_dt(T, W, V, dt, requested_dt, error, iterations, cuts, limit):
         T[step_memory.LIMIT] = ERROR
     elif dt * grown >= requested_dt:
         T[step_memory.LIMIT] = NEWTON if iterations > EASY else (GROWTH if grown == V[step_settings.GROWTH] else ERROR)
-    # a step that was short only because a stretch ended tells nothing
+    # a step shortened only by the end of the interval does not reduce the next one
     T[step_memory.NEXT_DT] = max(dt * grown, requested_dt) if cuts == 0 and grown >= 1.0 else dt * grown
 
 
 @njit(**INNER)
 def guard_code(b, diagnostics, B, D):
-    """(code, slot) of the guard that body b trips after a step."""
+    """Return (code, candidate) of the guard that body b violates after a step; GOING if none."""
     bad, out = check_position(b, load(B, b, body.POSITION), 0.0, limits_of(D), np.int64(0), np.int64(0))
     if bad > 0:
         return NOT_A_NUMBER, -1.0

@@ -1,4 +1,4 @@
-"""What limits the length of a step of the implicit integrator, counted per body."""
+"""Causes that limit the step length of the implicit integrator, counted per body."""
 
 import math
 
@@ -11,37 +11,37 @@ from thirdbody.kernels.implicit.residual import TURN
 (ERROR, LANDING, NEWTON, TURNING, LARGEST, REVERSAL, OUTPUT, GROWTH) = range(8)
 """Codes of the causes, in the order of their counters (`step_memory.LIMITED`):
 
-| code | the step is as short as it is because |
+| code | what limits the step |
 |---|---|
-| ERROR | a longer one would pass the error that `solver.tolerance` allows |
-| LANDING | a longer one failed where a spot touches for the first time |
-| NEWTON | Newton's method found no balance for a longer one, or needed many iterations |
-| TURNING | the body may not turn farther in one step |
-| LARGEST | the drag may not go farther in one step (`solver.largest_step`) |
-| REVERSAL | it ends where the prescribed motion or load changes |
-| OUTPUT | it ends at an output |
-| GROWTH | nothing: it grows from one step to the next |
+| ERROR | a longer step would exceed the error allowed by `solver.tolerance` |
+| LANDING | a longer step failed while a contact closed |
+| NEWTON | Newton's method did not converge for a longer step, or needed many iterations |
+| TURNING | largest rotation of the body in one step |
+| LARGEST | largest drag in one step (`solver.largest_step`) |
+| REVERSAL | the step ends where the prescribed motion or load changes |
+| OUTPUT | the step ends at an output |
+| GROWTH | nothing: the step grows by the largest allowed ratio |
 """
 
 OF_A_BODY = 4
-"""The first so many are due to a body, the others to the scene."""
+"""Number of causes due to a body, which come first; the others are due to the scene."""
 
 CAUSES = (
     "error", "landing", "newton", "rotation", "largest_step", "reversal", "output", "growth",
 )  # fmt: skip
-"""Names of the causes by code, as `summary()` gives them."""
+"""Names of the causes by code, as in `summary()`."""
 
 WORDS = (
     "the error of a step (solver.tolerance)", "spots that touch for the first time", "failures of Newton's method",
     "the rotation of a body", "the largest step of the drag (solver.largest_step)", "reversals of the motion",
     "the output interval (output.every)", "growth from a short step",
 )  # fmt: skip
-"""The same for a line of text, after `steps limited by`."""
+"""Descriptions of the causes by code, which complete `steps limited by`."""
 
 
 @njit(**INNER)
 def lands(b, m, spots, work):
-    """Whether one of the m staged spots of body b was open when the step began."""
+    """Return whether one of the m contacts of body b closed within the step."""
     for q in range(m):
         if work[5][work[4][q] - spots[3][b]] < 0.0:
             return True
@@ -50,7 +50,7 @@ def lands(b, m, spots, work):
 
 @njit(**CHUNK)
 def why_cut(landing, result, error, turn):
-    """What asks for a shorter step (`limits`)."""
+    """Return the code of the cause of a rejected step."""
     if landing:
         return np.int64(LANDING)
     if not result:
