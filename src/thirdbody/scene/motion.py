@@ -1,4 +1,4 @@
-"""How the upper plate moves sideways: constant velocity, ramp, pause, strokes, a table; or a list of such stages."""
+"""Sliding of the upper plate: constant velocity, ramp, pause, strokes, a table; or a list of such stages."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ Drive = Constant | Ramp | Pause | Stroke | Table
 
 
 def _endless(stage: Any) -> str | None:
-    """The key that a stage before the last lacks, since it would never end."""
+    """Return the key that a stage before the last lacks, since it would never end."""
     if isinstance(stage, Constant) and stage.duration is None:
         return "duration"
     return "cycles" if isinstance(stage, Stroke) and stage.cycles is None else None
@@ -74,6 +74,6 @@ class Motion(Part):
     y: Stages | None = None
 
     def moving(self) -> bool:
-        """True when anything ever moves."""
+        """Return whether anything ever moves."""
         drives = (*(self.x or ()), *(self.y or ()))
         return any(not isinstance(drive, Pause) and getattr(drive, "velocity", 1.0) != 0.0 for drive in drives)

@@ -23,7 +23,7 @@ class SizeDistribution(Part):
         return {name: value for name, value in given.items() if value is not None}
 
     def typical(self) -> tuple[float, float]:
-        """Return a size [m], and the fraction of bodies that are surely not smaller."""
+        """Return a size [m], and the fraction of bodies that are certainly not smaller."""
         raise NotImplementedError(f"{type(self).__name__}.typical")
 
 
@@ -40,7 +40,7 @@ class Constant(SizeDistribution):
 
 class _Cut(SizeDistribution):
     def checks(self) -> list[Wrong]:
-        """Faults between the limits."""
+        """Return faults between the limits."""
         low, high = getattr(self, "min"), getattr(self, "max")  # noqa: B009  (declared by the kinds below)
         if low and high and not low < high:
             return [(("min",), "min must be less than max")]
@@ -48,7 +48,7 @@ class _Cut(SizeDistribution):
                 if not (low or 0.0) <= getattr(self, key, low or 0.0) <= (high or math.inf)]  # fmt: skip
 
     def _outside(self, key: str, low: float | None, high: float | None) -> Wrong:
-        """The fault of a middle of the distribution that its limits cut away."""
+        """Return the fault of a median or mean outside the limits."""
         limits = [f"{word} {units.pretty(x, 'length')}" for word, x in (("min", low), ("max", high)) if x]
         shown = units.pretty(getattr(self, key), "length")
         return (key,), f"the {key} {shown} is outside the limits, {' and '.join(limits)}: only the tail would be left"
@@ -101,7 +101,7 @@ _SIZES: dict[str, type[Part]] = {
 
 
 def _constant_size(value: Any, info: ValidationInfo) -> Any:
-    """A single length as the distribution that it stands for."""
+    """Return a single length as the distribution that it represents."""
     if not isinstance(value, str | numbers.Real):
         return value
     return Constant(value=float(_LENGTH.read(value, info)))

@@ -45,18 +45,18 @@ class Material(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         return one_of(raw, ("youngs_modulus", "shear_modulus"))
 
     def young(self) -> float:
-        """Young's modulus E = 2 G (1 + nu), Pa."""
+        """Return Young's modulus E = 2 G (1 + nu) [Pa]."""
         if self.youngs_modulus is not None:
             return self.youngs_modulus
-        assert self.shear_modulus is not None  # one of the two is given: `rules`
+        assert self.shear_modulus is not None  # `rules`: one of the two is given
         return 2.0 * self.shear_modulus * (1.0 + self.poisson_ratio)
 
     def shear(self) -> float:
-        """Shear modulus G = E / (2 (1 + nu)), Pa."""
+        """Return the shear modulus G = E / (2 (1 + nu)) [Pa]."""
         if self.shear_modulus is not None:
             return self.shear_modulus
         return self.young() / (2.0 * (1.0 + self.poisson_ratio))
@@ -105,7 +105,7 @@ class UpperPlate(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         wrongs = one_of(raw, _LOADINGS)
         if raw.get("support") == "load_per_particle" and not wrongs and "load" not in raw:
             given = next(key for key in _LOADINGS if key in raw)
@@ -129,16 +129,16 @@ class Plates(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         alone = "upper" in raw and "lower" not in raw
         return [(("upper",), "an upper plate needs a lower one: add [plates.lower]")] if alone else []
 
     def moving(self) -> bool:
-        """True when the upper plate slides."""
+        """Return whether the upper plate slides."""
         return self.upper is not None and self.upper.motion.moving()
 
     def driven(self) -> bool:
-        """True when something begins after the debris has settled: the upper plate slides, or its load changes."""
+        """Return whether a drive begins after settling: the upper plate slides, or its load changes."""
         return self.moving() or (self.upper is not None and self.upper.loading is not None)
 
 
@@ -153,7 +153,7 @@ class Contact(Part):
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
-        """The table with the level that belongs to the default law; other laws may have no levels."""
+        """Return the table with the level of the default law; other laws may have no levels."""
         return {"level": "mindlin"} | raw if raw.get("law", "three_spot") == "three_spot" else raw
 
 
@@ -166,7 +166,7 @@ class Effects(Part):
 
 
 IMPLICIT_KEYS = ("tolerance", "largest_step", "inertia", "on_failure")
-"""Keys of the solver that only the implicit integrator has."""
+"""Keys of the solver for the implicit integrator only."""
 
 
 class Solver(Part):
@@ -188,7 +188,7 @@ class Solver(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         wrongs = one_of(raw, ("distance", "duration"))
         other = {"explicit": IMPLICIT_KEYS, "implicit": ("time_step",)}
         kind = raw.get("integrator", "auto")
@@ -208,7 +208,7 @@ class Output(Part):
     """
 
     every: Annotated[float, Quantity(gt=0)]
-    every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: never left to the default
+    every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: the default is never used
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
@@ -218,7 +218,7 @@ class Output(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         every, from_file = raw.get("every"), bool(context and context.get("file"))
         if from_file and "every_kind" in raw:
             return [(("every_kind",), "unknown key: the unit of every says whether it is a length or a time")]
@@ -229,7 +229,7 @@ class Output(Part):
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
-        """The interval as a number and its kind. Raises ValidationError."""
+        """Return the interval as a number and its kind. Raises ValidationError."""
         if not isinstance(raw.get("every"), str):
             return raw
         try:
