@@ -1,6 +1,7 @@
 """Colours of the states and of scalar fields, the same in every picture, plot and viewer script.
 
-The state colours are distinguishable under protanopia, deuteranopia and tritanopia (Tableau 10, the blue, orange and green)."""
+The state colours are distinguishable under protanopia, deuteranopia and tritanopia (Tableau 10, the blue, orange and green).
+"""
 
 from __future__ import annotations
 

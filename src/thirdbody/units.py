@@ -1,7 +1,8 @@
 """Conversion between SI floats and quantities with units, such as "60 um" or "7850 kg/m3".
 
 Scaling uses exact fractions and rounds once, so "60 um" is the very float 60e-6. (A unit library that multiplies floats gives
-5.9999999999999995e-05, imports in a second, and reads "20 mu" as a mass.)"""
+5.9999999999999995e-05, imports in a second, and reads "20 mu" as a mass.)
+"""
 
 from __future__ import annotations
 

@@ -2,7 +2,8 @@
 
 Poses X (n, 3) are centroids, Q (n, 4) quaternions (w, x, y, z; body to world); the spheres of body b are the rows
 starts[b]..starts[b + 1] of `rel` (n, 3: centres in the body's frame) and `radii`. The box is 0..box (3,), periodic in x and y or
-with walls on all sides. Everything is serial, so the bits do not depend on threads."""
+with walls on all sides. Everything is serial, so the bits do not depend on threads.
+"""
 
 import math
 

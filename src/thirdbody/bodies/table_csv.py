@@ -16,8 +16,7 @@ from thirdbody.bodies.sphere_table import PER_BODY, SphereTable, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
 Parse = Callable[[str, str], float]
-"""Conversion of a text with a unit, such as "5 um", and a dimension, such as "length", to SI. Raises ValueError with the reason.
-"""
+"""Conversion of a text with unit ("5 um") and a dimension ("length") to SI. Raises ValueError with the reason."""
 
 # name: group, dimension
 _COLUMNS = {

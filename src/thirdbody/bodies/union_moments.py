@@ -3,7 +3,8 @@
 A slice z = const cuts the spheres in discs. The boundary of their union consists of exposed arcs, and Green's theorem turns area
 and moments into integrals over these arcs, which have closed forms. Along z the moments are smooth between break heights (poles,
 ends of the circles where two spheres intersect, points where three intersect) apart from half-integer powers at the ends, which z
-= mid - half cos(t) removes: Gauss-Legendre in t then converges geometrically. Lengths are in units of the largest radius."""
+= mid - half cos(t) removes: Gauss-Legendre in t then converges geometrically. Lengths are in units of the largest radius.
+"""
 
 from __future__ import annotations
 
@@ -173,8 +174,7 @@ def triples(n: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return heights (b, m), ascending, NaN after the last, where slices of unions change: poles, ends of circles, triple
-    points.
+    """Return ascending heights (b, m), then NaN, at which slices change: poles, ends of circles, triple points.
 
     c (b, n, 3), r (b, n): a stack of bodies. Points covered by another sphere are left out: no slice sees them. Plain numpy: for
     a stack it is as fast as a kernel, which every cold start would compile for 0.6 s.

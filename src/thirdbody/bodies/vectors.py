@@ -1,6 +1,7 @@
 """Vectors in stacks (..., 3), in plain numpy, for many bodies with equal numbers of spheres at once.
 
-By components: numpy's own `cross` and sums over an axis of three take several times as long."""
+By components: numpy's own `cross` and sums over an axis of three take several times as long.
+"""
 
 import numpy as np
 

@@ -22,8 +22,7 @@ def population_context(scene: Scene, index: int, warnings: list[str]) -> Populat
 
 
 def read_populations(scene: Scene, warnings: list[str]) -> list[PopulationContext]:
-    """Return the contexts of all populations, with the content of their files. Raises InputError with the faults of all of them.
-    """
+    """Return the contexts of all populations, with their file contents. Raises InputError with all faults."""
     contexts, faults = [], []
     for index, debris in enumerate(scene.debris):
         context = population_context(scene, index, warnings)

@@ -70,9 +70,7 @@ def examine_inertia(scene: Scene, state: State) -> list[str]:
 
 
 def _per_body(state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Return the mass that moves with each body, (n,) [kg], and its smallest load, (n,) [N]: of its patch, or an equal part of
-    the plate's.
-    """
+    """Return mass moving with each body [kg] and smallest load [N], (n,): of its patch, or an equal part of the plate's."""
     upper, n = state.world.upper, state.n_bodies
     assert upper is not None
     pieces = [min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(upper.schedule.load)]

@@ -20,10 +20,12 @@ if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
 
 LARGEST_FRICTION = 1e4
-"""Largest friction coefficient in the implicit integrator; larger ones are reduced to it. Newton's method solves for forces to
-1e-9 of the forces that act, and the friction limit of a contact that its dashpot is about to open is the normal force times
-this coefficient: above 1e6 the error of the load makes that limit jump by the whole tangential force, and steps shrink
-without end. A contact that slips because of this bound carries less than 1e-4 of its tangential force as load."""
+"""Largest friction coefficient in the implicit integrator; larger ones are reduced to it.
+
+Newton's method solves for forces to 1e-9 of the forces that act, and the friction limit of a contact that its dashpot is about to
+open is the normal force times this coefficient: above 1e6 the error of the load makes that limit jump by the whole tangential
+force, and steps shrink without end. A contact that slips because of this bound carries less than 1e-4 of its tangential force as
+load."""
 
 
 @dataclass(frozen=True)

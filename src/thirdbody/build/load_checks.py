@@ -17,8 +17,7 @@ from thirdbody.scene.model import Scene
 from thirdbody.units import pretty
 
 DEEP = 0.1
-"""Overlap over the sphere's radius above which Hertz' theory of small contacts is only approximate: the contact radius is then
-0.3 of the sphere's radius."""
+"""Overlap over sphere radius above which Hertz' theory is only approximate: the contact radius is 0.3 of the radius."""
 
 
 @dataclass(frozen=True)

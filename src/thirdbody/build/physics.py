@@ -79,8 +79,7 @@ PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
 
 
 def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
-    """Return the parameters that a law mixes. Raises UsageError for any exception of its mixing rule, which may be a plug-in's.
-    """
+    """Return the mixed parameters of a law. Raises UsageError for any exception of its (plug-in's) mixing rule."""
     try:
         row = law.mix(*arguments)
     except Exception as problem:

@@ -21,13 +21,13 @@ from thirdbody.kernels.columns.sides import ONLY_LOWER
 from thirdbody.scene.model import Scene
 
 HANDFUL = 3
-"""Number of loaded bodies of a larger layer up to which a warning is given: a parallel rigid plate on stiff bodies rests on one
-of them."""
+"""Most loaded bodies of a larger layer with a warning: a parallel rigid plate on stiff bodies rests on few of them."""
 
 
 TAKEN = 0.1
-"""Threshold of a warning: force of the patches' dashpots at the speed of the drag, over the load. At 0.07 and friction 0.8,
-where most bodies roll, friction dissipates 0.79 of the plate's work; at 0.7 it dissipates 0.51."""
+"""Threshold of a warning: force of the patches' dashpots at the speed of the drag, over the load.
+
+At 0.07 and friction 0.8, where most bodies roll, friction dissipates 0.79 of the plate's work; at 0.7 it dissipates 0.51."""
 
 RELAXED = 12.0
 """Settling time of a foundation in relaxation times (dashpot over spring of a patch): the plate comes down in the first ones,
@@ -51,9 +51,7 @@ class Upper:
 
 @dataclass(frozen=True)
 class TopSpheres:
-    """Highest point of each body: height (n,) [m], radius of its sphere (n,) [m], row of its pair with the plate (n,), mass (n,)
-    [kg].
-    """
+    """Highest points of the bodies, (n,): height [m], sphere radius [m], row of the pair with the plate, body mass [kg]."""
 
     top: np.ndarray
     radius: np.ndarray
@@ -224,8 +222,7 @@ def _layer_force(choice: CompiledPhysics, crown: TopSpheres, z: float) -> np.nda
 
 
 def _level(force, crown: TopSpheres, load: float) -> float:
-    """Return the height of the plate at which the bodies together carry the load, by bisection; negative for very soft springs.
-    """
+    """Return the plate height at which the bodies together carry the load, by bisection; negative for very soft springs."""
     low, high = 0.0, float(crown.top.max())
     while float(np.sum(force(low))) < load and low > -1e6 * high:
         low = 2.0 * low - high

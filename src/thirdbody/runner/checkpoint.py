@@ -1,7 +1,8 @@
 """The checkpoint of a run: `checkpoint.npz` next to its trajectory, always replaced as a whole.
 
 It holds plain arrays, and one JSON text with the scene, fingerprints of the inputs of the run and the names of the arrays; never
-a pickle. Every array has a checksum (zip), so a damaged file is recognised."""
+a pickle. Every array has a checksum (zip), so a damaged file is recognised.
+"""
 
 from __future__ import annotations
 

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
 
 SECONDS, LARGEST_NUMBER = 0.3, 32
-"""Seconds for which frames are written to measure their time, and their largest number, not counting the first one, which
-creates all arrays."""
+"""Seconds and largest number of frames for the measurement, not counting the first one, which creates all arrays."""
 
 
 class FrameCost(NamedTuple):

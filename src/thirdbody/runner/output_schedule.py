@@ -15,8 +15,9 @@ SUBTICKS = 8
 """Progress reports per output interval, so that a run with few frames shows progress too."""
 
 SETTLING = 100
-"""Largest number of frames of a settling phase of automatic length (`solver.settle = "auto"`). Settling may last a million
-output intervals that suit the drag, and a frame costs more than the steps before it."""
+"""Largest number of frames of a settling phase of automatic length (`solver.settle = "auto"`).
+
+Settling may last a million output intervals that suit the drag, and a frame costs more than the steps before it."""
 
 
 def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
@@ -42,9 +43,7 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
 
 
 def settling_frames(simulation: Simulation) -> tuple[int, int]:
-    """Return the number of output intervals in a thinned settling phase, and how many of them make one frame; (0, 1) without
-    one.
-    """
+    """Return (output intervals in a thinned settling phase, intervals per frame there); (0, 1) without thinning."""
     output, settle = simulation.scene.output, simulation.settle
     if output.every_kind != "time" or simulation.scene.solver.settle != "auto":
         return 0, 1

@@ -2,7 +2,8 @@
 
 Only these files are ever replaced or deleted. A new run that replaces an older one writes into a folder inside that of the run
 (`REPLACEMENT`); its files replace the old ones once its first frame is on the disk. So they stay on one file system, and the
-folder itself stays the same: it may be the current folder, or a mount point."""
+folder itself stays the same: it may be the current folder, or a mount point.
+"""
 
 from __future__ import annotations
 

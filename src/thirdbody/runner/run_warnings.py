@@ -21,8 +21,10 @@ LARGE = 10e9
 
 
 def run_warnings(built: Simulation, wall: float, framing: float, disk: float, stopped: str) -> Iterator[str]:
-    """Yield warnings from the estimated wall time [s], the part of it for frames, the trajectory [bytes], and the message of a
-    guard that stopped the trial."""
+    """Yield warnings from estimates of a trial.
+
+    wall: wall time [s]; framing: its part for frames [s]; disk: trajectory [bytes]; stopped: message of a guard that stopped the
+    trial."""
     if stopped:
         yield f"a trial of the first steps was stopped by a guard, and so will the run be: {stopped}"
     settling, spacing = settling_frames(built)

@@ -1,6 +1,7 @@
 """Faults between the tables of a scene: names of materials, missing pairs, sliding without a moving plate.
 
-Works on the raw tables, as far as they can be read, so that these faults are reported together with all others."""
+Works on the raw tables, as far as they can be read, so that these faults are reported together with all others.
+"""
 
 from __future__ import annotations
 

@@ -2,7 +2,8 @@
 
 In Python, quantities are given as floats in SI or as text with a unit; in a file always as text with a unit. The tables are
 defined in `tables` and `debris`; import them from here. Further kinds of debris are given as tables (dictionaries) or as
-instances of their classes."""
+instances of their classes.
+"""
 
 from __future__ import annotations
 
@@ -215,9 +216,7 @@ class Scene(Part):
         return plain(self.model_dump(exclude_none=True))
 
     def to_toml(self) -> str:
-        """Return the scene as TOML text; `Scene.parse` gives an equal scene. Raises InputError for options that TOML cannot
-        hold.
-        """
+        """Return the scene as TOML text; `Scene.parse` gives an equal scene. Raises InputError for odd options."""
         return toml_text(self.document())
 
     def save(self, path: str | os.PathLike[str]) -> None:

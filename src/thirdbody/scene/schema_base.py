@@ -1,7 +1,8 @@
 """The base of every table of the scene model, and the transport of faults inside tables.
 
 `Part` reports all faults of a table at once, and suggests the nearest known key. Faults are carried by pydantic errors with final
-text, so that pydantic prefixes their place when tables are nested."""
+text, so that pydantic prefixes their place when tables are nested.
+"""
 
 from __future__ import annotations
 

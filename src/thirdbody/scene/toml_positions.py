@@ -1,6 +1,7 @@
 """Line and column of every key and list entry in a TOML text, which tomllib does not report.
 
-Only for text that tomllib has accepted: the scanner assumes valid syntax and does not check it."""
+Only for text that tomllib has accepted: the scanner assumes valid syntax and does not check it.
+"""
 
 from __future__ import annotations
 

@@ -1,14 +1,16 @@
 """Errors of too little memory or address space (`ulimit -v`, limits of batch systems), reported in one line.
 
-Otherwise libraries terminate the process, or fail to load with messages that blame the installation."""
+Otherwise libraries terminate the process, or fail to load with messages that blame the installation.
+"""
 
 from __future__ import annotations
 
 from thirdbody.errors import ThirdbodyError
 
 LEAST = 1024
-"""MB that the compiled libraries need with two threads each (measured: 470 to run, 700 to compile, 900 to draw), and a reserve:
-with less, the compiler terminates the process."""
+"""Smallest address space [MB]: below it the compiler terminates the process.
+
+The compiled libraries need it with two threads each (measured: 470 to run, 700 to compile, 900 to draw), with a reserve."""
 
 SHORT = ("cannot allocate memory", "failed to map segment", "unable to allocate", "bad_alloc")
 """Phrases, in lower case, of system, loader and numpy for too little memory."""

@@ -1,6 +1,7 @@
 """Python child processes that never execute a module in the current folder.
 
-`python -m` searches the current folder first, before the standard library: a `json.py` there would be executed."""
+`python -m` searches the current folder first, before the standard library: a `json.py` there would be executed.
+"""
 
 from __future__ import annotations
 

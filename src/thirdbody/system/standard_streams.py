@@ -1,7 +1,8 @@
 """Standard streams of the command line that never raise: a closed reader or a full disk must not end a run.
 
 Output that cannot be written is dropped; the first fault of each stream is stored. A reader of standard output that stops early
-(`| head`) is no fault. Any other fault of standard output means that requested output was not delivered: exit code 5."""
+(`| head`) is no fault. Any other fault of standard output means that requested output was not delivered: exit code 5.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Safe output to the terminal: untrusted text cannot control it, and missing letters raise no error.
 
 All characters printed by the command line pass through `PrintableStream`. Only rich, which draws tables and bars with its own
-escape sequences, writes past it (`terminal_of`), with texts from `printable`."""
+escape sequences, writes past it (`terminal_of`), with texts from `printable`.
+"""
 
 from __future__ import annotations
 

@@ -3,7 +3,8 @@
 A kind derives from `PlacedDebris` (or from `DebrisKind` if the program does not place its bodies), declares `kind:
 Literal["name"] = "name"` and its keys, and implements `max_spheres` and `clumps`. All other methods have defaults. Faults that
 depend on several keys go into `checks` or `rules` (see `Part`); faults that appear only while bodies are made are raised as
-InputError, with keys of the kind's table such as "aspect[2]"."""
+InputError, with keys of the kind's table such as "aspect[2]".
+"""
 
 from __future__ import annotations
 
@@ -17,8 +18,7 @@ if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump
 
 MAX_SPHERES_PER_BODY = 100
-"""Largest number of spheres of a given body: memory for its mass properties grows with the cube, 0.4 GB for 100 and 31 GB for
-300."""
+"""Largest number of spheres of a given body: the memory grows with the cube, 0.4 GB for 100 and 31 GB for 300."""
 
 CLEARANCE = 1e-9
 """Gap of a resting body to its plates over its size, so that rounding makes no contact at the start."""
@@ -76,8 +76,9 @@ class DebrisKind(Part):
     # Methods with defaults, for kinds whose bodies need no file, and no position or motion of their own.
 
     def read(self, context: PopulationContext) -> Any:
-        """Read the files of a population, for later methods as `context.content`. Raises InputError; faults of all are
-        collected.
+        """Read the files of a population, as `context.content` for later methods. Raises InputError.
+
+        The faults of all populations are reported together.
         """
         return None
 

@@ -29,8 +29,10 @@ NEEDED = ("kind", "material", "count", "velocity", "angular_velocity")
 
 
 class DebrisKinds(Mapping[str, type[DebrisKind]]):
-    """The kinds of debris by name: built-in, installed, and those of plug-in files. An installed one is imported on first use.
-    Raises UsageError for an invalid plug-in file, and where two kinds have one name."""
+    """The kinds of debris by name: built-in, installed, and those of plug-in files.
+
+    An installed one is imported on first use. Raises UsageError for an invalid plug-in file, and where two kinds have one name.
+    """
 
     def __init__(self, files: Sequence[str | Path] = ()) -> None:
         self.of_files: dict[str, tuple[str, type[DebrisKind]]] = dict(_kinds_of_files(files))

@@ -5,7 +5,8 @@ radius E^2; the sphere centred there at the distance x = E^2 u from the middle h
 spheroid from inside, at the tips or the rim (u = 1) with the spheroid's own radius of curvature r^2. A displacement s along the
 medial axis from the nearest centre leaves a gap s^2/(2 E^2 rho) between the union of spheres and the spheroid (rho: radius of the
 sphere), the same in both directions of the disc. Steps in proportion to sqrt(rho) therefore leave equal gaps: on the segment h =
-E^2 I^2/(8 r (n - 1)^2), I = integral from -1 to 1 of (1 - E^2 u^2)^(-1/4) du."""
+E^2 I^2/(8 r (n - 1)^2), I = integral from -1 to 1 of (1 - E^2 u^2)^(-1/4) du.
+"""
 
 from __future__ import annotations
 
