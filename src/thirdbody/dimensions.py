@@ -13,7 +13,7 @@ PURE: Powers = (0, 0, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Dimension:
-    """A kind of quantity: its phrase in messages, and its units from small to large with their power of ten."""
+    """A kind of quantity: its phrase in messages, and its units in ascending order with powers of ten."""
 
     phrase: str
     powers: Powers

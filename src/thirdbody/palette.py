@@ -64,7 +64,7 @@ def rgb(color: str) -> tuple[int, int, int]:
 
 
 def state_colors(names: Sequence[str]) -> list[str]:
-    """Return one colour `#RRGGBB` per state name, in the given order; unknown names get spare colours in turn."""
+    """Return one colour `#RRGGBB` per state name; unknown names get spare colours in turn."""
     spare = 0
     colors = []
     for name in names:
@@ -88,7 +88,7 @@ def pale(colors: np.ndarray, white: float) -> np.ndarray:
 
 
 def field_colors(fraction: np.ndarray) -> np.ndarray:
-    """Return colours (n, 3) uint8 of values from 0 to 1; values outside get the end colours, NaN light grey."""
+    """Return colours (n, 3) uint8 of values 0 to 1; outside these the end colours, for NaN light grey."""
     stops = np.array([rgb(stop) for stop in FIELD_STOPS], dtype=np.float64)
     known = np.nan_to_num(np.clip(fraction, 0.0, 1.0))
     positions = np.linspace(0.0, 1.0, len(stops))

@@ -15,7 +15,7 @@ MINUS, GLUE = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
 
 
 def scale_values(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
-    """Return values (n,), given in SI, in the prefixed unit in which the largest is 1 to 1000; and that unit."""
+    """Return SI values (n,) in the prefixed unit that makes the largest 1 to 1000, and that unit."""
     factor, name = unit_for(values, unit)
     return values / factor, name
 
@@ -40,7 +40,7 @@ def quantity_text(value: float, unit: str, digits: int = 3) -> str:
 
 
 def with_error(value: float, error: float) -> str:
-    """Format a pure number with its error, both to two digits of the error; to three decimals without one."""
+    """Format a pure number with its error, to two digits of the error; three decimals without one."""
     if not math.isfinite(error):
         return f"{value:z.3f}".replace("-", MINUS)
     if error < 5e-7:
@@ -84,7 +84,7 @@ def with_unit(value: float, unit: str) -> str:
 
 
 def prefix_for(size: float, unit: str) -> tuple[float, str]:
-    """Return factor and prefixed unit in which a number of this size is easy to read: 3e-5, "m" -> 1e6, "µm".
+    """Return factor and prefixed unit for a number of this size: 3e-5, "m" -> 1e6, "µm".
 
     Masses are in grams, and a number without unit stays unchanged.
     """

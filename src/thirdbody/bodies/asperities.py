@@ -11,7 +11,7 @@ from thirdbody.bodies.clump import Clump, clump
 from thirdbody.errors import Fault, InputError
 
 MOST = 32
-"""Largest number of asperities of a body: the cost of mass properties grows with the cube of the spheres."""
+"""Largest number of asperities of a body: mass properties cost the cube of the number of spheres."""
 LARGEST = 0.5
 """Largest radius of an asperity over the body's equivalent radius; larger ones would change the body."""
 
@@ -24,7 +24,7 @@ _ROUNDS = 60
 
 @dataclass(frozen=True)
 class Asperities:
-    """Spheres that sit on a body: their `count`, and their `radius` [m], or `relative` to the equivalent radius."""
+    """Spheres on a body: `count`, and `radius` [m] or `relative` to the equivalent radius."""
 
     count: int
     radius: float | None = None
@@ -48,7 +48,7 @@ class Asperities:
 
 
 def with_asperities(rng: np.random.Generator, body: Clump, count: int, fraction: float) -> Clump:
-    """Return the body with `count` spheres on its surface, rescaled to its original volume-equivalent diameter [m].
+    """Return the body with `count` spheres on its surface, of its original volume-equivalent diameter.
 
     The centre of each sphere lies on the surface of the body, where a plane from a random direction would touch it: its summit
     protrudes by its own radius towards that plane, which then touches it and nothing else; the body stays in one piece. The
@@ -82,7 +82,7 @@ def _spread_places(rng: np.random.Generator, body: Clump, count: int) -> np.ndar
 
 
 def touched(body: Clump, normals: np.ndarray) -> np.ndarray:
-    """Return the index (m,) of the sphere that a plane touches first, for its unit normals (m, 3) out of the body."""
+    """Return the sphere (m,) that a plane touches first, for outward unit normals (m, 3)."""
     return (normals @ body.centers.T + body.radii).argmax(axis=1)
 
 
@@ -99,7 +99,7 @@ _DIRECTIONS = sphere_points(400)
 
 
 def summit_radii(body: Clump) -> np.ndarray:
-    """Return the radius (400,) [m] of the sphere that a plane touches, over evenly distributed directions.
+    """Return radii (400,) [m] of the spheres that planes touch, over evenly distributed directions.
 
     Divided by the equivalent radius it measures sharpness: 1 for a sphere, less for sharp bodies.
     """

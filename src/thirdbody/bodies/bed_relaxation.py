@@ -1,4 +1,4 @@
-"""Kernels of random placement in a volume, and of the relaxation of overlapping rigid bodies in a box.
+"""Kernels of random placement in a volume and of the relaxation of overlapping rigid bodies.
 
 Poses X (n, 3) are centroids, Q (n, 4) quaternions (w, x, y, z; body to world); the spheres of body b are the rows
 starts[b]..starts[b + 1] of `rel` (n, 3: centres in the body's frame) and `radii`. The box is 0..box (3,), periodic in x and y or
@@ -36,7 +36,7 @@ def enter_all(spheres, placed, heads, following, size, periodic):
 
 @njit(**OPTIONS)
 def place_turned(tries, rel, radii, count, placed, heads, following, box, periodic, clearance, turned_spheres):
-    """Return the first try at which the body lies free in the box, and enter it into the grid; -1 if none does.
+    """Place a body in the box at its first free try, and return its index; -1 if none is free.
 
     tries (t, 7): unit quaternion, then x, y, z as fractions 0..1 of the range that the rotated body can take. turned_spheres (k,
     4) holds the spheres of the last try at the end; the grid is that of `overlap_grid.place_body`. In a periodic box x and y are
@@ -73,7 +73,7 @@ def place_turned(tries, rel, radii, count, placed, heads, following, box, period
 
 @njit(**OPTIONS)
 def pose(X, Q, rel, radii, starts, scale, arms, S):
-    """Compute arms (n, 3) from the centroids and spheres S (n, 4: centre, radius) of the bodies scaled by `scale`."""
+    """Compute arms (n, 3) and spheres S (n, 4: centre, radius) of the bodies scaled by `scale`."""
     for b in range(X.shape[0]):
         a, e, i, d, f, j, g, h, k = matrix(Q[b, 0], Q[b, 1], Q[b, 2], Q[b, 3])
         for s in range(starts[b], starts[b + 1]):
@@ -85,7 +85,7 @@ def pose(X, Q, rel, radii, starts, scale, arms, S):
 
 @njit(**CHUNK)
 def _add_force(b, arm, s, f_x, f_y, f_z, lever, F):
-    """Add a force at the centre of sphere s to its body; torques are divided by the body's lever to have the unit of a force."""
+    """Add a force at the centre of sphere s to its body; torques are divided by the body's lever."""
     F[b, 0] += f_x
     F[b, 1] += f_y
     F[b, 2] += f_z
@@ -96,7 +96,7 @@ def _add_force(b, arm, s, f_x, f_y, f_z, lever, F):
 
 @njit(**CHUNK)
 def _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F):
-    """Compute forces F (n, 6) of the energy sum(overlap^2)/2; return the deepest overlap and the deepest over its radii."""
+    """Compute forces F (n, 6) of the energy sum(overlap^2)/2; return its largest overlap, absolute and over the radii."""
     F[:] = 0.0
     deepest, worst = 0.0, 0.0
     l_x, l_y = (box[0], box[1]) if periodic else (0.0, 0.0)
@@ -150,7 +150,7 @@ def _moved_beyond(S, S0, skin):
 
 @njit(**OPTIONS)
 def relax(X, Q, V, rel, radii, body, starts, scale, lever, own, partner, box, periodic, clearance, skin, memory, arms, S, limit):
-    """Remove overlaps of rigid bodies by FIRE with both corrections (Guenole et al. 2020); return the exit code and steps.
+    """Remove overlaps of rigid bodies by FIRE (with both corrections of Guenole et al. 2020); return (code, steps).
 
     RELAXED: no overlap of the spheres, enlarged by clearance, exceeds half of it, so nothing touches. MOVED: the candidates own,
     partner (found with `skin`) are out of date. JAMMED: a minimum with overlaps. SPENT: `limit` steps. Lengths are in units of a

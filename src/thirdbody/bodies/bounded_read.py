@@ -1,4 +1,4 @@
-"""Bounded reading of files that the user names, and the range of lengths that can be computed with."""
+"""Bounded reading of the user's files, and the range of valid lengths."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from thirdbody.errors import Fault, InputError
 
 SMALLEST, LARGEST = 1e-30, 1e30
-"""Range of lengths [m] whose fifth powers, and the squares of these, are normal numbers: others come from wrong units only."""
+"""Range of lengths [m] whose 5th and 10th powers are normal numbers: others come from wrong units only."""
 
 
 MOST_BYTES = 500_000_000

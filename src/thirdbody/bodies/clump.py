@@ -64,7 +64,7 @@ def clump(centers, radii) -> Clump:
 
 
 def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
-    """Return clump, centroid (3,) [m] and quaternion (4,) of its principal frame in the frame of the given centers.
+    """Return clump, and centroid (3,) [m] and quaternion (4,) of its principal frame in that of the centers.
 
     Given center = centroid + rotate(quaternion, clump center), row by row. Every volume counts once, however many spheres share
     it (mass properties of the union, Green's theorem per slice, see `bodies.union_moments`). Axes whose order or sign the shape
@@ -77,7 +77,7 @@ def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
 
 
 def clumps(centers: np.ndarray, radii: np.ndarray) -> list[Clump]:
-    """Return clumps of a stack of bodies of n spheres each, centers (b, n, 3) [m] and radii (b, n) [m], computed together.
+    """Return clumps of bodies of n spheres each, centers (b, n, 3) [m] and radii (b, n) [m].
 
     Finite centers and positive radii are assumed. InputError: spheres of a body that are not connected.
     """
@@ -104,7 +104,7 @@ def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], n
 
 
 def repeated_spheres(centers: np.ndarray, radii: np.ndarray) -> list[tuple[int, int]]:
-    """Return indices (k, i) of spheres k that repeat an earlier sphere i of the body: the same center and radius.
+    """Return indices (k, i) of spheres k with the center and radius of an earlier sphere i of the body.
 
     Such a sphere adds nothing to the body's volume, but would double every contact.
     """
@@ -114,7 +114,7 @@ def repeated_spheres(centers: np.ndarray, radii: np.ndarray) -> list[tuple[int, 
 
 
 def quaternion_from_matrix(rotation: np.ndarray) -> np.ndarray:
-    """Return the unit quaternion (4,), w >= 0, of a rotation matrix (3, 3); largest component first (Shepperd 1978)."""
+    """Return the unit quaternion (4,), w >= 0, of a rotation matrix (3, 3) (Shepperd 1978)."""
     m = rotation
     squares = np.array([m.trace(), m[0, 0], m[1, 1], m[2, 2]])
     k = int(np.argmax(squares))
@@ -165,7 +165,7 @@ def _checked(centers, radii) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _refuse_parts(centers: np.ndarray, radii: np.ndarray) -> None:
-    """Raise InputError naming the spheres not connected to sphere 0 in the first such body of the stack."""
+    """Raise InputError with the spheres not connected to sphere 0 in the first such body."""
     longest = np.empty(len(radii))
     longest_links(centers, radii, longest)
     apart = np.flatnonzero(longest > 1.0 + _TOUCH)
@@ -182,9 +182,9 @@ def _refuse_parts(centers: np.ndarray, radii: np.ndarray) -> None:
 
 
 def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return volumes (b,), centroids (b, 3), inertia tensors (b, 3, 3) about them, and errors (2, b) of volume and tensor.
+    """Return volumes (b,), centroids (b, 3), central inertia tensors (b, 3, 3) and errors (2, b).
 
-    For a stack (b, n, 3), (b, n); lengths in units of the largest radius.
+    For a stack (b, n, 3), (b, n); lengths in units of the largest radius; errors of volume and tensor.
     """
     bodies = len(r)
     volume, centroid = np.empty(bodies), np.empty((bodies, 3))
@@ -225,7 +225,7 @@ def _union_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _not_swallowed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return which spheres (b, n) lie inside no other single sphere of the body; of equal ones the first counts."""
+    """Return which spheres (b, n) lie inside no other sphere; of equal ones the first counts."""
     arm = c[:, :, None] - c[:, None]
     inside = np.sqrt(dot(arm, arm)) + r[:, :, None] <= (r * (1.0 + 1e-12))[:, None]
     twin = inside & inside.transpose(0, 2, 1)
@@ -234,7 +234,7 @@ def _not_swallowed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def principal_axes(tensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return principal moments (..., 3), ascending, and right-handed axes (..., 3, 3) as columns, of tensors (..., 3, 3)."""
+    """Return ascending principal moments (..., 3) and right-handed axes (..., 3, 3), as columns, of tensors."""
     inertia, axes = np.linalg.eigh(tensor)
     largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=-2)[..., None, :], axis=-2)
     axes = axes * np.copysign(1.0, largest)

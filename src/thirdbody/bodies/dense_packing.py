@@ -41,7 +41,7 @@ class Bed:
 def pack(
     clumps: Sequence[Clump], fraction: float, domain_size: tuple[float, float], periodic: bool, rng: np.random.Generator
 ) -> Bed:
-    """Return a bed of the bodies on z = 0 with this solid fraction (volume of the bodies over that up to the highest point).
+    """Return a bed of the bodies on z = 0 with this solid fraction, up to the highest point.
 
     The bodies, scaled down, are scattered in the final box and grow to their true size in steps; after each step FIRE removes the
     overlaps of the rigid bodies (soft repulsion, as O'Hern et al. 2003, who detect jamming this way). A step after which overlaps

@@ -18,7 +18,7 @@ from thirdbody.errors import Fault, InputError
 # a smaller one hides the single spheres.
 _NECK = (0.55, 0.8)
 _NECK_FLAT = 0.9
-# Smallest weight of a radius over the largest, before the random part.
+# Smallest ratio of two radii of a clump: lower bound of the random weights.
 _UNEQUAL = 0.6
 # Smallest exposed fraction of a sphere's surface.
 _EXPOSED = 0.08
@@ -90,7 +90,7 @@ def population(
     asperities: Asperities | None = None,
     **size,
 ) -> list[Clump]:
-    """Return the clumps of one population; size: keywords of `diameters`, spheres: smallest and largest number per body.
+    """Return the clumps of a population; size: keywords of `diameters`, spheres: range per body.
 
     Body k draws from its own stream, so it is the same for every count; asperities draw last, so that the body under them has the
     same shape as without them. InputError: as `irregular`, `diameters` and `Asperities.fraction`.
@@ -257,7 +257,7 @@ def _draw_clumps(rngs: list[np.random.Generator], n: int, envelope: np.ndarray) 
 
 
 def _reach(seeds, weights: np.ndarray, inset, envelope: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Return the largest distance over sum of radii of the links, (b,), of trial clumps with the largest radius (b,)."""
+    """Return the largest distance over sum of radii, (b,), of links in clumps of largest radius (b,)."""
     reach = np.empty(len(weights))
     longest_links(seeds * (envelope - radius[:, None, None] * inset[:, :, None]), radius[:, None] * weights, reach)
     return reach
@@ -284,7 +284,7 @@ def _sharpened(
 def _cored(
     seeds: np.ndarray, weights: np.ndarray, neck: np.ndarray, angularity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Make the seed nearest the middle the core and the others corners on the hull; results as of `_sharpened`.
+    """Make the seed nearest the middle the core, the others corners on the hull (see `_sharpened`).
 
     A plane between corners that surround a core of radius 1 evenly, at the distance s (1 + rho), clears it if s (1 + rho) cos t +
     rho > 1; m caps of the angle t have m (1 - cos t) / 2 times the area of the sphere.
@@ -304,7 +304,7 @@ def _cored(
 
 
 def _spread(candidates: np.ndarray, levels: np.ndarray, envelope: np.ndarray) -> np.ndarray:
-    """Return points (b, n, 3) in the unit ball, far apart once stretched to the envelope (best candidate of 12).
+    """Return points (b, n, 3) in the unit sphere, far apart in the envelope (best candidate of 12).
 
     candidates (b, n, 12, 3): normal numbers, levels (b, n, 12): uniform ones.
     """

@@ -27,7 +27,7 @@ def place_layer(
     periodic: bool,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Return positions xy (n, 2) [m], in [0, size), of the centroids of bodies that all rest on z = 0.
+    """Return positions xy (n, 2) [m] of the centroids of bodies on z = 0, in [0, size).
 
     quaternions (n, 4): body to world. Random sequential addition, wide bodies first; spheres of different bodies keep a gap of
     1e-3 of the sum of their radii, in three dimensions: a body may reach under another. Without periodicity the whole body stays
@@ -105,7 +105,7 @@ def overlaps(
 
 
 def projected_area(spheres: np.ndarray) -> float:
-    """Return the area [m2] covered by the spheres (k, 4: x, y, z, radius) seen from above, overlaps counted once."""
+    """Return the area [m2] that the spheres (k, 4: x, y, z, radius) cover seen from above."""
     scale = spheres[:, 3].max()
     discs, r = (spheres[:, :2] - spheres[0, :2]) / scale, spheres[:, 3] / scale
     moments = np.empty(6)
@@ -125,7 +125,7 @@ def _resting_spheres(clumps: Sequence[Clump], quaternions: np.ndarray, starts: n
 
 
 def grid(radii: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return an empty grid (heads, placed, following) for spheres of radii (n,); columns of two largest radii with clearance."""
+    """Return an empty grid (heads, placed, following) for radii (n,), columns of two largest radii with clearance."""
     width = 2.0 * radii.max() * (1.0 + CLEARANCE)
     nx, ny = (min(_COLUMNS, max(1, math.floor(length / width))) for length in size)
     return np.full((nx, ny), -1, np.int64), np.empty((len(radii), 4)), np.empty(len(radii), np.int64)

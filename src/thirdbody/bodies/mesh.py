@@ -26,7 +26,7 @@ _STL_HEADER, _STL_TRIANGLE = 84, 50
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A closed surface of one body: vertices (v, 3) [m], faces (f, 3) counter-clockwise seen from outside, name.
+    """A closed surface: vertices (v, 3) [m], faces (f, 3) counter-clockwise from outside, name.
 
     Meshes of `load_mesh` and `checked_mesh` are closed, connected, consistent and of positive volume. Self-intersection is not
     checked: volume and inertia then count the common part twice.
@@ -57,7 +57,7 @@ class MassProperties:
 
 
 def load_mesh(path: str | Path, unit: float) -> Mesh:
-    """Return the surface in an STL, OBJ or PLY file; unit: metres per unit of the file (files carry none), 1e-3 for mm.
+    """Return the surface in an STL, OBJ or PLY file; unit: metres per unit of the file, 1e-3 for mm.
 
     Corners that coincide are merged, and so are the objects of an OBJ file. InputError: one fault with the path, if the file is
     missing, not readable or truncated, or as `checked_mesh`.
@@ -76,7 +76,7 @@ def load_mesh(path: str | Path, unit: float) -> Mesh:
 
 
 def checked_mesh(vertices, faces, name: str) -> Mesh:
-    """Return the mesh of vertices (v, 3) [m] and faces (f, 3), with coincident vertices merged, without empty triangles.
+    """Return the checked mesh, with coincident vertices merged and without empty triangles.
 
     InputError: one fault that names the file and a remedy, for a mesh that is not finite, empty, open, of mixed winding, in
     several pieces, flat or inside out.
@@ -126,7 +126,7 @@ def mass_properties(mesh: Mesh) -> MassProperties:
 
 
 def _determinants(corners: np.ndarray) -> np.ndarray:
-    """Return six times the signed volume (f,) of the tetrahedra from the origin to the triangles (f, 3, 3)."""
+    """Return six times the signed volumes (f,) of tetrahedra from the origin to triangles (f, 3, 3)."""
     return np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
 
 
@@ -161,7 +161,7 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _refuse_short_stl(data: bytes, name: str) -> None:
-    """Raise InputError for a truncated binary STL file; the reader would take it for text without triangles."""
+    """Raise InputError for a truncated binary STL file, which would be read as text without triangles."""
     if b"endsolid" in data.lower():
         return
     if data[:5].lower() == b"solid" and b"facet" in data[: _STL_TRIANGLE * 20].lower():
@@ -174,7 +174,7 @@ def _refuse_short_stl(data: bytes, name: str) -> None:
 
 
 def _odd_vertex(data: bytes) -> str | None:
-    """Return what is wrong with the first corner of a text STL file that is not three finite numbers, or None."""
+    """Return the fault of the first corner of a text STL file that is not three finite numbers."""
     for number, line in enumerate(data.splitlines(), 1):
         words = line.split()
         if not words or words[0].lower() != b"vertex":

@@ -56,7 +56,7 @@ class ContactRadii:
 
 
 def surface_samples(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points (count, 3) distributed over the surface by area, unit normals (count, 3), triangle indices (count,)."""
+    """Return points (count, 3) sampled by area, unit normals (count, 3), triangle indices (count,)."""
     a, b, c = mesh.corners.transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     doubled = np.linalg.norm(normals, axis=1)
@@ -69,14 +69,14 @@ def surface_samples(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[n
 
 
 def union_samples(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Return points (about count, 3) distributed by area over the surface of the union of the spheres."""
+    """Return about `count` points (k, 3) sampled by area on the surface of the union of spheres."""
     free = _spread(centers, radii, count, rng)
     # Hidden parts yield no points: sample again with a count scaled by the exposed fraction.
     return _spread(centers, radii, math.ceil(count * count / max(1, len(free))), rng)
 
 
 def distances(mesh: Mesh, centers, radii, rng: np.random.Generator) -> tuple[Distances, Distances]:
-    """Return distances from the mesh to the union of the spheres and vice versa; mesh and spheres in units of R."""
+    """Return distances from the mesh to the union of spheres and vice versa, all in units of R."""
     points, _, _ = surface_samples(mesh, _MEASURED, rng)
     union = union_samples(centers, radii, _TARGETS, rng)
     target, _, face = surface_samples(mesh, _TARGETS, rng)
@@ -88,7 +88,7 @@ def distances(mesh: Mesh, centers, radii, rng: np.random.Generator) -> tuple[Dis
 
 
 def distance_to_union(points, centers, radii, union: np.ndarray) -> np.ndarray:
-    """Return the distance (p,) to the surface of the union of spheres; exact unless the nearest point lies on a crease.
+    """Return the distance (p,) to the union of spheres; exact except near creases.
 
     In closed form outside, and inside where the nearest point is the foot of a perpendicular on an exposed part of a sphere;
     otherwise to the nearest of the points `union` on the surface, which is never too short.
@@ -123,7 +123,7 @@ def contact_radii(mesh: Mesh, centers, radii, rng: np.random.Generator) -> Conta
 
 
 def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return the radius of curvature sqrt(R' R'') (k,) of the mesh at the vertices with indices `corners`, over R.
+    """Return the radii of curvature sqrt(R' R'') (k,) of the mesh at vertices `corners`, over R.
 
     A quadric through the vertex is fitted to the surrounding vertices or, where these are few, to points of the triangles. Edges
     are therefore rounded at the size of the patch. inf: flat or saddle-shaped there.
@@ -189,7 +189,7 @@ def _spread(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _distance_to_mesh(points, mesh: Mesh, target: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """Return the distance (p,) to the nearest of the triangles that contain the samples nearest to each point."""
+    """Return the distance (p,) to the nearest triangle among those of the samples nearest to each point."""
     from trimesh.triangles import closest_point
 
     _, near = cKDTree(target).query(points, _CANDIDATES)

@@ -71,7 +71,7 @@ _made: dict[Any, tuple[Clump, Fit]] = {}
 
 
 def clump_from_mesh(mesh: Mesh, n_spheres: int, seed: int = 0) -> tuple[Clump, Fit]:
-    """Return a clump with the mesh's exact volume, centroid and inertia, with spheres fitted to its surface, and the fit.
+    """Return a clump with the mesh's mass properties and spheres fitted to its surface, and the fit.
 
     Spheres that touch the surface from inside (medial axis: Ma, Bae & Choi 2012, Vis. Comput. 28, 7) are chosen one by one, each
     where it reduces the misfit most; then all centers and radii are adjusted to the surface by least squares. The same mesh and
@@ -129,7 +129,7 @@ def _fitted(mesh: Mesh, n: int, rng: np.random.Generator) -> tuple[np.ndarray, n
 
 
 def _inscribed(points: np.ndarray, normals: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return centers (k, 3), radii (k,) of the largest spheres that touch the surface from inside at the points `at`.
+    """Return centers (k, 3), radii (k,) of the largest inscribed spheres at the surface points `at`.
 
     Shrinking ball: while a sample lies inside, it is replaced by the sphere through that sample that touches at the same point.
     """
@@ -149,7 +149,7 @@ def _inscribed(points: np.ndarray, normals: np.ndarray, at: np.ndarray) -> tuple
 
 
 def _cover(centers, radii, x: np.ndarray, misfit: np.ndarray, n: int) -> np.ndarray:
-    """Return the indices (n,) of spheres that, one by one, most reduce the sum of squared distances misfit (m,) of x (m, 3)."""
+    """Return the spheres (n,) that, one by one, most reduce the squared distances misfit (m,) of x (m, 3)."""
     square = (np.linalg.norm(x - centers[:, None], axis=2) - radii[:, None]) ** 2
     chosen = []
     for _ in range(n):
@@ -195,7 +195,7 @@ def _unpacked(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _distance(c, r, x: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the signed distance (m,) of x to the union, positive outside, weights (m, n) and directions (m, n, 3).
+    """Return signed distance (m,) of x to the union (positive outside), weights (m, n), directions (m, n, 3).
 
     The distance is -width ln(sum exp(-g / width)) of the distances g to the spheres; for width 0 the smallest of them. Weights
     are those of the spheres in this sum.

@@ -24,7 +24,7 @@ def apart(d, size, periodic):
 
 @njit(**BARE_CHUNK)
 def free(px, py, spheres, n_first, n_last, placed, heads, following, size, periodic, clearance):
-    """Return whether the spheres n_first..n_last, moved by (px, py), keep clear of all spheres in the grid."""
+    """Return whether the spheres n_first..n_last, moved by (px, py), clear all spheres in the grid."""
     nx, ny = heads.shape
     for s in range(n_first, n_last):
         x, y, z, r = spheres[s, 0] + px, spheres[s, 1] + py, spheres[s, 2], spheres[s, 3]
@@ -62,7 +62,7 @@ def enter(x, y, z, r, t, placed, heads, following, size, periodic):
 
 @njit(**DIRECT, **NO_COUNTS)
 def place_body(tries, spheres, first, last, count, placed, heads, following, size, periodic, clearance):
-    """Return the first try (x, y) at which the body fits, and enter it into the grid; -1 if none does.
+    """Place a body at the first free try (x, y), and return its index; -1 if none is free.
 
     tries (t, 2) [m]; spheres (n, 4): x, y relative to the body, z, radius; those of the body are first..last; placed (n, 4),
     heads (nx, ny), following (n,): the grid with `count` spheres, columns at least one largest diameter wide. Spheres closer than
@@ -81,7 +81,7 @@ def place_body(tries, spheres, first, last, count, placed, heads, following, siz
 
 @njit(**DIRECT, **NO_COUNTS)
 def overlapping(spheres, body, placed, heads, following, size, periodic, pairs, depth):
-    """Return the number of overlapping pairs of spheres of different bodies; write the first of them into pairs and depth.
+    """Count overlapping pairs of spheres of different bodies; store the first in pairs and depth.
 
     spheres (n, 4): x, y, z, radius; body (n,); the grid as in `place_body`, empty at first. If the number exceeds the length of
     pairs (m, 2), call again with larger arrays. In a grid of fewer than three columns a pair may be listed twice.

@@ -29,7 +29,7 @@ _TURNED = [(math.cos(k * math.pi / 4.0), math.sin(k * math.pi / 4.0)) for k in r
 
 
 def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
-    """Return the stable equilibria on a plane below: quaternions (p, 4) and heights of the centroid (p,) [m].
+    """Return the stable poses on a plane: quaternions (p, 4) and heights (p,) [m] of the centroid.
 
     They are the local minima of h(u) = max_i(r_i - u.c_i) over unit up-vectors u of the body; the quaternion is the smallest
     rotation of u to +z. Lowest first. Where a sphere or rod rests at any rotation about itself, one pose represents all.
@@ -39,7 +39,7 @@ def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
 
 
 def settle(clump: Clump, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Return quaternion (4,) and height [m] of the resting pose nearest to a random direction, with a random rotation about z."""
+    """Return quaternion (4,) and height [m] of a random resting pose, rotated randomly about z."""
     quaternions, heights = settle_all([clump], rng)
     return quaternions[0], float(heights[0])
 
@@ -90,7 +90,7 @@ def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _exposed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return which spheres (b, n) protrude from every other sphere; of nearly coincident ones the largest, or the first."""
+    """Return which spheres (b, n) protrude from all others; of coincident ones the largest, or the first."""
     bodies, exposed = np.arange(len(r)), np.zeros(r.shape, np.bool_)
     for sphere in np.argsort(-r, axis=1, kind="stable").T:
         arm = c - c[bodies, sphere][:, None]
@@ -100,7 +100,7 @@ def _exposed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def _minima(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return up-vectors (b, p, 3) of the resting poses of a stack (b, n, 3), (b, n) in units of the largest radius, or NaN."""
+    """Return up-vectors (b, p, 3) of the resting poses, or NaN; lengths over the largest radius."""
     directions, touches, families = _candidates(c, r)
     body, place = np.nonzero(_on_own_sphere(directions, touches, c, r))
     ups, family = directions[body, place], families[body, place]
@@ -157,7 +157,7 @@ def _turned_up(ups: np.ndarray) -> np.ndarray:
 
 
 def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return which candidates (b, m) touch with no other sphere below the plane: most fail here already, and so does NaN."""
+    """Return which candidates (b, m) have no other sphere below the plane: most fail here, and so does NaN."""
     saved = np.empty(ups.shape[:2], np.bool_)
     turned = c.transpose(0, 2, 1)
     for block in _blocks(ups.shape[1]):
@@ -181,11 +181,11 @@ def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:
 
 
 def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Return whether, (m,), bodies c (m, n, 3), r (m, n), up along ups (m, 3), are at a local minimum of the centroid's height.
+    """Return whether (m,) bodies c (m, n, 3), r (m, n) with up-vectors (m, 3) rest in stable equilibrium.
 
-    Equilibrium: the origin lies in the hull of the contacts' projections (multipliers >= 0). In its interior, any tilt raises the
-    height at first order. On a corner or edge of the hull the second order decides: u.w >= 0 with w the supporting combination of
-    the contact centers.
+    The height of the centroid has a local minimum. Equilibrium: the origin lies in the hull of the contacts' projections
+    (multipliers >= 0). In its interior, any tilt raises the height at first order. On a corner or edge of the hull the second
+    order decides: u.w >= 0 with w the supporting combination of the contact centers.
     """
     m, n = r.shape
     rows = np.arange(m)
@@ -216,7 +216,7 @@ def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return up-vectors (b, m, 3) that may be resting poses, a sphere (m,) that each touches with, and families (b, m).
+    """Return candidate up-vectors (b, m, 3), a sphere (m,) in contact for each, and families (b, m).
 
     One sphere: u = c/|c|. Two: u = alpha d + beta e, d along c_i - c_j, e the part of c_i normal to d. Three: u.(c_i - c_j) = r_i
     - r_j and the same for k. Of a family >= 0 one resting pose is enough. For a stack (b, n, 3), (b, n) in units of the largest
@@ -275,7 +275,7 @@ def _triple(c, r, d, e, f, alpha, beta) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _families(shift: np.ndarray, d: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """Return the family of each pair (b, p): -1, or for a free one the first free pair on the same line d with the same u.d."""
+    """Return families (b, p): -1, or for a free pair the first one on the same line d with the same u.d."""
     label = np.full(free.shape, -1)
     for body in np.flatnonzero(free.any(axis=1)):
         left = np.flatnonzero(free[body])

@@ -45,7 +45,7 @@ def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> tuple[np.ndarra
 
 @njit(**BARE_CHUNK)
 def pair_directions(c, toward):
-    """Compute, for pairs of points (n, 3 or 2) seen along z, distance, unit vector from i to j and its angle: toward (n, n, 4).
+    """Compute distance, unit vector and angle from i to j, seen along z: toward (n, n, 4).
 
     The distance of a point to itself is set to infinity, so that it is not its own neighbour.
     """
@@ -94,7 +94,7 @@ def covered_arcs(i, rho, toward, cuts, order):
 
 @njit(**BARE)
 def arc_sums(m, toward, cuts, order):
-    """Return integrals of cos^m sin^n over the arcs of a circle that m cuts leave free: 10, 20, 30, 40, 11, 21, 12, 22, 31."""
+    """Return integrals of cos^m sin^n over the free arcs of a circle, mn = 10, 20, 30, 40, 11, 21, 12, 22, 31."""
     last = order[0]
     for k in range(1, m):
         if cuts[order[k], 1] > cuts[last, 1]:
@@ -158,7 +158,7 @@ def disc_moments(c, rho, toward, cuts, order, out):
 
 @njit(**DIRECT)
 def union_of_discs(c, rho, out):
-    """`disc_moments` for one set of discs, c (n, 2 or 3) and rho (n,); a separate function, since few runs need it."""
+    """`disc_moments` for one set of discs, c (n, 2 or 3) and rho (n,); compiled only if needed."""
     n = rho.size
     toward = np.empty((n, n, 4))
     pair_directions(c, toward)
@@ -211,7 +211,7 @@ def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def _triple_points(c, r, axis, along, ring2, center) -> tuple[np.ndarray, np.ndarray]:
-    """Return intersections of three spheres: midpoints (b, m, 3), and half the vectors (b, m, 3) between both points; or NaN."""
+    """Return midpoints and half differences, each (b, m, 3), of the points where three spheres meet; or NaN."""
     (i, _, k), pair = triples(r.shape[1])
     arm, axis, along = c[:, k] - c[:, i], axis[:, pair], along[:, pair]
     v = dot(arm, axis)
@@ -245,7 +245,7 @@ def add_slices(c, r, mid, half, nodes, weights, first, last, toward, cuts, order
 
 
 def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
-    """Compute ten moments (see MOMENTS) of unions, and the sums of their errors over the layers, into total (b, 2, 10).
+    """Compute ten moments (see MOMENTS) of unions, and their errors, into total (b, 2, 10).
 
     C: (b, n, 3), R: (b, n), no sphere inside another; Z (b, m): the break heights, ascending, then NaN. The order of a layer is
     raised until the moments of two orders differ by less than tolerance; that difference, the error of the lower order, is the

@@ -14,7 +14,7 @@ from thirdbody.scene.schema_base import key_place
 
 
 def population_context(scene: Scene, index: int, warnings: list[str]) -> PopulationContext:
-    """Return the context of one population: its index, random streams, density [kg/m3], domain and warnings."""
+    """Return the context of one population: index, random streams, density, domain, warnings."""
     debris = scene.debris[index]
     random = RandomStreams(getattr(debris, "seed", 1), index)
     density = scene.materials[debris.material].density

@@ -18,9 +18,9 @@ MOST_BYTES = 100 * MOST_ROWS
 
 
 def rows_of(scene: Scene, place: tuple, file: str, word: str, dimension: str) -> list[tuple[float, float]]:
-    """Read rows (time [s], value in SI) of a file with the header `time (unit), <word> (unit)`, from time 0 on.
+    """Read rows (time [s], value in SI) of a file with the header `time (unit), <word> (unit)`.
 
-    A displacement begins at 0, a load is never negative. Raises InputError at the key `place` of the scene, with the line.
+    Time and displacement begin at 0, a load is never negative. Raises InputError at the key `place` of the scene, with the line.
     """
     path = scene.beside(file)
 

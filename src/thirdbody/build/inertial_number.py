@@ -1,4 +1,4 @@
-"""Inertial number of a scene without inertia (`solver.inertia = false`): whether inertia is negligible."""
+"""Inertial number of a scene with `solver.inertia = false`: whether inertia is negligible."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ of its square times the load: 1e-3 and 0.1 of the load."""
 
 
 class Inertial(NamedTuple):
-    """Largest inertial number of the bodies, index of that body in the tables, and largest sliding speed [m/s]."""
+    """Largest inertial number, index of its body in the tables, largest sliding speed [m/s]."""
 
     number: float
     body: int

@@ -62,7 +62,7 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State) -> Plan:
 
 
 def _refuse_leaving_behind(scene: Scene, state: State) -> None:
-    """Raise InputError for `on_failure = "continue"` where all bodies carry one plate, so that none can be dropped."""
+    """Raise InputError for `on_failure = "continue"` where all bodies carry one plate together."""
     if scene.solver.on_failure == "continue" and _carried_together(state):
         message = "'continue' leaves a body behind, but here all bodies carry one plate together"
         raise InputError(scene.fault(("solver", "on_failure"), message))

@@ -1,4 +1,4 @@
-"""Checks of the loads: forces beyond any Hertz contact are refused, deep contacts and yield give warnings."""
+"""Checks of the loads: crushing loads are refused, deep contacts and yield give warnings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DEEP = 0.1
 
 @dataclass(frozen=True)
 class Pressing:
-    """Contacts under the largest load of the run: load (n,) [N], sphere radius (n,) [m], row of the pair (n,)."""
+    """Contacts under the largest load of a run, (n,): load [N], sphere radius [m], row of the pair."""
 
     load: np.ndarray
     radius: np.ndarray
@@ -63,7 +63,7 @@ def _loading_key(scene: Scene) -> tuple[str, ...]:
 
 
 def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
-    """Return warnings of deep contacts and, for each pair of materials, of peak pressures above first yield."""
+    """Return warnings of deep contacts, and of peak pressures above first yield by pair of materials."""
     result, overlap = [], pressing.overlap(choice)
     depth = overlap / pressing.radius
     deepest = int(np.argmax(depth))
@@ -96,7 +96,7 @@ def _yield_warning(a: Material, b: Material, limit: YieldLimit, pressure: float,
 
 
 def limit_words(material: str, pressure: float, strength: float, assumed: bool) -> str:
-    """Describe first yield of a material at this peak pressure [Pa], with the yield strength [Pa] that it follows from."""
+    """Describe first yield of a material: its peak pressure [Pa], and the yield strength [Pa]."""
     source = f"assumed as E/100: materials.{material}.yield_strength is not given" if assumed else "given"
     shown = pretty(strength, "pressure")
     return f"first yield of {material} at {pretty(pressure, 'pressure')} (yield strength {shown}, {source})"

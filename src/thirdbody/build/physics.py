@@ -1,4 +1,4 @@
-"""Compiled physics of a scene: its laws and effects by name, their parameters and the sources of these."""
+"""Compiled physics of a scene: laws and effects by name, parameters and their sources."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
 
 
 def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
-    """Return the mixed parameters of a law. Raises UsageError for any exception of its (plug-in's) mixing rule."""
+    """Return the mixed parameters of a law. Raises UsageError for any exception of its mixing rule."""
     try:
         row = law.mix(*arguments)
     except Exception as problem:
@@ -173,7 +173,7 @@ def _effects(
 def _effect_values(
     scene: Scene, effect: Law | BodyEffect, given: Any, place: tuple[str, ...], faults: list[Fault]
 ) -> dict[str, Any]:
-    """Return the option values of one effect: a table, the value of its only option, or `true` for an effect without options."""
+    """Return the option values of an effect, given as a table, its only value, or `true`."""
     names = [option.name for option in effect.options]
     if not isinstance(given, Mapping):
         if len(names) != 1 and given is not True:

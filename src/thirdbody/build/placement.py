@@ -19,10 +19,10 @@ from thirdbody.scene.debris.population import PopulationContext
 from thirdbody.scene.model import Scene
 
 LAYER_STREAM, DILUTE_STREAM, DENSE_STREAM = 1_000_003, 1_000_033, 1_000_037
-"""Spawn keys of the random streams that orient and place bodies, different from those of the populations."""
+"""Spawn keys of the random streams of placement, different from those of the populations."""
 
 COVERAGE = 4.0
-"""Limit of the area of the equal-volume spheres over that of the domain: more bodies cannot all rest in one layer."""
+"""Largest area of equal-volume spheres over that of the domain for bodies in one layer."""
 
 SOLID_FRACTION = {"dilute": 0.05, "dense": 0.5}
 """Default solid fractions of a scene with neither height nor solid_fraction."""
@@ -64,7 +64,7 @@ def refuse_placements(scene: Scene, contexts: Sequence[PopulationContext]) -> No
 
 
 def _wishes(scene: Scene, placement: str) -> list[tuple[int, str, float]]:
-    """Return population, key and value of every entry on the volume that the dilute or dense bodies of the scene share."""
+    """Return population, key and value of all entries on the common volume of dilute or dense bodies."""
     return [
         (i, key, value)
         for i, debris in enumerate(scene.debris)
@@ -188,7 +188,7 @@ def _placement_faults(scene: Scene, placement: str, error: InputError) -> InputE
 
 
 def spheres_of(clumps: Sequence[Clump], x: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return centres (n, 3) [m], radii (n,) [m] and body (n,) of all spheres of bodies at x (b, 3) with quaternions q (b, 4)."""
+    """Return centres (n, 3) [m], radii (n,) [m], body (n,) of spheres of bodies at x (b, 3), q (b, 4)."""
     body = np.repeat(np.arange(len(clumps)), [len(clump.radii) for clump in clumps])
     offsets = np.concatenate([clump.centers for clump in clumps])
     centres = x[body] + np.einsum("nij,nj->ni", rotation_matrices(q)[body], offsets)

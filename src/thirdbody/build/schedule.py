@@ -14,10 +14,10 @@ from thirdbody.build.csv_series import rows_of
 
 
 def schedule(scene: Scene, start: float) -> Schedule:
-    """Return the schedule of the upper plate: sliding from `start` [s] on (the end of settling), height and load.
+    """Return the schedule of the upper plate: sliding from `start` [s] on, height and load.
 
-    The height is prescribed for a plate at a gap that moves vertically; the load, if it changes, is relative to the first one.
-    Raises InputError for a table that cannot be read.
+    `start` is the end of settling. The height is prescribed for a plate at a gap that moves vertically; the load, if it changes,
+    is relative to the first one. Raises InputError for a table that cannot be read.
     """
     plate = scene.plates.upper
     if plate is None:
@@ -61,7 +61,7 @@ def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
 
 
 def _axis(scene: Scene, name: str, stages: tuple, start: float) -> Axis:
-    """Return the segments of one axis: every stage begins where the previous one ended; rest follows a last stage that ends."""
+    """Return the segments of one axis: stages in succession, then rest if the last one ends."""
     segments: list[Segment] = []
     t, x, v = start, 0.0, 0.0
     for stage in stages:
@@ -78,7 +78,7 @@ def _axis(scene: Scene, name: str, stages: tuple, start: float) -> Axis:
 
 
 def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tuple[list[Segment], float, float]:
-    """Return the segments of a stage that begins at time t, position x and velocity v; its duration; the velocity at its end."""
+    """Return segments, duration and final velocity of a stage from time t, position x, velocity v."""
     if isinstance(stage, Constant):
         length = math.inf if stage.duration is None else stage.duration
         return [Segment(t, POLYNOMIAL, x, stage.velocity)], length, stage.velocity

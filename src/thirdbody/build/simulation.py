@@ -46,12 +46,12 @@ MOST_FRAMES = 1_000_000
 """Largest number of outputs of a run: more would fill any disk."""
 
 MISMATCH = 0.02
-"""Dundurs' beta above which a warning says that decoupling normal and tangential contact is an approximation."""
+"""Dundurs' beta above which decoupling normal and tangential contact gives a warning."""
 
 
 @dataclass
 class Simulation:
-    """Scene, state, integrator and compiled physics, ready to run, with warnings and plan as printed by `check`."""
+    """Scene, state, integrator and compiled physics, ready to run, with the warnings for `check`."""
 
     scene: Scene
     choice: CompiledPhysics
@@ -97,7 +97,7 @@ class Simulation:
 
     @property
     def shortest_interval(self) -> float:
-        """Output interval below which frames are one time step apart [s, or m of sliding]; 0 where steps end at every output."""
+        """Output interval below which frames are one step apart [s or m]; 0 where steps end at every output."""
         if not self.integrator.divisible:
             return 0.0
         by_time, drag = self.scene.output.every_kind == "time", self.planned_time - self.settle
@@ -204,7 +204,7 @@ def _bed_warnings(scene: Scene, state: State, chosen: Plan) -> list[str]:
 
 
 def _refuse_narrow_domain(scene: Scene, state: State) -> None:
-    """Raise InputError for a period that is not wider than twice the longest reach: nearest images would not be unique."""
+    """Raise InputError for a period below twice the longest reach: nearest images would not be unique."""
     if not scene.domain.periodic or not state.world.debris_meets:
         return
     reach = 2.0 * float(state.spheres.radius.max()) + state.skin

@@ -1,4 +1,4 @@
-"""Upper plate of a scene, with defaults: patches, foundation, schedule, settling time and expected overlaps."""
+"""Upper plate of a scene: patches, foundation, schedule, settling time, expected overlaps."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from thirdbody.kernels.columns.sides import ONLY_LOWER
 from thirdbody.scene.model import Scene
 
 HANDFUL = 3
-"""Most loaded bodies of a larger layer with a warning: a parallel rigid plate on stiff bodies rests on few of them."""
+"""Up to so few loaded bodies of a larger layer give a warning (parallel rigid plate on stiff bodies)."""
 
 
 TAKEN = 0.1
@@ -116,7 +116,7 @@ def _each_loaded(
 
 
 def _rigid(scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]) -> Upper:
-    """Return one free plate, kept parallel; it comes down on the tallest body, which carries the whole load at first."""
+    """Return one free, parallel plate; the tallest body carries the whole load at first."""
     load, tallest = first_load(scene), np.array([int(np.argmax(crown.top))])
     mass = np.full(1, scene.plates.upper.mass or crown.mass.sum())  # type: ignore[union-attr]
     loads = np.full(1, load)
@@ -151,7 +151,7 @@ def _shared(choice: CompiledPhysics, crown: TopSpheres, load: float) -> Pressing
 def _on_foundation(
     scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]
 ) -> Upper:
-    """Return a plate of one patch per body, each connected by a spring to a common plate with a load or a height."""
+    """Return a plate of one patch per body, with springs to a common plate under a load or at a height."""
     plate = scene.plates.upper
     assert plate is not None and plate.stiffness is not None
     n, stiffness, preload = len(crown.top), plate.stiffness, plate.preload or 0.0
@@ -197,7 +197,7 @@ def _largest(scene: Scene) -> float:
 def _pressed(
     scene: Scene, choice: CompiledPhysics, crown: TopSpheres, who: np.ndarray, loads: np.ndarray, mass: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the overlap [m] of these bodies' highest spheres under the largest load of the run, and the dashpots [kg/s].
+    """Return overlaps [m] of the highest spheres under the largest load, and the dashpots [kg/s].
 
     By default a dashpot is critical with the contact stiffness under the first load."""
     plate, radius, kind = scene.plates.upper, crown.radius[who], crown.kind[who]
@@ -215,14 +215,14 @@ def _pressed(
 
 
 def _layer_force(choice: CompiledPhysics, crown: TopSpheres, z: float) -> np.ndarray:
-    """Return the normal force [N] of a plate at height z [m] on each body, (n,), if the bodies did not move."""
+    """Return the normal force (n,) [N] of a plate at height z [m] on bodies that do not move."""
     overlap = np.maximum(crown.top - z, 0.0)
     force = response(choice.physics, overlap, crown.radius, crown.kind)[0]
     return np.where(overlap > 0.0, force, 0.0)
 
 
 def _level(force, crown: TopSpheres, load: float) -> float:
-    """Return the plate height at which the bodies together carry the load, by bisection; negative for very soft springs."""
+    """Return the plate height [m] for a total load [N], by bisection; negative for very soft springs."""
     low, high = 0.0, float(crown.top.max())
     while float(np.sum(force(low))) < load and low > -1e6 * high:
         low = 2.0 * low - high
@@ -249,7 +249,7 @@ def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _settle(scene: Scene, placed: Placed, crown: TopSpheres, mass: np.ndarray, dashpot: np.ndarray, load: float) -> float:
-    """Return the time under load before the drag [s]; by default the time in which a patch falls by 1/4 of the largest body.
+    """Return the settling time [s]; by default that in which a patch falls by 1/4 of the largest body.
 
     A body that is loaded off its balance tips into a new position, and its patch comes down by about that distance; a bed of
     several layers is compacted by about a tenth of its height.

@@ -1,4 +1,4 @@
-"""Accuracy of a finished run: energy lost or gained by the integrator, loads that are not carried, dashpot work."""
+"""Accuracy of a finished run: energy error, loads that are not carried, dashpot work."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ LOAD = 0.1
 """Deviation of the mean force on the upper plate from its load, over the load, that gives a warning."""
 
 ROLLING = 0.02
-"""Fraction of bodies rolling at the same time above which a warning says that inertia decides where they come to rest."""
+"""Fraction of rolling bodies above which a warning says that inertia decides where they come to rest."""
 
 CARRIED = 0.5
 """Fraction of its load below which a patch counts as not carried."""
 
 
 FELT = 0.05
-"""Force of the patches' dashpots at the speed of the drag, over their load, above which `damping_share` is reported."""
+"""Dashpot force at the drag speed over the load of a patch above which `damping_share` is reported."""
 
 DAMPED = 0.1
 """Fraction of the plates' work dissipated in dashpots that gives a warning."""
 
 RUBBED = 0.01
-"""Fraction of the plates' work dissipated by friction below which dashpots cannot falsify the friction work."""
+"""Friction work over the plates' work below which the work of dashpots gives no warning."""
 
 
 def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]
 
 
 def histories_shortened(simulation: Simulation) -> int:
-    """Return the number of touching contacts whose law counted, in its history `dropped`, entries that it had to drop."""
+    """Return the number of touching contacts whose law dropped part of its history (`dropped` > 0)."""
     slots, names = simulation.state.slots, simulation.choice.chain.history
     columns = [contact_state.LAW + k for k, name in enumerate(names) if name.endswith(".dropped")]
     return int(np.count_nonzero((slots.H[:, columns] > 0.0).any(axis=1) & (slots.histories.slip > 0.0)))
@@ -79,7 +79,7 @@ def _damping_share(simulation: Simulation, lines: Mapping[str, float]) -> float 
 
 
 def patches_not_carried(simulation: Simulation) -> int:
-    """Return the number of patches under a load of their own that carry less than the fraction `CARRIED` of it."""
+    """Return the number of patches that carry less than the fraction `CARRIED` of their load."""
     P, slots = simulation.state.P, simulation.state.slots
     upper = (slots.partner < -1) & (slots.histories.slip > 0.0)
     carried = np.bincount(-slots.partner[upper] - 2, slots.records.normal_force[upper], len(P))

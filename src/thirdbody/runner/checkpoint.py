@@ -34,7 +34,7 @@ THE_VERSION = "the version"
 
 @dataclass
 class Checkpoint:
-    """State of a run: `frames` are in the trajectory, `stop` of its targets are reached, `impulses` are those of the last frame.
+    """State of a run: frames written, targets reached (`stop`), impulses at the last frame.
 
     `scene` is the resolved text, `folder` that of the scene's file, `prints` the fingerprints of the inputs, `wall_time` [s] the
     time used so far, `looks` the number of successive checks in which the energy balance was off.
@@ -53,7 +53,7 @@ class Checkpoint:
 
 
 def prints_of(simulation: Simulation) -> dict[str, str]:
-    """Return fingerprints of everything that a scene was built into, at its start, by the names that messages use."""
+    """Return fingerprints of the built scene at its start, by the names used in messages."""
     from thirdbody import __version__
     from thirdbody.jit import cache_dir
     from thirdbody.laws.codegen.dependencies import sources

@@ -1,4 +1,4 @@
-"""Cost of the frames of a run: bytes, and the wall time of a few frames written to a temporary folder."""
+"""Cost of the frames of a run: bytes, and wall time of a few frames in a temporary folder."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
 
 SECONDS, LARGEST_NUMBER = 0.3, 32
-"""Seconds and largest number of frames for the measurement, not counting the first one, which creates all arrays."""
+"""Seconds and largest number of frames of the measurement, without the first, which creates all arrays."""
 
 
 class FrameCost(NamedTuple):
@@ -30,7 +30,7 @@ class FrameCost(NamedTuple):
 
 
 def frame_cost(built: Simulation, integrator: Explicit | Implicit) -> FrameCost:
-    """Measure the cost of frames: write the current state of `integrator`, a trial copy of that of `built`, a few times."""
+    """Measure the cost of frames of `integrator`, a trial copy of that of `built`."""
     try:
         with tempfile.TemporaryDirectory(prefix="thirdbody") as folder:
             seconds, first = _write_frames(built, integrator, Path(folder) / FILE_NAME)

@@ -21,7 +21,7 @@ Settling may last a million output intervals that suit the drag, and a frame cos
 
 
 def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
-    """Yield (time [s], distance [m], whether to write) of every stop: the end of settling, then outputs up to the end.
+    """Yield (time [s], distance [m], is_output) of every stop: the end of settling, then outputs.
 
     A run by distance stops by distance, one by time stops by time. Stops in between only report progress.
     """
@@ -52,7 +52,7 @@ def settling_frames(simulation: Simulation) -> tuple[int, int]:
 
 
 def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
-    """Yield stops from start (excluded) to end: an output at every multiple of `every` and at the end, reports in between."""
+    """Yield stops in (start, end]: outputs `every` apart and at the end, with reports in between."""
     for k in range(1, _rungs(start, end, every) + 1):
         low, high = start + (k - 1) * every, start + k * every
         # a stop that equals the end but for rounding is where a longer run has it too

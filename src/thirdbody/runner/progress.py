@@ -43,7 +43,7 @@ def reporting(progress: bool | Reporter, title: str) -> Iterator[Reporter | None
 
 @contextmanager
 def reporter_for_terminal(title: str) -> Iterator[Reporter]:
-    """Yield a reporter that draws on standard error while that can be written to: lost progress output ends no run."""
+    """Yield a reporter that draws on standard error while that can be written to."""
     if sys.stderr is None:  # the program was started without one; print would take standard output
         yield lambda _: None
     elif sys.stderr.isatty():
@@ -54,7 +54,7 @@ def reporter_for_terminal(title: str) -> Iterator[Reporter]:
 
 
 def _while_seen(report: Reporter) -> Reporter:
-    """Return a reporter that stops silently when its reader has closed (BrokenPipeError) or its device is full or gone."""
+    """Return a reporter that stops silently when standard error is closed, full or lost: it ends no run."""
     seen = True
 
     def silent(progress: Progress) -> None:

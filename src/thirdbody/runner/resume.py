@@ -105,7 +105,7 @@ def _scenes(
 
 
 def _refuse_shorter(folder: Path, before: Solver, solver: Solver) -> None:
-    """Raise InputError for a run that would end before its current time, or by duration instead of distance."""
+    """Raise InputError for a run that would end before its current end, or by duration, not distance."""
     for key, old, new in (("distance", before.distance, solver.distance), ("duration", before.duration, solver.duration)):
         if (old is None) != (new is None):
             raise InputError(f"{folder}: solver.{key}: a run by distance goes on by distance, one by duration by duration")
@@ -138,7 +138,7 @@ EVEN = 1.0 + 1e-9
 
 
 def _stops(kept: Checkpoint, simulation: Simulation) -> int:
-    """Return how many targets of a longer run are reached: as before, except for a last output that it has elsewhere."""
+    """Return how many targets of a longer run are reached; its last output may be at another time."""
     from thirdbody.runner.output_schedule import targets
 
     longer = list(targets(simulation))

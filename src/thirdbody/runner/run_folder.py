@@ -36,7 +36,7 @@ NAMED = 5
 
 
 class RunFolder:
-    """Folder of a run: `path`, and `place`, where its files are written for now: the same folder or one inside it."""
+    """Folder of a run: `path`, and `place` for files being written: the same folder or one inside it."""
 
     def __init__(self, path: Path, place: Path | None = None, usable: bool = True) -> None:
         self.path, self.place, self.usable = path, place or path, usable
@@ -84,7 +84,7 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 @contextmanager
 def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
-    """Yield the folder for a new run, created and locked; new folders are removed again if the run does not become usable.
+    """Yield the folder for a new run, created and locked; removed again if the run is not usable.
 
     Raises OutputError if it exists (unless it holds a run and nothing else, and may be overwritten), cannot be created or is
     being written.
@@ -244,7 +244,7 @@ def _refuse_read_only(folder: Path, where: Path | None, verb: str) -> None:
 
 
 def refuse_links(folder: Path) -> None:
-    """Raise InputError where a file of a run is a link, a folder or a device: writing there would change something else."""
+    """Raise InputError where a file of a run is a link, folder or device: writing would go elsewhere."""
     ours = [name for name in _names(folder) if name in FILES or PARTS.fullmatch(name)]
     faults = [
         Fault("", f"is {_kind(folder / name)}; a run goes on only in regular files of its own", str(folder / name))

@@ -31,7 +31,7 @@ CHECKPOINT_EVERY = 30.0
 """Shortest wall time between two checkpoints [s]."""
 
 SHARE = 20.0
-"""Shortest wall time between two checkpoints over the time that the last one took: they cost at most a twentieth."""
+"""Shortest wall time between checkpoints over the cost of the last one: at most a twentieth is spent."""
 
 
 class Conduct:
@@ -88,7 +88,7 @@ class Conduct:
         self.keep()
 
     def _moved(self) -> bool:
-        """Return whether time has passed since the last frame: an explicit step may pass several outputs, which are one frame."""
+        """Return whether time has passed since the last frame: one explicit step may pass several outputs."""
         return self.simulation.state.time > self.maker.impulses[0]
 
     def keep(self) -> None:
@@ -106,7 +106,7 @@ class Conduct:
         self.cost = self.written - begun
 
     def _watch(self) -> None:
-        """Check the energy and report progress, at instants independent of the wall time: the results are part of the run."""
+        """Check the energy, at instants independent of the wall time since it belongs to the result."""
         integrator, state = self.simulation.integrator, self.simulation.state
         if integrator.divisible:
             self.looks.look(state, self.ledger.watch(state))
@@ -118,7 +118,7 @@ class Conduct:
         self._stop_or_save()
 
     def _stop_or_save(self) -> None:
-        """Between compiled calls: stop on a signal or at the limit of wall time, and write a checkpoint when one is due."""
+        """Stop on a signal or at the limit of wall time, or write a checkpoint, between compiled calls."""
         now = time.perf_counter()
         if now - self.started > self.wall_limit:
             self._leave("stopped by the limit of wall time")
@@ -128,7 +128,7 @@ class Conduct:
             self.keep()
 
     def stop_before_going_on(self) -> None:
-        """Stop on a signal while the earlier part of a run is read and copied; that part and its checkpoint stay unchanged."""
+        """Stop on a signal while the earlier part of a run is read; it and its checkpoint stay unchanged."""
         if self.stop():
             error = self._interrupted("interrupted before it went on; its checkpoint and frames are as they were")
             error.advanced = False
@@ -176,6 +176,6 @@ class Conduct:
             self.report(Progress(fraction, simulated, self.wall_time(), self.writer.frames, self.series, limit))
 
     def _implicit(self) -> Implicit | None:
-        """Return the integrator if it is implicit; its class is not imported here, because that would compile its steps."""
+        """Return the integrator if it is implicit; importing its class here would compile its steps."""
         integrator = self.simulation.integrator
         return None if integrator.divisible else cast("Implicit", integrator)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from thirdbody.build.simulation import Simulation
 
 _preparing = threading.Lock()
-"""Lock: one thread at a time compiles, since the next compilation and its optimisation are process-wide (`precompile`)."""
+"""Lock: one thread at a time compiles, since settings of compilation are process-wide (`precompile`)."""
 
 
 def run(

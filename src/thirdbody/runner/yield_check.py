@@ -46,7 +46,7 @@ class PeakPressure:
             self.ratio, self.pair = float(ratio[worst]), (int(own[worst]), int(other[worst]))
 
     def summary(self) -> dict[str, Any]:
-        """Return largest peak pressure [Pa], its largest ratio to first yield, that limit [Pa] or None, and the materials."""
+        """Return largest peak pressure [Pa], largest ratio to first yield, that limit [Pa] or None, materials."""
         a, b = (self.materials[k] for k in self.pair)
         limit = yield_limit(a, b)
         finite = math.isfinite(limit.pressure)
