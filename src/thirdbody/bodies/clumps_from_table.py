@@ -36,7 +36,8 @@ class Bodies:
     """Bodies of a table in ascending order of ids (m,), with clumps and poses.
 
     positions (m, 3) [m] of the centres of mass, orientations (m, 4) from principal frame to world; velocity (m, 3) [m/s] and
-    angular_velocity (m, 3) [rad/s], or None."""
+    angular_velocity (m, 3) [rad/s], or None.
+    """
 
     ids: np.ndarray
     clumps: list[Clump]

@@ -199,7 +199,8 @@ def _pressed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return overlaps [m] of the highest spheres under the largest load, and the dashpots [kg/s].
 
-    By default a dashpot is critical with the contact stiffness under the first load."""
+    By default a dashpot is critical with the contact stiffness under the first load.
+    """
     plate, radius, kind = scene.plates.upper, crown.radius[who], crown.kind[who]
     assert plate is not None
     overlap = overlap_at(choice.physics, loads, radius, kind)

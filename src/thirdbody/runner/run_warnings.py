@@ -24,7 +24,8 @@ def run_warnings(built: Simulation, wall: float, framing: float, disk: float, st
     """Yield warnings from estimates of a trial.
 
     wall: wall time [s]; framing: its part for frames [s]; disk: trajectory [bytes]; stopped: message of a guard that stopped the
-    trial."""
+    trial.
+    """
     if stopped:
         yield f"a trial of the first steps was stopped by a guard, and so will the run be: {stopped}"
     settling, spacing = settling_frames(built)

@@ -14,7 +14,7 @@ from thirdbody.scene.stages import plain_stages, stages
 
 
 class Load(Part):
-    """The load changes evenly to `load`, N, during `duration`, s; without a duration at once."""
+    """Linear change of the load to `load` [N] during `duration` [s]; without a duration at once."""
 
     load: Force
     duration: PositiveTime | None = None

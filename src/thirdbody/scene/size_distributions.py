@@ -15,7 +15,7 @@ from thirdbody.scene.schema_base import Part, Wrong, union_by_key
 
 
 class SizeDistribution(Part):
-    """What every distribution of sizes answers."""
+    """Base of the distributions of sizes."""
 
     def parameters(self) -> dict[str, Any]:
         """Return the distribution as the keywords of `bodies.irregular_clumps.diameters`."""
@@ -28,7 +28,7 @@ class SizeDistribution(Part):
 
 
 class Constant(SizeDistribution):
-    """Every body has this size, m."""
+    """The same size [m] for all bodies."""
 
     distribution: Literal["constant"] = "constant"
     value: PositiveLength
@@ -55,7 +55,7 @@ class _Cut(SizeDistribution):
 
 
 class Lognormal(_Cut):
-    """Size with this median (m), cut at min and max; `sigma` is the standard deviation of ln(size)."""
+    """Lognormal size with this median [m], truncated at min and max; `sigma` is the standard deviation of ln(size)."""
 
     distribution: Literal["lognormal"] = "lognormal"
     median: PositiveLength
@@ -69,7 +69,7 @@ class Lognormal(_Cut):
 
 
 class Normal(_Cut):
-    """Size with this mean and standard deviation (m); `min` is required, for a size must be positive."""
+    """Normal size with this mean and standard deviation [m]; `min` is required, because a size must be positive."""
 
     distribution: Literal["normal"] = "normal"
     mean: PositiveLength
@@ -83,7 +83,7 @@ class Normal(_Cut):
 
 
 class Uniform(_Cut):
-    """Size evenly spread from min to max, m."""
+    """Size distributed uniformly from min to max [m]."""
 
     distribution: Literal["uniform"] = "uniform"
     min: PositiveLength

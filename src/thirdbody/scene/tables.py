@@ -35,7 +35,7 @@ from thirdbody.scene.schema_base import MISSING, Part, Wrong, bundle, one_of
 
 
 class Material(Part):
-    """An isotropic elastic solid; pressures in Pa, density in kg/m3."""
+    """An isotropic elastic solid; pressures [Pa], density [kg/m3]."""
 
     youngs_modulus: PositivePressure | None = None
     shear_modulus: PositivePressure | None = None
@@ -63,7 +63,7 @@ class Material(Part):
 
 
 class Pair(Part):
-    """What two materials, or one with itself, do to each other; there is no mixing rule."""
+    """Contact parameters of two materials, or of one with itself; there is no mixing rule."""
 
     between: Annotated[tuple[Text, Text], listing("a list of 2 materials", 2)]
     friction: Annotated[float, Quantity(ge=0)]
@@ -72,7 +72,7 @@ class Pair(Part):
 
 
 class Domain(Part):
-    """Extent in x and y, m."""
+    """Extent in x and y [m]."""
 
     size: Annotated[tuple[PositiveLength, PositiveLength], listing("a list of 2 lengths", 2)]
     periodic: Flag = True
@@ -88,7 +88,7 @@ _LOADINGS = ("load", "pressure", "gap")
 
 
 class UpperPlate(Part):
-    """The plate above: how it is held and loaded (N, Pa of the domain's area, or m between the surfaces)."""
+    """The upper plate: its support and load [N], pressure on the domain's area [Pa], or gap between the surfaces [m]."""
 
     material: Text
     support: Annotated[Literal["rigid", "foundation", "load_per_particle"], Choice()] = "rigid"
@@ -143,7 +143,7 @@ class Plates(Part):
 
 
 class Contact(Part):
-    """The contact law by name, and its options as the file gives them: only the law knows them."""
+    """The contact law by name, and its options as given in the file: only the law can check them."""
 
     rest: ClassVar[str] = "options"
     law: Text = "three_spot"
@@ -158,7 +158,7 @@ class Contact(Part):
 
 
 class Effects(Part):
-    """Gravity (m/s2) if any, and further effects by name as the file gives them; what is absent is off."""
+    """Gravity [m/s2] if any, and further effects by name as given in the file; effects that are not given are off."""
 
     rest: ClassVar[str] = "named"
     gravity: AccelerationVector | None = None
@@ -170,9 +170,9 @@ IMPLICIT_KEYS = ("tolerance", "largest_step", "inertia", "on_failure")
 
 
 class Solver(Part):
-    """How long and how the motion is integrated. Distance and duration count after settling.
+    """Integrator, time step and length of a run. Distance and duration count after settling.
 
-    The keys named in IMPLICIT_KEYS (`largest_step` in m of the drag) are told in `engine.implicit`.
+    The keys named in IMPLICIT_KEYS (`largest_step`: distance of the drag [m]) are documented in `engine.implicit`.
     """
 
     integrator: Annotated[Literal["auto", "explicit", "implicit"], Choice()] = "auto"
@@ -202,7 +202,7 @@ _EVERY = {"distance": "length", "time": "time"}
 
 
 class Output(Part):
-    """The interval between outputs: of sliding (m) or of time (s), as `every_kind` says.
+    """The interval between outputs: of sliding [m] or of time [s], according to `every_kind`.
 
     In Python: Output(every="0.5 um"), or Output(every=5e-7, every_kind="distance").
     """

@@ -105,8 +105,11 @@ class DebrisKind(Part):
 
 
 class VolumeKeys(DebrisKind):
-    """The `name` of a population, and what the debris of one scene may say of the volume that all "dilute", or all "dense"
-    bodies share: its `height` over the lower plate (m) or the `solid_fraction` in it, by default 0.05, or 0.5."""
+    """Keys of kinds that share a volume: `name` of the population, `height` and `solid_fraction`.
+
+    All "dilute", or all "dense" bodies of a scene share one volume: its `height` over the lower plate [m] or the `solid_fraction`
+    in it, by default 0.05, or 0.5.
+    """
 
     height: PositiveLength | None = None
     solid_fraction: Fraction | None = None
@@ -123,7 +126,7 @@ class VolumeKeys(DebrisKind):
 
 
 class PlacedDebris(VolumeKeys):
-    """The keys of a kind whose bodies are placed by the program: a resting layer, a dilute cloud or a dense bed."""
+    """Keys of a kind whose bodies the program places: in a resting layer, a dilute cloud or a dense bed."""
 
     kind: str
     material: Text

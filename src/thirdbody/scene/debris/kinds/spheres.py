@@ -49,7 +49,8 @@ Quaternion = Annotated[
 
 class Spheres(VolumeKeys):
     """Bodies of given spheres: single balls of one `radius`, or all of one `shape`; by `placement` or at
-    `positions` (centres of mass, m) in one `orientation` (w, x, y, z; body to world)."""
+    `positions` (centres of mass, m) in one `orientation` (w, x, y, z; body to world).
+    """
 
     kind: Literal["spheres"] = "spheres"
     material: Text
