@@ -21,7 +21,7 @@ from thirdbody.kernels.columns.sides import ONLY_LOWER
 from thirdbody.scene.model import Scene
 
 HANDFUL = 3
-"""Up to so few loaded bodies of a larger layer give a warning (parallel rigid plate on stiff bodies)."""
+"""Largest number of loaded bodies, of a larger layer, with a warning: a rigid parallel plate rests on few stiff bodies."""
 
 
 TAKEN = 0.1

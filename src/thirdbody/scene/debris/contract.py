@@ -76,7 +76,7 @@ class DebrisKind(Part):
     # Methods with defaults, for kinds whose bodies need no file, and no position or motion of their own.
 
     def read(self, context: PopulationContext) -> Any:
-        """Read the files of a population, as `context.content` for later methods. Raises InputError.
+        """Return the content of the population's files, later `context.content`. Raises InputError.
 
         The faults of all populations are reported together.
         """
