@@ -55,7 +55,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _plugged() -> EntryPoints:
-    """Functions that installed plug-ins bring."""
+    """Return the functions that installed plug-ins provide."""
     return entry_points(group=FUNCTION_GROUP)
 
 

@@ -1,4 +1,4 @@
-"""Files and folders that appear whole or not at all: written beside their place, then renamed."""
+"""Atomic writing of files and folders: written under a temporary name in the same folder, then renamed."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from thirdbody.errors import OutputError
 
 
 def refuse_existing_file(path: Path, overwrite: bool) -> None:
-    """Raise OutputError when a file stands at `path` that may not be replaced, or a folder."""
+    """Raise OutputError if `path` is a file that may not be replaced, or a folder."""
     if os.path.isdir(path):  # unlike Path.is_dir, False for a name that is too long
         raise OutputError(f"{path}: is a folder; name a file")
     if os.path.lexists(path) and not overwrite:
@@ -22,9 +22,9 @@ def refuse_existing_file(path: Path, overwrite: bool) -> None:
 
 
 def refuse_existing_folder(path: Path, overwrite: bool, ours: Collection[str]) -> None:
-    """Raise OutputError when something stands at `path`, unless it is a folder of nothing but `ours` and may be replaced.
+    """Raise OutputError if `path` exists, unless it is a folder that contains only `ours` and may be replaced.
 
-    `ours` are patterns of paths from the folder on, such as "spheres/*.vtp".
+    `ours` are patterns of paths relative to the folder, such as "spheres/*.vtp".
     """
     if not os.path.lexists(path):
         return
@@ -36,7 +36,7 @@ def refuse_existing_folder(path: Path, overwrite: bool, ours: Collection[str]) -
 
 
 def _refuse_other_files(folder: Path, ours: Collection[str], named: Path) -> None:
-    """Raise OutputError, which tells of `named`, for a folder with files of other names, folders of other names, or links."""
+    """Raise OutputError, with the name `named`, for a folder that contains other files or folders, or links."""
     ours_folders, others = {pattern.rpartition("/")[0] for pattern in ours}, []
     for above, folders, files in os.walk(folder):
         paths = {Path(above, name).relative_to(folder).as_posix(): name for name in [*folders, *files]}
@@ -51,7 +51,7 @@ def _refuse_other_files(folder: Path, ours: Collection[str], named: Path) -> Non
 
 @contextmanager
 def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
-    """A path to write to, which becomes `path` when all went well. Raises OutputError; then `path` is as it was."""
+    """Yield a path to write to, renamed to `path` on success. Raises OutputError and then leaves `path` unchanged."""
     refuse_existing_file(path, overwrite)
     part = _beside(path, "part")
     try:
@@ -67,9 +67,9 @@ def new_file(path: Path, overwrite: bool) -> Iterator[Path]:
 
 @contextmanager
 def new_folder(path: Path, overwrite: bool, ours: Collection[str]) -> Iterator[Path]:
-    """A folder to write into, which becomes `path` when all went well. Raises OutputError; then `path` is as it was.
+    """Yield a folder to write into, renamed to `path` on success. Raises OutputError and then leaves `path` unchanged.
 
-    `ours` are patterns of everything that may be written; a folder with anything else is never replaced.
+    `ours` are patterns of everything that may be written; a folder with other content is never replaced.
     """
     refuse_existing_folder(path, overwrite, ours)
     part = _beside(path, "part")
@@ -83,14 +83,14 @@ def new_folder(path: Path, overwrite: bool, ours: Collection[str]) -> Iterator[P
 
 
 def _put_in_place(part: Path, path: Path, ours: Collection[str]) -> None:
-    """Rename, with the old folder (if any) set aside until the new one stands."""
+    """Rename the new folder to `path`; an old one is moved aside first and deleted afterwards."""
     if not os.path.lexists(path):
         part.rename(path)
         return
     old = _beside(path, "old")
     path.rename(old)
     try:
-        _refuse_other_files(old, ours, path)  # they may have come since it was asked for
+        _refuse_other_files(old, ours, path)  # they may have appeared since the first check
         part.rename(path)
     except (OSError, OutputError):
         old.rename(path)
@@ -99,14 +99,14 @@ def _put_in_place(part: Path, path: Path, ours: Collection[str]) -> None:
 
 
 def _beside(path: Path, suffix: str) -> Path:
-    """A name for this process beside `path`; the suffix comes last, so that no reader takes it for a result."""
+    """Return a name for this process in the folder of `path`; the suffix comes last, so that no reader opens it as a result."""
     full = Path(os.path.abspath(path))  # `.` has no name
     return full.with_name(f".{full.name}.{os.getpid()}.{suffix}")
 
 
 @contextmanager
 def _write_error(path: Path) -> Iterator[None]:
-    """One message for what the system or HDF5 (which raises RuntimeError too) says while writing."""
+    """Convert any error of the system or of HDF5 (which raises RuntimeError too) while writing into one OutputError."""
     try:
         yield
     except (OSError, RuntimeError) as error:
@@ -114,7 +114,7 @@ def _write_error(path: Path) -> Iterator[None]:
 
 
 def _reason(error: Exception) -> str:
-    """What the system said; HDF5 hides it within a paragraph."""
+    """Return the system's reason for an error; HDF5 embeds it in a paragraph."""
     if isinstance(error, OSError) and error.errno:
         return os.strerror(error.errno)
     hidden = re.search(r"error message = '([^']*)'", str(error))
@@ -122,11 +122,11 @@ def _reason(error: Exception) -> str:
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there whole or not at all, in place of a link too. Raises OSError when it cannot be written."""
+    """Write a file atomically, replacing a link too. Raises OSError when it cannot be written."""
     beside = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         beside.unlink(missing_ok=True)
-        with open(beside, "xb") as file:  # a new file: never what a link points to
+        with open(beside, "xb") as file:  # a new file: never the target of a link
             file.write(content)
         os.replace(beside, path)
     finally:

@@ -1,10 +1,10 @@
-"""The kinds of quantities that scenes and plug-ins name, and their units. Imports nothing, so every layer may use it."""
+"""The kinds of quantities in scenes and plug-ins, and their units. Imports nothing, so every package may use it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-# Powers of metre, kilogram, second, radian, cycle. Radian and cycle are kept apart from pure numbers because
+# Powers of metre, kilogram, second, radian, cycle. Radian and cycle differ from pure numbers because
 # "10 Hz" as an angular velocity could mean 10 or 62.8 rad/s: that is refused instead of guessed.
 Powers = tuple[int, int, int, int, int]
 
@@ -13,7 +13,7 @@ PURE: Powers = (0, 0, 0, 0, 0)
 
 @dataclass(frozen=True)
 class Dimension:
-    """A kind of quantity: how messages call it, and its units from small to large with their power of ten."""
+    """A kind of quantity: its phrase in messages, and its units in ascending order with powers of ten."""
 
     phrase: str
     powers: Powers
@@ -28,7 +28,7 @@ class Dimension:
 
 
 def _dimension(phrase: str, powers: Powers, ladder: str, usual: str = "", *also: Powers) -> Dimension:
-    """A dimension from a ladder such as "nm:-9 um:-6 m:0"; a blank inside a unit is written "_"."""
+    """Return a dimension from a ladder such as "nm:-9 um:-6 m:0"; a blank inside a unit is written "_"."""
     steps = [step.split(":") for step in ladder.split()]
     units = tuple((unit.replace("_", " "), int(power)) for unit, power in steps)
     return Dimension(phrase, powers, units, usual or units[0][0], also)

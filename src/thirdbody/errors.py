@@ -1,4 +1,4 @@
-"""What can go wrong, and the exit code the command line gives it. Imports nothing, so every layer may use it."""
+"""Errors and their exit codes on the command line. Imports nothing, so every package may use it."""
 
 from __future__ import annotations
 
@@ -9,47 +9,47 @@ from unicodedata import category
 
 
 class ThirdbodyError(Exception):
-    """Base of every error that is told to the user in one message and no traceback."""
+    """Base of every error that is reported to the user in one message without a traceback."""
 
     exit_code = 1
 
     def __init__(self, message: str, *, python: str = "", command: str = "") -> None:
-        """Make an error whose message ends with `python`, or on the command line with `command`: what to do about it."""
+        """Store a message that ends with the remedy: `python`, or on the command line `command`."""
         super().__init__(printable(message + python))
         self.message, self.command = message, command
 
     def for_command_line(self) -> str:
-        """Return the message in the words of the command line."""
+        """Return the message with the remedy for the command line."""
         return printable(self.message + self.command)
 
 
 class UsageError(ThirdbodyError):
-    """The command was called in a way that cannot work."""
+    """The arguments of a command or function cannot work."""
 
     exit_code = 2
 
 
 SETTINGS = "with_settings"
-"""Stands for the file of a fault in a value that was replaced, which the command line does by --set."""
+"""Value of `Fault.file` for a fault in a value that was replaced, on the command line by --set."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault of the input: where it stands, under which key, and what is wrong."""
+    """One fault of the input: file, line and column, key, and what is wrong."""
 
     key: str
     message: str
     file: str | None = None
     line: int | None = None
     column: int | None = None
-    python: str = ""  # what to do about it, at the end of the message
-    command: str = ""  # the same in the words of the command line
+    python: str = ""  # remedy, at the end of the message
+    command: str = ""  # the same for the command line
 
     def __str__(self) -> str:
         return self._text(self.file, self.python)
 
     def for_command_line(self) -> str:
-        """Return the fault in the words of the command line."""
+        """Return the fault with the remedy for the command line."""
         return self._text("--set" if self.file == SETTINGS else self.file, self.command)
 
     def _text(self, file: str | None, remedy: str) -> str:
@@ -58,9 +58,9 @@ class Fault:
 
 
 def printable(text: str) -> str:
-    """The text with control characters written out: what a file holds must not steer the terminal, nor forge a line.
+    """Return the text with control characters escaped: the content of a file must not control the terminal, nor forge a line.
 
-    So are marks of direction, lone surrogates and line breaks; blanks of other scripts are not.
+    Marks of direction, lone surrogates and line breaks are escaped too; blanks of other scripts are not.
     """
     if text.isprintable():
         return text
@@ -68,16 +68,16 @@ def printable(text: str) -> str:
 
 
 def _short(name: str | None) -> str | None:
-    """A name of bearable length: a hostile one may fill pages."""
+    """Return a name shortened to 250 characters: one in a malicious file may fill pages."""
     return name if name is None or len(name) <= 250 else f"{name[:247]}..."
 
 
 MOST_TOLD = 200
-"""Faults that one message tells; `InputError.faults` has all of them."""
+"""Largest number of faults in one message; `InputError.faults` has all of them."""
 
 
 class InputError(ThirdbodyError):
-    """The scene, a file that it names, or an option is wrong; carries every fault that was found."""
+    """The scene, a file that it names, or an option is wrong; carries all faults."""
 
     exit_code = 3
 
@@ -87,10 +87,10 @@ class InputError(ThirdbodyError):
         self.faults: list[Fault] = [faults] if isinstance(faults, Fault) else list(faults)
         super().__init__("")
         self.message = self._lines(str)
-        self.args = (self.message,)  # of several lines, each printable already
+        self.args = (self.message,)  # several lines, each printable already
 
     def for_command_line(self) -> str:
-        """Return the faults in the words of the command line."""
+        """Return the faults with the remedies for the command line."""
         return self._lines(Fault.for_command_line)
 
     def _lines(self, text: Callable[[Fault], str]) -> str:
@@ -101,17 +101,17 @@ class InputError(ThirdbodyError):
 
 
 class GuardStop(ThirdbodyError):
-    """A run left its valid range; what it had computed is kept."""
+    """A run left its valid range; the results up to that point are saved."""
 
     exit_code = 4
 
 
 class Interrupted(ThirdbodyError):
-    """The user or the system asked the run to end; what it had computed is kept."""
+    """The user or the system asked the run to end; the results up to that point are saved."""
 
     exit_code = 130
     advanced = True
-    """False for a run that was asked to end again before it was taken up: it is what it was."""
+    """False for a resumed run that was interrupted before its first step: its files are unchanged."""
 
 
 class OutputError(ThirdbodyError):
@@ -121,13 +121,13 @@ class OutputError(ThirdbodyError):
 
 
 class MissingLibrary(ThirdbodyError):
-    """A system library that this command needs is not there; the message says what to install."""
+    """A system library that this command needs is missing; the message says what to install."""
 
     exit_code = 5
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """A phrase that offers the nearest known name, or lists them all; empty when nothing is known."""
+    """Return a phrase that suggests the nearest known name, or lists all; empty when nothing is known."""
     names = sorted(str(name) for name in known)
     close = difflib.get_close_matches(word, names, 1, 0.5)
     if close:

@@ -1,7 +1,6 @@
-"""The colours of the states and of scalar fields, the same in every picture, plot and viewer script.
+"""Colours of the states and of scalar fields, the same in every picture, plot and viewer script.
 
-The state colours stay apart under protanopia, deuteranopia and tritanopia (Tableau 10, the blue, orange and
-green).
+The state colours are distinguishable under protanopia, deuteranopia and tritanopia (Tableau 10, the blue, orange and green).
 """
 
 from __future__ import annotations
@@ -15,11 +14,11 @@ INK, SOFT_INK = "#20242A", "#5A626C"
 
 STATE_COLORS = {"free": "#8E939A", "sticking": "#4C78A8", "sliding": "#F58518", "rolling": "#54A24B"}
 
-# For states that a labeller of a plug-in adds.
+# For states added by the labeller of a plug-in.
 SPARE_COLORS = ("#B279A2", "#E45756", "#72B7B2", "#EECA3B", "#9D755D")
 
 # For reasons and other codes: the muted scheme of P. Tol, "Colour Schemes" (SRON 2021), made for colour-blind readers; the
-# first code means "none" and takes its pale grey.
+# first code means "none" and has its pale grey.
 CATEGORY_COLORS = (
     "#BBBBBB",
     "#CC6677",
@@ -33,7 +32,7 @@ CATEGORY_COLORS = (
     "#AA4499",
 )
 
-# Lines that are no states: apart for every kind of colour vision (M. Okabe, K. Ito, 2008).
+# For lines other than states: distinct for every kind of colour vision (M. Okabe, K. Ito, 2008).
 LINE_COLORS = {
     "black": "#000000",
     "orange": "#E69F00",
@@ -45,7 +44,7 @@ LINE_COLORS = {
     "grey": "#6B6F76",
 }
 
-# Viridis (S. van der Walt, N. Smith, 2015) at nine equal steps; linear between them is within 2 of 255.
+# Viridis (S. van der Walt, N. Smith, 2015) at nine equal steps; linear interpolation differs by at most 2 of 255.
 FIELD_STOPS = (
     "#440154",
     "#472D7B",
@@ -60,12 +59,12 @@ FIELD_STOPS = (
 
 
 def rgb(color: str) -> tuple[int, int, int]:
-    """Red, green and blue (0 to 255) of a colour written as `#RRGGBB`."""
+    """Return red, green and blue (0 to 255) of a colour written as `#RRGGBB`."""
     return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
 
 
 def state_colors(names: Sequence[str]) -> list[str]:
-    """One colour `#RRGGBB` per state name, in the order given; unknown names take spare colours in turn."""
+    """Return one colour `#RRGGBB` per state name; unknown names get spare colours in turn."""
     spare = 0
     colors = []
     for name in names:
@@ -78,7 +77,7 @@ def state_colors(names: Sequence[str]) -> list[str]:
 
 
 def category_colors(count: int) -> list[str]:
-    """One colour `#RRGGBB` for each of `count` codes; beyond ten they come again, without the grey."""
+    """Return one colour `#RRGGBB` for each of `count` codes; beyond ten they repeat, without the grey."""
     first, rest = CATEGORY_COLORS[0], CATEGORY_COLORS[1:]
     return [first, *(rest[i % len(rest)] for i in range(count - 1))][:count]
 
@@ -89,7 +88,7 @@ def pale(colors: np.ndarray, white: float) -> np.ndarray:
 
 
 def field_colors(fraction: np.ndarray) -> np.ndarray:
-    """Colours (n, 3) uint8 of values from 0 to 1; values outside take the end colours, NaN light grey."""
+    """Return colours (n, 3) uint8 of values 0 to 1; outside these the end colours, for NaN light grey."""
     stops = np.array([rgb(stop) for stop in FIELD_STOPS], dtype=np.float64)
     known = np.nan_to_num(np.clip(fraction, 0.0, 1.0))
     positions = np.linspace(0.0, 1.0, len(stops))

@@ -1,4 +1,4 @@
-"""Numbers for people: values in a readable unit, and words for one quantity."""
+"""Formatting of numbers: readable units, SI prefixes, errors, durations and file sizes."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ PREFIXES = (
     (1e-15, "f"), (1e-18, "a"),
 )  # fmt: skip
 MINUS, GLUE = "\N{MINUS SIGN}", "\N{NO-BREAK SPACE}"
-"""GLUE keeps a number and its unit on one line."""
+"""Minus sign, and the no-break space between a number and its unit."""
 
 
 def scale_values(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
-    """The values (n,), given in SI, in the prefixed unit that makes the largest 1 to 1000; and that unit."""
+    """Return SI values (n,) in the prefixed unit that makes the largest 1 to 1000, and that unit."""
     factor, name = unit_for(values, unit)
     return values / factor, name
 
 
 def unit_for(values: np.ndarray, unit: str) -> tuple[float, str]:
-    """Factor and name of the unit of `scale_values`."""
+    """Return factor and name of the unit of `scale_values`."""
     factor, prefix = _prefix(float(np.abs(values[np.isfinite(values)]).max(initial=0.0)))
     return factor, prefix + unit
 
 
 def quantity_text(value: float, unit: str, digits: int = 3) -> str:
-    """A quantity given in SI, in words: 4.19e-8 of J as `41.9 nJ`; a pure number without unit; NaN as `unknown`."""
+    """Format a quantity in SI: 4.19e-8 of J as `41.9 nJ`; a pure number without unit; NaN as `unknown`."""
     if not math.isfinite(value):
         return "unknown"
     value = float(f"{value:.{digits - 1}e}")
@@ -40,7 +40,7 @@ def quantity_text(value: float, unit: str, digits: int = 3) -> str:
 
 
 def with_error(value: float, error: float) -> str:
-    """A pure number with its error, both to two digits of the error; to three places without one."""
+    """Format a pure number with its error, to two digits of the error; three decimals without one."""
     if not math.isfinite(error):
         return f"{value:z.3f}".replace("-", MINUS)
     if error < 5e-7:
@@ -50,7 +50,7 @@ def with_error(value: float, error: float) -> str:
 
 
 def percent(share: float) -> str:
-    """A share from 0 to 1: `41 %`; small and nearly whole ones with a decimal."""
+    """Format a fraction from 0 to 1: `41 %`; with a decimal below 1 % and above 99 %."""
     value = 100.0 * share
     near = 0.0 < value < 1.0 or 99.0 < value < 100.0
     return f"{value:.1f}{GLUE}%" if near else f"{value:.0f}{GLUE}%"
@@ -64,7 +64,7 @@ def _prefix(size: float) -> tuple[float, str]:
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
-# Arrays of bodies, spheres and contacts as `frames` writes them; those of plug-ins that are not here go without.
+# Arrays of bodies, spheres and contacts as in `frames`; those of plug-ins that are not installed are omitted.
 ARRAY_UNITS = {
     "radius": "m", "diameter": "m", "mass": "kg", "velocity": "m/s", "speed": "m/s", "angular_velocity": "rad/s",
     "force": "N", "torque": "N·m", "friction_work": "J", "slip_distance": "m", "peak_pressure": "Pa",
@@ -74,7 +74,7 @@ ARRAY_UNITS = {
 
 
 def with_unit(value: float, unit: str) -> str:
-    """A number with three figures and an SI prefix: 1.25e-05, "m" -> "12.5 µm"."""
+    """Format a number with three figures and an SI prefix: 1.25e-05, "m" -> "12.5 µm"."""
     value = float(value)
     if value == 0.0 or not math.isfinite(value):
         return f"{value:g} {unit}"
@@ -84,9 +84,9 @@ def with_unit(value: float, unit: str) -> str:
 
 
 def prefix_for(size: float, unit: str) -> tuple[float, str]:
-    """Factor and unit with its prefix in which a number of this size is easy to read: 3e-5, "m" -> 1e6, "µm".
+    """Return factor and prefixed unit for a number of this size: 3e-5, "m" -> 1e6, "µm".
 
-    Masses come in grams, and a number without unit stays as it is.
+    Masses are in grams, and a number without unit stays unchanged.
     """
     if not unit or unit == "1":
         return 1.0, ""
@@ -94,19 +94,19 @@ def prefix_for(size: float, unit: str) -> tuple[float, str]:
     size = abs(size) * base
     if size == 0.0 or not math.isfinite(size):
         return base, written
-    # A thousandth of the last figure for the rounding of the logarithm at powers of ten.
+    # A thousandth of the last figure, for the rounding of the logarithm at powers of ten.
     power = min(9, max(-15, 3 * math.floor(math.log10(size) / 3 + 1e-6)))
     return base / 10.0**power, f"{_PREFIXES[power]}{written}"
 
 
 def round_length(longest: float) -> float:
-    """The largest of 1, 2, 5 times a power of ten that is not above `longest`."""
+    """Return the largest of 1, 2, 5 times a power of ten that is at most `longest`."""
     power = 10.0 ** math.floor(math.log10(longest))
     return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest * (1.0 + 1e-9))
 
 
 def ticks(low: float, high: float) -> list[float]:
-    """Three to seven round numbers from `low` to `high`, or the one value that both are."""
+    """Return three to seven round numbers from `low` to `high`, or the one value if both are equal."""
     if not high > low:
         return [low]
     step = round_length((high - low) / 3.0)
@@ -119,14 +119,14 @@ _SIZES = ((1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB"), (1.0, "bytes"))
 
 
 def duration(seconds: float) -> str:
-    """A duration with its unit: s, min, h, days, years; two figures from a minute on, for it is an estimate."""
+    """Format a duration with its unit: s, min, h, days, years; two figures from a minute on, since it is an estimate."""
     if not math.isfinite(seconds):
         return "unknown" if math.isnan(seconds) else "for ever"
     return f"{seconds:.3g} s" if seconds < 60.0 else _scaled(seconds, _TIMES)
 
 
 def file_size(count: float) -> str:
-    """A number of bytes with its unit, powers of 1000, two figures."""
+    """Format a number of bytes with its unit, powers of 1000, two figures."""
     return _scaled(count, _SIZES)
 
 

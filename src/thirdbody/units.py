@@ -1,7 +1,7 @@
-"""Quantities written with their unit, "60 um" or "7850 kg/m3", to SI floats and back.
+"""Conversion between SI floats and quantities with units, such as "60 um" or "7850 kg/m3".
 
-Scaling is done in exact fractions and rounded once, so "60 um" is the very float 60e-6. (A unit library that
-multiplies floats gives 5.9999999999999995e-05, takes a second to import, and reads "20 mu" as a mass.)
+Scaling uses exact fractions and rounds once, so "60 um" is the very float 60e-6. (A unit library that multiplies floats gives
+5.9999999999999995e-05, imports in a second, and reads "20 mu" as a mass.)
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ _PLAIN: dict[str, Unit] = {
     "%": (Fraction(1, 100), PURE),
 }
 
-# Close by meaning, not by letters, so difflib cannot find them.
+# Similar in meaning, not in spelling, so difflib cannot match them.
 _MEANT = {
     "mu": "um", "micron": "um", "microns": "um", "micrometer": "um", "micrometre": "um", "meter": "m",
     "metre": "m", "sec": "s", "second": "s", "seconds": "s", "newton": "N", "pascal": "Pa", "joule": "J",
@@ -64,16 +64,16 @@ _HIGH = str.maketrans("⁻¹²³⁴⁵⁶⁷⁸⁹", "-123456789")
 
 
 def parse(text: str, dimension: str) -> float:
-    """The SI value of a quantity such as "60 um", correctly rounded.
+    """Return the SI value of a quantity such as "60 um", correctly rounded.
 
-    `dimension` is a key of DIMENSIONS. Raises ValueError, with the unit that was probably meant, when the
-    text is no quantity, has no unit, or is a quantity of another dimension.
+    `dimension` is a key of DIMENSIONS. Raises ValueError, with the unit that was probably meant, when the text is no quantity,
+    has no unit, or is a quantity of another dimension.
     """
     return parse_any(text, (dimension,))[0]
 
 
 def parse_any(text: str, dimensions: tuple[str, ...]) -> tuple[float, str]:
-    """The SI value, and which of the dimensions the text has. Raises ValueError like `parse`."""
+    """Return the SI value, and which of the dimensions the text has. Raises ValueError like `parse`."""
     wanted = [DIMENSIONS[name] for name in dimensions]
     number, unit = _split(text, wanted[0])
     if not unit and "dimensionless" not in dimensions:
@@ -88,21 +88,21 @@ def parse_any(text: str, dimensions: tuple[str, ...]) -> tuple[float, str]:
 
 
 def without_unit(shown: str, dimensions: tuple[str, ...]) -> str:
-    """Return the message about a number without a unit: the accepted units, and no guess of the value that was meant."""
+    """Return the message about a number without a unit: the accepted units, and no guess of the intended value."""
     shown = shown if len(shown) <= 60 else f"{shown[:57]}..."
     listed = " or ".join(f"{_bare(DIMENSIONS[name].phrase)} ({', '.join(accepted_units(name))})" for name in dimensions)
     return f"{shown} has no unit, expected a unit of {listed}"
 
 
 def accepted_units(dimension: str) -> list[str]:
-    """Return the units that messages name: those of the ladder, and those without prefixes such as min, h and deg."""
+    """Return the units named in messages: those of the ladder, and those without prefixes such as min, h and deg."""
     entry = DIMENSIONS[dimension]
     other = [name for name, (_, powers) in _PLAIN.items() if powers == entry.powers and name.isascii()]
     return [*(unit for unit, _ in entry.ladder if unit), *other]
 
 
 def format_si(value: float, dimension: str) -> str:
-    """The value with its unit; `parse` gives the bit-same float. Raises ValueError for NaN, infinity."""
+    """Return the value with its unit; `parse` gives the same float bit for bit. Raises ValueError for NaN, infinity."""
     if not math.isfinite(value):
         raise ValueError(f"{value} cannot be written as {DIMENSIONS[dimension].phrase}")
     # Moving the decimal point of the shortest repr is exact, so a readable prefix costs no accuracy.
@@ -110,7 +110,7 @@ def format_si(value: float, dimension: str) -> str:
 
 
 def pretty(value: float, dimension: str) -> str:
-    """The value for human eyes: three significant digits and a prefix, "12.3 nm"."""
+    """Return the value for messages: three significant digits and a prefix, "12.3 nm"."""
     entry = DIMENSIONS[dimension]
     if not math.isfinite(value):
         return f"{value} {entry.si_unit}".strip()
@@ -121,10 +121,10 @@ _REACH = {"length": 1e30, "dimensionless": 1e60}
 
 
 def refuse_absurd(value: float, dimension: str, shown: str) -> None:
-    """Raise ValueError for a number (SI) that comes from a wrong unit only, and whose powers and products no float can hold.
+    """Raise ValueError for a number (SI) that only a wrong unit explains, and whose powers and products overflow a float.
 
     Lengths other than 0 lie between 1e-30 and 1e30 m (fifth powers, and the squares of these, are normal numbers), all other
-    quantities between 1e-60 and 1e60 in SI; pure numbers may be as small as they like.
+    quantities between 1e-60 and 1e60 in SI; pure numbers may be arbitrarily small.
     """
     maximum = _REACH.get(dimension, 1e60)
     small = dimension != "dimensionless" and 0.0 < abs(value) < 1.0 / maximum
@@ -139,7 +139,7 @@ def _bare(phrase: str) -> str:
 
 
 def _split(text: str, wanted: Dimension) -> tuple[Decimal, str]:
-    """Number and unit text. Raises ValueError when there is no number in front."""
+    """Return number and unit text. Raises ValueError when the text does not begin with a number."""
     match = _NUMBER.match(text.strip())
     if len(text) > 100 or not match:
         example = f': write for example "10 {wanted.usual}"' if wanted.usual else ""
@@ -151,10 +151,10 @@ def _split(text: str, wanted: Dimension) -> tuple[Decimal, str]:
 
 
 def _rounded(number: Decimal, factor: Fraction, text: str) -> float:
-    """number * factor as the nearest float. Raises ValueError outside the range of floats."""
+    """Return number * factor as the nearest float. Raises ValueError outside the range of floats."""
     if number == 0:
         return float(number)
-    if abs(number.adjusted()) > 400:  # keeps the exact integers below small
+    if abs(number.adjusted()) > 400:  # bounds the exact integers below
         raise ValueError(f"'{text}' is outside the range of numbers")
     try:
         value = float(Fraction(number) * factor)
@@ -166,7 +166,7 @@ def _rounded(number: Decimal, factor: Fraction, text: str) -> float:
 
 
 def _product(text: str, wanted: Dimension) -> Unit:
-    """The factor and powers of a unit such as "kg/m3" or "J/(m2 s)". Raises ValueError."""
+    """Return factor and powers of a unit such as "kg/m3" or "J/(m2 s)". Raises ValueError."""
     tokens = _tokens(text, wanted)
     unit = _group(tokens, text, wanted)
     if tokens:
@@ -186,7 +186,7 @@ def _tokens(text: str, wanted: Dimension) -> list[re.Match[str]]:
 
 
 def _group(tokens: list[re.Match[str]], text: str, wanted: Dimension) -> Unit:
-    """The product up to the end or a closing bracket; takes its tokens off the list."""
+    """Return the product up to the end or a closing bracket; removes its tokens from the list."""
     factor, powers = Fraction(1), PURE
     sign, divided, ready = 1, False, False
     while tokens and not tokens[0]["close"]:
@@ -227,7 +227,7 @@ def _add(first: Powers, second: Powers, times: int) -> Powers:
 
 
 def _symbol(name: str, wanted: Dimension) -> Unit:
-    """One unit with or without prefix. Raises ValueError with the nearest known unit."""
+    """Return one unit with or without prefix. Raises ValueError with the nearest known unit."""
     if name in _PLAIN:
         return _PLAIN[name]
     if name in _PREFIXED:
@@ -239,7 +239,7 @@ def _symbol(name: str, wanted: Dimension) -> Unit:
 
 
 def nearest_unit(name: str, wanted: Dimension) -> str:
-    """A phrase that offers the unit probably meant, those of the wanted dimension first."""
+    """Return a phrase that suggests the unit probably meant, those of the wanted dimension first."""
     own = [unit for unit, _ in wanted.ladder if unit]
     if name.lower() in _MEANT:
         return f"did you mean '{_MEANT[name.lower()]}'?"
@@ -251,7 +251,7 @@ def nearest_unit(name: str, wanted: Dimension) -> str:
 
 
 def _with_prefix(number: Decimal, entry: Dimension) -> str:
-    """The decimal number with the unit of the ladder that leaves 1 to 999 before the point."""
+    """Return the decimal number with the unit of the ladder that leaves 1 to 999 before the point."""
     unit, power = entry.si_unit, 0
     if number:
         fitting = [step for step in entry.ladder if step[1] <= number.adjusted()]

@@ -1,4 +1,4 @@
-"""From the populations of a scene to their bodies."""
+"""Clumps of the populations of a scene."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from thirdbody.scene.schema_base import key_place
 
 
 def population_context(scene: Scene, index: int, warnings: list[str]) -> PopulationContext:
-    """What the scene passes to one of its populations."""
+    """Return the context of one population: index, random streams, density, domain, warnings."""
     debris = scene.debris[index]
     random = RandomStreams(getattr(debris, "seed", 1), index)
     density = scene.materials[debris.material].density
@@ -22,7 +22,7 @@ def population_context(scene: Scene, index: int, warnings: list[str]) -> Populat
 
 
 def read_populations(scene: Scene, warnings: list[str]) -> list[PopulationContext]:
-    """The contexts of all populations, with the files that they read. Raises InputError with the faults of all of them."""
+    """Return the contexts of all populations, with their file contents. Raises InputError with all faults."""
     contexts, faults = [], []
     for index, debris in enumerate(scene.debris):
         context = population_context(scene, index, warnings)
@@ -38,7 +38,7 @@ def read_populations(scene: Scene, warnings: list[str]) -> list[PopulationContex
 
 
 def make_bodies(scene: Scene, context: PopulationContext) -> PlacedClumps:
-    """The bodies of one population. Raises InputError when they cannot be made, UsageError for a kind that gives no bodies."""
+    """Make the bodies of one population. Raises InputError for wrong keys, UsageError for a kind that returns no valid bodies."""
     debris = scene.debris[context.index]
     with _faults_of(scene, context.index):
         built = debris.bodies(context)
@@ -54,13 +54,13 @@ def make_bodies(scene: Scene, context: PopulationContext) -> PlacedClumps:
 
 
 def shapes_of(scene: Scene, index: int, warnings: list[str]) -> list[Clump]:
-    """The bodies of one population, at unit density. Raises InputError when they cannot be made."""
+    """Return the bodies of one population, at unit density. Raises InputError."""
     return make_bodies(scene, read_populations(scene, warnings)[index]).clumps
 
 
 @contextmanager
 def _faults_of(scene: Scene, index: int) -> Iterator[None]:
-    """Give faults that a population tells by its own keys their places in the scene."""
+    """Give faults, which a population reports by its own keys, their places in the scene."""
     try:
         yield
     except InputError as error:

@@ -14,13 +14,13 @@ from thirdbody.scene.model import Scene
 Fault = Callable[[str], InputError]
 
 MOST_BYTES = 100 * MOST_ROWS
-"""Bytes of the largest file: rows of two numbers of 15 digits have half of it."""
+"""Bytes of the largest file: rows of two numbers of 15 digits take half of it."""
 
 
 def rows_of(scene: Scene, place: tuple, file: str, word: str, dimension: str) -> list[tuple[float, float]]:
-    """Rows (time s, value in SI) of a file with the header `time (unit), <word> (unit)`, from time 0 on.
+    """Read rows (time [s], value in SI) of a file with the header `time (unit), <word> (unit)`.
 
-    A displacement begins at 0, a load is never negative. Raises InputError at the key `place` of the scene, with the line.
+    Time and displacement begin at 0, a load is never negative. Raises InputError at the key `place` of the scene, with the line.
     """
     path = scene.beside(file)
 
@@ -54,7 +54,7 @@ def rows_of(scene: Scene, place: tuple, file: str, word: str, dimension: str) ->
 
 
 def _lines(text: str, fault: Fault) -> list[tuple[int, list[str]]]:
-    """Number and cells of the lines that are not empty."""
+    """Return number and cells of the lines that are not empty."""
     reader = csv.reader(text.splitlines())
     try:
         return [(reader.line_num, row) for row in reader if row]
@@ -73,7 +73,7 @@ def _row(cells: list[str], scales: tuple[float, float], fault: Fault) -> tuple[f
 
 
 def _header(cells: list[str], word: str, dimension: str, fault: Fault) -> tuple[float, float]:
-    """Scales of the two columns from a header such as `time (us), displacement (um)`."""
+    """Return the scales of the two columns from a header such as `time (us), displacement (um)`."""
     scales = []
     for cell, (name, kind) in zip(cells, (("time", "time"), (word, dimension)), strict=False):
         given, _, unit = cell.strip().partition("(")

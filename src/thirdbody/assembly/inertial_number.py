@@ -1,4 +1,4 @@
-"""Whether a scene without inertia (`solver.inertia = false`) may do without it: its inertial number."""
+"""Inertial number of a scene with `solver.inertia = false`: whether inertia is negligible."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from thirdbody.scene.model import Scene
 
 SLOW, FAST = 0.03, 0.3
-"""Inertial number above which a quasi-static run is warned of, and above which it is refused. The forces that accelerate a body
-are of the order of its square, in parts of the load: 1e-3 and a tenth."""
+"""Inertial number above which a quasi-static run gets a warning, and above which it is refused. Inertial forces are of the order
+of its square times the load: 1e-3 and 0.1 of the load."""
 
 
 class Inertial(NamedTuple):
-    """Largest inertial number of the bodies, that body by its place in the tables, and the largest sideways speed, m/s."""
+    """Largest inertial number, index of its body in the tables, largest sliding speed [m/s]."""
 
     number: float
     body: int
@@ -29,11 +29,12 @@ class Inertial(NamedTuple):
 
 
 def inertial_number(state: State) -> Inertial | None:
-    """I = v sqrt((m + M)/(W L)): the time in which the load moves a body by its size, over the time of the drag for that way.
+    """Compute I = v sqrt((m + M)/(W L)), the largest of all bodies.
 
-    v: largest speed of the drag; m, M: masses of body and patch; W: least load on the body; L: its diameter, or the stroke if
-    that is shorter. None where no load is prescribed. Source: inertial number of GDR MiDi, Eur. Phys. J. E 14, 2004, 341, with
-    the shear rate v/L and the pressure W/L^2.
+    It is the time in which the load moves a body by its size, over the time in which the drag covers that distance. v: largest
+    speed of the drag; m, M: masses of body and patch; W: smallest load on the body; L: its diameter, or the stroke if that is
+    shorter. None where no load is prescribed. Source: inertial number of GDR MiDi, Eur. Phys. J. E 14, 2004, 341, with the shear
+    rate v/L and the pressure W/L^2.
     """
     upper = state.world.upper
     if upper is None:
@@ -49,7 +50,7 @@ def inertial_number(state: State) -> Inertial | None:
 
 
 def examine_inertia(scene: Scene, state: State) -> list[str]:
-    """Warnings of a quasi-static scene that is too fast to be one. Raises InputError where inertia is as large as the load."""
+    """Return warnings of a quasi-static scene that is too fast. Raises InputError where inertia is as large as the load."""
     result = inertial_number(state) if scene.solver.inertia is False else None
     if result is None or result.number <= SLOW:
         return []
@@ -68,7 +69,7 @@ def examine_inertia(scene: Scene, state: State) -> list[str]:
 
 
 def _per_body(state: State) -> tuple[np.ndarray, np.ndarray]:
-    """Mass that moves with each body (n,), kg, and its least load (n,), N: its patch's, or an equal part of the plate's."""
+    """Return mass moving with each body [kg] and smallest load [N], (n,): of its patch, or an equal part of the plate's."""
     upper, n = state.world.upper, state.n_bodies
     assert upper is not None
     pieces = [min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(upper.schedule.load)]
@@ -81,12 +82,12 @@ def _per_body(state: State) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _diameters(state: State) -> np.ndarray:
-    """Twice the distance of each body's farthest surface from its centre (n,), m."""
+    """Return twice the distance of each body's farthest surface point from its centre of mass, (n,) [m]."""
     centre = np.repeat(state.bodies.position, np.diff(state.start), axis=0)
     far = np.linalg.norm(state.spheres.position - centre, axis=1) + state.spheres.radius
     return 2.0 * np.maximum.reduceat(far, state.start[:-1])
 
 
 def _shortest_stroke(schedule: Schedule) -> float:
-    """Shortest stroke, peak to peak, m; infinite without strokes."""
+    """Return the shortest stroke, peak to peak [m]; infinite without strokes."""
     return min((abs(s.b) for s in (*schedule.x, *schedule.y) if s.kind != motion.POLYNOMIAL), default=np.inf)

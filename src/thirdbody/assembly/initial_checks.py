@@ -1,4 +1,4 @@
-"""Refusing bodies that cannot start where they are: overlapping, outside the domain, or of the wrong unit."""
+"""Checks of the initial bodies: overlaps, positions outside the domain, sizes in a wrong unit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_UPPER
 from thirdbody.scene.model import Scene
 
 TINY = 1e-11
-"""Least radius of a sphere over the size of the domain: overlaps of a thousandth of it are then still numbers of two digits."""
+"""Smallest radius over domain size: overlaps of 1e-3 of the radius then still have two digits."""
 
 
 def refuse_start(scene: Scene, placed: Placed) -> None:
@@ -43,14 +43,14 @@ def refuse_start(scene: Scene, placed: Placed) -> None:
 
 
 def _place_of(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
-    """Where the scene says the position of a body: its entry in `positions`, a file, or its population."""
+    """Return the key that gives the position of a body: entry of `positions`, file, or population."""
     population = int(placed.populations[body])
     first = int(np.searchsorted(placed.populations, population))
     return ("debris", population, *scene.debris[population].position_key(body - first))
 
 
 def _tiny(scene: Scene, placed: Placed) -> list[Fault]:
-    """The first body whose spheres are too small for places in the domain to be told apart: a wrong unit."""
+    """Return a fault for the first body below the floating-point resolution of the domain: a wrong unit."""
     minimum = np.array([clump.radii.min() for clump in placed.clumps])
     small = np.flatnonzero(minimum < TINY * max(scene.domain.size))
     if not len(small):
@@ -61,7 +61,7 @@ def _tiny(scene: Scene, placed: Placed) -> list[Fault]:
 
 
 def _outside(scene: Scene, placed: Placed) -> list[Fault]:
-    """The first body whose centre is given outside a domain that is not periodic."""
+    """Return a fault for the first body whose centre is given outside a domain that is not periodic."""
     if scene.domain.periodic or scene.plates.lower is None:
         return []
     x = placed.positions[:, :2]

@@ -1,4 +1,4 @@
-"""Which integrator a scene gets, and why."""
+"""Choice of the integrator of a scene, with the reason."""
 
 from __future__ import annotations
 
@@ -19,22 +19,24 @@ if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
 
 LARGEST_FRICTION = 1e4
-"""Friction coefficient above which friction counts as this in the implicit integrator. Newton's method finds forces to 1e-9 of
-all that act, and the limit of a spot that its dashpot is about to release follows the normal force this many times: above 1e6
-the limit jumps by all that the spot holds within the error of its load, and steps shrink without end. What slips below that is
-a spot that carries less than 1e-4 of its tangential force."""
+"""Largest friction coefficient in the implicit integrator; larger ones are reduced to it.
+
+Newton's method solves for forces to 1e-9 of the forces that act, and the friction limit of a contact that its dashpot is about to
+open is the normal force times this coefficient: above 1e6 the error of the load makes that limit jump by the whole tangential
+force, and steps shrink without end. A contact that slips because of this bound carries less than 1e-4 of its tangential force as
+load."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The integrator of a scene, `explicit` or `implicit`, and the reason in words."""
+    """Integrator of a scene, `explicit` or `implicit`, and the reason in words."""
 
     kind: str
     reason: str
 
 
 def plan(scene: Scene, choice: CompiledPhysics, state: State) -> Plan:
-    """The integrator that the scene asks for, or, if it leaves the choice, the one that serves it. Raises InputError."""
+    """Return the integrator that the scene asks for or, by default, the one that suits it. Raises InputError."""
     wanted = scene.solver.integrator
     if wanted == "explicit":
         return Plan("explicit", "the scene asks for it")
@@ -59,14 +61,14 @@ def plan(scene: Scene, choice: CompiledPhysics, state: State) -> Plan:
 
 
 def _refuse_leaving_behind(scene: Scene, state: State) -> None:
-    """Raise InputError where no body can be left behind, for all carry one plate."""
+    """Raise InputError for `on_failure = "continue"` where all bodies carry one plate together."""
     if scene.solver.on_failure == "continue" and _carried_together(state):
         message = "'continue' leaves a body behind, but here all bodies carry one plate together"
         raise InputError(scene.fault(("solver", "on_failure"), message))
 
 
 def _refuse_unloading(scene: Scene, state: State) -> None:
-    """Raise InputError where nothing would hold the bodies: no load, and no inertia."""
+    """Raise InputError where nothing would hold the bodies: no load and no inertia."""
     upper = state.world.upper
     loads = () if upper is None else upper.schedule.load
     minimum = min((min(piece.value(piece.start), piece.value(end)) for piece, end in ends_of(loads)), default=1.0)
@@ -76,7 +78,7 @@ def _refuse_unloading(scene: Scene, state: State) -> None:
 
 
 def _obstacle(scene: Scene, choice: CompiledPhysics, state: State) -> str:
-    """Why the implicit integrator cannot run a scene, or nothing."""
+    """Return why the implicit integrator cannot run a scene, or an empty text."""
     bare = choice.chain.without_tangent
     late = [effect.name for effect in choice.effects if effect.sees_forces]
     upper = state.world.upper
@@ -90,10 +92,10 @@ def _obstacle(scene: Scene, choice: CompiledPhysics, state: State) -> str:
 
 
 def implicit(scene: Scene, choice: CompiledPhysics, state: State, upper: Upper, warnings: list[str]) -> Implicit:
-    """The implicit integrator of a scene, started; `warnings` is added to."""
+    """Return the implicit integrator of a scene, started; appends to `warnings`."""
     tangents = choice.chain.tangents
-    assert tangents is not None  # `plan`
-    # imported where it is used: an explicit run compiles none of it
+    assert tangents is not None  # checked by `plan`
+    # imported here: an explicit run then compiles none of it
     from thirdbody.engine.implicit import Accuracy
 
     if any(pair.friction > LARGEST_FRICTION for pair in choice.pairs):
@@ -121,7 +123,7 @@ def _kind(state: State) -> type[Implicit]:
 
 
 def _carried_together(state: State) -> bool:
-    """Whether all bodies carry one free plate: a rigid one under a load, or that of a foundation."""
+    """Return whether all bodies carry one free plate: a rigid one under a load, or that of a foundation."""
     upper = state.world.upper
     if upper is None:
         return False

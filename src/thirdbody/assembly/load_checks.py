@@ -1,4 +1,4 @@
-"""How hard debris will be pressed: loads that no Hertz contact can carry are refused; deep contacts and yield are warned of."""
+"""Checks of the loads: crushing loads are refused, deep contacts and yield give warnings."""
 
 from __future__ import annotations
 
@@ -17,31 +17,30 @@ from thirdbody.scene.model import Scene
 from thirdbody.units import pretty
 
 DEEP = 0.1
-"""Overlap over the sphere's radius above which Hertz' theory of small contacts is a rough guide: the contact is as wide as 0.3 of
-the radius there."""
+"""Overlap over sphere radius above which Hertz' theory is only approximate: the contact radius is 0.3 of the radius."""
 
 
 @dataclass(frozen=True)
 class Pressing:
-    """Contacts under the largest load to come: load (n,) N, sphere's radius (n,) m, row of the pair (n,)."""
+    """Contacts under the largest load of a run, (n,): load [N], sphere radius [m], row of the pair."""
 
     load: np.ndarray
     radius: np.ndarray
     kind: np.ndarray
 
     def overlap(self, choice: CompiledPhysics) -> np.ndarray:
-        """Overlap (n,) m, at most the radius."""
+        """Return the overlap (n,) [m], at most the radius."""
         return overlap_at(choice.physics, self.load, self.radius, self.kind)
 
     def most(self, choice: CompiledPhysics) -> np.ndarray:
-        """Load (n,) N at which the overlap reaches its guard."""
+        """Return the load (n,) [N] at which the overlap reaches its limit."""
         return response(choice.physics, OVERLAP_GUARD * self.radius, self.radius, self.kind)[0]
 
 
 def refuse_crushing(scene: Scene, choice: CompiledPhysics, pressing: Pressing, load: float, shared: int = 1) -> None:
-    """Raise InputError if even the strongest of these contacts would be pressed in beyond the guard's overlap.
+    """Raise InputError if even the strongest of these contacts would exceed the guard's overlap.
 
-    `load` (N) is what the scene gives; `shared` bodies carry it together at best.
+    `load` [N] is the value in the scene; `shared` bodies carry it together at best.
     """
     allowed = float(pressing.most(choice).min()) if shared == 1 else float(pressing.most(choice).mean()) * shared
     if load <= allowed:
@@ -56,7 +55,7 @@ def refuse_crushing(scene: Scene, choice: CompiledPhysics, pressing: Pressing, l
 
 
 def _loading_key(scene: Scene) -> tuple[str, ...]:
-    """Where the scene gives the largest load."""
+    """Return the key of the scene that gives the largest load."""
     plate = scene.plates.upper
     assert plate is not None
     key = next(key for key in ("load", "pressure", "gap") if getattr(plate, key) is not None)
@@ -64,7 +63,7 @@ def _loading_key(scene: Scene) -> tuple[str, ...]:
 
 
 def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
-    """Warnings of contacts that are deep, and, for each pair of materials, of pressures above first yield."""
+    """Return warnings of deep contacts, and of peak pressures above first yield by pair of materials."""
     result, overlap = [], pressing.overlap(choice)
     depth = overlap / pressing.radius
     deepest = int(np.argmax(depth))
@@ -88,7 +87,7 @@ def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
 
 def _yield_warning(a: Material, b: Material, limit: YieldLimit, pressure: float, load: float) -> str:
     ratio = pressure / limit.pressure
-    allowed = load / ratio**3  # Hertz: the peak pressure goes as the cube root of the load
+    allowed = load / ratio**3  # Hertz: the peak pressure grows with the cube root of the load
     where = limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)
     return (
         f"{a.name}/{b.name}: expected peak pressure {pretty(pressure, 'pressure')}, {ratio:.2g} times {where}; contacts "
@@ -97,7 +96,7 @@ def _yield_warning(a: Material, b: Material, limit: YieldLimit, pressure: float,
 
 
 def limit_words(material: str, pressure: float, strength: float, assumed: bool) -> str:
-    """First yield of a material at this peak pressure (Pa) in words, with the yield strength (Pa) that it follows from."""
+    """Describe first yield of a material: its peak pressure [Pa], and the yield strength [Pa]."""
     source = f"assumed as E/100: materials.{material}.yield_strength is not given" if assumed else "given"
     shown = pretty(strength, "pressure")
     return f"first yield of {material} at {pretty(pressure, 'pressure')} (yield strength {shown}, {source})"

@@ -1,4 +1,4 @@
-"""From the names in a scene to compiled physics: which laws and effects, with which parameters, and where they come from."""
+"""Compiled physics of a scene: laws and effects by name, parameters and their sources."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from thirdbody.scene.model import Scene
 
 @dataclass(frozen=True)
 class CompiledPhysics:
-    """The physics of a scene in words and in code. `rows[k]` are the parameters of `pairs[k]`, law by law."""
+    """Physics of a scene, in words and as compiled code. `rows[k]` are the parameters of `pairs[k]`, law by law."""
 
     physics: Physics
     chain: Chain
@@ -39,7 +39,7 @@ class CompiledPhysics:
     options: dict[str, dict[str, Any]]
 
     def limit_friction(self, largest: float) -> None:
-        """Mix the parameters of all pairs anew, with friction coefficients of at most `largest`."""
+        """Recompute the parameters of all pairs with friction coefficients of at most `largest`."""
         pairs = [replace(pair, friction=min(pair.friction, largest)) for pair in self.pairs]
         rows = [[x for law in self.chain.laws for x in _mixed(law, pair, self.options[law.name])] for pair in pairs]
         self.physics.pairs[:] = np.array(rows, float).ravel()
@@ -66,7 +66,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     rows = tuple(tuple(_mixed(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
     effect_row = [x for effect in effects for x in _mixed(effect, values[effect.name])]
     if any(effect.settling for effect in effects):
-        effect_row.append(math.inf)  # the end of settling: `build` knows it
+        effect_row.append(math.inf)  # end of settling: set by `build`
     labeller = family.labeller or _any_labeller(registry)
     try:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)
@@ -79,7 +79,7 @@ PLUGIN_FILE = "one in a file needs --plugin FILE (in Python plugins=[FILE])"
 
 
 def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
-    """The parameters that a law mixes. Raises UsageError for whatever its rule raises: it may be a plug-in's."""
+    """Return the mixed parameters of a law. Raises UsageError for any exception of its mixing rule."""
     try:
         row = law.mix(*arguments)
     except Exception as problem:
@@ -91,7 +91,7 @@ def _mixed(law: Law | BodyEffect, *arguments: Any) -> Any:
 
 
 def _not_compiled(parts: Sequence[Law | BodyEffect | Labeller], problem: Exception) -> Exception:
-    """Return the UsageError for laws of which one is no valid kernel. Other problems are returned as they are."""
+    """Return a UsageError for laws of which one is no valid kernel; return other problems unchanged."""
     reason, names = compile_error(problem), foreign(parts)
     return UsageError(f"{', '.join(names)}: {reason}") if reason and names else problem
 
@@ -113,7 +113,7 @@ def _family(scene: Scene, registry: Registry, faults: list[Fault]) -> tuple[LawF
 
 
 def _any_labeller(registry: Registry) -> Labeller | None:
-    """A labeller for a family that brings none: labels look at forces and motion, whatever law made them."""
+    """Return a labeller for a law family without one: labels need forces and motion only, whatever the law."""
     return next((family.labeller for family in registry.families.values() if family.labeller), None)
 
 
@@ -146,7 +146,7 @@ def _law_options(scene: Scene, family: LawFamily, laws: Sequence[Law], faults: l
 def _effects(
     scene: Scene, registry: Registry, faults: list[Fault]
 ) -> tuple[list[Law], tuple[BodyEffect, ...], dict[str, dict[str, Any]]]:
-    """Contact effects, body effects (gravity first, then by name) and the option values of each."""
+    """Return contact effects, body effects (gravity first, then by name) and the option values of each."""
     known = registry.effects
     named: dict[str, Any] = dict(scene.effects.named)
     contact_effects: list[Law] = []
@@ -172,7 +172,7 @@ def _effects(
 def _effect_values(
     scene: Scene, effect: Law | BodyEffect, given: Any, place: tuple[str, ...], faults: list[Fault]
 ) -> dict[str, Any]:
-    """Option values of one effect: a table, the value of its only option, or `true` for one that has none."""
+    """Return the option values of an effect, given as a table, its only value, or `true`."""
     names = [option.name for option in effect.options]
     if not isinstance(given, Mapping):
         if len(names) != 1 and given is not True:
@@ -184,7 +184,7 @@ def _effect_values(
     for key in unknown:
         hint = nearest(key, names) or "it has none"
         faults.append(scene.fault((*place, key), f"unknown key, {hint}"))
-    # one that was misspelt is not told as missing too
+    # a misspelt option is not also reported as missing
     return {} if unknown else _values(scene, effect.options, given, place, faults)
 
 
@@ -219,7 +219,7 @@ def _value(option: Option, raw: Any, given: bool) -> float | str | tuple[float, 
 
 
 def _number(option: Option, raw: Any, given: bool) -> float:
-    """A number of the option's dimension in SI; a bare one needs no unit only if it is dimensionless or the default."""
+    """Return a number of the option's dimension in SI. A bare number is accepted if dimensionless, or as a default."""
     if isinstance(raw, str):
         value = units.parse(raw, option.dimension)
     elif isinstance(raw, bool) or not isinstance(raw, int | float):
@@ -235,7 +235,7 @@ def _number(option: Option, raw: Any, given: bool) -> float:
 
 
 def _range(option: Option) -> str:
-    """The allowed range in words, in SI units of the option's dimension."""
+    """Describe the allowed range, in SI units of the option's dimension."""
     unit = "" if option.dimension == "dimensionless" else f" (SI, {option.dimension})"
     if math.isinf(option.high):
         return f"be at least {option.low:g}{unit}"

@@ -1,4 +1,4 @@
-"""Places and poses of debris: a resting layer, a dilute cloud, or a dense bed."""
+"""Positions and orientations of debris: a resting layer, a dilute cloud, or a dense bed."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from thirdbody.scene.debris.population import PopulationContext
 from thirdbody.scene.model import Scene
 
 LAYER_STREAM, DILUTE_STREAM, DENSE_STREAM = 1_000_003, 1_000_033, 1_000_037
-"""Spawn keys of the random streams that pose and place bodies, apart from those of the populations."""
+"""Spawn keys of the random streams of placement, different from those of the populations."""
 
 COVERAGE = 4.0
-"""Bodies of one layer whose equal-volume spheres would cover the domain this often cannot all rest on it, however they nest."""
+"""Largest area of equal-volume spheres over that of the domain for bodies in one layer."""
 
 SOLID_FRACTION = {"dilute": 0.05, "dense": 0.5}
-"""Solid fractions of a scene that gives neither height nor solid_fraction."""
+"""Default solid fractions of a scene with neither height nor solid_fraction."""
 
 
 def place(scene: Scene, clumps: list[Clump], populations: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
-    """Poses and places, into x (n, 3) and q (n, 4), of all bodies whose population (n,) names a placement.
+    """Place all bodies whose population (n,) names a placement: fill x (n, 3) [m] and q (n, 4).
 
-    All layers are laid together, each body in a stable pose; then all dilute populations are scattered together, free of
-    what already stands; or all dense ones packed together, mixed. Warnings say the solid fraction. Raises InputError.
+    All layers are placed together, each body in a stable pose; then all dilute populations are scattered together, free of the
+    bodies placed before; or all dense ones are packed together, mixed. Warnings give the solid fraction. Raises InputError.
     """
     how = np.array([debris.placement_name or "given" for debris in scene.debris])[populations]
     for placement, placing in (("layer", _lay), ("dilute", _scatter), ("dense", _pack)):
@@ -42,7 +42,7 @@ def place(scene: Scene, clumps: list[Clump], populations: np.ndarray, x: np.ndar
 
 
 def refuse_placements(scene: Scene, contexts: Sequence[PopulationContext]) -> None:
-    """Raise InputError for placements that contradict each other, need a plate that is missing, or are far too crowded."""
+    """Raise InputError for placements that contradict each other, need a missing plate, or are far too crowded."""
     how = [debris.placement_name for debris in scene.debris]
     for i, placement in enumerate(how):
         if placement in ("layer", "dense") and scene.plates.lower is None:
@@ -64,7 +64,7 @@ def refuse_placements(scene: Scene, contexts: Sequence[PopulationContext]) -> No
 
 
 def _wishes(scene: Scene, placement: str) -> list[tuple[int, str, float]]:
-    """Population, key and value of all that the scene says of the volume that its dilute or dense bodies share."""
+    """Return population, key and value of all entries on the common volume of dilute or dense bodies."""
     return [
         (i, key, value)
         for i, debris in enumerate(scene.debris)
@@ -87,7 +87,7 @@ def _disagreements(scene: Scene, placement: str) -> list[Fault]:
 
 
 def _crowds(scene: Scene, contexts: Sequence[PopulationContext]) -> list[Fault]:
-    """Counts out of all proportion, told before hours are spent on making and placing them."""
+    """Return faults for impossible counts, before hours are spent on making and placing the bodies."""
     faults = []
     width, depth = scene.domain.size
     for i, (debris, context) in enumerate(zip(scene.debris, contexts, strict=True)):
@@ -110,7 +110,7 @@ def _crowds(scene: Scene, contexts: Sequence[PopulationContext]) -> list[Fault]:
 
 
 def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
-    """Give the bodies of the layer a stable pose, a height and a place."""
+    """Give the bodies of the layer a stable pose, a height and a position."""
     rng = np.random.default_rng(np.random.SeedSequence(getattr(scene.debris[0], "seed", 1), spawn_key=(LAYER_STREAM,)))
     laid = [clumps[b] for b in members]
     q[members], heights = settle_all(laid, rng)
@@ -122,10 +122,10 @@ def _lay(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, 
 
 
 def _scatter(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
-    """Put the dilute bodies at random places, in random turns, up to their common height."""
+    """Place the dilute bodies at random positions and in random orientations, up to their common height."""
     bodies = [clumps[b] for b in members]
     height, fraction = _volume(scene, "dilute", bodies)
-    # a given particle's spots meet plates only, and nothing can stand in their way
+    # the spots of a given particle touch plates only: no body is in their way
     standing = np.array([b for b, body in enumerate(clumps) if body.sides is None and np.isfinite(x[b]).all()], np.int64)
     spheres = None
     if len(standing):
@@ -158,7 +158,7 @@ def _pack(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray,
 
 
 def _volume(scene: Scene, placement: str, bodies: list[Clump]) -> tuple[float, float]:
-    """Height, m, of the volume that the bodies share, and their solid fraction in it. Raises InputError above 1."""
+    """Return the height [m] of the common volume of the bodies and their solid fraction in it. Raises InputError above 1."""
     solid = sum(body.volume for body in bodies) / (scene.domain.size[0] * scene.domain.size[1])
     wishes = _wishes(scene, placement)
     if not wishes:
@@ -178,7 +178,7 @@ def _stream(scene: Scene, placement: str, key: int) -> np.random.Generator:
 
 
 def _placement_faults(scene: Scene, placement: str, error: InputError) -> InputError:
-    """The faults of the placing at their places in the scene: the domain, or what it says of the common volume."""
+    """Return the faults of a placement with their keys in the scene: the domain, or the keys of the common volume."""
     first = next(i for i, debris in enumerate(scene.debris) if debris.placement_name == placement)
     wishes = _wishes(scene, placement)
     where = ("debris", wishes[0][0], wishes[0][1]) if wishes else ("debris", first, "placement")
@@ -188,7 +188,7 @@ def _placement_faults(scene: Scene, placement: str, error: InputError) -> InputE
 
 
 def spheres_of(clumps: Sequence[Clump], x: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres (n, 3), m, radii (n,), m, and body (n,) of every sphere of the bodies at x (b, 3) with quaternions q (b, 4)."""
+    """Return centres (n, 3) [m], radii (n,) [m], body (n,) of spheres of bodies at x (b, 3), q (b, 4)."""
     body = np.repeat(np.arange(len(clumps)), [len(clump.radii) for clump in clumps])
     offsets = np.concatenate([clump.centers for clump in clumps])
     centres = x[body] + np.einsum("nij,nj->ni", rotation_matrices(q)[body], offsets)

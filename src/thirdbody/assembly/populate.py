@@ -1,4 +1,4 @@
-"""From the debris of a scene to bodies in their places."""
+"""Initial bodies of a scene, from its debris tables."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from thirdbody.scene.field_types import REST
 from thirdbody.scene.model import Scene
 
 UNPLACED = (float("nan"),) * 3
-"""The position of a body that a placement puts somewhere."""
+"""Position of a body before its placement."""
 
 
 def populate(scene: Scene, warnings: list[str]) -> Placed:
-    """All bodies of the scene, in the order of its populations. Raises InputError when they cannot be made or placed.
+    """Return all bodies of the scene, in the order of its populations. Raises InputError.
 
-    Where the scene does not say the places, `place` finds them.
+    Bodies without positions in the scene are placed by `place`.
     """
     contexts = read_populations(scene, warnings)
     refuse_placements(scene, contexts)
@@ -49,11 +49,11 @@ def populate(scene: Scene, warnings: list[str]) -> Placed:
 
 
 def _rows(bodies: PlacedClumps, given: np.ndarray | None, otherwise: Sequence[float]) -> np.ndarray:
-    """A row for each body of a population: what is given, else the same for all."""
+    """Return one row per body of a population: the given rows, else the same default for all."""
     row = np.asarray(otherwise if given is None else given, float)
     return np.broadcast_to(row, (len(bodies.clumps), row.shape[-1]))
 
 
 def sphere_centres(placed: Placed) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Centres (n, 3), radii (n,) and body of every sphere."""
+    """Return centres (n, 3) [m], radii (n,) [m] and body (n,) of every sphere."""
     return spheres_of(placed.clumps, placed.positions, placed.quaternions)

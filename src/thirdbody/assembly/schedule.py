@@ -1,4 +1,4 @@
-"""From the motion in a scene to the schedule that the engine follows."""
+"""Schedule of the upper plate, from the motion and load in a scene."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from thirdbody.scene.motion import Constant, Pause, Ramp, Stroke
 
 
 def schedule(scene: Scene, start: float) -> Schedule:
-    """Sideways motion from `start` on (the end of settling, s), the height of a plate that is moved up and down, and its load
-    over the first one if that changes.
+    """Return the schedule of the upper plate: sliding from `start` [s] on, height and load.
 
-    Raises InputError for a table that cannot be read.
+    `start` is the end of settling. The height is prescribed for a plate at a gap that moves vertically; the load, if it changes,
+    is relative to the first one. Raises InputError for a table that cannot be read.
     """
     plate = scene.plates.upper
     if plate is None:
@@ -31,7 +31,7 @@ def schedule(scene: Scene, start: float) -> Schedule:
 
 
 def first_load(scene: Scene) -> float:
-    """Load under which the debris settles, N: on the plate, or on each patch; 0 at a gap."""
+    """Return the load under which the debris settles [N]: on the plate, or on each patch; 0 at a gap."""
     plate = scene.plates.upper
     assert plate is not None
     area = scene.domain.size[0] * scene.domain.size[1]
@@ -39,7 +39,7 @@ def first_load(scene: Scene) -> float:
 
 
 def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
-    """The load over the one that the debris settles under: stage after stage, the last load stays."""
+    """Return the load over the settling load: stage after stage; the last load stays."""
     if not stages:
         return ()
     load = first_load(scene)
@@ -61,7 +61,7 @@ def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
 
 
 def _axis(scene: Scene, name: str, stages: tuple, start: float) -> Axis:
-    """The segments of one axis: every stage begins where the one before ended; after the last one that ends it rests."""
+    """Return the segments of one axis: stages in succession, then rest if the last one ends."""
     segments: list[Segment] = []
     t, x, v = start, 0.0, 0.0
     for stage in stages:
@@ -72,13 +72,13 @@ def _axis(scene: Scene, name: str, stages: tuple, start: float) -> Axis:
         t += length
         x = at_time(tuple(segments), t)
     if segments:
-        # a last ramp keeps its velocity, everything else that ends is followed by rest
+        # a final ramp keeps its velocity; every other stage that ends is followed by rest
         segments.append(Segment(t, POLYNOMIAL, x, v if isinstance(stages[-1], Ramp) else 0.0))
     return tuple(segments)
 
 
 def _stage(scene: Scene, name: str, stage, t: float, x: float, v: float) -> tuple[list[Segment], float, float]:
-    """Segments of a stage that begins at time t, place x and velocity v; its length in time; the velocity that it leaves."""
+    """Return segments, duration and final velocity of a stage from time t, position x, velocity v."""
     if isinstance(stage, Constant):
         length = math.inf if stage.duration is None else stage.duration
         return [Segment(t, POLYNOMIAL, x, stage.velocity)], length, stage.velocity

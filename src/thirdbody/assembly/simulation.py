@@ -1,4 +1,4 @@
-"""Scene -> running simulation: the only file that knows all parts."""
+"""From a scene to a simulation that can be integrated: the only module that imports all components."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
 
 SKIN = 0.12
-"""Search skin over the mean sphere radius: rare searches, few idle candidates (measured optimum .1 to .2)."""
+"""Search skin over the mean sphere radius: rare searches, few idle candidates (measured optimum 0.1 to 0.2)."""
 
 STEPS = 1e13
-"""Steps after which the clock would soon not notice such a step at all."""
+"""Largest number of steps of a run: with more, one step nears the rounding of the clock."""
 
 SPHERE_STEP, PATIENCE = 1e-7, 90 * 86400.0
-"""Seconds per sphere and step, roughly; and the longest run (s) that is started without --force."""
+"""Approximate seconds per sphere and step; and the longest run [s] that starts without --force."""
 
 MOST_FRAMES = 1_000_000
-"""Outputs of a run: more would fill any disk."""
+"""Largest number of outputs of a run: more would fill any disk."""
 
 MISMATCH = 0.02
-"""Dundurs' beta above which the decoupling of normal and tangential contact is told to be an approximation."""
+"""Dundurs' beta above which decoupling normal and tangential contact gives a warning."""
 
 
 @dataclass
 class Simulation:
-    """A scene ready to run, and what `check` prints of it."""
+    """Scene, state, integrator and compiled physics, ready to run, with the warnings for `check`."""
 
     scene: Scene
     choice: CompiledPhysics
@@ -64,39 +64,39 @@ class Simulation:
 
     @property
     def settle(self) -> float:
-        """Time under load before the motion starts, s."""
+        """Time under load before the motion starts [s]."""
         return self.upper.settle
 
     @property
     def schedule(self) -> Schedule:
-        """What is prescribed of the upper plate."""
+        """Prescribed motion and load of the upper plate."""
         return Schedule() if self.upper.plate is None else self.upper.plate.schedule
 
     @property
     def end_time(self) -> float:
-        """Time at which a run by duration ends, s; infinite for a run by distance."""
+        """Time at which a run by duration ends [s]; infinite for a run by distance."""
         duration = self.scene.solver.duration
         return math.inf if duration is None else self.settle + duration
 
     @property
     def end_distance(self) -> float:
-        """Sliding distance at which a run by distance ends, m; infinite for a run by duration."""
+        """Sliding distance at which a run by distance ends [m]; infinite for a run by duration."""
         distance = self.scene.solver.distance
         return math.inf if distance is None else distance
 
     @cached_property
     def planned_time(self) -> float:
-        """Simulated time of the whole run, s; infinite if the motion ends before the distance is reached."""
+        """Simulated time of the whole run [s]; infinite if the motion ends before the distance is reached."""
         return self.end_time if math.isfinite(self.end_time) else self.schedule.time_of(self.end_distance, self.settle)
 
     @cached_property
     def planned_distance(self) -> float:
-        """Sliding distance of the whole run, m."""
+        """Sliding distance of the whole run [m]."""
         return self.end_distance if math.isfinite(self.end_distance) else self.schedule.path(self.settle, self.end_time)
 
     @property
     def shortest_interval(self) -> float:
-        """Output interval below which frames are one time step apart: s, or m of sliding; 0 where steps end at every output."""
+        """Output interval below which frames are one step apart [s or m]; 0 where steps end at every output."""
         if not self.integrator.divisible:
             return 0.0
         by_time, drag = self.scene.output.every_kind == "time", self.planned_time - self.settle
@@ -106,10 +106,10 @@ class Simulation:
 def build(
     scene: Scene, registry: Registry | None = None, force: bool = False, ready: Callable[[], None] = lambda: None
 ) -> Simulation:
-    """Everything of the scene, compiled and in place at time zero. Raises InputError with what cannot work.
+    """Build the simulation of a scene, compiled and at time zero. Raises InputError for a scene that cannot run.
 
-    `force` lets a fixed time step exceed its bound; `ready` is called when the bodies are there, before the step loop is
-    compiled, as its import does.
+    `force` lets a fixed time step exceed its bound. `ready` is called once the bodies are made, before the step loop is imported
+    and compiled.
     """
     registry = registry or discover()
     choice = compile_physics(scene, registry)
@@ -155,17 +155,17 @@ def build(
 
 
 def _diameter(placed: Placed) -> float:
-    """Mean diameter of balls of the bodies' volumes, m."""
+    """Return the mean volume-equivalent diameter of the bodies [m]."""
     return float(np.mean(np.cbrt([6.0 / math.pi * clump.volume for clump in placed.clumps])))
 
 
 def _meeting(placed: Placed) -> int:
-    """Number of bodies that can meet other debris: those of given spots meet plates only."""
+    """Return the number of bodies that can touch other debris: bodies given by spots touch plates only."""
     return sum(clump.sides is None or bool(np.any(clump.sides == EVERYTHING)) for clump in placed.clumps)
 
 
 def _end_settling(scene: Scene, choice: CompiledPhysics, upper: Upper) -> None:
-    """Tell effects that are for settling when it ends. Raises InputError for a scene that has no such phase."""
+    """Set the end of settling in the effects that depend on it. Raises InputError for a scene without settling."""
     passing = [effect.name for effect in choice.effects if effect.settling]
     if not passing:
         return
@@ -188,7 +188,7 @@ def _similarity_warnings(choice: CompiledPhysics) -> list[str]:
 
 
 def _bed_warnings(scene: Scene, state: State, chosen: Plan) -> list[str]:
-    """Warnings of a packed bed whose bodies have no contact with each other."""
+    """Return warnings of a packed bed whose bodies have no contact with each other."""
     packed = [debris for debris in scene.debris if getattr(debris, "placement", None) == "dense"]
     if not packed or state.n_bodies < 2:
         return []
@@ -203,7 +203,7 @@ def _bed_warnings(scene: Scene, state: State, chosen: Plan) -> list[str]:
 
 
 def _refuse_narrow_domain(scene: Scene, state: State) -> None:
-    """Nearest images are unique only if a period is wider than twice the longest reach."""
+    """Raise InputError for a period below twice the longest reach: nearest images would not be unique."""
     if not scene.domain.periodic or not state.world.debris_meets:
         return
     reach = 2.0 * float(state.spheres.radius.max()) + state.skin
@@ -235,9 +235,9 @@ def _refuse_unreached(simulation: Simulation) -> None:
 
 
 def _examine_interval(simulation: Simulation) -> None:
-    """Raise InputError for an interval that makes more frames than are ever written; warn of one that is longer than the run.
+    """Raise InputError for an interval that makes too many frames; warn of an interval longer than the run.
 
-    (A longer one than a given distance is refused when the scene is read.)
+    (An interval longer than a given distance is refused when the scene is read.)
     """
     scene = simulation.scene
     every, by_time = scene.output.every, scene.output.every_kind == "time"

@@ -1,4 +1,4 @@
-"""The upper plate of a scene with its defaults: patches, foundation, schedule, settling time, and what can be expected."""
+"""Upper plate of a scene: patches, foundation, schedule, settling time, expected overlaps."""
 
 from __future__ import annotations
 
@@ -21,24 +21,25 @@ from thirdbody.kernels.columns.sides import ONLY_LOWER
 from thirdbody.scene.model import Scene
 
 HANDFUL = 3
-"""So few loaded bodies of a larger layer are worth a warning: a parallel rigid plate on stiff bodies rests on one of them."""
+"""Largest number of loaded bodies, of a larger layer, with a warning: a rigid parallel plate rests on few stiff bodies."""
 
 
 TAKEN = 0.1
-"""Force of the patches' dashpots at the speed of the drag, over the load, from which their share of the work is warned of: at
-0.07 and friction 0.8, where most bodies roll, friction takes 0.79 of the plate's work, at 0.7 it takes 0.51."""
+"""Threshold of a warning: force of the patches' dashpots at the speed of the drag, over the load.
+
+At 0.07 and friction 0.8, where most bodies roll, friction dissipates 0.79 of the plate's work; at 0.7 it dissipates 0.51."""
 
 RELAXED = 12.0
-"""Relaxation times (dashpot over spring of a patch) that a foundation is given to share the load: some are spent in coming down,
-the others leave less than 1e-3."""
+"""Settling time of a foundation in relaxation times (dashpot over spring of a patch): the plate comes down in the first ones,
+and after the others less than 1e-3 of the load is not yet shared."""
 
 
 @dataclass(frozen=True)
 class Upper:
-    """The plate, the settling time (s), and how many bodies carry load at once.
+    """Plate, settling time [s], and number of bodies that carry load initially.
 
-    Overlaps over the radius: `overlap` with the whole load on the tallest body, as it comes down on it; `expected` with the
-    load on those that carry it at once.
+    Overlaps over the radius: `overlap` with the whole load on the tallest body, which the plate touches first; `expected` with
+    the load on all bodies that carry it initially.
     """
 
     plate: UpperPlate | None
@@ -50,7 +51,7 @@ class Upper:
 
 @dataclass(frozen=True)
 class TopSpheres:
-    """Highest point of each body: height (n,), radius of its sphere (n,), row of the pair with the plate (n,), mass (n,)."""
+    """Highest points of the bodies, (n,): height [m], sphere radius [m], row of the pair with the plate, body mass [kg]."""
 
     top: np.ndarray
     radius: np.ndarray
@@ -59,7 +60,7 @@ class TopSpheres:
 
 
 def upper_plate(scene: Scene, choice: CompiledPhysics, placed: Placed, warnings: list[str]) -> Upper:
-    """The upper plate of a scene, if it has one. Raises InputError for a gap that is too small or a table that is wrong."""
+    """Return the upper plate of a scene, if any. Raises InputError for a gap that is too small or a table that is wrong."""
     plate = scene.plates.upper
     if plate is None:
         return Upper(None, 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle)
@@ -77,7 +78,7 @@ def upper_plate(scene: Scene, choice: CompiledPhysics, placed: Placed, warnings:
 
 
 def _at_gap(scene: Scene, crown: TopSpheres, material: int, gap: float, warnings: list[str]) -> Upper:
-    """A rigid plate at a prescribed height."""
+    """Return a rigid plate at a prescribed height."""
     tallest = int(np.argmax(crown.top))
     if crown.top[tallest] > gap * (1.0 + 2.0 * CLEARANCE):
         message = (
@@ -97,7 +98,7 @@ def _at_gap(scene: Scene, crown: TopSpheres, material: int, gap: float, warnings
 def _each_loaded(
     scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]
 ) -> Upper:
-    """Every body under its own free patch."""
+    """Return a plate with one free patch per body."""
     n, load = len(crown.top), first_load(scene)
     loads = np.full(n, load)
     mass = np.full(n, scene.plates.upper.mass or crown.mass.mean())  # type: ignore[union-attr]
@@ -115,7 +116,7 @@ def _each_loaded(
 
 
 def _rigid(scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]) -> Upper:
-    """One free plate, kept parallel; it comes down on the tallest body, which carries the load at first."""
+    """Return one free, parallel plate; the tallest body carries the whole load at first."""
     load, tallest = first_load(scene), np.array([int(np.argmax(crown.top))])
     mass = np.full(1, scene.plates.upper.mass or crown.mass.sum())  # type: ignore[union-attr]
     loads = np.full(1, load)
@@ -140,7 +141,7 @@ def _rigid(scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSphe
 
 
 def _shared(choice: CompiledPhysics, crown: TopSpheres, load: float) -> Pressing:
-    """The bodies that carry a rigid plate's load (N) together, if they did not move."""
+    """Return the contacts of the bodies that share a rigid plate's load [N], if the bodies did not move."""
     force = _layer_force(choice, crown, _level(lambda z: _layer_force(choice, crown, z), crown, load))
     on = np.flatnonzero(force > 0.0) if np.any(force > 0.0) else np.array([int(np.argmax(crown.top))])
     fraction = force[on] * (load / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, load)
@@ -150,7 +151,7 @@ def _shared(choice: CompiledPhysics, crown: TopSpheres, load: float) -> Pressing
 def _on_foundation(
     scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]
 ) -> Upper:
-    """Every body under its own patch, sprung to a common plate that has a load or a height."""
+    """Return a plate of one patch per body, with springs to a common plate under a load or at a height."""
     plate = scene.plates.upper
     assert plate is not None and plate.stiffness is not None
     n, stiffness, preload = len(crown.top), plate.stiffness, plate.preload or 0.0
@@ -175,7 +176,7 @@ def _on_foundation(
     common = Foundation(stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None)
     touches = loaded > 0 and carried[largest[0]] > 0.0
     if not touches and isinstance(scene.solver.settle, str):
-        settle = 0.0  # a plate that is yet to come down presses nobody
+        settle = 0.0  # a plate that has not come down yet presses on no body
     else:
         settle = _settle(scene, placed, crown, mass, dashpot, float(expected[0]))
     if isinstance(scene.solver.settle, str) and settle > 0.0:
@@ -189,15 +190,17 @@ def _on_foundation(
 
 
 def _largest(scene: Scene) -> float:
-    """Largest load to come over the first one, at least 1."""
+    """Return the largest load of the run over the first one, at least 1."""
     return max(schedule(scene, 0.0).largest_load(), 1.0)
 
 
 def _pressed(
     scene: Scene, choice: CompiledPhysics, crown: TopSpheres, who: np.ndarray, loads: np.ndarray, mass: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Overlap (m) of these bodies' highest spots under the largest loads to come, and the dashpots (kg/s), by default critical
-    with the spots under these first loads."""
+    """Return overlaps [m] of the highest spheres under the largest load, and the dashpots [kg/s].
+
+    By default a dashpot is critical with the contact stiffness under the first load.
+    """
     plate, radius, kind = scene.plates.upper, crown.radius[who], crown.kind[who]
     assert plate is not None
     overlap = overlap_at(choice.physics, loads, radius, kind)
@@ -213,14 +216,14 @@ def _pressed(
 
 
 def _layer_force(choice: CompiledPhysics, crown: TopSpheres, z: float) -> np.ndarray:
-    """Normal force on each body of a plate at height z, if bodies did not move, N."""
+    """Return the normal force (n,) [N] of a plate at height z [m] on bodies that do not move."""
     overlap = np.maximum(crown.top - z, 0.0)
     force = response(choice.physics, overlap, crown.radius, crown.kind)[0]
     return np.where(overlap > 0.0, force, 0.0)
 
 
 def _level(force, crown: TopSpheres, load: float) -> float:
-    """Height of the plate at which the bodies together carry the load, by bisection; below zero where even soft springs must."""
+    """Return the plate height [m] for a total load [N], by bisection; negative for very soft springs."""
     low, high = 0.0, float(crown.top.max())
     while float(np.sum(force(low))) < load and low > -1e6 * high:
         low = 2.0 * low - high
@@ -231,12 +234,12 @@ def _level(force, crown: TopSpheres, load: float) -> float:
 
 
 def _carrying(force, crown: TopSpheres, load: float) -> int:
-    """How many bodies carry the load at once."""
+    """Return how many bodies carry the load at the same time."""
     return max(1, int(np.count_nonzero(force(_level(force, crown, load)))))
 
 
 def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
-    """Height of the highest point of each body and the radius of its sphere there, m."""
+    """Return the height of the highest point of each body and the radius of its sphere there, (n,) [m]."""
     centres, radii, body = sphere_centres(placed)
     meets = placed.sides() != ONLY_LOWER
     centres, radii, body = centres[meets], radii[meets], body[meets]
@@ -247,10 +250,10 @@ def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _settle(scene: Scene, placed: Placed, crown: TopSpheres, mass: np.ndarray, dashpot: np.ndarray, load: float) -> float:
-    """Time under load before the drag, s. Automatic: what a patch needs to fall by a quarter of the largest body's size.
+    """Return the settling time [s]; by default that in which a patch falls by 1/4 of the largest body.
 
-    A body that is pressed off its balance tips into a new seat, and its patch comes down by about that much; a bed of several
-    layers is compacted by about a tenth of its height.
+    A body that is loaded off its balance tips into a new position, and its patch comes down by about that distance; a bed of
+    several layers is compacted by about a tenth of its height.
     """
     if not isinstance(scene.solver.settle, str):
         return scene.solver.settle

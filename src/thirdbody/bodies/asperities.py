@@ -1,4 +1,4 @@
-"""Where planes touch a clump, and small spheres (asperities) that sit there."""
+"""Asperities: small spheres on a clump, at points where a plane can touch it."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from thirdbody.bodies.clump import Clump, clump
 from thirdbody.errors import Fault, InputError
 
 MOST = 32
-"""Most asperities of one body: the mass properties of a union cost time like the cube of its spheres."""
+"""Largest number of asperities of a body: mass properties cost the cube of the number of spheres."""
 LARGEST = 0.5
-"""Largest radius of an asperity over the body's equivalent radius: beyond it the body is another one."""
+"""Largest radius of an asperity over the body's equivalent radius; larger ones would change the body."""
 
-# Places to choose each asperity from: the one farthest from those that sit already (best candidate).
+# Candidate points per asperity, of which the farthest from those placed before is chosen (best candidate).
 _CANDIDATES = 12
-# The radius follows the size of the whole body, which it adds to: each round leaves less than this share of the misfit
-# (0.5 at the most; 0.01 for small ones), so that rounding is reached long before.
+# The radius depends on the size of the whole body, which the asperities change: each iteration reduces the misfit
+# to less than this fraction (at most 0.5; 0.01 for small ones), so that rounding is reached long before the limit.
 _ROUNDS = 60
 
 
 @dataclass(frozen=True)
 class Asperities:
-    """Spheres that sit on a body: their `count`, and their `radius` in m, or `relative` to the equivalent radius."""
+    """Spheres on a body: `count`, and `radius` [m] or `relative` to the equivalent radius."""
 
     count: int
     radius: float | None = None
     relative: float | None = None
 
     def fraction(self, diameter: float) -> float:
-        """Radius over the equivalent radius of a body of this volume-equivalent diameter (m).
+        """Return the radius over the equivalent radius of a body of this volume-equivalent diameter [m].
 
         InputError: count or fraction out of range, or not exactly one of radius and relative.
         """
@@ -48,12 +48,12 @@ class Asperities:
 
 
 def with_asperities(rng: np.random.Generator, body: Clump, count: int, fraction: float) -> Clump:
-    """The body with `count` spheres sitting on it, of the same volume-equivalent diameter as before (m).
+    """Return the body with `count` spheres on its surface, of its original volume-equivalent diameter.
 
-    Each sphere's centre lies on the surface of the body, where a plane from a random direction would touch it: its
-    summit stands out by its own radius, towards that plane, which then touches it and nothing else; the body stays in
-    one piece. Places are spread: the farthest of 12 from those taken before. Their radius is `fraction` of the
-    equivalent radius (half the diameter) of the whole; they come last among the spheres, all of one radius.
+    The centre of each sphere lies on the surface of the body, where a plane from a random direction would touch it: its summit
+    protrudes by its own radius towards that plane, which then touches it and nothing else; the body stays in one piece. The
+    points are spread: each is the farthest of 12 candidates from those before. The radius is `fraction` of the equivalent radius
+    (half the diameter) of the whole; the asperities come last among the spheres, all of one radius.
     """
     centers = _spread_places(rng, body, count)
     radius = 0.5 * body.diameter
@@ -68,7 +68,7 @@ def with_asperities(rng: np.random.Generator, body: Clump, count: int, fraction:
 
 
 def _spread_places(rng: np.random.Generator, body: Clump, count: int) -> np.ndarray:
-    """Points (count, 3) of the surface that a plane can touch, far from each other."""
+    """Return points (count, 3) of the surface that a plane can touch, far from each other."""
     normals = rng.normal(size=(count, _CANDIDATES, 3))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     sphere = touched(body, normals.reshape(-1, 3)).reshape(count, _CANDIDATES)
@@ -82,12 +82,12 @@ def _spread_places(rng: np.random.Generator, body: Clump, count: int) -> np.ndar
 
 
 def touched(body: Clump, normals: np.ndarray) -> np.ndarray:
-    """Number (m,) of the sphere that a plane meets first, for its unit normals (m, 3) out of the body."""
+    """Return the sphere (m,) that a plane touches first, for outward unit normals (m, 3)."""
     return (normals @ body.centers.T + body.radii).argmax(axis=1)
 
 
 def sphere_points(count: int) -> np.ndarray:
-    """Points (count, 3) spread evenly over the unit sphere (Fibonacci lattice)."""
+    """Return points (count, 3) distributed evenly over the unit sphere (Fibonacci lattice)."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
     rotation = math.pi * (1.0 + math.sqrt(5.0)) * k
@@ -99,8 +99,8 @@ _DIRECTIONS = sphere_points(400)
 
 
 def summit_radii(body: Clump) -> np.ndarray:
-    """Radius (400,) in m of the sphere that a plane touches, over directions spread evenly.
+    """Return radii (400,) [m] of the spheres that planes touch, over evenly distributed directions.
 
-    Over the equivalent radius it tells how sharp the body is where it can be touched: 1 for a ball.
+    Divided by the equivalent radius it measures sharpness: 1 for a sphere, less for sharp bodies.
     """
     return body.radii[touched(body, _DIRECTIONS)]

@@ -1,8 +1,8 @@
-"""Bodies in a volume: random places that are free, and the removal of overlaps of rigid bodies in a crowded box.
+"""Kernels of random placement in a volume and of the relaxation of overlapping rigid bodies.
 
 Poses X (n, 3) are centroids, Q (n, 4) quaternions (w, x, y, z; body to world); the spheres of body b are the rows
-starts[b]..starts[b + 1] of `rel` (n, 3: centres in the body's frame) and `radii`. The box is 0..box (3,), periodic in
-x and y or walled all round. Everything is serial, so the bits do not depend on threads.
+starts[b]..starts[b + 1] of `rel` (n, 3: centres in the body's frame) and `radii`. The box is 0..box (3,), periodic in x and y or
+with walls on all sides. Everything is serial, so the bits do not depend on threads.
 """
 
 import math
@@ -17,29 +17,30 @@ from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.periodic import nearest_image
 from thirdbody.kernels.rotation import matrix, rotate_small
 
-DT, ALPHA, DOWNHILL = 0, 1, 2  # slots of the relaxation's memory
+DT, ALPHA, DOWNHILL = 0, 1, 2  # indices into the memory of the relaxation
 RELAXED, MOVED, JAMMED, SPENT = 0, 1, 2, 3
 
-# Guenole et al. 2020, table 1, except for the steps: a body of mass 1 touched at some 20 spots of stiffness 1 swings at
-# sqrt(20), and explicit steps blow up from 2/sqrt(20) = 0.45 on.
+# Guenole et al. 2020, table 1, except for the steps: a body of mass 1 with some 20 contacts of stiffness 1 oscillates at
+# sqrt(20), and explicit steps are unstable from 2/sqrt(20) = 0.45 on.
 _DT_MAX, _DT_MIN, _GROW, _SHRINK, _DELAY, _ALPHA, _CALM = 0.3, 0.003, 1.1, 0.5, 20, 0.25, 0.99
-# A minimum with overlaps: the pull on no body exceeds this part of the deepest overlap.
+# A minimum with overlaps: the force on every body is below this fraction of the deepest overlap.
 _BALANCED = 1e-3
 
 
 @njit(**OPTIONS)
 def enter_all(spheres, placed, heads, following, size, periodic):
-    """Puts spheres (n, 4) into the empty grid."""
+    """Enter spheres (n, 4) into the empty grid."""
     for t in range(spheres.shape[0]):
         enter(spheres[t, 0], spheres[t, 1], spheres[t, 2], spheres[t, 3], t, placed, heads, following, size, periodic)
 
 
 @njit(**OPTIONS)
 def place_turned(tries, rel, radii, count, placed, heads, following, box, periodic, clearance, turned_spheres):
-    """Index of the first try at which the body lies free in the box, entered into the grid; -1 if none does.
+    """Place a body in the box at its first free try, and return its index; -1 if none is free.
 
-    tries (t, 7): unit quaternion, then x, y, z in 0..1 of the room that the turned body has; turned_spheres (k, 4) is
-    left with the spheres of the last try; the grid is that of `packing.place_body`. In a periodic box x, y may be anywhere.
+    tries (t, 7): unit quaternion, then x, y, z as fractions 0..1 of the range that the rotated body can take. turned_spheres (k,
+    4) holds the spheres of the last try at the end; the grid is that of `overlap_grid.place_body`. In a periodic box x and y are
+    arbitrary.
     """
     k = radii.shape[0]
     for t in range(tries.shape[0]):
@@ -72,7 +73,7 @@ def place_turned(tries, rel, radii, count, placed, heads, following, box, period
 
 @njit(**OPTIONS)
 def pose(X, Q, rel, radii, starts, scale, arms, S):
-    """Arms (n, 3) from the centroids and spheres S (n, 4: centre, radius) of the bodies shrunk by `scale`."""
+    """Compute arms (n, 3) and spheres S (n, 4: centre, radius) of the bodies scaled by `scale`."""
     for b in range(X.shape[0]):
         a, e, i, d, f, j, g, h, k = matrix(Q[b, 0], Q[b, 1], Q[b, 2], Q[b, 3])
         for s in range(starts[b], starts[b + 1]):
@@ -84,7 +85,7 @@ def pose(X, Q, rel, radii, starts, scale, arms, S):
 
 @njit(**CHUNK)
 def _add_force(b, arm, s, f_x, f_y, f_z, lever, F):
-    """Adds a force at the centre of sphere s to its body; torques over the body's lever, so that both are alike."""
+    """Add a force at the centre of sphere s to its body; torques are divided by the body's lever."""
     F[b, 0] += f_x
     F[b, 1] += f_y
     F[b, 2] += f_z
@@ -95,7 +96,7 @@ def _add_force(b, arm, s, f_x, f_y, f_z, lever, F):
 
 @njit(**CHUNK)
 def _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F):
-    """Forces of the energy sum(overlap^2)/2 into F (n, 6); returns the deepest overlap and the deepest over its radii."""
+    """Compute forces F (n, 6) of the energy sum(overlap^2)/2; return its largest overlap, absolute and over the radii."""
     F[:] = 0.0
     deepest, worst = 0.0, 0.0
     l_x, l_y = (box[0], box[1]) if periodic else (0.0, 0.0)
@@ -127,7 +128,7 @@ def _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F):
 
 @njit(**CHUNK)
 def _advance(X, Q, V, step, lever, longest):
-    """Moves and turns every body along V (n, 6) by the step, none further than `longest`."""
+    """Move and rotate every body along V (n, 6) by the step, none farther than `longest`."""
     for b in range(X.shape[0]):
         length = abs(step) * math.sqrt((V[b] * V[b]).sum())
         part = step * min(1.0, longest / length) if length > 0.0 else 0.0
@@ -139,7 +140,7 @@ def _advance(X, Q, V, step, lever, longest):
 
 @njit(**CHUNK)
 def _moved_beyond(S, S0, skin):
-    """Whether a sphere has moved by more than the room."""
+    """Return whether a sphere has moved by more than `skin`."""
     for i in range(S.shape[0]):
         d_x, d_y, d_z = S[i, 0] - S0[i, 0], S[i, 1] - S0[i, 1], S[i, 2] - S0[i, 2]
         if d_x * d_x + d_y * d_y + d_z * d_z > skin * skin:
@@ -149,11 +150,11 @@ def _moved_beyond(S, S0, skin):
 
 @njit(**OPTIONS)
 def relax(X, Q, V, rel, radii, body, starts, scale, lever, own, partner, box, periodic, clearance, skin, memory, arms, S, limit):
-    """Push rigid bodies apart (FIRE with both corrections: Guenole et al. 2020); returns why it ended and after how many steps.
+    """Remove overlaps of rigid bodies by FIRE (with both corrections of Guenole et al. 2020); return (code, steps).
 
-    RELAXED: no overlap of the spheres, wider by clearance, exceeds half of it, so nothing touches. MOVED: the candidates
-    own, partner (found with `skin`) are stale. JAMMED: a minimum with overlaps. SPENT: after `limit` steps. Lengths are in
-    units of a typical radius; V (n, 6) and memory carry on from call to call, `memory` starts as (0.1, 0.25, 0).
+    RELAXED: no overlap of the spheres, enlarged by clearance, exceeds half of it, so nothing touches. MOVED: the candidates own,
+    partner (found with `skin`) are out of date. JAMMED: a minimum with overlaps. SPENT: `limit` steps. Lengths are in units of a
+    typical radius; V (n, 6) and memory carry over from call to call; `memory` starts as (0.1, 0.25, 0).
     """
     n = X.shape[0]
     F = np.empty((n, 6))

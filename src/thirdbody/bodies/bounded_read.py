@@ -1,4 +1,4 @@
-"""Files that the user names: their bytes, or one clear fault; and the range in which bodies can be computed."""
+"""Bounded reading of the user's files, and the range of valid lengths."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from pathlib import Path
 from thirdbody.errors import Fault, InputError
 
 SMALLEST, LARGEST = 1e-30, 1e30
-"""Lengths (m) whose fifth powers, and the squares of these, are normal numbers: others come from wrong units only."""
+"""Range of lengths [m] whose 5th and 10th powers are normal numbers: others come from wrong units only."""
 
 
 MOST_BYTES = 500_000_000
-"""Bytes of the largest file that is read: ten million triangles. It is refused before any of it is read."""
+"""Bytes of the largest file: ten million triangles. A larger one is refused before it is read."""
 
 
 MOST_ROWS = 1_000_000
-"""Spheres in one table of bodies: a minute and 3 GB for as many bodies, three times the memory for text."""
+"""Most spheres in one table of bodies: a minute and 3 GB for as many bodies, three times the memory for text."""
 
 
 def read_bytes(path: Path, key: str = "") -> bytes:
-    """What the file holds. InputError: one fault with the path, if it is missing, no file, too large, or may not be read."""
+    """Return the bytes of a file. InputError: one fault with the path, if it is missing, no file, too large, or not readable."""
     file = str(path) if len(str(path)) < 200 else f"{str(path)[:200]}..."
     try:
         if path.is_file():
@@ -28,7 +28,7 @@ def read_bytes(path: Path, key: str = "") -> bytes:
                 raise InputError(Fault(key, message, file))
             return path.read_bytes()
         folder, there = path.is_dir(), path.exists()
-    except (OSError, ValueError) as error:  # ValueError: a zero in the name
+    except (OSError, ValueError) as error:  # ValueError: a null byte in the name
         why = error.strerror if isinstance(error, OSError) else str(error)
         raise InputError(Fault(key, f"cannot be read: {why}", file)) from None
     if folder or there:

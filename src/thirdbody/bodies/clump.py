@@ -12,26 +12,26 @@ from thirdbody.bodies.union_moments import MOMENTS, break_heights, longest_links
 from thirdbody.bodies.vectors import cross, dot
 from thirdbody.errors import Fault, InputError
 
-# Spheres that touch in one point belong together although rounding may part them by this much.
+# Tolerance in the test of connectedness: rounding may separate spheres that touch in one point by this much.
 _TOUCH = 1e-9
 # Spheres whose centers and radii differ by less, in units of the largest radius of the body, are one sphere given twice.
 _TWICE = 1e-9
-# Per interval, in units of the largest radius: some 40 intervals then stay below 1e-5 of the volume (> 4).
+# Per interval, in units of the largest radius: the error of some 40 intervals is then below 1e-5 of the volume (> 4).
 _TOLERANCE = 2e-7
 _QUADRATURE = quadrature()
-# Rounding of the sums over slices; stated as error when the quadrature claims to be better than this.
+# Rounding of the sums over slices; the stated error is never smaller than this.
 _ROUNDING = 1e-13
-# Room for a stack of bodies: with 1e5, tables of pairs of spheres and break heights stay in the cache.
+# Size of a stack of bodies: with 1e5, tables of pairs of spheres and break heights stay in the cache.
 _ROOM = 30_000
 
 
 @dataclass(frozen=True, eq=False)
 class Clump:
-    """A rigid union of spheres of unit density in its own principal frame (origin at the centroid).
+    """A rigid union of spheres of unit density in its principal frame (origin at the centroid).
 
-    centers (k, 3) m, radii (k,) m, volume m3, inertia (3,) m5 with I1 <= I2 <= I3 (times density: kg m2),
-    error: bound on the relative error of volume and principal moments, 0 for a single sphere. sides (k,): what
-    each sphere can meet (`columns.sides`), None for everything.
+    centers (k, 3) [m], radii (k,) [m], volume [m3], inertia (3,) [m5] with I1 <= I2 <= I3 (times density: kg m2), error: bound on
+    the relative error of volume and principal moments, 0 for a single sphere. sides (k,): which surfaces and bodies each sphere
+    can touch (`columns.sides`), None for all.
     """
 
     centers: np.ndarray
@@ -43,11 +43,11 @@ class Clump:
 
     @property
     def diameter(self) -> float:
-        """Diameter of the sphere of the same volume, m."""
+        """Diameter of the sphere of the same volume [m]."""
         return (6.0 * self.volume / math.pi) ** (1.0 / 3.0)
 
     def scaled(self, factor: float) -> Clump:
-        """The same shape with all lengths times factor."""
+        """Return the same shape with all lengths times factor."""
         return Clump(
             self.centers * factor,
             self.radii * factor,
@@ -59,17 +59,17 @@ class Clump:
 
 
 def clump(centers, radii) -> Clump:
-    """Clump of the spheres with centers (k, 3) and radii (k,), in m; see `clump_with_frame`."""
+    """Return the clump of spheres with centers (k, 3) [m] and radii (k,) [m]; see `clump_with_frame`."""
     return clump_with_frame(centers, radii)[0]
 
 
 def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
-    """Clump, centroid (3,) m and quaternion (4,) of its principal frame in the frame of the centers given.
+    """Return clump, and centroid (3,) [m] and quaternion (4,) of its principal frame in that of the centers.
 
-    Given center = centroid + rotate(quaternion, clump center), row by row. Every sphere counts once, however
-    many share its volume (mass properties of the union, Green's theorem per slice, see `bodies.union_moments`).
-    Axes whose order or sign the shape leaves open are those nearest to the axes given.
-    InputError: wrong shapes, radii not positive, or spheres that are not connected.
+    Given center = centroid + rotate(quaternion, clump center), row by row. Every volume counts once, however many spheres share
+    it (mass properties of the union, Green's theorem per slice, see `bodies.union_moments`). Axes whose order or sign the shape
+    leaves undetermined are those nearest to the given axes. InputError: wrong shapes, radii not positive, or spheres that are not
+    connected.
     """
     centers, radii = _checked(centers, radii)
     bodies, centroids, axes = _with_frames(centers[None], radii[None])
@@ -77,9 +77,9 @@ def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
 
 
 def clumps(centers: np.ndarray, radii: np.ndarray) -> list[Clump]:
-    """Clumps of a stack of bodies of n spheres each, centers (b, n, 3) m and radii (b, n) m: as `clump`, many at once.
+    """Return clumps of bodies of n spheres each, centers (b, n, 3) [m] and radii (b, n) [m].
 
-    Finite centers and positive radii are taken for granted. InputError: spheres of a body that are not connected.
+    Finite centers and positive radii are assumed. InputError: spheres of a body that are not connected.
     """
     bodies: list[Clump] = []
     for _, members in alike(np.full(len(radii), radii.shape[1]), _ROOM):
@@ -88,14 +88,14 @@ def clumps(centers: np.ndarray, radii: np.ndarray) -> list[Clump]:
 
 
 def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], np.ndarray, np.ndarray]:
-    """Clumps of a stack (b, n, 3), (b, n), their centroids (b, 3) in m and principal axes (b, 3, 3) as columns."""
+    """Return clumps of a stack (b, n, 3), (b, n), their centroids (b, 3) [m] and principal axes (b, 3, 3) as columns."""
     scale, largest = radii.max(axis=1), radii.argmax(axis=1)
     anchor = centers[np.arange(len(radii)), largest]
     c, r = (centers - anchor[:, None]) / scale[:, None, None], radii / scale[:, None]
     _refuse_parts(c, r)
     volume, centroid, tensor, moved = _mass_properties(c, r)
     inertia, axes = principal_axes(tensor)
-    # Weyl: no principal moment moves by more than the norm of the tensor's error.
+    # Weyl: no principal moment changes by more than the norm of the tensor's error.
     error = np.maximum(moved[0] / volume, moved[1] / inertia[:, 0])
     own = (c - centroid[:, None]) @ axes * scale[:, None, None]
     size, moments = volume * scale**3, inertia * scale[:, None] ** 5
@@ -104,9 +104,9 @@ def _with_frames(centers: np.ndarray, radii: np.ndarray) -> tuple[list[Clump], n
 
 
 def repeated_spheres(centers: np.ndarray, radii: np.ndarray) -> list[tuple[int, int]]:
-    """Places (k, i) of spheres k that repeat an earlier sphere i of the body: the same center and radius.
+    """Return indices (k, i) of spheres k with the center and radius of an earlier sphere i of the body.
 
-    Such a sphere adds nothing to the body's volume, and would carry every contact twice.
+    Such a sphere adds nothing to the body's volume, but would double every contact.
     """
     apart = np.linalg.norm(centers[:, None] - centers, axis=-1) + np.abs(radii[:, None] - radii)
     same = np.tril(apart <= _TWICE * radii.max(), -1)
@@ -114,7 +114,7 @@ def repeated_spheres(centers: np.ndarray, radii: np.ndarray) -> list[tuple[int, 
 
 
 def quaternion_from_matrix(rotation: np.ndarray) -> np.ndarray:
-    """Unit quaternion (4,), w >= 0, of a rotation matrix (3, 3); the largest part first (Shepperd 1978)."""
+    """Return the unit quaternion (4,), w >= 0, of a rotation matrix (3, 3) (Shepperd 1978)."""
     m = rotation
     squares = np.array([m.trace(), m[0, 0], m[1, 1], m[2, 2]])
     k = int(np.argmax(squares))
@@ -131,13 +131,13 @@ def quaternion_from_matrix(rotation: np.ndarray) -> np.ndarray:
 
 
 def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
-    """Quaternion (4,) of the turn q followed by the turn p."""
+    """Return the quaternion (4,) of the rotation q followed by the rotation p."""
     vector = p[0] * q[1:] + q[0] * p[1:] + np.cross(p[1:], q[1:])
     return np.array([p[0] * q[0] - p[1:] @ q[1:], *vector])
 
 
 def matrix_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation matrix (3, 3), body to world, of a unit quaternion (4,)."""
+    """Return the rotation matrix (3, 3), body to world, of a unit quaternion (4,)."""
     w, x, y, z = quaternion
     return np.array(
         [
@@ -165,7 +165,7 @@ def _checked(centers, radii) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _refuse_parts(centers: np.ndarray, radii: np.ndarray) -> None:
-    """Raises InputError that names the spheres cut off from sphere 0 in the first body of the stack that has some."""
+    """Raise InputError with the spheres not connected to sphere 0 in the first such body."""
     longest = np.empty(len(radii))
     longest_links(centers, radii, longest)
     apart = np.flatnonzero(longest > 1.0 + _TOUCH)
@@ -182,9 +182,9 @@ def _refuse_parts(centers: np.ndarray, radii: np.ndarray) -> None:
 
 
 def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Volumes (b,), centroids (b, 3), inertia tensors (b, 3, 3) about them, and errors (2, b) of volume and tensor.
+    """Return volumes (b,), centroids (b, 3), central inertia tensors (b, 3, 3) and errors (2, b).
 
-    For a stack (b, n, 3), (b, n); lengths in largest radii.
+    For a stack (b, n, 3), (b, n); lengths in units of the largest radius; errors of volume and tensor.
     """
     bodies = len(r)
     volume, centroid = np.empty(bodies), np.empty((bodies, 3))
@@ -204,7 +204,7 @@ def _mass_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _union_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """As `_mass_properties`, of spheres none of which is swallowed."""
+    """`_mass_properties` of spheres none of which lies inside another."""
     weight = r**3
     middle = (c * weight[:, :, None]).sum(axis=1) / weight.sum(axis=1)[:, None]
     c = np.ascontiguousarray(c - middle[:, None])
@@ -217,7 +217,7 @@ def _union_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndar
     second = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
     second = second - volume[:, None, None] * (offset[:, :, None] * offset[:, None])
     tensor = np.trace(second, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second
-    # The shift adds its part to the error of the second moments; rounding, to all.
+    # The shift adds its part to the error of the second moments; rounding adds to all errors.
     arm = np.sqrt(dot(offset, offset))
     first, whole = np.linalg.norm(errors[:, 1:4], axis=1), np.linalg.norm(errors[:, 4:], axis=1)
     moved = 2.0 * whole + 2.0 * arm * first + arm**2 * errors[:, 0]
@@ -225,7 +225,7 @@ def _union_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _not_swallowed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Whether (b, n) no single other sphere of the body contains the sphere; of equal ones the first stays."""
+    """Return which spheres (b, n) lie inside no other sphere; of equal ones the first counts."""
     arm = c[:, :, None] - c[:, None]
     inside = np.sqrt(dot(arm, arm)) + r[:, :, None] <= (r * (1.0 + 1e-12))[:, None]
     twin = inside & inside.transpose(0, 2, 1)
@@ -234,11 +234,11 @@ def _not_swallowed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def principal_axes(tensor: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Principal moments (..., 3), rising, and right-handed axes (..., 3, 3) as columns, of tensors (..., 3, 3)."""
+    """Return ascending principal moments (..., 3) and right-handed axes (..., 3, 3), as columns, of tensors."""
     inertia, axes = np.linalg.eigh(tensor)
     largest = np.take_along_axis(axes, np.abs(axes).argmax(axis=-2)[..., None, :], axis=-2)
     axes = axes * np.copysign(1.0, largest)
     axes[..., 2] = cross(axes[..., 0], axes[..., 1])
-    # Without this a ball, whose axes are free, would be turned by rounding.
+    # Without this, rounding would rotate a sphere, whose axes are undetermined.
     axes[inertia[..., 2] - inertia[..., 0] <= 1e-12 * inertia[..., 2]] = np.eye(3)
     return inertia, axes

@@ -1,4 +1,4 @@
-"""Bodies from a table of spheres, CSV or NPZ: read, checked, and made into clumps."""
+"""Clumps from a table of spheres, CSV or NPZ."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from thirdbody.errors import Fault, InputError
 
 SUFFIXES = (".csv", ".npz")
 
-# Quaternions written with seven digits are taken as unit; what is further off was meant as something else.
+# Tolerance of unit quaternions: seven written digits are accepted; a larger deviation was meant as something else.
 _UNIT = 1e-6
-# Mass properties and poses of closely packed spheres: 3 s and 60 MB for 100, 13 s and 0.4 GB for 200.
+# Cost of mass properties and poses of closely packed spheres: 3 s and 60 MB for 100, 13 s and 0.4 GB for 200.
 MOST_SPHERES = 100
-# Copies of one shape differ by the rounding of their places; in units of the largest radius.
+# Copies of one shape differ by the rounding of their positions; in units of the largest radius.
 _ALIKE = 11
-# What a file is that only bears the name of another.
+# Signatures of other file types under a wrong suffix.
 _MAGIC = {
     b"PK\x03\x04": "a ZIP archive (an NPZ file or a spreadsheet)",
     b"\x93NUMPY": "a single array (NPY)",
@@ -33,8 +33,11 @@ _MAGIC = {
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """Bodies of a table in the order of rising ids (m,): their clumps, places of the centres of mass (m, 3) m, and
-    orientations (m, 4), principal frame to world; velocity (m, 3) m/s and angular_velocity (m, 3) rad/s, or None."""
+    """Bodies of a table in ascending order of ids (m,), with clumps and poses.
+
+    positions (m, 3) [m] of the centres of mass, orientations (m, 4) from principal frame to world; velocity (m, 3) [m/s] and
+    angular_velocity (m, 3) [rad/s], or None.
+    """
 
     ids: np.ndarray
     clumps: list[Clump]
@@ -46,12 +49,12 @@ class Bodies:
 
 
 def load_bodies(path: str | Path, parse: Parse) -> Bodies:
-    """The bodies in a CSV file (units in its header, read by `parse`) or an NPZ file (SI, no pickles).
+    """Return the bodies in a CSV file (units in its header, read by `parse`) or an NPZ file (SI, no pickles).
 
-    Spheres with one `clump` id are one rigid body with the mass properties of their union. Their centers are world
-    coordinates. A quaternion turns the body as it stands in the file about its centre of mass, which stays in place: the
-    centers are then in the clump's own axes, shifted to where the body is. The velocity is that of the centre of mass.
-    InputError: all faults found, each with the file and its line, or array and index; at most ten and the number of the rest.
+    Spheres with one `clump` id are one rigid body with the mass properties of their union. Their centers are world coordinates. A
+    quaternion rotates the body as given in the file about its centre of mass, which stays in place: the centers are then in the
+    clump's own axes, shifted to the position of the body. The velocity is that of the centre of mass. InputError: all faults,
+    each with the file and its line, or array and index; at most ten and the number of the rest.
     """
     return _bodies(_read(Path(path), parse))
 
@@ -75,7 +78,7 @@ def _read(path: Path, parse: Parse) -> SphereTable:
 
 
 def _bodies(sheet: SphereTable) -> Bodies:
-    """The clumps of the sheet. Raises InputError for bodies in pieces, spheres given twice, and quaternions that are not unit."""
+    """Return the clumps of the table. Raises InputError for unconnected bodies, repeated spheres, and non-unit quaternions."""
     _refuse_sizes(sheet)
     members = sheet.members()
     turns, faults = _turns(sheet, members)
@@ -112,7 +115,7 @@ def _bodies(sheet: SphereTable) -> Bodies:
 
 
 def _refuse_sizes(sheet: SphereTable) -> None:
-    """Raises InputError for the first sphere whose numbers cannot be right in any unit, with the number of the others."""
+    """Raise InputError for the first sphere whose numbers cannot be right in any unit, with the number of the others."""
     furthest = np.maximum(sheet.radius, np.abs(sheet.center).max(axis=1))
     odd = np.flatnonzero((sheet.radius < SMALLEST) | (furthest > LARGEST))
     if not len(odd):
@@ -124,7 +127,7 @@ def _refuse_sizes(sheet: SphereTable) -> None:
 
 
 def _turns(sheet: SphereTable, members: list[np.ndarray]) -> tuple[np.ndarray | None, list[Fault]]:
-    """The quaternions (m, 4) at length 1, and the faults of those that are not near it."""
+    """Return the normalised quaternions (m, 4), and the faults of those whose length is not near 1."""
     if sheet.quaternion is None:
         return None, []
     with np.errstate(over="ignore"):

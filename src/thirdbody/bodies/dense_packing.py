@@ -1,4 +1,4 @@
-"""Dense beds: rigid bodies grown in a box of given solid fraction while their overlaps are pushed apart."""
+"""Dense beds: rigid bodies grow in a box of given solid fraction while their overlaps are removed."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import EVERYTHING
 from thirdbody.kernels.neighbour_search import pair_candidates
 
-# Least gap aimed at over the sum of radii; a state counts as free of overlap at half of it, so that pushing apart, which
-# takes for ever to end at zero overlap, ends.
+# Target gap over the sum of radii. A state counts as free of overlap at half of it: convergence to exactly zero
+# overlap would take forever.
 _CLEARANCE = 1e-3
-# Random addition starts the growth from this solid fraction: so dilute that even long bodies find a place at once.
+# Solid fraction at the start, by random addition: so dilute that even long bodies are placed at once.
 _START = 0.08
-# Steps of ln(size): the first, and the one at which the growth gives up (0.3 % of the solid fraction).
+# Steps of ln(size): the first, and the one at which growth stops (0.3 % of the solid fraction).
 _STEP, _LEAST = 0.08, 1e-3
-# Steps of pushing per growth step: free states mostly take some hundred, states close to jamming some thousand.
+# Relaxation steps per growth step: states free of overlap mostly take some hundred, nearly jammed ones some thousand.
 _LIMIT = 4000
-_SKIN = 0.25  # of the typical radius: a search costs some ten steps
+_SKIN = 0.25  # of the typical radius: a search costs as much as some ten steps
 
 
 @dataclass(frozen=True)
 class Bed:
-    """Centroids (n, 3) in m, quaternions (n, 4), solid fraction and height (m) up to the highest point."""
+    """Centroids (n, 3) [m], quaternions (n, 4), solid fraction and height [m] up to the highest point."""
 
     positions: np.ndarray
     quaternions: np.ndarray
@@ -41,13 +41,13 @@ class Bed:
 def pack(
     clumps: Sequence[Clump], fraction: float, domain_size: tuple[float, float], periodic: bool, rng: np.random.Generator
 ) -> Bed:
-    """A bed of the bodies on z = 0 with this solid fraction (volume of the bodies over that up to the highest point).
+    """Return a bed of the bodies on z = 0 with this solid fraction, up to the highest point.
 
-    The bodies, shrunk, are scattered in the final box and grow to their true size in steps; after each step FIRE removes the
-    overlaps of the rigid bodies (soft repulsion, as O'Hern et al. 2003, who find jamming this way). A step that does not get
-    free is taken back and halved. No spheres of different bodies touch at the end: gaps are at least 5e-4 of the sum of radii.
-    In a domain that is not periodic the box has walls. The bed ends a little denser than asked for, by its gaps.
-    InputError: the box is lower than the largest sphere, or the growth jams before; it tells the fraction reached.
+    The bodies, scaled down, are scattered in the final box and grow to their true size in steps; after each step FIRE removes the
+    overlaps of the rigid bodies (soft repulsion, as O'Hern et al. 2003, who detect jamming this way). A step after which overlaps
+    remain is undone and halved. No spheres of different bodies touch at the end: gaps are at least 5e-4 of the sum of radii. In a
+    domain that is not periodic the box has walls. The bed ends slightly denser than requested, because of its gaps. InputError:
+    the box is lower than the largest sphere, or the bodies jam before their true size; the message gives the fraction reached.
     """
     size = np.array(domain_size, dtype=np.float64)
     refuse_long(clumps, size, periodic)
@@ -77,7 +77,7 @@ def pack(
 
 
 class _Growing:
-    """The bodies and their poses while they grow; lengths in units of the mean radius."""
+    """Growing bodies and their poses; lengths in units of the mean radius."""
 
     def __init__(self, clumps: Sequence[Clump], box: np.ndarray, periodic: bool) -> None:
         self.clumps, self.box, self.periodic = clumps, box, periodic
@@ -86,17 +86,17 @@ class _Growing:
         self.body = np.repeat(np.arange(len(clumps)), counts)
         self.rel = np.concatenate([body.centers for body in clumps])
         self.radii = np.concatenate([body.radii for body in clumps])
-        # the arm at which a force turns a body as much as it moves it: its outermost centre, so that no turn is stiffer
+        # lever of the torques: distance of the outermost centre, so that no rotation is stiffer than a displacement
         arms = np.maximum.reduceat(np.linalg.norm(self.rel, axis=1), self.starts[:-1])
         self.lever = np.where(arms > 0.0, arms, 1.0)
         self.X, self.Q = np.empty((len(clumps), 3)), np.empty((len(clumps), 4))
         self.S, self.arms = np.empty((len(self.radii), 4)), np.empty((len(self.radii), 3))
-        # the search reads the engine's wide table, the pushing a narrow one that stays in the cache
+        # the search reads the engine's wide table, the relaxation a narrow one that stays in the cache
         self.wide = np.zeros((len(self.radii), sphere.WIDTH))
         self.wide[:, sphere.SIDE] = EVERYTHING
 
     def start(self, fraction: float, rng: np.random.Generator) -> float:
-        """Scatter the bodies, shrunk; returns their size over the true one. Raises InputError when none is small enough."""
+        """Scatter the bodies, scaled down; return their size over the true one. Raises InputError when no size fits."""
         x, y, _ = self.box
         height, shrunk = float(self.box[2]), min(1.0, (_START / fraction) ** (1.0 / 3.0))
         while True:
@@ -110,7 +110,7 @@ class _Growing:
                 shrunk *= 0.7
 
     def grow(self, size: float) -> float:
-        """Grow from this size on; returns 1, or the largest size that got free of overlap."""
+        """Grow from this size on; return 1, or the largest size without overlaps."""
         step = _STEP
         while True:
             x, q = self.X.copy(), self.Q.copy()
@@ -125,7 +125,7 @@ class _Growing:
                 return size
 
     def _relax(self, size: float) -> bool:
-        """Whether the bodies of this size get free of overlap."""
+        """Return whether the overlaps of bodies of this size can be removed."""
         velocity, memory, left = np.zeros((len(self.X), 6)), np.array([0.1, 0.25, 0.0]), _LIMIT
         while left > 0:
             own, partner = self._search(size)
@@ -139,12 +139,12 @@ class _Growing:
         return False
 
     def _search(self, size: float) -> tuple[np.ndarray, np.ndarray]:
-        """Pairs of spheres that come within the skin of each other."""
+        """Return the pairs of spheres that come within the skin of each other."""
         kernels.pose(self.X, self.Q, self.rel, self.radii, self.starts, size, self.arms, self.S)
         self.wide[:, :4] = self.S
         skin = _SKIN + 2.0 * _CLEARANCE * float(self.S[:, 3].max())
         reach = 2.0 * float(self.S[:, 3].max()) + skin
-        # no more cells than twice the root of the spheres along any axis: a low bed of small bodies must not blow the grid up
+        # at most twice the square root of the spheres as cells per axis: bounds the grid of a low bed of small bodies
         maximum = 2 * math.ceil(math.sqrt(len(self.S)))
         count = np.clip((self.box / reach).astype(np.int64), 1, maximum)
         periodic = np.array([self.periodic, self.periodic])

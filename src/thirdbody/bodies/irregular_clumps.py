@@ -1,4 +1,4 @@
-"""Random debris: irregular clumps and size distributions, reproducible body by body."""
+"""Irregular clumps and size distributions: random debris, reproducible body by body."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ from thirdbody.bodies.union_moments import longest_links
 from thirdbody.bodies.vectors import dot
 from thirdbody.errors import Fault, InputError
 
-# Neighbours overlap until their centers are this fraction of the sum of radii apart: less looks like a
-# string of beads, more hides the single spheres.
+# Distance of linked centers over the sum of radii: a larger one looks like a string of beads,
+# a smaller one hides the single spheres.
 _NECK = (0.55, 0.8)
 _NECK_FLAT = 0.9
-# Smallest radius over largest, before chance.
+# Smallest ratio of two radii of a clump: lower bound of the random weights.
 _UNEQUAL = 0.6
-# Least part of a sphere's surface that the other spheres leave free.
+# Smallest exposed fraction of a sphere's surface.
 _EXPOSED = 0.08
 _TRIES = 200
-# Of the sharpest clump: the part of the sum of radii that centers are apart (a small sphere must stand farther off to
-# stand out), and the least radius of a corner over that of the core.
+# Of the most angular clump: distance of linked centers over the sum of radii (a small sphere must be farther away to
+# protrude), and the smallest radius of a corner over that of the core.
 _NECK_SHARP = 0.95
 _CORNER = 0.2
-# Twice the times that the caps of all corners cover the sphere before chance leaves no gap that shows the core (the
-# thinnest covering takes 2.4).
+# Twice the number of times that the caps of all corners cover the sphere before random gaps no longer expose the core
+# (the thinnest covering takes 2.4).
 _COVER = 4.0
 # Fewer spheres cannot surround a core.
 _CORED = 5
-# Bodies whose random streams are open at a time, and room for a stack of them: with 1e5 its tables stay in the cache.
+# Bodies with open random streams, and size of a stack of them: with 1e5 its tables stay in the cache.
 _BLOCK = 4096
 _ROOM = 100_000
 
@@ -41,25 +41,24 @@ _SURFACE = sphere_points(48)
 
 
 def irregular(rng: np.random.Generator, n_spheres: int, aspect, diameter: float, angularity: float = 0.0) -> Clump:
-    """Connected clump of unequal spheres filling an envelope with the axis ratios aspect (3,).
+    """Return a connected clump of unequal spheres that fills an envelope with the axis ratios aspect (3,).
 
-    angularity (0 to 1): how strongly the spheres shrink towards the corners of the hull, so that summits get sharper
-    (`asperities.summit_radii`). The sphere nearest the middle becomes a core, the others move out onto the hull and
-    shrink, at 1 to the size at which planes still touch them and not the core (0.2 of it at least); links lengthen to
-    0.95 of the sum of radii. Fewer than 5 spheres cannot surround a core: only their links lengthen. Where corners
-    would lose touch with the core (flat or long envelopes), the body is only as angular as keeps its aspect.
+    angularity (0 to 1): how much the spheres shrink towards the corners of the hull, so that summits get sharper
+    (`asperities.summit_radii`). The sphere nearest the middle becomes a core, the others move out onto the hull and shrink, at 1
+    to the size at which planes still touch them and not the core (0.2 of it at least); links lengthen to 0.95 of the sum of
+    radii. Fewer than 5 spheres cannot surround a core: only their links lengthen. Where corners would lose contact with the core
+    (flat or long envelopes), the angularity is reduced to keep the aspect.
 
-    The volume-equivalent diameter (m) holds to a third of the clump's stated error. Every sphere keeps at
-    least 8 % of its surface free. A flat envelope needs many spheres: with few, the clump is as flat as
-    connected spheres can be. One sphere is a sphere, whatever the aspect.
-    InputError: n_spheres < 1, aspect or diameter not positive, angularity out of range, or too many spheres to leave
-    each one free.
+    The volume-equivalent diameter [m] holds to a third of the clump's stated error. Every sphere keeps at least 8 % of its
+    surface exposed. A flat envelope needs many spheres: with few, the clump is as flat as connected spheres can be. One sphere is
+    a sphere, whatever the aspect. InputError: n_spheres < 1, aspect or diameter not positive, angularity out of range, or too
+    many spheres for each to be exposed.
     """
     return _irregulars([rng], n_spheres, aspect, np.array([diameter]), angularity)[0]
 
 
 def _irregulars(rngs: list[np.random.Generator], n_spheres: int, aspect, diameters: np.ndarray, angularity: float) -> list[Clump]:
-    """As `irregular`, one body for each stream and diameter; what one becomes does not depend on the others."""
+    """Return one body as of `irregular` for each stream and diameter; each is independent of the others."""
     envelope = _checked_envelope(n_spheres, aspect, diameters)
     if not 0.0 <= angularity <= 1.0:
         raise InputError(Fault("angularity", f"{angularity:g} must be 0 to 1"))
@@ -91,10 +90,10 @@ def population(
     asperities: Asperities | None = None,
     **size,
 ) -> list[Clump]:
-    """Clumps of one population; size: the keywords of `diameters`, spheres: least and most per body.
+    """Return the clumps of a population; size: keywords of `diameters`, spheres: range per body.
 
-    Body k draws from its own stream, so it is the same for every count; asperities draw last, so that the body under
-    them has the shape that it has without. InputError: as `irregular`, `diameters` and `Asperities.fraction`.
+    Body k draws from its own stream, so it is the same for every count; asperities draw last, so that the body under them has the
+    same shape as without them. InputError: as `irregular`, `diameters` and `Asperities.fraction`.
     """
     minimum, maximum = spheres
     if not 1 <= minimum <= maximum:
@@ -118,13 +117,13 @@ def population(
 
 
 class Streams:
-    """Several random streams, of which each gives one number: bodies are drawn together and stay independent."""
+    """Several random streams that give one number each: bodies are drawn together but independently."""
 
     def __init__(self, rngs: list[np.random.Generator]) -> None:
         self.rngs = rngs
 
     def random(self, count: int) -> np.ndarray:
-        """One uniform number in [0, 1) from each stream, (count,); count is their number."""
+        """Return one uniform number in [0, 1) from each stream, (count,); count is the number of streams."""
         return np.array([rng.random() for rng in self.rngs])
 
 
@@ -140,11 +139,11 @@ def diameters(
     min: float | None = None,
     max: float | None = None,
 ) -> np.ndarray:
-    """Diameters (count,) in m from a distribution cut off (not clipped) at min and max.
+    """Return diameters (count,) [m] from a distribution truncated (not clipped) at min and max.
 
-    lognormal: median (m), sigma (of the logarithm); normal: mean, sigma (m); uniform: min, max;
-    constant: value. The cut is exact: a uniform number between the cumulative values of the limits is
-    inverted. InputError: a parameter that is missing, not used, or out of range, an unknown distribution.
+    lognormal: median [m], sigma (of the logarithm); normal: mean, sigma [m]; uniform: min, max; constant: value. The truncation
+    is exact: a uniform number between the cumulative values of the limits is inverted. InputError: a parameter that is missing,
+    not used, or out of range, an unknown distribution.
     """
     given = {"median": median, "mean": mean, "sigma": sigma, "value": value, "min": min, "max": max}
     _check_size(distribution, given)
@@ -161,14 +160,14 @@ def diameters(
 
 
 def _cut_normal(rng: np.random.Generator | Streams, count: int, normal: NormalDist, low: float, high: float) -> np.ndarray:
-    # The far tail above the mean loses its digits in 1 - tail: mirror it to the side below.
+    # The far tail above the mean loses its digits in 1 - tail: it is mirrored to below the mean.
     if low > normal.mean:
         mirrored = NormalDist(-normal.mean, normal.stdev)
         return -_cut_normal(rng, count, mirrored, -high, -low)
     first, last = normal.cdf(low), normal.cdf(high)
     if not last - first > 0.0:
         raise InputError(Fault("size", "the distribution has nothing between min and max"))
-    # 1 - random() lies in (0, 1]; the open end at 1 is closed by the limit itself.
+    # 1 - random() lies in (0, 1]; the limit itself closes the open end at 1.
     levels = first + (last - first) * rng.random(count)
     smallest = np.nextafter(first, 1.0)
     drawn = [normal.inv_cdf(level) for level in np.maximum(levels, smallest).tolist()]
@@ -205,7 +204,7 @@ def _check_size(distribution: str, given: dict[str, float | None]) -> None:
 
 
 def _checked_envelope(n_spheres: int, aspect, diameters: np.ndarray) -> np.ndarray:
-    """Half axes (3,) of the envelope, the longest 1."""
+    """Return the half axes (3,) of the envelope, the longest 1."""
     axes = np.array(aspect, dtype=np.float64)
     faults = []
     if n_spheres < 1:
@@ -220,7 +219,7 @@ def _checked_envelope(n_spheres: int, aspect, diameters: np.ndarray) -> np.ndarr
 
 
 def _grown(rngs: list[np.random.Generator], n: int, envelope: np.ndarray, angularity: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centers (b, n, 3) and radii (b, n) of connected trial clumps inside the envelope, one for each stream."""
+    """Return centers (b, n, 3) and radii (b, n) of connected trial clumps inside the envelope, one per stream."""
     seeds, weights, neck = _draw_clumps(rngs, n, envelope)
     thinnest = envelope.min()
     inset = np.ones_like(weights)
@@ -230,7 +229,7 @@ def _grown(rngs: list[np.random.Generator], n: int, envelope: np.ndarray, angula
     def stretched(radius: np.ndarray) -> np.ndarray:
         return _reach(seeds, weights, inset, envelope, radius) / neck
 
-    # The larger the spheres, the smaller the room for their centers: the least radius that connects them.
+    # The larger the spheres, the smaller the volume of their centers: find the smallest radius that connects them.
     low, high = np.full(len(rngs), 0.02 * thinnest), np.full(len(rngs), thinnest)
     excess = stretched(high)
     flat = excess > 1.0
@@ -240,14 +239,14 @@ def _grown(rngs: list[np.random.Generator], n: int, envelope: np.ndarray, angula
         low, high = np.where(apart, middle, low), np.where(apart, high, middle)
     high[flat] = thinnest
     centers = seeds * (envelope - high[:, None, None] * inset[:, :, None])
-    # Too flat for this many spheres: drawn together in the plane until they connect, and no closer than they must, or it
-    # would not look flat.
+    # Too flat for this many spheres: contracted in the plane until they connect, and no closer than necessary, to look
+    # flat.
     centers[flat] /= (excess * neck / _NECK_FLAT)[flat, None, None]
     return centers, high[:, None] * weights
 
 
 def _draw_clumps(rngs: list[np.random.Generator], n: int, envelope: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Seeds (b, n, 3), weights (b, n) and necks (b,) of trial clumps."""
+    """Draw seeds (b, n, 3), weights (b, n) and necks (b,) of trial clumps."""
     candidates, numbers = np.empty((len(rngs), n, 12, 3)), np.empty((len(rngs), 13 * n + 1))
     for k, rng in enumerate(rngs):
         rng.standard_normal(out=candidates[k])
@@ -258,7 +257,7 @@ def _draw_clumps(rngs: list[np.random.Generator], n: int, envelope: np.ndarray) 
 
 
 def _reach(seeds, weights: np.ndarray, inset, envelope: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Largest distance over sum of radii among the links (b,) of trial clumps whose largest radius is `radius` (b,)."""
+    """Return the largest distance over sum of radii, (b,), of links in clumps of largest radius (b,)."""
     reach = np.empty(len(weights))
     longest_links(seeds * (envelope - radius[:, None, None] * inset[:, :, None]), radius[:, None] * weights, reach)
     return reach
@@ -267,9 +266,9 @@ def _reach(seeds, weights: np.ndarray, inset, envelope: np.ndarray, radius: np.n
 def _sharpened(
     seeds: np.ndarray, weights: np.ndarray, neck: np.ndarray, envelope: np.ndarray, angularity: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Seeds (b, n, 3), weights (b, n), insets (b, n) and necks (b,) of sharper trial clumps.
+    """Return seeds (b, n, 3), weights (b, n), insets (b, n) and necks (b,) of more angular trial clumps.
 
-    Aspect goes first: where the corners would be too small to reach the core, the angularity is lowered until they do.
+    The aspect has priority: where corners would be too small to reach the core, the angularity is reduced until they do.
     """
     thinnest = np.full(len(neck), envelope.min())
     plain = _reach(seeds, weights, np.ones_like(weights), envelope, thinnest)
@@ -285,10 +284,10 @@ def _sharpened(
 def _cored(
     seeds: np.ndarray, weights: np.ndarray, neck: np.ndarray, angularity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The seed nearest the middle as core, the others as corners that stand on the hull: as `_sharpened`.
+    """Make the seed nearest the middle the core, the others corners on the hull (see `_sharpened`).
 
-    A plane between corners that surround a core of radius 1 evenly, at the distance s (1 + rho), clears it if
-    s (1 + rho) cos t + rho > 1; m caps of the angle t have m (1 - cos t) / 2 times the area of the sphere.
+    A plane between corners that surround a core of radius 1 evenly, at the distance s (1 + rho), clears it if s (1 + rho) cos t +
+    rho > 1; m caps of the angle t have m (1 - cos t) / 2 times the area of the sphere.
     """
     n = weights.shape[1]
     neck = neck + angularity * (_NECK_SHARP - neck)
@@ -305,7 +304,7 @@ def _cored(
 
 
 def _spread(candidates: np.ndarray, levels: np.ndarray, envelope: np.ndarray) -> np.ndarray:
-    """Points (b, n, 3) in the unit ball, far apart once stretched to the envelope (best candidate of 12).
+    """Return points (b, n, 3) in the unit sphere, far apart in the envelope (best candidate of 12).
 
     candidates (b, n, 12, 3): normal numbers, levels (b, n, 12): uniform ones.
     """
@@ -318,14 +317,14 @@ def _spread(candidates: np.ndarray, levels: np.ndarray, envelope: np.ndarray) ->
         gaps = (candidates[:, k, :, None] - points[:, None, :k]) * envelope
         points[:, k] = candidates[bodies, k, dot(gaps, gaps).min(axis=2).argmax(axis=1)]
     if n >= 4:
-        # Filled to the envelope's sides, or few spheres would not show the aspect.
+        # Extended to the sides of the envelope, else few spheres would not show the aspect.
         low, high = points.min(axis=1, keepdims=True), points.max(axis=1, keepdims=True)
         points = (2.0 * points - low - high) / (high - low)
     return points
 
 
 def _all_exposed(centers: np.ndarray, radii: np.ndarray) -> np.ndarray:
-    """Whether (b,) every sphere of a body shows at least the part _EXPOSED of its surface."""
+    """Return whether, (b,), every sphere of a body exposes at least the fraction _EXPOSED of its surface."""
     n = radii.shape[1]
     arm = centers[:, :, None] - centers[:, None]
     # A point r u of sphere i lies in sphere j if (arm + r u)^2 < r_j^2.

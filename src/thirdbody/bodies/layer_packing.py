@@ -1,4 +1,4 @@
-"""Placing bodies in a layer on the lower plate without overlap, and finding overlaps in a given start."""
+"""Placement of bodies in a layer on the lower plate without overlap, and overlaps of given positions."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from thirdbody.bodies.overlap_grid import overlapping, place_body
 from thirdbody.bodies.union_moments import union_of_discs
 from thirdbody.errors import Fault, InputError
 
-# Least gap between spheres over the sum of their radii, so that nothing touches at the start.
+# Smallest gap between spheres over the sum of their radii, so that nothing touches at the start.
 CLEARANCE = 1e-3
-# Tries per body. Near the jamming of random addition a free place is rarer than one in some ten thousand.
+# Tries per body. Near the jamming of random addition fewer than one random position in ten thousand is free.
 TRIES = 50_000
-# The grid never has more columns than this along one axis: enough for a million spheres.
+# Largest number of grid columns along one axis: enough for a million spheres.
 _COLUMNS = 1024
 
 
@@ -27,12 +27,11 @@ def place_layer(
     periodic: bool,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """Positions xy (n, 2) in m, in [0, size), of the centroids of bodies that all rest on z = 0.
+    """Return positions xy (n, 2) [m] of the centroids of bodies on z = 0, in [0, size).
 
-    quaternions (n, 4): body to world. Random sequential addition, wide bodies first; spheres of different
-    bodies keep a gap of 1e-3 of the sum of their radii, in three dimensions: a body may reach under another.
-    Periodic, or the whole body stays inside. A body wider than the domain, or for which no place is found in
-    50 000 tries, raises InputError.
+    quaternions (n, 4): body to world. Random sequential addition, wide bodies first; spheres of different bodies keep a gap of
+    1e-3 of the sum of their radii, in three dimensions: a body may reach under another. Without periodicity the whole body stays
+    inside the domain. InputError: a body is wider than the domain, or 50 000 tries give no free position.
     """
     size = np.array(domain_size, dtype=np.float64)
     starts = np.cumsum([0, *(len(body.radii) for body in clumps)])
@@ -80,10 +79,10 @@ def overlaps(
     domain_size: tuple[float, float],
     periodic: bool,
 ) -> list[tuple[int, int, float]]:
-    """Pairs of overlapping bodies (a < b) with their deepest overlap in m, the deepest pair first.
+    """Return pairs of overlapping bodies (a < b) with their deepest overlap [m], the deepest pair first.
 
-    centers (n, 3), radii (n,), body (n,): the body of each sphere. Spheres of one body are not compared.
-    Periodic in x and y: to the nearest image. Touching is no overlap.
+    centers (n, 3), radii (n,), body (n,): the body of each sphere. Spheres of one body are not compared. Periodic in x and y: to
+    the nearest image. Touching is no overlap.
     """
     spheres = np.column_stack((centers, radii)).astype(np.float64)
     if not len(spheres):
@@ -106,7 +105,7 @@ def overlaps(
 
 
 def projected_area(spheres: np.ndarray) -> float:
-    """Area in m2 that the spheres (k, 4: x, y, z, radius) cover seen from above, each place once."""
+    """Return the area [m2] that the spheres (k, 4: x, y, z, radius) cover seen from above."""
     scale = spheres[:, 3].max()
     discs, r = (spheres[:, :2] - spheres[0, :2]) / scale, spheres[:, 3] / scale
     moments = np.empty(6)
@@ -115,7 +114,7 @@ def projected_area(spheres: np.ndarray) -> float:
 
 
 def _resting_spheres(clumps: Sequence[Clump], quaternions: np.ndarray, starts: np.ndarray) -> np.ndarray:
-    """Spheres (k, 4) of the bodies turned and put on z = 0, x and y relative to their centroids."""
+    """Return spheres (k, 4) of the bodies rotated and put on z = 0, x and y relative to their centroids."""
     body = np.repeat(np.arange(len(clumps)), np.diff(starts))
     turns = np.moveaxis(matrix_from_quaternion(quaternions.T), 2, 0)
     spheres = np.empty((len(body), 4))
@@ -126,14 +125,14 @@ def _resting_spheres(clumps: Sequence[Clump], quaternions: np.ndarray, starts: n
 
 
 def grid(radii: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Empty grid (heads, placed, following) for spheres of these radii (n,), columns as wide as two largest with clearance."""
+    """Return an empty grid (heads, placed, following) for radii (n,), columns of two largest radii with clearance."""
     width = 2.0 * radii.max() * (1.0 + CLEARANCE)
     nx, ny = (min(_COLUMNS, max(1, math.floor(length / width))) for length in size)
     return np.full((nx, ny), -1, np.int64), np.empty((len(radii), 4)), np.empty(len(radii), np.int64)
 
 
 def batches() -> Iterator[int]:
-    """Sizes of batches of tries, growing: most bodies find a place at once."""
+    """Yield growing sizes of batches of tries: most bodies are placed at once."""
     batch, left = 32, TRIES
     while left > 0:
         yield min(batch, left)
@@ -142,7 +141,7 @@ def batches() -> Iterator[int]:
 
 
 def _refuse_wide(widths: np.ndarray, size: np.ndarray) -> None:
-    """A body wider than the domain would overlap its own image, or the border."""
+    """Raise InputError for a body wider than the domain: it would overlap its own image, or the border."""
     wide = np.flatnonzero((widths * (1.0 + 2.0 * CLEARANCE) >= size).any(axis=1))
     if len(wide):
         b = wide[0]
@@ -156,7 +155,7 @@ def _refuse_wide(widths: np.ndarray, size: np.ndarray) -> None:
 
 
 def _full(spheres: np.ndarray, starts: np.ndarray, order: np.ndarray, done: int, size: np.ndarray) -> InputError:
-    """The fault that tells how far the placing came."""
+    """Return the fault of a placement that failed after `done` bodies."""
     area = sum(projected_area(spheres[starts[b] : starts[b + 1]]) for b in order)
     reached = sum(projected_area(spheres[starts[b] : starts[b + 1]]) for b in order[:done])
     whole = size.prod()

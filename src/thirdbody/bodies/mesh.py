@@ -1,4 +1,4 @@
-"""Closed triangle surfaces: read from a file, checked, and their exact mass properties."""
+"""Closed triangle surfaces: reading, checks and exact mass properties."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from thirdbody.errors import Fault, InputError
 
 SUFFIXES = (".stl", ".obj", ".ply")
 
-# Files store each corner of a triangle on its own in single precision: corners this near, as part of the largest
+# Files store the corners of each triangle separately in single precision: corners within this distance, over the largest
 # coordinate, are one vertex (a step of float32 is 1.2e-7).
 _SAME = 2e-7
-# Volume over area times extent: less is a sheet, not a body (a leaf of paper has 2e-4).
+# Smallest volume over area times extent of a body; less is a sheet (a leaf of paper has 2e-4).
 _FLAT = 1e-7
 # Header, count, and bytes per triangle of a binary STL file.
 _STL_HEADER, _STL_TRIANGLE = 84, 50
@@ -26,10 +26,10 @@ _STL_HEADER, _STL_TRIANGLE = 84, 50
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """A closed surface of one body: vertices (v, 3) m, faces (f, 3) counter-clockwise seen from outside, its name.
+    """A closed surface: vertices (v, 3) [m], faces (f, 3) counter-clockwise from outside, name.
 
-    Closed, in one piece, consistent and of positive volume when it comes from `load_mesh` or `checked_mesh`. That the
-    surface does not cut through itself is not checked: volume and inertia then count the common part twice.
+    Meshes of `load_mesh` and `checked_mesh` are closed, connected, consistent and of positive volume. Self-intersection is not
+    checked: volume and inertia then count the common part twice.
     """
 
     vertices: np.ndarray
@@ -38,13 +38,13 @@ class Mesh:
 
     @property
     def corners(self) -> np.ndarray:
-        """Corners of the triangles, (f, 3, 3) m."""
+        """Corners of the triangles, (f, 3, 3) [m]."""
         return self.vertices[self.faces]
 
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
-    """Mass properties of a body of unit density: volume m3, centroid (3,) m, principal inertia (3,) m5, I1 <= I2 <= I3.
+    """Mass properties at unit density: volume [m3], centroid (3,) [m], principal inertia (3,) [m5], I1 <= I2 <= I3.
 
     axes (3, 3): principal axes as columns, right-handed; error: bound on the relative rounding of volume and inertia.
     """
@@ -57,10 +57,10 @@ class MassProperties:
 
 
 def load_mesh(path: str | Path, unit: float) -> Mesh:
-    """The surface in an STL, OBJ or PLY file; unit: m per unit of the file (files carry none), 1e-3 for mm.
+    """Return the surface in an STL, OBJ or PLY file; unit: metres per unit of the file, 1e-3 for mm.
 
-    Corners that coincide are merged, as are the objects of an OBJ file.
-    InputError: one fault with the path, if the file is missing, not readable or cut short, or as `checked_mesh`.
+    Corners that coincide are merged, and so are the objects of an OBJ file. InputError: one fault with the path, if the file is
+    missing, not readable or truncated, or as `checked_mesh`.
     """
     if not (math.isfinite(unit) and unit > 0.0):
         raise InputError(Fault("unit", f"{unit:g} m per unit of the mesh file must be positive and finite"))
@@ -68,7 +68,7 @@ def load_mesh(path: str | Path, unit: float) -> Mesh:
     vertices, faces = _read(path)
     with np.errstate(over="ignore", invalid="ignore"):
         extent = float(np.ptp(vertices, axis=0).max()) * unit if len(vertices) else math.nan
-    # what is not finite, or a single point, is told below
+    # non-finite coordinates and single points are reported below
     if np.isfinite(vertices).all() and (extent > LARGEST or 0.0 < extent < SMALLEST):
         message = f"{extent:.3g} m across with {unit:.3g} m per unit, outside {SMALLEST:g} to {LARGEST:g} m; is the unit right?"
         raise _fault(str(path), message)
@@ -76,10 +76,10 @@ def load_mesh(path: str | Path, unit: float) -> Mesh:
 
 
 def checked_mesh(vertices, faces, name: str) -> Mesh:
-    """Mesh of the vertices (v, 3) in m and faces (f, 3), coincident vertices merged, empty triangles left out.
+    """Return the checked mesh, with coincident vertices merged and without empty triangles.
 
-    InputError: one fault that names the file and what to do, for what is not finite, empty, open, of mixed winding,
-    in several pieces, flat or inside out.
+    InputError: one fault that names the file and a remedy, for a mesh that is not finite, empty, open, of mixed winding, in
+    several pieces, flat or inside out.
     """
     vertices, faces = np.array(vertices, dtype=np.float64), np.array(faces, dtype=np.int64)
     if not faces.size:
@@ -103,10 +103,10 @@ def checked_mesh(vertices, faces, name: str) -> Mesh:
 
 
 def mass_properties(mesh: Mesh) -> MassProperties:
-    """Exact volume, centroid and principal inertia of the polyhedron, at unit density.
+    """Return exact volume, centroid and principal inertia of the polyhedron, at unit density.
 
-    Divergence theorem: signed tetrahedra from a common point to each triangle (Tonon 2004, J. Math. Stat. 1, 8). With
-    J = det(a, b, c), s = a + b + c: volume J/6, first moment J s/24, second J (aa + bb + cc + ss)/120.
+    Divergence theorem: signed tetrahedra from a common point to each triangle (Tonon 2004, J. Math. Stat. 1, 8). With J = det(a,
+    b, c), s = a + b + c: volume J/6, first moment J s/24, second J (aa + bb + cc + ss)/120.
     """
     anchor = 0.5 * (mesh.vertices.min(axis=0) + mesh.vertices.max(axis=0))
     corners = mesh.corners - anchor
@@ -118,7 +118,7 @@ def mass_properties(mesh: Mesh) -> MassProperties:
     second = (np.repeat(jacobian, 3) * flat.T) @ flat + (jacobian * total.T) @ total
     second = second / 120.0 - volume * np.outer(centroid, centroid)
     inertia, axes = principal_axes(np.trace(second) * np.eye(3) - second)
-    # Terms of either sign cancel: the rounding is that of the sum of their sizes.
+    # Terms of either sign cancel: the rounding is that of the sum of their absolute values.
     size = np.abs(jacobian) @ ((corners**2).sum(axis=(1, 2)) + (total**2).sum(axis=1)) / 120.0
     lost = max(np.abs(jacobian).sum() / (6.0 * volume), 2.0 * size / inertia[0])
     error = 4.0 * np.finfo(np.float64).eps * lost
@@ -126,7 +126,7 @@ def mass_properties(mesh: Mesh) -> MassProperties:
 
 
 def _determinants(corners: np.ndarray) -> np.ndarray:
-    """Six times the signed volume (f,) of the tetrahedra from the origin to the triangles (f, 3, 3)."""
+    """Return six times the signed volumes (f,) of tetrahedra from the origin to triangles (f, 3, 3)."""
     return np.einsum("fi,fi->f", corners[:, 0], np.cross(corners[:, 1], corners[:, 2]))
 
 
@@ -135,7 +135,7 @@ def _fault(name: str, message: str) -> InputError:
 
 
 def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (v, 3) in units of the file and faces (f, 3), as they stand there."""
+    """Return vertices (v, 3) in units of the file and faces (f, 3), unchanged."""
     name = str(path)
     if path.suffix.lower() not in SUFFIXES:
         known = ", ".join(SUFFIXES)
@@ -149,11 +149,11 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
     try:
         options = {"skip_materials": True} if path.suffix.lower() == ".obj" else {}
-        # Unprocessed: what the library would mend in silence (NaN, open seams) is for the checks to see.
+        # Unprocessed: the checks must see what the library would repair silently (NaN, open seams).
         with np.errstate(all="ignore"):
             loaded = trimesh.load_mesh(io.BytesIO(data), file_type=path.suffix[1:].lower(), process=False, **options)
         return np.asarray(loaded.vertices, np.float64), np.asarray(loaded.faces, np.int64)
-    # The parsers raise whatever a broken file leads them into.
+    # The parsers raise any exception on a broken file.
     except Exception as error:
         reason = f"{type(error).__name__}: {error}".strip().splitlines()[0]
         line = _odd_vertex(data) if path.suffix.lower() == ".stl" else None
@@ -161,7 +161,7 @@ def _read(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _refuse_short_stl(data: bytes, name: str) -> None:
-    """A binary STL file tells its length; the reader would take a cut one for text without triangles."""
+    """Raise InputError for a truncated binary STL file, which would be read as text without triangles."""
     if b"endsolid" in data.lower():
         return
     if data[:5].lower() == b"solid" and b"facet" in data[: _STL_TRIANGLE * 20].lower():
@@ -174,7 +174,7 @@ def _refuse_short_stl(data: bytes, name: str) -> None:
 
 
 def _odd_vertex(data: bytes) -> str | None:
-    """What is wrong with the first corner of a text STL file that is not three finite numbers."""
+    """Return the fault of the first corner of a text STL file that is not three finite numbers."""
     for number, line in enumerate(data.splitlines(), 1):
         words = line.split()
         if not words or words[0].lower() != b"vertex":
@@ -190,7 +190,7 @@ def _odd_vertex(data: bytes) -> str | None:
 
 
 def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices that are used, coincident ones as one, and faces without those that have shrunk to a line."""
+    """Return the used vertices, coincident ones merged, and faces without those that have collapsed to a line."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -208,7 +208,7 @@ def _merged(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
 
 
 def _refuse_open(faces: np.ndarray, name: str) -> None:
-    """Every edge must belong to two triangles that run along it in opposite directions."""
+    """Raise InputError unless every edge belongs to two triangles that run along it in opposite directions."""
     edges = np.stack((faces, np.roll(faces, -1, axis=1)), axis=2).reshape(-1, 2)
     _, uses = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
     if (uses == 1).any():
@@ -236,14 +236,14 @@ def _refuse_pieces(faces: np.ndarray, name: str) -> None:
 
 
 def _refuse_sheet(vertices: np.ndarray, name: str) -> None:
-    """Told before the edges are: the two sides of a flattened body are one, and every edge seems doubled."""
+    """Raise InputError for a flattened body, before the edges: its two sides merge, and every edge seems doubled."""
     spread = np.linalg.svd(vertices - vertices.mean(axis=0), compute_uv=False)
     if spread[-1] <= _SAME * spread[0]:
         raise _fault(name, "encloses no volume: all vertices lie in one plane; a sheet is not a body, give it a thickness")
 
 
 def _refuse_flat(mesh: Mesh) -> None:
-    """The volume must be positive and more than that of a sheet."""
+    """Raise InputError unless the volume is positive and more than that of a sheet."""
     corners = mesh.corners - mesh.vertices.mean(axis=0)
     volume = _determinants(corners).sum() / 6.0
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2.0

@@ -1,4 +1,4 @@
-"""How well the spheres of a clump follow the surface of a mesh: distances both ways and radii of curvature."""
+"""Quality of the fit of a clump to a mesh: distances in both directions, and radii of curvature."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from scipy.spatial import cKDTree
 
 from thirdbody.bodies.mesh import Mesh
 
-# Points that distances are averaged over, and those that distances are measured to. The latter, on spheres, matter
-# for feet on a crease only: spaced by 0.025 R, they add less than 1e-3 R to a distance.
+# Number of points that distances are averaged over, and of those that distances are measured to. The latter, on
+# spheres, matter only for nearest points on a crease: spaced by 0.025 R, they add less than 1e-3 R to a distance.
 _MEASURED = 4000
 _TARGETS = 20000
 _DIRECTIONS = 500
-# Nearest samples whose triangles may hold the nearest point.
+# Nearest samples whose triangles may contain the nearest point.
 _CANDIDATES = 8
-# Patch that a radius of curvature is fitted to, in R: the vertices around, no more and no less than this.
+# Radius of the patch for the fit of a radius of curvature, over R: smallest and largest.
 _PATCH = (0.1, 0.3)
 _PATCH_POINTS = 18
-# Unknowns of the quadric through the vertex, twice: fewer points do not average.
+# Twice the unknowns of the quadric through the vertex: fewer points do not average.
 _LEAST_POINTS = 10
-# Normals of one patch differ by less than this (cosine); beyond it is the other face of a thin body.
+# Cosine of the largest angle between normals of one patch; beyond it is the other face of a thin body.
 _ONE_SIDE = 0.2
 
 
 @dataclass(frozen=True)
 class Distances:
-    """Distances from points all over one surface to another surface, over R: rms, its standard error, largest."""
+    """Distances from points on one surface to another surface, over R: rms, its standard error, largest."""
 
     rms: float
     error: float
@@ -37,10 +37,10 @@ class Distances:
 
 @dataclass(frozen=True, eq=False)
 class ContactRadii:
-    """Where a plane can touch: the m spheres that it meets, seen from directions spread evenly.
+    """Radii of curvature at the points that planes touch, over evenly distributed directions.
 
-    spheres (m,): their numbers; share (m,): part of all directions; radius (m,) m: of the sphere; local_radius (m,) m:
-    median over these directions of the radius of the mesh at the point that touches there, sqrt(R' R'') of the two
+    spheres (m,): indices of the m spheres touched; share (m,): fraction of all directions; radius (m,) [m]: of the sphere;
+    local_radius (m,) [m]: median over these directions of the radius of the mesh at the point of contact, sqrt(R' R'') of the two
     principal radii (equivalent radius of an elliptical contact: Johnson 1985, section 4.2), inf where it is flat.
     """
 
@@ -56,7 +56,7 @@ class ContactRadii:
 
 
 def surface_samples(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points (count, 3) spread over the surface by area, unit normals (count, 3), number of the triangle (count,)."""
+    """Return points (count, 3) sampled by area, unit normals (count, 3), triangle indices (count,)."""
     a, b, c = mesh.corners.transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     doubled = np.linalg.norm(normals, axis=1)
@@ -69,29 +69,29 @@ def surface_samples(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[n
 
 
 def union_samples(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Points (about count, 3) spread by area over the surface of the union of the spheres."""
+    """Return about `count` points (k, 3) sampled by area on the surface of the union of spheres."""
     free = _spread(centers, radii, count, rng)
-    # Hidden parts yield nothing: what is missing is drawn again in proportion.
+    # Hidden parts yield no points: sample again with a count scaled by the exposed fraction.
     return _spread(centers, radii, math.ceil(count * count / max(1, len(free))), rng)
 
 
 def distances(mesh: Mesh, centers, radii, rng: np.random.Generator) -> tuple[Distances, Distances]:
-    """From the mesh to the union of the spheres and back; mesh and spheres in units of R."""
+    """Return distances from the mesh to the union of spheres and vice versa, all in units of R."""
     points, _, _ = surface_samples(mesh, _MEASURED, rng)
     union = union_samples(centers, radii, _TARGETS, rng)
     target, _, face = surface_samples(mesh, _TARGETS, rng)
     there = distance_to_union(points, centers, radii, union)
-    # Corners stand out farthest and no sample meets them.
+    # Corners protrude farthest and random samples miss them.
     corners = distance_to_union(mesh.vertices, centers, radii, union)
     back = _distance_to_mesh(union[:: max(1, len(union) // _MEASURED)], mesh, target, face)
     return _summary(there, max(there.max(), corners.max())), _summary(back, back.max())
 
 
 def distance_to_union(points, centers, radii, union: np.ndarray) -> np.ndarray:
-    """Distance (p,) to the surface of the union of spheres; exact unless the nearest point lies on a crease.
+    """Return the distance (p,) to the union of spheres; exact except near creases.
 
-    Outside, and inside where the nearest point is a foot on a free part of a sphere, in closed form; otherwise to the
-    nearest of the points `union` on the surface, which is never too short.
+    In closed form outside, and inside where the nearest point is the foot of a perpendicular on an exposed part of a sphere;
+    otherwise to the nearest of the points `union` on the surface, which is never too short.
     """
     nearest, _ = cKDTree(union).query(points)
     for first in range(0, len(points), 512):
@@ -111,7 +111,7 @@ def distance_to_union(points, centers, radii, union: np.ndarray) -> np.ndarray:
 
 
 def contact_radii(mesh: Mesh, centers, radii, rng: np.random.Generator) -> ContactRadii:
-    """Compares radii of curvature where the hulls of mesh and spheres are touched; lengths in units of R."""
+    """Compare radii of curvature where planes touch the hulls of mesh and spheres; lengths in units of R."""
     ups = _sphere_points(_DIRECTIONS)
     vertices = np.array([np.argmax(mesh.vertices @ up) for up in ups])
     touched = (ups @ centers.T + radii).argmax(axis=1)
@@ -123,9 +123,9 @@ def contact_radii(mesh: Mesh, centers, radii, rng: np.random.Generator) -> Conta
 
 
 def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Radius of curvature sqrt(R' R'') (k,) of the mesh at the vertices numbered corners, in units of R.
+    """Return the radii of curvature sqrt(R' R'') (k,) of the mesh at vertices `corners`, over R.
 
-    A quadric through the vertex, fitted to the vertices around; where they are few, to points of the triangles. Edges
+    A quadric through the vertex is fitted to the surrounding vertices or, where these are few, to points of the triangles. Edges
     are therefore rounded at the size of the patch. inf: flat or saddle-shaped there.
     """
     normals = _vertex_normals(mesh)
@@ -146,7 +146,7 @@ def local_radii(mesh: Mesh, corners: np.ndarray, rng: np.random.Generator) -> np
 
 
 def _quadric_radius(patch: np.ndarray, up: np.ndarray) -> float:
-    """1 / sqrt(Gaussian curvature) at the origin of z = p x + q y + a x2/2 + b x y + c y2/2, or inf."""
+    """Return 1 / sqrt(Gaussian curvature) at the origin of z = p x + q y + a x2/2 + b x y + c y2/2, or inf."""
     if len(patch) < _LEAST_POINTS:
         return math.inf
     side = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
@@ -159,7 +159,7 @@ def _quadric_radius(patch: np.ndarray, up: np.ndarray) -> float:
 
 
 def _vertex_normals(mesh: Mesh) -> np.ndarray:
-    """Unit normals (v, 3), means of the triangles around by area."""
+    """Return unit normals (v, 3), area-weighted means of the adjacent triangles."""
     a, b, c = mesh.corners.transpose(1, 0, 2)
     across = np.cross(b - a, c - a)
     normals = np.zeros_like(mesh.vertices)
@@ -169,7 +169,7 @@ def _vertex_normals(mesh: Mesh) -> np.ndarray:
 
 
 def _sphere_points(count: int) -> np.ndarray:
-    """Points (count, 3) spread evenly over the unit sphere (Fibonacci lattice)."""
+    """Return points (count, 3) distributed evenly over the unit sphere (Fibonacci lattice)."""
     k = np.arange(count) + 0.5
     z = 1.0 - 2.0 * k / count
     rotation = math.pi * (1.0 + math.sqrt(5.0)) * k
@@ -178,7 +178,7 @@ def _sphere_points(count: int) -> np.ndarray:
 
 
 def _spread(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Those of count points, spread over all spheres by area, that no other sphere covers."""
+    """Return those of `count` points, distributed over all spheres by area, that no other sphere covers."""
     owner = np.searchsorted(np.cumsum(radii**2) / (radii**2).sum(), rng.random(count)).clip(max=len(radii) - 1)
     distances = rng.normal(size=(count, 3))
     points = centers[owner] + radii[owner, None] * distances / np.linalg.norm(distances, axis=1)[:, None]
@@ -189,7 +189,7 @@ def _spread(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _distance_to_mesh(points, mesh: Mesh, target: np.ndarray, face: np.ndarray) -> np.ndarray:
-    """Distance (p,) to the nearest of the triangles that hold the samples nearest to each point."""
+    """Return the distance (p,) to the nearest triangle among those of the samples nearest to each point."""
     from trimesh.triangles import closest_point
 
     _, near = cKDTree(target).query(points, _CANDIDATES)

@@ -1,4 +1,4 @@
-"""Clumps of spheres that follow the surface of a mesh and weigh what the mesh weighs."""
+"""Clumps of spheres fitted to the surface of a mesh, with the mass properties of the mesh."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ from thirdbody.errors import Fault, InputError
 SPHERES = (4, 40)
 
 KEPT = 1000
-"""Fits that are remembered: populations of one scene often share meshes."""
+"""Largest number of cached fits: populations of one scene often share meshes."""
 
-# Lengths in R, the radius of the ball of the same volume.
+# Lengths in R, the radius of the sphere of the same volume.
 _SAMPLES = 8000
 _BALLS = 1000
 _LARGEST = 3.0
-# Widths over which the sphere next to a surface point changes hands: a wide one lets far spheres move together, none
-# gives the union itself.
+# Smoothing widths of the distance to the union: a large one lets spheres far from a surface point move together, zero
+# is the union itself.
 _WIDTHS = (0.1, 0.02, 0.0)
 _STEPS = 30
-# Pull of each sphere to where it started, as a part of all samples: far below any misfit that matters, and enough to
-# hold a sphere that reaches no sample, which would otherwise drift or shrink to nothing.
+# Weight of the initial position of each sphere, as a fraction of all samples: far below any relevant misfit, and enough
+# to hold a sphere that reaches no sample, which would otherwise drift or shrink to nothing.
 _PULL = 1e-3
-# Linked spheres overlap at least until their centers are this part of the sum of radii apart.
+# Linked spheres overlap at least until the distance of their centers is this fraction of the sum of radii.
 _NECK = 0.95
-# Trials to place anew, where the misfit is largest, the spheres that hide inside others.
+# Attempts to move spheres hidden inside others to the places of largest misfit.
 _ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """How near a clump's spheres come to its mesh, and where the clump's frame lies in that of the mesh.
+    """Accuracy of a clump's fit to its mesh, and the position of the clump's frame in that of the mesh.
 
-    size: R, radius of the ball of the mesh's volume, m; to_spheres, to_mesh: distances from the mesh to the union and
-    back, over R; volume_ratio: union over mesh (the clump keeps the mesh's volume); contacts: radii of curvature;
-    mesh point = centroid (3,) m + rotate(quaternion (4,), clump point).
+    size: R [m], radius of the sphere of the mesh's volume; to_spheres, to_mesh: distances from the mesh to the union and back,
+    over R; volume_ratio: union over mesh (the clump has the mesh's volume); contacts: radii of curvature; mesh point = centroid
+    (3,) [m] + rotate(quaternion (4,), clump point).
     """
 
     size: float
@@ -71,12 +71,11 @@ _made: dict[Any, tuple[Clump, Fit]] = {}
 
 
 def clump_from_mesh(mesh: Mesh, n_spheres: int, seed: int = 0) -> tuple[Clump, Fit]:
-    """Clump with the mesh's exact volume, centroid and inertia, whose spheres carry the contact, and how well they fit.
+    """Return a clump with the mesh's mass properties and spheres fitted to its surface, and the fit.
 
-    Balls that touch the surface from inside (medial axis: Ma, Bae & Choi 2012, Vis. Comput. 28, 7) are chosen one by
-    one, each where it helps most, then all centers and radii adjusted to the surface by least squares. The same mesh
-    and seed give the same clump, fitted once for all populations that ask for it; place, turn and unit of the mesh only enter
-    by rounding.
+    Spheres that touch the surface from inside (medial axis: Ma, Bae & Choi 2012, Vis. Comput. 28, 7) are chosen one by one, each
+    where it reduces the misfit most; then all centers and radii are adjusted to the surface by least squares. The same mesh and
+    seed give the same clump, fitted once for all populations; position, orientation and unit of the mesh enter by rounding only.
     InputError: n_spheres out of range, or spheres that do not connect.
     """
     shape = sha256(mesh.vertices.tobytes()).digest(), sha256(mesh.faces.tobytes()).digest()
@@ -89,7 +88,7 @@ def clump_from_mesh(mesh: Mesh, n_spheres: int, seed: int = 0) -> tuple[Clump, F
 
 
 def _clump_of(mesh: Mesh, n_spheres: int, seed: int) -> tuple[Clump, Fit]:
-    """`clump_from_mesh`, fitted anew."""
+    """`clump_from_mesh` without the cache."""
     minimum, maximum = SPHERES
     if not minimum <= n_spheres <= maximum:
         raise InputError(Fault("spheres", f"{n_spheres} is outside {minimum} to {maximum}, the spheres that stand for a mesh"))
@@ -108,11 +107,11 @@ def _clump_of(mesh: Mesh, n_spheres: int, seed: int) -> tuple[Clump, Fit]:
 
 
 def _fitted(mesh: Mesh, n: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Centers (n, 3) and radii (n,) of the spheres, in units of R."""
+    """Return fitted centers (n, 3) and radii (n,) of the spheres, in units of R."""
     points, normals, _ = surface_samples(mesh, _SAMPLES, rng)
     some = rng.permutation(_SAMPLES)
     balls = _inscribed(points, normals, some[:_BALLS])
-    # Ten samples per unknown for the most spheres, forty for the fewest.
+    # Ten samples per unknown for the largest number of spheres, forty for the smallest.
     x = points[some[-(600 + 25 * n) :]]
     chosen = _cover(*balls, x, np.full(len(x), np.inf), n)
     centers, radii = balls[0][chosen], balls[1][chosen]
@@ -130,9 +129,9 @@ def _fitted(mesh: Mesh, n: int, rng: np.random.Generator) -> tuple[np.ndarray, n
 
 
 def _inscribed(points: np.ndarray, normals: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centers (k, 3), radii (k,) of the largest balls that touch the surface from inside at the points numbered at.
+    """Return centers (k, 3), radii (k,) of the largest inscribed spheres at the surface points `at`.
 
-    Shrinking ball: as long as a sample lies inside, the ball through it that touches at the same point replaces it.
+    Shrinking ball: while a sample lies inside, it is replaced by the sphere through that sample that touches at the same point.
     """
     tree = cKDTree(points)
     p, n = points[at], normals[at]
@@ -142,7 +141,7 @@ def _inscribed(points: np.ndarray, normals: np.ndarray, at: np.ndarray) -> tuple
         distance, nearest = tree.query(centers)
         arm = p - points[nearest]
         height = (arm * n).sum(axis=1)
-        # Samples are not dense: a dent of a hundredth is their grain.
+        # Samples are not dense: dents up to a hundredth of the radius are below their resolution.
         shrinks = (distance < 0.99 * radii) & (height > 0.0)
         if not shrinks.any():
             return centers, radii
@@ -150,7 +149,7 @@ def _inscribed(points: np.ndarray, normals: np.ndarray, at: np.ndarray) -> tuple
 
 
 def _cover(centers, radii, x: np.ndarray, misfit: np.ndarray, n: int) -> np.ndarray:
-    """Numbers (n,) of the balls that, one by one, most reduce the sum of squared distances misfit (m,) of x (m, 3)."""
+    """Return the spheres (n,) that, one by one, most reduce the squared distances misfit (m,) of x (m, 3)."""
     square = (np.linalg.norm(x - centers[:, None], axis=2) - radii[:, None]) ** 2
     chosen = []
     for _ in range(n):
@@ -160,7 +159,7 @@ def _cover(centers, radii, x: np.ndarray, misfit: np.ndarray, n: int) -> np.ndar
 
 
 def _adjusted(centers, radii, x: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Centers and radii that bring the union's signed distance at the surface points x (m, 3) to zero."""
+    """Fit centers and radii to bring the union's signed distance at the surface points x (m, 3) to zero."""
     n, start = len(radii), np.column_stack((centers, np.log(radii)))
     first, second = _tree(centers, radii)
     hold, tie = np.sqrt(_PULL * len(x) / n), np.sqrt(len(x))
@@ -190,15 +189,16 @@ def _adjusted(centers, radii, x: np.ndarray, width: float) -> tuple[np.ndarray, 
 
 
 def _unpacked(p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centers and radii; logarithms keep the radii positive, and a wild trial step finite."""
+    """Return centers and radii; logarithms keep the radii positive, and a bad trial step finite."""
     q = p.reshape(-1, 4)
     return q[:, :3], np.exp(np.clip(q[:, 3], -10.0, 10.0))
 
 
 def _distance(c, r, x: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Signed distance (m,) of x to the union, positive outside, part (m, n) of each sphere in it, directions (m, n, 3).
+    """Return signed distance (m,) of x to the union (positive outside), weights (m, n), directions (m, n, 3).
 
-    -width ln(sum exp(-g / width)) of the distances g to the spheres; width 0 is the least of them.
+    The distance is -width ln(sum exp(-g / width)) of the distances g to the spheres; for width 0 the smallest of them. Weights
+    are those of the spheres in this sum.
     """
     arm = x[:, None] - c
     length = np.sqrt((arm * arm).sum(axis=2))
@@ -215,8 +215,8 @@ def _distance(c, r, x: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray
 
 
 def _tree(centers, radii) -> tuple[np.ndarray, np.ndarray]:
-    """The n - 1 pairs that link all spheres with the least stretching."""
-    # Coincident centers would read as no link: a graph holds no zeros.
+    """Return the n - 1 pairs that link all spheres with the smallest stretch (minimum spanning tree)."""
+    # Coincident centers would read as no link: a sparse graph holds no zeros.
     apart = np.linalg.norm(centers[:, None] - centers, axis=2) / (radii[:, None] + radii)
     return minimum_spanning_tree(np.triu(apart + 1e-12, 1)).nonzero()
 

@@ -1,4 +1,4 @@
-"""Overlaps of spheres on a grid of columns over the x-y plane: random placement and its check."""
+"""Kernels of random placement and of overlaps of spheres, on a grid of columns over the x-y plane."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 
 @njit(**BARE)
 def column(at, size, cells):
-    """Index along one axis of the grid's column that holds the coordinate."""
+    """Return the index along one axis of the grid column that contains the coordinate."""
     return min(cells - 1, max(0, np.int64(at / size * cells)))
 
 
 @njit(**BARE)
 def apart(d, size, periodic):
-    """The difference of two coordinates, to the nearest image if periodic."""
+    """Return the difference of two coordinates, to the nearest image if periodic."""
     return d - size * math.floor(d / size + 0.5) if periodic else d
 
 
 @njit(**BARE_CHUNK)
 def free(px, py, spheres, n_first, n_last, placed, heads, following, size, periodic, clearance):
-    """Whether the spheres n_first..n_last, moved by (px, py), keep clear of all that stand in the grid."""
+    """Return whether the spheres n_first..n_last, moved by (px, py), clear all spheres in the grid."""
     nx, ny = heads.shape
     for s in range(n_first, n_last):
         x, y, z, r = spheres[s, 0] + px, spheres[s, 1] + py, spheres[s, 2], spheres[s, 3]
@@ -50,7 +50,7 @@ def free(px, py, spheres, n_first, n_last, placed, heads, following, size, perio
 
 @njit(**BARE_CHUNK)
 def enter(x, y, z, r, t, placed, heads, following, size, periodic):
-    """Puts sphere t into the grid."""
+    """Enter sphere t into the grid."""
     if periodic:
         x -= size[0] * math.floor(x / size[0])
         y -= size[1] * math.floor(y / size[1])
@@ -62,11 +62,11 @@ def enter(x, y, z, r, t, placed, heads, following, size, periodic):
 
 @njit(**DIRECT, **NO_COUNTS)
 def place_body(tries, spheres, first, last, count, placed, heads, following, size, periodic, clearance):
-    """Index of the first try (x, y) at which the body fits, entered into the grid; -1 if none does.
+    """Place a body at the first free try (x, y), and return its index; -1 if none is free.
 
-    tries: (t, 2) m; spheres (n, 4): x, y relative to the body, z, radius; the body's are first..last;
-    placed (n, 4), heads (nx, ny), following (n,): the grid with count spheres in it, columns at least one
-    largest diameter wide. Spheres closer than (1 + clearance) times the sum of radii do not fit.
+    tries (t, 2) [m]; spheres (n, 4): x, y relative to the body, z, radius; those of the body are first..last; placed (n, 4),
+    heads (nx, ny), following (n,): the grid with `count` spheres, columns at least one largest diameter wide. Spheres closer than
+    (1 + clearance) times the sum of radii do not fit.
     """
     for k in range(tries.shape[0]):
         px, py = tries[k, 0], tries[k, 1]
@@ -81,11 +81,10 @@ def place_body(tries, spheres, first, last, count, placed, heads, following, siz
 
 @njit(**DIRECT, **NO_COUNTS)
 def overlapping(spheres, body, placed, heads, following, size, periodic, pairs, depth):
-    """Number of pairs of spheres of different bodies that overlap; the first of them into pairs and depth.
+    """Count overlapping pairs of spheres of different bodies; store the first in pairs and depth.
 
-    spheres (n, 4): x, y, z, radius; body (n,); the grid as in `place_body`, empty at first. The number may
-    be larger than pairs (m, 2) is long: call again with more room. In a grid of less than three columns a
-    pair may be told twice.
+    spheres (n, 4): x, y, z, radius; body (n,); the grid as in `place_body`, empty at first. If the number exceeds the length of
+    pairs (m, 2), call again with larger arrays. In a grid of fewer than three columns a pair may be listed twice.
     """
     nx, ny = heads.shape
     m = 0

@@ -1,4 +1,4 @@
-"""Bodies at random places and turns in a volume, without overlap: random sequential addition."""
+"""Random sequential addition: bodies at random positions and orientations in a volume, without overlap."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ def scatter(
     rng: np.random.Generator,
     standing: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Centroids (n, 3) in m and quaternions (n, 4) of bodies that lie free between z = 0 and the height, m.
+    """Return centroids (n, 3) [m] and quaternions (n, 4) of bodies placed between z = 0 and the height [m].
 
-    Turns are uniform over all rotations, places over the room that the turned body has; x and y are in [0, size), periodic,
-    or the whole body stays inside. Random sequential addition, large bodies first; spheres of different bodies keep a gap of
-    1e-3 of the sum of their radii, also to those of `standing` (m, 4: x, y, z, radius, m). A body for which no place
-    is found in 50 000 tries raises InputError with the solid fraction reached, and so does one longer than a period.
+    Orientations are uniform over all rotations, positions over the range of the rotated body; x and y are in [0, size), periodic,
+    or the whole body stays inside. Large bodies first; spheres of different bodies keep a gap of 1e-3 of the sum of their radii,
+    also to those of `standing` (m, 4: x, y, z, radius) [m]. InputError, with the solid fraction reached: no free position in 50
+    000 tries; or a body longer than a period.
     """
     box = np.array([*domain_size, height], dtype=np.float64)
     refuse_long(clumps, box, periodic)
@@ -58,7 +58,7 @@ def scatter(
 
 
 def refuse_long(clumps: Sequence[Clump], size: np.ndarray, periodic: bool) -> None:
-    """Raise InputError for a body that, in some turn, would overlap its own image."""
+    """Raise InputError for a body that, in some orientation, would overlap its own image."""
     side = float(min(size[:2]))
     for b, body in enumerate(clumps if periodic else ()):
         apart = np.linalg.norm(body.centers[:, None] - body.centers, axis=-1)
@@ -69,7 +69,7 @@ def refuse_long(clumps: Sequence[Clump], size: np.ndarray, periodic: bool) -> No
 
 
 def _full(clumps: Sequence[Clump], order: np.ndarray, done: int, box: np.ndarray) -> InputError:
-    """The fault that tells how far the placing came."""
+    """Return the fault of a placement that failed after `done` bodies."""
     volumes = np.array([clumps[b].volume for b in order])
     reached, wanted = volumes[:done].sum() / box.prod(), volumes.sum() / box.prod()
     return InputError(

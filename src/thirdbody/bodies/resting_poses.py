@@ -12,41 +12,40 @@ from thirdbody.bodies.size_batches import alike
 from thirdbody.bodies.union_moments import triples
 from thirdbody.bodies.vectors import cross, dot
 
-# In units of the largest radius: spheres this near to the plane count as contacts, and a centroid this near
-# to the edge of the support as on it. Poses come out of closed forms, good to some 1e-15 of the body.
+# In units of the largest radius: spheres within this distance of the plane are contacts, and a centroid this near
+# to the edge of the support lies on it. Poses follow from closed forms, accurate to some 1e-15 of the body.
 _TOLERANCE = 1e-9
-# Angle by which a support may miss the half turn and still be an edge: _TOLERANCE over a short branch.
+# Angle by which a support may differ from a half turn and still be an edge: _TOLERANCE over a short branch.
 _EDGE = 1e-7
-# Poses whose up-vectors differ by less are one: a pad of four contacts is found by each of its triples.
+# Poses whose up-vectors differ by less are one: a pad of four contacts is found from each of its triples.
 _SAME = 1e-6
-# Directions that differ by less stand on the same spheres: all triples of a flat sheet of a hundred spheres are one direction.
+# Directions that differ by less have the same contacts: all triples of a flat layer of 100 spheres are one direction.
 _EQUAL = 1e-11
-# Room for a stack of bodies (`stacks.alike`): with 6e4, tables of triples of spheres stay in the cache; and the most
-# candidates that are measured at once, and numbers in a table of pairs of them: a hundred spheres have 300 000 candidates.
+# Size of a stack of bodies (`size_batches.alike`): with 6e4, tables of triples of spheres stay in the cache; largest
+# number of candidates evaluated at once, and of entries in a table of their pairs: 100 spheres have 300 000 candidates.
 _ROOM, _MEASURED, _PAIRED = 60_000, 8192, 2_000_000
-# Directions tried where the height does not depend on the direction (a ball, a rod rolling on its axis).
+# Directions tried where the height does not depend on the direction (a sphere, a rod rolling on its axis).
 _TURNED = [(math.cos(k * math.pi / 4.0), math.sin(k * math.pi / 4.0)) for k in range(8)]
 
 
 def resting_poses(clump: Clump) -> tuple[np.ndarray, np.ndarray]:
-    """Stable static equilibria on a plane below: quaternions (p, 4) and heights of the centroid (p,) in m.
+    """Return the stable poses on a plane: quaternions (p, 4) and heights (p,) [m] of the centroid.
 
-    They are the local minima of h(u) = max_i(r_i - u.c_i) over unit up-vectors u of the body; the quaternion
-    turns u to +z by the shortest way. Lowest first. Where a ball or rod rests at any turn about itself, one
-    pose stands for all.
+    They are the local minima of h(u) = max_i(r_i - u.c_i) over unit up-vectors u of the body; the quaternion is the smallest
+    rotation of u to +z. Lowest first. Where a sphere or rod rests at any rotation about itself, one pose represents all.
     """
     quaternions, heights = _poses_of(clump.centers[None], clump.radii[None])
     return quaternions[0], heights[0]
 
 
 def settle(clump: Clump, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-    """Quaternion (4,) and height (m) of the resting pose nearest to a random direction, turned at random."""
+    """Return quaternion (4,) and height [m] of a random resting pose, rotated randomly about z."""
     quaternions, heights = settle_all([clump], rng)
     return quaternions[0], float(heights[0])
 
 
 def settle_all(clumps: Sequence[Clump], rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """As `settle`, one body after the other from one stream: quaternions (n, 4) and heights (n,) in m."""
+    """`settle` for one body after the other from one stream: quaternions (n, 4) and heights (n,) [m]."""
     drawn = [(*rng.standard_normal(3), rng.uniform(0.0, math.pi)) for _ in clumps]
     up, half = np.split(np.array(drawn).reshape(-1, 4), [3], axis=1)
     q, height = np.empty((len(clumps), 4)), np.empty(len(clumps))
@@ -63,14 +62,14 @@ def settle_all(clumps: Sequence[Clump], rng: np.random.Generator) -> tuple[np.nd
 
 
 def _yawed(q: np.ndarray, half: np.ndarray) -> np.ndarray:
-    """Quaternions (n, 4) turned further about z by twice the angles (n,)."""
+    """Return quaternions (n, 4) rotated about z by twice the angles (n,)."""
     c, s = np.cos(half), np.sin(half)
     w, x, y, z = q.T
     return np.column_stack((c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w))
 
 
 def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As `resting_poses` for a stack (b, n, 3), (b, n): quaternions (b, p, 4), heights (b, p), infinite after the last."""
+    """`resting_poses` of a stack (b, n, 3), (b, n): quaternions (b, p, 4), heights (b, p), infinite after the last."""
     scale = radii.max(axis=1)
     c, r = centers / scale[:, None, None], radii / scale[:, None]
     exposed = _exposed(c, r)
@@ -91,7 +90,7 @@ def _poses_of(centers: np.ndarray, radii: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _exposed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Which spheres (b, n) stick out of every other sphere; of those that nearly coincide the largest, or the first."""
+    """Return which spheres (b, n) protrude from all others; of coincident ones the largest, or the first."""
     bodies, exposed = np.arange(len(r)), np.zeros(r.shape, np.bool_)
     for sphere in np.argsort(-r, axis=1, kind="stable").T:
         arm = c - c[bodies, sphere][:, None]
@@ -101,7 +100,7 @@ def _exposed(c: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def _minima(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Up-vectors (b, p, 3) of the resting poses of a stack (b, n, 3), (b, n) in units of the largest radius, or NaN."""
+    """Return up-vectors (b, p, 3) of the resting poses, or NaN; lengths over the largest radius."""
     directions, touches, families = _candidates(c, r)
     body, place = np.nonzero(_on_own_sphere(directions, touches, c, r))
     ups, family = directions[body, place], families[body, place]
@@ -112,7 +111,7 @@ def _minima(c: np.ndarray, r: np.ndarray) -> np.ndarray:
     for begin in range(0, len(body), size):
         block = slice(begin, begin + size)
         resting[block] = _rests(ups[block], c[body[block]], r[body[block]])
-    # The lowest direction of all is a minimum, also where contacts are so near to each other that rounding hides it.
+    # The lowest direction of all is a minimum, even where close contacts hide it by rounding.
     alone = np.flatnonzero(np.bincount(body[resting], minlength=len(r)) == 0)
     lowest = _lowest(directions[alone], c[alone], r[alone])
     body, ups, family = body[resting], ups[resting], family[resting]
@@ -126,7 +125,7 @@ def _minima(c: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def _lowest(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Of the candidates (b, m, 3) of every body the one (b, 3) with the lowest centroid."""
+    """Return the candidate (b, 3) with the lowest centroid, of the candidates (b, m, 3) of every body."""
     heights = np.empty(ups.shape[:2])
     turned = c.transpose(0, 2, 1)
     for block in _blocks(ups.shape[1]):
@@ -136,7 +135,7 @@ def _lowest(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def _first_of_equal(body: np.ndarray, family: np.ndarray, ups: np.ndarray) -> np.ndarray:
-    """Places, rising, of the first of the candidates (m,) of one body and family whose directions (m, 3) are equal."""
+    """Return ascending indices of the first candidates (m,) of one body and family with equal directions (m, 3)."""
     keys = np.column_stack((body, family, np.rint(ups / _EQUAL).astype(np.int64)))
     order = np.lexsort(keys.T)
     fresh = np.ones(len(body), np.bool_)
@@ -145,20 +144,20 @@ def _first_of_equal(body: np.ndarray, family: np.ndarray, ups: np.ndarray) -> np
 
 
 def _blocks(count: int) -> Iterator[slice]:
-    """Slices of so many candidates that are measured at once."""
+    """Yield slices of candidates that are evaluated at once."""
     return (slice(first, first + _MEASURED) for first in range(0, count, _MEASURED))
 
 
 def _turned_up(ups: np.ndarray) -> np.ndarray:
-    """Quaternions (..., 4) that turn the unit vectors (..., 3) to +z by the shortest way."""
+    """Return quaternions (..., 4) of the smallest rotations of the unit vectors (..., 3) to +z."""
     quaternions = np.stack((1.0 + ups[..., 2], ups[..., 1], -ups[..., 0], np.zeros(ups.shape[:-1])), axis=-1)
-    # Straight down has no shortest way: half a turn about x.
+    # Straight down the smallest rotation is not unique: half a turn about x.
     quaternions[quaternions[..., 0] < 1e-14] = (0.0, 1.0, 0.0, 0.0)
     return quaternions / np.linalg.norm(quaternions, axis=-1)[..., None]
 
 
 def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Which candidates (b, m) no other sphere keeps off the plane: most fail here already, and so does NaN."""
+    """Return which candidates (b, m) have no other sphere below the plane: most fail here, and so does NaN."""
     saved = np.empty(ups.shape[:2], np.bool_)
     turned = c.transpose(0, 2, 1)
     for block in _blocks(ups.shape[1]):
@@ -169,7 +168,7 @@ def _on_own_sphere(ups: np.ndarray, touches: np.ndarray, c: np.ndarray, r: np.nd
 
 
 def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:
-    """The first (b, m) of those that are the same direction or belong to the same family."""
+    """Return the first (b, m) of candidates with the same direction or of the same family."""
     bodies, m = family.shape
     distinct, size = np.empty((bodies, m), np.bool_), max(1, _PAIRED // (bodies * m))
     for begin in range(0, m, size):
@@ -182,11 +181,11 @@ def _distinct(ups: np.ndarray, family: np.ndarray) -> np.ndarray:
 
 
 def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Whether (m,) the bodies c (m, n, 3), r (m, n), up along ups (m, 3), are at a local minimum of the centroid's height.
+    """Return whether (m,) bodies c (m, n, 3), r (m, n) with up-vectors (m, 3) rest in stable equilibrium.
 
-    Equilibrium: the origin lies in the hull of the contacts' projections (multipliers >= 0). Well inside, any
-    tilt raises the height at first order. On a corner or edge of the hull the second order decides: u.w >= 0
-    with w the supporting combination of the contact centers.
+    The height of the centroid has a local minimum. Equilibrium: the origin lies in the hull of the contacts' projections
+    (multipliers >= 0). In its interior, any tilt raises the height at first order. On a corner or edge of the hull the second
+    order decides: u.w >= 0 with w the supporting combination of the contact centers.
     """
     m, n = r.shape
     rows = np.arange(m)
@@ -203,7 +202,7 @@ def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
     order = np.argsort(angle, axis=1)
     angle = np.column_stack((np.take_along_axis(angle, order, axis=1), np.full(m, np.inf)))
     angle[rows, count] = angle[:, 0] + 2.0 * math.pi
-    # Behind the last contact there is nothing to measure.
+    # Columns after the last contact are empty.
     angle[np.isinf(angle)] = 0.0
     gaps = np.where(np.arange(n) < count[:, None], angle[:, 1:] - angle[:, :-1], 0.0)
     widest = gaps.argmax(axis=1)
@@ -217,11 +216,11 @@ def _rests(ups: np.ndarray, c: np.ndarray, r: np.ndarray) -> np.ndarray:
 
 
 def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Up-vectors (b, m, 3) that may be resting poses, one sphere (m,) that each must touch with, families (b, m).
+    """Return candidate up-vectors (b, m, 3), a sphere (m,) in contact for each, and families (b, m).
 
-    One sphere: u = c/|c|. Two: u = alpha d + beta e, d along c_i - c_j, e the part of c_i normal to d. Three:
-    u.(c_i - c_j) = r_i - r_j and the same for k. Of a family >= 0 one that rests is enough. For a stack (b, n, 3),
-    (b, n) in units of the largest radius; NaN where there is no such direction.
+    One sphere: u = c/|c|. Two: u = alpha d + beta e, d along c_i - c_j, e the part of c_i normal to d. Three: u.(c_i - c_j) = r_i
+    - r_j and the same for k. Of a family >= 0 one resting pose is enough. For a stack (b, n, 3), (b, n) in units of the largest
+    radius; NaN where there is no such direction.
     """
     n = r.shape[1]
     i, j = np.triu_indices(n, 1)
@@ -233,7 +232,7 @@ def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
         beta = np.sqrt(1.0 - alpha * alpha)
         e = c[:, i] - dot(c[:, i], d)[:, :, None] * d
         off = np.sqrt(dot(e, e))[:, :, None]
-        # Where the centroid lies on the line of the centers all e are equal: a few turns stand for all, and
+        # Where the centroid lies on the line of the centers all e are equivalent: a few rotations represent all, and
         # pairs on one line with one u.d are one family.
         free = off[:, :, 0] <= _TOLERANCE
         e = np.where(off > _TOLERANCE, e / off, _tangents(d)[0])
@@ -252,17 +251,17 @@ def _candidates(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
 
 
 def _single(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Up-vectors (b, n, 3) of bodies that stand on one sphere."""
+    """Return up-vectors (b, n, 3) of bodies that rest on one sphere."""
     far = np.sqrt(dot(c, c))
     bottom = c[:, :, 2] - r
-    # A sphere round the centroid rolls freely, here on -z; with a second one there it is a pair's matter.
+    # A sphere about the centroid rolls freely, here on -z; with a second one there, pairs cover the case.
     alone = (bottom <= bottom.min(axis=1, keepdims=True) + _TOLERANCE).sum(axis=1) == 1
     rolling = np.where(alone[:, None], (0.0, 0.0, 1.0), np.nan)[:, None]
     return np.where(far[:, :, None] > _TOLERANCE, c / np.maximum(far, _TOLERANCE)[:, :, None], rolling)
 
 
 def _triple(c, r, d, e, f, alpha, beta) -> tuple[np.ndarray, np.ndarray]:
-    """Both up-vectors (b, m, 3) of bodies that stand on three spheres, from the frames and slopes of the pairs."""
+    """Return both up-vectors (b, m, 3) of bodies that rest on three spheres, from the frames and slopes of the pairs."""
     (h, _, k), pair = triples(r.shape[1])
     d, e, f, alpha, beta = d[:, pair], e[:, pair], f[:, pair], alpha[:, pair], beta[:, pair]
     g = c[:, h] - c[:, k]
@@ -276,7 +275,7 @@ def _triple(c, r, d, e, f, alpha, beta) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _families(shift: np.ndarray, d: np.ndarray, free: np.ndarray) -> np.ndarray:
-    """For each pair (b, p) -1, or for a free one the first of the body's free with the same line d and the same u.d d."""
+    """Return families (b, p): -1, or for a free pair the first one on the same line d with the same u.d."""
     label = np.full(free.shape, -1)
     for body in np.flatnonzero(free.any(axis=1)):
         left = np.flatnonzero(free[body])
@@ -290,7 +289,7 @@ def _families(shift: np.ndarray, d: np.ndarray, free: np.ndarray) -> np.ndarray:
 
 
 def _tangents(ups: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors (..., 3) normal to the unit vectors given and to each other."""
+    """Return unit vectors (..., 3) normal to the given unit vectors and to each other."""
     x, y, z = np.moveaxis(ups, -1, 0)
     none = np.zeros_like(x)
     a = np.where(np.abs(ups[..., 2:]) < 0.7, np.stack((-y, x, none), axis=-1), np.stack((none, -z, y), axis=-1))

@@ -1,4 +1,4 @@
-"""Stacks of bodies of equally many spheres: numpy takes them all at once."""
+"""Stacks of bodies with equal numbers of spheres, for vectorised numpy."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import numpy as np
 
 
 def alike(sizes: Sequence[int] | np.ndarray, margin: int) -> Iterator[tuple[int, np.ndarray]]:
-    """Numbers of spheres n and members (m,) of stacks of bodies that have n each, of at most room / n^3 bodies.
+    """Yield sphere count n and members (m,) of stacks of bodies with n spheres each, of at most margin / n^3 bodies.
 
-    The room keeps tables over triples of spheres in the cache and memory bounded.
+    The margin keeps tables over triples of spheres in the cache and bounds the memory.
     """
     sizes = np.asarray(sizes)
     for n in np.unique(sizes):

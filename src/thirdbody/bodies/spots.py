@@ -1,4 +1,4 @@
-"""Bodies that are known by their spots: each spot is a sphere that meets one plate only."""
+"""Bodies given by their spots: each spot is a sphere that touches one plate only."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
 def spot_body(
     summits: np.ndarray, radii: np.ndarray, upper: np.ndarray, mass: float, inertia: Sequence[float], density: float
 ) -> Clump:
-    """A body in its own axes, origin at the centre of mass, axes x, y, z its principal ones.
+    """Return a body in its principal axes x, y, z, origin at the centre of mass.
 
-    summits (k, 3): the points that touch first, m; radii of curvature (k,), m; upper (k,) bool: which plate a spot
-    meets. mass in kg, inertia (3,) in kg m2; the volume is that of the mass at this density (kg/m3).
+    summits (k, 3) [m]: the points that touch first; radii (k,) [m] of curvature; upper (k,) bool: which plate a spot touches.
+    mass [kg], inertia (3,) [kg m2]; the volume follows from the mass and this density [kg/m3].
     """
     up = np.where(upper, 1.0, -1.0)
     centers = summits - np.outer(up * radii, (0.0, 0.0, 1.0))
@@ -26,7 +26,7 @@ def spot_body(
 
 
 def rows(count: int, size: tuple[float, float]) -> np.ndarray:
-    """Places (count, 2) in rows over a domain of this size, m: as evenly as a rectangular grid can."""
+    """Return positions (count, 2) [m] in rows over a domain of this size: a nearly square rectangular grid."""
     columns = max(1, round(math.sqrt(count * size[0] / size[1])))
     lines = math.ceil(count / columns)
     k = np.arange(count)

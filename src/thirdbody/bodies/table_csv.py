@@ -1,4 +1,4 @@
-"""Bodies from a CSV table: one sphere a row, units in the header."""
+"""Bodies from a CSV table: one sphere per row, units in the header."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from thirdbody.bodies.sphere_table import PER_BODY, SphereTable, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
 Parse = Callable[[str, str], float]
-"""Text with a unit, such as "5 um", and a dimension, such as "length", to SI. Raises ValueError that says what is wrong."""
+"""Conversion of a text with unit ("5 um") and a dimension ("length") to SI. Raises ValueError with the reason."""
 
 # name: group, dimension
 _COLUMNS = {
@@ -31,7 +31,7 @@ _LONG = {"center": "", "quaternion": "q", "velocity": "v", "angular_velocity": "
 _ALIASES = {f"{word}_{part}": short + part for word, short in _LONG.items() for part in "wxyz" if short + part in _COLUMNS}
 _NEEDED = ("clump", "x", "y", "z", "radius")
 _EXAMPLE = "clump,x [um],y [um],z [um],radius [um]"
-# Of a table in text: a million spheres with all columns have 200 MB.
+# Of a table as text: a million spheres with all columns take 200 MB.
 MOST_BYTES, MOST_COLUMNS = 250_000_000, 2 * len(_COLUMNS)
 
 _TITLE = re.compile(r"\s*([^\[\]()]*?)\s*(?:[\[(]([^\[\]()]*)[\])])?\s*")
@@ -39,7 +39,7 @@ _TITLE = re.compile(r"\s*([^\[\]()]*?)\s*(?:[\[(]([^\[\]()]*)[\])])?\s*")
 
 @dataclass(frozen=True)
 class _Column:
-    """A column of the file: its own name, the title it stands under, its unit and dimension."""
+    """A column of the file: name, title in the file, unit and dimension."""
 
     name: str
     title: str
@@ -48,7 +48,7 @@ class _Column:
 
 
 def read_csv(file: str, data: bytes, parse: Parse) -> SphereTable:
-    """The sheet in the bytes of a CSV file; `file` is its name in messages, `parse` reads quantities with units.
+    """Return the table in the bytes of a CSV file; `file` is its name in messages, `parse` reads quantities with units.
 
     InputError with all faults of the header, else of the cells, else between the rows of a clump.
     """
@@ -64,7 +64,7 @@ def read_csv(file: str, data: bytes, parse: Parse) -> SphereTable:
 
 
 def _refuse_large(file: str, data: bytes) -> None:
-    """Raise InputError for more text than a table of bodies has: it takes some ten times as much memory once it is in cells."""
+    """Raise InputError for more text than a table of bodies needs: cells take some ten times as much memory."""
     if len(data) > MOST_BYTES:
         message = f"has {len(data) / 1e6:.0f} MB of text, at most {MOST_BYTES / 1e6:.0f} MB are read: save it as NPZ"
         raise InputError(Fault("", message, file))
@@ -88,7 +88,7 @@ def _text(file: str, data: bytes) -> str:
 
 
 def _rows(file: str, text: str) -> list[tuple[int, list[str]]]:
-    """Line number and cells of every row that is not blank."""
+    """Return line number and cells of every row that is not blank."""
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     try:
         return [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
@@ -97,7 +97,7 @@ def _rows(file: str, text: str) -> list[tuple[int, list[str]]]:
 
 
 def _header(file: str, line: int, titles: list[str], parse: Parse) -> list[_Column]:
-    """The columns. Raises InputError for what is unknown, missing, given twice or without its unit."""
+    """Return the columns. Raises InputError for unknown, missing and repeated ones, and for missing units."""
     if len(titles) == 1 and (separator := next((s for s in ";\t" if s in titles[0]), "")):
         message = f"columns are separated by {separator!r}, expected ',' (and a point as decimal sign), such as {_EXAMPLE}"
         raise InputError(Fault("header", message, file, line))
@@ -119,7 +119,7 @@ def _header(file: str, line: int, titles: list[str], parse: Parse) -> list[_Colu
 
 
 def _column(title: str, before: list[str], parse: Parse) -> _Column:
-    """The column under a title such as "x [um]". Raises ValueError."""
+    """Return the column with a title such as "x [um]". Raises ValueError."""
     match = _TITLE.fullmatch(title)
     word, unit = (match[1].lower(), (match[2] or "").strip()) if match else (title, "")
     name = _ALIASES.get(word, word)
@@ -135,7 +135,7 @@ def _column(title: str, before: list[str], parse: Parse) -> _Column:
 
 
 def _missing(names: set[str]) -> list[str]:
-    """What is wrong with the set of columns."""
+    """Return what is wrong with the set of columns."""
     lacking = [name for name in _NEEDED if name not in names]
     report = [f"{_are_missing(lacking)}, expected {_EXAMPLE}"] if lacking else []
     for group in PER_BODY:
@@ -151,7 +151,7 @@ def _are_missing(names: list[str]) -> str:
 
 
 def _values(file: str, columns: list[_Column], rows: list[tuple[int, list[str]]], parse: Parse) -> dict[str, np.ndarray]:
-    """Values (n,) of every column in SI. Raises InputError with all cells at fault."""
+    """Return the values (n,) of every column in SI. Raises InputError with all faulty cells."""
     faults = []
     values: dict[str, list[float]] = {column.name: [] for column in columns}
     for line, cells in rows:
@@ -170,7 +170,7 @@ def _values(file: str, columns: list[_Column], rows: list[tuple[int, list[str]]]
 
 
 def _value(column: _Column, cell: str, parse: Parse) -> float:
-    """The cell in SI. Raises ValueError."""
+    """Return the cell in SI. Raises ValueError."""
     if not cell:
         raise ValueError("the cell is empty")
     shown = f"'{cell[:40]}'"
@@ -197,7 +197,7 @@ def _is_number(text: str) -> bool:
 
 
 def _sheet(file: str, columns: list[_Column], values: dict[str, np.ndarray], lines: np.ndarray) -> SphereTable:
-    """The sheet of the columns. Raises InputError where the rows of one clump disagree about their body."""
+    """Return the table of the columns. Raises InputError where the rows of one clump disagree about their body."""
     ids, first, body = np.unique(values["clump"], return_index=True, return_inverse=True)
     faults = []
     per_body: dict[str, np.ndarray | None] = dict.fromkeys(PER_BODY)

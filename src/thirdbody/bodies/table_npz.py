@@ -1,4 +1,4 @@
-"""Bodies from an NPZ file: arrays in SI, plain numbers only. Headers are looked at before anything is unpacked."""
+"""Bodies from an NPZ file: arrays in SI, plain numbers only. Headers are checked before anything is unpacked."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from thirdbody.bodies.sphere_table import PER_BODY, SHOWN, SphereTable, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
 _NEEDED = ("center", "radius", "clump")
-# Entries of a sound file; a directory of millions of entries is not read. Every entry begins with this mark.
+# Largest number of entries of a valid file; a directory of millions is not read. Every entry begins with this signature.
 _MOST_ENTRIES, _ENTRY = 64, b"PK\x01\x02"
 # numpy reads no longer header of an array of plain numbers.
 _HEADER_BYTES = 16_384
 
 
 class _Header(NamedTuple):
-    """What the header of an array promises."""
+    """Shape and type declared by the header of an array."""
 
     shape: tuple[int, ...]
     dtype: np.dtype
 
 
 def read_npz(file: str, data: bytes) -> SphereTable:
-    """The sheet in the bytes of an NPZ file; `file` is its name in messages. No pickle is ever loaded.
+    """Return the table in the bytes of an NPZ file; `file` is its name in messages. Pickles are never loaded.
 
     InputError with all faults of the names, else of the sizes, else of types, else of shapes, else of the values.
     """
@@ -37,7 +37,7 @@ def read_npz(file: str, data: bytes) -> SphereTable:
         arrays = _arrays(file, data)
     except InputError:
         raise
-    # damage shows as whatever it leads zip, deflate and the header's parser into
+    # damage can cause any exception of zip, deflate or the header parser
     except (OSError, ValueError, EOFError, KeyError, NotImplementedError, RuntimeError, SyntaxError, OverflowError,
             zipfile.BadZipFile, zlib.error) as error:  # fmt: skip
         raise InputError(Fault("", f"is damaged or cut short ({_reason(error)}); write it again", file)) from None
@@ -48,7 +48,7 @@ def read_npz(file: str, data: bytes) -> SphereTable:
 
 
 def _arrays(file: str, data: bytes) -> dict[str, np.ndarray]:
-    """The arrays by name. Raises InputError for names, sizes, types and shapes that are wrong, and for pickles."""
+    """Return the arrays by name. Raises InputError for wrong names, sizes, types and shapes, and for pickles."""
     if data.count(_ENTRY) > _MOST_ENTRIES:
         raise InputError(Fault("", f"holds more than {_MOST_ENTRIES} arrays, expected {', '.join(_NEEDED)}", file))
     with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -74,7 +74,7 @@ def _name_faults(file: str, entries: Mapping[str, object]) -> list[Fault]:
 
 
 def _header(file: str, name: str, archive: zipfile.ZipFile, item: zipfile.ZipInfo) -> _Header:
-    """What an array promises, which must be what follows in the file. Only the first bytes are unpacked."""
+    """Return the header of an array, which must match the data in the file. Only the first bytes are unpacked."""
     if item.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
         raise ValueError(f"{name} is packed in a way that numpy does not write")
     with archive.open(item) as packed:
@@ -113,7 +113,7 @@ def _reason(error: Exception) -> str:
 
 
 def _size_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
-    """The first array of more rows than the most spheres that one file may hold."""
+    """Return a fault for the first array with more rows than one file may have spheres."""
     large = [(name, max(array.shape)) for name, array in arrays.items() if array.shape and max(array.shape) > MOST_ROWS]
     return [Fault(name, f"has {rows} rows, at most {MOST_ROWS} spheres are read from one file", file) for name, rows in large[:1]]
 
@@ -128,7 +128,7 @@ def _type_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
 
 
 def _shape_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
-    """Arrays of n spheres that are not (n, 3), (n,), (n,)."""
+    """Return faults of arrays of n spheres that are not (n, 3), (n,), (n,)."""
     shape = arrays["clump"].shape
     if len(shape) != 1:
         return [Fault("clump", f"has shape {shape}, expected (n,): one id for each sphere", file)]
@@ -139,7 +139,7 @@ def _shape_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
 
 
 def _body_shape_faults(file: str, arrays: Mapping[str, _Header], m: int) -> list[Fault]:
-    """Arrays of m bodies that are not (m, 4), (m, 3), (m, 3)."""
+    """Return faults of arrays of m bodies that are not (m, 4), (m, 3), (m, 3)."""
     wanted = {name: (m, width) for name, width in PER_BODY.items()}
     return _unlike(file, arrays, wanted, f"clump names {m} bodies, in the order of rising ids")
 
@@ -153,7 +153,7 @@ def _unlike(file: str, arrays: Mapping[str, _Header], wanted: Mapping[str, tuple
 
 
 def _refuse_values(file: str, arrays: Mapping[str, np.ndarray]) -> None:
-    """Raise InputError for the first numbers that are not finite, or negative, and the number of the others."""
+    """Raise InputError for the first numbers that are not finite, or negative, with the number of the others."""
     faults, total = [], 0
     for name, array in arrays.items():
         places = np.argwhere(~np.isfinite(array))

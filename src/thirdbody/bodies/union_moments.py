@@ -1,10 +1,9 @@
-"""Moments of the union of spheres, by slices whose union of discs is integrated in closed form.
+"""Moments of the union of spheres, from slices whose union of discs is integrated in closed form.
 
-A slice z = const cuts the spheres in discs. The boundary of their union consists of exposed arcs, and
-Green's theorem turns area and moments into integrals over these arcs, which have closed forms. Along z
-the moments are smooth between break heights (poles, ends of the circles where two spheres meet, points
-where three meet) apart from half-integer powers at the ends, which z = mid - half cos(t) removes:
-Gauss-Legendre in t then converges geometrically. Lengths are in units of the largest radius.
+A slice z = const cuts the spheres in discs. The boundary of their union consists of exposed arcs, and Green's theorem turns area
+and moments into integrals over these arcs, which have closed forms. Along z the moments are smooth between break heights (poles,
+ends of the circles where two spheres intersect, points where three intersect) apart from half-integer powers at the ends, which z
+= mid - half cos(t) removes: Gauss-Legendre in t then converges geometrically. Lengths are in units of the largest radius.
 """
 
 from __future__ import annotations
@@ -26,14 +25,14 @@ TWO_PI = 2.0 * math.pi
 MOMENTS = 10
 
 MEASURED = 1_000_000
-"""Most distances from marks to centers that are kept at once: a hundred spheres have 33 million."""
+"""Largest number of distances from marks to centers in memory at once: a hundred spheres have 33 million."""
 
 FEW = 64
-"""Bodies per thread below which another thread is not worth its start."""
+"""Bodies per thread below which another thread does not pay."""
 
 
 def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes in (-1, 1), weights, and offsets (levels + 1,) of Gauss-Legendre in t, z = -cos(t), per order."""
+    """Return nodes in (-1, 1), weights, and offsets (levels + 1,) of Gauss-Legendre in t, z = -cos(t), per order."""
     nodes, weights = [], []
     for order in orders:
         x, w = np.polynomial.legendre.leggauss(order)
@@ -46,9 +45,9 @@ def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> tuple[np.ndarra
 
 @njit(**BARE_CHUNK)
 def pair_directions(c, toward):
-    """Of pairs of points (n, 3 or 2) seen along z: distance, unit vector from i to j, its angle; into toward (n, n, 4).
+    """Compute distance, unit vector and angle from i to j, seen along z: toward (n, n, 4).
 
-    A point is told to be infinitely far from itself, so that it is no neighbour.
+    The distance of a point to itself is set to infinity, so that it is not its own neighbour.
     """
     for i in range(c.shape[0]):
         for j in range(c.shape[0]):
@@ -61,9 +60,9 @@ def pair_directions(c, toward):
 
 @njit(**BARE)
 def covered_arcs(i, rho, toward, cuts, order):
-    """Number of the arcs of circle i that other discs cover, -1 if they hide all of it.
+    """Return the number of arcs of circle i that other discs cover, -1 if they hide all of it.
 
-    Into cuts (n, 4) by disc: start in [0, 2 pi), end, cosine and sine of half the arc; into order (n,) by rising start.
+    Fills cuts (n, 4) by disc: start in [0, 2 pi), end, cosine and sine of half the arc; and order (n,) by ascending start.
     """
     m = 0
     for j in range(rho.size):
@@ -71,7 +70,7 @@ def covered_arcs(i, rho, toward, cuts, order):
         if d >= rho[i] + rho[j]:
             continue
         if d <= -more:
-            # Of two equal discs in one place the first stands for both.
+            # Of two equal concentric discs the first represents both.
             if more < 0.0 or j < i or d > 0.0:
                 return -1
             continue
@@ -95,7 +94,7 @@ def covered_arcs(i, rho, toward, cuts, order):
 
 @njit(**BARE)
 def arc_sums(m, toward, cuts, order):
-    """Integrals of cos^m sin^n over the arcs of a circle that m cuts leave free: 10, 20, 30, 40, 11, 21, 12, 22, 31."""
+    """Return integrals of cos^m sin^n over the free arcs of a circle, mn = 10, 20, 30, 40, 11, 21, 12, 22, 31."""
     last = order[0]
     for k in range(1, m):
         if cuts[order[k], 1] > cuts[last, 1]:
@@ -129,10 +128,10 @@ def arc_sums(m, toward, cuts, order):
 
 @njit(**BARE_CHUNK)
 def disc_moments(c, rho, toward, cuts, order, out):
-    """Area, x, y, xx, yy, xy moments of the union of discs round c (n, 3 or 2: x, y) into out (6,).
+    """Compute area, x, y, xx, yy, xy moments of the union of discs at c (n, 3 or 2: x, y) into out (6,).
 
-    rho (n,): radii, 0 for discs that are not there; toward: see `pair_directions`, the same for all slices of a body;
-    cuts (n, 4), order (n,): scratch. Green's theorem: oint x dy and its kin over the free arcs.
+    rho (n,): radii, 0 for absent discs; toward: see `pair_directions`, the same for all slices of a body; cuts (n, 4), order
+    (n,): workspace. Green's theorem: oint x dy and related integrals over the free arcs.
     """
     o0, o1, o2, o3, o4, o5 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(rho.size):
@@ -159,7 +158,7 @@ def disc_moments(c, rho, toward, cuts, order, out):
 
 @njit(**DIRECT)
 def union_of_discs(c, rho, out):
-    """As `disc_moments` for one set of discs, c (n, 2 or 3) and rho (n,); apart, since few runs need it."""
+    """`disc_moments` for one set of discs, c (n, 2 or 3) and rho (n,); compiled only if needed."""
     n = rho.size
     toward = np.empty((n, n, 4))
     pair_directions(c, toward)
@@ -168,24 +167,24 @@ def union_of_discs(c, rho, out):
 
 @cache
 def triples(n: int) -> tuple[np.ndarray, np.ndarray]:
-    """Triples i < j < k out of n, (3, m), and for each the place (m,) of (i, j) among the pairs."""
+    """Return triples i < j < k out of n, (3, m), and for each the index (m,) of (i, j) among the pairs."""
     rows = np.array(list(combinations(range(n), 3)), dtype=np.int64).reshape(-1, 3).T
     i, j, _ = rows
     return rows, i * n - i * (i + 1) // 2 + j - i - 1
 
 
 def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Heights (b, m), rising, NaN after the last, where slices of unions change: poles, ends of circles, triple points.
+    """Return ascending heights (b, m), then NaN, at which slices change: poles, ends of circles, triple points.
 
-    c (b, n, 3), r (b, n): a stack of bodies. What another sphere covers is left out: no slice sees it. Plain numpy: for
-    a stack it takes as long as a kernel, which every cold start would compile for 0.6 s.
+    c (b, n, 3), r (b, n): a stack of bodies. Points covered by another sphere are left out: no slice sees them. Plain numpy: for
+    a stack it is as fast as a kernel, which every cold start would compile for 0.6 s.
     """
     n = r.shape[1]
     pole = r[:, :, None] * (0.0, 0.0, 1.0)
     i, j = np.triu_indices(n, 1)
     arm, r_i, r_j = c[:, j] - c[:, i], r[:, i], r[:, j]
     d = np.sqrt(dot(arm, arm))
-    # Pairs that do not cut get a ring of NaN, which every later comparison drops.
+    # Pairs that do not intersect get a ring of NaN, which every later comparison drops.
     with np.errstate(invalid="ignore", divide="ignore"):
         axis = arm / d[:, :, None]
         along = (d * d + (r_i - r_j) * (r_i + r_j)) / (2.0 * d)
@@ -194,7 +193,7 @@ def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
         steep = -axis[:, :, 2:] * axis + (0.0, 0.0, 1.0)
         flat = np.hypot(axis[:, :, 0], axis[:, :, 1])
         out = (np.sqrt(ring2) / flat)[:, :, None] * steep
-        # A level circle lies wholly at one height, and no single point of it tells whether it is covered.
+        # A horizontal circle lies at one height as a whole, and no single point of it shows whether it is covered.
         level = np.where(flat < 1e-6, center[:, :, 2], np.nan)
         foot, side = _triple_points(c, r, axis, along, ring2, center)
         marks = np.concatenate([c - pole, c + pole, center - out, center + out, foot - side, foot + side], axis=1)
@@ -207,12 +206,12 @@ def break_heights(c: np.ndarray, r: np.ndarray) -> np.ndarray:
             hidden[:, block] = (away < (r * r * (1.0 - 1e-9))[:, None]).any(axis=2)
     shown = np.where(np.isfinite(marks).all(axis=2) & ~hidden, marks[:, :, 2], np.nan)
     heights = np.sort(np.concatenate([shown, np.where(np.isfinite(level), level, np.nan)], axis=1), axis=1)
-    # One memory layout for the kernel, or numba compiles it again.
+    # One memory layout for the kernel; else numba would compile it a second time.
     return np.ascontiguousarray(heights[:, : int(np.isfinite(heights).sum(axis=1).max())])
 
 
 def _triple_points(c, r, axis, along, ring2, center) -> tuple[np.ndarray, np.ndarray]:
-    """Where three spheres meet: middles (b, m, 3) and the way (b, m, 3) from there to both points; NaN where they do not."""
+    """Return midpoints and half differences, each (b, m, 3), of the points where three spheres meet; or NaN."""
     (i, _, k), pair = triples(r.shape[1])
     arm, axis, along = c[:, k] - c[:, i], axis[:, pair], along[:, pair]
     v = dot(arm, axis)
@@ -225,7 +224,7 @@ def _triple_points(c, r, axis, along, ring2, center) -> tuple[np.ndarray, np.nda
 
 @njit(**BARE_CHUNK)
 def add_slices(c, r, mid, half, nodes, weights, first, last, toward, cuts, order, rho, plane, out):
-    """Adds the ten moments of the layer mid +- half by the nodes first..last; scratch as in `disc_moments`, and (6,)."""
+    """Add the ten moments of the layer mid +- half by the nodes first..last; workspace as in `disc_moments`, and (6,)."""
     n = r.size
     for p in range(first, last):
         height, weight = mid + half * nodes[p], half * weights[p]
@@ -246,17 +245,17 @@ def add_slices(c, r, mid, half, nodes, weights, first, last, toward, cuts, order
 
 
 def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
-    """Ten moments (see MOMENTS) of unions and the sums of their errors over the layers, into total (b, 2, 10).
+    """Compute ten moments (see MOMENTS) of unions, and their errors, into total (b, 2, 10).
 
-    C: (b, n, 3), R: (b, n), no sphere swallowed by another; Z (b, m): the break heights, rising, then NaN. A layer's
-    order is raised until the moments of two orders differ by less than tolerance; that difference, the error of the
-    lower order, is kept.
+    C: (b, n, 3), R: (b, n), no sphere inside another; Z (b, m): the break heights, ascending, then NaN. The order of a layer is
+    raised until the moments of two orders differ by less than tolerance; that difference, the error of the lower order, is the
+    stated error.
     """
     n, parts = R.shape[1], min(cores(), 1 + len(R) // FEW)
     ends = [k * len(R) // parts for k in range(parts + 1)]
 
     def part(k: int) -> None:
-        # in a kernel each of these calls would be compiled anew
+        # in a kernel each of these calls would be compiled again
         margin = np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64), np.empty(n), np.empty(6)
         own = slice(ends[k], ends[k + 1])
         stack_moments(C[own], R[own], Z[own], nodes, weights, offsets, tolerance, total[own], *margin, np.zeros(MOMENTS),
@@ -271,7 +270,7 @@ def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
 
 @njit(nogil=True, **DIRECT, **NO_COUNTS)
 def stack_moments(C, R, Z, nodes, weights, offsets, tolerance, total, toward, cuts, order, rho, plane, old, new):
-    """`union_moments` with room for one body."""
+    """`union_moments` with the workspace of one body."""
     for body in range(R.shape[0]):
         c, r, z = C[body], R[body], Z[body]
         pair_directions(c, toward)
@@ -299,10 +298,10 @@ def stack_moments(C, R, Z, nodes, weights, offsets, tolerance, total, toward, cu
 
 
 def longest_links(C, R, longest):
-    """The largest link of each of a stack of bodies (b, n, 3), (b, n), into longest (b,).
+    """Compute the largest link of each of a stack of bodies (b, n, 3), (b, n), into longest (b,).
 
-    Grows a tree from sphere 0, nearest first, where near is the distance over the sum of radii. The longest link is the least
-    factor on all radii that makes one body (Prim's algorithm); 1 or less: the spheres are connected. Plain numpy, as above.
+    Grows a tree from sphere 0, nearest first, by the distance over the sum of radii. The longest link is the smallest factor on
+    all radii that connects the body (Prim's algorithm); 1 or less: the spheres are connected. Plain numpy, as above.
     """
     bodies, n = np.arange(R.shape[0]), R.shape[1]
     reach, joined = np.full(R.shape, np.inf), np.zeros(R.shape, np.bool_)

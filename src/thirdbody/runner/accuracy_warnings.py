@@ -1,4 +1,4 @@
-"""What the end of a run says about its own accuracy: energy that the integrator lost or made, and a load that is not carried."""
+"""Accuracy of a finished run: energy error, loads that are not carried, dashpot work."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ if TYPE_CHECKING:
     from thirdbody.runner.run_loop import Conduct
 
 LOAD = 0.1
-"""Deviation of the mean force on the upper plate from its load that is told of, as a share of the load."""
+"""Deviation of the mean force on the upper plate from its load, over the load, that gives a warning."""
 
 ROLLING = 0.02
-"""Share of bodies that roll at once from which it is said that inertia decides where they come to rest."""
+"""Fraction of rolling bodies above which a warning says that inertia decides where they come to rest."""
 
 CARRIED = 0.5
-"""Share of its load below which a patch counts as carried by nothing."""
+"""Fraction of its load below which a patch counts as not carried."""
 
 
 FELT = 0.05
-"""Force of the patches' dashpots at the speed of the drag, over their load, from which it is told what dashpots take."""
+"""Dashpot force at the drag speed over the load of a patch above which `damping_share` is reported."""
 
 DAMPED = 0.1
-"""Share of the plates' work that dashpots take from which it is told of."""
+"""Fraction of the plates' work dissipated in dashpots that gives a warning."""
 
 RUBBED = 0.01
-"""Share of friction in the work of the plates below which a run has no friction work that dashpots could take from."""
+"""Friction work over the plates' work below which the work of dashpots gives no warning."""
 
 
 def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]) -> dict[str, Any]:
-    """What the end of a run says about its accuracy.
+    """Return the accuracy entries of the summary of a run.
 
-    `energy_numerical_share`: the loss on the line `numerical`, divided as the residual is, so 0 where there is no energy; below
-    zero where energy was made. `load_ratio`: mean force on the upper plate over its mean load since the last frame; None where
-    no load is prescribed. `patches_not_carried`: of a quasi-static run, how many patches nothing presses against.
-    `histories_shortened`: contacts whose law had no room for all of their history and dropped the least of it.
-    `damping_share`: what dashpots take of the plates' work; None where those of the patches play no part.
+    `energy_numerical_share`: the entry `numerical` of the ledger, normalised as the residual is, so 0 where there is no energy;
+    negative where energy was gained. `load_ratio`: mean force on the upper plate over its mean load since the last frame; None
+    where no load is prescribed. `patches_not_carried`: in a quasi-static run, the number of patches that nothing presses against.
+    `histories_shortened`: contacts whose law had no room for its whole history and dropped the smallest part of it.
+    `damping_share`: fraction of the plates' work dissipated in dashpots; None where those of the patches are negligible.
     """
     fraction = conduct.ledger.relative_residual(simulation.state, lines["numerical"])
     return {
@@ -55,7 +55,7 @@ def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]
 
 
 def histories_shortened(simulation: Simulation) -> int:
-    """Contacts that touch and whose law counts what it dropped of their history, under the name `dropped`."""
+    """Return the number of touching contacts whose law dropped part of its history (`dropped` > 0)."""
     slots, names = simulation.state.slots, simulation.choice.chain.history
     columns = [contact_state.LAW + k for k, name in enumerate(names) if name.endswith(".dropped")]
     return int(np.count_nonzero((slots.H[:, columns] > 0.0).any(axis=1) & (slots.histories.slip > 0.0)))
@@ -79,7 +79,7 @@ def _damping_share(simulation: Simulation, lines: Mapping[str, float]) -> float 
 
 
 def patches_not_carried(simulation: Simulation) -> int:
-    """Patches under a load of their own that carry less than a share of it (`CARRIED`)."""
+    """Return the number of patches that carry less than the fraction `CARRIED` of their load."""
     P, slots = simulation.state.P, simulation.state.slots
     upper = (slots.partner < -1) & (slots.histories.slip > 0.0)
     carried = np.bincount(-slots.partner[upper] - 2, slots.records.normal_force[upper], len(P))
@@ -88,7 +88,7 @@ def patches_not_carried(simulation: Simulation) -> int:
 
 
 def ending_warnings(report: Mapping[str, Any]) -> Iterator[str]:
-    """Warnings after a run, from its summary; runs of older versions have none. Losses of energy: `trajectory.energy_check`."""
+    """Yield warnings after a run, from its summary; older summaries give none. Losses of energy: `trajectory.energy_check`."""
     ratio, left = report.get("load_ratio"), report.get("patches_not_carried")
     if ratio is not None and abs(ratio - 1.0) > LOAD and report.get("finished"):
         yield (
@@ -124,7 +124,7 @@ def ending_warnings(report: Mapping[str, Any]) -> Iterator[str]:
 
 
 def step_words(report: Mapping[str, Any]) -> str:
-    """What limited the steps of an implicit run, such as `error 60 %, growth 25 %`; empty for others."""
+    """Describe what limited the steps of an implicit run, such as `error 60 %, growth 25 %`; empty for others."""
     counts = report.get("steps_limited_by") or {}
     whole = sum(counts.values())
     return ", ".join(f"{name.replace('_', ' ')} {100.0 * n / whole:.0f} %" for name, n in list(counts.items())[:3])

@@ -1,7 +1,7 @@
-"""The file a run goes on from: `checkpoint.npz` beside its trajectory, replaced as a whole or not at all.
+"""The checkpoint of a run: `checkpoint.npz` next to its trajectory, always replaced as a whole.
 
-Plain arrays, and one text of JSON with the scene, fingerprints of what the run was built from and the names of the arrays; never
-a pickle. Every array carries a checksum (zip), so a damaged file is told as such.
+It holds plain arrays, and one JSON text with the scene, fingerprints of the inputs of the run and the names of the arrays; never
+a pickle. Every array has a checksum (zip), so a damaged file is recognised.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ THE_VERSION = "the version"
 
 @dataclass
 class Checkpoint:
-    """Where a run stood. `frames` are in the trajectory, `stop` of its targets are reached, `impulses` those of the last frame.
+    """State of a run: frames written, targets reached (`stop`), impulses at the last frame.
 
-    `scene` is the resolved text, `folder` that of the scene's file, `prints` what the run was built from, `wall_time` (s) what
-    it has taken so far, `looks` how many times in a row its energy balance was off.
+    `scene` is the resolved text, `folder` that of the scene's file, `prints` the fingerprints of the inputs, `wall_time` [s] the
+    time used so far, `looks` the number of successive checks in which the energy balance was off.
     """
 
     scene: str
@@ -53,7 +53,7 @@ class Checkpoint:
 
 
 def prints_of(simulation: Simulation) -> dict[str, str]:
-    """Fingerprints of all that a scene was built into, at its start, by the name that a user is told where one differs."""
+    """Return fingerprints of the built scene at its start, by the names used in messages."""
     from thirdbody import __version__
     from thirdbody.jit import cache_dir
     from thirdbody.laws.codegen.dependencies import sources
@@ -96,7 +96,7 @@ def _digest(arrays: list[np.ndarray]) -> str:
 
 
 def write_checkpoint(folder: Path, kept: Checkpoint, named: Path | None = None) -> None:
-    """Write the file and make sure that it is on the disk. Raises OutputError, with the one before in place.
+    """Write the file and flush it to the disk. Raises OutputError and then leaves the previous checkpoint in place.
 
     `named`: the folder that a message names, if it is another one.
     """
@@ -110,7 +110,7 @@ def write_checkpoint(folder: Path, kept: Checkpoint, named: Path | None = None) 
     part = folder / f"{FILE}.part"
     try:
         part.unlink(missing_ok=True)
-        with open(part, "xb") as file:  # a new file: never what a link points to
+        with open(part, "xb") as file:  # a new file: never the target of a link
             np.savez(file, **arrays)
             file.flush()
             os.fsync(file.fileno())
@@ -124,10 +124,10 @@ def write_checkpoint(folder: Path, kept: Checkpoint, named: Path | None = None) 
 
 
 def _sync(folder: Path) -> None:
-    """Make the new name survive a loss of power, where the system can."""
+    """Make the new name survive a loss of power, where the system supports it."""
     try:
         handle = os.open(folder, os.O_RDONLY)
-    except OSError:  # a system that opens no folders
+    except OSError:  # a system that cannot open folders
         return
     try:
         os.fsync(handle)
@@ -138,7 +138,7 @@ def _sync(folder: Path) -> None:
 
 
 def read_checkpoint(folder: Path) -> Checkpoint:
-    """The checkpoint of a run. Raises InputError when there is none, or it is damaged or of another format."""
+    """Return the checkpoint of a run. Raises InputError if it is missing, damaged or of another format."""
     path = folder / FILE
     if not path.is_file():
         raise InputError(f"{path}: no checkpoint, so this run cannot go on; run the scene again")
@@ -161,7 +161,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         )  # fmt: skip
     except InputError:
         raise
-    # damage shows as whatever it leads zip, the headers' parser and JSON into
+    # damage can cause any exception of zip, the header parser or JSON
     except (OSError, ValueError, EOFError, KeyError, TypeError, AttributeError, NotImplementedError, RuntimeError, SyntaxError,
             MemoryError, OverflowError, RecursionError, zipfile.BadZipFile) as error:  # fmt: skip
         what = f"{type(error).__name__}: {error}".splitlines()[0][:120]
@@ -169,21 +169,21 @@ def read_checkpoint(folder: Path) -> Checkpoint:
 
 
 def _constant(word: str) -> float:
-    """Infinity, which the stable step is where nothing touches; nothing else that is no number."""
+    """Accept Infinity, the stable step where nothing touches; no other constant that is not a number."""
     if word != "Infinity":
         raise ValueError(f"holds {word}")
     return math.inf
 
 
 def _refuse_lies(notes: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
-    """Raise KeyError, ValueError or TypeError for counts and times that no run has."""
+    """Raise KeyError, ValueError or TypeError for counts and times that no run can have."""
     inner = notes["snapshot"]
     counts = {name: notes[name] for name in ("frames", "stop", "looks")} | {name: inner[name] for name in ("searches", "plates")}
     for name, count in counts.items():
         if type(count) is not int or not 0 <= count < 2**31:
             raise ValueError(f"{name}: {str(count)[:40]}")
     A = arrays["A"]
-    # a run that stood before its start would be on its way there for ever
+    # a run at a negative time would take forever to reach its start
     if A.shape != (run_totals.WIDTH,) or not A[[run_totals.TIME, run_totals.DISTANCE, run_totals.STEPS]].min() >= 0.0:
         raise ValueError("its clock stands before the start")
     times = {"wall_time": notes["wall_time"], "dt": inner["dt"], "energy_start": inner["energy_start"]}
@@ -193,7 +193,7 @@ def _refuse_lies(notes: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of the file, each no larger than what the file holds of it. Raises what zip and numpy raise."""
+    """Return the arrays of the file, none larger than its data in the file. Raises what zip and numpy raise."""
     arrays = {}
     with zipfile.ZipFile(path) as archive:
         claimed, there = sum(item.file_size for item in archive.infolist()), path.stat().st_size
@@ -207,7 +207,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 
 def _array(data: bytes) -> np.ndarray:
-    """An array of plain numbers from the bytes of an .npy file, whose header promises what is there and no more."""
+    """Return an array of plain numbers from the bytes of an .npy file whose header matches the data."""
     import io
 
     stream = io.BytesIO(data)
@@ -222,7 +222,7 @@ def _array(data: bytes) -> np.ndarray:
     if size != len(data) - stream.tell():
         raise ValueError("an array is longer or shorter than its header says")
     array = np.frombuffer(data, dtype, offset=stream.tell()).reshape(shape).copy()
-    with np.errstate(over="ignore"):  # what is wider than a double may be too large for one
+    with np.errstate(over="ignore"):  # extended precision may exceed the range of a double
         if dtype.kind == "f" and not np.all(np.abs(array) <= LARGEST):
             raise ValueError("an array holds what is no number of a run")
     return array

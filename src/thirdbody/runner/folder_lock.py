@@ -1,4 +1,4 @@
-"""One process at a time writes into a run's folder."""
+"""Lock of a run's folder: one process at a time writes there."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from thirdbody.errors import OutputError
 
 @contextmanager
 def lock_folder(folder: Path) -> Iterator[None]:
-    """Hold a folder while it is written to; the system frees it however the process ends, `kill -9` included.
+    """Lock a folder while it is written to; the system releases it however the process ends, `kill -9` included.
 
-    Raises OutputError if another process holds it. Where the system cannot lock a folder nothing is held.
+    Raises OutputError if another process holds the lock. Where the system cannot lock a folder nothing is locked.
     """
     try:
         import fcntl

@@ -1,4 +1,4 @@
-"""What the frames of a run cost: wall time, from some that are written to a temporary folder, and bytes."""
+"""Cost of the frames of a run: bytes, and wall time of a few frames in a temporary folder."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
 
 SECONDS, LARGEST_NUMBER = 0.3, 32
-"""How long frames are written to measure their time, s, and how many at most, beside the first one, which creates all arrays."""
+"""Seconds and largest number of frames of the measurement, without the first, which creates all arrays."""
 
 
 class FrameCost(NamedTuple):
-    """Wall time of a frame, s (NaN where it was not measured), bytes of the file with one frame, and of every further frame."""
+    """Wall time of a frame [s] (NaN if not measured), bytes of the file with one frame, and of every further frame."""
 
     seconds: float
     first_bytes: int
@@ -30,7 +30,7 @@ class FrameCost(NamedTuple):
 
 
 def frame_cost(built: Simulation, integrator: Explicit | Implicit) -> FrameCost:
-    """Write the present instant of `integrator`, a trial copy of that of `built`, to a temporary file, a few times."""
+    """Measure the cost of frames of `integrator`, a trial copy of that of `built`."""
     try:
         with tempfile.TemporaryDirectory(prefix="thirdbody") as folder:
             seconds, first = _write_frames(built, integrator, Path(folder) / FILE_NAME)
@@ -40,7 +40,7 @@ def frame_cost(built: Simulation, integrator: Explicit | Implicit) -> FrameCost:
 
 
 def _write_frames(built: Simulation, integrator: Explicit | Implicit, path: Path) -> tuple[float, int]:
-    """Seconds of a frame after the first one, and bytes of the file with the first one."""
+    """Return the seconds of a frame after the first one, and the bytes of the file with the first one."""
     from thirdbody.engine.energy import Ledger
     from thirdbody.runner.simulate import run_header
     from thirdbody.runner.yield_check import PeakPressure
@@ -65,7 +65,7 @@ def _write_frames(built: Simulation, integrator: Explicit | Implicit, path: Path
 
 
 def frame_bytes(built: Simulation) -> int:
-    """Bytes of a frame, with three contacts of each body."""
+    """Return the bytes of a frame, with three contacts per body."""
     state = built.state
     margins = 0 if built.labeller is None else len(built.labeller.margins) + len(built.labeller.extras)
     return state.n_bodies * (8 * (24 + margins) + 2 + 3 * 150) + state.n_spheres * (24 + 12 + 2)

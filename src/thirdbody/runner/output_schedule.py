@@ -1,4 +1,4 @@
-"""Where a run stops on its way: the end of settling, outputs, and looks in between that only tell how far it is."""
+"""Stops of a run: the end of settling, outputs, and stops in between for progress reports only."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 SUBTICKS = 8
-"""Reports of progress per output interval: a run with few frames still shows that it moves."""
+"""Progress reports per output interval, so that a run with few frames shows progress too."""
 
 SETTLING = 100
-"""Most frames while the debris settles for a time that the program chooses (`solver.settle = "auto"`). It may be a million times
-as long as an output interval that fits the drag, and a frame costs more than the steps before it."""
+"""Largest number of frames of a settling phase of automatic length (`solver.settle = "auto"`).
+
+Settling may last a million output intervals that suit the drag, and a frame costs more than the steps before it."""
 
 
 def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
-    """(time, distance, whether to write) of every stop: the end of settling, then output by output to the end.
+    """Yield (time [s], distance [m], is_output) of every stop: the end of settling, then outputs.
 
-    A run by distance stops by distance; one by time stops by time. Stops in between only report progress.
+    A run by distance stops by distance, one by time stops by time. Stops in between only report progress.
     """
     output, settle, infinite = simulation.scene.output, simulation.settle, math.inf
     if output.every_kind == "time":
@@ -37,12 +38,12 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
             yield settle * k / SUBTICKS, infinite, k == SUBTICKS
     by_time = math.isfinite(simulation.end_time)
     for x, write in _ladder(0.0, simulation.planned_distance, output.every):
-        # a run by duration may end with a rest: its last stop is its end
+        # a run by duration may end at rest: its last stop is its end time
         yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
 
 
 def settling_frames(simulation: Simulation) -> tuple[int, int]:
-    """Output intervals of a thinned-out settling phase, and how many of them lie between two frames there; (0, 1) without one."""
+    """Return (output intervals in a thinned settling phase, intervals per frame there); (0, 1) without thinning."""
     output, settle = simulation.scene.output, simulation.settle
     if output.every_kind != "time" or simulation.scene.solver.settle != "auto":
         return 0, 1
@@ -51,10 +52,10 @@ def settling_frames(simulation: Simulation) -> tuple[int, int]:
 
 
 def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
-    """Stops from start (excluded) to end: every `every` a written one, with reports between; the end is written."""
+    """Yield stops in (start, end]: outputs `every` apart and at the end, with reports in between."""
     for k in range(1, _rungs(start, end, every) + 1):
         low, high = start + (k - 1) * every, start + k * every
-        # a rung that is the end but for rounding is where a longer run has it too
+        # a stop that equals the end but for rounding is where a longer run has it too
         high = end if high > end + 1e-9 * every else high
         for part in range(1, SUBTICKS):
             yield low + (high - low) * part / SUBTICKS, False
@@ -66,7 +67,7 @@ def _rungs(start: float, end: float, every: float) -> int:
 
 
 def planned_frames(simulation: Simulation) -> int:
-    """Frames that a whole run writes: what `targets` yields to write, and the first."""
+    """Return the number of frames of a whole run: the outputs of `targets`, and the first frame."""
     output, settle = simulation.scene.output, simulation.settle
     if output.every_kind == "time":
         (settling, spacing), every = settling_frames(simulation), output.every

@@ -13,16 +13,16 @@ from thirdbody.errors import printable
 from thirdbody.system.terminal import terminal_of
 
 LINES = 10
-"""Plain lines of a whole run, where there is no terminal to draw a bar on."""
+"""Lines of progress of a whole run where there is no terminal for a bar."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a run is, as a `progress` function gets it."""
+    """Progress of a run, passed to a `progress` function."""
 
     fraction: float  # of the simulated time, 0 to 1
     simulated: float  # time, s
-    elapsed: float  # wall time, s, with that of the run before it was resumed
+    elapsed: float  # wall time, s, including that before a resume
     frame: int  # frames written so far
     series: dict[str, Any]  # the values of the last frame by name, such as friction_coefficient
     limit: str = ""  # what has limited the steps of an implicit run, such as "62 % of steps limited by ..."
@@ -43,7 +43,7 @@ def reporting(progress: bool | Reporter, title: str) -> Iterator[Reporter | None
 
 @contextmanager
 def reporter_for_terminal(title: str) -> Iterator[Reporter]:
-    """A reporter that draws on standard error, as long as that can be written: progress that nobody sees ends no run."""
+    """Yield a reporter that draws on standard error while that can be written to."""
     if sys.stderr is None:  # the program was started without one; print would take standard output
         yield lambda _: None
     elif sys.stderr.isatty():
@@ -54,7 +54,7 @@ def reporter_for_terminal(title: str) -> Iterator[Reporter]:
 
 
 def _while_seen(report: Reporter) -> Reporter:
-    """The reporter, which falls silent when its reader has left (BrokenPipeError) or its device is full or gone."""
+    """Return a reporter that stops silently when standard error is closed, full or lost: it ends no run."""
     seen = True
 
     def silent(progress: Progress) -> None:
@@ -69,7 +69,7 @@ def _while_seen(report: Reporter) -> Reporter:
 
 
 def headline(progress: Progress) -> str:
-    """Friction coefficient, state fractions and what limits the steps in one line."""
+    """Describe friction coefficient, state fractions and the limit of the steps in one line."""
     series = progress.series
     mu = series.get("friction_coefficient", math.nan)
     parts = [] if math.isnan(mu) else [f"mu {mu:z.3f}"]

@@ -1,4 +1,4 @@
-"""Taking up a run where it was put away, killed, or came to its end."""
+"""Resume of a run from its checkpoint: after an interruption, or to make it longer."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 LONGER = ("solver.distance", "solver.duration")
-"""What may differ: how far the run goes."""
+"""Keys that may differ from the first part of the run: its length."""
 
 
 def resume(
@@ -36,14 +36,14 @@ def resume(
     settings: Mapping[str, Any] | None = None,
     plugins: Iterable[str | Path] = (),
 ) -> Run:
-    """Go on with a run to its end and return the opened result: bit for bit that of an undisturbed run.
+    """Continue a run to its end and return the opened result, bit for bit that of an uninterrupted run.
 
-    `out` is the run's folder, its file run.vtkhdf, or a `Run`, which goes on reading what it had opened.
+    `out` is the run's folder, its file run.vtkhdf, or a `Run`, whose open files stay readable.
 
-    A run that came to its end goes on if `settings` (or its scene.toml) give it a longer solver.distance or solver.duration. (Its
-    old end stays a stop, which ends steps of the implicit integrator: where it is an output of the longer scene, the bits are
-    those of that scene.) Raises InputError without a sound checkpoint, and where the scene, a law or a file that it was built
-    from has changed; and what `run` raises.
+    A finished run goes on if `settings` (or its scene.toml) give it a longer solver.distance or solver.duration. (Its old end
+    remains a stop, which ends steps of the implicit integrator: where it is an output of the longer scene, the bits are those of
+    that scene.) Raises InputError without a valid checkpoint, and where the scene, a law or an input file has changed; and
+    whatever `run` raises.
     """
     folder = _folder_of(out)
     for warning in check_threads(threads):
@@ -62,7 +62,7 @@ def _folder_of(run: str | Path | Run) -> Path:
 def prepare_resume(
     folder: Path, settings: Mapping[str, Any] | None = None, plugins: Iterable[str | Path] = ()
 ) -> tuple[Simulation, Checkpoint]:
-    """The simulation of a run, built anew, and the checkpoint that it is to be put to. Raises InputError."""
+    """Return the simulation of a run, built again, and the checkpoint to restore. Raises InputError."""
     if not os.path.isdir(folder):  # unlike Path.is_dir, False for a name that is too long
         raise InputError(f"{folder}: no such folder; give that of a run")
     refuse_links(folder)
@@ -87,7 +87,7 @@ def prepare_resume(
 def _scenes(
     folder: Path, kept: Checkpoint, settings: Mapping[str, Any], plugins: Iterable[str | Path] = ()
 ) -> tuple[Scene, Scene]:
-    """The scene of the checkpoint, and the one to go on with: the same but for how far it goes."""
+    """Return the scene of the checkpoint, and the one to continue with, which may differ in its length only."""
     path = folder / SCENE_FILE
     before = Scene.parse(kept.scene, str(folder / CHECKPOINT), kept.folder, plugins)
     now = Scene.parse(read_text(path), str(path), kept.folder, plugins) if path.is_file() else before
@@ -105,7 +105,7 @@ def _scenes(
 
 
 def _refuse_shorter(folder: Path, before: Solver, solver: Solver) -> None:
-    """Raise InputError for a run that would end where it already has been, or that ends by the clock and not by the way."""
+    """Raise InputError for a run that would end before its current end, or by duration, not distance."""
     for key, old, new in (("distance", before.distance, solver.distance), ("duration", before.duration, solver.duration)):
         if (old is None) != (new is None):
             raise InputError(f"{folder}: solver.{key}: a run by distance goes on by distance, one by duration by duration")
@@ -114,7 +114,7 @@ def _refuse_shorter(folder: Path, before: Solver, solver: Solver) -> None:
 
 
 def _differences(old: Any, new: Any, key: str = "") -> list[tuple[str, Any, Any]]:
-    """(key, old, new) wherever two documents differ; a missing value is told as absent."""
+    """Return (key, old, new) wherever two documents differ; a missing value is reported as absent."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         names = [*old, *(name for name in new if name not in old)]
         places = {name: f"{key}.{name}" if key else str(name) for name in names}
@@ -125,7 +125,7 @@ def _differences(old: Any, new: Any, key: str = "") -> list[tuple[str, Any, Any]
 
 
 def _refuse_other(folder: Path, before: Mapping[str, str], now: Mapping[str, str]) -> None:
-    """Raise InputError if the run would be built from something else than it was."""
+    """Raise InputError if the run would be built from other inputs than before."""
     names = [name for name in now if name != THE_VERSION and before.get(name) != now[name]]
     changes = [Fault(name, f"was {before.get(name)}, is {now[name]}") for name in names]
     if changes:
@@ -134,11 +134,11 @@ def _refuse_other(folder: Path, before: Mapping[str, str], now: Mapping[str, str
 
 
 EVEN = 1.0 + 1e-9
-"""A stop is reached where the clock is there but for rounding."""
+"""Factor for rounding in the test whether the clock has reached a stop."""
 
 
 def _stops(kept: Checkpoint, simulation: Simulation) -> int:
-    """How many of the targets of a longer run are reached: as many as were, but for a last output that it has elsewhere."""
+    """Return how many targets of a longer run are reached; its last output may be at another time."""
     from thirdbody.runner.output_schedule import targets
 
     longer = list(targets(simulation))
@@ -147,7 +147,7 @@ def _stops(kept: Checkpoint, simulation: Simulation) -> int:
 
 
 def _reached(kept: Checkpoint) -> tuple[float, float]:
-    """Time, s, and distance, m, of a checkpoint."""
+    """Return time [s] and distance [m] of a checkpoint."""
     from thirdbody.kernels.columns import run_totals
 
     A = kept.snapshot.arrays["A"]

@@ -1,8 +1,8 @@
-"""The folder of a run: the files that a run writes there, and how a new run takes the place of an older one.
+"""The folder of a run: the files written there, and the replacement of an older run by a new one.
 
-Nothing but these files is ever replaced or deleted. While a new run is to replace an older one it writes into a folder of its
-own inside that of the run (`REPLACEMENT`), and its files take their places when its first frame is on the disk. So they stay on
-one file system, and the folder itself stays the same one: it may be the current folder, or where a disk is mounted.
+Only these files are ever replaced or deleted. A new run that replaces an older one writes into a folder inside that of the run
+(`REPLACEMENT`); its files replace the old ones once its first frame is on the disk. So they stay on one file system, and the
+folder itself stays the same: it may be the current folder, or a mount point.
 """
 
 from __future__ import annotations
@@ -25,29 +25,29 @@ SCENE_FILE = "scene.toml"
 REPLACEMENT = ".replacement"
 SIDECARS = tuple(f"{Path(FILE_NAME).stem}.{block}.vtkhdf" for block in BLOCKS)
 FILES = (CHECKPOINT, FILE_NAME, SCENE_FILE, SCRIPT_NAME, *SIDECARS)
-"""What a run leaves in its folder, in the order in which the files of a replacement take their places."""
+"""Files that a run leaves in its folder, in the order in which those of a replacement are renamed."""
 
 PARTS = re.compile("|".join([rf"({re.escape(CHECKPOINT)}|{re.escape(FILE_NAME)})\.part",
                              rf"\.({'|'.join(map(re.escape, FILES))})\.\d+\.part"]))  # fmt: skip
-"""What a run that was killed may leave beside them: files that were being written."""
+"""Further files that a killed run may leave: those that were being written."""
 
 NAMED = 5
-"""How many other files a message names."""
+"""Largest number of other files that a message names."""
 
 
 class RunFolder:
-    """Where a run writes: `path` is its folder, `place` where its files are for now, the same folder or one inside it."""
+    """Folder of a run: `path`, and `place` for files being written: the same folder or one inside it."""
 
     def __init__(self, path: Path, place: Path | None = None, usable: bool = True) -> None:
         self.path, self.place, self.usable = path, place or path, usable
         self._identity = _identity(path)
 
     def is_there(self) -> bool:
-        """Whether the folder still has its name, and no other has."""
+        """Return whether the folder still exists under its name."""
         return _identity(self.path) == self._identity
 
     def check(self) -> None:
-        """Raise OutputError if another folder, or none, now has the name of this one: nothing may be written there."""
+        """Raise OutputError if the folder was replaced or removed: nothing may be written there then."""
         if not self.is_there():
             raise OutputError(
                 f"{self.path}: the folder was moved or removed while the run wrote into it, so the run cannot go on; "
@@ -55,10 +55,10 @@ class RunFolder:
             )
 
     def publish(self) -> None:
-        """Let the files take the places of those of an older run, once they can be used. Raises OutputError.
+        """Replace the files of an older run, once the new ones can be used. Raises OutputError.
 
-        A kill between any two renames leaves either run whole: the older scene goes first, which its checkpoint does without;
-        the new checkpoint, from before the first frame, does without a trajectory.
+        A kill between any two renames leaves either run usable: the older scene goes first, which its checkpoint does not need;
+        the new checkpoint, from before the first frame, needs no trajectory.
         """
         self.check()
         place, self.place, self.usable = self.place, self.path, True
@@ -74,7 +74,7 @@ class RunFolder:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Return what tells a folder from all others, whatever its name; None without a folder."""
+    """Return the identity of a folder, independent of its name; None without a folder."""
     try:
         result = os.stat(path)
     except OSError:
@@ -84,10 +84,10 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 @contextmanager
 def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
-    """The folder for a new run, made and held; what was made is removed again if the run does not become usable.
+    """Yield the folder for a new run, created and locked; removed again if the run is not usable.
 
-    Raises OutputError if it exists (unless it is that of a run, with nothing else in it, and may be overwritten), cannot be made
-    or is being written.
+    Raises OutputError if it exists (unless it holds a run and nothing else, and may be overwritten), cannot be created or is
+    being written.
     """
     refuse_existing(path, overwrite)
     above = [folder for folder in path.absolute().parents if not os.path.exists(folder)]
@@ -98,14 +98,14 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
         with lock_folder(path), _files_of_new_run(path) as files:
             yield files
     finally:
-        for folder in [path, *above] if new else ():  # from the innermost outwards; one that holds something stays
+        for folder in [path, *above] if new else ():  # from the innermost outwards; one that is not empty stays
             with suppress(OSError):
                 folder.rmdir()
 
 
 @contextmanager
 def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
-    """`new_run_folder` in a folder that is there and held."""
+    """Yield the folder as `new_run_folder` does; it exists and is locked."""
     _remove_leftovers(path)
     replaced = any((path / name).exists() for name in FILES)
     files = RunFolder(path, path / REPLACEMENT if replaced else path, usable=False)
@@ -132,14 +132,14 @@ def _make(folder: Path) -> None:
 
 @contextmanager
 def old_run_folder(path: Path) -> Iterator[RunFolder]:
-    """The folder of a run that goes on, held. Raises OutputError if it is being written."""
+    """Yield the folder of a run to continue, locked. Raises OutputError if it is being written."""
     with lock_folder(path):
         _remove_leftovers(path)
         yield RunFolder(path)
 
 
 def _remove_leftovers(path: Path) -> None:
-    """Remove what runs that were killed left in a folder, which must be held."""
+    """Remove files that killed runs left in a folder, which must be locked."""
     _remove(path, _parts(path))
     inner = path / REPLACEMENT
     if inner.is_dir() and not inner.is_symlink():
@@ -161,7 +161,7 @@ def _parts(folder: Path) -> tuple[str, ...]:
 
 
 def refuse_existing(folder: Path, overwrite: bool) -> None:
-    """Raise OutputError if the folder exists, unless it is that of a run and may be overwritten, or cannot be made."""
+    """Raise OutputError if the folder exists, unless it is that of a run and may be overwritten, or cannot be created."""
     if not _exists(folder):
         above = next((path for path in folder.absolute().parents if os.path.exists(path)), None)
         _refuse_read_only(folder, above, "made")
@@ -177,7 +177,7 @@ def refuse_existing(folder: Path, overwrite: bool) -> None:
 
 
 def _exists(path: Path) -> bool:
-    """Whether something bears this name, be it a link to nothing. Raises OutputError for a name that the system refuses."""
+    """Return whether the name exists, even as a link to nothing. Raises OutputError for a name that the system refuses."""
     try:
         os.lstat(path)
     except (FileNotFoundError, NotADirectoryError):
@@ -188,7 +188,7 @@ def _exists(path: Path) -> bool:
 
 
 def _refuse_other_files(folder: Path) -> None:
-    """Raise OutputError for a folder that holds anything but the files of a run, or no run."""
+    """Raise OutputError for a folder that holds other files than those of a run, or no run."""
     if not folder.is_dir():
         raise OutputError(f"{folder}: is not the folder of a run and will not be overwritten")
     names = _names(folder)
@@ -209,12 +209,12 @@ def _names(folder: Path) -> list[str]:
 
 
 def _is_ours(path: Path) -> bool:
-    """Whether it is a file that a run writes: of its name, and no link or folder."""
+    """Return whether it is a file that a run writes: by its name, and neither link nor folder."""
     return bool(path.name in FILES or PARTS.fullmatch(path.name)) and _is_plain(path)
 
 
 def _is_replacement(folder: Path) -> bool:
-    """Whether a folder holds nothing but what a run was about to put in place."""
+    """Return whether a folder holds only files of a replacement."""
     try:
         return not folder.is_symlink() and all(_is_ours(folder / name) for name in os.listdir(folder))
     except FileNotFoundError:  # another process has removed it since it was listed
@@ -224,7 +224,7 @@ def _is_replacement(folder: Path) -> bool:
 
 
 def _is_plain(path: Path) -> bool:
-    """Whether it is a file, and no link to one; also if it is gone, as files are that a run is writing."""
+    """Return whether it is a file and no link, or no longer exists, as files of an active run may."""
     try:
         return stat.S_ISREG(os.lstat(path).st_mode)
     except FileNotFoundError:
@@ -244,7 +244,7 @@ def _refuse_read_only(folder: Path, where: Path | None, verb: str) -> None:
 
 
 def refuse_links(folder: Path) -> None:
-    """Raise InputError where a file of a run is a link, a folder or a device: what is written there would end elsewhere."""
+    """Raise InputError where a file of a run is a link, folder or device: writing would go elsewhere."""
     ours = [name for name in _names(folder) if name in FILES or PARTS.fullmatch(name)]
     faults = [
         Fault("", f"is {_kind(folder / name)}; a run goes on only in regular files of its own", str(folder / name))

@@ -1,4 +1,4 @@
-"""Conducting a run from stop to stop: frames, progress, and the checkpoints that it can go on from."""
+"""The loop of a run over its stops: frames, progress, checkpoints."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
     from thirdbody.engine.implicit import Implicit
 
 CHECKPOINT_EVERY = 30.0
-"""Seconds of wall time between two checkpoints, at least."""
+"""Shortest wall time between two checkpoints [s]."""
 
 SHARE = 20.0
-"""Wall time between two checkpoints, at least, in times that the last one took: they cost no more than a twentieth."""
+"""Shortest wall time between checkpoints over the cost of the last one: at most a twentieth is spent."""
 
 
 class Conduct:
-    """A built simulation on its way, with what is counted along it."""
+    """Run loop of a built simulation, with its counters."""
 
     def __init__(
         self, simulation: Simulation, files: RunFolder, report: Reporter | None = None, stop: Callable[[], bool] = lambda: False,
@@ -56,7 +56,7 @@ class Conduct:
         self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
 
     def take_up(self, kept: Checkpoint) -> None:
-        """Go on from a checkpoint. Raises InputError where it does not fit, with the simulation as it was."""
+        """Restore a checkpoint. Raises InputError where it does not fit, with the simulation unchanged."""
         state = self.simulation.state
         try:
             put(kept.snapshot, state, self.simulation.integrator, self.ledger)
@@ -66,15 +66,15 @@ class Conduct:
         self.reached, self.before, self.looks.above = kept.stop, kept.wall_time, kept.looks
 
     def wall_time(self) -> float:
-        """Wall time of the run so far, s, with that before it was taken up."""
+        """Return the wall time of the run so far [s], including that before a resume."""
         return self.before + time.perf_counter() - self.started
 
     def integrate(self, writer: TrajectoryWriter) -> None:
-        """Bring the simulation to its end, output by output. Raises GuardStop and Interrupted."""
+        """Integrate to the end, output by output. Raises GuardStop and Interrupted."""
         simulation, integrator = self.simulation, self.simulation.integrator
         self.writer = writer
         if not writer.frames:
-            self.keep()  # before the first frame: a run that is killed at once can be taken up too
+            self.keep()  # before the first frame: a run that is killed at once can be resumed too
             self._write()
         for target_time, target_distance, is_output in islice(targets(simulation), self.reached, None):
             if is_output or integrator.divisible:
@@ -88,7 +88,7 @@ class Conduct:
         self.keep()
 
     def _moved(self) -> bool:
-        """Whether time has passed since the last frame: an explicit step may pass several outputs, and they are one frame."""
+        """Return whether time has passed since the last frame: one explicit step may pass several outputs."""
         return self.simulation.state.time > self.maker.impulses[0]
 
     def keep(self) -> None:
@@ -106,19 +106,19 @@ class Conduct:
         self.cost = self.written - begun
 
     def _watch(self) -> None:
-        """At instants that do not depend on the wall time: what is judged and noted here belongs to the result."""
+        """Check the energy, at instants independent of the wall time since it belongs to the result."""
         integrator, state = self.simulation.integrator, self.simulation.state
         if integrator.divisible:
             self.looks.look(state, self.ledger.watch(state))
-        elif getattr(integrator, "together", False):  # totals are summed up at stops only
+        elif getattr(integrator, "together", False):  # totals are summed at stops only
             self.ledger.watch(state)
-        # bodies that go each at a time of its own have no energy in common but at stops
+        # bodies with their own step lengths have a common energy at stops only
         if not integrator.divisible:
             self._tell({})
         self._stop_or_save()
 
     def _stop_or_save(self) -> None:
-        """Between compiled calls: stop on a signal or at the limit of wall time, and write a checkpoint when one is due."""
+        """Stop on a signal or at the limit of wall time, or write a checkpoint, between compiled calls."""
         now = time.perf_counter()
         if now - self.started > self.wall_limit:
             self._leave("stopped by the limit of wall time")
@@ -128,7 +128,7 @@ class Conduct:
             self.keep()
 
     def stop_before_going_on(self) -> None:
-        """While what an earlier part has written is read and copied: a signal leaves it, and its checkpoint, as they are."""
+        """Stop on a signal while the earlier part of a run is read; it and its checkpoint stay unchanged."""
         if self.stop():
             error = self._interrupted("interrupted before it went on; its checkpoint and frames are as they were")
             error.advanced = False
@@ -139,7 +139,7 @@ class Conduct:
         raise self._interrupted(f"{why} at t = {self.simulation.state.time:.6g} s; {self.writer.frames} frames are kept")
 
     def _interrupted(self, what: str) -> Interrupted:
-        """The error that says how to go on."""
+        """Return the error whose message explains how to continue."""
         folder = str(self.folder)
         return Interrupted(
             what,
@@ -148,15 +148,15 @@ class Conduct:
         )
 
     def _write(self) -> None:
-        """A frame of this instant."""
+        """Write a frame of the current state."""
         simulation = self.simulation
         frame = self.maker.frame(simulation.integrator.label() if simulation.labeller else None)
         try:
             self.writer.append(frame)
-        except ValueError as error:  # a run that is gone on with, whose file holds other arrays than it wrote
+        except ValueError as error:  # a resumed run whose file holds other arrays than it wrote
             raise OutputError(f"{self.folder}: the trajectory is damaged, so the run cannot go on: {error}") from error
         if not self.files.usable:
-            self.writer.sync()  # what it takes the place of is lost then
+            self.writer.sync()  # the run that it replaces is lost then
             self.files.publish()
         self.pressure.look(frame.contacts)
         self._tell(dict(frame.series))
@@ -166,7 +166,7 @@ class Conduct:
             slow.refuse_made_energy()
 
     def _tell(self, series: dict[str, Any]) -> None:
-        """Tell the progress so far."""
+        """Report the progress so far."""
         self.series = series or self.series
         if self.report is not None:
             slow = self._implicit()
@@ -176,6 +176,6 @@ class Conduct:
             self.report(Progress(fraction, simulated, self.wall_time(), self.writer.frames, self.series, limit))
 
     def _implicit(self) -> Implicit | None:
-        """The integrator if it is the implicit one; its class is not imported here, for that compiles the steps."""
+        """Return the integrator if it is implicit; importing its class here would compile its steps."""
         integrator = self.simulation.integrator
         return None if integrator.divisible else cast("Implicit", integrator)

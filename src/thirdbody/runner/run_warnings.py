@@ -1,4 +1,4 @@
-"""Warnings of a run that would take long, fill the disk, or be stopped: from a trial of it, before it starts."""
+"""Warnings before a run starts, from a short trial: long run, large output, early stop."""
 
 from __future__ import annotations
 
@@ -14,15 +14,18 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 LONG = 86400.0
-"""Wall time of a run that is warned of, s: a day."""
+"""Wall time of a run that gives a warning [s]: a day."""
 
 LARGE = 10e9
-"""Trajectory that is warned of, bytes; also the size that the suggested interval leaves."""
+"""Size of a trajectory that gives a warning [bytes]; also the size with the suggested interval."""
 
 
 def run_warnings(built: Simulation, wall: float, framing: float, disk: float, stopped: str) -> Iterator[str]:
-    """Warnings from the estimated wall time (s), the part of it that frames take, the trajectory (bytes), and the message of a
-    guard that stopped the trial."""
+    """Yield warnings from estimates of a trial.
+
+    wall: wall time [s]; framing: its part for frames [s]; disk: trajectory [bytes]; stopped: message of a guard that stopped the
+    trial.
+    """
     if stopped:
         yield f"a trial of the first steps was stopped by a guard, and so will the run be: {stopped}"
     settling, spacing = settling_frames(built)
@@ -50,7 +53,7 @@ def run_warnings(built: Simulation, wall: float, framing: float, disk: float, st
 
 
 def _wider(built: Simulation, times: float) -> str:
-    """The output interval that leaves one frame out of so many of the present ones, with its unit."""
+    """Return the output interval, with its unit, that leaves one frame out of `times` present ones."""
     output = built.scene.output
     # below a time step the interval makes no difference
     every = max(output.every, built.shortest_interval) * math.ceil(times)
@@ -58,5 +61,5 @@ def _wider(built: Simulation, times: float) -> str:
 
 
 def _lengths(built: Simulation) -> str:
-    """The key of the scene that says how long the run is."""
+    """Return the key of the scene that gives the length of the run."""
     return "solver.distance" if built.scene.solver.distance is not None else "solver.duration"

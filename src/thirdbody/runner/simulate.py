@@ -1,4 +1,4 @@
-"""Running a scene: build, integrate from output to output, write the trajectory, sum up."""
+"""Run a scene: build, integrate from output to output, write the trajectory and the summary."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
 
 _preparing = threading.Lock()
-"""One thread at a time compiles: what is compiled next, and how thoroughly, is known to the whole process (`precompile`)."""
+"""Lock: one thread at a time compiles, since settings of compilation are process-wide (`precompile`)."""
 
 
 def run(
@@ -49,14 +49,14 @@ def run(
     """Simulate a scene into the folder `out` (default: runs/<scene name>) and return the opened result.
 
     `scene` is a Scene, the path of a scene file, or a dictionary of tables with numbers in SI or text with units.
-    `threads` is the number of cores to use: all if None, and all, with a warning, if there are fewer. Results have the same bits
-    for any number.
-    `progress` may be a callable that takes a `Progress`: `fraction`, `simulated` and `elapsed` (s), `frame`, `series`.
+    `threads` is the number of cores to use: all by default, and all, with a warning, if there are fewer. Results have the same
+    bits for any number.
+    `progress` may be a callable with a `Progress` as argument: `fraction`, `simulated` and `elapsed` [s], `frame`, `series`.
     `plugins` are Python files with a `PLUGIN`. `force` accepts a time step above its bound.
 
-    Raises UsageError, InputError, OutputError; GuardStop and Interrupted, after which what was computed can be opened. Ctrl-C in
-    the main thread writes a checkpoint and raises Interrupted (`resume` goes on); a second one raises KeyboardInterrupt at once,
-    as does one before the first step.
+    Raises UsageError, InputError, OutputError; GuardStop and Interrupted, after which the part computed so far can be opened.
+    Ctrl-C in the main thread writes a checkpoint and raises Interrupted (`resume` continues); a second one raises
+    KeyboardInterrupt at once, as does one before the first step.
     """
     scene = Scene.of(scene, plugins)
     folder = Path(out) if out is not None else default_folder(scene)
@@ -70,7 +70,7 @@ def run(
 
 
 def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = False) -> Simulation:
-    """The simulation of a scene, compiled and in place at time zero. Raises UsageError and InputError."""
+    """Return the simulation of a scene, compiled and at time zero. Raises UsageError and InputError."""
     from thirdbody.engine.precompile import report_compilation, start_compiling, warm_up
     from thirdbody.laws.registry import discover
 
@@ -84,7 +84,7 @@ def prepare(scene: Scene, plugins: Iterable[str | Path] = (), force: bool = Fals
 
 
 def default_folder(scene: Scene) -> Path:
-    """`runs/<scene name>`: the name of the scene's file, else its title."""
+    """Return `runs/<scene name>`: the name of the scene's file, else its title."""
     title = "".join(c if c.isalnum() else "_" for c in scene.title.lower()).strip("_")
     return Path("runs") / (scene.name or title[:40] or "scene")
 
@@ -101,11 +101,11 @@ def execute(
     wall_limit: float = math.inf,
     kept: Checkpoint | None = None,
 ) -> dict[str, Any]:
-    """Integrate a built simulation into a folder; returns the summary that the file also holds.
+    """Integrate a built simulation into a folder and return the summary, which the file also holds.
 
-    `stop` is asked between compiled calls; when it says so, or when `wall_limit` (s) is over, a checkpoint is written and
-    Interrupted is raised. Checkpoints are written at least `every` so many seconds apart, and when the run ends. `kept`: the
-    checkpoint to go on from, with its trajectory in the folder.
+    `stop` is called between compiled calls; when it returns True, or when `wall_limit` [s] is exceeded, a checkpoint is written
+    and Interrupted is raised. Checkpoints are written at least `every` [s] apart, and when the run ends. `kept`: the checkpoint
+    to continue from, with its trajectory in the folder.
     """
     set_threads(threads)
     with old_run_folder(folder) if kept else new_run_folder(folder, overwrite) as files:
@@ -116,7 +116,7 @@ def _execute(
     simulation: Simulation, files: RunFolder, report: Reporter | None, stop: Callable[[], bool], every: float, wall_limit: float,
     kept: Checkpoint | None,
 ) -> dict[str, Any]:  # fmt: skip
-    """`execute` in a folder that is there and held."""
+    """`execute` in an existing, locked folder."""
     conduct = Conduct(simulation, files, report, stop, every, wall_limit)
     problem: GuardStop | Interrupted | None = None
     if kept is not None:
@@ -138,7 +138,7 @@ def _execute(
 
 @contextmanager
 def _opened(files: RunFolder, header: dict[str, Any], conduct: Conduct, kept: Checkpoint | None) -> Iterator[TrajectoryWriter]:
-    """The writer of a run, with the files beside it."""
+    """Yield the writer of a run, and write the other files of its folder."""
     with _writer(files, header, conduct, kept) as writer:
         try:
             write_whole(files.place / SCENE_FILE, header["scene_text"].encode())
@@ -149,19 +149,19 @@ def _opened(files: RunFolder, header: dict[str, Any], conduct: Conduct, kept: Ch
 
 
 def _writer(files: RunFolder, header: dict[str, Any], conduct: Conduct, kept: Checkpoint | None) -> TrajectoryWriter:
-    """A new trajectory, or the one that the checkpoint belongs to, cut back to its frames."""
+    """Return a new trajectory, or that of the checkpoint, truncated to its frames."""
     path = files.path / FILE_NAME
     if kept is None or not kept.frames:
         return TrajectoryWriter(files.place / FILE_NAME, header, conduct.maker.static(), (path, 0))
     with open_run(path) as before:
-        # what was told of an earlier part still holds for it
+        # warnings of an earlier part still hold for it
         report = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
     header = header | {"warnings": [*report, *header["warnings"]]}
     return TrajectoryWriter.resume(path, kept.frames, header, conduct.stop_before_going_on)
 
 
 def check_threads(threads: int | None) -> list[str]:
-    """Return a warning if more threads are asked for than there are cores. Raises UsageError for a number below 1."""
+    """Return a warning if `threads` exceeds the number of cores. Raises UsageError for a number below 1."""
     maximum = _most_threads()
     if threads is not None and threads < 1:
         raise UsageError(f"threads = {threads}: must be at least 1")
@@ -179,14 +179,14 @@ def set_threads(threads: int | None) -> None:
 
 
 def _most_threads() -> int:
-    """Return the number of threads that numba was started with: one per core that this process may use."""
+    """Return the number of threads that numba was started with: one per core available to this process."""
     import numba
 
     return int(numba.config.NUMBA_NUM_THREADS)  # type: ignore[attr-defined]
 
 
 def run_header(simulation: Simulation) -> dict[str, Any]:
-    """What the trajectory tells of its run beside the frames: scene, names, units, laws, versions."""
+    """Return the metadata of the trajectory: scene, names, units, laws, versions."""
     import h5py
     import numba
 
@@ -222,7 +222,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
 
 
 def debris_contact(simulation: Simulation) -> str:
-    """What bodies do to each other in this run."""
+    """Describe the contact between bodies in this run."""
     if simulation.state.world.debris_meets:
         return "searched" if simulation.plan.kind == "explicit" else "watched: the run stops where two bodies come near"
     return "none: bodies do not see each other"
@@ -245,6 +245,6 @@ def _summary(simulation: Simulation, conduct: Conduct, frames: int, problem: Gua
         **conduct.pressure.summary(),
         "energy": lines,
         **endings(simulation, conduct, lines),
-        # a guard trips in a step that was not recorded: what is stored in its contacts is not known
+        # a guard trips in a step that was not recorded: the energy stored in its contacts is not known
         "energy_residual": None if isinstance(problem, GuardStop) else ledger.relative_residual(state, lines["residual"]),
     }

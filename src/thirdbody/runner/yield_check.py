@@ -1,4 +1,4 @@
-"""The largest peak pressure that a run recorded, against first yield: contacts are computed as elastic beyond it too."""
+"""Largest recorded peak pressure against first yield: contacts are computed as elastic beyond it too."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class PeakPressure:
-    """The contact nearest to first yield, or farthest above it, over the frames of a run."""
+    """Contact nearest to first yield, or farthest above it, over the frames of a run."""
 
     def __init__(self, simulation: Simulation) -> None:
         self.materials = simulation.choice.materials
@@ -28,13 +28,13 @@ class PeakPressure:
         self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
 
     def take_up(self, run: Run, frames: int, between: Callable[[], None] = lambda: None) -> None:
-        """Look at the first frames of a run that is gone on with; `between` is called before every one of them."""
+        """Read the first frames of a resumed run; `between` is called before each of them."""
         for frame in range(min(frames, run.frames)):
             between()
             self.look(run.contacts(frame))
 
     def look(self, contacts: Mapping[str, np.ndarray]) -> None:
-        """Look at the contacts of one frame."""
+        """Update with the contacts of one frame."""
         pressure, (own, other) = self.hertz.peak(contacts), self.hertz.materials(contacts)
         if not len(pressure):
             return
@@ -46,7 +46,7 @@ class PeakPressure:
             self.ratio, self.pair = float(ratio[worst]), (int(own[worst]), int(other[worst]))
 
     def summary(self) -> dict[str, Any]:
-        """Largest peak pressure (Pa), its largest ratio to first yield, that limit (Pa, None without one) and the materials."""
+        """Return largest peak pressure [Pa], largest ratio to first yield, that limit [Pa] or None, materials."""
         a, b = (self.materials[k] for k in self.pair)
         limit = yield_limit(a, b)
         finite = math.isfinite(limit.pressure)
@@ -65,7 +65,7 @@ class PeakPressure:
 
 
 def yield_words(summary: Mapping[str, Any]) -> str:
-    """The largest peak pressure of a run in words, from its summary; empty for a run that has none."""
+    """Describe the largest peak pressure of a run, from its summary; empty for a run without one."""
     result, pressure = summary.get("first_yield"), summary.get("peak_pressure")
     if not result or not pressure:
         return ""
@@ -77,7 +77,7 @@ def yield_words(summary: Mapping[str, Any]) -> str:
 
 
 def yield_warning(summary: Mapping[str, Any]) -> str:
-    """A warning of contacts above first yield, from the summary of a run; empty where there are none."""
+    """Return a warning of contacts above first yield, from the summary of a run; empty without such contacts."""
     result = summary.get("first_yield")
     if not result or not result["ratio"] > 1.0:
         return ""

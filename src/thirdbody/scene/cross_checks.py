@@ -1,6 +1,6 @@
 """Faults between the tables of a scene: names of materials, missing pairs, sliding without a moving plate.
 
-Works on the raw tables, as far as they can be read, so that these faults are told together with all others.
+Works on the raw tables, as far as they can be read, so that these faults are reported together with all others.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ def _items(node: Any) -> list[Any]:
 
 
 MOST_MATERIALS = MOST_POPULATIONS = 1000
-"""Materials and debris tables of one scene: tables of pairs of materials have 8 MB then."""
+"""Largest number of materials and of debris tables in a scene: tables of pairs of materials take 8 MB then."""
 
 
 def number_faults(raw: dict[str, Any]) -> list[Wrong]:
-    """More materials or debris tables than are read."""
+    """Return faults of scenes with more materials or debris tables than are read."""
     wrongs: list[Wrong] = []
     for key, maximum, what in (("materials", MOST_MATERIALS, "materials"), ("debris", MOST_POPULATIONS, "debris tables")):
         count = len(raw[key]) if isinstance(raw.get(key), Mapping | list | tuple) else 0
@@ -35,7 +35,7 @@ def number_faults(raw: dict[str, Any]) -> list[Wrong]:
 
 
 def material_faults(raw: dict[str, Any]) -> list[Wrong]:
-    """Names that are used but not defined."""
+    """Return faults of material names that are used but not defined."""
     materials = raw.get("materials")
     if not isinstance(materials, Mapping) or not materials:
         return []
@@ -57,13 +57,13 @@ def _used(raw: dict[str, Any]) -> Iterator[tuple[Place, Any]]:
 
 
 def pair_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> list[Wrong]:
-    """Pairs given twice, and pairs of materials that can meet but are not given."""
+    """Return faults of pairs given twice, and of pairs of materials that can meet but are not given."""
     wrongs: list[Wrong] = []
     known: dict[frozenset[str], int] = {}
     for i, pair in enumerate(_items(raw.get("pairs"))):
         names = [name for name in _items(entry(pair, "between")) if isinstance(name, str)]
         if len(names) != 2 or not _defined(raw, names):
-            return wrongs  # told already; which pair was meant is not known, so none can be called missing
+            return wrongs  # reported already; the intended pair is unknown, so none can be called missing
         if frozenset(names) in known:
             first = known[frozenset(names)]
             wrongs.append((("pairs", i, "between"), f"{_both(names)} are given by pairs[{first}] already"))
@@ -80,7 +80,7 @@ def pair_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> l
 
 
 def rolling_faults(raw: dict[str, Any]) -> list[Wrong]:
-    """Coefficients of an effect that is off: it would be silently ignored."""
+    """Return faults of coefficients of an effect that is off: they would be silently ignored."""
     effects = raw.get("effects")
     if entry(effects, "rolling_resistance") is not None or entry(entry(effects, "named"), "rolling_resistance"):
         return []
@@ -99,7 +99,7 @@ def _defined(raw: dict[str, Any], names: list[Any]) -> bool:
 
 
 def _meetings(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> Iterator[tuple[Any, Any, str]]:
-    """Materials that can touch, and who carries them."""
+    """Yield the materials that can touch, and the tables that they belong to."""
     debris = [
         (f"debris[{i}]", entry(d, "material"), kind.body_count(d), kind.meets_debris)
         for i, d in enumerate(_items(raw.get("debris")))
@@ -121,7 +121,7 @@ def _meetings(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> Ite
 
 
 def _kind(debris: Any, kinds: Mapping[str, type[DebrisKind]]) -> type[DebrisKind]:
-    """The class of an unchecked debris table; the base of all kinds where it cannot be read."""
+    """Return the class of an unchecked debris table; the base of all kinds where it cannot be read."""
     if isinstance(debris, DebrisKind):
         return type(debris)
     name = entry(debris, "kind")
@@ -132,7 +132,7 @@ def _kind(debris: Any, kinds: Mapping[str, type[DebrisKind]]) -> type[DebrisKind
 
 
 def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[Wrong]:
-    """Lengths of sliding without a plate that slides."""
+    """Return faults of lengths of sliding without a plate that slides."""
     wrongs: list[Wrong] = []
     if moving:
         return wrongs
@@ -146,18 +146,18 @@ def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[W
 
 
 def interval_faults(solver: Any, output: Any) -> list[Wrong]:
-    """An interval of output that is longer than the distance it divides; other runs are as long as `build` finds out."""
+    """Return the fault of an output interval longer than the distance; the length of other runs is known only in `build`."""
     if output.every_kind != "distance" or solver.distance is None or not too_long(output.every, solver.distance):
         return []
     return [(("output", "every"), too_long_message(output.every, solver.distance, "length"))]
 
 
 def too_long(every: float, whole: float) -> bool:
-    """Whether an interval exceeds the run; one interval may be the whole, but for rounding."""
+    """Return whether an interval exceeds the run, with a tolerance for rounding."""
     return every > whole * (1.0 + 1e-9)
 
 
 def too_long_message(every: float, whole: float, kind: str) -> str:
-    """What is wrong with such an interval."""
+    """Return the message about such an interval."""
     longest = units.pretty(whole, kind)
     return f"{units.pretty(every, kind)} is longer than the whole run; allowed: at most {longest}"

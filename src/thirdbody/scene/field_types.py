@@ -1,4 +1,4 @@
-"""The field types of the scene model: each checks one value and says in plain English what is wrong."""
+"""Field types of the scene model: each checks one value and says in plain English what is wrong."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from thirdbody import units
 from thirdbody.scene.json_schema import quantity_schema
 
 LONG_NUMBER = 10**40
-"""Whole numbers from here on are told by their number of digits."""
+"""Integers from here on are reported by their number of digits."""
 
 
 def show(value: Any) -> str:
-    """A value as the user wrote it, shortened for a message."""
+    """Return a value as the user wrote it, shortened for a message."""
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, Mapping):
@@ -31,7 +31,7 @@ def show(value: Any) -> str:
 
 
 def plain(value: Any) -> Any:
-    """Tables, lists, numpy arrays and numbers as plain dicts, lists and Python numbers."""
+    """Return tables, lists, numpy arrays and numbers as plain dicts, lists and Python numbers."""
     if isinstance(value, Mapping):
         return {key: plain(entry) for key, entry in value.items()}
     if hasattr(value, "tolist"):
@@ -40,20 +40,20 @@ def plain(value: Any) -> Any:
 
 
 def in_file(info: ValidationInfo) -> bool:
-    """True when a file is read, where a bare number for a quantity with a unit is a fault."""
+    """Return whether a file is read, where a bare number for a quantity with a unit is a fault."""
     return bool(isinstance(info.context, dict) and info.context.get("file"))
 
 
 class FloatInSI(float):
-    """A number that Python code gives for a value of a scene: in SI, where one in a file would have no unit."""
+    """A number from Python code for a value of a scene: in SI, whereas one in a file would lack its unit."""
 
 
 class IntInSI(int):
-    """The same for a whole number."""
+    """`FloatInSI` for integers."""
 
 
 def in_si(value: Any) -> Any:
-    """Mark the numbers of a value that Python code gives, also those in arrays, lists and tables, as numbers in SI."""
+    """Mark the numbers of a value from Python code as numbers in SI, also in arrays, lists and tables."""
     value = plain(value)
     if isinstance(value, dict):
         return {key: in_si(entry) for key, entry in value.items()}
@@ -65,7 +65,7 @@ def in_si(value: Any) -> Any:
 
 
 def as_float(value: numbers.Real | float) -> float:
-    """The number as a float. Raises ValueError for a whole number that no float can hold."""
+    """Return the number as a float. Raises ValueError for an integer outside the range of floats."""
     try:
         return float(value)
     except OverflowError:
@@ -74,7 +74,7 @@ def as_float(value: numbers.Real | float) -> float:
 
 @dataclass(frozen=True)
 class Range:
-    """Limits of a number; `word` says them."""
+    """Limits of a number; `word` describes them."""
 
     gt: float | None = None
     ge: float | None = None
@@ -82,7 +82,7 @@ class Range:
     le: float | None = None
 
     def check(self, value: float, shown: str) -> None:
-        """Raises ValueError outside the limits."""
+        """Raise ValueError outside the limits."""
         limits = [
             ("greater than", self.gt, self.gt is None or value > self.gt),
             ("at least", self.ge, self.ge is None or value >= self.ge),
@@ -96,7 +96,7 @@ class Range:
             raise ValueError(f"{shown} must be {report}")
 
     def limits(self) -> dict[str, float]:
-        """Return the limits in the words of JSON schema."""
+        """Return the limits as keywords of JSON schema."""
         words = {"exclusiveMinimum": self.gt, "minimum": self.ge, "exclusiveMaximum": self.lt, "maximum": self.le}
         return {word: limit for word, limit in words.items() if limit is not None}
 
@@ -105,14 +105,14 @@ class Range:
 class Quantity(Range):
     """A float in SI of one dimension; text with a unit is converted, and written back with a unit.
 
-    `words` are texts that stand for themselves, such as "auto".
+    `words` are accepted texts without conversion, such as "auto".
     """
 
     dimension: str = "dimensionless"
     words: tuple[str, ...] = ()
 
     def read(self, value: Any, info: ValidationInfo) -> float | str:
-        """The SI float. Raises ValueError."""
+        """Return the SI float. Raises ValueError."""
         if isinstance(value, str):
             return value if value in self.words else self._text(value)
         if isinstance(value, bool) or not isinstance(value, numbers.Real):
@@ -138,7 +138,7 @@ class Quantity(Range):
         return value
 
     def write(self, value: float | str) -> float | str:
-        """The value as a file holds it."""
+        """Return the value as written to a file."""
         if isinstance(value, str) or self.dimension == "dimensionless":
             return value
         return units.format_si(value, self.dimension)
@@ -152,10 +152,10 @@ class Quantity(Range):
 
 @dataclass(frozen=True)
 class Whole(Range):
-    """A whole number, never made from a text, a truth value or 20.0."""
+    """An integer, never converted from a text, a truth value or 20.0."""
 
     def read(self, value: Any, info: ValidationInfo) -> int:
-        """The int. Raises ValueError."""
+        """Return the int. Raises ValueError."""
         if isinstance(value, bool) or not isinstance(value, numbers.Integral):
             raise ValueError(f"expected a whole number, got {show(value)}")
         whole = int(value)
@@ -187,7 +187,7 @@ class Choice:
 
 
 def choose(value: Any, names: Collection[str], later: Collection[str], key: str) -> str:
-    """The value when it is one of the names. Raises ValueError that lists them."""
+    """Return the value when it is one of the names. Raises ValueError that lists them."""
     if isinstance(value, str) and value not in later and value in names:
         return value
     listed = ", ".join(f"'{name}'" for name in names)
@@ -197,13 +197,13 @@ def choose(value: Any, names: Collection[str], later: Collection[str], key: str)
 
 
 def is_unicode(text: str) -> bool:
-    """False for a text with lone surrogates, which stand for bytes of the command line that are not UTF-8; no file holds them."""
+    """Return False for a text with lone surrogates, which represent non-UTF-8 bytes of the command line; no file holds them."""
     return not any("\ud800" <= letter <= "\udfff" for letter in text)
 
 
 @dataclass(frozen=True)
 class _Typed:
-    """A value that must have the type already: no conversion, so a misplaced value is noticed."""
+    """A value that must have its type already: no conversion, so a misplaced value is detected."""
 
     kind: type
     name: str
@@ -233,7 +233,7 @@ def _function_schema(read: Any, write: Any = None) -> core_schema.CoreSchema:
 
 
 def listing(what: str, length: int | None = None) -> BeforeValidator:
-    """Checks that a list is given, of this length; takes numpy arrays too."""
+    """Return a check that a value is a list, of this length; accepts numpy arrays too."""
 
     def check(value: Any) -> list[Any]:
         value = value.tolist() if hasattr(value, "tolist") else value
@@ -249,7 +249,7 @@ def listing(what: str, length: int | None = None) -> BeforeValidator:
 Text = Annotated[str, TEXT]
 Flag = Annotated[bool, FLAG]
 MOST_SPHERES = 10_000_000
-"""Spheres of a scene: about 10 GB of state and contacts. More is refused before anything is allocated."""
+"""Largest number of spheres of a scene: about 10 GB of state and contacts. More is refused before anything is allocated."""
 
 Count = Annotated[int, Whole(ge=1)]
 Seed = Annotated[int, Whole(ge=0)]

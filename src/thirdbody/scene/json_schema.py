@@ -1,4 +1,4 @@
-"""The JSON schema of a scene file, as `Scene.model_json_schema()` gives it: for editors that complete and check TOML."""
+"""JSON schema of a scene file (`Scene.model_json_schema()`), for editors that complete and check TOML."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def quantity_schema(dimension: str, limits: Schema, words: tuple[str, ...] = ())
     return {"anyOf": [{"enum": list(words)}, schema]} if words else schema
 
 
-@dataclass(frozen=True, eq=False)  # told apart by identity: annotations must have a hash
+@dataclass(frozen=True, eq=False)  # compared by identity: annotations must have a hash
 class ShortForm:
-    """Annotation of a field that may also be given in a shorter form: its schema, or one entry of the list if None."""
+    """Annotation of a field with a shorter form: the schema of that form, or None for a single entry of the list."""
 
     schema: Schema | None = None
 

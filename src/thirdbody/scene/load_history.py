@@ -1,4 +1,4 @@
-"""How the load of the upper plate changes: to another load, a pause, a table; or a list of such stages."""
+"""Changes of the load of the upper plate: a ramp or step, a pause, a table; or a list of such stages."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from thirdbody.scene.stages import plain_stages, stages
 
 
 class Load(Part):
-    """The load changes evenly to `load`, N, during `duration`, s; without a duration at once."""
+    """Linear change of the load to `load` [N] during `duration` [s]; without a duration at once."""
 
     load: Force
     duration: PositiveTime | None = None
@@ -30,5 +30,4 @@ Loading = Annotated[
     PlainSerializer(plain_stages),
     ShortForm(),
 ]
-"""Loads after the end of settling; the last one stays. What is given is the load of what `load` is given for: the plate, or each
-patch of its own."""
+"""Loads after the end of settling; the last one stays. They have the meaning of `load`: on the plate, or on each patch."""

@@ -1,8 +1,8 @@
-"""The scene: everything a scene file may hold, checked, frozen and in SI units.
+"""The scene: the complete content of a scene file, checked, frozen and in SI units.
 
-In Python, quantities are given as floats in SI or as text with a unit; in a file always as text with a unit.
-The tables themselves are in `tables` and `debris`; import them from here. Further kinds of debris come as tables (dictionaries)
-or as instances of their classes.
+In Python, quantities are given as floats in SI or as text with a unit; in a file always as text with a unit. The tables are
+defined in `tables` and `debris`; import them from here. Further kinds of debris are given as tables (dictionaries) or as
+instances of their classes.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ _TABLES: dict[str, type[Part]] = {
     "solver": Solver, "output": Output, "contact": Contact, "effects": Effects, "domain": Domain, "pairs.0": Pair,
     "plates.upper": UpperPlate,
 }  # fmt: skip
-"""Tables whose keys are suggested with their path where they are given without it."""
+"""Tables whose keys are suggested with their full path when given without it."""
 
 
 class Scene(Part):
@@ -70,7 +70,7 @@ class Scene(Part):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], plugins: Iterable[str | Path] = ()) -> Scene:
-        """The scene in a TOML file. `plugins`: Python files whose kinds of debris it may name.
+        """Return the scene in a TOML file. `plugins`: Python files with further kinds of debris.
 
         Raises InputError with every fault, each with file, line and column, and UsageError for the plug-ins.
         """
@@ -78,7 +78,7 @@ class Scene(Part):
 
     @classmethod
     def of(cls, given: Scene | str | os.PathLike[str] | Mapping[str, Any], plugins: Iterable[str | Path] = ()) -> Scene:
-        """Return the scene itself, the one in a TOML file, or the one that a dictionary of tables describes.
+        """Return the scene itself, the one in a TOML file, or the one described by a dictionary of tables.
 
         Numbers of a dictionary are in SI, or text with a unit. Raises InputError with every fault, TypeError for anything else.
         """
@@ -94,15 +94,15 @@ class Scene(Part):
     def parse(
         cls, text: str, name: str = "scene", folder: str | os.PathLike[str] | None = None, plugins: Iterable[str | Path] = ()
     ) -> Scene:
-        """The scene in a TOML text; `name` stands for the file in messages. Raises like `load`.
+        """Return the scene in a TOML text; `name` is used for the file in messages. Raises like `load`.
 
-        Files that the scene names lie in `folder`, if that is not the one of `name`.
+        Files that the scene names are in `folder`, by default that of `name`.
         """
         document, source = read_toml(text, name)
         source = source if folder is None else replace(source, folder=os.fspath(folder))
         wrongs: list[Wrong] = []
         if "scene" not in document:
-            document["scene"] = VERSION  # read on, so that the other faults are told too
+            document["scene"] = VERSION  # continue, so that the other faults are reported too
             wrongs.append((("scene",), f"{MISSING}: write scene = {VERSION}"))
         return cls._checked(document, source, wrongs, DebrisKinds(tuple(plugins)))
 
@@ -119,7 +119,7 @@ class Scene(Part):
 
     @classmethod
     def _of_tables(cls, tables: Mapping[str, Any], kinds: DebrisKinds) -> Scene:
-        """The scene that Python tables describe, as the constructor reads them."""
+        """Return the scene of Python tables, read as by the constructor."""
         try:
             scene = cls.model_validate(dict(tables), context={"kinds": kinds})
         except ValidationError as error:
@@ -129,7 +129,7 @@ class Scene(Part):
 
     @classmethod
     def suggestion(cls, key: str) -> str:
-        """Return a phrase that offers the nearest table, or for a key of a table its whole path: `solver.distance`."""
+        """Return a phrase that suggests the nearest table, or for a key of a table its whole path: `solver.distance`."""
         inner = _inner_paths()
         close = difflib.get_close_matches(key, cls.model_fields, 1, 0.7) or difflib.get_close_matches(key, inner, 1, 0.7)
         if not close or close[0] in cls.model_fields:
@@ -138,8 +138,8 @@ class Scene(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults between tables, as far as they can be read."""
-        if too_many := cross_checks.number_faults(raw):  # told alone, for reading them all would take too long
+        """Return faults between tables, as far as they can be read."""
+        if too_many := cross_checks.number_faults(raw):  # reported alone: reading them all would take too long
             raise bundle(too_many)
         wrongs: list[Wrong] = []
         if isinstance(raw.get("materials", {}), Mapping) and not raw.get("materials"):
@@ -150,18 +150,18 @@ class Scene(Part):
         wrongs += cross_checks.rolling_faults(raw)
         plates = _sound(Plates, raw.get("plates", {}), context)
         output = _sound(Output, raw.get("output"), context)
-        # Plates that are wrong themselves may be meant to move.
+        # Plates that are faulty themselves may be intended to move.
         moving = plates is None or plates.moving()
         return wrongs + cross_checks.sliding_faults(raw, moving, output.every_kind if output else "")
 
     def checks(self) -> list[Wrong]:
-        """Faults between tables that are right by themselves."""
+        """Return faults between tables that are valid on their own."""
         return (
             self._too_many() + self._out_of_plane() + self._same_names() + cross_checks.interval_faults(self.solver, self.output)
         )
 
     def _same_names(self) -> list[Wrong]:
-        """Two populations of one name could not be told apart in any table."""
+        """Return faults of populations with the same name, which no table could distinguish."""
         names = [debris.name for debris in self.debris]
         return [
             (("debris", k, "name"), f"'{name}' is the name of debris[{names.index(name)}] too")
@@ -171,7 +171,7 @@ class Scene(Part):
 
     @property
     def population_names(self) -> list[str]:
-        """Names of the populations: `name`, else material and kind: `bronze (irregular)`, `bronze (irregular) 2`."""
+        """Return names of the populations: `name`, else material and kind: `bronze (irregular)`, `bronze (irregular) 2`."""
         taken = {debris.name for debris in self.debris if debris.name}
         names = []
         for debris in self.debris:
@@ -185,7 +185,7 @@ class Scene(Part):
         return names
 
     def _too_many(self) -> list[Wrong]:
-        """More spheres than are ever computed, told before one of them is made."""
+        """Return faults of too many spheres, before one of them is made."""
         spheres = [(debris.count or 1) * debris.max_spheres() for debris in self.debris]
         if sum(spheres) <= MOST_SPHERES:
             return []
@@ -193,7 +193,7 @@ class Scene(Part):
         return [(("debris", spheres.index(max(spheres)), "count"), message)]
 
     def _out_of_plane(self) -> list[Wrong]:
-        """What would drive planar particles out of their plane."""
+        """Return faults of motion and forces that would drive planar particles out of their plane."""
         if not any(debris.in_plane for debris in self.debris):
             return []
         wrongs: list[Wrong] = []
@@ -205,34 +205,34 @@ class Scene(Part):
         return wrongs
 
     def pair(self, first: str, second: str) -> Pair:
-        """The pair of two materials, in either order. Raises KeyError when the scene has none."""
+        """Return the pair of two materials, in either order. Raises KeyError when the scene has none."""
         for pair in self.pairs:
             if set(pair.between) == {first, second}:
                 return pair
         raise KeyError(f"no pair for '{first}' and '{second}'")
 
     def document(self) -> dict[str, Any]:
-        """The scene as a file holds it: plain tables, defaults written out, quantities as text with units."""
+        """Return the scene as a file holds it: plain tables, defaults written out, quantities as text with units."""
         return plain(self.model_dump(exclude_none=True))
 
     def to_toml(self) -> str:
-        """The scene as TOML text; `Scene.parse` gives an equal scene. Raises InputError for odd options."""
+        """Return the scene as TOML text; `Scene.parse` gives an equal scene. Raises InputError for odd options."""
         return toml_text(self.document())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the scene file; `Scene.load` gives an equal scene. Raises InputError or OutputError."""
+        """Write the scene file; `Scene.load` gives an equal scene. Raises InputError or OutputError."""
         save_text(path, self.to_toml())
 
     def with_settings(self, settings: Mapping[str, Any]) -> Scene:
-        """The scene with values replaced, such as {"solver.distance": "1 um", "debris.0.count": "20"}.
+        """Return the scene with values replaced, such as {"solver.distance": "1 um", "debris.0.count": "20"}.
 
-        Text is taken as a TOML value if it is one, else as it stands; numbers and arrays are in SI; None takes the key out.
-        Giving one of two keys that exclude each other (distance and duration; load, pressure and gap) drops the other. Raises
+        Text is read as a TOML value if it is one, else used unchanged; numbers and arrays are in SI; None removes the key. Giving
+        one of two keys that exclude each other (distance and duration; load, pressure and gap) drops the other. Raises
         InputError.
         """
         document, places = apply_settings(self.document(), settings)
         kinds = self._kinds.including(type(debris) for debris in self.debris)
-        # A setting can put a key of the file in the wrong, so every fault here is one of the settings.
+        # A setting can make a key of the file invalid, so every fault here is one of the settings.
         scene = self._checked(document, Source().overridden([()]), [], kinds)
         scene._source = self._source.overridden(places)
         return scene
@@ -241,16 +241,16 @@ class Scene(Part):
     def name(self) -> str | None:
         """Name of the scene's file without its suffix; None for a scene that was built in Python, or a file of dots only."""
         stem = Path(self._source.file).stem if self._source.file else ""
-        return stem if stem.strip(". ") else None  # "..": the run's folder must not be one above
+        return stem if stem.strip(". ") else None  # "..": the run's folder must not be a parent folder
 
     def beside(self, name: str) -> Path:
-        """The path of a file that the scene names: relative to the scene's own file."""
+        """Return the path of a file that the scene names: relative to the scene's own file."""
         if self._source.folder is not None:
             return Path(self._source.folder) / name
         return Path(self._source.file).parent / name if self._source.file else Path(name)
 
     def fault(self, place: Place, message: str) -> Fault:
-        """A fault at a place such as ("contact", "springs"), with file and line if there is a file."""
+        """Return a fault at a place such as ("contact", "springs"), with file and line if there is a file."""
         return self._source.fault(place, message)
 
 
@@ -264,7 +264,7 @@ def _inner_paths() -> dict[str, list[str]]:
 
 
 def _sound(part: type[Any], raw: Any, context: Any) -> Any:
-    """The checked table, or None when it has faults of its own."""
+    """Return the checked table, or None when it has faults."""
     try:
         return part.model_validate(raw, context=context)
     except ValidationError:

@@ -1,4 +1,4 @@
-"""How the upper plate moves sideways: constant velocity, ramp, pause, strokes, a table; or a list of such stages."""
+"""Sliding of the upper plate: constant velocity, ramp, pause, strokes, a table; or a list of such stages."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from thirdbody.scene.stages import plain_stages, stages
 
 
 class Constant(Part):
-    """A constant velocity, m/s; in a list of stages for `duration`, s."""
+    """A constant velocity [m/s]; in a list of stages for `duration` [s]."""
 
     velocity: Speed
     duration: PositiveTime | None = None
 
 
 class Ramp(Part):
-    """Velocity changing evenly to `ramp`, m/s, during `duration`, s, and kept from then on."""
+    """Linear change of the velocity to `ramp` [m/s] during `duration` [s]; constant afterwards."""
 
     ramp: Speed
     duration: PositiveTime
 
 
 class Pause(Part):
-    """Rest for a time, s."""
+    """Rest for a time [s]."""
 
     pause: PositiveTime
 
 
 class Stroke(Part):
-    """Strokes to and fro: peak to peak length, m, and frequency, Hz; a sine starts from rest at one end.
+    """Reciprocating motion: stroke peak to peak [m] and frequency [Hz]; a sine starts from rest at one end.
 
-    In a list of stages `cycles` says how many.
+    In a list of stages `cycles` is the number of cycles.
     """
 
     stroke: PositiveLength
@@ -56,7 +56,7 @@ Drive = Constant | Ramp | Pause | Stroke | Table
 
 
 def _endless(stage: Any) -> str | None:
-    """The key that a stage before the last lacks, since it would never end."""
+    """Return the key that a stage before the last lacks, since it would never end."""
     if isinstance(stage, Constant) and stage.duration is None:
         return "duration"
     return "cycles" if isinstance(stage, Stroke) and stage.cycles is None else None
@@ -68,12 +68,12 @@ Stages = Annotated[
 
 
 class Motion(Part):
-    """Motion of the upper plate along x and y; an axis that is not named rests. Time counts from the end of settling."""
+    """Motion of the upper plate along x and y; an axis that is not given rests. Time counts from the end of settling."""
 
     x: Stages | None = None
     y: Stages | None = None
 
     def moving(self) -> bool:
-        """True when anything ever moves."""
+        """Return whether anything ever moves."""
         drives = (*(self.x or ()), *(self.y or ()))
         return any(not isinstance(drive, Pause) and getattr(drive, "velocity", 1.0) != 0.0 for drive in drives)

@@ -1,4 +1,4 @@
-"""Single values of a scene replaced from outside: `--set solver.distance="1 um"`."""
+"""Replacement of single values of a scene: `--set solver.distance="1 um"`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from thirdbody.scene.field_types import in_si, show
 from thirdbody.scene.read import MOST_LEVELS
 from thirdbody.scene.schema_base import Place, key_path
 
-# A key on the left, when set, takes the place of those on the right in the same table.
+# A key on the left, when set, replaces those on the right in the same table.
 _REPLACES = {
     "distance": {"duration"},
     "duration": {"distance"},
@@ -30,7 +30,7 @@ _REPLACES = {
 
 
 def apply_settings(document: dict[str, Any], settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[Place]]:
-    """The changed document and the places that were set. Raises InputError for paths that lead nowhere."""
+    """Return the changed document and the places that were set. Raises InputError for invalid paths."""
     faults: list[Fault] = []
     places = []
     for path, value in settings.items():
@@ -44,7 +44,7 @@ def apply_settings(document: dict[str, Any], settings: Mapping[str, Any]) -> tup
 
 
 def toml_value(value: str) -> Any:
-    """The value that a text means in TOML; the text itself when it is none, as 1 um without quotes."""
+    """Return the value of a text in TOML; the text itself when it is no TOML value, such as 1 um without quotes."""
     try:
         table = tomllib.loads(f"value = {value}")
     except (ValueError, RecursionError):
@@ -53,7 +53,7 @@ def toml_value(value: str) -> Any:
 
 
 def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str, Any]) -> Place:
-    """Puts the value at the path; returns the place. Raises ValueError."""
+    """Set the value at the path; return the place. Raises ValueError."""
     words = [word for word in re.split(r"[.\[\]]+", path) if word]
     if not words:
         raise ValueError("expected a path such as solver.distance")
@@ -80,7 +80,7 @@ def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str,
 
 
 def _key(node: Any, word: str, place: Place) -> str | int:
-    """The word as key of a table or as index of a list. Raises ValueError."""
+    """Return the word as key of a table or as index of a list. Raises ValueError."""
     if isinstance(node, dict):
         return word
     if not isinstance(node, list):

@@ -1,4 +1,4 @@
-"""Values of a scene that are possible but unusual, most often because of a wrong unit: told as warnings, never refused."""
+"""Warnings of values of a scene that are possible but unusual, most often because of a wrong unit."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ if TYPE_CHECKING:
     from thirdbody.scene.model import Scene
 
 SOFT, STIFF = 5e8, 1.3e12
-"""Young's modulus, Pa: elastomers, foams and the softest polymers lie below the first; diamond has 1.2e12."""
+"""Range of Young's modulus [Pa]: elastomers, foams and the softest polymers are below; diamond has 1.2e12."""
 
 LIGHT, HEAVY = 100.0, 2.3e4
-"""Density, kg/m3: below the first only foams; osmium, the densest element, has 22590."""
+"""Range of density [kg/m3]: only foams are below; osmium, the densest element, has 22590."""
 
 ROUGH = 2.0
-"""Friction coefficient that clean solids in air hardly exceed."""
+"""Friction coefficient that clean solids in air rarely exceed."""
 
 
 def unusual_values(scene: Scene) -> Iterator[str]:
-    """A warning for each unusual modulus, density and friction coefficient, with the unit that may have been meant."""
+    """Yield a warning for each unusual modulus, density and friction coefficient, with the unit probably intended."""
     for name, material in scene.materials.items():
         key = "youngs_modulus" if material.youngs_modulus is not None else "shear_modulus"
         young = material.young()

@@ -1,4 +1,4 @@
-"""A scene file as a raw document, and where each of its keys stands."""
+"""Reading of a scene file: its raw document, and the position of each key."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from thirdbody.scene.schema_base import Place, Wrong, key_path
 from thirdbody.scene.toml_positions import locate
 
 MOST_BYTES = 4_000_000
-"""Bytes of the largest scene file: larger tables of bodies belong into files of their own."""
+"""Bytes of the largest scene file: larger tables of bodies belong in files of their own."""
 
 MOST_LEVELS = 32
-"""Levels of tables and lists within each other; a scene has six."""
+"""Largest number of nested tables and lists; a scene has six."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where a scene came from. All sources are equal: two scenes that say the same are the same scene."""
+    """Origin of a scene. All sources are equal: two scenes with the same content are the same scene."""
 
     file: str | None = field(default=None, compare=False)
     positions: dict[Place, tuple[int, int]] = field(default_factory=dict, compare=False)
@@ -31,18 +31,18 @@ class Source:
     folder: str | None = field(default=None, compare=False)  # of the files it names, if not that of `file`
 
     def overridden(self, places: Iterable[Place]) -> Source:
-        """The source with these places taken from settings."""
+        """Return the source with these places set by settings."""
         return replace(self, settings=(*self.settings, *places))
 
     def position(self, place: Place) -> tuple[int, int] | None:
-        """Line and column of the key, or of the nearest table around it."""
+        """Return line and column of the key, or of the nearest enclosing table."""
         for length in range(len(place), 0, -1):
             if place[:length] in self.positions:
                 return self.positions[place[:length]]
         return (1, 1) if self.file is not None else None
 
     def fault(self, place: Place, message: str) -> Fault:
-        """The fault with file, line and column as far as they are known."""
+        """Return the fault with file, line and column as far as they are known."""
         key = key_path(place)
         if any(place[: len(setting)] == setting for setting in self.settings):
             return Fault(key, message, file=SETTINGS)
@@ -50,19 +50,19 @@ class Source:
         return Fault(key, message, self.file, line, column)
 
     def in_order(self, wrongs: Iterable[Wrong]) -> list[Fault]:
-        """The faults in the order of the file."""
+        """Return the faults in the order of the file."""
         placed = sorted(wrongs, key=lambda wrong: self.position(wrong[0]) or (0, 0))
         return [self.fault(place, text) for place, text in placed]
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """The text of a file. Raises InputError with the one reason why it cannot be read."""
+    """Return the text of a file. Raises InputError with the one reason why it cannot be read."""
     name = os.fspath(path)
     try:
         info = os.stat(path)
         if stat.S_ISDIR(info.st_mode):
             raise InputError(Fault("", "is a folder, expected a scene file", name))
-        if not stat.S_ISREG(info.st_mode):  # a pipe without a writer would wait for ever
+        if not stat.S_ISREG(info.st_mode):  # a pipe without a writer would block forever
             raise InputError(Fault("", "is a device, expected a scene file", name))
         if info.st_size > MOST_BYTES:
             raise InputError(Fault("", f"has {info.st_size / 1e6:.1f} MB; a scene has at most {MOST_BYTES / 1e6:.0f} MB", name))
@@ -72,10 +72,10 @@ def read_text(path: str | os.PathLike[str]) -> str:
         raise InputError(Fault("", "no such file", name)) from None
     except OSError as error:
         raise InputError(Fault("", f"cannot be read: {error.strerror}", name)) from None
-    except ValueError as error:  # a zero in the name
+    except ValueError as error:  # a null byte in the name
         raise InputError(Fault("", f"cannot be read: {error}", name)) from None
     try:
-        return data.decode("utf-8-sig")  # some editors put a mark in front
+        return data.decode("utf-8-sig")  # some editors write a byte order mark
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         column = len(data[: error.start].rpartition(b"\n")[2].decode("utf-8", "replace")) + 1
@@ -86,7 +86,7 @@ _WHERE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
 def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
-    """The raw tables and their source. Raises InputError with one fault when the text is not TOML."""
+    """Return the raw tables and their source. Raises InputError with one fault when the text is not TOML."""
     if (long := _LONG_KEY.search(text)) is not None:
         line = text.count("\n", 0, long.start()) + 1
         raise InputError(Fault("", f"a key of more than {MOST_LEVELS} parts: nested too deeply", name, line, 1))
@@ -101,12 +101,12 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
     return document, Source(name, locate(text))
 
 
-# Not left to tomllib, whose time grows with the square of the parts: 20 000 of them take minutes.
+# Checked before tomllib, whose time grows with the square of the parts: 20 000 of them take minutes.
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){32}""")  # MOST_LEVELS
 
 
 def _refuse_deep(document: dict[str, Any], name: str) -> None:
-    """Raise InputError for tables and lists so deep that no scene needs them, before anything walks down there."""
+    """Raise InputError for tables and lists nested more deeply than any scene needs, before any recursion."""
     level: list[tuple[str, Any]] = list(document.items())
     for _ in range(MOST_LEVELS):
         inner = [(key, node.values() if isinstance(node, dict) else node) for key, node in level if isinstance(node, dict | list)]
@@ -118,7 +118,7 @@ def _refuse_deep(document: dict[str, Any], name: str) -> None:
 
 
 def _deepest_line(text: str) -> int:
-    """The line with the most opening brackets: only for text that nests too deeply to be read."""
+    """Return the line with the most opening brackets: only for text that nests too deeply to be read."""
     lines = text.split("\n")
     return 1 + max(range(len(lines)), key=lambda k: lines[k].count("[") + lines[k].count("{"))
 

@@ -1,7 +1,7 @@
-"""The base of every table of the scene model, and how faults inside tables travel.
+"""The base of every table of the scene model, and the transport of faults inside tables.
 
-`Part` reports all faults of a table at once, and offers the nearest known key. Faults travel as pydantic
-errors whose text is final, so that nesting prefixes their place for free.
+`Part` reports all faults of a table at once, and suggests the nearest known key. Faults are carried by pydantic errors with final
+text, so that pydantic prefixes their place when tables are nested.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ from thirdbody.errors import Fault, InputError, nearest
 from thirdbody.scene.field_types import choose, in_file, plain, show
 
 Place = tuple[str | int, ...]
-Wrong = tuple[Place, str]  # where, relative to the table at hand, and what
+Wrong = tuple[Place, str]  # place relative to the table, and message
 
 MISSING = "required key is missing"
 
 MOST_STRANGE = 100
-"""Unknown keys of one table that are each told: looking for what was meant takes time."""
+"""Largest number of unknown keys of one table with a suggestion each: the search for similar names is slow."""
 
 
 def bundle(wrongs: Iterable[Wrong]) -> ValidationError:
-    """The faults as one pydantic error, which pydantic merges into that of the enclosing table."""
+    """Return the faults as one pydantic error, which pydantic merges into that of the enclosing table."""
     details = [
         InitErrorDetails(type=PydanticCustomError("scene", "{text}", {"text": text}), loc=place, input=None)
         for place, text in wrongs
@@ -48,7 +48,7 @@ def bundle(wrongs: Iterable[Wrong]) -> ValidationError:
 
 
 def wrongs_of(error: ValidationError) -> list[Wrong]:
-    """Place and plain text of every error."""
+    """Return place and plain text of every error."""
     result = []
     for entry in error.errors(include_url=False):
         text = MISSING if entry["type"] == "missing" else entry["msg"].removeprefix("Value error, ")
@@ -59,7 +59,7 @@ def wrongs_of(error: ValidationError) -> list[Wrong]:
 
 
 def key_path(place: Iterable[str | int]) -> str:
-    """The place as text: ("debris", 0, "size") is debris[0].size."""
+    """Return the place as text: ("debris", 0, "size") is debris[0].size."""
     path = ""
     for part in place:
         if isinstance(part, int):
@@ -71,17 +71,17 @@ def key_path(place: Iterable[str | int]) -> str:
 
 
 def entry(node: Any, key: str) -> Any:
-    """The entry of an unchecked table or of a checked one; None when there is none."""
+    """Return the entry of an unchecked table or of a checked one; None when there is none."""
     return node.get(key) if isinstance(node, Mapping) else getattr(node, key, None)
 
 
 def key_place(path: str) -> Place:
-    """The place that a path names: debris[0].size is ("debris", 0, "size")."""
+    """Return the place of a path: debris[0].size is ("debris", 0, "size")."""
     return tuple(int(number) if number else word for number, word in re.findall(r"\[(\d+)\]|([^.\[\]]+)", path))
 
 
 def union_by_key(key: str, kinds: Mapping[str, type[Part]], later: tuple[str, ...] = ()) -> WrapValidator:
-    """Chooses the kind of table by the value of one of its keys, so only that kind's faults are told."""
+    """Return a validator that selects the class of a table by one of its keys, so only faults of that class are reported."""
 
     def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         if isinstance(value, tuple(kinds.values())):
@@ -92,7 +92,7 @@ def union_by_key(key: str, kinds: Mapping[str, type[Part]], later: tuple[str, ..
 
 
 def chosen_kind(key: str, kinds: Mapping[str, type[Part]], value: Any, later: tuple[str, ...] = ()) -> type[Part]:
-    """The kind of table that the value of its key names. Raises ValueError, or ValidationError with the fault at that key."""
+    """Return the class of a table by the value of its key. Raises ValueError, or ValidationError with the fault at that key."""
     if not isinstance(value, Mapping):
         raise ValueError(f"expected a table, got {show(value)}")
     if value.get(key) is None:
@@ -105,7 +105,7 @@ def chosen_kind(key: str, kinds: Mapping[str, type[Part]], value: Any, later: tu
 
 
 def one_of(raw: Mapping[str, Any], keys: tuple[str, ...]) -> list[Wrong]:
-    """A fault unless exactly one of the keys is given."""
+    """Return a fault unless exactly one of the keys is given."""
     given = [key for key in keys if key in raw]
     if not given:
         return [((), f"give one of {', '.join(keys)}")]
@@ -117,7 +117,7 @@ class Part(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     later: ClassVar[dict[str, str]] = {}  # keys of the file format that do not work yet: what works instead
-    rest: ClassVar[str] = ""  # the field that keeps all further keys, for tables that plug-ins extend
+    rest: ClassVar[str] = ""  # the field for all further keys, in tables that plug-ins extend
 
     def __init__(self, /, **data: Any) -> None:
         try:
@@ -125,32 +125,32 @@ class Part(BaseModel):
         except ValidationError as error:
             raise InputError(Fault(key_path(place), text) for place, text in wrongs_of(error)) from None
 
-    # Tells pydantic to keep validating nested tables itself, so that faults are merged, as RootModel does.
+    # Makes pydantic validate nested tables itself, so that faults are merged, as RootModel does.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given; runs even when single values are wrong."""
+        """Return faults that follow from which keys are given; runs even when single values are wrong."""
         return []
 
     @classmethod
     def suggestion(cls, key: str) -> str:
-        """Return a phrase that offers the known key nearest to an unknown one."""
+        """Return a phrase that suggests the known key nearest to an unknown one."""
         return nearest(key, cls.model_fields)
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
-        """The table with short forms written out. Raises ValidationError."""
+        """Return the table with short forms written out. Raises ValidationError."""
         return raw
 
     def checks(self) -> list[Wrong]:
-        """Faults between values that are each right."""
+        """Return faults between values that are each valid."""
         return []
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
         schema = handler.resolve_ref_schema(handler(core_schema))
-        if cls.rest:  # what a plug-in judges
+        if cls.rest:  # checked by a plug-in
             schema["properties"].pop(cls.rest, None)
             schema["additionalProperties"] = True
         return schema
@@ -182,7 +182,7 @@ class Part(BaseModel):
 
     @classmethod
     def _gather(cls, raw: dict[str, Any], from_file: bool) -> dict[str, Any]:
-        """Moves keys that are not ours into the field that keeps them for a plug-in to judge."""
+        """Move further keys into the field `rest`, where a plug-in checks them."""
         own = {key: value for key, value in raw.items() if key in cls.model_fields and key != cls.rest}
         further = {key: plain(value) for key, value in raw.items() if key not in own}
         if not from_file:
@@ -191,9 +191,9 @@ class Part(BaseModel):
 
     @classmethod
     def _known(cls, raw: dict[str, Any]) -> tuple[dict[str, Any], dict[str, str], list[Wrong]]:
-        """The known keys; misspelt ones under the name that was meant; the faults of the others.
+        """Return the known keys, misspelt ones under the intended name, and the faults of the others.
 
-        Reading on under the meant name keeps one misspelling from also being told as a missing key.
+        Reading under the intended name prevents that one misspelling is also reported as a missing key.
         """
         saved = {key: value for key, value in raw.items() if key in cls.model_fields}
         renamed: dict[str, str] = {}
@@ -222,7 +222,7 @@ class Part(BaseModel):
 
 
 def _lost(value: Any, place: Place = ()) -> list[Place]:
-    """Places of what is not a number among keys that a plug-in will judge: it equals nothing, so the scene not itself."""
+    """Return the places of NaN among keys for a plug-in: NaN equals nothing, so the scene would not equal itself."""
     if isinstance(value, float):
         return [place] if math.isnan(value) else []
     entries = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else ()

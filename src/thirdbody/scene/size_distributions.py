@@ -15,7 +15,7 @@ from thirdbody.scene.schema_base import Part, Wrong, union_by_key
 
 
 class SizeDistribution(Part):
-    """What every distribution of sizes answers."""
+    """Base of the distributions of sizes."""
 
     def parameters(self) -> dict[str, Any]:
         """Return the distribution as the keywords of `bodies.irregular_clumps.diameters`."""
@@ -23,12 +23,12 @@ class SizeDistribution(Part):
         return {name: value for name, value in given.items() if value is not None}
 
     def typical(self) -> tuple[float, float]:
-        """Return a size [m], and the fraction of bodies that are surely not smaller."""
+        """Return a size [m], and the fraction of bodies that are certainly not smaller."""
         raise NotImplementedError(f"{type(self).__name__}.typical")
 
 
 class Constant(SizeDistribution):
-    """Every body has this size, m."""
+    """The same size [m] for all bodies."""
 
     distribution: Literal["constant"] = "constant"
     value: PositiveLength
@@ -40,7 +40,7 @@ class Constant(SizeDistribution):
 
 class _Cut(SizeDistribution):
     def checks(self) -> list[Wrong]:
-        """Faults between the limits."""
+        """Return faults between the limits."""
         low, high = getattr(self, "min"), getattr(self, "max")  # noqa: B009  (declared by the kinds below)
         if low and high and not low < high:
             return [(("min",), "min must be less than max")]
@@ -48,14 +48,14 @@ class _Cut(SizeDistribution):
                 if not (low or 0.0) <= getattr(self, key, low or 0.0) <= (high or math.inf)]  # fmt: skip
 
     def _outside(self, key: str, low: float | None, high: float | None) -> Wrong:
-        """The fault of a middle of the distribution that its limits cut away."""
+        """Return the fault of a median or mean outside the limits."""
         limits = [f"{word} {units.pretty(x, 'length')}" for word, x in (("min", low), ("max", high)) if x]
         shown = units.pretty(getattr(self, key), "length")
         return (key,), f"the {key} {shown} is outside the limits, {' and '.join(limits)}: only the tail would be left"
 
 
 class Lognormal(_Cut):
-    """Size with this median (m), cut at min and max; `sigma` is the standard deviation of ln(size)."""
+    """Lognormal size with this median [m], truncated at min and max; `sigma` is the standard deviation of ln(size)."""
 
     distribution: Literal["lognormal"] = "lognormal"
     median: PositiveLength
@@ -69,7 +69,7 @@ class Lognormal(_Cut):
 
 
 class Normal(_Cut):
-    """Size with this mean and standard deviation (m); `min` is required, for a size must be positive."""
+    """Normal size with this mean and standard deviation [m]; `min` is required, because a size must be positive."""
 
     distribution: Literal["normal"] = "normal"
     mean: PositiveLength
@@ -83,7 +83,7 @@ class Normal(_Cut):
 
 
 class Uniform(_Cut):
-    """Size evenly spread from min to max, m."""
+    """Size distributed uniformly from min to max [m]."""
 
     distribution: Literal["uniform"] = "uniform"
     min: PositiveLength
@@ -101,7 +101,7 @@ _SIZES: dict[str, type[Part]] = {
 
 
 def _constant_size(value: Any, info: ValidationInfo) -> Any:
-    """A single length as the distribution that it stands for."""
+    """Return a single length as the distribution that it represents."""
     if not isinstance(value, str | numbers.Real):
         return value
     return Constant(value=float(_LENGTH.read(value, info)))

@@ -1,4 +1,4 @@
-"""Stages one after the other, as motion and load of the upper plate are written: each a table with one leading key."""
+"""Lists of stages for motion and load of the upper plate: each stage is a table with one leading key."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ Kinds = Mapping[str, type[Part]]
 
 
 def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> WrapValidator:
-    """Reads a stage, or a list of them. `kinds`: leading key to table; `endless` names the key that a stage which is not the
-    last would need to have an end, None if it has one."""
+    """Return a validator of one stage, or of a list of them.
+
+    `kinds`: leading key to table; `endless` names the key that a stage before the last needs to have an end, None if it has one.
+    """
 
     def read(value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         entries = list(value) if isinstance(value, list | tuple) else [value]
@@ -44,7 +46,7 @@ def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> 
 
 
 def _stage_of(value: Any, info: ValidationInfo, kinds: Kinds, example: str) -> Any:
-    """One stage: the table is of the kind whose leading key it has."""
+    """Return one stage, of the kind whose leading key it has."""
     if isinstance(value, tuple(kinds.values())):
         return value
     if not isinstance(value, Mapping):
@@ -64,6 +66,6 @@ def _nearest_key(key: str, kinds: Iterable[str]) -> str | None:
 
 
 def plain_stages(result: tuple[Part, ...]) -> Any:
-    """A single stage as a table, several as a list."""
+    """Return a single stage as a table, several as a list."""
     report = [stage.model_dump(exclude_none=True) for stage in result]
     return report[0] if len(report) == 1 else report

@@ -35,7 +35,7 @@ from thirdbody.scene.schema_base import MISSING, Part, Wrong, bundle, one_of
 
 
 class Material(Part):
-    """An isotropic elastic solid; pressures in Pa, density in kg/m3."""
+    """An isotropic elastic solid; pressures [Pa], density [kg/m3]."""
 
     youngs_modulus: PositivePressure | None = None
     shear_modulus: PositivePressure | None = None
@@ -45,25 +45,25 @@ class Material(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         return one_of(raw, ("youngs_modulus", "shear_modulus"))
 
     def young(self) -> float:
-        """Young's modulus E = 2 G (1 + nu), Pa."""
+        """Return Young's modulus E = 2 G (1 + nu) [Pa]."""
         if self.youngs_modulus is not None:
             return self.youngs_modulus
-        assert self.shear_modulus is not None  # one of the two is given: `rules`
+        assert self.shear_modulus is not None  # `rules`: one of the two is given
         return 2.0 * self.shear_modulus * (1.0 + self.poisson_ratio)
 
     def shear(self) -> float:
-        """Shear modulus G = E / (2 (1 + nu)), Pa."""
+        """Return the shear modulus G = E / (2 (1 + nu)) [Pa]."""
         if self.shear_modulus is not None:
             return self.shear_modulus
         return self.young() / (2.0 * (1.0 + self.poisson_ratio))
 
 
 class Pair(Part):
-    """What two materials, or one with itself, do to each other; there is no mixing rule."""
+    """Contact parameters of two materials, or of one with itself; there is no mixing rule."""
 
     between: Annotated[tuple[Text, Text], listing("a list of 2 materials", 2)]
     friction: Annotated[float, Quantity(ge=0)]
@@ -72,7 +72,7 @@ class Pair(Part):
 
 
 class Domain(Part):
-    """Extent in x and y, m."""
+    """Extent in x and y [m]."""
 
     size: Annotated[tuple[PositiveLength, PositiveLength], listing("a list of 2 lengths", 2)]
     periodic: Flag = True
@@ -88,7 +88,7 @@ _LOADINGS = ("load", "pressure", "gap")
 
 
 class UpperPlate(Part):
-    """The plate above: how it is held and loaded (N, Pa of the domain's area, or m between the surfaces)."""
+    """The upper plate: its support and load [N], pressure on the domain's area [Pa], or gap between the surfaces [m]."""
 
     material: Text
     support: Annotated[Literal["rigid", "foundation", "load_per_particle"], Choice()] = "rigid"
@@ -105,7 +105,7 @@ class UpperPlate(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         wrongs = one_of(raw, _LOADINGS)
         if raw.get("support") == "load_per_particle" and not wrongs and "load" not in raw:
             given = next(key for key in _LOADINGS if key in raw)
@@ -129,21 +129,21 @@ class Plates(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         alone = "upper" in raw and "lower" not in raw
         return [(("upper",), "an upper plate needs a lower one: add [plates.lower]")] if alone else []
 
     def moving(self) -> bool:
-        """True when the upper plate slides."""
+        """Return whether the upper plate slides."""
         return self.upper is not None and self.upper.motion.moving()
 
     def driven(self) -> bool:
-        """True when something begins after the debris has settled: the upper plate slides, or its load changes."""
+        """Return whether a drive begins after settling: the upper plate slides, or its load changes."""
         return self.moving() or (self.upper is not None and self.upper.loading is not None)
 
 
 class Contact(Part):
-    """The contact law by name, and its options as the file gives them: only the law knows them."""
+    """The contact law by name, and its options as given in the file: only the law can check them."""
 
     rest: ClassVar[str] = "options"
     law: Text = "three_spot"
@@ -153,12 +153,12 @@ class Contact(Part):
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
-        """The table with the level that belongs to the default law; other laws may have no levels."""
+        """Return the table with the level of the default law; other laws may have no levels."""
         return {"level": "mindlin"} | raw if raw.get("law", "three_spot") == "three_spot" else raw
 
 
 class Effects(Part):
-    """Gravity (m/s2) if any, and further effects by name as the file gives them; what is absent is off."""
+    """Gravity [m/s2] if any, and further effects by name as given in the file; effects that are not given are off."""
 
     rest: ClassVar[str] = "named"
     gravity: AccelerationVector | None = None
@@ -166,13 +166,13 @@ class Effects(Part):
 
 
 IMPLICIT_KEYS = ("tolerance", "largest_step", "inertia", "on_failure")
-"""Keys of the solver that only the implicit integrator has."""
+"""Keys of the solver for the implicit integrator only."""
 
 
 class Solver(Part):
-    """How long and how the motion is integrated. Distance and duration count after settling.
+    """Integrator, time step and length of a run. Distance and duration count after settling.
 
-    The keys named in IMPLICIT_KEYS (`largest_step` in m of the drag) are told in `engine.implicit`.
+    The keys named in IMPLICIT_KEYS (`largest_step`: distance of the drag [m]) are documented in `engine.implicit`.
     """
 
     integrator: Annotated[Literal["auto", "explicit", "implicit"], Choice()] = "auto"
@@ -188,7 +188,7 @@ class Solver(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         wrongs = one_of(raw, ("distance", "duration"))
         other = {"explicit": IMPLICIT_KEYS, "implicit": ("time_step",)}
         kind = raw.get("integrator", "auto")
@@ -202,13 +202,13 @@ _EVERY = {"distance": "length", "time": "time"}
 
 
 class Output(Part):
-    """The interval between outputs: of sliding (m) or of time (s), as `every_kind` says.
+    """The interval between outputs: of sliding [m] or of time [s], according to `every_kind`.
 
     In Python: Output(every="0.5 um"), or Output(every=5e-7, every_kind="distance").
     """
 
     every: Annotated[float, Quantity(gt=0)]
-    every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: never left to the default
+    every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: the default is never used
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
@@ -218,7 +218,7 @@ class Output(Part):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         every, from_file = raw.get("every"), bool(context and context.get("file"))
         if from_file and "every_kind" in raw:
             return [(("every_kind",), "unknown key: the unit of every says whether it is a length or a time")]
@@ -229,7 +229,7 @@ class Output(Part):
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
-        """The interval as a number and its kind. Raises ValidationError."""
+        """Return the interval as a number and its kind. Raises ValidationError."""
         if not isinstance(raw.get("every"), str):
             return raw
         try:

@@ -1,4 +1,4 @@
-"""The scene that `thirdbody new` writes."""
+"""Template of the scene that `thirdbody new` writes."""
 
 TEMPLATE = """# How does a small layer of irregular steel debris move between two sheared steel plates?
 # Expect most particles to stick while they are pressed, then to slide or to roll once the drag begins.

@@ -1,6 +1,6 @@
-"""Line and column of every key and list entry in a TOML text, which tomllib does not tell.
+"""Line and column of every key and list entry in a TOML text, which tomllib does not report.
 
-Only for text that tomllib has accepted: the scanner trusts the syntax and never judges it.
+Only for text that tomllib has accepted: the scanner assumes valid syntax and does not check it.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _BARE_VALUE = re.compile(r"[^,\]}#\n]*")
 
 
 def locate(text: str) -> dict[Place, tuple[int, int]]:
-    """Position (line, column; both from 1) by place: keys at the key, list entries at the value."""
+    """Return the position (line, column; both from 1) by place: keys at the key, list entries at the value."""
     scanner = _Scanner(text.replace("\r\n", "\n"))
     scanner.document()
     return scanner.positions
@@ -63,7 +63,7 @@ class _Scanner:
         self.positions.setdefault(place, (line, start - self.line_starts[line - 1] + 1))
 
     def _header(self) -> Place:
-        """[a.b] or [[a.b]]: the place that the following keys belong to."""
+        """Read [a.b] or [[a.b]]: return the place of the following keys."""
         start, double = self.at, self._peek("[[")
         self.at += 2 if double else 1
         parts = self._key()

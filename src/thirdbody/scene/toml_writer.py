@@ -16,7 +16,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
 def toml_text(document: dict[str, Any]) -> str:
-    """The document as TOML text. Raises InputError for a value that TOML has no form for."""
+    """Return the document as TOML text. Raises InputError for a value that TOML cannot represent."""
     lines = [f"{_key(name)} = {_value(v, (name,))}" for name, v in document.items() if not _is_section(v)]
     for name, value in document.items():
         if isinstance(value, dict):
@@ -29,7 +29,7 @@ def toml_text(document: dict[str, Any]) -> str:
 
 
 def save_text(path: str | os.PathLike[str], text: str) -> None:
-    """Writes the text as UTF-8. Raises OutputError, or InputError for text that UTF-8 cannot hold."""
+    """Write the text as UTF-8. Raises OutputError, or InputError for text that UTF-8 cannot encode."""
     try:
         data = text.encode("utf-8")
     except UnicodeEncodeError as error:
@@ -48,7 +48,7 @@ def _is_section(value: Any) -> bool:
 
 
 def _table(table: dict[str, Any], place: Place, header: str) -> list[str]:
-    """Header and lines; tables inside get headers of their own at the second level."""
+    """Return header and lines; inner tables get headers of their own at the second level."""
     nested = {key: value for key, value in table.items() if isinstance(value, dict) and len(place) < 2}
     lines = [f"{_key(key)} = {_value(v, (*place, key))}" for key, v in table.items() if key not in nested]
     lines = ["", header, *lines] if lines or not nested else []
@@ -62,7 +62,7 @@ def _key(key: str) -> str:
 
 
 def _text(text: str) -> str:
-    # JSON's escapes are TOML's; what would steer a terminal becomes an escape, too: DEL, the codes above it, marks of direction
+    # JSON's escapes are TOML's; characters that control a terminal are escaped too: DEL, the codes above it, marks of direction
     if not is_unicode(text):
         raise InputError(f"'{text}' holds bytes that are no letters of UTF-8, and cannot be written to a scene file")
     quoted = json.dumps(text, ensure_ascii=False)

@@ -1,6 +1,6 @@
-"""How this program starts Python processes: none of them may execute a module that lies in the current folder.
+"""Python child processes that never execute a module in the current folder.
 
-`python -m` looks into the current folder first, before the standard library: a `json.py` there would be executed.
+`python -m` searches the current folder first, before the standard library: a `json.py` there would be executed.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ sys.path += [folder for folder in folders.splitlines() if folder not in sys.path
 sys.argv[:3] = [module]
 runpy.run_module(module, run_name="__main__", alter_sys=True)
 """
-"""What a child executes. The folders come last in its search path, so that nothing in them hides an installed module."""
+"""Code of a child. The folders come last in its search path, so that nothing in them hides an installed module."""
 
 
 def python_command(module: str, *arguments: str) -> list[str]:
-    """Return the command that executes a module of this package as `__main__`, with the same packages at hand as here."""
+    """Return the command that executes a module of this package as `__main__`, with the same packages available as here."""
     package = str(Path(__file__).resolve().parents[1])
     folders = [*_without_current_folder(sys.path), package]
     return [sys.executable, "-P", "-c", _START, "\n".join(folders), module, *arguments]
@@ -37,6 +37,6 @@ def python_environment() -> dict[str, str]:
 
 
 def _without_current_folder(folders: Iterable[str]) -> list[str]:
-    """Return the folders as absolute paths, without the current one (which an empty text stands for, too)."""
+    """Return the folders as absolute paths, without the current one (also written as an empty text)."""
     current = os.path.realpath(os.curdir)
     return [os.path.abspath(folder) for folder in folders if folder and os.path.realpath(folder) != current]

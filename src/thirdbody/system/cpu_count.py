@@ -1,4 +1,4 @@
-"""How many cores there are to use."""
+"""Number of available cores."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ import os
 
 
 def cores() -> int:
-    """Cores that this process may use: a scheduler or a container often gives it fewer than the machine has."""
+    """Return the cores available to this process: a scheduler or a container often allows fewer than the machine has."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

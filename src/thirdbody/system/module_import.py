@@ -1,4 +1,4 @@
-"""Python modules imported from files that are in no package: generated code and one-file plug-ins."""
+"""Import of Python modules from files outside packages: generated code and one-file plug-ins."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 from types import ModuleType
 
 import_lock = threading.RLock()
-"""Held from the question whether a module is there until it is: `sys.modules` names a module before it has been executed."""
+"""Held from the test for a module until its import is complete: `sys.modules` lists a module before it has been executed."""
 
 
 def import_file(name: str, path: Path) -> ModuleType:
-    """Import the file as the module `name`; one that fails is not left behind. Raises ImportError, and what the file raises."""
+    """Import the file as the module `name`; a failed one is removed. Raises ImportError, and what the file raises."""
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise ImportError(f"{path}: not a Python file")
@@ -28,7 +28,7 @@ def import_file(name: str, path: Path) -> ModuleType:
 
 
 def import_text(name: str, path: Path, text: str) -> ModuleType:
-    """Import a text as the module `name` of the file that holds it, without Python's own cache of files, which may be damaged."""
+    """Import a text as the module `name` of the file that holds it, without Python's own file cache, which may be damaged."""
     module = ModuleType(name)
     module.__file__ = str(path)
     code = compile(text, str(path), "exec")

@@ -1,4 +1,4 @@
-"""Signals that end a run in order: a checkpoint is written, and the exit code tells which signal came."""
+"""Signals that end a run in order: a checkpoint is written, and the exit code names the signal."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ HANGUP = getattr(signal, "SIGHUP", None)  # not on Windows
 
 @contextmanager
 def stop_on_signal() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C, SIGTERM and SIGHUP end a run between two compiled calls; yields the question whether one came.
+    """Let Ctrl-C, SIGTERM and SIGHUP end a run between two compiled calls; yield a function that returns whether one came.
 
-    Ctrl-C or SIGTERM a second time ends at once. A hangup may come twice by itself (from the kernel and from the shell), and is
-    left ignored where it is ignored (`nohup`).
+    A second Ctrl-C or SIGTERM ends at once. A hangup may arrive twice (from the kernel and from the shell), and stays ignored
+    where it is ignored (`nohup`).
     """
     caught: list[int] = []
 
@@ -51,9 +51,9 @@ def stop_on_signal() -> Iterator[Callable[[], bool]]:
 
 @contextmanager
 def stop_on_ctrl_c() -> Iterator[Callable[[], bool]]:
-    """Let Ctrl-C end a run between two compiled calls, and at once when it comes a second time.
+    """Let Ctrl-C end a run between two compiled calls, and a second one at once.
 
-    Only in the main thread and where Python handles it as usual: a program that has a handler of its own keeps it.
+    Only in the main thread and with Python's default handler: a program's own handler stays in place.
     """
     caught: list[int] = []
 
@@ -71,12 +71,12 @@ def stop_on_ctrl_c() -> Iterator[Callable[[], bool]]:
     finally:
         if ours:
             signal.signal(signal.SIGINT, usual)
-    if caught:  # too late to stop anything here, but what goes on after the run is to end as well
+    if caught:  # too late to stop anything here, but code after the run must end as well
         raise KeyboardInterrupt
 
 
 def _leave_lost_terminal(terminals: list[int]) -> None:
-    """Redirect to the null device what goes to a terminal that is closed: writing there fails, and would end the run."""
+    """Redirect output to a closed terminal to the null device: writing there fails, and would end the run."""
     nowhere = os.open(os.devnull, os.O_RDWR)
     for number in terminals:
         if not os.isatty(number):

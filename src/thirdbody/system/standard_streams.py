@@ -1,7 +1,7 @@
-"""Standard streams of the command line that never raise: a reader that has left, or a full disk, must not end a run.
+"""Standard streams of the command line that never raise: a closed reader or a full disk must not end a run.
 
-What cannot be written is dropped; the first fault of each stream is kept. A reader of standard output that has read enough
-(`| head`) is no fault. Any other fault of standard output means that what was asked for was not delivered: exit code 5.
+Output that cannot be written is dropped; the first fault of each stream is stored. A reader of standard output that stops early
+(`| head`) is no fault. Any other fault of standard output means that requested output was not delivered: exit code 5.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ OUTPUT_FAULT = 5
 
 
 class Stream(io.FileIO):
-    """A standard stream that keeps its first fault, and drops what is written after it."""
+    """A standard stream that stores its first fault, and drops all later output."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number, "w", closefd=False)
         self.fault: OSError | None = None
 
     def write(self, data: Any) -> int | None:  # type: ignore[override]  # None: not now, as in FileIO
-        """Write as much as the system takes; all is taken after a fault."""
+        """Write as much as the system accepts; after a fault, accept everything and drop it."""
         if self.fault is None:
             try:
                 return super().write(data)
@@ -36,9 +36,9 @@ class Stream(io.FileIO):
 
 @contextmanager
 def guarded_streams() -> Iterator[None]:
-    """Let standard output and error never raise. Raises SystemExit (5) at the end if standard output could not be written.
+    """Make standard output and error never raise. Raises SystemExit (5) at the end if standard output could not be written.
 
-    A stream that the caller closed (`>&-`) goes to the null device. Streams that something else has replaced stay as they are.
+    A stream closed by the caller (`>&-`) is redirected to the null device. Streams that other code has replaced stay unchanged.
     """
     _open_missing()
     before = sys.stdout, sys.stderr
@@ -54,7 +54,7 @@ def guarded_streams() -> Iterator[None]:
 
 @contextmanager
 def _told(output: io.TextIOWrapper | None) -> Iterator[None]:
-    """At the end say on standard error that standard output could not be written; the exit code of a failed command stands."""
+    """Report on standard error, at the end, that standard output could not be written; a failed command keeps its exit code."""
     code: Any = None
     try:
         yield
@@ -71,7 +71,7 @@ def _told(output: io.TextIOWrapper | None) -> Iterator[None]:
 
 
 def _guard(stream: TextIO | None, original: TextIO | None, number: int) -> io.TextIOWrapper | None:
-    """The stream again, on a file that never raises; None if something else has taken its place."""
+    """Return the stream on a file that never raises; None if other code has replaced the stream."""
     if not isinstance(stream, io.TextIOWrapper) or stream is not original or stream.fileno() != number:
         return None
     stream.flush()
@@ -82,12 +82,12 @@ def _guard(stream: TextIO | None, original: TextIO | None, number: int) -> io.Te
 
 
 def _open_missing() -> None:
-    """Open the null device for standard streams that are closed, lest the next file take their place and be written to."""
+    """Open the null device for closed standard streams; else the next file would get their number and be written to."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
-            os.open(os.devnull, os.O_RDWR)  # the lowest number that is free, which is this one
+            os.open(os.devnull, os.O_RDWR)  # the lowest free number, which is this one
             os.set_inheritable(number, True)
     for name, number in (("stdout", 1), ("stderr", 2)):
         if getattr(sys, name) is None:

@@ -1,7 +1,7 @@
-"""What goes to the terminal: text of users and of files made by others may not steer it, and a letter it lacks stops nothing.
+"""Safe output to the terminal: untrusted text cannot control it, and missing letters raise no error.
 
-Every character that is printed by the command line passes `PrintableStream`. Only rich, which draws tables and bars with escape
-sequences of its own, writes past it (`terminal_of`), and gets its texts from `printable`.
+All characters printed by the command line pass through `PrintableStream`. Only rich, which draws tables and bars with its own
+escape sequences, writes past it (`terminal_of`), with texts from `printable`.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from thirdbody.errors import printable
 
 MINUS = "\u2212"
 ESCAPED = "thirdbody_escaped"
-"""Name of the error handler `_escape` among those of the codecs."""
+"""Name under which `_escape` is registered as a codec error handler."""
 
 
 class PrintableStream:
-    """A text stream that writes out control characters as escapes such as `\\x1b`.
+    """A text stream that writes control characters as escapes such as `\x1b`.
 
-    It has no `buffer`, so nothing can write round it.
+    It has no `buffer`, so nothing can bypass it.
     """
 
     def __init__(self, terminal: TextIO) -> None:
         self.terminal = terminal
 
     def write(self, text: str) -> int:
-        """Write text of one or more lines; only line breaks and tabs pass as they are. Returns its length."""
+        """Write text of one or more lines; only line breaks and tabs pass unchanged. Return its length."""
         self.terminal.write("".join(part if part in ("\n", "\t") else printable(part) for part in re.split("([\n\t])", text)))
         return len(text)
 
@@ -49,15 +49,15 @@ class PrintableStream:
 
 
 def terminal_of(stream: Any) -> Any:
-    """The stream below a `PrintableStream`, for rich; any other stream itself."""
+    """Return the stream below a `PrintableStream`, for rich; any other stream itself."""
     return stream.terminal if isinstance(stream, PrintableStream) else stream
 
 
 @contextmanager
 def printable_output() -> Iterator[None]:
-    """Let everything that is printed pass a `PrintableStream`; what the locale has no letter for becomes an escape, too.
+    """Pass everything that is printed through a `PrintableStream`; letters missing in the locale are escaped too.
 
-    A stream that is closed swallows what is printed. Warnings of Python are printed as lines of ours.
+    A closed stream discards output. Python's warnings are printed as lines in the program's style.
     """
     before = sys.stdout, sys.stderr
     with ExitStack() as stack:
@@ -73,13 +73,13 @@ def printable_output() -> Iterator[None]:
 
 
 def _warn(message: Warning | str, *_where: object, **_also: object) -> None:
-    """Print a warning of Python as all others, without the line of code that gave it."""
+    """Print a Python warning like all others, without the line of code that issued it."""
     say(f"warning: {message}", err=True)
 
 
 @contextmanager
 def _escaped_letters(stream: Any) -> Iterator[None]:
-    """Let a stream write letters that its encoding lacks as escapes, instead of raising."""
+    """Make a stream escape letters that its encoding lacks, instead of raising."""
     if not isinstance(stream, io.TextIOWrapper):
         yield
         return
@@ -94,17 +94,17 @@ def _escaped_letters(stream: Any) -> Iterator[None]:
 
 
 def _escape(problem: UnicodeError) -> tuple[str | bytes, int]:
-    """What stands for letters that an encoding lacks: an escape, but for a minus a hyphen, as digits follow it."""
+    """Return the replacement of letters that an encoding lacks: an escape, or a hyphen for a minus, as digits follow it."""
     if not isinstance(problem, UnicodeEncodeError) or problem.object[problem.start] != MINUS:
         return codecs.backslashreplace_errors(problem)
     return "-", problem.start + 1
 
 
 def _nowhere() -> TextIO:
-    """A stream that swallows what is written; it takes the place of the closed one, so that no file of ours gets its number."""
+    """Return a stream that discards output, on the number of the closed one, so that no other file gets that number."""
     return open(os.devnull, "w", encoding="utf-8")
 
 
 def say(text: object, *, err: bool = False) -> None:
-    """Print one line, on standard error if `err`: line breaks within `text`, such as in a name, are written out too."""
+    """Print one line, on standard error if `err`: line breaks within `text`, such as in a name, are escaped too."""
     print(printable(str(text)), file=sys.stderr if err else sys.stdout, flush=err)

@@ -1,4 +1,4 @@
-"""What a scene passes to a kind of debris when bodies are made, and what it gets back."""
+"""Interface between a scene and a kind of debris: the context of a population, and its bodies."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from thirdbody.scene.size_distributions import SizeDistribution
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)
-"""The quaternion (w, x, y, z) of no rotation."""
+"""Quaternion (w, x, y, z) of the identity."""
 
 
 class RandomStreams:
@@ -24,13 +24,13 @@ class RandomStreams:
         self.seed, self.population = seed, population
 
     def stream(self, body: int) -> np.random.Generator:
-        """Return the generator of one body, at its start."""
+        """Return the generator of one body, in its initial state."""
         import numpy as np
 
         return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=(self.population, body)))
 
     def diameters(self, size: SizeDistribution, count: int) -> list[float]:
-        """Return a diameter [m] for each body: the first number that its stream gives. Raises InputError."""
+        """Return a diameter [m] for each body: the first number of its stream. Raises InputError."""
         from thirdbody.bodies.irregular_clumps import Streams, diameters
 
         streams = Streams([self.stream(k) for k in range(count)])
@@ -39,10 +39,10 @@ class RandomStreams:
 
 @dataclass(frozen=True)
 class PopulationContext:
-    """What the scene passes to one of its populations.
+    """Context in which the bodies of one population are made.
 
-    `index`: of the population in `debris`; `density` of its material [kg/m3]; `domain`: width and depth [m]; `path`: gives the
-    path of a file that the scene names; `warnings`: takes lines for the user; `content`: what `DebrisKind.read` returned.
+    `index`: of the population in `debris`; `density` of its material [kg/m3]; `domain`: width and depth [m]; `path`: converts a
+    file name in the scene to its path; `warnings`: list to append messages to; `content`: what `DebrisKind.read` returned.
     """
 
     index: int
@@ -55,11 +55,11 @@ class PopulationContext:
 
 
 class PlacedClumps(NamedTuple):
-    """The bodies of a population at unit density, and what the scene says of their places and motion.
+    """Bodies of a population at unit density, with their positions and motion where the scene gives them.
 
-    `quaternions`, (4,) or (n, 4), turn the principal frame of a clump to the world; `positions` (n, 3) of the centres of mass
-    [m], None for bodies that a placement puts somewhere; `velocity` [m/s] and `angular_velocity` [rad/s], (n, 3), None for
-    those of the scene's table.
+    `quaternions`, (4,) or (n, 4), rotate the principal frame of a clump to the world; `positions` (n, 3) of the centres of mass
+    [m], None for bodies that a placement positions; `velocity` [m/s] and `angular_velocity` [rad/s], (n, 3), None for those of
+    the scene's table.
     """
 
     clumps: list[Clump]

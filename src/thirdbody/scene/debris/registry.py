@@ -1,4 +1,4 @@
-"""Where kinds of debris are found: built in (`kinds`), installed (entry points), and in files named on the command line."""
+"""Registry of kinds of debris: built in (`kinds`), installed (entry points), and in files named on the command line."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ from thirdbody.scene.debris.contract import DebrisKind
 from thirdbody.scene.schema_base import chosen_kind
 
 GROUP = "thirdbody.debris_kinds"
-"""Entry points by the name of the kind: each is its class."""
+"""Group of entry points; each is the class of a kind, under the name of the kind."""
 
 FIRST = ("irregular", "spheres", "mesh", "spots", "file")
-"""Kinds that lists name first, in this order; others follow by name."""
+"""Kinds that lists begin with, in this order; the others follow by name."""
 
 NEEDED = ("kind", "material", "count", "velocity", "angular_velocity")
-"""Keys that every kind has."""
+"""Keys that every kind must have."""
 
 
 class DebrisKinds(Mapping[str, type[DebrisKind]]):
-    """The kinds of debris by name: built-in, installed, and those of plug-in files. An installed one is imported when it is asked
-    for. Raises UsageError for a file that is no plug-in, and where two kinds have one name."""
+    """The kinds of debris by name: built-in, installed, and those of plug-in files.
+
+    An installed one is imported on first use. Raises UsageError for an invalid plug-in file, and where two kinds have one name.
+    """
 
     def __init__(self, files: Sequence[str | Path] = ()) -> None:
         self.of_files: dict[str, tuple[str, type[DebrisKind]]] = dict(_kinds_of_files(files))
@@ -46,13 +48,13 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
         return points
 
     def including(self, kinds: Iterable[type[DebrisKind]]) -> DebrisKinds:
-        """Return these kinds and others, those of tables that were made from their classes."""
+        """Return these kinds and those of tables that were built from classes of other kinds."""
         result = DebrisKinds()
         result.of_files = self.of_files | {name: (kind.__module__, kind) for kind in kinds if (name := name_of(kind)) not in self}
         return result
 
     def source(self, name: str) -> str:
-        """Return what brings a kind: thirdbody, a file, or an entry point."""
+        """Return the provider of a kind: thirdbody, a file, or an entry point."""
         if name in built_in():
             return "thirdbody"
         return self.of_files[name][0] if name in self.of_files else self.installed[name].value
@@ -66,7 +68,7 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
         point = self.installed[name]
         try:
             return checked_kind(point.load(), name)
-        except Exception as problem:  # whatever a plug-in raises on import
+        except Exception as problem:  # any exception of a plug-in on import
             raise ValueError(f"'{name}' ({point.value}) did not load: {type(problem).__name__}: {problem}") from problem
 
     def __contains__(self, name: object) -> bool:
@@ -98,7 +100,7 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
         except ValueError:
             return None
 
-    # A scene is what it says, wherever its kinds were found.
+    # Registries are equal: a scene does not depend on where its kinds come from.
     def __eq__(self, other: object) -> bool:
         return isinstance(other, DebrisKinds)
 
@@ -115,7 +117,7 @@ def built_in() -> dict[str, type[DebrisKind]]:
 
 
 def name_of(kind: type[DebrisKind]) -> str:
-    """Return the name of a kind, as `kind` says it in a scene; empty if the class has none."""
+    """Return the name of a kind, the default of its field `kind`; empty if the class has none."""
     field = kind.model_fields.get("kind")
     return field.default if field is not None and isinstance(field.default, str) else ""
 
@@ -134,7 +136,7 @@ def checked_kind(kind: Any, name: str | None = None) -> type[DebrisKind]:
 
 
 def _kinds_of_files(files: Iterable[str | Path]) -> Iterator[tuple[str, tuple[str, type[DebrisKind]]]]:
-    """Name, file and class of the kinds in plug-in files. Raises UsageError."""
+    """Yield name, file and class of the kinds in plug-in files. Raises UsageError."""
     owners = dict.fromkeys(built_in(), "thirdbody")
     for file in files:
         from thirdbody.laws.registry import DEBRIS_KINDS, load_module
@@ -163,7 +165,7 @@ _ANYTHING = core_schema.any_schema()
 
 
 class _DebrisTable:
-    """A [[debris]] table: `kind` chooses the class that reads the others of its keys."""
+    """Field type of a [[debris]] table: `kind` selects the class that reads the other keys."""
 
     def read(self, value: Any, handler: ValidatorFunctionWrapHandler, info: ValidationInfo) -> Any:
         if isinstance(value, DebrisKind):
@@ -176,7 +178,7 @@ class _DebrisTable:
         return core_schema.with_info_wrap_validator_function(self.read, union, serialization=as_it_is)
 
     def __get_pydantic_json_schema__(self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
-        """The built-in kinds, and those that are installed now."""
+        """Return the schemas of the built-in and the installed kinds."""
         result = handler(schema)
         others = [kind for name, kind in DebrisKinds().usable().items() if name not in built_in()]
         return result | {"anyOf": result["anyOf"] + [handler(kind.__pydantic_core_schema__) for kind in others]}

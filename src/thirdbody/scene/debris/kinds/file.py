@@ -1,4 +1,4 @@
-"""Debris of the kind `file`: bodies of a table of spheres, where the file says or by a placement."""
+"""Debris of the kind `file`: bodies of a table of spheres, at positions of the file or by a placement."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class File(VolumeKeys):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         wrongs = super().rules(raw, context)
         if "placement" in raw:
             return wrongs
@@ -53,7 +53,7 @@ class File(VolumeKeys):
         return count if isinstance(count, int) else 2
 
     def max_spheres(self) -> int:
-        """Return 1: how many there are, only the file says."""
+        """Return 1: the number is known only after reading the file."""
         return 1
 
     def read(self, context: PopulationContext) -> Bodies:
@@ -93,7 +93,7 @@ class File(VolumeKeys):
         return float(np.sqrt(np.mean([body.diameter**2 for body in context.content.clumps]))), 1.0
 
     def bodies(self, context: PopulationContext) -> PlacedClumps:
-        """Return the shapes in turn, each of its own size, or the bodies as they lie and move in the file."""
+        """Return the shapes in turn, each with its own size, or the bodies with the positions and motion of the file."""
         table: Bodies = context.content
         shapes = [table.clumps[k % len(table.clumps)] for k in range(self.number_of_bodies(context))]
         if self.size is not None:
@@ -104,7 +104,7 @@ class File(VolumeKeys):
         return PlacedClumps(shapes, table.quaternions, table.positions, table.velocity, table.angular_velocity)
 
     def position_key(self, body: int) -> Place:
-        """Return the key of the file that says where the bodies are."""
+        """Return the key of the file that gives the positions."""
         return ("file",) if self.placement is None else ()
 
 

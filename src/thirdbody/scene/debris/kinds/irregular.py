@@ -1,4 +1,4 @@
-"""Debris of the kind `irregular`: random clumps in an envelope, more or less angular, with asperities."""
+"""Debris of the kind `irregular`: random clumps in an envelope, with angularity and asperities."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ _WHOLE = Whole(ge=1, le=64)
 SpheresPerBody = Annotated[int, _WHOLE]
 
 THINNEST = 1e-6
-"""Least axis ratio: far thinner bodies lose their size to rounding."""
+"""Smallest axis ratio: far thinner bodies lose their size to rounding."""
 
 
 def _sphere_range(value: Any, info: ValidationInfo) -> Any:
-    """A single number as the range that it stands for."""
+    """Return a single number as the range that it represents."""
     if hasattr(value, "__len__"):
         return value
     number = _WHOLE.read(value, info)
@@ -54,10 +54,10 @@ _ABSOLUTE = Quantity(dimension="length", gt=0)
 
 @dataclass(frozen=True)
 class _LengthOrFraction:
-    """A length as text with a unit, kept as that text, or a bare fraction: in a scene nothing else tells them apart."""
+    """Field type: a length as text with a unit, stored as text, or a bare fraction; only the unit distinguishes them."""
 
     def read(self, value: Any, info: ValidationInfo) -> float | str:
-        """The fraction, or the text. Raises ValueError."""
+        """Return the fraction, or the text. Raises ValueError."""
         if isinstance(value, str):
             _ABSOLUTE.read(value, info)
             return value
@@ -81,7 +81,7 @@ class Asperities(Part):
 
     @property
     def length(self) -> float | None:
-        """The radius in m; None if it is a fraction."""
+        """Radius [m]; None if it is a fraction."""
         return units.parse(self.radius, "length") if isinstance(self.radius, str) else None
 
 
@@ -110,12 +110,12 @@ class Irregular(VolumeKeys):
     angular_velocity: AngularVelocity = REST
 
     def checks(self) -> list[Wrong]:
-        """Faults between the limits."""
+        """Return faults between the limits."""
         minimum, maximum = self.spheres
         return [(("spheres",), f"the least, {minimum}, is more than the most, {maximum}")] if minimum > maximum else []
 
     def max_spheres(self) -> int:
-        """Return the largest number of spheres, those of the asperities included."""
+        """Return the largest number of spheres, including those of the asperities."""
         return self.spheres[1] + (self.asperities.count if self.asperities else 0)
 
     def clumps(self, random: RandomStreams) -> list[Clump]:

@@ -1,4 +1,4 @@
-"""Debris of the kind `mesh`: the surfaces that a population names, and the clumps that stand for them."""
+"""Debris of the kind `mesh`: surfaces from files, and the clumps fitted to them."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Files:
-    """The name of a file or folder, or a list of names of files."""
+    """Field type: the name of a file or folder, or a list of names of files."""
 
     def read(self, value: Any, info: ValidationInfo) -> str | list[str]:
-        """The name or the names. Raises ValueError."""
+        """Return the name or the names. Raises ValueError."""
         names = list(value) if isinstance(value, list | tuple) else [value]
         if not names or not all(isinstance(name, str) for name in names):
             raise ValueError(f"expected a file, a folder or a list of files, got {show(value)}")
@@ -42,7 +42,7 @@ class _Files:
 
 
 class MeshShape(NamedTuple):
-    """A surface, the clump that stands for it, and how well its spheres follow the surface."""
+    """A surface, the clump fitted to it, and the quality of the fit."""
 
     name: str
     surface: Surface
@@ -77,7 +77,7 @@ class Mesh(VolumeKeys):
         return self.spheres
 
     def bodies(self, context: PopulationContext) -> PlacedClumps:
-        """Return clumps that stand for the meshes in turn, each of its own size; warn how well the spheres fit."""
+        """Return the clumps of the meshes in turn, each with its own size; add a warning about the quality of the fit."""
         shapes = self.mesh_shapes(context)
         bodies = [shapes[k % len(shapes)].clump for k in range(self.count)]
         if self.size is not None:
@@ -107,13 +107,13 @@ class Mesh(VolumeKeys):
         return shapes
 
     def _files(self, context: PopulationContext) -> list[tuple[str, str, Path]]:
-        """Key, name and path of every mesh file, in order. Raises InputError for an empty folder."""
+        """Return key, name and path of every mesh file, in order. Raises InputError for an empty folder."""
         from thirdbody.bodies.mesh import SUFFIXES
 
         if not isinstance(self.file, str):
             return [(f"file[{k}]", name, context.path(name)) for k, name in enumerate(self.file)]
         path = context.path(self.file)
-        if not os.path.isdir(path):  # that of a path raises for names that are too long
+        if not os.path.isdir(path):  # Path.is_dir raises for names that are too long
             return [("file", self.file, path)]
         try:
             result = meshes_in(path)
@@ -125,7 +125,7 @@ class Mesh(VolumeKeys):
         return [("file", file.name, file) for file in result]
 
     def _too_large(self, context: PopulationContext, shapes: list[MeshShape]) -> list[Fault]:
-        """A fault where the unit makes bodies that do not fit into the domain."""
+        """Return a fault where the unit makes bodies that do not fit into the domain."""
         widest = max(shapes, key=lambda shape: shape.clump.diameter)
         if self.size is not None or widest.clump.diameter <= min(context.domain):
             return []
@@ -138,7 +138,7 @@ class Mesh(VolumeKeys):
 
 
 def meshes_in(folder: Path) -> list[Path]:
-    """The mesh files of a folder, in the order of their names; hidden ones and those of folders below are left out."""
+    """Return the mesh files of a folder, sorted by name; hidden files and subfolders are left out."""
     from thirdbody.bodies.mesh import SUFFIXES
 
     files = (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith("."))
@@ -146,7 +146,7 @@ def meshes_in(folder: Path) -> list[Path]:
 
 
 def _closeness(spheres: int, shapes: list[MeshShape]) -> str:
-    """How well the spheres follow the surfaces."""
+    """Describe how closely the spheres follow the surfaces."""
     import numpy as np
 
     rms = [100.0 * shape.fit.rms for shape in shapes]

@@ -28,8 +28,8 @@ class Ball(Part):
 
 
 def _unit_quaternion(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    """The quaternion at length 1. Raises ValueError for zero."""
-    # One that is unit to rounding stays as it is, or saving and reading would change its last bits.
+    """Return the normalised quaternion. Raises ValueError for zero."""
+    # One of unit length up to rounding is unchanged; else saving and reading would change its last bits.
     if abs(math.hypot(*q) - 1.0) < 1e-15:
         return q
     largest = max(abs(part) for part in q)
@@ -49,7 +49,8 @@ Quaternion = Annotated[
 
 class Spheres(VolumeKeys):
     """Bodies of given spheres: single balls of one `radius`, or all of one `shape`; by `placement` or at
-    `positions` (centres of mass, m) in one `orientation` (w, x, y, z; body to world)."""
+    `positions` (centres of mass, m) in one `orientation` (w, x, y, z; body to world).
+    """
 
     kind: Literal["spheres"] = "spheres"
     material: Text
@@ -65,7 +66,7 @@ class Spheres(VolumeKeys):
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
-        """Faults that show in which keys are given."""
+        """Return faults that follow from which keys are given."""
         wrongs = super().rules(raw, context) + one_of(raw, ("radius", "shape"))
         for key in ("shape", "positions"):
             if isinstance(raw.get(key), list | tuple) and not raw[key]:
@@ -81,14 +82,14 @@ class Spheres(VolumeKeys):
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
-        """The table with the count of the positions, or the placement that stands for none."""
+        """Return the table with the count of the positions, or with the default placement."""
         if "positions" not in raw:
             return {"placement": "layer"} | raw
         positions = raw["positions"]
         return {"count": len(positions)} | raw if hasattr(positions, "__len__") else raw
 
     def checks(self) -> list[Wrong]:
-        """Faults between count and positions, and a body of too many spheres."""
+        """Return faults between count and positions, and of a body of too many spheres."""
         if self.shape is not None and len(self.shape) > MAX_SPHERES_PER_BODY:
             return [(("shape",), f"{len(self.shape)} spheres, at most {MAX_SPHERES_PER_BODY} make a body")]
         if self.positions is None or self.count == len(self.positions):
@@ -116,7 +117,7 @@ class Spheres(VolumeKeys):
         return PlacedClumps([body] * self.count, quaternion_product(rotation, frame), positions)
 
     def _body(self, population: int) -> tuple[Clump, np.ndarray]:
-        """The body, and the quaternion of its principal frame in the frame of `shape`."""
+        """Return the body, and the quaternion of its principal frame in the frame of `shape`."""
         import numpy as np
 
         from thirdbody.bodies.clump import clump_with_frame, repeated_spheres
@@ -131,7 +132,7 @@ class Spheres(VolumeKeys):
             raise InputError(Fault(f"shape[{k}]", message.format(population, first)) for k, first in repeated)
         try:
             body, _, frame = clump_with_frame(centers, radii)
-        except InputError as error:  # its keys are "spheres[6]", of spheres that are in the scene's `shape`
+        except InputError as error:  # its keys are "spheres[6]", for spheres in the scene's `shape`
             raise InputError(Fault("shape" + _index(fault.key), fault.message) for fault in error.faults) from None
         return body, frame
 
@@ -141,7 +142,7 @@ class Spheres(VolumeKeys):
 
 
 def _index(key: str) -> str:
-    """The first index in a key such as "spheres[6].center": "[6]"."""
+    """Return the first index in a key such as "spheres[6].center": "[6]"."""
     return "".join(re.findall(r"\[\d+\]", key)[:1])
 
 

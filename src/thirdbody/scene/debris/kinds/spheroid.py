@@ -2,10 +2,10 @@
 
 Semi-axes 1 and r < 1 (in units of the longer one), E^2 = 1 - r^2. The medial axis is a segment (prolate) or a disc (oblate) of
 radius E^2; the sphere centred there at the distance x = E^2 u from the middle has the radius r sqrt(1 - E^2 u^2) and touches the
-spheroid from inside, at the tips or the rim (u = 1) with the spheroid's own curvature radius r^2. A displacement s along the
+spheroid from inside, at the tips or the rim (u = 1) with the spheroid's own radius of curvature r^2. A displacement s along the
 medial axis from the nearest centre leaves a gap s^2/(2 E^2 rho) between the union of spheres and the spheroid (rho: radius of the
-sphere), the same in both directions of the disc. Steps in proportion to sqrt(rho) therefore leave equal gaps: on the segment
-h = E^2 I^2/(8 r (n - 1)^2), I = integral from -1 to 1 of (1 - E^2 u^2)^(-1/4) du.
+sphere), the same in both directions of the disc. Steps in proportion to sqrt(rho) therefore leave equal gaps: on the segment h =
+E^2 I^2/(8 r (n - 1)^2), I = integral from -1 to 1 of (1 - E^2 u^2)^(-1/4) du.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump
 
 BALL = 1.0 - 1e-6
-"""Axial ratio above which a spheroid is a ball of one sphere: several would coincide."""
+"""Axial ratio above which a spheroid is one sphere: several would coincide."""
 
 RINGS = range(1, 6)
-"""Rings of an oblate body round its middle sphere; ring k has 6 k spheres: 7, 19, 37, 61 or 91 in all."""
+"""Rings of an oblate body around its middle sphere; ring k has 6 k spheres: 7, 19, 37, 61 or 91 in all."""
 
 
 class Layout(NamedTuple):
-    """Spheres of a spheroid whose longer semi-axis is 1: centers (n, 3), radii (n,); and the radius of the ball of its volume."""
+    """Spheres of a spheroid whose longer semi-axis is 1: centers (n, 3), radii (n,); and the volume-equivalent radius."""
 
     centers: np.ndarray
     radii: np.ndarray
@@ -41,12 +41,12 @@ class Layout(NamedTuple):
 
 
 def spheres_in_rings(rings: int) -> int:
-    """Return the number of spheres in the middle and in rings of 6, 12, 18 ... round it."""
+    """Return the number of spheres in the middle and in rings of 6, 12, 18 ... around it."""
     return 1 + 3 * rings * (rings + 1)
 
 
 def number_of_spheres(form: str, axial_ratio: float, at_most: int) -> int:
-    """Return how many spheres a body has: 1 for a ball, as many as allowed on a segment, full rings on a disc."""
+    """Return the number of spheres of a body: 1 for a sphere, as many as allowed on a segment, full rings on a disc."""
     if axial_ratio > BALL:
         return 1
     if form == "prolate":
@@ -77,7 +77,7 @@ def layout(form: str, axial_ratio: float, spheres: int) -> Layout:
 
 
 def _graded(steps: np.ndarray, squared: float) -> np.ndarray:
-    """Places u in [0, 1] for even steps in [0, 1]: closer together where the spheres are smaller, for equal gaps."""
+    """Return positions u in [0, 1] for even steps in [0, 1]: closer together where the spheres are smaller, for equal gaps."""
     import numpy as np
 
     u = np.linspace(0.0, 1.0, 4097)
@@ -87,7 +87,7 @@ def _graded(steps: np.ndarray, squared: float) -> np.ndarray:
 
 
 def corrugation(form: str, axial_ratio: float, spheres: int) -> float:
-    """Return the largest distance from the spheroid to the union of its spheres, over the radius of the ball of its volume.
+    """Return the largest distance from the spheroid to the union of its spheres, over the volume-equivalent radius.
 
     Measured at points of a meridian (prolate) or of a twelfth of the surface (oblate), to some 1e-3 of its value.
     """
@@ -110,7 +110,7 @@ def corrugation(form: str, axial_ratio: float, spheres: int) -> float:
 
 
 def in_one_piece(form: str, axial_ratio: float, spheres: int) -> bool:
-    """Return whether every sphere is linked to the others by overlaps."""
+    """Return whether overlaps connect all spheres."""
     import numpy as np
 
     centers, radii, _ = layout(form, axial_ratio, spheres)
@@ -138,7 +138,7 @@ class Spheroid(PlacedDebris):
     spheres: Annotated[int, Whole(ge=2, le=MAX_SPHERES_PER_BODY)] = 20
 
     def checks(self) -> list[Wrong]:
-        """Faults of too few spheres for one piece."""
+        """Return faults of too few spheres for one connected body."""
         if self.axial_ratio > BALL:
             return []
         if self.form == "oblate" and self.spheres < spheres_in_rings(RINGS[0]):

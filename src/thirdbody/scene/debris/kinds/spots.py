@@ -1,4 +1,4 @@
-"""The debris kind `spots`: a particle known by the spots that it rests on, as in Willert's three-spot theory."""
+"""The debris kind `spots`: a particle given by the spots that it rests on, as in Willert's three-spot theory."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ class Spot(Part):
 
 
 def _three_moments(value: Any, info: ValidationInfo) -> Any:
-    """A single moment of inertia as the three that it stands for."""
+    """Return a single moment of inertia as the three that it represents."""
     if not isinstance(value, str | numbers.Real):
         return value
-    _INERTIA.read(value, info)  # so that a fault is told once
+    _INERTIA.read(value, info)  # so that a fault is reported once
     return [value, value, value]
 
 
@@ -82,12 +82,12 @@ class Spots(DebrisKind):
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
-        """The table with the count of the positions."""
+        """Return the table with the count of the positions."""
         positions = plain(raw.get("positions"))
         return {"count": len(positions)} | raw if isinstance(positions, list) and positions else raw
 
     def checks(self) -> list[Wrong]:
-        """Faults between the keys."""
+        """Return faults between the keys."""
         sides = {spot.side for spot in self.spots}
         wrongs: list[Wrong] = [
             (("spots",), f"no spot on the {side} side: a third body touches both")
@@ -102,7 +102,7 @@ class Spots(DebrisKind):
         return wrongs + (self._out_of_plane() if self.planar else [])
 
     def height(self) -> float:
-        """Distance between the highest upper and the lowest lower spot, m."""
+        """Return the distance between the highest upper and the lowest lower spot [m]."""
         z = {side: [spot.z for spot in self.spots if spot.side == side] for side in ("lower", "upper")}
         return max(z["upper"]) - min(z["lower"])
 
