@@ -92,8 +92,9 @@ def carry_springs(w, m, kept, overlap, new):
     """
     n, h = cells_of(w), w[0]
     new[0] = h
+    for i in range(1, len(new)):  # a row of an even length has one number more than the cells need: history must not be undefined
+        new[i] = 0.0
     for i in range(n):
-        new[1 + i], new[1 + n + i] = 0.0, 0.0
         if gap_of(i, m, h) < overlap:
             y_1, y_2 = lower_end(i, m, h), lower_end(i + 1, m, h)
             first = min(cell_at(kept * y_1, m, h), i)

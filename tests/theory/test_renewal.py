@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from thirdbody_three_spot import exact, mdr, theory
+from thirdbody_three_spot import exact, exact_rolling, exact_springs, mdr, mdr_rolling, theory
 
 from thirdbody.assembly.physics import _value
 from thirdbody.laws.contract import Contact, Load, Material, Pair
@@ -351,6 +351,18 @@ def test_cycles_of_load_and_sway_leave_the_rolling_springs_alone():
             forces.append(force)
         assert forces[0] != 0.0
         assert forces[1:] == pytest.approx([forces[0]] * 39, rel=0.01), level
+
+
+@pytest.mark.parametrize("length", [143, 144, 145])
+def test_carried_springs_leave_no_number_of_a_row_undefined(length):
+    """A history with undefined numbers differs from run to run, and may hold what is not finite."""
+    w, rows = np.zeros(length), np.full(length, np.nan)
+    w[0], (n, spacing) = 1e-6, (exact_springs.cells_of(w), 1e-6)
+    exact_rolling.carry_springs(w, n // 2, 0.9, (1.5 * n * spacing) ** 2, rows)
+    assert np.isfinite(rows).all()
+    even = np.full(2 * n, np.nan)
+    mdr_rolling.carry_outward(w[: 2 * n], even, (n, n // 2, spacing**2 / RADIUS), OVERLAP, 0.9)
+    assert np.isfinite(even).all()
 
 
 @pytest.mark.parametrize("level", SPRINGS)

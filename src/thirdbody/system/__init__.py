@@ -1,1 +1,1 @@
-"""What Python and the operating system are asked for: processes, signals, streams, address space, cores."""
+"""Processes, signals, streams, address space and cores: calls of Python and of the operating system."""

@@ -1,1 +1,1 @@
-"""Debris: what a kind of debris is (`contract`), where kinds are found (`registry`), and the built-in ones (`kinds`)."""
+"""Kinds of debris: their contract (`contract`), the registry (`registry`) and the built-in kinds (`kinds`)."""
