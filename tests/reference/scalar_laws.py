@@ -137,7 +137,7 @@ def three_in_one(numbers: Sequence[float]) -> float:
 
 
 def three_of(one: float) -> list[float]:
-    """The numbers that `three_in_one` was given, rounded."""
+    """The numbers that `packed_triple` was given, rounded."""
     bits = struct.unpack("<q", struct.pack("<d", one))[0]
     fields, power = [bits >> place & 0x1FFFF for place in (34, 17, 0)], (bits >> 52) - 1023
     return [math.ldexp(field - (field >> 16 << 17), power - 15) for field in fields]

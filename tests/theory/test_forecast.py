@@ -1,4 +1,4 @@
-"""The compiled forecast against `hulls`, which goes another way, and its answers where `hulls` refuses."""
+"""The compiled forecast against `hull_conditions`, an independent method, and its answers where that refuses."""
 
 from __future__ import annotations
 

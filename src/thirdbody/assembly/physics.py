@@ -66,7 +66,7 @@ def compile_physics(scene: Scene, registry: Registry) -> CompiledPhysics:
     rows = tuple(tuple(_mixed(law, pair, options[law.name]) for law in chain.laws) for pair in pairs)
     effect_row = [x for effect in effects for x in _mixed(effect, values[effect.name])]
     if any(effect.settling for effect in effects):
-        effect_row.append(math.inf)  # end of settling: set by `build`
+        effect_row.append(math.inf)  # end of settling: set by `assembly.simulation`
     labeller = family.labeller or _any_labeller(registry)
     try:
         physics = _physics(chain, rows, pairs, materials, effects, effect_row, labeller)

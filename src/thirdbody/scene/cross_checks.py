@@ -146,7 +146,7 @@ def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[W
 
 
 def interval_faults(solver: Any, output: Any) -> list[Wrong]:
-    """Return the fault of an output interval longer than the distance; the length of other runs is known only in `build`."""
+    """Return the fault of an output interval longer than the distance; other runs have no length before they are assembled."""
     if output.every_kind != "distance" or solver.distance is None or not too_long(output.every, solver.distance):
         return []
     return [(("output", "every"), too_long_message(output.every, solver.distance, "length"))]

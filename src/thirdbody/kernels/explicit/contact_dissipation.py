@@ -112,7 +112,7 @@ def store_dashpot_forces(n, place, moment, n_history, O):  # noqa: E741
 def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
     """Write the energy that the dashpots of n contacts dissipate into law_output.DASHPOT_POWER [J].
 
-    Also stores their forces. `place`: column of the history with the force, packed into one number (`three_in_one`); the moment,
+    Also stores their forces. `place`: column of the history with the force, packed into one number (`packed_triple`); the moment,
     if any, is in the next column.
     """
     moment = n_history >= place + 2

@@ -20,7 +20,7 @@ from thirdbody.trajectory.reader import open_run
 from thirdbody.trajectory.schema import BLOCKS, Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 
-TRIAL = runpy.run_path(str(Path(__file__).with_name("test_vtkhdf.py")))
+TRIAL = runpy.run_path(str(Path(__file__).with_name("test_run_file.py")))
 HEADER, STATIC, make_frame, vtk_blocks, assert_same_as_vtk = (
     TRIAL[name] for name in ("HEADER", "STATIC", "make_frame", "vtk_blocks", "assert_same_as_vtk")
 )
@@ -150,7 +150,7 @@ def test_a_kill_while_an_index_grows_by_a_node_leaves_the_committed_frames(tmp_p
 WRITE_FOR_EVER = """
 import sys
 sys.path[:0] = [{tests!r}]
-from test_vtkhdf import HEADER, STATIC, make_frame
+from test_run_file import HEADER, STATIC, make_frame
 from thirdbody.trajectory.writer import TrajectoryWriter
 writer = TrajectoryWriter(sys.argv[1], HEADER, STATIC)
 for number in range(100000):

@@ -212,7 +212,7 @@ def test_vtk_reads_the_file_as_a_kill_between_any_two_flushes_leaves_it(tmp_path
 LIMITED = """
 import resource, sys
 sys.path[:0] = [{tests!r}]
-from test_vtkhdf import HEADER, STATIC, make_frame
+from test_run_file import HEADER, STATIC, make_frame
 from thirdbody.errors import OutputError
 from thirdbody.trajectory.writer import TrajectoryWriter
 resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[2]), resource.RLIM_INFINITY))
