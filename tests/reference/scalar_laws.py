@@ -70,12 +70,12 @@ class Laws:
         """History of the laws, energy of the springs and forces of the dashpots in a row of H."""
         history, behind = row[contact_state.LAW : contact_state.LAW + self.many], contact_state.LAW + self.kept
         stored = row[contact_state.LAW + self.stored] if self.stored < self.kept else 0.0
-        viscous = [force for one in row[behind : behind + self.dashpots] for force in three_of(one)]
+        viscous = [force for one in row[behind : behind + self.dashpots] for force in unpack_triple(one)]
         return history, stored, (viscous + [0.0] * 5)[:5]
 
     def joined(self, answer: Answer) -> list[float]:
         """What a row of H remembers of an answer."""
-        viscous = (three_in_one(answer.viscous[:3]), three_in_one([*answer.viscous[3:], 0.0]))[: self.dashpots]
+        viscous = (pack_triple(answer.viscous[:3]), pack_triple([*answer.viscous[3:], 0.0]))[: self.dashpots]
         return [*answer.memory, *[answer.stored_t][: self.kept - self.many], *viscous]
 
     def friction_takes(self, stored: float, after: float, old: list[float], new: list[float], told: Contact, turn: Turn) -> float:
@@ -127,7 +127,7 @@ class Laws:
         return together(contact, turn, load, called, pulls, new)
 
 
-def three_in_one(numbers: Sequence[float]) -> float:
+def pack_triple(numbers: Sequence[float]) -> float:
     """The power of two of the largest, and each as a whole multiple of 2^-15 of it in 17 bits."""
     power = math.frexp(max(map(abs, (*numbers, 1e-280))) * (1.0 + 2.0**-16))[1] - 1
     bits = power + 1023 << 52
@@ -136,7 +136,7 @@ def three_in_one(numbers: Sequence[float]) -> float:
     return struct.unpack("<d", struct.pack("<q", bits))[0]
 
 
-def three_of(one: float) -> list[float]:
+def unpack_triple(one: float) -> list[float]:
     """The numbers that `packed_triple` was given, rounded."""
     bits = struct.unpack("<q", struct.pack("<d", one))[0]
     fields, power = [bits >> place & 0x1FFFF for place in (34, 17, 0)], (bits >> 52) - 1023

@@ -149,7 +149,7 @@ def split(H: np.ndarray, physics: Physics) -> Tables:
     """The rows of H without the forces of dashpots, and these (`D`)."""
     first = contact_state.LAW + (physics.dashpots if physics.dashpots >= 0 else len(physics.history))
     last = contact_state.LAW + len(physics.history)
-    forces = [[force for one in row for force in scalar_laws.three_of(one)] for row in H[:, first:last]]
+    forces = [[force for one in row for force in scalar_laws.unpack_triple(one)] for row in H[:, first:last]]
     return {"H": np.delete(H, range(first, last), axis=1), "D": np.array(forces)}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numba import njit
 
-from thirdbody.kernels.packed_triple import three_in_one, three_of
+from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
 
 
 @njit(error_model="numpy")
@@ -14,7 +14,7 @@ def stored(numbers):
     """The numbers that rows of three become."""
     found = np.empty(numbers.shape[0])
     for k in range(len(found)):
-        found[k] = three_in_one(numbers[k, 0], numbers[k, 1], numbers[k, 2])
+        found[k] = pack_triple(numbers[k, 0], numbers[k, 1], numbers[k, 2])
     return found
 
 
@@ -23,7 +23,7 @@ def recalled(ones):
     """Rows of three."""
     found = np.empty((ones.shape[0], 3))
     for k in range(ones.shape[0]):
-        found[k] = three_of(ones[k])
+        found[k] = unpack_triple(ones[k])
     return found
 
 

@@ -42,7 +42,7 @@ def number_of(bits):
 
 
 @njit(**BARE)
-def three_in_one(x, y, z):
+def pack_triple(x, y, z):
     """Return the number that packs three."""
     power = bits_of(max(max(abs(x), abs(y)), max(abs(z), LEAST)) * ROOM) & POWER
     fraction = number_of((2046 << 52) - power)  # one over the power of two
@@ -57,7 +57,7 @@ def one_of(bits, power):
 
 
 @njit(**BARE)
-def three_of(one):
+def unpack_triple(one):
     """Return the three numbers that one packs; zeros of zero."""
     bits = bits_of(one)
     power = number_of(bits & POWER)

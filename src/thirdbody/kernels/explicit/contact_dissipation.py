@@ -19,7 +19,7 @@ from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, broadcast, clamp_below, get, put
 from thirdbody.kernels.columns import geometry, law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.packed_triple import three_in_one, three_of
+from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
 
 
 @njit(**BARE)
@@ -84,13 +84,13 @@ def load_dashpot_forces(n, place, moment, n_history, I):  # noqa: E741
     for q in range(n):
         p = np.uint64(q)
         I[p + law_input.NORMAL_VELOCITY * TILE], I[p + law_input.VELOCITY_X * TILE], I[p + law_input.VELOCITY_Y * TILE] = (
-            three_of(old[p])
+            unpack_triple(old[p])
         )
     if moment:
         old, to = I[(law_input.HISTORY + place + 1) * TILE :], I[(law_input.HISTORY + n_history) * TILE :]
         for q in range(n):
             p = np.uint64(q)
-            to[p + rolling_input.RATE_X * TILE], to[p + rolling_input.RATE_Y * TILE], _ = three_of(old[p])
+            to[p + rolling_input.RATE_X * TILE], to[p + rolling_input.RATE_Y * TILE], _ = unpack_triple(old[p])
 
 
 @njit(**BARE_CHUNK)
@@ -100,12 +100,12 @@ def store_dashpot_forces(n, place, moment, n_history, O):  # noqa: E741
     for q in range(n):
         p = np.uint64(q)
         x, y = behind[p + rolling_output.VISCOUS_X * TILE], behind[p + rolling_output.VISCOUS_Y * TILE]
-        new[p] = three_in_one(behind[p + rolling_output.VISCOUS_NORMAL * TILE], x, y)
+        new[p] = pack_triple(behind[p + rolling_output.VISCOUS_NORMAL * TILE], x, y)
     if moment:
         for q in range(n):
             p = np.uint64(q)
             x, y = behind[p + rolling_output.VISCOUS_MOMENT_X * TILE], behind[p + rolling_output.VISCOUS_MOMENT_Y * TILE]
-            new[p + TILE] = three_in_one(x, y, 0.0)
+            new[p + TILE] = pack_triple(x, y, 0.0)
 
 
 @njit(**BARE_CHUNK)
