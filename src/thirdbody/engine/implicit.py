@@ -52,6 +52,11 @@ WORK = 5.0
 """Tolerance of the friction work of a body in a step, relative to its scale of energy (`kernels.implicit.friction_work`), over
 `tolerance`."""
 
+WORK_OF_SPRINGS = 80.0
+"""WORK for laws that keep a field of springs (`mdr`, `exact`): the dissipation of each spring is exact in a step, so the
+difference between the work of the mean force and of the force at the end overestimates the error. Of 20 rolling bodies the
+friction work is then right to 0.5 % in the median and 6 % at worst; with WORK to 0.2 and 2 %, in 45 % more steps."""
+
 HELD = 0.1
 """Lower bound of the energy that the springs of a body can store, over load times overlap: half of that at friction 0.3. It
 scales errors of the friction work while the load is still being applied."""
@@ -127,7 +132,8 @@ class Implicit:
         V[step_settings.RADII] = chosen.radii
         V[step_settings.SHORTEST], V[step_settings.INERTIAL] = SHORTEST * self.rayleigh, float(chosen.inertia)
         V[step_settings.DEEP], V[step_settings.GROWTH] = overlap, chosen.growth
-        V[step_settings.WORK] = WORK * chosen.tolerance
+        springs = any(name.endswith(".field[0]") for name in self.state.physics.history)
+        V[step_settings.WORK] = (WORK_OF_SPRINGS if springs else WORK) * chosen.tolerance
         return V
 
     def start(self) -> None:
