@@ -111,22 +111,17 @@ def springs(c, load, p, h, w, w_new):
     spacing, wide = cells_of(merges, n, c.radius)
     for i in range(2 * n):
         w_new[i] = w[i]
-    scratch = np.empty(3 * n)
+    scratch = np.empty(5 * n)
     # Coulomb's limit uses the total normal force, including the dashpot
     bound = p.kappa * load.force / max(load.elastic, 1e-300)
     ground = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
     fraction = renewed(p.renewal * ground.way / max(load.contact_radius, 1e-300))
     slip_x, slip_y = fraction.fill * c.slip_x, fraction.fill * c.slip_y
-    energy, before_renewal, renewed_part = 0.0, 0.0, 0.0
-    rolled = w
+    energy, rolled, start_spacing, start_wide = 0.0, scratch[3 * n :], spacing, wide
     if fraction.kept < 1.0:
-        before_renewal = p.g_star * spacing * sums(w, n, wide)[2]
-        rolled = np.empty(2 * n)
         carry_outward(w, rolled, (n, wide, spacing * spacing / c.radius), max(before, c.overlap), fraction.kept)
         for i in range(2 * n):
             w_new[i] = rolled[i]
-        after_renewal = p.g_star * spacing * sums(rolled, n, wide)[2]
-        renewed_part = (before_renewal - after_renewal) / max(before_renewal + after_renewal, 1e-300)
     done, slip, merged = before, 0.0, False
     end = end_of(n, wide, spacing, c.radius)
     while c.overlap > end:
@@ -152,6 +147,9 @@ def springs(c, load, p, h, w, w_new):
         energy += 0.5 * stiffness * slope * rate * squares_lost(merges, n, spacing) / (c.radius * c.radius)
     if fraction.kept < 1.0:
         if merged:  # springs before and after differ: int rate U by the trapezoid, exact without slip
+            before_renewal = p.g_star * start_spacing * sums(w, n, start_wide)[2]
+            after_renewal = p.g_star * start_spacing * sums(rolled, n, start_wide)[2]
+            renewed_part = (before_renewal - after_renewal) / max(before_renewal + after_renewal, 1e-300)
             energy += renewed_part * (before_renewal + stored)
         else:
             energy += stiffness * renewal_heat(w, rolled, w_new, grid, scratch, (before, c.slip_x, c.slip_y), fraction)
