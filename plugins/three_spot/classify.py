@@ -103,27 +103,10 @@ REASONS = (
     "indeterminate",
     "unbalanced",
 )
-(
-    NONE,
-    FRICTION_LIMIT,
-    FORCE_BALANCE,
-    MOMENT_BALANCE,
-    LIFT_OFF,
-    ROTATION,
-    PIVOTING,
-    ONE_SIDED,
-    INDETERMINATE,
-    UNBALANCED,
-) = range(10)
-MARGINS = (
-    "friction",
-    "friction_upper",
-    "friction_lower",
-    "force_balance",
-    "moment_balance",
-    "determinacy",
-    "rotation",
+(NONE, FRICTION_LIMIT, FORCE_BALANCE, MOMENT_BALANCE, LIFT_OFF, ROTATION, PIVOTING, ONE_SIDED, INDETERMINATE, UNBALANCED) = range(
+    10
 )
+MARGINS = ("friction", "friction_upper", "friction_lower", "force_balance", "moment_balance", "determinacy", "rotation")
 EXTRAS = (
     "sliding_side", "roll_ratio", "slip_over_travel", "rolled_distance", "forecast", "mu_required", "t_min", "t_max",
 )  # fmt: skip

@@ -82,12 +82,7 @@ def map_numbers(big_h: float, half_width: float, count: int = 9) -> dict[str, An
     places = np.linspace(*_places(half_width), count)
     limits = [_limits(float(x), half_width) for x in places]
     return {
-        "fig2": {
-            "H": big_h,
-            "n_2": n_2.tolist(),
-            "zeta_2": zeta_2.tolist(),
-            "zeta_3": third_spots(n_2, zeta_2, big_h).tolist(),
-        },
+        "fig2": {"H": big_h, "n_2": n_2.tolist(), "zeta_2": zeta_2.tolist(), "zeta_3": third_spots(n_2, zeta_2, big_h).tolist()},
         "regimes": {
             "half_width": half_width,
             "x_1": places.tolist(),

@@ -19,18 +19,7 @@ SPARE_COLORS = ("#B279A2", "#E45756", "#72B7B2", "#EECA3B", "#9D755D")
 
 # For reasons and other codes: the muted scheme of P. Tol, "Colour Schemes" (SRON 2021), made for colour-blind readers; the
 # first code means "none" and has its pale grey.
-CATEGORY_COLORS = (
-    "#BBBBBB",
-    "#CC6677",
-    "#332288",
-    "#DDCC77",
-    "#117733",
-    "#88CCEE",
-    "#882255",
-    "#44AA99",
-    "#999933",
-    "#AA4499",
-)
+CATEGORY_COLORS = ("#BBBBBB", "#CC6677", "#332288", "#DDCC77", "#117733", "#88CCEE", "#882255", "#44AA99", "#999933", "#AA4499")
 
 # For lines other than states: distinct for every kind of colour vision (M. Okabe, K. Ito, 2008).
 LINE_COLORS = {
@@ -45,17 +34,7 @@ LINE_COLORS = {
 }
 
 # Viridis (S. van der Walt, N. Smith, 2015) at nine equal steps; linear interpolation differs by at most 2 of 255.
-FIELD_STOPS = (
-    "#440154",
-    "#472D7B",
-    "#3B528B",
-    "#2C728E",
-    "#21918C",
-    "#28AE80",
-    "#5EC962",
-    "#ADDC30",
-    "#FDE725",
-)
+FIELD_STOPS = ("#440154", "#472D7B", "#3B528B", "#2C728E", "#21918C", "#28AE80", "#5EC962", "#ADDC30", "#FDE725")
 
 
 def rgb(color: str) -> tuple[int, int, int]:

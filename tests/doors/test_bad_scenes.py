@@ -136,11 +136,7 @@ FAULTS = {
         "18:1: domain.size",
         ["no place for body", "of 5 bodies placed", "make domain.size larger or count smaller"],
     ),
-    "domain smaller than a body": (
-        [('["80 um", "60 um"]', '["9 um", "60 um"]')],
-        "18:1: domain.size",
-        ["does not fit"],
-    ),
+    "domain smaller than a body": ([('["80 um", "60 um"]', '["9 um", "60 um"]')], "18:1: domain.size", ["does not fit"]),
     "count out of all proportion": (
         [("count = 4", "count = 10000000")],
         "15:1: debris[0].count",

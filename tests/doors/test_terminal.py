@@ -33,10 +33,7 @@ def steers(text: str) -> set[str]:
 @pytest.fixture
 def hostile(balls):
     """The scene of four balls whose title, material and population bear a hostile name; it is scene.toml."""
-    path = balls(
-        ('title = "four balls"', f'title = "{TOML}"'),
-        ("[[debris]]", f'[[debris]]\nname = "{TOML}"'),
-    )
+    path = balls(('title = "four balls"', f'title = "{TOML}"'), ("[[debris]]", f'[[debris]]\nname = "{TOML}"'))
     text = path.read_text(encoding="utf-8").replace("[materials.steel]", f'[materials."{TOML}"]')
     path.write_text(text.replace('"steel"', f'"{TOML}"'), encoding="utf-8")
     return path

@@ -94,10 +94,7 @@ def two_balls(material: Material, radius: float, velocity, spin=(0.0, 0.0, 0.0),
     """Two equal balls that touch at time zero: the left one has `velocity` and `spin`, the right one their opposites."""
     # a gap of one rounding error of the coordinates keeps the start free of overlap
     x = radius * (1.0 + 1e-15)
-    pair = [
-        ball(radius, (-x, 0.0, 0.0), velocity, spin),
-        ball(radius, (x, 0.0, 0.0), -np.array(velocity), -np.array(spin)),
-    ]
+    pair = [ball(radius, (-x, 0.0, 0.0), velocity, spin), ball(radius, (x, 0.0, 0.0), -np.array(velocity), -np.array(spin))]
     return build(scene(pair, {"ball": material}, **keys))
 
 
@@ -233,12 +230,7 @@ def numerical_share(simulation: Simulation) -> float:
 
 LUMP = tuple(
     {"center": tuple(1e-6 * x for x in center), "radius": 1e-6 * radius}
-    for center, radius in (
-        ((0.0, 0.0, 0.0), 5.0),
-        ((4.0, 1.0, 0.5), 4.0),
-        ((-3.0, 3.0, -0.7), 4.2),
-        ((-2.5, -3.2, 0.6), 4.1),
-    )
+    for center, radius in (((0.0, 0.0, 0.0), 5.0), ((4.0, 1.0, 0.5), 4.0), ((-3.0, 3.0, -0.7), 4.2), ((-2.5, -3.2, 0.6), 4.1))
 )
 """An irregular clump that finds a better seat as it is pressed, then slides, turns and settles once more."""
 

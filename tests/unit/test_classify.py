@@ -415,13 +415,7 @@ def layer_of_debris(view, turning=0.0, slipping=0.0):
     spots = [
         Spot(k.DEBRIS, (-0.6, 0.0, -0.8), (0.6, 0.0, 0.8), surface=(-5.0, 0.0, 0.0)),
         Spot(k.DEBRIS, (0.6, 0.0, -0.8), (-0.6, 0.0, 0.8), surface=(-5.0, 0.0, 0.0)),
-        Spot(
-            k.DEBRIS,
-            (0.0, -0.3, 0.9),
-            up,
-            surface=(5.0, 0.0, 0.0),
-            force=(1.0 if slipping else 0.2, 0.0, 0.0),
-        ),
+        Spot(k.DEBRIS, (0.0, -0.3, 0.9), up, surface=(5.0, 0.0, 0.0), force=(1.0 if slipping else 0.2, 0.0, 0.0)),
         side,
     ]
     rig = Rig(spots, view).move(0.01, dt=0.0, moving=1.0)

@@ -124,13 +124,7 @@ def test_a_full_domain_is_refused():
 
 def test_a_body_wider_than_the_domain_is_refused():
     with pytest.raises(InputError, match="does not fit"):
-        place_layer(
-            [clump([[0, 0, 0]], [1.0])],
-            np.array([[1.0, 0, 0, 0]]),
-            (5.0, 1.9),
-            True,
-            np.random.default_rng(0),
-        )
+        place_layer([clump([[0, 0, 0]], [1.0])], np.array([[1.0, 0, 0, 0]]), (5.0, 1.9), True, np.random.default_rng(0))
 
 
 def test_no_bodies_no_places():

@@ -266,8 +266,7 @@ def test_the_close_up_holds_about_sixty_bodies(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("value", "words"),
-    [(1.25e-5, "12.5 µm"), (9.9999e-7, "1 µm"), (0.0, "0 m"), (-2e-9, "-2 nm"), (1500.0, "1.5 km")],
+    ("value", "words"), [(1.25e-5, "12.5 µm"), (9.9999e-7, "1 µm"), (0.0, "0 m"), (-2e-9, "-2 nm"), (1500.0, "1.5 km")]
 )
 def test_numbers_with_units(value, words):
     assert with_unit(value, "m") == words

@@ -20,10 +20,7 @@ HEADER = {
     "units": {"time": "s", "distance": "m", "displacement": "m", "upper_force": "N", "friction_coefficient": "1"},
     "domain": {"size": [4e-5, 2e-5], "periodic": True},
 }
-STATIC = {
-    "spheres": {"radius": np.linspace(1.0, 2.0, 6), "clump": np.repeat([0, 1, 2], 2)},
-    "clumps": {"id": np.arange(3)},
-}
+STATIC = {"spheres": {"radius": np.linspace(1.0, 2.0, 6), "clump": np.repeat([0, 1, 2], 2)}, "clumps": {"id": np.arange(3)}}
 CONTACT_COUNTS = (0, 4, 0, 7, 2)
 
 

@@ -48,11 +48,7 @@ def make_frame(number: int) -> Frame:
     plates[4:] = [number * 1e-6, 0.0, 5e-6]
     return Frame(
         time=number * 1e-6,
-        spheres={
-            "points": rng.normal(size=(6, 3)),
-            "velocity": rng.normal(size=(6, 3)),
-            "state": states[CLUMP_OF_SPHERE],
-        },
+        spheres={"points": rng.normal(size=(6, 3)), "velocity": rng.normal(size=(6, 3)), "state": states[CLUMP_OF_SPHERE]},
         clumps={
             "points": rng.normal(size=(3, 3)),
             "quaternion": rng.normal(size=(3, 4)),

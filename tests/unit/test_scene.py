@@ -106,12 +106,7 @@ def test_a_scene_built_in_python_is_the_one_of_the_file():
         domain=Domain(size=("600 um", 400e-6)),
         plates=Plates(
             lower=LowerPlate(material="steel"),
-            upper={
-                "material": "steel",
-                "support": "load_per_particle",
-                "load": 1e-4,
-                "motion": {"x": {"velocity": 1}},
-            },
+            upper={"material": "steel", "support": "load_per_particle", "load": 1e-4, "motion": {"x": {"velocity": 1}}},
         ),
         contact=Contact(level="mdr", springs=32),
         effects=Effects(gravity=(0, 0, -9.81)),

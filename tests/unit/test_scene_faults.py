@@ -36,26 +36,17 @@ ONE_FAULT = [
     # misspelt keys, at every depth, with nothing else told
     ([("title =", "titel =")], "2:1: titel: unknown key, did you mean 'title'?"),
     ([("[materials.steel]", "[material.steel]")], "3:1: material: unknown key, did you mean 'materials'?"),
-    (
-        [("youngs_modulus", "young_modulus")],
-        "4:1: materials.steel.young_modulus: unknown key, did you mean 'youngs_modulus'?",
-    ),
+    ([("youngs_modulus", "young_modulus")], "4:1: materials.steel.young_modulus: unknown key, did you mean 'youngs_modulus'?"),
     ([("[[pairs]]", "[[pair]]")], "7:1: pair: unknown key, did you mean 'pairs'?"),
     ([("friction", "frictoin")], "9:1: pairs[0].frictoin: unknown key, did you mean 'friction'?"),
     ([("count =", "cuont =")], "14:1: debris[0].cuont: unknown key, did you mean 'count'?"),
     ([("median =", "mdian =")], "16:37: debris[0].size.mdian: unknown key, did you mean 'median'?"),
     ([("[plates.lower]", "[plates.lowr]")], "22:1: plates.lowr: unknown key, did you mean 'lower'?"),
     ([("load =", "laod =")], "27:1: plates.upper.laod: unknown key, did you mean 'load'?"),
-    (
-        [("velocity =", "velocty =")],
-        "28:16: plates.upper.motion.x.velocty: unknown key, did you mean 'velocity'?",
-    ),
+    ([("velocity =", "velocty =")], "28:16: plates.upper.motion.x.velocty: unknown key, did you mean 'velocity'?"),
     ([("distance =", "distnce =")], "39:1: solver.distnce: unknown key, did you mean 'distance'?"),
     ([("every =", "evry =")], "42:1: output.evry: unknown key, did you mean 'every'?"),
-    (
-        [('["600 um", "400 um"]', '["6 um", "4 um"]\nz = 1')],
-        "22:1: domain.z: unknown key, known: periodic, size",
-    ),
+    ([('["600 um", "400 um"]', '["6 um", "4 um"]\nz = 1')], "22:1: domain.z: unknown key, known: periodic, size"),
     # missing keys
     ([("scene = 1\n", "")], "1:1: scene: required key is missing: write scene = 1"),
     ([("poisson_ratio = 0.30\n", "")], "3:1: materials.steel.poisson_ratio: required key is missing"),
@@ -67,19 +58,10 @@ ONE_FAULT = [
     ([('every = "0.5 um"\n', "")], "41:1: output.every: required key is missing"),
     ([('load = "0.1 mN"\n', "")], "24:1: plates.upper: give one of load, pressure, gap"),
     ([('distance = "20 um"\n', "")], "36:1: solver: give one of distance, duration"),
-    (
-        [('youngs_modulus = "210 GPa"\n', "")],
-        "3:1: materials.steel: give one of youngs_modulus, shear_modulus",
-    ),
+    ([('youngs_modulus = "210 GPa"\n', "")], "3:1: materials.steel: give one of youngs_modulus, shear_modulus"),
     # units
-    (
-        [('"210 GPa"', '"210 um"')],
-        "4:1: materials.steel.youngs_modulus: '210 um' is a length, expected a pressure",
-    ),
-    (
-        [('median = "10 um"', 'median = "10 mu"')],
-        "16:37: debris[0].size.median: unknown unit 'mu', did you mean 'um'?",
-    ),
+    ([('"210 GPa"', '"210 um"')], "4:1: materials.steel.youngs_modulus: '210 um' is a length, expected a pressure"),
+    ([('median = "10 um"', 'median = "10 mu"')], "16:37: debris[0].size.median: unknown unit 'mu', did you mean 'um'?"),
     (
         [('"1 m/s"', "1.5")],
         "28:16: plates.upper.motion.x.velocity: 1.5 has no unit, expected a unit of velocity (nm/s, um/s, mm/s, m/s)",
@@ -87,10 +69,7 @@ ONE_FAULT = [
     ([('"400 um"]', "400]")], "21:19: domain.size[1]: 400 has no unit, expected a unit of length (pm, nm, um, mm, m, angstrom)"),
     ([(SIZE, "size = 3")], "16:1: debris[0].size: 3 has no unit, expected a unit of length (pm, nm, um, mm, m, angstrom)"),
     ([(SIZE, 'size = "3 N"')], "16:1: debris[0].size: '3 N' is a force, expected a length"),
-    (
-        [('time_step = "auto"', 'time_step = "1 um"')],
-        "38:1: solver.time_step: '1 um' is a length, expected a time or 'auto'",
-    ),
+    ([('time_step = "auto"', 'time_step = "1 um"')], "38:1: solver.time_step: '1 um' is a length, expected a time or 'auto'"),
     (
         [('"0.5 um"', "0.5")],
         "42:1: output.every: 0.5 has no unit, expected a unit of length (pm, nm, um, mm, m, angstrom) or time "
@@ -108,31 +87,19 @@ ONE_FAULT = [
     ([("count = 2000", "count = 20.0")], "14:1: debris[0].count: expected a whole number, got 20.0"),
     ([("count = 2000", 'count = "20"')], "14:1: debris[0].count: expected a whole number, got '20'"),
     ([("seed = 1", "seed = true")], "15:1: debris[0].seed: expected a whole number, got true"),
-    (
-        [("= 0.30\ndensity", "= 0.7\ndensity")],
-        "5:1: materials.steel.poisson_ratio: 0.7 must be greater than -1 and at most 0.5",
-    ),
-    (
-        [("restitution = 0.60", "restitution = 0.0")],
-        "10:1: pairs[0].restitution: 0.0 must be at least 1e-06 and at most 1",
-    ),
+    ([("= 0.30\ndensity", "= 0.7\ndensity")], "5:1: materials.steel.poisson_ratio: 0.7 must be greater than -1 and at most 0.5"),
+    ([("restitution = 0.60", "restitution = 0.0")], "10:1: pairs[0].restitution: 0.0 must be at least 1e-06 and at most 1"),
     ([("friction = 0.30", "friction = nan")], "9:1: pairs[0].friction: nan is not a finite number"),
     ([('"1 m/s"', "inf")], "28:16: plates.upper.motion.x.velocity: inf is not a finite number"),
     ([("[4, 8]", "[8, 4]")], "17:1: debris[0].spheres: the least, 8, is more than the most, 4"),
     ([("[4, 8]", "65")], "17:1: debris[0].spheres: 65 must be at least 1 and at most 64"),
-    (
-        [("[1.0, 0.8, 0.6]", "[1.0, 0.8]")],
-        "18:1: debris[0].aspect: expected a list of 3 values, got 2 of them",
-    ),
+    ([("[1.0, 0.8, 0.6]", "[1.0, 0.8]")], "18:1: debris[0].aspect: expected a list of 3 values, got 2 of them"),
     ([("0.8, 0.6]", "0.8,\n 1.6]")], "19:2: debris[0].aspect[2]: 1.6 must be greater than 0 and at most 1"),
     ([("scene = 1", "scene = 2")], "1:1: scene: 2 must be 1"),
     # types
     ([('"what it shows"', "5")], "2:1: title: expected a text, got 5"),
     ([("[[debris]]", "[debris]")], "11:1: debris: expected a list of tables [[debris]], got a table"),
-    (
-        [('"400 um"]', '"400 um"]\nperiodic = "yes"')],
-        "22:1: domain.periodic: expected true or false, got 'yes'",
-    ),
+    ([('"400 um"]', '"400 um"]\nperiodic = "yes"')], "22:1: domain.periodic: expected true or false, got 'yes'"),
     (
         [("{x = {velocity", "{x = 1, y = {velocity")],
         '28:11: plates.upper.motion.x: expected a table such as {velocity = "1 m/s"}, got 1',
@@ -178,18 +145,12 @@ ONE_FAULT = [
         [('load = "0.1 mN"', 'load = "0.1 mN"\ngap = "5 um"')],
         "28:1: plates.upper.gap: give only one of load, pressure, gap: load is given too",
     ),
-    (
-        [('load = "0.1 mN"', 'gap = "5 um"')],
-        "27:1: plates.upper.gap: support = 'load_per_particle' takes a load, not a gap",
-    ),
+    ([('load = "0.1 mN"', 'gap = "5 um"')], "27:1: plates.upper.gap: support = 'load_per_particle' takes a load, not a gap"),
     (
         [('distance = "20 um"', 'distance = "20 um"\nduration = "1 s"')],
         "40:1: solver.duration: give only one of distance, duration: distance is given too",
     ),
-    (
-        [('[plates.lower]\nmaterial = "steel"\n', "")],
-        "22:1: plates.upper: an upper plate needs a lower one: add [plates.lower]",
-    ),
+    ([('[plates.lower]\nmaterial = "steel"\n', "")], "22:1: plates.upper: an upper plate needs a lower one: add [plates.lower]"),
     # between tables
     (
         [('between = ["steel", "steel"]', 'between = ["steel", "stel"]')],
@@ -214,10 +175,7 @@ ONE_FAULT = [
         "42:1: output.every: a length of sliding needs an upper plate that moves: add plates.upper.motion, or give a time",
     ),
     # not TOML
-    (
-        [('"20 um"\ninit', '"20 um" x\ninit')],
-        "39:20: not valid TOML: Expected newline or end of document after a statement",
-    ),
+    ([('"20 um"\ninit', '"20 um" x\ninit')], "39:20: not valid TOML: Expected newline or end of document after a statement"),
     ([("seed = 1", "seed = 1\nseed = 2")], "16:9: not valid TOML: Cannot overwrite a value"),
     ([('"0.5 um"\n', "[1,")], "42:12: not valid TOML: Invalid value"),
 ]

@@ -27,12 +27,8 @@ from thirdbody.jit.simd import (
     store,
     with_last,
 )
-from thirdbody.jit.simd import (
-    cross as crossed,
-)
-from thirdbody.jit.simd import (
-    transpose as transposed,
-)
+from thirdbody.jit.simd import cross as crossed
+from thirdbody.jit.simd import transpose as transposed
 
 LANES = range(4)
 SMALLEST, LARGEST_DENORMAL = 5e-324, 2.2250738585072009e-308

@@ -49,12 +49,7 @@ class Clump:
     def scaled(self, factor: float) -> Clump:
         """Return the same shape with all lengths times factor."""
         return Clump(
-            self.centers * factor,
-            self.radii * factor,
-            self.volume * factor**3,
-            self.inertia * factor**5,
-            self.error,
-            self.sides,
+            self.centers * factor, self.radii * factor, self.volume * factor**3, self.inertia * factor**5, self.error, self.sides
         )
 
 

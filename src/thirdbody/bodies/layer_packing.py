@@ -21,11 +21,7 @@ _COLUMNS = 1024
 
 
 def place_layer(
-    clumps: Sequence[Clump],
-    quaternions: np.ndarray,
-    domain_size: tuple[float, float],
-    periodic: bool,
-    rng: np.random.Generator,
+    clumps: Sequence[Clump], quaternions: np.ndarray, domain_size: tuple[float, float], periodic: bool, rng: np.random.Generator
 ) -> np.ndarray:
     """Return positions xy (n, 2) [m] of the centroids of bodies on z = 0, in [0, size).
 
@@ -50,19 +46,7 @@ def place_layer(
         lower_limit, upper_limit = (np.zeros(2), size) if periodic else (margin - low[b], size - margin - high[b])
         for batch in batches():
             tries = lower_limit + (upper_limit - lower_limit) * rng.random((batch, 2))
-            k = place_body(
-                tries,
-                spheres,
-                starts[b],
-                starts[b + 1],
-                count,
-                placed,
-                heads,
-                following,
-                size,
-                periodic,
-                CLEARANCE,
-            )
+            k = place_body(tries, spheres, starts[b], starts[b + 1], count, placed, heads, following, size, periodic, CLEARANCE)
             if k >= 0:
                 break
         else:
@@ -73,11 +57,7 @@ def place_layer(
 
 
 def overlaps(
-    centers: np.ndarray,
-    radii: np.ndarray,
-    body: np.ndarray,
-    domain_size: tuple[float, float],
-    periodic: bool,
+    centers: np.ndarray, radii: np.ndarray, body: np.ndarray, domain_size: tuple[float, float], periodic: bool
 ) -> list[tuple[int, int, float]]:
     """Return pairs of overlapping bodies (a < b) with their deepest overlap [m], the deepest pair first.
 

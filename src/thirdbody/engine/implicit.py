@@ -26,13 +26,7 @@ from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
 from thirdbody.engine.time_step import rayleigh_time
 from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import (
-    domain,
-    loaded_contact,
-    run_totals,
-    step_memory,
-    step_settings,
-)
+from thirdbody.kernels.columns import domain, loaded_contact, run_totals, step_memory, step_settings
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit import bdf2 as kernel
 from thirdbody.kernels.implicit import step_control, step_limits

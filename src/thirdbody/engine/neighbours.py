@@ -79,15 +79,7 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
     while True:
         own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
         n = passes.plate_candidates(
-            state.S,
-            state.P,
-            state.body,
-            state.patch,
-            world.lower is not None,
-            world.upper is not None,
-            state.skin,
-            own,
-            partner,
+            state.S, state.P, state.body, state.patch, world.lower is not None, world.upper is not None, state.skin, own, partner
         )
         n_plates = n
         if world.debris_meets:

@@ -41,12 +41,7 @@ class Contacts:
     """
 
     def __init__(
-        self,
-        laws: Sequence[Law],
-        pairs: Sequence[Pair],
-        kind: Ints,
-        radius: Array,
-        options: Mapping[str, Any] | None = None,
+        self, laws: Sequence[Law], pairs: Sequence[Pair], kind: Ints, radius: Array, options: Mapping[str, Any] | None = None
     ) -> None:
         chosen = [law for law in laws if law.stage not in AT_REST and law.wanted(pairs)]
         values = {law.name: _options(law, options or {}) for law in chosen}

@@ -142,9 +142,7 @@ class Conduct:
         """Return the error whose message explains how to continue."""
         folder = str(self.folder)
         return Interrupted(
-            what,
-            python=f"; to go on: thirdbody.resume({folder!r})",
-            command=f"; to go on: thirdbody resume {quote(folder)}",
+            what, python=f"; to go on: thirdbody.resume({folder!r})", command=f"; to go on: thirdbody resume {quote(folder)}"
         )
 
     def _write(self) -> None:

@@ -47,11 +47,7 @@ class FrameMaker:
             "mass": s.bodies.mass[self.given],
             "diameter": 2.0 * s.rayleigh_radius[self.given],
         }
-        spheres = {
-            "radius": s.spheres.radius[self.spheres],
-            "id": np.arange(s.n_spheres),
-            "clump": s.order[s.body[self.spheres]],
-        }
+        spheres = {"radius": s.spheres.radius[self.spheres], "id": np.arange(s.n_spheres), "clump": s.order[s.body[self.spheres]]}
         return {"spheres": spheres, "clumps": clumps}
 
     def frame(self, labels: np.ndarray | None) -> Frame:

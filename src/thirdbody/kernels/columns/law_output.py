@@ -17,8 +17,6 @@ STORED_TANGENTIAL = table.scalar("stored_tangential", "J", "energy of the tangen
 DISSIPATED = table.scalar("dissipated", "J", "all that the laws dissipate in the step")
 FRICTION_LOSS = table.scalar("friction_loss", "J", "the part of it that tangential and rolling laws dissipate")
 DASHPOT_POWER = table.scalar(
-    "dashpot_power",
-    "W",
-    "power of the dashpots at the end of the step; after `explicit.contact_dissipation` their work in it, J",
+    "dashpot_power", "W", "power of the dashpots at the end of the step; after `explicit.contact_dissipation` their work in it, J"
 )
 HISTORY = table.scalar("history", "", "history of the laws, from here on")

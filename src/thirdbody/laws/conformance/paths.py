@@ -322,11 +322,6 @@ def extremes(bench: Bench, count: int) -> list[Contacts]:
 
     wide = (tiles, 2, TILE)
     return [
-        Contacts(
-            radius * rng.choice(deep, lanes),
-            radius[:, None] * drawn(far, wide),
-            drawn(fast, lanes),
-            drawn(fast, wide),
-        )
+        Contacts(radius * rng.choice(deep, lanes), radius[:, None] * drawn(far, wide), drawn(fast, lanes), drawn(fast, wide))
         for _ in range(count)
     ]

@@ -41,9 +41,7 @@ def _unit_quaternion(q: tuple[float, float, float, float]) -> tuple[float, float
 
 
 Quaternion = Annotated[
-    tuple[Number, Number, Number, Number],
-    listing("a list of 4 values (w, x, y, z)", 4),
-    AfterValidator(_unit_quaternion),
+    tuple[Number, Number, Number, Number], listing("a list of 4 values (w, x, y, z)", 4), AfterValidator(_unit_quaternion)
 ]
 
 
