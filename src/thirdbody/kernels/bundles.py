@@ -1,0 +1,58 @@
+"""Arguments of kernels that travel together.
+
+Kernels of both integrators take a `context` (tables and numbers of the run: `signatures.Context`, or the implicit bundle with
+fields of the same names), a `motion` (anything with the fields of `Motion`) and a `Tile`. Numba resolves fields by name when it
+compiles, so a kernel may get any bundle that has the fields it uses.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+Array = np.ndarray
+
+
+class Motion(NamedTuple):
+    """Length of a step [s] and mean velocity of the upper plate in it, along x and y [m/s]."""
+
+    dt: float
+    v_x: float
+    v_y: float
+
+
+class Step(NamedTuple):
+    """A step of the explicit integrator; usable as a `Motion`."""
+
+    number: int
+    """Number within this call of the step loop."""
+    record: bool
+    """Whether output or labels need this step."""
+    time: float
+    """Time at the end of the step [s]."""
+    dt: float
+    v_x: float
+    v_y: float
+    pending: float
+    """1: the closing half kick of the last step is pending; 0: it is done."""
+
+
+class Tile(NamedTuple):
+    """Contacts side by side, field by field (stride `columns.tile.TILE`)."""
+
+    inputs: Array
+    """`columns.law_input`"""
+    outputs: Array
+    """`columns.law_output`"""
+    tangents: Array
+    """`columns.contact_tangent`; empty in explicit steps."""
+    geometry: Array
+    """`columns.geometry`"""
+
+
+class Box(NamedTuple):
+    """Periodic lengths of the domain [m], 0 where it is not periodic, and their inverses, or 0 (`kernels.periodic`)."""
+
+    length_x: float
+    length_y: float
+    inverse_x: float
+    inverse_y: float
