@@ -1,0 +1,218 @@
+"""The size limits of the source and the rules of its tables of numbers, read from the source.
+
+The lists of offenders only shrink: an entry that is no longer needed makes a test fail.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+SOURCE = ROOT / "src" / "thirdbody"
+COLUMNS = SOURCE / "kernels" / "columns"
+FILES = sorted([*SOURCE.rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
+
+MOST_ARGUMENTS, MOST_LINES, LONGEST_FUNCTION = 8, 400, 60
+
+ENTRY = (
+    "called by Python or through a pointer: numba unpacks each argument of a compiled function anew, so tables are passed flat"
+)
+"""The reason why a compiled entry point may take more arguments than others."""
+
+ENTRY_POINTS: dict[str, dict[str, str]] = {}
+"""Exceptions that stay: module -> function -> reason."""
+
+OFFENDERS: dict[str, set[str]] = {
+    "bodies/bed_relaxation.py": {"_repulsion", "place_turned", "relax"},
+    "bodies/irregular_clumps.py": {"diameters"},
+    "bodies/overlap_grid.py": {"enter", "free", "overlapping", "place_body"},
+    "bodies/union_moments.py": {"add_slices", "stack_moments"},
+    "cli/main.py": {"render", "run", "shapes"},
+    "cli/studies.py": {"cost"},
+    "kernels/contact_geometry.py": {"gather_pair_contacts", "gather_plate_contact"},
+    "kernels/explicit/contact_forces.py": {
+        "contact_forces",
+        "scatter_pair_force",
+        "scatter_pair_tile",
+        "scatter_plate_force",
+        "scatter_plate_tile",
+        "write_record",
+    },
+    "kernels/explicit/contact_tiles.py": {"end_contacts", "gather_plate_contacts", "gather_tile"},
+    "kernels/explicit/critical_time_step.py": {
+        "active_candidates",
+        "approach",
+        "assemble",
+        "candidate_bound",
+        "find_contacts",
+        "shortest_steps",
+    },
+    "kernels/explicit/drift.py": {"drift_bodies", "place_spheres"},
+    "kernels/explicit/gather_forces.py": {"body_effect_forces", "gather_forces"},
+    "kernels/explicit/passes.py": {"work"},
+    "kernels/explicit/step_loop.py": {"advance", "run", "run_parallel", "update_ledger"},
+    "kernels/implicit/bdf2.py": {"advance_bodies", "advance_chunk", "step"},
+    "kernels/implicit/common_plate.py": {"accept_bodies", "accept_chunk", "plate_stiffness", "solve_bodies", "solve_chunk"},
+    "kernels/implicit/friction_work.py": {"work_error"},
+    "kernels/implicit/jacobian.py": {"add_contact_stiffness", "add_moment", "assemble_jacobian", "contact_displacements"},
+    "kernels/implicit/newton.py": {"force_scale", "massless_at_rest", "newton"},
+    "kernels/implicit/residual.py": {"active_contacts", "commit", "inertial_forces", "residual"},
+    "kernels/implicit/step_control.py": {
+        "accept_step",
+        "local_error",
+        "next_dt",
+        "store_step",
+        "update_labeller",
+        "update_ledger",
+    },
+    "kernels/label_bodies.py": {"label_bodies"},
+    "kernels/labeller_input.py": {"body_contacts", "contact_row", "update_body_memory", "update_memory"},
+    "kernels/narrow_phase.py": {"pair_overlaps"},
+    "kernels/neighbour_search.py": {
+        "carry_history",
+        "collect",
+        "fill_cells",
+        "pair_candidates",
+        "plate_candidates",
+        "scan",
+        "search_pairs",
+    },
+    "kernels/rigid_body.py": {"place_body", "place_sphere"},
+    "kernels/rolling_kinematics.py": {"gather_rolling"},
+    "kernels/surface_velocity.py": {"partner_velocity"},
+    "plugins/three_spot/spring_field.py": {"slide", "span"},
+    "runner/simulate.py": {"execute"},
+    "studies/cost_command.py": {"cost_command"},
+    "studies/study_setup.py": {"prepare_study"},
+}
+"""Functions that still take too many arguments: module -> names. To be emptied."""
+
+TABLES_TOGETHER = {"plugins/three_spot/motion_history.py"}
+"""Modules that declare two tables. To be emptied."""
+
+COPIED_COLUMNS: dict[str, set[str]] = {
+    "plugins/three_spot/classify.py": {"PUSH", "PUSH_RATE", "TWIST", "TWIST_RATE"},
+    "plugins/three_spot/forecast_output.py": {"POINT"},
+    "plugins/three_spot/support_geometry.py": {"ARM", "NORMAL", "SURFACE"},
+}
+"""Columns that are named anew outside their table: module -> names. To be emptied."""
+
+
+def name_of(path: Path) -> str:
+    """`kernels/rotation.py`, `plugins/three_spot/exact.py`."""
+    return path.relative_to(SOURCE if path.is_relative_to(SOURCE) else ROOT).as_posix()
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+def functions(path: Path) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """All functions and methods of a file, those inside others included."""
+    yield from (node for node in ast.walk(tree(path)) if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef))
+
+
+def argument_count(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Number of arguments, self and cls not counted."""
+    given = [argument.arg for argument in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)]
+    return len(given) - (given[:1] in (["self"], ["cls"]))
+
+
+@cache
+def table_modules() -> set[str]:
+    """Names of the modules of `kernels.columns` that declare a table."""
+    return {path.stem for path in COLUMNS.glob("*.py") if declared_tables(path)}
+
+
+def declared_tables(path: Path) -> list[str]:
+    """Names of the variables of a module that are a `Table`."""
+    return [
+        target.id
+        for node in tree(path).body
+        if isinstance(node, ast.Assign) and isinstance(node.value, ast.Call)
+        and isinstance(node.value.func, ast.Name) and node.value.func.id == "Table"
+        for target in node.targets if isinstance(target, ast.Name)
+    ]  # fmt: skip
+
+
+def is_column(value: ast.expr) -> bool:
+    """Whether an expression is a column of a table of ours, or a call with nothing but one, as `int(body.FORCE)`."""
+    if isinstance(value, ast.Call) and len(value.args) == 1 and not value.keywords:
+        value = value.args[0]
+    return isinstance(value, ast.Attribute) and isinstance(value.value, ast.Name) and value.value.id in table_modules() \
+        and value.attr.isupper() and value.attr != "WIDTH"  # fmt: skip
+
+
+def copied_columns(path: Path) -> set[str]:
+    """Names of a module that are set to a column of a table declared elsewhere."""
+    copies = set()
+    for node in tree(path).body:
+        if isinstance(node, ast.Assign) and len(node.targets) == 1:
+            target, value = node.targets[0], node.value
+            both = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
+            for name, one in zip(target.elts, value.elts, strict=True) if both else [(target, value)]:
+                if is_column(one):
+                    copies.add(ast.unparse(name))
+    return copies
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_no_function_takes_more_than_eight_arguments(path):
+    found = {node.name for node in functions(path) if argument_count(node) > MOST_ARGUMENTS}
+    listed = set(ENTRY_POINTS.get(name_of(path), {})) | OFFENDERS.get(name_of(path), set())
+    assert not found - listed, f"more than {MOST_ARGUMENTS} arguments: {sorted(found - listed)}"
+    assert not listed - found, f"remove from the lists of exceptions: {sorted(listed - found)}"
+
+
+def test_exceptions_name_files_that_exist():
+    names = {name_of(path) for path in FILES}
+    assert set(ENTRY_POINTS) | set(OFFENDERS) | TABLES_TOGETHER | set(COPIED_COLUMNS) <= names
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_files_and_functions_stay_short(path):
+    lines = len(path.read_text(encoding="utf-8").splitlines())
+    assert lines <= MOST_LINES, f"{lines} lines"
+    long = {node.name: (node.end_lineno or node.lineno) - node.lineno + 1 for node in functions(path)}
+    assert not {name: size for name, size in long.items() if size > LONGEST_FUNCTION}
+
+
+@pytest.mark.parametrize("path", FILES, ids=name_of)
+def test_each_table_has_a_module_of_its_own(path):
+    """So a family of constants (`body.FORCE`, `patch.FORCE`) belongs to one table."""
+    assert (len(declared_tables(path)) > 1) == (name_of(path) in TABLES_TOGETHER)
+
+
+def test_tables_of_the_engine_are_declared_in_one_place():
+    outside = [
+        name_of(path) for path in FILES if path.is_relative_to(SOURCE) and path.parent != COLUMNS and declared_tables(path)
+    ]
+    assert not outside
+    assert len(table_modules()) > 20
+
+
+@pytest.mark.parametrize("path", [path for path in FILES if path.parent != COLUMNS], ids=name_of)
+def test_columns_are_read_from_the_module_of_their_table(path):
+    """No bare `FORCE` imported, none named anew: every use says whose force it is."""
+    for node in ast.walk(tree(path)):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("thirdbody.kernels.columns."):
+            bare = [alias.name for alias in node.names if (node.module or "").rpartition(".")[2] in table_modules()]
+            assert not bare, f"line {node.lineno}: {bare}"
+    assert copied_columns(path) == COPIED_COLUMNS.get(name_of(path), set())
+
+
+def test_a_copied_column_is_found(tmp_path):
+    path = tmp_path / "copies.py"
+    path.write_text("A, B = body.FORCE, 1\nC = int(patch.HEIGHT)\nD = body.FORCE + 1\nE = body.WIDTH\n")
+    assert copied_columns(path) == {"A", "C"}
+
+
+def test_arguments_are_counted():
+    [function] = ast.parse("class A:\n def f(self, a, /, b, *c, d, **e): pass").body[0].body
+    assert argument_count(function) == 3
