@@ -15,8 +15,6 @@ Soft or large bodies form necks and need the model of Johnson, Kendall and Rober
 separate them.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -8,8 +8,6 @@ toward -x, T_i being the force of the upper body on the particle and of the part
 the displacement of the centre of mass and T_i (2,) the same force, both along world x, y; phi is the rotation vector.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping

@@ -5,8 +5,6 @@ spots are at the limit and have slipped by more than their critical displacement
 `classify`, and `friction_spots`, 1 - eta of each spot, eta = |T|/(mu N).
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Picture of a balance: normal forces, utilisation of friction, tilt and states over the drag."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Steps along the path of one particle: past kinks of the laws, and through contacts that do not hold it, to a stable seat."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

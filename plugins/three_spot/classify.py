@@ -40,8 +40,6 @@ Source: E. Willert, Self-consistency conditions in static three-body elastic tan
 rules are new here.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import njit

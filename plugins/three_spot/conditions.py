@@ -8,8 +8,6 @@ Principle: the resultant of a side acts between its outermost spots, wherever el
 (Eqs. 1 and 2, p above, q below, weight through S) then converts the extent of the spots into an interval of t.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -16,8 +16,6 @@ approximation). Where a whole contact slides on a curve of radius r its springs 
 N by some 0.03 (s_c/r)^2; on a line it is mu N.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

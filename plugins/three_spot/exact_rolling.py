@@ -4,8 +4,6 @@ w(x) -> kept w(kept x) (`laws.patch_renewal`). In q = x^2/R that scales the node
 step is exact. Springs of fixed positions (`exact_springs`) become means over the new content of their cells.
 """
 
-from __future__ import annotations
-
 import math
 
 from .exact_springs import cells_of, gap_of, lower_end, spring_energy, spring_force

@@ -15,8 +15,6 @@ has shrunk to half of the width, all cells are split in two. So nearly all cells
 the force.
 """
 
-from __future__ import annotations
-
 import math
 
 from .numerical_tangent import helper

@@ -6,8 +6,6 @@ concave and piecewise linear across, so its maximum is on the line of some spot.
 for six spots.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

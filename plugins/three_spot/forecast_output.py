@@ -7,8 +7,6 @@ state. Body forces (weight and other effects) enter by linear programmes (`weigh
 by `NEGLIGIBLE` contact radii or more: programmes cost 0.1 ms and more per body, closed forms a microsecond.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

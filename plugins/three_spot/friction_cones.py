@@ -11,8 +11,6 @@ unit, into the particle; `mu` (n,); `pressed` (n,) bool, the spots whose normal 
 the upper: without it zero forces would be a solution).
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

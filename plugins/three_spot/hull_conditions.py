@@ -11,8 +11,6 @@ Willert's Eqs. 16, 19 and 20. Imports nothing of thirdbody.
 Positions are (n, 2) arrays [m]; a direction needs no unit length; raises ValueError for no spots, h <= 0 or no direction.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

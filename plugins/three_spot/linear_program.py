@@ -5,8 +5,6 @@ one. Columns enter by the most negative reduced cost, after `QUICK` pivots by th
 cycle. Entries are expected to be of order 1. Plain loops, since slices and array expressions take seconds to compile.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -18,8 +18,6 @@ T = 2 G* int_0^a w dx over springs at x in [0, a] that touch where the overlap e
   keeps it.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -3,8 +3,6 @@
 w(x) -> kept w(kept x) (`laws.patch_renewal`).
 """
 
-from __future__ import annotations
-
 from .numerical_tangent import helper
 from .spring_grid import mean_gap, width_of
 

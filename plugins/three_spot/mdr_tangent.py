@@ -8,8 +8,6 @@ both derivatives. The instants when a spring is touched or two springs merge mov
 so this contributes nothing.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

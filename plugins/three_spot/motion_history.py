@@ -1,7 +1,5 @@
 """Memory of the labeller for a body, and the kernel that updates it. The rules are described in `classify`."""
 
-from __future__ import annotations
-
 from numba import njit
 
 from thirdbody.plugin import Table, loaded_contact, observed_body

@@ -1,7 +1,5 @@
 """Central differences of a law's own step: a tangent consistent with it whatever happens within the step."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody.plugin import Contact, Load, helper

@@ -1,7 +1,5 @@
 """Particles of the regime map, computed with full partial slip: their states when pressed and dragged."""
 
-from __future__ import annotations
-
 from .balance import Result, balance
 from .regime_map import MapPoint
 

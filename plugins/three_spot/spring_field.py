@@ -10,8 +10,6 @@ the square of w_new - w_old plus w_new.(w_t - w_new), over the contact area. A r
 springs so returned, and a projection all leave the second term positive.
 """
 
-from __future__ import annotations
-
 import math
 
 from thirdbody.plugin import helper

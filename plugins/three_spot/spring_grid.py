@@ -5,8 +5,6 @@ these were the last two, all cells are wide, the added one too: the spacing doub
 whatever the size of a growing contact, merged cells lie wholly within it, and the grid depends on the number of merges only.
 """
 
-from __future__ import annotations
-
 import math
 
 from thirdbody.plugin import helper

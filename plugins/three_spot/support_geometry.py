@@ -1,7 +1,5 @@
 """Support and motion of a body: sides, lever, drag, rotation. The geometry used by `classify`."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

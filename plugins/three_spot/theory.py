@@ -6,8 +6,6 @@ signs: dh closes the gap, tilt phi about +y (into the page), w down, the drag an
 below. `g_star` is the paper's G*, four times the G_eff of most DEM codes: k_t = 2 G* a = 8 G_eff a.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

@@ -11,8 +11,6 @@ the centre of mass [m]. `wrench` (6,): body force [N] and its moment about the c
 upper side [N]. `frictions`: upper, lower. A "scale" s multiplies both frictions. Verified against `friction_cones`.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

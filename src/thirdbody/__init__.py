@@ -8,8 +8,6 @@ Names are imported when first used, so that importing the package costs nothing 
 of their own, as entry points of the group `thirdbody.functions`: `thirdbody.balance(file)` is one.
 """
 
-from __future__ import annotations
-
 from importlib.metadata import EntryPoints, PackageNotFoundError, entry_points, version
 from typing import TYPE_CHECKING, Any
 

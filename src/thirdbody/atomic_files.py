@@ -1,7 +1,5 @@
 """Atomic writing of files and folders: written under a temporary name in the same folder, then renamed."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

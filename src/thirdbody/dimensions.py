@@ -1,7 +1,5 @@
 """The kinds of quantities in scenes and plug-ins, and their units. Imports nothing, so every package may use it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 # Powers of metre, kilogram, second, radian, cycle. Radian and cycle differ from pure numbers because

@@ -1,7 +1,5 @@
 """Errors and their exit codes on the command line. Imports nothing, so every package may use it."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass

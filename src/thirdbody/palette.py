@@ -3,8 +3,6 @@
 The state colours are distinguishable under protanopia, deuteranopia and tritanopia (Tableau 10, the blue, orange and green).
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -15,8 +15,6 @@ that a kernel calls in a shared library (ctypes, cffi): rename the function when
 global that is changed after the kernel was compiled: numba has compiled its value in; pass such numbers as options.
 """
 
-from __future__ import annotations
-
 from thirdbody.bodies.clump import Clump, clump, clump_with_frame, matrix_from_quaternion
 from thirdbody.engine.quasistatic import Balance, Grip, NoStaticState, QuasiStatic
 from thirdbody.engine.relaxation import from_first_touch, in_present_posture, relax, seat

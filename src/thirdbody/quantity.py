@@ -1,7 +1,5 @@
 """Formatting of numbers: readable units, SI prefixes, errors, durations and file sizes."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ Scaling uses exact fractions and rounds once, so "60 um" is the very float 60e-6
 5.9999999999999995e-05, imports in a second, and reads "20 mu" as a mass.)
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import re

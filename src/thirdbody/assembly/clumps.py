@@ -1,7 +1,5 @@
 """Clumps of the populations of a scene."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A quantity over time from a CSV file."""
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Callable

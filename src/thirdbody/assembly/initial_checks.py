@@ -1,7 +1,5 @@
 """Checks of the initial bodies: overlaps, positions outside the domain, sizes in a wrong unit."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody import units

@@ -1,7 +1,5 @@
 """Checks of the loads: crushing loads are refused, deep contacts and yield give warnings."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Compiled physics of a scene: laws and effects by name, parameters and their sources."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

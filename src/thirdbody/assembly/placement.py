@@ -1,7 +1,5 @@
 """Positions and orientations of debris: a resting layer, a dilute cloud, or a dense bed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Initial bodies of a scene, from its debris tables."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Schedule of the upper plate, from the motion and load in a scene."""
 
-from __future__ import annotations
-
 import math
 from itertools import pairwise
 

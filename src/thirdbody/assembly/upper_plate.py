@@ -1,7 +1,5 @@
 """Upper plate of a scene: patches, foundation, schedule, settling time, expected overlaps."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Asperities: small spheres on a clump, at points where a plane can touch it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Bounded reading of the user's files, and the range of valid lengths."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from thirdbody.errors import Fault, InputError

@@ -1,7 +1,5 @@
 """Clumps from a table of spheres, CSV or NPZ."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

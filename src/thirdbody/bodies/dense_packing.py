@@ -1,7 +1,5 @@
 """Dense beds: rigid bodies grow in a box of given solid fraction while their overlaps are removed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Irregular clumps and size distributions: random debris, reproducible body by body."""
 
-from __future__ import annotations
-
 import math
 from statistics import NormalDist
 

@@ -1,7 +1,5 @@
 """Placement of bodies in a layer on the lower plate without overlap, and overlaps of given positions."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

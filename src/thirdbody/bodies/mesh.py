@@ -1,7 +1,5 @@
 """Closed triangle surfaces: reading, checks and exact mass properties."""
 
-from __future__ import annotations
-
 import io
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Quality of the fit of a clump to a mesh: distances in both directions, and radii of curvature."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

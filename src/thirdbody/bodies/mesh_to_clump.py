@@ -1,7 +1,5 @@
 """Clumps of spheres fitted to the surface of a mesh, with the mass properties of the mesh."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any

@@ -1,7 +1,5 @@
 """Kernels of random placement and of overlaps of spheres, on a grid of columns over the x-y plane."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Random sequential addition: bodies at random positions and orientations in a volume, without overlap."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

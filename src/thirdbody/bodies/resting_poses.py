@@ -1,7 +1,5 @@
 """Poses in which a clump can rest on a horizontal plane under gravity."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

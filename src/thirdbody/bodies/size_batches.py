@@ -1,7 +1,5 @@
 """Stacks of bodies with equal numbers of spheres, for vectorised numpy."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 import numpy as np

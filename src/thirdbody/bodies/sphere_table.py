@@ -1,7 +1,5 @@
 """Table of spheres: the content of a file of bodies in any format, and its faults."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

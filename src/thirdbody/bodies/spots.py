@@ -1,7 +1,5 @@
 """Bodies given by their spots: each spot is a sphere that touches one plate only."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 

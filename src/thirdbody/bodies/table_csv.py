@@ -1,7 +1,5 @@
 """Bodies from a CSV table: one sphere per row, units in the header."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -1,7 +1,5 @@
 """Bodies from an NPZ file: arrays in SI, plain numbers only. Headers are checked before anything is unpacked."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 import zlib

@@ -6,8 +6,6 @@ ends of the circles where two spheres intersect, points where three intersect) a
 = mid - half cos(t) removes: Gauss-Legendre in t then converges geometrically. Lengths are in units of the largest radius.
 """
 
-from __future__ import annotations
-
 import math
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache

@@ -1,7 +1,5 @@
 """Listing, lookup and description of commands: built-in ones, and those of plug-ins, imported only when called."""
 
-from __future__ import annotations
-
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Shell completion: scripts by typer; here the cases that it leaves open: unknown shells, missing rights, and zsh."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path

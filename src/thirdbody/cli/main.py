@@ -1,7 +1,5 @@
 """The command line. Heavy modules are imported inside the commands that need them, so that `--help` stays instant."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from typing import Annotated, Any

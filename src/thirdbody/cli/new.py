@@ -1,7 +1,5 @@
 """The command that writes starter files. Heavy modules are imported inside it, as in `main`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Values of `--set KEY=VALUE` on the command line."""
 
-from __future__ import annotations
-
 from thirdbody.errors import UsageError
 
 

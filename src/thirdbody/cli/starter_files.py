@@ -1,7 +1,5 @@
 """Starter files: the scenes and the plug-in template installed with the program, and copies of them."""
 
-from __future__ import annotations
-
 import os
 import tomllib
 from collections.abc import Iterator

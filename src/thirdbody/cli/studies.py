@@ -1,7 +1,5 @@
 """Commands that compute many runs of one scene. Heavy modules are imported inside them, as in `main`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """Energy ledger at a synchronised instant [J]."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody.engine.state import State

@@ -1,7 +1,5 @@
 """Explicit integrator: velocity Verlet with automatic time step and guards."""
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Callable

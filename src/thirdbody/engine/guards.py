@@ -1,7 +1,5 @@
 """Validity limits of a run, for all integrators."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

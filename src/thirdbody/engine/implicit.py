@@ -6,8 +6,6 @@ the speed of the drag. Between two outputs bodies are independent, with individu
 number of threads.
 """
 
-from __future__ import annotations
-
 import math
 import time as clock
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Labels of all bodies at a synchronised instant."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody.engine.state import Array, State

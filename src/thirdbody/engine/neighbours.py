@@ -1,7 +1,5 @@
 """Neighbour search: a new list of candidates, with the contact histories of the old one."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody.engine.state import Array, Candidates, Ints, Numbers, State, table

@@ -4,8 +4,6 @@ The energy balance closes including the numerical line of the ledger, so the res
 by the integrator, or by a law with a wrong tangent or stored energy.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody.engine.state import Array, State

@@ -5,8 +5,6 @@ bodies, and then joins in: each process takes the next unit from a common queue,
 compiled code is loaded.
 """
 
-from __future__ import annotations
-
 import atexit
 import gc
 import os

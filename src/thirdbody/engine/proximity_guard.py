@@ -1,7 +1,5 @@
 """Guard against approaching bodies for an integrator without contacts between bodies."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody.engine.neighbours import grid

@@ -10,8 +10,6 @@ Laws enter only by their compiled `law` and `tangents`. A step starts from the h
 when the new one is solved, so a law that is exact for straight paths of overlap and slip is applied to exactly such paths.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 

@@ -7,8 +7,6 @@ step, so that the last steps are Newton's (pseudo-transient continuation: C. T. 
 spheres that rotate with the particle, are recomputed, and the rotation of linear kinematics restarts from zero.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Access to tables by column name, for Python code outside the kernels."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -4,8 +4,6 @@ A step reads both bodies of each contact. With many bodies in arbitrary order, n
 contacts are between bodies of different groups (`kernels.explicit.contact_forces`).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody.engine.state import Array, Ints

@@ -1,7 +1,5 @@
 """Compiled laws of one particle's contacts for straight steps of overlap and slip in statics."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """Labels of one particle on a quasi-static path, whose equilibria the labeller sees as steps."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody.engine.quasistatic import Balance, Grip

@@ -1,7 +1,5 @@
 """Static response of single contacts: force and stiffness at an overlap, overlap at a load."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody.engine.state import Array, Ints, Physics

@@ -1,7 +1,5 @@
 """Report of the causes that limit implicit steps (`kernels.implicit.step_limits`)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from thirdbody.engine.state import Array

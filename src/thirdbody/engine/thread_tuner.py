@@ -6,8 +6,6 @@ core. Waking a waiting thread takes some microseconds on one machine and 50 on a
 is faster on one thread. Results are bit-identical for any number of threads, so it may change during a run.
 """
 
-from __future__ import annotations
-
 import math
 import time
 

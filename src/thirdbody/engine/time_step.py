@@ -1,7 +1,5 @@
 """Explicit time step: bounded by the present contact stiffness and a fraction of the Rayleigh time."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Upper plate: its patches and the schedules of its motion and load."""
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator, Sequence

@@ -4,8 +4,6 @@ Only committed frames are copied, so that the copy of a killed run is a whole fi
 significance together), which helps gzip with floats.
 """
 
-from __future__ import annotations
-
 import math
 import os
 from collections.abc import Iterator

@@ -3,8 +3,6 @@
 Names come from users and from runs of other people: one that begins like a formula gets an apostrophe in front.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Export for `thirdbody export`: every target is checked before the first one is written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 

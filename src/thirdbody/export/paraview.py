@@ -1,7 +1,5 @@
 """Files for ParaView next to `run.vtkhdf`: one sidecar per block, and a script that sets up the view."""
 
-from __future__ import annotations
-
 import io
 import json
 from collections.abc import Sequence

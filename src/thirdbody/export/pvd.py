@@ -5,8 +5,6 @@ spheres/0000.vtp, ...                               one file per block and frame
 open_in_paraview.py                                 sets up the view
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -6,8 +6,6 @@ named by a hash of all sources can never serve stale machine code. Must be set b
 The code in the folder is executed, so only this user may be able to write there: a folder of another user is not used.
 """
 
-from __future__ import annotations
-
 import atexit
 import hashlib
 import os

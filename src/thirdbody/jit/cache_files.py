@@ -4,8 +4,6 @@ numba assumes that its files are complete: a truncated index ends in a traceback
 tries another folder, next to the source, where it cannot write into ours; stale code could be loaded from there.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

@@ -4,8 +4,6 @@ Imports, the compiler and a scene's bodies are a million objects with few cycles
 them repeatedly, and once more when the program ends: a third of a start.
 """
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -1,7 +1,5 @@
 """Built-in body effects: gravity, and viscous damping of the motion. Inactive unless a scene names them."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 from thirdbody.laws.contract import BodyEffect, Option, Options, Wrench, kernel

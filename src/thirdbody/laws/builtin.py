@@ -1,7 +1,5 @@
 """The built-in laws and effects, registered as an ordinary plug-in."""
 
-from __future__ import annotations
-
 from thirdbody.laws.body_effects import DAMPING, GRAVITY
 from thirdbody.laws.contract import LawFamily, Plugin
 from thirdbody.laws.coulomb import COULOMB

@@ -1,7 +1,5 @@
 """Coulomb friction as an elastic-plastic spring with a given slip scale, so that a contact can stick."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

@@ -5,8 +5,6 @@ oscillator (Antypov and Elliott 2011), so the restitution of the *clipped* conta
 Schwager and Poeschel 2007, and alpha(e) follows from it by bisection.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Effective moduli of two elastic half-spaces in contact (Willert, Eqs. 3, 4, 14)."""
 
-from __future__ import annotations
-
 from thirdbody.laws.contract import Material
 
 

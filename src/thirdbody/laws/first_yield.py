@@ -3,8 +3,6 @@
 Contacts are computed as elastic beyond it, too.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Hertz's normal contact (Willert, Eq. 5, with R_i for every contact)."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

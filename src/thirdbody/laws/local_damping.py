@@ -1,7 +1,5 @@
 """Cundall's local damping: a force against the motion, proportional to the unbalanced force. For settling only."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

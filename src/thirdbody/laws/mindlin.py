@@ -1,7 +1,5 @@
 """Mindlin's no-slip stiffness with Coulomb's limit; its memory does not decay under load cycles."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import NamedTuple
 

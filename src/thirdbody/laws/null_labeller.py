@@ -3,8 +3,6 @@
 It is the target of a function pointer that the engine never calls.
 """
 
-from __future__ import annotations
-
 from thirdbody.laws.contract import Labeller, kernel
 
 

@@ -23,8 +23,6 @@ G a^2 C11 xi (Kalker, Three-dimensional elastic bodies in rolling contact, 1990)
 0.25, 0.51 at 0.5.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from typing import NamedTuple

@@ -9,8 +9,6 @@ fraction once, not in every cycle. With a uniform field, U = T^2/(4 G* a), this 
 (1988), which assumes a uniform field after every step.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

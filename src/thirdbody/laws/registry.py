@@ -3,8 +3,6 @@
 A scene names no plug-in.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import sys

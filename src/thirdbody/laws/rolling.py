@@ -1,7 +1,5 @@
 """Rolling resistance: a moment that opposes relative rolling, elastic up to mu_r R* N. Inactive unless a scene names it."""
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -4,8 +4,6 @@ A cone stands at its contact along the normal and is as high as the load: the ar
 while the contact sticks, and on its rim where it slips.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 

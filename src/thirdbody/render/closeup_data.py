@@ -3,8 +3,6 @@
 No drawing here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

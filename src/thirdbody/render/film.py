@@ -1,7 +1,5 @@
 """Films of a run as GIF or MP4: selection of frames and encoding of pictures, which `layout` draws."""
 
-from __future__ import annotations
-
 import io
 import zlib
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Progress of a film: a bar on a terminal, or a callable of two numbers."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext

@@ -3,8 +3,6 @@
 The drawing (`gallery_drawing`) runs in a separate process, as for runs (`render`), which reads the bodies from a file.
 """
 
-from __future__ import annotations
-
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Drawn in parallel projection, so that one scale bar holds for all bodies of a group. The unit of length is the pixel.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -3,8 +3,6 @@
 Runs in a separate process (`render`): VTK may crash where it cannot draw.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import dataclass
 

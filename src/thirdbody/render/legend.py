@@ -1,7 +1,5 @@
 """Legend along the lower edge of a picture: states and their colours or a colour scale, and the key of the forces."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Flat shapes and text over a picture."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

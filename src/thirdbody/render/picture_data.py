@@ -1,7 +1,5 @@
 """Data of a picture, read from a run: wrapped spheres, colours, plates, title and legend. No drawing here."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from itertools import product

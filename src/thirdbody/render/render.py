@@ -4,8 +4,6 @@ Without its system libraries VTK crashes instead of raising an error. So these a
 drawing, whose crash becomes one sentence. Pages are drawn by a browser and need no such libraries.
 """
 
-from __future__ import annotations
-
 import ctypes
 import json
 import os

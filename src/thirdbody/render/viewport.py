@@ -1,7 +1,5 @@
 """View of a part of the domain: spheres, plates, force tubes, the drag arrow, a scale bar, and its camera."""
 
-from __future__ import annotations
-
 import numpy as np
 import pyvista
 

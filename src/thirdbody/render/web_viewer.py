@@ -5,8 +5,6 @@ meshes: 12 MB for 12 000 spheres instead of half a megabyte, without a legend, a
 libraries for drawing.
 """
 
-from __future__ import annotations
-
 import base64
 import html
 import json

@@ -1,7 +1,5 @@
 """Drawing process of a run: draws the frames of a job and writes the file whole. VTK may crash here (`render`)."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterator
 from functools import partial, reduce

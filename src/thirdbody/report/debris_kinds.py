@@ -1,7 +1,5 @@
 """Report of `thirdbody shapes --list`: the kinds of debris, and the keys of one of them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Lock of a run's folder: one process at a time writes there."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager

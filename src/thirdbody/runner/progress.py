@@ -1,7 +1,5 @@
 """Progress of a run: a bar with remaining time on a terminal, plain lines elsewhere."""
 
-from __future__ import annotations
-
 import math
 import sys
 from collections.abc import Callable, Iterator

@@ -5,8 +5,6 @@ Only these files are ever replaced or deleted. A new run that replaces an older 
 folder itself stays the same: it may be the current folder, or a mount point.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import stat

@@ -3,8 +3,6 @@
 Works on the raw tables, as far as they can be read, so that these faults are reported together with all others.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from itertools import combinations
 from typing import Any

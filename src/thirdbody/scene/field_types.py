@@ -1,7 +1,5 @@
 """Field types of the scene model: each checks one value and says in plain English what is wrong."""
 
-from __future__ import annotations
-
 import math
 import numbers
 from collections.abc import Collection, Mapping

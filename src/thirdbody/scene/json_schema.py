@@ -1,7 +1,5 @@
 """JSON schema of a scene file (`Scene.model_json_schema()`), for editors that complete and check TOML."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

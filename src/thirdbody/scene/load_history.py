@@ -1,7 +1,5 @@
 """Changes of the load of the upper plate: a ramp or step, a pause, a table; or a list of such stages."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 from pydantic import PlainSerializer

@@ -1,7 +1,5 @@
 """Sliding of the upper plate: constant velocity, ramp, pause, strokes, a table; or a list of such stages."""
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 from pydantic import PlainSerializer

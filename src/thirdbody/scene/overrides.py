@@ -1,7 +1,5 @@
 """Replacement of single values of a scene: `--set solver.distance="1 um"`."""
 
-from __future__ import annotations
-
 import re
 import tomllib
 from collections.abc import Mapping

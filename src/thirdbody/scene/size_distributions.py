@@ -1,7 +1,5 @@
 """Distributions of the size of debris."""
 
-from __future__ import annotations
-
 import math
 import numbers
 from typing import Annotated, Any, Literal

@@ -1,7 +1,5 @@
 """Lists of stages for motion and load of the upper plate: each stage is a table with one leading key."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """The tables of a scene other than the debris: materials, pairs, plates, contact, effects, solver, output."""
 
-from __future__ import annotations
-
 import numbers
 from typing import Annotated, Any, ClassVar, Literal
 

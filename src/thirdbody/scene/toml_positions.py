@@ -3,8 +3,6 @@
 Only for text that tomllib has accepted: the scanner assumes valid syntax and does not check it.
 """
 
-from __future__ import annotations
-
 import re
 import tomllib
 from bisect import bisect_right

@@ -1,7 +1,5 @@
 """A small TOML writer for scene documents: tables for the first two levels, inline tables below."""
 
-from __future__ import annotations
-
 import json
 import math
 import os

@@ -1,7 +1,5 @@
 """Comparison of a run with another one of the same scene: friction, load or gap, positions, labels, energy."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -10,8 +10,6 @@ Tangentially the same fraction holds: a sliding neighbour moves the surface by m
 Johnson, Eq. 3.75); its ratio to s_c = mu E* d/G* is that of N/(pi E* r) to the overlap d.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Order of convergence of a study's errors: with the springs of a law, and with the step of its integrator."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Cost of accuracy: variants of one scene, each run in a separate process and compared with the finest of them."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """Command `thirdbody cost`: computes, prints, and writes JSON, picture and runs into a folder."""
 
-from __future__ import annotations
-
 import json as json_module
 import time
 from collections.abc import Callable, Sequence

@@ -1,7 +1,5 @@
 """Table of a study of cost, for the terminal."""
 
-from __future__ import annotations
-
 import math
 
 from thirdbody.report.tables import table

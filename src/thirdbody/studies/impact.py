@@ -5,8 +5,6 @@ A sphere of aluminium oxide at 3.9 m/s on a plane a million times as stiff: test
 degrees part of it sticks, and the laws differ.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

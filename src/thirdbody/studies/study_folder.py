@@ -4,8 +4,6 @@ Nothing else is ever replaced or deleted. A study that is to replace an older on
 and replaces it when it is complete.
 """
 
-from __future__ import annotations
-
 import os
 import re
 import stat

@@ -1,7 +1,5 @@
 """Statistics of a few timings: a median and its uncertainty, so that smaller differences are ties."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Sequence

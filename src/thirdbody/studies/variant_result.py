@@ -1,7 +1,5 @@
 """Result of one variant of a study."""
 
-from __future__ import annotations
-
 import statistics
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """Runs of all variants within a deadline: each is run once, as far as time allows, and then all are timed alternately."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Variants of a scene for a study of accuracy: contact law, springs, time step and integrator, one changed at a time."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

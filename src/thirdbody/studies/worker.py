@@ -9,8 +9,6 @@ still measure the cost of a variant. All variants of a study are computed altern
 disturbance of the machine affects all of them.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os

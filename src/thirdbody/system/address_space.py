@@ -3,8 +3,6 @@
 Otherwise libraries terminate the process, or fail to load with messages that blame the installation.
 """
 
-from __future__ import annotations
-
 from thirdbody.errors import ThirdbodyError
 
 LEAST = 1024

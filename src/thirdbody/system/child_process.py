@@ -3,8 +3,6 @@
 `python -m` searches the current folder first, before the standard library: a `json.py` there would be executed.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterable

@@ -1,7 +1,5 @@
 """Import of Python modules from files outside packages: generated code and one-file plug-ins."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 import threading

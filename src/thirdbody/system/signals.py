@@ -1,7 +1,5 @@
 """Signals that end a run in order: a checkpoint is written, and the exit code names the signal."""
 
-from __future__ import annotations
-
 import os
 import signal
 import threading

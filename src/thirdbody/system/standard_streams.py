@@ -4,8 +4,6 @@ Output that cannot be written is dropped; the first fault of each stream is stor
 (`| head`) is no fault. Any other fault of standard output means that requested output was not delivered: exit code 5.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import sys

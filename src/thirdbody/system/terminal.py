@@ -4,8 +4,6 @@ All characters printed by the command line pass through `PrintableStream`. Only 
 escape sequences, writes past it (`terminal_of`), with texts from `printable`.
 """
 
-from __future__ import annotations
-
 import codecs
 import io
 import os

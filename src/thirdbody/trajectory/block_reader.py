@@ -1,7 +1,5 @@
 """Reader of one block of a run: arrays of single frames from data sets that hold all frames in sequence."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import h5py

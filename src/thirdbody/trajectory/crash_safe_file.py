@@ -1,7 +1,5 @@
 """File under HDF5 that keeps committed data readable after a kill between any two writes, or a system error."""
 
-from __future__ import annotations
-
 import io
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Check of the energy balance of a run and of the numerical loss of its integrator, with the likely cause."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Mapping
 from typing import Any

@@ -4,8 +4,6 @@ HDF5 can store a link to another file, data in another file, and filters that it
 (a pipe), read files that the user did not name, or run foreign code; no run needs them.
 """
 
-from __future__ import annotations
-
 import h5py
 
 MOST_LINKS = 10_000

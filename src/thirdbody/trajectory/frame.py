@@ -1,7 +1,5 @@
 """Frames of a trajectory from the state of a run: stored quantities of the step, without new evaluations."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

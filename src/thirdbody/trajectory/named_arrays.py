@@ -1,7 +1,5 @@
 """Arrays by name; an unknown name raises an error with the nearest ones."""
 
-from __future__ import annotations
-
 import difflib
 from collections.abc import Iterable
 from typing import Any

@@ -1,7 +1,5 @@
 """File of a run, open for reading while its run may still be writing: failed reads are repeated."""
 
-from __future__ import annotations
-
 import io
 import os
 import time

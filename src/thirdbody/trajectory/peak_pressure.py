@@ -1,7 +1,5 @@
 """Peak pressures of contacts, of the elastic indentation alone: the distribution of a dashpot's force is unknown."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Temporal PolyData block of a VTKHDF file, consisting of growing data sets."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

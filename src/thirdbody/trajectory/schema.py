@@ -1,7 +1,5 @@
 """Common definitions of the writer and the reader of a run: a frame, and the names in the file."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any

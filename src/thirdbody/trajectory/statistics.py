@@ -1,7 +1,5 @@
 """Mean and standard error of a correlated series, its change over time, and its running mean."""
 
-from __future__ import annotations
-
 import numpy as np
 
 WINDOW = 5.0

@@ -1,7 +1,5 @@
 """Texts of a run file (`/scene`), read only after their claimed sizes have been checked."""
 
-from __future__ import annotations
-
 import json
 from typing import Any
 

@@ -3,8 +3,6 @@
 Nothing is allocated on the claims of a damaged or hostile file.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path

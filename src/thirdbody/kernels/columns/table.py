@@ -1,7 +1,5 @@
 """Declaration of a table: meaning, unit and position of each of its columns."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """numba's message about a kernel that is not valid code, in one line."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 

@@ -1,7 +1,5 @@
 """Composition of body effects and labellers into generated, compiled modules, as `compose` does with contact laws."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 from thirdbody.kernels.columns import body, body_extra

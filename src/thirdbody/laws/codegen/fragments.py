@@ -1,7 +1,5 @@
 """Text fragments of the modules generated from laws: reading a tile, calling a law, its memory."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

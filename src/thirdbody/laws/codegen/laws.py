@@ -5,8 +5,6 @@ file of the compiled function: an edited law gives another module, never a stale
 pointer: as fast as laws inlined by hand, while the engine is compiled once for all laws.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -3,8 +3,6 @@
 numba's own cache watches only the file of the compiled function, so the name must change with the source of every law.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Tangents of a chain of laws as generated text, for implicit solvers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from thirdbody.kernels.columns import contact_tangent, law_input, rolling_input

@@ -4,8 +4,6 @@ The work of a tangential law is the sum of T_new . ds: the trapezoid would fail 
 adhesion law is the trapezoid, since its force is a function of the overlap. Each test returns (passed, detail).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 

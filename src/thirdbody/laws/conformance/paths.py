@@ -7,8 +7,6 @@ A rolling law follows the same paths: its moment over R* is the tangential force
 work and power are the same and every test of a tangential law applies to a rolling law.
 """
 
-from __future__ import annotations
-
 import math
 import types
 from collections.abc import Callable, Iterator, Sequence

@@ -4,8 +4,6 @@ Each law is run through the same composed, compiled tile function as in a simula
 are omitted.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 Finite, no touch no force, rotation, swap, friction, compiler, history.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -4,8 +4,6 @@ Every case builds its simulations with `Trial.start`, advances them, and checks 
 of the code, and the invariant that then failed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

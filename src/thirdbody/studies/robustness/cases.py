@@ -1,7 +1,5 @@
 """Robustness cases by name: the failure of a naive code, the test that shows it, and its settings."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

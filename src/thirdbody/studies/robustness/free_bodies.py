@@ -1,7 +1,5 @@
 """Robustness cases of free bodies, or bodies on one plate: impacts, rotation, time steps; explicit integrator only."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Command `thirdbody hard`: runs the robustness cases, prints their table, draws it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Small scenes of the robustness cases: free spheres, particles and clumps between plates."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """Runs of the robustness cases, and search for the largest stable time step of each."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

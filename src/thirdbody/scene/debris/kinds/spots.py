@@ -1,7 +1,5 @@
 """The debris kind `spots`: a particle given by the spots that it rests on, as in Willert's three-spot theory."""
 
-from __future__ import annotations
-
 import numbers
 from typing import Annotated, Any, ClassVar, Literal
 
