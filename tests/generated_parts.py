@@ -1,0 +1,106 @@
+"""The generated parts of the pages: `python tests/generated_parts.py` writes them anew.
+
+A page marks a part by `<!-- generated: NAME -->` and `<!-- end -->`; `PARTS[NAME]()` gives the text between them.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import pkgutil
+import re
+from collections.abc import Callable
+
+from pages import ROOT, pages
+
+SOURCE = ROOT / "src" / "thirdbody"
+PART = re.compile(r"(<!-- generated: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
+
+
+def rooms() -> str:
+    """Return a table of all packages with the first line of their docstring, in the order of their names."""
+    lines = ["| room | what it holds |", "|---|---|"]
+    for path in sorted(SOURCE.rglob("__init__.py")):
+        name = ".".join(path.parent.relative_to(SOURCE).parts)
+        docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+        lines.append(f"| `{name or 'thirdbody'}` | {docstring.splitlines()[0] if docstring else ''} |")
+    return "\n".join(lines)
+
+
+def tables() -> str:
+    """Return the columns of all tables, one table after the other, in the order of their modules' names."""
+    import thirdbody.kernels.columns as columns
+    from thirdbody.kernels.columns.table import Table
+
+    parts = []
+    for module in pkgutil.iter_modules(columns.__path__):
+        found = importlib.import_module(f"{columns.__name__}.{module.name}")
+        if isinstance(getattr(found, "table", None), Table):
+            parts.append(f"### {module.name}\n\n{found.table.markdown()}")
+    return "\n\n".join(parts)
+
+
+def laws() -> str:
+    """Return the table of all contact laws, by stage, with their options and sources."""
+    from thirdbody.laws.contract import STAGES, Law
+
+    every = sorted(_registry().laws.values(), key=lambda law: (STAGES.index(law.stage), law.name))
+    lines = ["| law | stage | options | integrators | source |", "|---|---|---|---|---|"]
+    for law in every:
+        integrators = "explicit, implicit" if law.tangent or law.stage.endswith("damping") else "explicit"
+        lines.append(f"| `{law.name}` | {law.stage} | {_options(law)} | {integrators} | {law.source} |")
+        assert isinstance(law, Law)
+    return "\n".join(lines)
+
+
+def levels() -> str:
+    """Return the table of law families and levels: the chain of laws of each."""
+    lines = ["| family | level | laws |", "|---|---|---|"]
+    for family in _registry().families.values():
+        for level, chain in family.levels.items():
+            default = ", the default" if level == family.default_level else ""
+            lines.append(f"| `{family.name}` | `{level}`{default} | {', '.join(f'`{law.name}`' for law in chain)} |")
+    return "\n".join(lines)
+
+
+def effects() -> str:
+    """Return the table of all effects with their options and sources."""
+    lines = ["| effect | options | source |", "|---|---|---|"]
+    lines += [f"| `{e.name}` | {_options(e)} | {e.source} |" for e in _registry().effects.values()]
+    return "\n".join(lines)
+
+
+def kinds() -> str:
+    """Return the table of the installed kinds of debris with the first line of their docstring."""
+    from thirdbody.scene.debris.registry import DebrisKinds
+
+    lines = ["| kind | what it makes |", "|---|---|"]
+    lines += [f"| `{name}` | {(kind.__doc__ or '').splitlines()[0]} |" for name, kind in sorted(DebrisKinds().by_name.items())]
+    return "\n".join(lines)
+
+
+def _registry():
+    """Return the registry of installed laws, and of the template plug-in."""
+    from thirdbody.laws.registry import discover
+
+    return discover([ROOT / "plugins" / "dmt_adhesion.py"])
+
+
+def _options(thing) -> str:
+    """Return the options of a law or an effect with their dimensions."""
+    return ", ".join(f"`{o.name}` ({o.dimension})" for o in thing.options) or "-"
+
+
+PARTS: dict[str, Callable[[], str]] = {
+    "rooms": rooms, "tables": tables,
+}  # fmt: skip
+
+
+def regenerated(text: str) -> str:
+    """Return a page with its generated parts written anew. Raises KeyError for a part that nothing generates."""
+    return PART.sub(lambda found: f"{found[1]}{PARTS[found[2]]()}\n{found[4]}", text)
+
+
+if __name__ == "__main__":
+    for page in pages():
+        page.write_text(regenerated(page.read_text(encoding="utf-8")), encoding="utf-8")

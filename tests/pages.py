@@ -1,0 +1,100 @@
+"""The pages of the project: README.md of the top and of the folders. Their blocks, links, headings and sentences.
+
+A comment before a fenced block says what the tests do with it besides:
+
+    <!-- file: NAME -->         they also write it under this name into the folder where the page's blocks run
+    <!-- not run: REASON -->    they do not run it, but look whether its commands, options and files exist
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+FOLDERS = ("src", "plugins", "tests", "scenes")
+LANGUAGES = ("python", "sh", "toml", "text", "mermaid")
+
+_FENCE = re.compile(r"^((?:<!--[^\n]*-->\n)*)```([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+_NOTE = re.compile(r"<!-- (file|not run): (.+?) -->")
+_LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s]+)\)")
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block: its language, its text, the name that it is written to, and why it is not run."""
+
+    language: str
+    text: str
+    file: str = ""
+    not_run: str = ""
+
+
+class Page:
+    """A page in Markdown."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.text = path.read_text(encoding="utf-8")
+
+    @property
+    def name(self) -> str:
+        """Path from the top of the project."""
+        return self.path.relative_to(ROOT).as_posix()
+
+    @cached_property
+    def blocks(self) -> list[Block]:
+        """Fenced blocks in the order of the page."""
+        blocks = []
+        for comments, language, text in _FENCE.findall(self.text):
+            notes = dict(_NOTE.findall(comments))
+            blocks.append(Block(language, text, notes.get("file", ""), notes.get("not run", "")))
+        return blocks
+
+    @cached_property
+    def prose(self) -> str:
+        """Text without fenced blocks and comments."""
+        return re.sub(r"<!--.*?-->", "", _FENCE.sub("", self.text), flags=re.DOTALL)
+
+    @property
+    def links(self) -> list[str]:
+        """Targets of links and pictures."""
+        return [target for _, _, target in _LINK.findall(self.prose)]
+
+    @property
+    def pictures(self) -> list[str]:
+        """Targets of pictures."""
+        return [target for mark, _, target in _LINK.findall(self.prose) if mark]
+
+    @property
+    def anchors(self) -> set[str]:
+        """Anchors of the headings, as GitHub forms them."""
+        found: list[str] = []
+        for heading in re.findall(r"^#+ (.+)$", self.prose, re.MULTILINE):
+            plain = _LINK.sub(r"\2", heading).replace("`", "").strip().lower()
+            slug = re.sub(r"[^\w\- ]", "", plain).replace(" ", "-")
+            before = found.count(slug)
+            found.append(slug)
+            if before:
+                found.append(f"{slug}-{before}")
+        return set(found)
+
+    @property
+    def inline(self) -> list[str]:
+        """Pieces of code within the prose."""
+        return re.findall(r"(?<!`)`([^`\n]+)`(?!`)", self.prose)
+
+    @property
+    def sentences(self) -> list[str]:
+        """Sentences of the prose: those of paragraphs, of items of lists, and of the cells of tables, without markup."""
+        plain = _LINK.sub(lambda link: "" if link[1] else link[2], self.prose)
+        pieces = re.split(r"\n\s*\n|\n(?=\s*(?:[-*#|]|\d+\.) ?)|(?<!\\)\|", plain)
+        texts = (" ".join(piece.split()) for piece in pieces)
+        return [sentence for text in texts for sentence in re.split(r"(?<=[.!?:;]) (?=\S)", text) if sentence]
+
+
+def pages() -> list[Path]:
+    """Paths of all pages, the one at the top first."""
+    return [ROOT / "README.md", *sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.md"))]
