@@ -6,7 +6,7 @@ Use it with `--plugin dmt_adhesion.py` and name it in the scene; scenes that do 
     work_of_adhesion = "50 mJ/m2"
 
 Test your copy with `thirdbody laws --check FILE`. A file may also define kinds of debris: classes derived from
-`PlacedDebris`, listed in `DEBRIS_KINDS = (...)`; example in the README.
+`PlacedDebris`, listed in `DEBRIS_KINDS = (...)`; example in plugins/README.md.
 
 The model (Derjaguin, Muller and Toporov 1975): attraction acts outside a contact area that remains that of
 Hertz, so it is a constant force 2 pi w R as long as the bodies touch, and that is also the force which separates

@@ -42,14 +42,13 @@ def tables() -> str:
 
 def laws() -> str:
     """Return the table of all contact laws, by stage, with their options and sources."""
-    from thirdbody.laws.contract import STAGES, Law
+    from thirdbody.laws.contract import STAGES, STIFF
 
     every = sorted(_registry().laws.values(), key=lambda law: (STAGES.index(law.stage), law.name))
     lines = ["| law | stage | options | integrators | source |", "|---|---|---|---|---|"]
     for law in every:
-        integrators = "explicit, implicit" if law.tangent or law.stage.endswith("damping") else "explicit"
+        integrators = "explicit" if law.tangent is None and law.stage in STIFF else "both"
         lines.append(f"| `{law.name}` | {law.stage} | {_options(law)} | {integrators} | {law.source} |")
-        assert isinstance(law, Law)
     return "\n".join(lines)
 
 
@@ -71,11 +70,11 @@ def effects() -> str:
 
 
 def kinds() -> str:
-    """Return the table of the installed kinds of debris with the first line of their docstring."""
+    """Return the table of the installed kinds of debris with the first sentence of their docstring."""
     from thirdbody.scene.debris.registry import DebrisKinds
 
     lines = ["| kind | what it makes |", "|---|---|"]
-    lines += [f"| `{name}` | {(kind.__doc__ or '').splitlines()[0]} |" for name, kind in sorted(DebrisKinds().by_name.items())]
+    lines += [f"| `{name}` | {_first_sentence(kind.__doc__)} |" for name, kind in DebrisKinds().usable().items()]
     return "\n".join(lines)
 
 
@@ -87,12 +86,24 @@ def _registry():
 
 
 def _options(thing) -> str:
-    """Return the options of a law or an effect with their dimensions."""
-    return ", ".join(f"`{o.name}` ({o.dimension})" for o in thing.options) or "-"
+    """Return the options of a law or an effect with their defaults, or the dimension of those that a scene must give."""
+    return ", ".join(_option(option) for option in thing.options) or "-"
+
+
+def _option(option) -> str:
+    if option.default is None:
+        return f"`{option.name}` ({option.dimension.replace('_', ' ')}, required)"
+    default = f'"{option.default}"' if isinstance(option.default, str) else f"{option.default:g}"
+    words = f", or {', '.join(repr(word) for word in option.words if word != option.default)}" if len(option.words) > 1 else ""
+    return f"`{option.name} = {default}`{words}".replace("'", '"')
+
+
+def _first_sentence(docstring: str | None) -> str:
+    return re.split(r"(?<=\.)\s", " ".join((docstring or "").split()))[0]
 
 
 PARTS: dict[str, Callable[[], str]] = {
-    "rooms": rooms, "tables": tables,
+    "rooms": rooms, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "kinds": kinds,
 }  # fmt: skip
 
 

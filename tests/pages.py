@@ -15,7 +15,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 FOLDERS = ("src", "plugins", "tests", "scenes")
-LANGUAGES = ("python", "sh", "toml", "text", "mermaid")
+LANGUAGES = ("python", "sh", "toml", "text", "mermaid", "yaml")
 
 _FENCE = re.compile(r"^((?:<!--[^\n]*-->\n)*)```([^\n]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 _NOTE = re.compile(r"<!-- (file|not run): (.+?) -->")

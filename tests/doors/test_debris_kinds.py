@@ -22,7 +22,7 @@ from thirdbody.scene.debris.registry import GROUP, built_in
 from thirdbody.scene.model import Scene
 
 ROOT = Path(__file__).parents[2]
-README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "plugins" / "README.md").read_text(encoding="utf-8")
 SOURCE = ROOT / "src" / "thirdbody"
 KINDS = SOURCE / "scene" / "debris" / "kinds"
 OTHERS = sorted(path for path in SOURCE.rglob("*.py") if KINDS not in path.parents)
@@ -72,12 +72,12 @@ def test_every_module_of_the_folder_is_a_kind():
     assert {path.stem for path in KINDS.glob("*.py")} - {"__init__"} == built_in().keys()
 
 
-# A kind of a third party, the README's
+# A kind of a third party, that of the page on plug-ins
 
 
 @pytest.fixture
 def dumbbell(tmp_path) -> Path:
-    (code,) = [block for block in re.findall(r"```python\n(.*?)```", README, re.DOTALL) if "DEBRIS_KINDS" in block]
+    (code,) = [block for block in re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL) if "DEBRIS_KINDS" in block]
     (tmp_path / "dumbbell.py").write_text(code, encoding="utf-8")
     return tmp_path / "dumbbell.py"
 

@@ -21,10 +21,12 @@ from thirdbody.laws.registry import discover
 from thirdbody.scene.model import Scene
 from thirdbody.scene.template import TEMPLATE
 
-PAGES = [Page(path) for path in pages()[1:]]  # the page at the top is being rewritten
+PAGES = [Page(path) for path in pages()]
+README = PAGES[0]
 every_page = pytest.mark.parametrize("page", PAGES, ids=[page.name for page in PAGES])
 DMT = ROOT / "plugins" / "dmt_adhesion.py"
-WORDS = ("statics",)  # right, though codespell has them in its list
+LONGEST_SENTENCE, MOST_LINES = 35, 160  # of the README
+WORDS = ("statics", "Strack")  # right, though codespell corrects them
 
 
 @every_page
@@ -164,3 +166,15 @@ def test_spelling():
     words = [sys.executable, "-m", "codespell_lib", "-L", ",".join(WORDS), *(str(path) for path in (*pages(), *scenes))]
     done = subprocess.run(words, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_readme_is_short():
+    assert len(README.text.splitlines()) <= MOST_LINES
+    long = [sentence for sentence in README.sentences if len(sentence.split()) > LONGEST_SENTENCE]
+    assert not long, long
+
+
+def test_citation_has_the_version_of_the_project():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    (citation,) = (block.text for block in README.blocks if block.language == "yaml")
+    assert f"\nversion: {project['version']}\nlicense: {project['license']}\n" in citation

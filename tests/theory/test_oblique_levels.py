@@ -1,6 +1,6 @@
 """Chung and Ooi's test 4 (a ball of aluminium oxide at 3.9 m/s on a rigid plane) from 5 to 85 degrees at every level.
 
-Printed with `pytest -s` it is the table in the README.
+Printed with `pytest -s` it is the table in plugins/three_spot/README.md.
 """
 
 from __future__ import annotations

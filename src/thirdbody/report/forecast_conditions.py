@@ -2,7 +2,7 @@
 
 The theory of the forecast treats one particle between two surfaces, pressed by a constant load, at rest but for the drag, on
 point contacts. Each condition is a number of the run with the limit up to which forecast and motion agreed as in the table of a
-thousand clumps (README, "Forecast against fact").
+thousand clumps (plugins/three_spot/README.md, "Forecast against fact").
 """
 
 from __future__ import annotations

@@ -49,4 +49,4 @@ CASES = (
     Case("many_dashpots", "dashpots of many spots add up: blow-up", held.many_dashpots),
     Case("turning_pair", "rigid rotation: history must turn along", free.turning_pair, EXPLICIT, LEVELS, False),
 )
-"""In the order of the table of the README."""
+"""In the order of `thirdbody hard`."""
