@@ -12,10 +12,10 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import AHEAD, LINE, load, prefetch, put, set4, transpose, with_last
+from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import body, contact_state, geometry, law_input, law_output, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.periodic import image
-from thirdbody.kernels.predicates import is_upper
 
 AT_END = (geometry.END_VELOCITY - geometry.MID_VELOCITY) * TILE
 """Offset from a field of the middle of the step to that of its end."""
@@ -28,45 +28,54 @@ SPARE = AHEAD + LINE
 
 
 @njit(**BARE)
-def load_history(q, k, kind, H, I, G, n_history):  # noqa: E741
+def load_history(q, k, context, tile):
     """Load the history of candidate k into element q of the tile."""
+    I, G, H = tile.inputs, tile.geometry, context.H  # noqa: E741
     G[q + geometry.PREVIOUS_SLIP * TILE] = H[k, contact_state.SLIP]
     for d in range(3):
         G[q + (geometry.AXIS + d) * TILE] = H[k, contact_state.AXIS + d]
-    I[q + law_input.PAIR_TYPE * TILE] = kind[k]
-    for h in range(n_history):
+    I[q + law_input.PAIR_TYPE * TILE] = context.kind[k]
+    for h in range(context.n_history):
         I[q + (law_input.HISTORY + h) * TILE] = H[k, contact_state.LAW + h]
 
 
 @njit(**BARE)
-def gather_plate_contact(q, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history):  # noqa: E741
-    """Gather candidate k, a contact with a plate, into element q. The upper plate moves with v_x, v_y and `rise` [m/s]."""
-    i = own[k]
-    up = 1.0 if is_upper(partner[k]) else 0.0
-    r = S[i, sphere.RADIUS]
-    G[q + geometry.NORMAL * TILE] = 0.0
-    G[q + (geometry.NORMAL + 1) * TILE] = 0.0
-    G[q + (geometry.NORMAL + 2) * TILE] = 1.0 - 2.0 * up
-    G[q + geometry.MID_NORMAL * TILE] = 0.0
-    G[q + (geometry.MID_NORMAL + 1) * TILE] = 0.0
-    G[q + (geometry.MID_NORMAL + 2) * TILE] = 1.0 - 2.0 * up
-    for d in range(3):
-        for t in range(2):
-            at = q + d * TILE + t * AT_END
-            w = S[i, sphere.MID_SPIN + d + t * TO_END]
-            G[at + geometry.MID_VELOCITY * TILE] = S[i, sphere.MID_VELOCITY + d + t * TO_END]
-            G[at + geometry.MID_SPIN * TILE], G[at + geometry.MID_RIM * TILE] = w, r * w
-    for t in range(2):
-        at = q + t * AT_END
-        G[at + geometry.MID_VELOCITY * TILE] -= up * v_x
-        G[at + (geometry.MID_VELOCITY + 1) * TILE] -= up * v_y
-        G[at + (geometry.MID_VELOCITY + 2) * TILE] -= up * rise
+def write_vector(G, at, v):
+    """Write a tuple of three numbers into as many fields, the first of them at `at`."""
+    G[at], G[at + TILE], G[at + 2 * TILE] = v
+
+
+@njit(**BARE)
+def gather_plate_geometry(q, i, j, context, motion, tile):
+    """Write normals, overlap, arms and radii of sphere i on plate j into element q."""
+    S, P, I, G, half = context.S, context.P, tile.inputs, tile.geometry, 0.5 * motion.dt  # noqa: E741
+    x, r, (v_x, v_y, v_z) = first_body.centre(i, S), S[i, sphere.RADIUS], first_body.velocity(j, P, motion)
+    u_x, u_y, u_z = S[i, sphere.MID_VELOCITY], S[i, sphere.MID_VELOCITY + 1], S[i, sphere.MID_VELOCITY + 2]
+    before = x[0] - half * (u_x - v_x), x[1] - half * (u_y - v_y), x[2] - half * (u_z - v_z)
+    write_vector(G, q + geometry.NORMAL * TILE, first_body.normal(j, x, P))
+    write_vector(G, q + geometry.MID_NORMAL * TILE, first_body.normal(j, before, P))
+    overlap = first_body.overlap(j, x, r, P)
     G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE] = r - 0.5 * overlap, 0.0
     G[q + geometry.RADIUS * TILE], G[q + geometry.PARTNER_RADIUS * TILE] = r, r
     I[q + law_input.OVERLAP * TILE] = overlap
-    I[q + law_input.RADIUS * TILE] = r
-    I[q + law_input.MASS * TILE] = S[i, sphere.MASS]
-    load_history(q, k, kind, H, I, G, n_history)
+    I[q + law_input.RADIUS * TILE] = first_body.effective_radius(r, first_body.curvature(j, x, P))
+
+
+@njit(**BARE)
+def gather_plate_contact(q, k, context, motion, tile):
+    """Gather candidate k, a contact with a plate, into element q."""
+    i, j, S, G = context.own[k], context.partner[k], context.S, tile.geometry
+    r, (v_x, v_y, v_z) = S[i, sphere.RADIUS], first_body.velocity(j, context.P, motion)
+    gather_plate_geometry(q, i, j, context, motion, tile)
+    for t in range(2):
+        at, u = q + t * AT_END, sphere.MID_VELOCITY + t * TO_END
+        v = S[i, u] - v_x, S[i, u + 1] - v_y, S[i, u + 2] - v_z
+        write_vector(G, at + geometry.MID_VELOCITY * TILE, v)
+        for d in range(3):
+            w = S[i, sphere.MID_SPIN + d + t * TO_END]
+            G[at + (geometry.MID_SPIN + d) * TILE], G[at + (geometry.MID_RIM + d) * TILE] = w, r * w
+    tile.inputs[q + law_input.MASS * TILE] = S[i, sphere.MASS]
+    load_history(q, k, context, tile)
 
 
 @njit(**BARE)
@@ -109,8 +118,9 @@ def gather_spins(q, a, b, r_i, r_j, G):
 
 
 @njit(**BARE)
-def gather_history(q, k, kind, H, I, G, n_history):  # noqa: E741
+def gather_history(q, k, context, tile):
     """Load the histories of the four candidates k into the elements from q on."""
+    I, G, H, kind = tile.inputs, tile.geometry, context.H, context.kind  # noqa: E741
     axes = columns(four_rows_of(k, np.int64(contact_state.AXIS), H))  # and the slip, 0 if open
     put_three(G, q + geometry.AXIS * TILE, axes)
     put(G, q + geometry.PREVIOUS_SLIP * TILE, axes[3])
@@ -118,7 +128,7 @@ def gather_history(q, k, kind, H, I, G, n_history):  # noqa: E741
     first = columns(four_rows_of(k, np.int64(contact_state.LAW), H))  # a shorter history is padded with zeros
     put_three(I, q + law_input.HISTORY * TILE, first)
     put(I, q + (law_input.HISTORY + 3) * TILE, first[3])
-    for h in range(4, n_history):
+    for h in range(4, context.n_history):
         put(
             I,
             q + (law_input.HISTORY + h) * TILE,
@@ -132,27 +142,28 @@ def gather_history(q, k, kind, H, I, G, n_history):  # noqa: E741
 
 
 @njit(**BARE)
-def prefetch_contacts(p, slots, partner, body_of, S, B, H):
+def prefetch_contacts(p, slots, context):
     """Prefetch the rows of four contacts, from position p of the list: partners may be anywhere."""
+    S, H = context.S, context.H
     for e in range(p, p + 4):
         k = np.uint64(slots[e])
-        j = np.uint64(partner[k])
+        j = np.uint64(context.partner[k])
         prefetch(S, j, np.int64(sphere.MID_SPIN))
         prefetch(S, j, np.int64(sphere.END_SPIN))
         prefetch(H, k, np.int64(contact_state.AXIS))
-        prefetch(B, np.uint64(body_of[j]), np.int64(body.TORQUE))
+        prefetch(context.B, np.uint64(context.body[j]), np.int64(body.TORQUE))
 
 
 @njit(**BARE_CHUNK)
-def gather_pair_contacts(n, slots, first, own, partner, body, kind, S, B, H, I, G, n_history):  # noqa: E741
-    """Gather n contacts between spheres, slots[first:first + n], into the first elements, by fours.
+def gather_pair_contacts(n, slots, context, tile):
+    """Gather the contacts between spheres slots[:n] into the first elements, by fours.
 
     `SPARE` - 1 more candidates are read after the last of them.
     """
+    own, partner, S, I, G = context.own, context.partner, context.S, tile.inputs, tile.geometry  # noqa: E741
     for q in range(0, n, 4):
-        p = first + q
-        prefetch_contacts(p + AHEAD, slots, partner, body, S, B, H)
-        k = np.uint64(slots[p]), np.uint64(slots[p + 1]), np.uint64(slots[p + 2]), np.uint64(slots[p + 3])
+        prefetch_contacts(q + AHEAD, slots, context)
+        k = np.uint64(slots[q]), np.uint64(slots[q + 1]), np.uint64(slots[q + 2]), np.uint64(slots[q + 3])
         i = np.uint64(own[k[0]]), np.uint64(own[k[1]]), np.uint64(own[k[2]]), np.uint64(own[k[3]])
         j = np.uint64(partner[k[0]]), np.uint64(partner[k[1]]), np.uint64(partner[k[2]]), np.uint64(partner[k[3]])
         x_i, x_j = (
@@ -185,17 +196,18 @@ def gather_pair_contacts(n, slots, first, own, partner, body, kind, S, B, H, I, 
             r_j,
             G,
         )
-        gather_history(q, k, kind, H, I, G, n_history)
+        gather_history(q, k, context, tile)
 
 
 @njit(**BARE_CHUNK)
-def pair_geometry(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
+def pair_geometry(n, dt, box, tile):
     """Compute normals, overlaps, arms, effective radii and masses of n contacts between spheres.
 
-    c = 1/l, 0 if not periodic. Slip is a displacement of the step, so its arms are those of the middle of the step: hence the
+    Slip is a displacement of the step, so its arms are those of the middle of the step: hence the
     normal of half a step ago.
     """
-    half = 0.5 * dt
+    I, G, half = tile.inputs, tile.geometry, 0.5 * dt  # noqa: E741
+    l_x, l_y, c_x, c_y = box
     for q in range(n):
         x = image(G[q + geometry.NORMAL * TILE], l_x, c_x)
         y = image(G[q + (geometry.NORMAL + 1) * TILE], l_y, c_y)
@@ -223,9 +235,9 @@ def pair_geometry(n, dt, l_x, l_y, c_x, c_y, I, G):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def transport_frames(n, dt, G):
+def transport_frames(n, dt, tile):
     """Transport the frames of n contacts with their normals, rotated by half the sum of spins; initialise at first touch."""
-    half = 0.5 * dt
+    G, half = tile.geometry, 0.5 * dt
     for q in range(n):
         n_x = G[q + geometry.NORMAL * TILE]
         n_y = G[q + (geometry.NORMAL + 1) * TILE]
@@ -275,8 +287,9 @@ def relative_velocity(q, at, normal, I, G):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def slip_increment(n, dt, I, G):  # noqa: E741
+def slip_increment(n, dt, tile):
     """Compute the slip of the step and the velocities at its end of n contacts, along normals and frame axes."""
+    I, G = tile.inputs, tile.geometry  # noqa: E741
     for q in range(n):
         e_x, e_y, e_z = G[q + geometry.AXIS * TILE], G[q + (geometry.AXIS + 1) * TILE], G[q + (geometry.AXIS + 2) * TILE]
         d_x = G[q + geometry.CROSS_AXIS * TILE]
@@ -294,8 +307,9 @@ def slip_increment(n, dt, I, G):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def force_and_torques(n, I, O, G):  # noqa: E741
+def force_and_torques(n, tile):
     """Compute the forces of n contacts on the owners and the torques about both centres, in world axes."""
+    I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
     for q in range(n):
         f_n = O[q + law_output.NORMAL_FORCE * TILE]
         t_1 = O[q + law_output.TANGENTIAL_X * TILE]

@@ -10,22 +10,22 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.jit.simd import LANES, active_bits, compress_store, get, put, transpose
-from thirdbody.kernels.columns import patch, sphere
+from thirdbody.kernels import first_body
+from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.contact_geometry import SPARE, four_rows_of
 from thirdbody.kernels.periodic import image, images, nearest_image
-from thirdbody.kernels.predicates import is_plate, is_upper, patch_of_partner
+from thirdbody.kernels.predicates import is_plate
 
 
 @njit(**BARE)
-def overlap_and_normal(k, own, partner, S, P, l_x, l_y):
-    """Return the overlap of candidate k [m] and the unit normal. Apart: overlap <= 0, no normal. Normal: from partner to
-    owner."""
-    i, j = own[k], partner[k]
+def overlap_and_normal(k, context, box):
+    """Return the overlap of candidate k [m] and the unit normal from partner to owner. Apart: overlap <= 0, no normal."""
+    S, i, j = context.S, context.own[k], context.partner[k]
     if is_plate(j):
-        overlap, up = plate_overlap(k, own, partner, S, P)
-        return overlap, 0.0, 0.0, 1.0 - 2.0 * up
-    d_x = nearest_image(S[i, sphere.X] - S[j, sphere.X], l_x)
-    d_y = nearest_image(S[i, sphere.Y] - S[j, sphere.Y], l_y)
+        x, y, z = first_body.normal(j, first_body.centre(i, S), context.P)
+        return plate_overlap(k, context), x, y, z
+    d_x = nearest_image(S[i, sphere.X] - S[j, sphere.X], box.length_x)
+    d_y = nearest_image(S[i, sphere.Y] - S[j, sphere.Y], box.length_y)
     d_z = S[i, sphere.Z] - S[j, sphere.Z]
     square = d_x * d_x + d_y * d_y + d_z * d_z
     reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
@@ -37,45 +37,44 @@ def overlap_and_normal(k, own, partner, S, P, l_x, l_y):
 
 
 @njit(**BARE)
-def plate_overlap(k, own, partner, S, P):
-    """Return the overlap of candidate k with its plate [m], <= 0 if apart, and 1 for the upper plate, else 0."""
-    i, j = own[k], partner[k]
-    z, r = S[i, sphere.Z], S[i, sphere.RADIUS]
-    up = 1.0 if is_upper(j) else 0.0
-    top = P[patch_of_partner(j), patch.HEIGHT]
-    return r - (top - z if is_upper(j) else z), up
+def plate_overlap(k, context):
+    """Return the overlap of candidate k with its plate [m]; <= 0 if apart."""
+    i, S = context.own[k], context.S
+    return first_body.overlap(context.partner[k], first_body.centre(i, S), S[i, sphere.RADIUS], context.P)
 
 
 @njit(**BARE_CHUNK)
-def plate_overlaps(first, last, own, partner, S, P, g):
+def plate_overlaps(first, last, context, g):
     """Compute the overlaps g of candidates first to last with their plates [m]."""
     for k in range(first, last):
-        g[k - first] = plate_overlap(k, own, partner, S, P)[0]
+        g[k - first] = plate_overlap(k, context)
 
 
 @njit(**BARE)
-def four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y):
+def four_overlaps(k, context, box):
     """Return the overlap measures [m2] of candidates k to k + 3 (`pair_overlaps`)."""
+    own, partner, S = context.own, context.partner, context.S
     i = np.uint64(own[k]), np.uint64(own[k + 1]), np.uint64(own[k + 2]), np.uint64(own[k + 3])
     j = np.uint64(partner[k]), np.uint64(partner[k + 1]), np.uint64(partner[k + 2]), np.uint64(partner[k + 3])
     a, b = four_rows_of(i, np.int64(sphere.POSITION), S), four_rows_of(j, np.int64(sphere.POSITION), S)
     x_i, y_i, z_i, r_i = transpose(a[0], a[1], a[2], a[3])
     x_j, y_j, z_j, r_j = transpose(b[0], b[1], b[2], b[3])
     d_x, d_y, d_z, reach = x_i - x_j, y_i - y_j, z_i - z_j, r_i + r_j
-    d_x, d_y = images(d_x, l_x, c_x), images(d_y, l_y, c_y)
+    d_x, d_y = images(d_x, box.length_x, box.inverse_x), images(d_y, box.length_y, box.inverse_y)
     return reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
 
 
 @njit(**BARE_CHUNK)
-def pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, g):
-    """Compute reach^2 - distance^2 of candidates first to last [m2] into g: > 0 if they touch. c = 1/l, 0 if not periodic."""
+def pair_overlaps(first, last, context, box, g):
+    """Compute reach^2 - distance^2 of candidates first to last [m2] into g: > 0 if they touch."""
+    own, partner, S = context.own, context.partner, context.S
     fours = first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
-        put(g, k - first, four_overlaps(k, own, partner, S, l_x, l_y, c_x, c_y))
+        put(g, k - first, four_overlaps(k, context, box))
     for k in range(fours, last):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
-        d_x, d_y = image(d_x, l_x, c_x), image(d_y, l_y, c_y)
+        d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
         reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
         g[k - first] = reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
 

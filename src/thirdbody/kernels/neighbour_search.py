@@ -9,7 +9,8 @@ from numba import njit
 
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import LANES, broadcast, less_mask, load
-from thirdbody.kernels.columns import patch, sphere
+from thirdbody.kernels import first_body
+from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_LOWER, ONLY_UPPER
 from thirdbody.kernels.periodic import images, inverse
 from thirdbody.kernels.predicates import is_lower, is_sphere, partner_of_patch
@@ -20,13 +21,14 @@ def plate_candidates(S, P, body, patch_of, has_lower, has_upper, skin, own, part
     """List the spheres within `skin` of a plate in own and partner; return their number, also beyond the capacity."""
     n = 0
     for i in range(S.shape[0]):
-        if has_lower and S[i, sphere.SIDE] != ONLY_UPPER and S[i, sphere.Z] - S[i, sphere.RADIUS] < skin:
+        x, r = first_body.centre(i, S), S[i, sphere.RADIUS]
+        if has_lower and S[i, sphere.SIDE] != ONLY_UPPER and -first_body.overlap(-1, x, r, P) < skin:
             if n < own.shape[0]:
                 own[n], partner[n] = i, -1
             n += 1
         if has_upper and S[i, sphere.SIDE] != ONLY_LOWER:
             p = patch_of[body[i]]
-            if P[p, patch.HEIGHT] - S[i, sphere.Z] - S[i, sphere.RADIUS] < skin:
+            if -first_body.overlap(partner_of_patch(p), x, r, P) < skin:
                 if n < own.shape[0]:
                     own[n], partner[n] = i, partner_of_patch(p)
                 n += 1

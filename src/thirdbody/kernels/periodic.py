@@ -5,6 +5,8 @@ from numba import njit
 
 from thirdbody.jit.options import BARE
 from thirdbody.jit.simd import broadcast, round_to_nearest
+from thirdbody.kernels.bundles import Box
+from thirdbody.kernels.columns import domain
 
 
 @njit(**BARE)
@@ -29,3 +31,10 @@ def image(d, length, inverse):
 def images(d, length, inverse):
     """Return `image` of four separations."""
     return d - broadcast(length) * round_to_nearest(d * broadcast(inverse))
+
+
+@njit(**BARE)
+def box_of(D):
+    """Return the periodic lengths of the domain and their inverses."""
+    l_x, l_y = max(D[domain.LENGTH_X], 0.0), max(D[domain.LENGTH_Y], 0.0)
+    return Box(l_x, l_y, inverse(l_x), inverse(l_y))

@@ -32,22 +32,19 @@ def relative_spin(S, i, j, column):
 
 
 @njit(**BARE)
-def travel(i, j, q, S, P, G, v_x, v_y):
+def travel(i, j, q, context, motion, G):
     """Return the mean velocity of the contact area over the two surfaces [m/s], along the frame's axes.
 
     This is the velocity of the contact point less that of the material. The contact point lies on the line of centres; under a
     sphere on a plate it moves with the sphere.
     """
-    n_x = G[q + geometry.NORMAL * TILE]
+    S, n_x = context.S, G[q + geometry.NORMAL * TILE]
     n_y = G[q + (geometry.NORMAL + 1) * TILE]
     n_z = G[q + (geometry.NORMAL + 2) * TILE]
-    u, w = (
-        np.int64(sphere.MID_VELOCITY),
-        np.int64(sphere.MID_SPIN),
-    )  # not literals, for which the callees would be compiled once more
+    columns = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)  # not literals: callees would be compiled once more
     a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
-    b_x, b_y, b_z = partner_velocity(S, P, j, u, w, a_j * n_x, a_j * n_y, a_j * n_z, v_x, v_y)
-    a_x, a_y, a_z = surface_velocity(S, i, u, w, -a_i * n_x, -a_i * n_y, -a_i * n_z)
+    b_x, b_y, b_z = partner_velocity(j, context, columns, (a_j * n_x, a_j * n_y, a_j * n_z), motion)
+    a_x, a_y, a_z = surface_velocity(i, S, columns, (-a_i * n_x, -a_i * n_y, -a_i * n_z))
     fraction = 0.0
     p_x, p_y, p_z = 0.0, 0.0, 0.0
     if is_sphere(j):
@@ -66,10 +63,10 @@ def travel(i, j, q, S, P, G, v_x, v_y):
 
 
 @njit(**BARE)
-def gather_rolling(q, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history):  # noqa: E741
+def gather_rolling(q, k, context, motion, tile):
     """Gather relative rotation, its rate at the end of the step, and travel of the contact area into element q."""
-    i, j = own[k], partner[k]
-    at = (law_input.HISTORY + n_history) * TILE + q
+    i, j, S, dt = context.own[k], context.partner[k], context.S, motion.dt
+    I, G, at = tile.inputs, tile.geometry, (law_input.HISTORY + context.n_history) * TILE + q  # noqa: E741
     w_x, w_y, w_z = relative_spin(S, i, j, np.int64(sphere.MID_SPIN))
     I[at + rolling_input.TURN_X * TILE] = (
         w_x * G[q + geometry.AXIS * TILE] + w_y * G[q + (geometry.AXIS + 1) * TILE] + w_z * G[q + (geometry.AXIS + 2) * TILE]
@@ -88,13 +85,14 @@ def gather_rolling(q, k, own, partner, S, P, dt, v_x, v_y, I, G, n_history):  # 
         + w_y * G[q + (geometry.CROSS_AXIS + 1) * TILE]
         + w_z * G[q + (geometry.CROSS_AXIS + 2) * TILE]
     )
-    along, across = travel(i, j, q, S, P, G, v_x, v_y)
+    along, across = travel(i, j, q, context, motion, G)
     I[at + rolling_input.TRAVEL_X * TILE], I[at + rolling_input.TRAVEL_Y * TILE] = along * dt, across * dt
 
 
 @njit(**BARE)
-def add_moments(n, O, G, n_history):  # noqa: E741
+def add_moments(n, n_history, tile):
     """Add the moments of n contacts to the torques: M on the owner's body, -M on the partner's."""
+    O, G = tile.outputs, tile.geometry  # noqa: E741
     for q in range(n):
         at = (law_output.HISTORY + n_history) * TILE + q
         m_1, m_2 = O[at + rolling_output.MOMENT_X * TILE], O[at + rolling_output.MOMENT_Y * TILE]
@@ -105,9 +103,9 @@ def add_moments(n, O, G, n_history):  # noqa: E741
 
 
 @njit(**BARE)
-def record_rolling(q, k, O, G, R, n_history):  # noqa: E741
+def record_rolling(q, k, context, tile):
     """Write the moment on the owner's body, world axes, and its limit into the record [N m]."""
-    at = (law_output.HISTORY + n_history) * TILE + q
+    R, O, G, at = context.R, tile.outputs, tile.geometry, (law_output.HISTORY + context.n_history) * TILE + q  # noqa: E741
     for d in range(3):
         R[k, record.MOMENT + d] = (
             O[at + rolling_output.MOMENT_X * TILE] * G[q + (geometry.AXIS + d) * TILE]

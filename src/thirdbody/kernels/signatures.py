@@ -5,6 +5,7 @@ from collections import namedtuple
 from numba import types
 
 from thirdbody.jit.packed_arguments import Kinds
+from thirdbody.kernels.bundles import Step
 
 _TABLE = types.Array(types.float64, 2, "C")
 _ROW = types.Array(types.float64, 1, "C")
@@ -44,9 +45,9 @@ Context = namedtuple("Context", tuple(KINDS))  # type: ignore[misc]
 """All arguments of a step; kernels unpack it from an array (`jit.packed_arguments`)."""
 
 _F = types.float64
-STEP = (_I, types.boolean, _F, _F, _F, _F, _F)  # number, record, time, v_x, v_y, dt, whether the last closing kick is pending
-WORK = types.void(_I, _I, _I, _I, *STEP, _I1)
-"""work(pass, part, first group, last group + 1, then the arguments of a step, and the array of its packed `Context`)"""
+STEP = types.NamedTuple((_I, types.boolean, _F, _F, _F, _F, _F), Step)
+WORK = types.void(_I, _I, _I, _I, STEP, _I1)
+"""work(pass, part, first group, last group + 1, step, the packed `Context`)"""
 
 EARLY, SWEEP, LATE, LOOK = range(4)
 """Passes of a step. The sweep goes through its groups once and does all that a group needs; with several parts, bodies that

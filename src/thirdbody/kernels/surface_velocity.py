@@ -3,24 +3,22 @@
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import patch
-from thirdbody.kernels.predicates import is_lower, is_upper, patch_of_partner
+from thirdbody.kernels import first_body
+from thirdbody.kernels.predicates import is_plate
 
 
 @njit(**BARE)
-def surface_velocity(S, i, v, w, r_x, r_y, r_z):
-    """Return the velocity of sphere i's surface at the arm r from its centre [m/s]. v, w: columns of the table."""
+def surface_velocity(i, S, columns, arm):
+    """Return the velocity of sphere i's surface at `arm` from its centre [m/s]. `columns`: of velocity and spin."""
+    v, w = columns
     o_x, o_y, o_z = S[i, w], S[i, w + 1], S[i, w + 2]
-    return (
-        S[i, v] + o_y * r_z - o_z * r_y, S[i, v + 1] + o_z * r_x - o_x * r_z, S[i, v + 2] + o_x * r_y - o_y * r_x,
-    )  # fmt: skip
+    r_x, r_y, r_z = arm
+    return S[i, v] + o_y * r_z - o_z * r_y, S[i, v + 1] + o_z * r_x - o_x * r_z, S[i, v + 2] + o_x * r_y - o_y * r_x
 
 
 @njit(**BARE)
-def partner_velocity(S, P, j, v, w, r_x, r_y, r_z, v_x, v_y):
-    """Return the velocity of the partner's surface [m/s]. v_x, v_y: of the upper plate."""
-    if is_lower(j):
-        return 0.0, 0.0, 0.0
-    if is_upper(j):
-        return v_x, v_y, P[patch_of_partner(j), patch.VELOCITY]
-    return surface_velocity(S, j, v, w, r_x, r_y, r_z)
+def partner_velocity(j, context, columns, arm, motion):
+    """Return the velocity of the partner's surface at the contact [m/s]; arguments as for `surface_velocity`."""
+    if is_plate(j):
+        return first_body.velocity(j, context.P, motion)
+    return surface_velocity(j, context.S, columns, arm)

@@ -23,70 +23,62 @@ from thirdbody.kernels.packed_triple import pack_triple, unpack_triple
 
 
 @njit(**BARE)
-def work_of_mean(q, old, new, x, y, I, O):  # noqa: E741
+def work_of_mean(q, old, new, displacement, tile):
     """Return the work, at elements q to q + 3, of the mean of an old and a new vector [J].
 
-    The vectors are fields from `old` of I on and from `new` of O on; the displacements are fields x and y of I.
+    The vectors are fields from `old` of the inputs on and from `new` of the outputs on; the `displacement` is two fields of the
+    inputs.
     """
+    I, O, x = tile.inputs, tile.outputs, displacement  # noqa: E741
     along = (get(I, q + old * TILE) + get(O, q + new * TILE)) * get(I, q + x * TILE)
-    across = (get(I, q + (old + 1) * TILE) + get(O, q + (new + 1) * TILE)) * get(I, q + y * TILE)
+    across = (get(I, q + (old + 1) * TILE) + get(O, q + (new + 1) * TILE)) * get(I, q + (x + 1) * TILE)
     return broadcast(0.5) * (along + across)
 
 
 @njit(**BARE_CHUNK)
-def book(n, force, moment, stored, n_history, I, O):  # noqa: E741
+def book(n, context, tile):
     """Replace the friction loss that the laws of n contacts booked by that of the mean force.
 
-    `force`, `moment`, `stored`: columns of the history with the force, the moment and the energy of the springs; moment -1: the
-    scene has none.
+    The context has the columns of the history with the force, the moment and the energy of the springs; moment -1: none.
     """
+    I, O, moment = tile.inputs, tile.outputs, context.moment  # noqa: E741
+    old, new = law_input.HISTORY + context.force, law_output.HISTORY + context.force
     for q in range(0, n, LANES):
-        work = work_of_mean(
-            q, law_input.HISTORY + force, law_output.HISTORY + force, np.int64(law_input.SLIP_X), np.int64(law_input.SLIP_Y), I, O
-        )
-        taken = get(I, q + (law_input.HISTORY + stored) * TILE) - work
+        work = work_of_mean(q, old, new, np.int64(law_input.SLIP_X), tile)
+        taken = get(I, q + (law_input.HISTORY + context.stored) * TILE) - work
         if moment >= 0:
-            rotation = law_input.HISTORY + n_history
-            taken = taken - work_of_mean(
-                q,
-                law_input.HISTORY + moment,
-                law_output.HISTORY + moment,
-                rotation + rolling_input.TURN_X,
-                rotation + rolling_input.TURN_Y,
-                I,
-                O,
-            )
+            turn = law_input.HISTORY + context.n_history + rolling_input.TURN_X
+            taken = taken - work_of_mean(q, law_input.HISTORY + moment, law_output.HISTORY + moment, turn, tile)
         taken = clamp_below(taken - get(O, q + law_output.STORED_TANGENTIAL * TILE), 0.0)
-        put(
-            O,
-            q + law_output.DISSIPATED * TILE,
-            get(O, q + law_output.DISSIPATED * TILE) + (taken - get(O, q + law_output.FRICTION_LOSS * TILE)),
-        )
+        before = get(O, q + law_output.DISSIPATED * TILE)
+        put(O, q + law_output.DISSIPATED * TILE, before + (taken - get(O, q + law_output.FRICTION_LOSS * TILE)))
 
 
 @njit(**BARE)
-def book_opened(n, force, moment, stored, n_history, I, O):  # noqa: E741
+def book_opened(n, context, tile):
     """Do the same for n contacts that opened within the step: their loss goes to law_output.DISSIPATED."""
+    O, force, moment = tile.outputs, law_output.HISTORY + context.force, law_output.HISTORY + max(context.moment, 0)  # noqa: E741
     for q in range(n):
-        O[q + law_output.DISSIPATED * TILE] = O[q + law_output.FRICTION_LOSS * TILE] = O[
-            q + law_output.STORED_TANGENTIAL * TILE
-        ] = 0.0
+        O[q + law_output.DISSIPATED * TILE] = 0.0
+        O[q + law_output.FRICTION_LOSS * TILE] = 0.0
+        O[q + law_output.STORED_TANGENTIAL * TILE] = 0.0
         for k in range(2):
-            O[q + (law_output.HISTORY + force + k) * TILE] = 0.0
-            O[q + (law_output.HISTORY + max(moment, 0) + k) * TILE] = 0.0
-    book(n, force, moment, stored, n_history, I, O)
+            O[q + (force + k) * TILE] = 0.0
+            O[q + (moment + k) * TILE] = 0.0
+    book(n, context, tile)
 
 
 @njit(**BARE_CHUNK)
-def load_dashpot_forces(n, place, moment, n_history, I):  # noqa: E741
+def load_dashpot_forces(n, context, I):  # noqa: E741
     """Load the last forces and moments, if any, of the dashpots of n contacts over their velocities."""
+    place, n_history = context.dashpots, context.n_history
     old = I[(law_input.HISTORY + place) * TILE :]
     for q in range(n):
         p = np.uint64(q)
         I[p + law_input.NORMAL_VELOCITY * TILE], I[p + law_input.VELOCITY_X * TILE], I[p + law_input.VELOCITY_Y * TILE] = (
             unpack_triple(old[p])
         )
-    if moment:
+    if has_dashpot_moments(context):
         old, to = I[(law_input.HISTORY + place + 1) * TILE :], I[(law_input.HISTORY + n_history) * TILE :]
         for q in range(n):
             p = np.uint64(q)
@@ -94,76 +86,69 @@ def load_dashpot_forces(n, place, moment, n_history, I):  # noqa: E741
 
 
 @njit(**BARE_CHUNK)
-def store_dashpot_forces(n, place, moment, n_history, O):  # noqa: E741
+def store_dashpot_forces(n, context, O):  # noqa: E741
     """Store the forces and, if any, the moments of the dashpots of n contacts in the history."""
-    new, behind = O[(law_output.HISTORY + place) * TILE :], O[(law_output.HISTORY + n_history) * TILE :]
+    new, behind = O[(law_output.HISTORY + context.dashpots) * TILE :], O[(law_output.HISTORY + context.n_history) * TILE :]
     for q in range(n):
         p = np.uint64(q)
         x, y = behind[p + rolling_output.VISCOUS_X * TILE], behind[p + rolling_output.VISCOUS_Y * TILE]
         new[p] = pack_triple(behind[p + rolling_output.VISCOUS_NORMAL * TILE], x, y)
-    if moment:
+    if has_dashpot_moments(context):
         for q in range(n):
             p = np.uint64(q)
             x, y = behind[p + rolling_output.VISCOUS_MOMENT_X * TILE], behind[p + rolling_output.VISCOUS_MOMENT_Y * TILE]
             new[p + TILE] = pack_triple(x, y, 0.0)
 
 
-@njit(**BARE_CHUNK)
-def book_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
-    """Write the energy that the dashpots of n contacts dissipate into law_output.DASHPOT_POWER [J].
-
-    Also stores their forces. `place`: column of the history with the force, packed into one number (`packed_triple`); the moment,
-    if any, is in the next column.
-    """
-    moment = n_history >= place + 2
-    behind = law_output.HISTORY + n_history
-    rotation = law_input.HISTORY + n_history
-    half = broadcast(0.5 * dt)
-    load_dashpot_forces(n, place, moment, n_history, I)
-    for q in range(0, n, LANES):
-        x = get(G, q + geometry.MID_NORMAL * TILE)
-        y = get(G, q + (geometry.MID_NORMAL + 1) * TILE)
-        z = get(G, q + (geometry.MID_NORMAL + 2) * TILE)
-        apart = (
-            get(G, q + geometry.MID_VELOCITY * TILE) * x
-            + get(G, q + (geometry.MID_VELOCITY + 1) * TILE) * y
-            + get(G, q + (geometry.MID_VELOCITY + 2) * TILE) * z
-        )
-        work = (
-            half
-            * (get(I, q + law_input.NORMAL_VELOCITY * TILE) + get(O, q + (behind + rolling_output.VISCOUS_NORMAL) * TILE))
-            * apart
-        )
-        work = work + work_of_mean(
-            q,
-            np.int64(law_input.VELOCITY_X),
-            behind + rolling_output.VISCOUS_X,
-            np.int64(law_input.SLIP_X),
-            np.int64(law_input.SLIP_Y),
-            I,
-            O,
-        )
-        if moment:
-            work = work + work_of_mean(
-                q,
-                rotation + rolling_input.RATE_X,
-                behind + rolling_output.VISCOUS_MOMENT_X,
-                rotation + rolling_input.TURN_X,
-                rotation + rolling_input.TURN_Y,
-                I,
-                O,
-            )
-        put(O, q + law_output.DASHPOT_POWER * TILE, clamp_below(broadcast(0.0) - work, 0.0))
-    store_dashpot_forces(n, place, moment, n_history, O)
+@njit(**BARE)
+def has_dashpot_moments(context):
+    """Return whether the history has moments of dashpots, in the column after that of their forces."""
+    return context.n_history >= context.dashpots + 2
 
 
 @njit(**BARE)
-def book_opened_dashpots(n, place, n_history, dt, I, O, G):  # noqa: E741
+def separation_rate(q, G):
+    """Return the relative velocities along the normals, of the step, at elements q to q + 3 [m/s]."""
+    x = get(G, q + geometry.MID_NORMAL * TILE)
+    y = get(G, q + (geometry.MID_NORMAL + 1) * TILE)
+    z = get(G, q + (geometry.MID_NORMAL + 2) * TILE)
+    return (
+        get(G, q + geometry.MID_VELOCITY * TILE) * x
+        + get(G, q + (geometry.MID_VELOCITY + 1) * TILE) * y
+        + get(G, q + (geometry.MID_VELOCITY + 2) * TILE) * z
+    )
+
+
+@njit(**BARE_CHUNK)
+def book_dashpots(n, dt, context, tile):
+    """Write the energy that the dashpots of n contacts dissipate into law_output.DASHPOT_POWER [J]; store their forces.
+
+    `context.dashpots`: column of the history with the force, packed into one number (`packed_triple`).
+    """
+    I, O, half = tile.inputs, tile.outputs, broadcast(0.5 * dt)  # noqa: E741
+    behind, rotation = law_output.HISTORY + context.n_history, law_input.HISTORY + context.n_history
+    load_dashpot_forces(n, context, I)
+    for q in range(0, n, LANES):
+        force = get(I, q + law_input.NORMAL_VELOCITY * TILE) + get(O, q + (behind + rolling_output.VISCOUS_NORMAL) * TILE)
+        across = work_of_mean(
+            q, np.int64(law_input.VELOCITY_X), behind + rolling_output.VISCOUS_X, np.int64(law_input.SLIP_X), tile
+        )
+        work = half * force * separation_rate(q, tile.geometry) + across
+        if has_dashpot_moments(context):
+            rate, moment = rotation + rolling_input.RATE_X, behind + rolling_output.VISCOUS_MOMENT_X
+            work = work + work_of_mean(q, rate, moment, rotation + rolling_input.TURN_X, tile)
+        put(O, q + law_output.DASHPOT_POWER * TILE, clamp_below(broadcast(0.0) - work, 0.0))
+    store_dashpot_forces(n, context, O)
+
+
+@njit(**BARE)
+def book_opened_dashpots(n, dt, context, tile):
     """Return the energy that the dashpots of n contacts dissipated in the step in which they opened [J]."""
+    O = tile.outputs  # noqa: E741
     for h in range(rolling_output.VISCOUS_NORMAL, rolling_output.VISCOUS_MOMENT_Y + 1):
         for q in range(n):
-            O[q + (law_output.HISTORY + n_history + h) * TILE] = 0.0
-    book_dashpots(n, place, n_history, dt, I, O, G)
+            O[q + (law_output.HISTORY + context.n_history + h) * TILE] = 0.0
+    book_dashpots(n, dt, context, tile)
     total = 0.0
     for q in range(n):
         total += O[q + law_output.DASHPOT_POWER * TILE]

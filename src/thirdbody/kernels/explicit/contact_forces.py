@@ -25,6 +25,8 @@ from thirdbody.jit.simd import (
     transpose,
     with_last,
 )
+from thirdbody.kernels import first_body
+from thirdbody.kernels.bundles import Tile
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -43,9 +45,9 @@ from thirdbody.kernels.contact_history import store_history
 from thirdbody.kernels.explicit.contact_dissipation import book, book_dashpots, book_opened, book_opened_dashpots
 from thirdbody.kernels.explicit.contact_tiles import SHARE, end_contacts, gather_tile, store_remote_force
 from thirdbody.kernels.narrow_phase import compact_active, pair_overlaps, plate_overlaps
-from thirdbody.kernels.periodic import inverse
+from thirdbody.kernels.periodic import box_of
 from thirdbody.kernels.predicates import is_lower, is_sphere
-from thirdbody.kernels.rigid_body import arm_to_sphere
+from thirdbody.kernels.rigid_body import FLAT, arm_to_sphere
 from thirdbody.kernels.rolling_kinematics import MOMENTS, add_moments, record_rolling
 from thirdbody.kernels.surface_velocity import partner_velocity, surface_velocity
 
@@ -78,32 +80,32 @@ def add_force(b, B, force, torque):
 
 
 @njit(**BARE)
-def scatter_plate_force(k, c, own, partner, body, S, B, E, sums, force, torque):
+def scatter_plate_force(k, c, context, force, torque):
     """Apply a contact with a plate to its body; `torque`: about the centre of the sphere [N m]."""
-    i = np.uint64(own[k])
-    b = np.uint64(body[i])
-    add_force(b, B, force, torque + cross(arm_to_sphere(i, S), force))
-    low, alone = is_lower(partner[k]), with_last(force, broadcast(0.0))
+    i, sums = np.uint64(context.own[k]), context.sums
+    b = np.uint64(context.body[i])
+    add_force(b, context.B, force, torque + cross(arm_to_sphere(i, context.S), force))
+    low, alone = is_lower(context.partner[k]), with_last(force, broadcast(0.0))
     total = np.int64(contact_sums.LOWER_FORCE) if low else np.int64(contact_sums.UPPER_FORCE)
-    E[b, body_extra.UPPER_PUSH] += 0.0 if low else extract(force, 2)
+    context.E[b, body_extra.UPPER_PUSH] += 0.0 if low else extract(force, 2)
     store(sums, c, total, load(sums, c, total) + alone)
 
 
 @njit(**BARE)
-def scatter_pair_force(k, own, partner, body, outer, clumps, S, B, F, force, torque, back):
+def scatter_pair_force(k, context, force, torque, back):
     """Apply a contact between spheres to both bodies. `torque`, `back`: about the centres of owner and partner [N m]."""
-    i, j = np.uint64(own[k]), np.uint64(partner[k])
+    i, j, S, B = np.uint64(context.own[k]), np.uint64(context.partner[k]), context.S, context.B
     against = with_last(broadcast(0.0) - force, force)
     b, p = i, j
-    if clumps:
-        b, p = np.uint64(body[i]), np.uint64(body[j])
+    if S.shape[0] != B.shape[0]:
+        b, p = np.uint64(context.body[i]), np.uint64(context.body[j])
         torque = torque + cross(arm_to_sphere(i, S), force)
         back = back + cross(arm_to_sphere(j, S), against)
     add_force(b, B, force, torque)
-    if outer[k] < 0:
+    if context.outer[k] < 0:
         add_force(p, B, against, back)
     else:
-        store_remote_force(outer[k], against, back, F)
+        store_remote_force(context.outer[k], against, back, context.F)
 
 
 @njit(**BARE)
@@ -113,35 +115,36 @@ def four_rows(at, G, last):
 
 
 @njit(**BARE_CHUNK)
-def scatter_plate_tile(n, c, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
-    """Apply n contacts with plates, slots[first:first + n], to their bodies; add their forces to row c of `sums`."""
+def scatter_plate_tile(n, c, slots, context, tile):
+    """Apply the contacts with plates slots[:n] to their bodies; add their forces to row c of the sums."""
+    O, G = tile.outputs, tile.geometry  # noqa: E741
     for q in range(0, n, 4):
         work, slip = get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
-        p, f, t = first + q, four_rows(q + geometry.FORCE * TILE, G, work), four_rows(q + geometry.TORQUE * TILE, G, slip)
-        scatter_plate_force(np.uint64(slots[p]), c, own, partner, body, S, B, E, sums, f[0], t[0])
+        f, t = four_rows(q + geometry.FORCE * TILE, G, work), four_rows(q + geometry.TORQUE * TILE, G, slip)
+        scatter_plate_force(np.uint64(slots[q]), c, context, f[0], t[0])
         if q + 1 < n:
-            scatter_plate_force(np.uint64(slots[p + 1]), c, own, partner, body, S, B, E, sums, f[1], t[1])
+            scatter_plate_force(np.uint64(slots[q + 1]), c, context, f[1], t[1])
         if q + 2 < n:
-            scatter_plate_force(np.uint64(slots[p + 2]), c, own, partner, body, S, B, E, sums, f[2], t[2])
+            scatter_plate_force(np.uint64(slots[q + 2]), c, context, f[2], t[2])
         if q + 3 < n:
-            scatter_plate_force(np.uint64(slots[p + 3]), c, own, partner, body, S, B, E, sums, f[3], t[3])
+            scatter_plate_force(np.uint64(slots[q + 3]), c, context, f[3], t[3])
 
 
 @njit(**BARE_CHUNK)
-def scatter_pair_tile(n, slots, first, own, partner, body, outer, S, O, G, B, F):  # noqa: E741
-    """Apply n contacts between spheres, slots[first:first + n], to their bodies."""
-    clumps = S.shape[0] != B.shape[0]
+def scatter_pair_tile(n, slots, context, tile):
+    """Apply the contacts between spheres slots[:n] to their bodies."""
+    O, G = tile.outputs, tile.geometry  # noqa: E741
     for q in range(0, n, 4):
         work, slip = broadcast(SHARE) * get(O, q + law_output.DISSIPATED * TILE), get(O, q + law_output.SLIP * TILE)
-        p, f = first + q, four_rows(q + geometry.FORCE * TILE, G, work)
+        f = four_rows(q + geometry.FORCE * TILE, G, work)
         t, w = four_rows(q + geometry.TORQUE * TILE, G, slip), four_rows(q + geometry.PARTNER_TORQUE * TILE, G, slip)
-        scatter_pair_force(np.uint64(slots[p]), own, partner, body, outer, clumps, S, B, F, f[0], t[0], w[0])
+        scatter_pair_force(np.uint64(slots[q]), context, f[0], t[0], w[0])
         if q + 1 < n:
-            scatter_pair_force(np.uint64(slots[p + 1]), own, partner, body, outer, clumps, S, B, F, f[1], t[1], w[1])
+            scatter_pair_force(np.uint64(slots[q + 1]), context, f[1], t[1], w[1])
         if q + 2 < n:
-            scatter_pair_force(np.uint64(slots[p + 2]), own, partner, body, outer, clumps, S, B, F, f[2], t[2], w[2])
+            scatter_pair_force(np.uint64(slots[q + 2]), context, f[2], t[2], w[2])
         if q + 3 < n:
-            scatter_pair_force(np.uint64(slots[p + 3]), own, partner, body, outer, clumps, S, B, F, f[3], t[3], w[3])
+            scatter_pair_force(np.uint64(slots[q + 3]), context, f[3], t[3], w[3])
 
 
 @njit(**BARE)
@@ -159,52 +162,55 @@ def empty_sums():
 
 
 @njit(**BARE)
-def reduce_tile(m, slots, first, O, I, G, sums_of_tile):  # noqa: E741
-    """Add a tile of m contacts, slots[first:first + m], to the reductions of a group.
+def reduce_tile(m, slots, tile, sums_of_tile):
+    """Add a tile of m contacts, slots[:m], to the reductions of a group.
 
     These are the dissipation of friction and of dashpots, in four lanes; the largest overlap over the smaller radius, with its
     candidate; the last candidate whose force is not finite (+ 1; 0: none).
     """
+    I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
     work, damped, deepest, slot, bad = sums_of_tile
-    zero_padding(m, O, I, G)
+    zero_padding(m, tile)
     for q in range(0, m, LANES):
         work, damped = work + get(O, q + law_output.DISSIPATED * TILE), damped + get(O, q + law_output.DASHPOT_POWER * TILE)
         r_i, r_j = get(G, q + geometry.RADIUS * TILE), get(G, q + geometry.PARTNER_RADIUS * TILE)
         if (
             less_mask(broadcast(deepest) * select_greater(r_i, r_j, r_j, r_i), get(I, q + law_input.OVERLAP * TILE)) != 0
         ):  # few are the deepest
-            deepest, slot = larger_overlap(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
+            deepest, slot = larger_overlap(q, min(q + LANES, m), slots, tile, deepest, slot)
         x = get(G, q + geometry.FORCE * TILE)
         y = get(G, q + (geometry.FORCE + 1) * TILE)
         z = get(G, q + (geometry.FORCE + 2) * TILE)
         if not all_below(x * x + y * y + z * z, LARGEST):
-            bad = last_nonfinite(q, min(q + LANES, m), slots, first, G, bad)
+            bad = last_nonfinite(q, min(q + LANES, m), slots, G, bad)
     return work, damped, deepest, slot, bad
 
 
 @njit(**BARE)
-def zero_padding(m, O, I, G):  # noqa: E741
+def zero_padding(m, tile):
     """Zero the padding lanes after contact m so that they do not affect the reductions."""
+    I, O, G = tile.inputs, tile.outputs, tile.geometry  # noqa: E741
     for q in range(m, m + -m % LANES):
         O[q + law_output.DISSIPATED * TILE] = O[q + law_output.DASHPOT_POWER * TILE] = I[q + law_input.OVERLAP * TILE] = 0.0
         G[q + geometry.FORCE * TILE] = G[q + (geometry.FORCE + 1) * TILE] = G[q + (geometry.FORCE + 2) * TILE] = 0.0
 
 
 @njit(**BARE_CHUNK)
-def larger_overlap(q, end, slots, first, I, G, deepest, slot):  # noqa: E741
+def larger_overlap(q, end, slots, tile, deepest, slot):
     """Return the larger of `deepest` and the overlaps over radius of elements q to `end`, with its candidate."""
+    I, G = tile.inputs, tile.geometry  # noqa: E741
     for e in range(q, end):
         ratio = I[e + law_input.OVERLAP * TILE] / min(G[e + geometry.RADIUS * TILE], G[e + geometry.PARTNER_RADIUS * TILE])
-        deepest, slot = (ratio, np.int64(slots[first + e])) if ratio > deepest else (deepest, slot)
+        deepest, slot = (ratio, np.int64(slots[e])) if ratio > deepest else (deepest, slot)
     return deepest, slot
 
 
 @njit(**BARE_CHUNK)
-def last_nonfinite(q, end, slots, first, G, bad):
+def last_nonfinite(q, end, slots, G, bad):
     """Return the last candidate in elements q to `end` whose force is not finite (+ 1), or `bad`."""
     for e in range(q, end):
         x, y, z = G[e + geometry.FORCE * TILE], G[e + (geometry.FORCE + 1) * TILE], G[e + (geometry.FORCE + 2) * TILE]
-        bad = bad if x * x + y * y + z * z < LARGEST else np.int64(slots[first + e]) + 1
+        bad = bad if x * x + y * y + z * z < LARGEST else np.int64(slots[e]) + 1
     return bad
 
 
@@ -236,22 +242,43 @@ def first_three(v):
     return extract(v, 0), extract(v, 1), extract(v, 2)
 
 
-@njit(**BARE_CHUNK)
-def write_record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
-    """Write all quantities of a contact that output and labels need, as the step computed them."""
-    i, j = own[k], partner[k]
+@njit(**BARE)
+def write_points(q, k, context, motion, G):
+    """Write contact point, normal, curvatures and velocities of both surfaces at a contact into its record."""
+    i, j, S, R = context.own[k], context.partner[k], context.S, context.R
     a_i, a_j = G[q + geometry.ARM * TILE], G[q + geometry.PARTNER_ARM * TILE]
-    t_1, t_2 = O[q + law_output.TANGENTIAL_X * TILE], O[q + law_output.TANGENTIAL_Y * TILE]
     n = (G[q + geometry.NORMAL * TILE], G[q + (geometry.NORMAL + 1) * TILE], G[q + (geometry.NORMAL + 2) * TILE])
     arm, arm_j = first_three(arm_to_sphere(i, S)), first_three(arm_to_sphere(max(j, 0), S))
     for d in range(3):
         R[k, record.POINT + d] = arm[d] - a_i * n[d]
         R[k, record.PARTNER_POINT + d] = arm_j[d] + a_j * n[d] if is_sphere(j) else 0.0
         R[k, record.NORMAL + d] = n[d]
-        R[k, record.TANGENTIAL_FORCE + d] = (
-            t_1 * G[q + (geometry.AXIS + d) * TILE] + t_2 * G[q + (geometry.CROSS_AXIS + d) * TILE]
-        )
-    R[k, record.CURVATURE], R[k, record.PARTNER_CURVATURE] = S[i, sphere.RADIUS], S[j, sphere.RADIUS] if is_sphere(j) else 0.0
+    R[k, record.CURVATURE], R[k, record.PARTNER_CURVATURE] = S[i, sphere.RADIUS], partner_radius(i, j, context)
+    columns = np.int64(sphere.END_VELOCITY), np.int64(sphere.END_SPIN)
+    a = surface_velocity(i, S, columns, (-a_i * n[0], -a_i * n[1], -a_i * n[2]))
+    b = partner_velocity(j, context, columns, (a_j * n[0], a_j * n[1], a_j * n[2]), motion)
+    R[k, record.SURFACE_VELOCITY], R[k, record.SURFACE_VELOCITY + 1], R[k, record.SURFACE_VELOCITY + 2] = a
+    R[k, record.PARTNER_VELOCITY], R[k, record.PARTNER_VELOCITY + 1], R[k, record.PARTNER_VELOCITY + 2] = b
+
+
+@njit(**BARE)
+def partner_radius(i, j, context):
+    """Return the radius of curvature of the partner at its contact with sphere i [m]; 0: flat."""
+    if is_sphere(j):
+        return context.S[j, sphere.RADIUS]
+    curvature = first_body.curvature(j, first_body.centre(i, context.S), context.P)
+    return 1.0 / curvature if curvature != 0.0 else 0.0
+
+
+@njit(**BARE_CHUNK)
+def write_record(q, k, context, motion, tile):
+    """Write all quantities of a contact that output and labels need, as the step computed them."""
+    I, O, G, R = tile.inputs, tile.outputs, tile.geometry, context.R  # noqa: E741
+    write_points(q, k, context, motion, G)
+    t_1, t_2 = O[q + law_output.TANGENTIAL_X * TILE], O[q + law_output.TANGENTIAL_Y * TILE]
+    for d in range(3):
+        along = t_1 * G[q + (geometry.AXIS + d) * TILE] + t_2 * G[q + (geometry.CROSS_AXIS + d) * TILE]
+        R[k, record.TANGENTIAL_FORCE + d] = along
     R[k, record.CONTACT_RADIUS] = O[q + law_output.CONTACT_RADIUS * TILE]
     R[k, record.OVERLAP] = I[q + law_input.OVERLAP * TILE]
     R[k, record.NORMAL_FORCE], R[k, record.LOAD] = O[q + law_output.NORMAL_FORCE * TILE], O[q + law_output.LOAD * TILE]
@@ -260,72 +287,86 @@ def write_record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y):  # noqa: E741
     R[k, record.STORED_NORMAL] = O[q + law_output.STORED_NORMAL * TILE]
     R[k, record.STORED_TANGENTIAL] = O[q + law_output.STORED_TANGENTIAL * TILE]
     R[k, record.EFFECTIVE_RADIUS] = I[q + law_input.RADIUS * TILE]
-    a = surface_velocity(S, i, np.int64(sphere.END_VELOCITY), np.int64(sphere.END_SPIN), -a_i * n[0], -a_i * n[1], -a_i * n[2])
-    b = partner_velocity(
-        S, P, j, np.int64(sphere.END_VELOCITY), np.int64(sphere.END_SPIN), a_j * n[0], a_j * n[1], a_j * n[2], v_x, v_y
-    )
-    R[k, record.SURFACE_VELOCITY], R[k, record.SURFACE_VELOCITY + 1], R[k, record.SURFACE_VELOCITY + 2] = a
-    R[k, record.PARTNER_VELOCITY], R[k, record.PARTNER_VELOCITY + 1], R[k, record.PARTNER_VELOCITY + 2] = b
+    if context.rolling == MOMENTS:
+        record_rolling(q, k, context, tile)
 
 
-@njit(**BARE_CHUNK)
-def contact_forces(c, first, last, flat, own, partner, kind, closed, outer, body, S, B, E, P, H, F, R, sums, law, pairs, dt,
-                  v_x, v_y, l_x, l_y, n_history, rolling, force, moment, stored, dashpots, observed, scratch, marks):  # fmt: skip
-    """Apply candidates `first` to `last` to their bodies: overlaps, then the laws in tiles; sums into row c.
-
-    `flat`: all are candidates with plates; else all are between spheres. `scratch`, `marks`: scratch (`scratch_sizes`).
-    """
+@njit(**BARE)
+def split_scratch(room, n_history):
+    """Return a tile for laws with so many numbers of history, and what is left of the scratch `room`, for overlaps."""
     begin = (law_input.HISTORY + n_history + rolling_input.WIDTH) * TILE
     end = (law_input.HISTORY + law_output.HISTORY + 2 * n_history + rolling_input.WIDTH + rolling_output.WIDTH) * TILE
     gaps = end + geometry.WIDTH * TILE
-    I, O, G, g = scratch[:begin], scratch[begin:end], scratch[end:gaps], scratch[gaps:]  # noqa: E741
+    return Tile(room[:begin], room[begin:end], room[:0], room[end:gaps]), room[gaps:]
+
+
+@njit(**BARE)
+def book_losses(n, opened, flat, context, step, box, tile):
+    """End the contacts opened[:n]; return what friction and dashpots dissipated in them [J]."""
+    damped = 0.0
+    if context.force >= 0 or context.dashpots >= 0:
+        gather_tile(n + -n % 4, opened, flat, context, step, box, tile)
+    if context.force >= 0:
+        book_opened(n, context, tile)
+    if context.dashpots >= 0:
+        damped = book_opened_dashpots(n, step.dt, context, tile)
+    return end_contacts(n, opened, context, tile), damped
+
+
+@njit(**BARE)
+def evaluate_laws(n, slots, flat, context, step, law, tile):
+    """Gather contacts slots[:n] into a tile, evaluate the laws, and compute energies, forces and torques."""
+    gather_tile(n, slots, flat, context, step, box_of(context.D), tile)
+    law(tile.inputs, tile.outputs, n, context.pairs)
+    if context.force >= 0:
+        book(n, context, tile)
+    if context.dashpots >= 0:
+        book_dashpots(n, step.dt, context, tile)
+    force_and_torques(n, tile)
+    if context.rolling == MOMENTS:
+        add_moments(n, context.n_history, tile)
+
+
+@njit(**BARE)
+def apply_tile(n, c, slots, flat, context, step, tile):
+    """Apply the contacts slots[:n] to their bodies, store their history, and record them where output needs it."""
+    if flat:
+        scatter_plate_tile(n, c, slots, context, tile)
+    else:
+        scatter_pair_tile(n, slots, context, tile)
+    store_history(n, slots, context, tile)
+    if step.record:
+        add_elastic_energy(n, c, tile.outputs, context.sums)
+        for q in range(n if context.R.shape[0] > 0 else 0):
+            write_record(q, slots[q], context, step, tile)
+
+
+@njit(**BARE_CHUNK)
+def contact_forces(group, side, part, context, step, law):
+    """Apply the candidates of a group, with plates (`side` FLAT) or between spheres, to their bodies, in tiles.
+
+    Sums go to row 2 `group` + `side`. `part`: row of the scratch tables.
+    """
+    c, flat, box, cuts = 2 * group + side, side == FLAT, box_of(context.D), context.cuts
+    first, last = cuts[side, group * GROUP], cuts[side, min((group + 1) * GROUP, cuts.shape[1] - 1)]
+    (tile, gaps), marks = split_scratch(context.room[part], context.n_history), context.marks[part]
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
     if flat:
-        plate_overlaps(first, last, own, partner, S, P, g)
+        plate_overlaps(first, last, context, gaps)
     else:
-        pair_overlaps(first, last, own, partner, S, l_x, l_y, inverse(l_x), inverse(l_y), g)
-    m, o = compact_active(first, last, g, closed, slots, opened)
-    clear_sums(c, sums)
+        pair_overlaps(first, last, context, box, gaps)
+    m, o = compact_active(first, last, gaps, context.closed, slots, opened)
+    clear_sums(c, context.sums)
     lost, damped, sums_of_tile = 0.0, 0.0, empty_sums()
     for e in range(o, o + SPARE - 1 if o > 0 else o):
         opened[e] = opened[o - 1]  # padding for prefetching
     for t in range(0, o, TILE):
-        count = min(TILE, o - t)
-        if force >= 0 or dashpots >= 0:
-            gather_tile(
-                count + -count % 4, opened, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y,
-                n_history, rolling, I, G,
-            )  # fmt: skip
-        if force >= 0:
-            book_opened(count, force, moment, stored, n_history, I, O)
-        if dashpots >= 0:
-            damped += book_opened_dashpots(count, dashpots, n_history, dt, I, O, G)
-        lost += end_contacts(count, opened, t, force >= 0, stored, own, partner, body, outer, H, B, F, O)
+        losses = book_losses(min(TILE, o - t), opened[t:], flat, context, step, box, tile)
+        lost, damped = lost + losses[0], damped + losses[1]
     for t in range(0, m, TILE):
-        count = min(TILE, m - t)
-        filled = count + (-count % LINE if n_history <= LIGHT else 0)  # padded with the last contact
-        gather_tile(
-            filled, slots, t, flat, g, first, own, partner, body, kind, S, B, P, H, dt, v_x, v_y, l_x, l_y, n_history, rolling,
-            I, G,
-        )  # fmt: skip
-        law(I, O, filled, pairs)
-        if force >= 0:
-            book(filled, force, moment, stored, n_history, I, O)
-        if dashpots >= 0:
-            book_dashpots(filled, dashpots, n_history, dt, I, O, G)
-        force_and_torques(filled, I, O, G)
-        if rolling == MOMENTS:
-            add_moments(filled, O, G, n_history)
-        sums_of_tile = reduce_tile(count, slots, t, O, I, G, sums_of_tile)
-        if flat:
-            scatter_plate_tile(count, c, slots, t, own, partner, body, S, O, G, B, E, sums)
-        else:
-            scatter_pair_tile(count, slots, t, own, partner, body, outer, S, O, G, B, F)
-        store_history(count, slots, t, O, G, H, n_history)
-        if observed:
-            add_elastic_energy(count, c, O, sums)
-            for q in range(count if R.shape[0] > 0 else 0):
-                write_record(q, slots[t + q], I, O, G, own, partner, S, P, R, v_x, v_y)
-                if rolling == MOMENTS:
-                    record_rolling(q, slots[t + q], O, G, R, n_history)
-    store_sums(c, lost, damped, sums_of_tile, sums)
+        count, here = min(TILE, m - t), slots[t:]
+        filled = count + (-count % LINE if context.n_history <= LIGHT else 0)  # padded with the last contact
+        evaluate_laws(filled, here, flat, context, step, law, tile)
+        sums_of_tile = reduce_tile(count, here, tile, sums_of_tile)
+        apply_tile(count, c, here, flat, context, step, tile)
+    store_sums(c, lost, damped, sums_of_tile, context.sums)

@@ -13,6 +13,7 @@ from numba import njit, types
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import broadcast, broadcast_lane, cross, extract, load, set4, store, transpose, with_last
+from thirdbody.kernels.bundles import Box, Candidates
 from thirdbody.kernels.columns import body, body_extra, contact_stiffness, law_input, patch, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.narrow_phase import overlap_and_normal
@@ -95,7 +96,7 @@ def find_contacts(n, near, own, partner, kind, body, S, B, P, pairs, l_x, l_y, h
     m, first = np.int64(0), np.int64(0)
     for e in range(n):
         k = near[e]
-        overlap, n_x, n_y, n_z = overlap_and_normal(k, own, partner, S, P, l_x, l_y)
+        overlap, n_x, n_y, n_z = overlap_and_normal(k, Candidates(own, partner, S, P), Box(l_x, l_y, 0.0, 0.0))
         i, j = own[k], partner[k]
         overlap = max(overlap, min(overlap + approach(i, j, body, S, B, P, n_x, n_y, n_z, horizon), limit * S[i, sphere.RADIUS]))
         if overlap > 0.0:

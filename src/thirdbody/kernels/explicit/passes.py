@@ -7,9 +7,8 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.function_pointers import function_at
-from thirdbody.jit.options import NO_COUNTS, POINTED
+from thirdbody.jit.options import BARE, NO_COUNTS, POINTED
 from thirdbody.jit.packed_arguments import make_unpacker
-from thirdbody.kernels.columns import domain
 from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.gather_forces import gather_forces
@@ -25,44 +24,57 @@ context_of, law_at, effects_at, observe_at = (
 )
 
 
-@njit(WORK, **POINTED, **NO_COUNTS)
-def work(task, part, begin, end, number, record, time, v_x, v_y, dt, left, context):
-    """Run one pass of step `number` over groups begin to end; one call for all, since calling through a pointer costs 1.4 us.
+@njit(**BARE)
+def end_of(group, context):
+    """Return the chunk after the last one of a group."""
+    return min((group + 1) * GROUP, context.moves.shape[0])
+
+
+@njit(**BARE)
+def drift_groups(task, group, alone, part, context, step):
+    """Drift the bodies that this pass of a group needs, unless they have been drifted in this step.
 
     `lowest`: the first group whose contacts act on bodies of this group. `needs`: other groups whose bodies must be drifted
     before this group's contacts.
     """
-    k = context_of(context)
-    law, effects, observe = law_at(k.law), effects_at(k.effects), observe_at(k.observe)
-    l_x, l_y, drag, chunks = (
-        max(k.D[domain.LENGTH_X], 0.0),
-        max(k.D[domain.LENGTH_Y], 0.0),
-        (k.drag[0], k.drag[1]),
-        k.moves.shape[0],
-    )
-    for g in range(begin, end):
-        first, last, alone = g * GROUP, min((g + 1) * GROUP, chunks), k.lowest[g] >= begin
-        requested = k.needs[g + 1] if task == SWEEP else k.needs[g] if task == EARLY and not alone else k.needs[g] - 1
-        for e in range(k.needs[g] - 1, requested):
-            h = np.int64(k.needs[e]) if e >= k.needs[g] else g
-            if k.moved[h] != number:
-                k.moved[h] = number
-                for c in range(h * GROUP, min((h + 1) * GROUP, chunks)):
-                    drift_bodies(c, k.start, k.near, k.beginning, record, k.offsets, k.S, k.B, k.E, k.D, dt, left, k.moves,
-                                k.room[part], k.marks[part])  # fmt: skip
-                    reset_plate_forces(k.cuts[FLAT, c], k.cuts[FLAT, c + 1], k.own, k.body, k.E)
+    needs, moved = context.needs, context.moved
+    requested = needs[group + 1] if task == SWEEP else needs[group] if task == EARLY and not alone else needs[group] - 1
+    for e in range(needs[group] - 1, requested):
+        h = np.int64(needs[e]) if e >= needs[group] else group
+        if moved[h] != step.number:
+            moved[h] = step.number
+            for c in range(h * GROUP, end_of(h, context)):
+                drift_bodies(c, context.start, context.near, context.beginning, step.record, context.offsets, context.S,
+                             context.B, context.E, context.D, step.dt, step.pending, context.moves, context.room[part],
+                             context.marks[part])  # fmt: skip
+                cuts = context.cuts
+                reset_plate_forces(cuts[FLAT, c], cuts[FLAT, c + 1], context.own, context.body, context.E)
+
+
+@njit(**BARE)
+def observe_group(group, part, context, step, observe):
+    """Let the labeller observe the bodies of a group."""
+    speed, drag = (step.v_x * step.v_x + step.v_y * step.v_y) ** 0.5, (context.drag[0], context.drag[1])
+    for c in range(group * GROUP, end_of(group, context)):
+        update_memory(c, context.edges, context.incidence, context.own, context.partner, context.H, context.R, context.B,
+                      context.E, context.A, context.M, drag, speed, context.n_history, context.width, observe,
+                      context.room[part], context.rows[part])  # fmt: skip
+
+
+@njit(WORK, **POINTED, **NO_COUNTS)
+def work(task, part, begin, end, step, packed):
+    """Run one pass of a step over groups begin to end; one call for all, since calling through a pointer costs 1.4 us."""
+    context = context_of(packed)
+    law, effects, observe = law_at(context.law), effects_at(context.effects), observe_at(context.observe)
+    for group in range(begin, end):
+        alone = context.lowest[group] >= begin
+        drift_groups(task, group, alone, part, context, step)
         if task == SWEEP:
             for side in range(FLAT, PAIRED + 1):
-                contact_forces(2 * g + side, k.cuts[side, first], k.cuts[side, last], side == FLAT, k.own, k.partner, k.kind,
-                               k.closed, k.outer, k.body, k.S, k.B, k.E, k.P, k.H, k.F, k.R, k.sums, law, k.pairs, dt, v_x,
-                               v_y, l_x, l_y, k.n_history, k.rolling, k.force, k.moment, k.stored, k.dashpots, record,
-                               k.room[part], k.marks[part])  # fmt: skip
+                contact_forces(group, side, part, context, step, law)
         if (task == SWEEP and alone) or (task == LATE and not alone):
-            for c in range(first, last):
-                gather_forces(c, k.cuts, k.guests, k.F, k.B, k.E, dt, time, effects, k.effect_parameters, k.has_effects != 0,
-                              record, k.moves)  # fmt: skip
+            for c in range(group * GROUP, end_of(group, context)):
+                gather_forces(c, context.cuts, context.guests, context.F, context.B, context.E, step.dt, step.time, effects,
+                              context.effect_parameters, context.has_effects != 0, step.record, context.moves)  # fmt: skip
         if task == LOOK:
-            speed = (v_x * v_x + v_y * v_y) ** 0.5
-            for c in range(first, last):
-                update_memory(c, k.edges, k.incidence, k.own, k.partner, k.H, k.R, k.B, k.E, k.A, k.M, drag, speed, k.n_history,
-                              k.width, observe, k.room[part], k.rows[part])  # fmt: skip
+            observe_group(group, part, context, step, observe)

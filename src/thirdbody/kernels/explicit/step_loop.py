@@ -10,6 +10,7 @@ from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
 from thirdbody.jit.packed_arguments import make_unpacker
 from thirdbody.jit.simd import broadcast, extract, load
+from thirdbody.kernels.bundles import Step
 from thirdbody.kernels.clock import pass_time
 from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, run_totals
 from thirdbody.kernels.explicit.gather_forces import closing_kick
@@ -129,10 +130,10 @@ ADVANCE = types.Tuple((_I, _I))(
 
 
 @njit(**CHUNK_OF_THREADS)
-def run_parallel(parts, task, count, number, record, time, v_x, v_y, dt, left, context, work):
+def run_parallel(parts, task, count, step, packed, work):
     """Run the groups of one pass in `parts` parts, on all threads."""
     for p in prange(parts):
-        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, number, record, time, v_x, v_y, dt, left, context)
+        work(task, np.int64(p), p * count // parts, (p + 1) * count // parts, step, packed)
 
 
 @njit(**BARE_CHUNK)
@@ -165,13 +166,11 @@ def run(budget, until, distance, dt, threads, context, X0, patch, schedule, firs
                 update_ledger(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping, record)
             if (task == LOOK and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
-            number = np.int64(step + 1)
+            now = Step(np.int64(step + 1), record, time, dt, v_x, v_y, left)
             if parts == 1:
-                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), number, record, time, v_x, v_y, dt, left,
-                     context)  # fmt: skip
+                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), now, context)
             else:
-                run_parallel(np.int64(parts), np.int64(task), np.int64(groups), number, record, time, v_x, v_y, dt, left, context,
-                          work)  # fmt: skip
+                run_parallel(np.int64(parts), np.int64(task), np.int64(groups), now, context, work)
         left = 0.0 if record or k.has_effects != 0 else 1.0
         if sampled:
             A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0

@@ -10,9 +10,11 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import INNER
+from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import body, contact_state, law_input, law_output, sphere, step_memory
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.narrow_phase import overlap_and_normal
+from thirdbody.kernels.implicit.contact_context import contact_context
+from thirdbody.kernels.narrow_phase import plate_overlap
 from thirdbody.kernels.predicates import is_closed, is_upper
 
 FLOOR = 0.02
@@ -47,22 +49,21 @@ def weight_of_old(m, dt, last, power, work):
 
 
 @njit(**INNER)
-def dragged_off(k, before, dt, v_x, v_y, spots, state, force):
+def dragged_off(k, before, motion, context):
     """Return the slip work [J] of the tangential spring of candidate k, which opens within the step.
 
-    Its force falls to zero. `before`: overlap [m] at the start of the step; `force`: index of the force in the history.
+    Its force falls to zero. `before`: overlap [m] at the start of the step.
     """
-    own, partner = spots[0], spots[1]
-    S, P, H = state[0], state[2], state[3]
-    i, up = own[k], 1.0 if is_upper(partner[k]) else 0.0
+    S, H, force, dt = context.S, context.H, context.force, motion.dt
+    i, up = context.own[k], 1.0 if is_upper(context.partner[k]) else 0.0
     n, r = 1.0 - 2.0 * up, S[i, sphere.RADIUS]
-    x = S[i, sphere.MID_VELOCITY] - r * n * S[i, sphere.MID_SPIN + 1] - up * v_x
-    y = S[i, sphere.MID_VELOCITY + 1] + r * n * S[i, sphere.MID_SPIN] - up * v_y
+    x = S[i, sphere.MID_VELOCITY] - r * n * S[i, sphere.MID_SPIN + 1] - up * motion.v_x
+    y = S[i, sphere.MID_VELOCITY + 1] + r * n * S[i, sphere.MID_SPIN] - up * motion.v_y
     f_1 = H[k, contact_state.LAW + force]
     f_2 = H[k, contact_state.LAW + force + 1]
     e_x = H[k, contact_state.AXIS]
     e_y = H[k, contact_state.AXIS + 1]
-    fraction = before / max(before - overlap_and_normal(k, own, partner, S, P, 0.0, 0.0)[0], 1e-300)
+    fraction = before / max(before - plate_overlap(k, context), 1e-300)
     return -0.5 * fraction * dt * ((f_1 * e_x - f_2 * n * e_y) * x + (f_1 * e_y + f_2 * n * e_x) * y)
 
 
@@ -125,6 +126,6 @@ def work_error(b, m, dt, v_x, v_y, allowed, arm, spots, state, known, work, T):
         if q < m and slots[q] == k:
             q += 1
         elif is_closed(k, H):
-            error += abs(dragged_off(k, before[e - edges[b]], dt, v_x, v_y, spots, state, force))
+            error += abs(dragged_off(k, before[e - edges[b]], Motion(dt, v_x, v_y), contact_context(spots, state, known)))
     held = max(T[step_memory.MAX_ENERGY], energy_of_spots(m, work[0], O))
     return error / max(allowed * (B[b, body.FRICTION_WORK] + FLOOR * (held + kinetic(b, B, arm))), 1e-300)

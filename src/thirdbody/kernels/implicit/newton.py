@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import CHUNK, INNER
+from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -21,7 +22,6 @@ from thirdbody.kernels.columns import (
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.residual import FREEDOMS, TURN, active_contacts, residual, set_configuration
-from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.predicates import has_effect_columns, is_upper
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
@@ -155,7 +155,8 @@ def limit_overlap_change(b, x, deep, spots, state, Z):
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
         i, up = own[k], is_upper(partner[k])
-        overlap, _, _, n_z = overlap_and_normal(k, own, partner, S, P, 0.0, 0.0)
+        at = first_body.centre(i, S)
+        overlap, n_z = first_body.overlap(partner[k], at, S[i, sphere.RADIUS], P), first_body.normal(partner[k], at, P)[2]
         rise = x[2] + (x[3] * S[i, sphere.ARM + 1] - x[4] * S[i, sphere.ARM]) * arm - (x[6] if up else 0.0)
         change = -n_z * rise
         if change > 0.0:

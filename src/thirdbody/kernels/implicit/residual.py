@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import CHUNK, INNER
+from thirdbody.kernels.bundles import Motion, Tile
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -45,11 +46,12 @@ from thirdbody.kernels.contact_geometry import force_and_torques, gather_plate_c
 from thirdbody.kernels.contact_history import reset_history, spring_energy, store_history
 from thirdbody.kernels.explicit.contact_dissipation import book
 from thirdbody.kernels.explicit.contact_forces import write_record
+from thirdbody.kernels.implicit.contact_context import contact_context
 from thirdbody.kernels.implicit.friction_work import dragged_off
-from thirdbody.kernels.narrow_phase import overlap_and_normal
-from thirdbody.kernels.predicates import is_closed, is_lower, is_upper, patch_of_partner
+from thirdbody.kernels.narrow_phase import plate_overlap
+from thirdbody.kernels.predicates import is_closed, is_lower, is_upper
 from thirdbody.kernels.rigid_body import place_body
-from thirdbody.kernels.rolling_kinematics import MOMENTS, gather_rolling, record_rolling
+from thirdbody.kernels.rolling_kinematics import MOMENTS, gather_rolling
 from thirdbody.kernels.rotation import matrix, rotate
 
 FREEDOMS = 7
@@ -146,27 +148,26 @@ def active_contacts(b, dt, rate, v_x, v_y, spots, shape, state, known, work):
     `rate`: derivative of the end velocity with respect to the displacement [1/s]; v_x, v_y: mean velocity of the upper plate
     [m/s].
     """
-    own, partner, kind, edges, incidence = spots
-    (S, _, P, H, _, _), n_history, rolling = state, known[2], known[3]
-    I, G, slots, before = work[0], work[3], work[4], work[5]  # noqa: E741
+    edges, incidence, motion = spots[3], spots[4], Motion(dt, v_x, v_y)
+    context = contact_context(spots, state, known)
+    n_history, rolling, I, slots, before = known[2], known[3], work[0], work[4], work[5]  # noqa: E741
+    tile = Tile(work[0], work[1], work[2], work[3])
     m = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
-        overlap = overlap_and_normal(k, own, partner, S, P, 0.0, 0.0)[0]
-        if overlap <= 0.0:
+        if plate_overlap(k, context) <= 0.0:
             continue
         if m == TILE:
             return np.int64(-1)
-        rise = P[patch_of_partner(partner[k]), patch.VELOCITY]
-        gather_plate_contact(m, k, overlap, own, partner, kind, S, H, v_x, v_y, rise, I, G, n_history)
+        gather_plate_contact(m, k, context, motion, tile)
         slots[m] = k
         m += 1
-    transport_frames(m, dt, G)
-    slip_increment(m, dt, I, G)
+    transport_frames(m, dt, tile)
+    slip_increment(m, dt, tile)
     for q in range(m):
         at = (law_input.HISTORY + n_history) * TILE + q
         if rolling > 0:
-            gather_rolling(q, slots[q], own, partner, S, P, dt, v_x, v_y, I, G, n_history)
+            gather_rolling(q, slots[q], context, motion, tile)
         I[at + rolling_input.INVERSE_DT * TILE] = rate
         gap = before[slots[q] - edges[b]]
         if gap < 0.0:
@@ -314,7 +315,7 @@ def inertial_forces(b, p, y, dt, Z, T, B, E, P, inertial, r):
 
 
 @njit(**INNER)
-def unbooked_energy(q, k, stored, O, H):  # noqa: E741
+def unbooked_energy(q, k, context, O):  # noqa: E741
     """Return the stored energy [J] of candidate k (contact q) to be dissipated as friction ends.
 
     It is zero unless friction has ended without the energy being booked. Where the dashpot of a departing sphere cancels its
@@ -327,7 +328,7 @@ def unbooked_energy(q, k, stored, O, H):  # noqa: E741
         or O[law_output.STORED_TANGENTIAL * TILE + q] != 0.0
     ):
         return 0.0
-    return max(spring_energy(k, stored, H) - O[law_output.DISSIPATED * TILE + q], 0.0)
+    return max(spring_energy(k, context) - O[law_output.DISSIPATED * TILE + q], 0.0)
 
 
 @njit(**INNER)
@@ -363,24 +364,27 @@ def commit(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
     jump (`friction_work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
     work.
     """
-    own, partner, _, edges, incidence = spots
-    S, B, P, H, R, _ = state
-    n_history, rolling, moment = known[2], known[3], known[9]
+    partner, edges, incidence, context, motion = (
+        spots[1],
+        spots[3],
+        spots[4],
+        contact_context(spots, state, known),
+        Motion(dt, v_x, v_y),
+    )
+    B, H, tile = state[1], state[3], Tile(work[0], work[1], work[2], work[3])
     force = known[8] if Z[step_start.OLD_WEIGHT] > 0.0 else np.int64(-1)
-    I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
-    force_and_torques(m, I, O, G)
+    O, G, slots = work[1], work[3], work[4]  # noqa: E741
+    force_and_torques(m, tile)
     if force >= 0:
-        book(m, force, moment, known[7], n_history, I, O)
+        book(m, context, tile)
     for i in range(m if force < 0 else 0):
-        O[law_output.DISSIPATED * TILE + i] += unbooked_energy(i, slots[i], known[7], O, H)
-    store_history(m, slots, 0, O, G, H, n_history)
+        O[law_output.DISSIPATED * TILE + i] += unbooked_energy(i, slots[i], context, O)
+    store_history(m, slots, context, tile)
     q = np.int64(0)
     for e in range(edges[b], edges[b + 1]):
         k = incidence[e] >> 1
         if q < m and slots[q] == k:
-            write_record(q, k, I, O, G, own, partner, S, P, R, v_x, v_y)
-            if rolling == MOMENTS:
-                record_rolling(q, k, O, G, R, n_history)
+            write_record(q, k, context, motion, tile)
             sums[0, contact_sums.FRICTION_WORK] += O[law_output.DISSIPATED * TILE + q]
             B[b, body.FRICTION_WORK] += O[law_output.DISSIPATED * TILE + q]  # all of it: the partner is a plate
             B[b, body.SLIP_DISTANCE] += O[law_output.SLIP * TILE + q]
@@ -389,7 +393,7 @@ def commit(b, m, dt, v_x, v_y, spots, state, known, work, Z, sums):
                 sums[0, side + d] += G[q + (geometry.FORCE + d) * TILE]
             q += 1
         elif is_closed(k, H):
-            dragged = dragged_off(k, work[5][e - edges[b]], dt, v_x, v_y, spots, state, force) if force >= 0 else 0.0
-            lost = max(reset_history(k, known[7], H) + dragged, 0.0)
+            dragged = dragged_off(k, work[5][e - edges[b]], motion, context) if force >= 0 else 0.0
+            lost = max(reset_history(k, context) + dragged, 0.0)
             sums[0, contact_sums.FRICTION_WORK] += lost
             B[b, body.FRICTION_WORK] += lost

@@ -7,6 +7,7 @@ from numba import njit
 
 from thirdbody.jit.options import INNER
 from thirdbody.jit.simd import load
+from thirdbody.kernels import first_body
 from thirdbody.kernels.clock import pass_time
 from thirdbody.kernels.columns import (
     body,
@@ -16,6 +17,7 @@ from thirdbody.kernels.columns import (
     patch,
     record,
     run_totals,
+    sphere,
     step_contacts,
     step_memory,
     step_settings,
@@ -25,7 +27,6 @@ from thirdbody.kernels.implicit.friction_work import energy_of_spots, weight_of_
 from thirdbody.kernels.implicit.residual import FREEDOMS, TURN, commit, momentum_of, recoil, set_configuration
 from thirdbody.kernels.implicit.step_limits import ERROR, GROWTH, LARGEST, NEWTON, OUTPUT, REVERSAL
 from thirdbody.kernels.labeller_input import update_body_memory
-from thirdbody.kernels.narrow_phase import overlap_and_normal
 from thirdbody.kernels.predicates import has_effect_columns, is_closed
 from thirdbody.kernels.rigid_body import check_position, limits_of
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner
@@ -144,7 +145,8 @@ def gaps(b, spots, state, before):
     """Write the overlaps [m] of body b's candidates at the start of the step; negative: a gap."""
     (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
     for e in range(edges[b], edges[b + 1]):
-        before[e - edges[b]] = overlap_and_normal(incidence[e] >> 1, own, partner, S, P, 0.0, 0.0)[0]
+        i, j = own[incidence[e] >> 1], partner[incidence[e] >> 1]
+        before[e - edges[b]] = first_body.overlap(j, first_body.centre(i, S), S[i, sphere.RADIUS], P)
 
 
 @njit(**INNER)
