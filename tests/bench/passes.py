@@ -20,6 +20,7 @@ from numba import njit
 from thirdbody.engine.state import table
 from thirdbody.jit.options import NO_COUNTS
 from thirdbody.kernels import contact_geometry, contact_history, narrow_phase, rigid_body
+from thirdbody.kernels.bundles import Box, Motion, Tile
 from thirdbody.kernels.columns import body, domain, geometry, law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit import contact_dissipation, contact_forces, contact_tiles, drift_spheres, gather_forces
@@ -49,10 +50,10 @@ def over_tiles(repeats, one, tiles, arguments):
 
 @kernel
 def over_slots(repeats, one, tiles, slots, arguments):
-    """Call `one` for every tile: how many contacts, which slots, the first of them, and what it works on."""
+    """Call `one` for every tile: how many contacts, which slots, and what it works on."""
     for _ in range(repeats):
         for t in range(tiles.shape[0]):
-            one(tiles[t, 1], slots, tiles[t, 0], *arguments)
+            one(tiles[t, 1], slots[tiles[t, 0] :], *arguments)
 
 
 @kernel
@@ -75,12 +76,12 @@ def ends(g, cuts, side):
 
 
 @kernel
-def measure(g, cuts, own, partner, S, P, l_x, l_y, c_x, c_y, found):
+def measure(g, context, box, found):
     """The gaps of a group."""
-    first, last = ends(g, cuts, FLAT)
-    narrow_phase.plate_overlaps(first, last, own, partner, S, P, found)
-    first, last = ends(g, cuts, PAIRED)
-    narrow_phase.pair_overlaps(first, last, own, partner, S, l_x, l_y, c_x, c_y, found)
+    first, last = ends(g, context.cuts, FLAT)
+    narrow_phase.plate_overlaps(first, last, context, found)
+    first, last = ends(g, context.cuts, PAIRED)
+    narrow_phase.pair_overlaps(first, last, context, box, found)
 
 
 @kernel
@@ -92,23 +93,21 @@ def sort(g, cuts, found, closed, touching, opened):
 
 
 @kernel
-def law(n, place, I, O, pairs):  # noqa: E741
+def law(n, place, tile, pairs):
     """The law on a tile."""
-    law_at(place)(I, O, n, pairs)
+    law_at(place)(tile.inputs, tile.outputs, n, pairs)
 
 
 @kernel
-def tally(n, slots, first, O, I, G, sums):  # noqa: E741
+def tally(n, slots, tile, sums):
     """The sums of a tile."""
-    contact_forces.store_sums(
-        0, 0.0, 0.0, contact_forces.reduce_tile(n, slots, first, O, I, G, contact_forces.empty_sums()), sums
-    )
+    contact_forces.store_sums(0, 0.0, 0.0, contact_forces.reduce_tile(n, slots, tile, contact_forces.empty_sums()), sums)
 
 
 @kernel
-def push_flat(n, slots, first, own, partner, body, S, O, G, B, E, sums):  # noqa: E741
+def push_flat(n, slots, context, tile):
     """A tile of contacts with plates."""
-    contact_forces.scatter_plate_tile(n, np.int64(0), slots, first, own, partner, body, S, O, G, B, E, sums)
+    contact_forces.scatter_plate_tile(n, np.int64(0), slots, context, tile)
 
 
 @dataclass(frozen=True)
@@ -138,20 +137,24 @@ class Tables:
         self.sums, self.moves, self.closed = integrator.sums.copy(), integrator.moves.copy(), s.slots.closed.copy()
         self.room = table(*integrator.room.shape)
         self.marks = np.empty((2, max(s.slots.count + contact_geometry.SPARE, BODIES)), np.int32)
-        self.overlaps = np.full(s.slots.n_plates, 1e-9)  # m; what a plate's contact costs does not depend on it
         self.h, self.groups = len(s.physics.history), len(s.slots.lowest)
         fields = (
             law_input.HISTORY + self.h + rolling_input.WIDTH,
             law_output.HISTORY + self.h + rolling_output.WIDTH,
             geometry.WIDTH,
         )
-        self.I, self.O, self.G = (table(n, TILE).ravel() for n in fields)
+        inputs, outputs, geometries = (table(n, TILE).ravel() for n in fields)
+        self.tile = Tile(inputs, outputs, inputs[:0], geometries)
+        integrator._context()
+        self.context = integrator.known._replace(
+            S=self.S, B=self.B, E=self.E, H=self.H, F=self.F, sums=self.sums, moves=self.moves, closed=self.closed
+        )
         behind = [max(s.slots.count - 1, 0)] * contact_geometry.SPARE  # as far as it is looked ahead
         self.touching = np.append(np.flatnonzero(self.closed == 1), behind).astype(np.int32)
         self.flat, self.paired = self._tiles(FLAT), self._tiles(PAIRED)
         self.tiles = np.concatenate((self.flat, self.paired))
         length = max(s.D[domain.LENGTH_X], 0.0), max(s.D[domain.LENGTH_Y], 0.0)
-        self.periods = (*length, *(1.0 / x if x else 0.0 for x in length))
+        self.box = Box(*length, *(1.0 / x if x else 0.0 for x in length))
 
     def _tiles(self, side: int) -> np.ndarray:
         """Where each tile begins in the list of those that touch, and how many it has: as a step cuts them, group by group."""
@@ -194,7 +197,7 @@ def gaps_of(k: Tables) -> list[Pass]:
     """Gaps of all candidates: places and radii of two spheres; and a list of those that touch."""
     slots, calls = k.slots, 2 * k.groups
     flat, paired = slots.n_plates, slots.count - slots.n_plates
-    given = (slots.cuts, slots.own, slots.partner, k.S, k.state.P, *k.periods, k.room[0])
+    given = (k.context, k.box, k.room[0])
     sorts = (slots.cuts, k.room[0], k.closed, *k.marks)
     return [
         Pass("measure", lambda n: over_parts(n, measure, k.groups, given), calls, slots.count, "candidates",
@@ -208,28 +211,27 @@ def gaps_of(k: Tables) -> list[Pass]:
 def staging_of(k: Tables) -> list[Pass]:
     """Rows to fields: of both spheres all columns but the arm, the axis and the mark of the contact, its history."""
     slots, h = k.slots, k.h
-    listed, kept = (slots.own, slots.partner, slots.kind), k.S.nbytes + k.H.nbytes + 12 * slots.count
-    pairs = (slots.own, slots.partner, k.state.body, slots.kind)
-    flat = (k.overlaps, 0, *listed, k.S, k.state.P, k.H, 0.0, 0.0, k.I, k.G, h)
+    kept = k.S.nbytes + k.H.nbytes + 12 * slots.count
+    flat = (k.context, Motion(0.0, 0.0, 0.0), k.tile)
     return [
         slotted(k, "stage, plates", contact_tiles.gather_plate_contacts, k.flat, flat,
                 16 + 8 * (14 + 4 + 36 + 2 * h), kept, contact_geometry.gather_plate_contact, 1),
-        slotted(k, "stage, pairs", contact_geometry.gather_pair_contacts, k.paired, (*pairs, k.S, k.B, k.H, k.I, k.G, h),
+        slotted(k, "stage, pairs", contact_geometry.gather_pair_contacts, k.paired, (k.context, k.tile),
                 16 + 8 * (40 + 4 + 30 + 2 * h), kept, contact_geometry.gather_pair_contacts, 4),
     ]  # fmt: skip
 
 
 def fields_of(k: Tables) -> list[Pass]:
     """What works on the fields of a tile alone, with the number of fields that each reads and writes."""
-    dt, meeting, laws = k.state.dt, (k.state.dt, *k.periods, k.I, k.G), (k.at.law, k.I, k.O, k.physics.pairs)
+    dt, meeting, laws = k.state.dt, (k.state.dt, k.box, k.tile), (k.at.law, k.tile, k.physics.pairs)
     return [
         tiled(k, "meet", contact_geometry.pair_geometry, k.paired, meeting, 10 + 11),
-        tiled(k, "turn frames", contact_geometry.transport_frames, k.tiles, (dt, k.G), 13 + 6),
-        tiled(k, "slide", contact_geometry.slip_increment, k.tiles, (dt, k.I, k.G), 31 + 5),
+        tiled(k, "turn frames", contact_geometry.transport_frames, k.tiles, (dt, k.tile), 13 + 6),
+        tiled(k, "slide", contact_geometry.slip_increment, k.tiles, (dt, k.tile), 31 + 5),
         tiled(k, "law", law, k.tiles, laws, law_input.HISTORY + law_output.HISTORY + 2 * k.h, k.physics.law),
         *booking_of(k),
-        tiled(k, "push", contact_geometry.force_and_torques, k.tiles, (k.I, k.O, k.G), 15 + 9),
-        slotted(k, "tally", tally, k.tiles, (k.O, k.I, k.G, k.sums), 4 + 8 * 8, 8 * 8 * TILE, contact_forces.reduce_tile, 4),
+        tiled(k, "push", contact_geometry.force_and_torques, k.tiles, (k.tile,), 15 + 9),
+        slotted(k, "tally", tally, k.tiles, (k.tile, k.sums), 4 + 8 * 8, 8 * 8 * TILE, contact_forces.reduce_tile, 4),
     ]
 
 
@@ -238,18 +240,16 @@ def booking_of(k: Tables) -> list[Pass]:
     along the normal, energies (no rolling moments)."""
     (force, moment), place, found = k.physics.remembered_forces, k.physics.dashpots, []
     if force >= 0 and moment < 0:
-        found.append(
-            tiled(k, "book friction", contact_dissipation.book, k.tiles, (force, moment, k.physics.stored, k.h, k.I, k.O), 11 + 1)
-        )
+        found.append(tiled(k, "book friction", contact_dissipation.book, k.tiles, (k.context, k.tile), 11 + 1))
     if place >= 0 and moment < 0:
-        dashpots = (place, k.h, k.state.dt, k.I, k.O, k.G)
+        dashpots = (k.state.dt, k.context, k.tile)
         found.append(tiled(k, "book dashpots", contact_dissipation.book_dashpots, k.tiles, dashpots, 14 + 2))
     return found
 
 
 def pushes_of(k: Tables) -> list[Pass]:
     """Fields to rows: force and torque of both bodies, both ways, with the arm of a clump's sphere; the memory of the contact."""
-    s, slots, h, clumps = k.state, k.slots, k.h, len(k.S) != len(k.B)
+    slots, h, clumps = k.slots, k.h, len(k.S) != len(k.B)
     arms, listed = 16 + 8 * 8 if clumps else 0, slots.own.nbytes + slots.partner.nbytes
     tables = listed + (k.rows if clumps else k.B.nbytes)
     return [
@@ -258,7 +258,7 @@ def pushes_of(k: Tables) -> list[Pass]:
             "bodies, plates",
             push_flat,
             k.flat,
-            (slots.own, slots.partner, s.body, k.S, k.O, k.G, k.B, k.E, k.sums),
+            (k.context, k.tile),
             20 + 8 * (8 + 4 + 9 + 9),
             tables,
             contact_forces.scatter_plate_tile,
@@ -269,7 +269,7 @@ def pushes_of(k: Tables) -> list[Pass]:
             "bodies, pairs",
             contact_forces.scatter_pair_tile,
             k.paired,
-            (slots.own, slots.partner, s.body, slots.outer, k.S, k.O, k.G, k.B, k.F),
+            (k.context, k.tile),
             16 + arms + 8 * (11 + 16 + 16),
             tables + k.F.nbytes + slots.outer.nbytes,
             contact_forces.scatter_pair_tile,
@@ -280,7 +280,7 @@ def pushes_of(k: Tables) -> list[Pass]:
             "keep",
             contact_history.store_history,
             k.tiles,
-            (k.O, k.G, k.H, h),
+            (k.context, k.tile),
             4 + 8 * (6 + 5 + 2 * h),
             k.H.nbytes,
             contact_history.store_history,

@@ -313,9 +313,9 @@ def work_from_the_last() -> Any:
     context_of = make_unpacker(KINDS, Context)
 
     @numba.njit(WORK, error_model="numpy")
-    def turned_round(task, part, begin, end, number, record, time, v_x, v_y, dt, left, context):
-        groups = context_of(context).lowest.shape[0]
-        work(task, part, groups - end, groups - begin, number, record, time, v_x, v_y, dt, left, context)
+    def turned_round(task, part, begin, end, step, packed):
+        groups = context_of(packed).lowest.shape[0]
+        work(task, part, groups - end, groups - begin, step, packed)
 
     return turned_round
 

@@ -7,6 +7,7 @@ than the contact needs to slip, so friction booked with the force at the end of 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from numba import njit
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
+from thirdbody.kernels.bundles import Tile
 from thirdbody.kernels.columns import law_input, law_output, run_totals
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit import contact_dissipation
@@ -110,10 +112,19 @@ def test_friction_that_jumps_is_booked_as_it_acts_at_every_level(tmp_path, level
     assert residual(tmp_path / "scene.toml", base | {"level": level}) < CLOSED
 
 
+class Memory(NamedTuple):
+    """Columns of the history, and their number."""
+
+    force: int
+    moment: int
+    stored: int
+    n_history: int
+
+
 @njit(error_model="numpy")
 def booked(I, O):  # noqa: E741
     """Two contacts whose history is a force and an energy, without moments."""
-    contact_dissipation.book(2, 0, -1, 2, 3, I, O)
+    contact_dissipation.book(2, Memory(0, -1, 2, 3), Tile(I, O, I[:0], I[:0]))
 
 
 def test_a_law_that_makes_energy_stays_visible():

@@ -10,6 +10,7 @@ import pytest
 from numba import njit
 from thirdbody_three_spot import mdr, theory
 
+from thirdbody.kernels.bundles import Candidates, Motion
 from thirdbody.kernels.columns import geometry, patch, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.rolling_kinematics import travel
@@ -192,9 +193,9 @@ def spheres(*rows):
 
 
 @njit
-def travel_speed(i, j, S, P, G, plate):
+def travel_speed(i, j, tables, G, plate):
     """The engine's function has no wrapper for Python."""
-    return travel(i, j, 0, S, P, G, plate, 0.0)
+    return travel(i, j, 0, tables, Motion(1.0, plate, 0.0), G)
 
 
 def way(S, i, j, normal, arms, plate=0.0):
@@ -203,7 +204,8 @@ def way(S, i, j, normal, arms, plate=0.0):
     e, f = ((1, 0, 0), (0, 1, 0)) if abs(normal[2]) == 1 else ((0, 1, 0), (0, 0, 1))
     G[geometry.NORMAL3, 0], G[geometry.AXIS3, 0], G[geometry.CROSS_AXIS3, 0] = normal, e, f
     G[geometry.ARM, 0], G[geometry.PARTNER_ARM, 0] = arms
-    return travel_speed(i, j, S, np.zeros((1, patch.WIDTH)), G.ravel(), plate)
+    nobody = np.zeros(0, np.int32)
+    return travel_speed(i, j, Candidates(nobody, nobody, S, np.zeros((1, patch.WIDTH))), G.ravel(), plate)
 
 
 def test_the_way_of_the_patch():

@@ -166,7 +166,7 @@ def run(budget, until, distance, dt, threads, context, X0, patch, schedule, firs
                 update_ledger(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping, record)
             if (task == LOOK and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
-            now = Step(np.int64(step + 1), record, time, dt, v_x, v_y, left)
+            now = Step(step + 1, record, time, dt, v_x, v_y, left)
             if parts == 1:
                 work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), now, context)
             else:
