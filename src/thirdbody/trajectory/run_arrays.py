@@ -1,0 +1,323 @@
+"""Arrays of a run: per frame, over the frames, names and texts, from `run.vtkhdf`.
+
+Only committed frames are read: the file of a run that was killed, or is still running, ends at its last one.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable, Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+import h5py
+import numpy as np
+
+from thirdbody.trajectory.block_reader import BlockReader
+from thirdbody.trajectory.named_arrays import Named
+from thirdbody.trajectory.open_file import OpenFile
+from thirdbody.trajectory.schema import BLOCKS, POSITION, STATIC_TEXT, SUMMARY_TEXT, Frame
+from thirdbody.trajectory.texts import read_text, refuse_large_texts
+from thirdbody.trajectory.validate import damage_as_fault, refuse_unsound
+
+Result = TypeVar("Result")
+
+
+class RunArrays:
+    """The arrays of a run, read from its file on demand; a context manager. SI units."""
+
+    def __init__(self, path: str | Path):
+        self.path = Path(path)
+        self._open = OpenFile(self.path)
+        try:
+            self._open.steady(self._connect)
+        except BaseException:
+            self.close()
+            raise
+
+    def _connect(self) -> None:
+        """Open the file and read its headers; when an open file is reopened, its number of frames does not grow."""
+        self._open.connect()
+        with damage_as_fault(self.path):
+            self._blocks = Named((name, BlockReader(self.file["VTKHDF"][name], self.path)) for name in BLOCKS)
+            self._series_group, self._scene = self.file["series"], self.file["scene"]
+            counts = [block.frames for block in self._blocks.values()]
+            # A run killed between two counts has one count too high: the lowest holds for all blocks.
+            frames = min(counts + [int(self._series_group.attrs["NSteps"])])
+            refuse_large_texts(self._scene)
+            self.header = {name: self._text(name) for name in self._scene if name != SUMMARY_TEXT}
+            self.state_names: list[str] = list(self.header["state_names"])
+            self.reason_names: list[str] = list(self.header["reason_names"])
+            refuse_unsound(self.file, self.header, frames)
+            codes = {"state": len(self.state_names), "state_reason": len(self.reason_names)}
+            self._blocks["clumps"].names_of = codes
+            self.frames: int = min(getattr(self, "frames", frames), frames)
+
+    @property
+    def file(self) -> h5py.File:
+        """The HDF5 file."""
+        return self._open.file
+
+    def _steady(self, where: str, read: Callable[[], Result]) -> Result:
+        """Return the result of `read`; report damage with its place, and read a file again while it is being written."""
+
+        def told() -> Result:
+            with damage_as_fault(self.path, where):
+                return read()
+
+        return self._open.steady(told, self._connect)
+
+    def _text(self, name: str) -> Any:
+        with damage_as_fault(self.path, f"/scene/{name}"):
+            return read_text(self._scene[name])
+
+    @property
+    def scene_text(self) -> str:
+        """Resolved scene as the run used it."""
+        return str(self.header["scene_text"])
+
+    @cached_property
+    def times(self) -> np.ndarray:
+        """Times of the frames, (F,) [s]."""
+        return self._steady("the times", lambda: self.file["VTKHDF/clumps/Steps/Values"][: self.frames])
+
+    @cached_property
+    def states(self) -> np.ndarray:
+        """State codes, (F, B) uint8; their names are `state_names`."""
+        return self._history("state")
+
+    @cached_property
+    def reasons(self) -> np.ndarray:
+        """Reason codes, (F, B); their names are `reason_names`."""
+        return self._history("state_reason")
+
+    @cached_property
+    def forecast(self) -> np.ndarray:
+        """Forecast state codes, (F, B) uint8; AttributeError when the run recorded none."""
+        return self._history("forecast")
+
+    @property
+    def has_states(self) -> bool:
+        """Whether the run recorded states."""
+        return "state" in self._names("clumps")
+
+    def _history(self, name: str) -> np.ndarray:
+        if name not in self._names("clumps"):
+            raise AttributeError(f"{self.path}: this run recorded no '{name}' of its bodies")
+        return self._steady("", lambda: self._blocks["clumps"].history(name, self.frames))
+
+    def _names(self, block: str) -> list[str]:
+        """Return the names of the arrays of a block."""
+        return self._steady("", lambda: self._blocks[block].names)
+
+    @cached_property
+    def series(self) -> dict[str, np.ndarray]:
+        """Series by name, each (F,) or (F, 3); units in `units`."""
+        return self._steady(
+            "the series", lambda: Named((name, self._series_group[name][: self.frames]) for name in self._series_group)
+        )
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Unit of each series, `1` for a pure number."""
+        return self._steady(
+            "the units", lambda: Named((name, str(self._series_group[name].attrs["units"])) for name in self._series_group)
+        )
+
+    @cached_property
+    def material_names(self) -> list[str]:
+        """Names of the materials, indexed by the bodies' array `material`."""
+        return list(self.header.get("materials", []))
+
+    @cached_property
+    def population_names(self) -> list[str]:
+        """Names of the populations, indexed by the bodies' array `population`."""
+        from thirdbody.trajectory.state_groups import names_from_scene
+
+        names = self.header.get("populations")
+        return names_from_scene(self.scene_text) if names is None else list(names)
+
+    def bodies(self, frame: int = -1) -> dict[str, np.ndarray]:
+        """Return the arrays of the bodies (clumps) in one frame.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame; negative ones count from the end.
+
+        Returns
+        -------
+        dict of str to ndarray
+            One row per body: `position` (B, 3) [m], `quaternion` (B, 4) (w, x, y, z), `velocity` (B, 3) [m/s], `state` (B,),
+            `friction_work` (B,) [J] and more; all names and units: `thirdbody keys bodies`.
+
+        Raises
+        ------
+        IndexError
+            There is no such frame.
+        """
+        return self.block("clumps", frame)
+
+    def spheres(self, frame: int = -1) -> dict[str, np.ndarray]:
+        """Return the arrays of the spheres of all bodies in one frame.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame; negative ones count from the end.
+
+        Returns
+        -------
+        dict of str to ndarray
+            One row per sphere: `position` (n, 3) [m], `radius` (n,) [m], `clump` (n,) the row of its body, ...
+        """
+        return self.block("spheres", frame)
+
+    def contacts(self, frame: int = -1) -> dict[str, np.ndarray]:
+        """Return the arrays of the contacts in one frame; there may be none.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame; negative ones count from the end.
+
+        Returns
+        -------
+        dict of str to ndarray
+            One row per contact: `position` (n, 3) [m], `force` (n, 3) [N], `normal_force` (n,) [N], `utilisation` (n,), ...
+        """
+        return self.block("contacts", frame)
+
+    def plates(self, frame: int = -1) -> dict[str, np.ndarray]:
+        """Return the corners of the plates in one frame.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame; negative ones count from the end.
+
+        Returns
+        -------
+        dict of str to ndarray
+            `position` (8, 3) [m]: lower four, upper four; (0, 3) without plates.
+        """
+        return self.block("plates", frame)
+
+    def block(self, name: str, frame: int = -1) -> dict[str, np.ndarray]:
+        """Return all arrays of one block of the file.
+
+        Parameters
+        ----------
+        name : str
+            `spheres`, `clumps` (the bodies), `contacts` or `plates`.
+        frame : int
+            Number of the frame; negative ones count from the end.
+
+        Returns
+        -------
+        dict of str to ndarray
+            One row per thing of the block.
+        """
+        number = self.frame_number(frame)
+        return self._open.steady(lambda: self._blocks[name].read(number), self._connect)
+
+    def array(self, block: str, name: str, frame: int = -1) -> np.ndarray:
+        """Return one array of one block without reading the others.
+
+        Parameters
+        ----------
+        block, name : str
+            Names of the block and of the array.
+        frame : int
+            Number of the frame; negative ones count from the end.
+
+        Returns
+        -------
+        ndarray
+            One row per thing of the block.
+
+        Raises
+        ------
+        KeyError
+            The block has no such array.
+        """
+        number = self.frame_number(frame)
+        return self._open.steady(lambda: self._blocks[block].array(name, number), self._connect)
+
+    def rows(self, block: str, frame: int = -1) -> int:
+        """Return the number of rows of one block in one frame.
+
+        Parameters
+        ----------
+        block : str
+            `spheres`, `clumps` (the bodies), `contacts` or `plates`.
+        frame : int
+            Number of the frame; negative ones count from the end.
+
+        Returns
+        -------
+        int
+            Number of bodies, contacts, ...
+        """
+        number = self.frame_number(frame)
+        return self._open.steady(lambda: self._blocks[block].rows(number), self._connect)
+
+    def frame_number(self, frame: int) -> int:
+        """Return the frame number counted from 0.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame; negative ones count from the end.
+
+        Returns
+        -------
+        int
+            0 to F - 1.
+
+        Raises
+        ------
+        IndexError
+            There is no such frame.
+        TypeError
+            The number is not whole.
+        """
+        try:
+            frame = operator.index(frame)
+        except TypeError:
+            raise TypeError(f"{self.path}: a frame is a whole number, not {frame!r}") from None
+        if not -self.frames <= frame < self.frames:
+            inside = f"from {-self.frames} to {self.frames - 1}" if self.frames else "none: nothing was written yet"
+            raise IndexError(f"{self.path}: no frame {frame}; frames are {inside}")
+        return frame % self.frames
+
+    def static_arrays(self) -> dict[str, dict[str, np.ndarray]]:
+        """Return, per block, the arrays that hold for all frames, in the form that `TrajectoryWriter` accepts."""
+        names: Mapping[str, list[str]] = self.header[STATIC_TEXT]
+        data = {block: self.file["VTKHDF"][block]["PointData"] for block in names}
+        return {block: {name: data[block][name][()] for name in names[block]} for block in names}
+
+    def stored_frame(self, frame: int) -> Frame:
+        """Return one frame in the form that `TrajectoryWriter.append` accepts, for copies."""
+        number = self.frame_number(frame)
+        blocks = {}
+        for name in BLOCKS:
+            arrays = self.block(name, number)
+            static = self.header[STATIC_TEXT].get(name, ())
+            blocks[name] = {("points" if k == POSITION else k): v for k, v in arrays.items() if k not in static}
+        series = {name: values[number] for name, values in self.series.items()}
+        return Frame(time=float(self.times[number]), series=series, **blocks)
+
+    def close(self) -> None:
+        """Close the file; may be called twice."""
+        self._open.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"<Run {self.path}: {self.frames} frames>"

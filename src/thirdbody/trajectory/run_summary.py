@@ -1,0 +1,47 @@
+"""Summary of a run: what it stored at its end, and figures computed from its frames."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from thirdbody.trajectory.energy_check import energy_verdict
+from thirdbody.trajectory.state_groups import states_by_group
+
+if TYPE_CHECKING:
+    from thirdbody.trajectory.reader import Run
+
+
+def run_summary(run: Run, stored: dict[str, Any] | None) -> dict[str, Any]:
+    """Return the figures of a run with what it stored at its end, None for a run that did not get there (`Run.summary`)."""
+    report = figures(run) | {"finished": stored is not None} | (stored or {})
+    rolling = run.series.get("fraction_rolling", ())
+    if report.get("patches_not_carried") is not None and len(rolling):
+        report["largest_fraction_rolling"] = float(np.max(rolling))
+    verdict = energy_verdict(report, str(run.header.get("scene_text", "")))
+    return report if verdict is None else report | {"energy_verdict": verdict}
+
+
+def figures(run: Run) -> dict[str, Any]:
+    """Return the figures that the frames of a run give."""
+    if not run.frames:
+        return {"frames": 0}
+    series = run.series
+    result: dict[str, Any] = {"frames": run.frames, "bodies": run.rows("clumps", 0)}
+    result["duration"] = float(run.times[-1] - run.times[0])
+    if "distance" in series:
+        result["distance"] = float(series["distance"][-1])
+    if "friction_coefficient" in series:
+        friction = run.friction
+        result["friction_coefficient"] = friction.value
+        result["friction_coefficient_error"] = friction.error
+        result["friction_verdict"] = friction.verdict
+        if run.drag.stroke:
+            result |= {"cycles": friction.cycles, "energy_per_cycle": friction.energy_per_cycle}
+    if run.has_states and result["bodies"]:
+        counts = np.bincount(run.bodies(-1)["state"], minlength=len(run.state_names))
+        fractions = (counts / counts.sum()).tolist()
+        result["fractions"] = dict(zip(run.state_names, fractions, strict=False))
+        result |= {f"{kind}s": rows for kind, rows in states_by_group(run).items()}
+    return result
