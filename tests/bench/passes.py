@@ -17,10 +17,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from thirdbody.engine.explicit import EXPECTED
 from thirdbody.engine.state import table
 from thirdbody.jit.options import NO_COUNTS
+from thirdbody.jit.packed_arguments import pack
 from thirdbody.kernels import contact_geometry, contact_history, narrow_phase, rigid_body
-from thirdbody.kernels.bundles import Box, Motion, Tile
+from thirdbody.kernels.bundles import Box, Motion, Step, Tile
 from thirdbody.kernels.columns import body, domain, geometry, law_input, law_output, rolling_input, rolling_output
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit import contact_dissipation, contact_forces, contact_tiles, drift_spheres, gather_forces
@@ -28,8 +30,12 @@ from thirdbody.kernels.explicit import drift as motion
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import effects_at, law_at
 from thirdbody.kernels.rigid_body import BODIES, FLAT, PAIRED
+from thirdbody.kernels.signatures import context_of
 
 kernel = njit(error_model="numpy", **NO_COUNTS)
+
+NO_LENGTH = Step(number=1, record=False, time=0.0, dt=0.0, v_x=0.0, v_y=0.0, pending=1.0)
+"""A step of no length."""
 
 
 @kernel
@@ -57,16 +63,18 @@ def over_slots(repeats, one, tiles, slots, arguments):
 
 
 @kernel
-def drift(c, start, near, beginning, offsets, S, B, E, D, moves, Z, staged, cuts, own, body):
-    """The bodies of a chunk, by a step of no length."""
-    motion.drift_bodies(c, start, near, beginning, False, offsets, S, B, E, D, 0.0, 1.0, moves, Z, staged)
-    rigid_body.reset_plate_forces(cuts[FLAT, c], cuts[FLAT, c + 1], own, body, E)
+def drift(c, packed, step, Z, staged):
+    """The bodies of a chunk."""
+    k = context_of(packed)
+    motion.drift_bodies(c, k, step, Z, staged)
+    rigid_body.reset_plate_forces(k.cuts[FLAT, c], k.cuts[FLAT, c + 1], k.own, k.body, k.E)
 
 
 @kernel
-def kick(c, cuts, guests, F, B, E, effects, parameters, moves):
-    """The bodies of a chunk, by a step of no length."""
-    gather_forces.gather_forces(c, cuts, guests, F, B, E, 0.0, 0.0, effects_at(effects), parameters, False, False, moves)
+def kick(c, packed, step):
+    """The bodies of a chunk, without their kick."""
+    k = context_of(packed)
+    gather_forces.gather_forces(c, k, step, effects_at(k.effects))
 
 
 @kernel
@@ -153,6 +161,9 @@ class Tables:
         self.touching = np.append(np.flatnonzero(self.closed == 1), behind).astype(np.int32)
         self.flat, self.paired = self._tiles(FLAT), self._tiles(PAIRED)
         self.tiles = np.concatenate((self.flat, self.paired))
+        own = {"S": self.S, "B": self.B, "E": self.E, "H": self.H, "F": self.F, "sums": self.sums, "moves": self.moves}
+        self.context = integrator.known._replace(**own)
+        self.packed = pack(EXPECTED, self.context)
         length = max(s.D[domain.LENGTH_X], 0.0), max(s.D[domain.LENGTH_Y], 0.0)
         self.box = Box(*length, *(1.0 / x if x else 0.0 for x in length))
 
@@ -179,10 +190,7 @@ def drift_of(k: Tables) -> Pass:
     placed = int(np.diff(slots.beginning)[~round_ones].sum())
     apart = 0 if k.S is k.B else 4 + 20
     touched = 8 * many * (1 + 24 + 32 + apart) + clumps * (8 * (2 + 28 + 21) + 8) + placed * (8 * (3 + 12 + 24) + 4)
-    given = (
-        s.start, slots.near, slots.beginning, s.offsets, k.S, k.B, k.E, s.D, k.moves, k.room[0], k.marks[0], slots.cuts,
-        slots.own, s.body,
-    )  # fmt: skip
+    given = k.packed, NO_LENGTH, k.room[0], k.marks[0]
     kernels = [
         (drift_spheres.drift_ball, many),
         (motion.drift_tile, clumps),
@@ -291,11 +299,10 @@ def pushes_of(k: Tables) -> list[Pass]:
 
 def gather_of(k: Tables) -> Pass:
     """What other groups left, a row each; the closing half kick is the drift's where nobody looks."""
-    slots, n, guests = k.slots, len(k.B), len(k.slots.guests)
-    given = (slots.cuts, slots.guests, k.F, k.B, k.E, k.at.effects, k.physics.effect_parameters, k.moves)
+    n, guests = len(k.B), len(k.slots.guests)
     return Pass(
         "gather",
-        lambda many: over_parts(many, kick, len(k.moves), given),
+        lambda many: over_parts(many, kick, len(k.moves), (k.packed, NO_LENGTH)),
         len(k.moves),
         n,
         "bodies",

@@ -29,7 +29,6 @@ from thirdbody.assembly.simulation import Simulation
 from thirdbody.engine import explicit, thread_tuner
 from thirdbody.engine.neighbours import search
 from thirdbody.engine.state import Candidates, Physics, rotation_matrices
-from thirdbody.jit.packed_arguments import make_unpacker
 from thirdbody.kernels import schedule
 from thirdbody.kernels.columns import body, body_extra, contact_state, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.tile import TILE
@@ -38,7 +37,7 @@ from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import work
 from thirdbody.kernels.rigid_body import BODIES
 from thirdbody.kernels.rolling_kinematics import MOMENTS
-from thirdbody.kernels.signatures import KINDS, WORK, Context
+from thirdbody.kernels.signatures import WORK, context_of
 
 SCENES = {
     "layer": (150, 10),
@@ -310,7 +309,6 @@ def rows(found: Pass, slots: np.ndarray) -> list[np.ndarray]:
 
 def work_from_the_last() -> Any:
     """The engine's passes over groups, each with its parts in the opposite order."""
-    context_of = make_unpacker(KINDS, Context)
 
     @numba.njit(WORK, error_model="numpy")
     def turned_round(task, part, begin, end, step, packed):

@@ -138,15 +138,12 @@ class Explicit:
         self.rows = np.empty((parts, maximum, loaded_contact.MEMORY + physics.contact_memory))
 
     def _advance(self, budget: int, time: float, distance: float, dt: float) -> tuple[int, int]:
-        s, physics, (began, worked) = self.state, self.state.physics, clocks()
+        s, (began, worked) = self.state, clocks()
         before = s.A[run_totals.STEPS]
         threads = self.pace.threads(numba.get_num_threads(), began)
         if len(self.room) < step_loop.SHARES * threads:
             self._scratch(threads)
-        answer = step_loop.advance(
-            budget, time, distance, dt, threads, self._context(), s.X0, s.patch, s.schedule, s.first, physics.stride,
-            physics.labels,
-        )  # fmt: skip
+        answer = step_loop.advance(budget, time, distance, dt, threads, self._context())
         now, busy = clocks()
         done = int(s.A[run_totals.STEPS] - before)
         self.pace.note(threads, done, now - began, busy - worked, now)
@@ -159,12 +156,12 @@ class Explicit:
         s, slots, physics = self.state, self.state.slots, self.state.physics
         now = Context(  # type: ignore[call-arg]
             slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
-            slots.beginning, slots.guests, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets,
+            slots.beginning, slots.guests, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0, s.patch,
             s.S, s.B, s.E, s.P, slots.H, slots.F, slots.R, s.M,
-            physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves, self.ahead,
-            self.room, self.marks, self.rows, self.moved,
+            physics.pairs, physics.effect_parameters, s.D, s.A, self.sums, self.moves,
+            s.schedule, s.first, self.ahead, self.room, self.marks, self.rows, self.moved,
             len(physics.history), physics.rolling, *physics.remembered_forces, physics.stored, physics.dashpots,
-            loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects),
+            loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride, int(physics.labels),
             self.law, self.effects, self.observe, self.work,
         )  # fmt: skip
         if self.known is None or any(map(operator.is_not, now, self.known)):

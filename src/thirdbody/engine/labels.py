@@ -3,7 +3,7 @@
 import numpy as np
 
 from thirdbody.engine.state import Array, State
-from thirdbody.kernels.columns import loaded_contact, observed_body, run_totals
+from thirdbody.kernels.columns import loaded_contact, observed_body
 
 
 def labels(state: State, drag: tuple[float, float]) -> Array:
@@ -12,13 +12,15 @@ def labels(state: State, drag: tuple[float, float]) -> Array:
     The labeller works on copies of its memory. `drag`: unit vector of the prescribed motion of the upper plate.
     """
     from thirdbody.kernels.label_bodies import label_bodies
+    from thirdbody.kernels.labeller_input import Observed
 
     slots, physics = state.slots, state.physics
     out = np.zeros((state.n_bodies, physics.outputs))
     width = loaded_contact.MEMORY + physics.contact_memory
-    label_bodies(
-        slots.edges, slots.incidence, slots.own, slots.partner, slots.H, slots.R, state.B, state.E, state.A, state.M.copy(),
-        drag, float(state.A[run_totals.PLATE_SPEED]), len(physics.history), width, physics.observe, physics.label, out,
-        np.empty(observed_body.WIDTH), np.empty((slots.most, width)),
+    observed = Observed(
+        slots.own, slots.partner, slots.edges, slots.incidence, state.B, state.E, slots.H, slots.R, state.M.copy(), drag,
+        len(physics.history), width,
     )  # fmt: skip
+    scratch = np.empty(observed_body.WIDTH), np.empty((slots.most, width))
+    label_bodies(observed, state.A, physics.observe, physics.label, out, *scratch)
     return out

@@ -23,7 +23,7 @@ class Motion(NamedTuple):
 class Step(NamedTuple):
     """A step of the explicit integrator; usable as a `Motion`."""
 
-    number: int
+    number: int | np.int64
     """Number within this call of the step loop."""
     record: bool
     """Whether output or labels need this step."""

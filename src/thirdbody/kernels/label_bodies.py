@@ -8,16 +8,13 @@ from numba import njit, types
 
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
 from thirdbody.kernels.columns import loaded_contact, run_totals
-from thirdbody.kernels.contact_history import labeller_column
-from thirdbody.kernels.labeller_input import body_contacts, body_row
+from thirdbody.kernels.labeller_input import Observed, body_contacts, body_row
 from thirdbody.kernels.signatures import LABEL, OBSERVE
 
 _F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 _I1 = types.Array(types.int32, 1, "C")
-LABEL_BODIES = types.void(
-    _I1, _I1, _I1, _I1, _F2, _F2, _F2, _F2, _F1, _F2, types.UniTuple(types.float64, 2), types.float64,
-    types.int64, types.int64, types.FunctionType(OBSERVE), types.FunctionType(LABEL), _F2, _F1, _F2,
-)  # fmt: skip
+OBSERVED = types.NamedTuple((_I1,) * 4 + (_F2,) * 5 + (types.UniTuple(types.float64, 2), types.int64, types.int64), Observed)
+LABEL_BODIES = types.void(OBSERVED, _F1, types.FunctionType(OBSERVE), types.FunctionType(LABEL), _F2, _F1, _F2)
 
 
 @njit(**BARE)
@@ -36,15 +33,16 @@ def compact_loaded(C, n):
 
 
 @njit(LABEL_BODIES, **DIRECT, **NO_COUNTS)
-def label_bodies(edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, label, out, O, table):  # noqa: E741
+def label_bodies(context, A, observe, label, out, O, table):  # noqa: E741
     """Compute state, reason, margins and extras of every body from the contacts that carry a load.
 
-    M: a copy of the labeller's memory. Scratch: O (observed_body.WIDTH,), table (largest number of contacts of a body, width).
+    `context`: with a copy of the labeller's memory. Scratch: O (observed_body.WIDTH,), table (largest number of contacts of a
+    body, width).
     """
-    for b in range(B.shape[0]):
-        n = body_contacts(b, edges, incidence, own, partner, H, R, width, labeller_column(n_history), table)
-        body_row(b, B, E, A, drag, speed, O)
+    for b in range(context.B.shape[0]):
+        n = body_contacts(b, context, table)
+        body_row(b, context, A, O)
         if A[run_totals.ELAPSED] > 0.0:
-            observe(table[:n], n, O, M[b])
+            observe(table[:n], n, O, context.M[b])
         n = compact_loaded(table, n)
-        label(table[:n], n, O, M[b], out[b])
+        label(table[:n], n, O, context.M[b], out[b])

@@ -1,5 +1,7 @@
 """Input of a labeller: rows of the loaded contacts of a body, motion of body and plates."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -11,10 +13,33 @@ from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
 from thirdbody.kernels.rigid_body import BODIES
 
 
+class Observed(NamedTuple):
+    """Tables of bodies and candidates that a labeller sees: fields of a `signatures.Context`, which serves as well."""
+
+    own: np.ndarray
+    partner: np.ndarray
+    edges: np.ndarray
+    incidence: np.ndarray
+    B: np.ndarray
+    E: np.ndarray
+    H: np.ndarray
+    R: np.ndarray
+    M: np.ndarray
+    drag: np.ndarray | tuple[float, float]
+    n_history: int
+    width: int
+
+
 @njit(**BARE)
-def contact_row(C, n, k, second, own, partner, H, R, memory_at):
+def memory_column(second, context):
+    """Return the column of the history where the labeller's memory of a contact begins. `second`: as the partner of the owner."""
+    return labeller_column(context.n_history) + second * (context.width - loaded_contact.MEMORY)
+
+
+@njit(**BARE)
+def contact_row(C, n, k, second, context):
     """Fill row n of a body's contact table from candidate k. `second`: the body is the partner, not the owner."""
-    j = partner[k]
+    own, H, R, j = context.own, context.H, context.R, context.partner[k]
     sign = -1.0 if second else 1.0
     C[n, loaded_contact.PARTNER] = DEBRIS if is_sphere(j) else (LOWER if is_lower(j) else UPPER)
     for d in range(3):
@@ -35,13 +60,15 @@ def contact_row(C, n, k, second, own, partner, H, R, memory_at):
     # unique within the body: its own sphere and the partner, which is a plate (-1, -2) or a sphere
     here, there = (j, own[k]) if second else (own[k], max(j, -2))
     C[n, loaded_contact.IDENTITY] = here * 67108864.0 + there + 3.0
+    memory_at = memory_column(second, context)
     for m in range(C.shape[1] - loaded_contact.MEMORY):
         C[n, loaded_contact.MEMORY + m] = H[k, memory_at + m]
 
 
 @njit(**BARE)
-def body_row(b, B, E, A, drag, speed, O):  # noqa: E741
-    """Fill O with the state and the surroundings of body b."""
+def body_row(b, context, A, O):  # noqa: E741
+    """Fill O with the state and the surroundings of body b. A: totals of the run, or of the body (`run_totals`)."""
+    B, E, drag = context.B, context.E, context.drag
     O[observed_body.MASS] = B[b, body.MASS]
     for k in range(3):
         O[observed_body.POSITION + k] = B[b, body.POSITION + k]
@@ -63,41 +90,39 @@ def body_row(b, B, E, A, drag, speed, O):  # noqa: E741
     # the planned direction until the plates have moved; then that of their last motion, which a stroke reverses
     O[observed_body.DRAG] = A[run_totals.HEADING] if moved else drag[0]
     O[observed_body.DRAG + 1] = A[run_totals.HEADING + 1] if moved else drag[1]
-    O[observed_body.PLATE_SPEED] = speed
+    O[observed_body.PLATE_SPEED] = A[run_totals.PLATE_SPEED]
 
 
 @njit(**BARE)
-def body_contacts(b, edges, incidence, own, partner, H, R, width, memory_at, C):
+def body_contacts(b, context, C):
     """Fill the table C with the loaded contacts of body b, in the order of candidates; return their number."""
     n = np.int64(0)  # not the literal 0, for which the callees would be compiled once more
-    for e in range(edges[b], edges[b + 1]):
-        k = incidence[e] >> 1
-        if is_closed(k, H):
-            contact_row(
-                C, n, k, incidence[e] & 1, own, partner, H, R, memory_at + (incidence[e] & 1) * (width - loaded_contact.MEMORY)
-            )
+    for e in range(context.edges[b], context.edges[b + 1]):
+        k = context.incidence[e] >> 1
+        if is_closed(k, context.H):
+            contact_row(C, n, k, context.incidence[e] & 1, context)
             n += 1
     return n
 
 
 @njit(**BARE)
-def update_body_memory(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
+def update_body_memory(b, context, A, observe, O, C):  # noqa: E741
     """Update the labeller's memory of body b and of its contacts by an observation. O and C are scratch."""
-    result = body_contacts(b, edges, incidence, own, partner, H, R, width, labeller_column(n_history), C)
-    body_row(b, B, E, A, drag, speed, O)
-    observe(C[:result], result, O, M[b])
+    result = body_contacts(b, context, C)
+    body_row(b, context, A, O)
+    observe(C[:result], result, O, context.M[b])
     n = 0
-    for e in range(edges[b], edges[b + 1]):
-        k = incidence[e] >> 1
-        if is_closed(k, H):
-            to = labeller_column(n_history) + (incidence[e] & 1) * (width - loaded_contact.MEMORY)
-            for m in range(width - loaded_contact.MEMORY):
-                H[k, to + m] = C[n, loaded_contact.MEMORY + m]
+    for e in range(context.edges[b], context.edges[b + 1]):
+        k = context.incidence[e] >> 1
+        if is_closed(k, context.H):
+            to = memory_column(context.incidence[e] & 1, context)
+            for m in range(context.width - loaded_contact.MEMORY):
+                context.H[k, to + m] = C[n, loaded_contact.MEMORY + m]
             n += 1
 
 
 @njit(**BARE)
-def update_memory(c, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C):  # noqa: E741
+def update_memory(c, context, observe, O, C):  # noqa: E741
     """Update the labeller's memory of the bodies of chunk c. O and C are scratch."""
-    for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
-        update_body_memory(b, edges, incidence, own, partner, H, R, B, E, A, M, drag, speed, n_history, width, observe, O, C)
+    for b in range(c * BODIES, min((c + 1) * BODIES, context.B.shape[0])):
+        update_body_memory(b, context, context.A, observe, O, C)

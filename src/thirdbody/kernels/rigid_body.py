@@ -4,6 +4,7 @@ Bodies are processed in chunks of fixed size, so that sums over them have the sa
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -28,6 +29,24 @@ RESTING_SPEED, RESTING_SPIN, RESTING_MOMENTUM = 1e-60, 1e-60, 1e-90
 brings to rest between two plates decays for ever, and arithmetic on denormal numbers is thirty times slower."""
 
 
+Vector = Any
+"""A vector of four of `jit.simd`, or a tuple of three."""
+
+
+class BodyMotion(NamedTuple):
+    """Pose of a body at the end of a step, and its velocities."""
+
+    position: Vector
+    rotation: tuple[Vector, ...]
+    """Columns of the rotation matrix."""
+    velocity: Vector
+    """Of the step, as the spin."""
+    spin: Vector
+    end_velocity: Vector
+    """Predicted for the end of the step, as the spin then."""
+    end_spin: Vector
+
+
 @njit(**BARE)
 def store_three(S, s, c, v):
     """Write the first three numbers of v into row s from column c on. The next column, another quantity, is preserved."""
@@ -35,20 +54,20 @@ def store_three(S, s, c, v):
 
 
 @njit(**BARE)
-def place_sphere(s, offsets, x, turn, v, w, v_end, w_end, h, S):
+def place_sphere(s, offsets, motion, h, S):
     """Set position, arm and velocities of sphere s, those of the step and those at its end.
 
-    The arm for the step is that of half a step of length 2 h ago. All are vectors of four; `turn`: the columns of the rotation
-    matrix.
+    The arm for the step is that of half a step of length 2 h ago. `motion`: a `BodyMotion` of vectors of four.
     """
+    turn, w = motion.rotation, motion.spin
     arm = turn[0] * broadcast(offsets[s, 0]) + turn[1] * broadcast(offsets[s, 1]) + turn[2] * broadcast(offsets[s, 2])
     middle = arm - broadcast(h) * cross(w, arm)
-    store_three(S, s, np.int64(sphere.POSITION), x + arm)
-    store_three(S, s, np.int64(sphere.MID_VELOCITY), v + cross(w, middle))
+    store_three(S, s, np.int64(sphere.POSITION), motion.position + arm)
+    store_three(S, s, np.int64(sphere.MID_VELOCITY), motion.velocity + cross(w, middle))
     store_three(S, s, np.int64(sphere.ARM), arm)  # if aliased, this is 0: the column of the force, which starts from zero
     store(S, s, sphere.MID_SPIN, w)
-    store_three(S, s, np.int64(sphere.END_VELOCITY), v_end + cross(w_end, arm))
-    store(S, s, sphere.END_SPIN, w_end)
+    store_three(S, s, np.int64(sphere.END_VELOCITY), motion.end_velocity + cross(motion.end_spin, arm))
+    store(S, s, sphere.END_SPIN, motion.end_spin)
 
 
 @njit(**BARE)
@@ -76,12 +95,22 @@ def columns(turn):
 
 
 @njit(**BARE_CHUNK)
-def place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt):
-    """Set positions, arms and velocities of body b's spheres from its pose x, q at the end of a step."""
-    rotation, at = columns(matrix(q[0], q[1], q[2], q[3])), vector(x)
-    u, o, u_end, o_end = vector(v), vector(w), vector(v_end), vector(w_end)
+def place_body(b, start, offsets, S, motion, dt):
+    """Set positions, arms and velocities of body b's spheres.
+
+    `motion`: a `BodyMotion` of tuples of three, with the quaternion of the body as rotation.
+    """
+    q = motion.rotation
+    vectors = BodyMotion(
+        vector(motion.position),
+        columns(matrix(q[0], q[1], q[2], q[3])),
+        vector(motion.velocity),
+        vector(motion.spin),
+        vector(motion.end_velocity),
+        vector(motion.end_spin),
+    )
     for s in range(start[b], start[b + 1]):
-        place_sphere(s, offsets, at, rotation, u, o, u_end, o_end, 0.5 * dt, S)
+        place_sphere(s, offsets, vectors, 0.5 * dt, S)
 
 
 @njit(**BARE_CHUNK)
@@ -111,7 +140,7 @@ def place_all(start, offsets, S, B, E):
             store_three(S, b, np.int64(sphere.END_SPIN), load(B, b, body.SPIN))
         else:
             w = (B[b, body.SPIN], B[b, body.SPIN + 1], B[b, body.SPIN + 2])
-            place_body(b, start, offsets, S, x, q, v, w, v, w, 0.0)
+            place_body(b, start, offsets, S, BodyMotion(x, q, v, w, v, w), 0.0)
 
 
 @njit(**BARE)

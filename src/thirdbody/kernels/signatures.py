@@ -4,7 +4,7 @@ from collections import namedtuple
 
 from numba import types
 
-from thirdbody.jit.packed_arguments import Kinds
+from thirdbody.jit.packed_arguments import Kinds, make_unpacker
 from thirdbody.kernels.bundles import Step
 
 _TABLE = types.Array(types.float64, 2, "C")
@@ -29,20 +29,24 @@ KINDS: Kinds = {
     **dict.fromkeys(("own", "partner", "kind", "closed", "outer", "edges", "incidence", "near", "beginning", "guests"), _S1),
     "cuts": _S2, "lowest": _S1, "needs": _S1,
     # spheres and their bodies
-    "body": _I1, "start": _I1, "offsets": _TABLE,
+    "body": _I1, "start": _I1, "offsets": _TABLE, "X0": _TABLE, "patch": _I1,
     # state (`columns`), parameters, sums of a step
     **dict.fromkeys(("S", "B", "E", "P", "H", "F", "R", "M"), _TABLE),
     "pairs": _ROW, "effect_parameters": _ROW, "D": _ROW, "A": _ROW, "sums": _TABLE, "moves": _TABLE,
-    # planned direction of the drag; scratch of each part
+    # prescribed motion (`kernels.schedule`) and its planned direction; scratch of each part
+    "schedule": _TABLE, "first": _I1,
     "drag": _ROW, "room": _TABLE, "marks": _S2, "rows": types.Array(types.float64, 3, "C"), "moved": _S1,
     # numbers, and addresses of functions
     **dict.fromkeys(("n_history", "rolling", "force", "moment", "stored", "dashpots", "width", "has_effects"), _I),
-    **dict.fromkeys(("law", "effects", "observe", "work"), _I),
+    **dict.fromkeys(("stride", "labels", "law", "effects", "observe", "work"), _I),
 }  # fmt: skip
 """Types of all arguments of a step, by name."""
 
 Context = namedtuple("Context", tuple(KINDS))  # type: ignore[misc]
-"""All arguments of a step; kernels unpack it from an array (`jit.packed_arguments`)."""
+"""All arguments of a step; the step loop and its passes unpack it from an array (`jit.packed_arguments`)."""
+
+context_of = make_unpacker(KINDS, Context)
+"""Unpack the array."""
 
 _F = types.float64
 STEP = types.NamedTuple((_I, types.boolean, _F, _F, _F, _F, _F), Step)

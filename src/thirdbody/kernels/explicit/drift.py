@@ -18,6 +18,7 @@ from thirdbody.kernels.rigid_body import (
     BODIES,
     RESTING_MOMENTUM,
     RESTING_SPEED,
+    BodyMotion,
     check_position,
     columns,
     is_aliased,
@@ -154,8 +155,9 @@ def scatter_body(p, b, Z, B, E):
 
 
 @njit(**BARE)
-def place_spheres(p, b, start, near, beginning, everything, offsets, S, Z, dt):
-    """Place body b's spheres from element p of the chunk: those that can touch something (`near`), or `everything`."""
+def place_spheres(p, b, context, step, Z):
+    """Place body b's spheres from element p of the chunk: those that can touch something (`near`), in recorded steps all."""
+    start, beginning, everything = context.start, context.beginning, step.record
     rotation = columns(
         (
             *three(Z, p + drift_scratch.MATRIX * BODIES),
@@ -163,13 +165,18 @@ def place_spheres(p, b, start, near, beginning, everything, offsets, S, Z, dt):
             *three(Z, p + (drift_scratch.MATRIX + 6) * BODIES),
         )
     )
-    x, v = vector(three(Z, p + body.POSITION * BODIES)), vector(three(Z, p + body.VELOCITY * BODIES))
-    w, w_end = vector(three(Z, p + drift_scratch.MID_SPIN * BODIES)), vector(three(Z, p + drift_scratch.END_SPIN * BODIES))
-    v_end = vector(three(Z, p + drift_scratch.END_VELOCITY * BODIES))
+    motion = BodyMotion(
+        vector(three(Z, p + body.POSITION * BODIES)),
+        rotation,
+        vector(three(Z, p + body.VELOCITY * BODIES)),
+        vector(three(Z, p + drift_scratch.MID_SPIN * BODIES)),
+        vector(three(Z, p + drift_scratch.END_VELOCITY * BODIES)),
+        vector(three(Z, p + drift_scratch.END_SPIN * BODIES)),
+    )
     begin = start[b] if everything else np.int64(beginning[b])
     end = start[b + 1] if everything else np.int64(beginning[b + 1])
     for e in range(begin, end):
-        place_sphere(e if everything else np.int64(near[e]), offsets, x, rotation, v, w, v_end, w_end, 0.5 * dt, S)
+        place_sphere(e if everything else np.int64(context.near[e]), context.offsets, motion, 0.5 * step.dt, context.S)
 
 
 @njit(**BARE)
@@ -184,21 +191,15 @@ def prefetch_body(b, start, S, B):
 
 
 @njit(**BARE_CHUNK)
-def drift_bodies(c, start, near, beginning, everything, offsets, S, B, E, D, dt, left, moves, Z, staged):
-    """Drift the bodies of chunk c and place their spheres: those that can touch something (`near`), or `everything`.
-
-    `left`: 1 if the last closing kick is pending, else 0.
-    """
+def drift_bodies(c, context, step, Z, staged):
+    """Drift the bodies of chunk c and place their spheres (`place_spheres`). Z, staged: scratch."""
+    start, S, B, E, D, moves = context.start, context.S, context.B, context.E, context.D, context.moves
     seen = (0.0, 0.0, np.int64(0), np.int64(0), np.int64(0))
-    balls, limits, n = (
-        empty_extrema(),
-        limits_of(D),
-        np.int64(0),
-    )  # not the literal 0, for which callees would be compiled once more
+    balls, limits, n = empty_extrema(), limits_of(D), np.int64(0)  # not a literal, for which callees would be compiled once more
     for b in range(c * BODIES, min((c + 1) * BODIES, B.shape[0])):
         prefetch_body(min(b + AHEAD, B.shape[0] - 1), start, S, B)
         if B[b, body.SPHERE_INERTIA] != 0.0:
-            balls = drift_ball(b, start[b], S, B, dt, left, balls)
+            balls = drift_ball(b, start[b], S, B, step.dt, step.pending, balls)
         else:
             staged[n] = b
             n += 1
@@ -206,16 +207,18 @@ def drift_bodies(c, start, near, beginning, everything, offsets, S, B, E, D, dt,
         staged[p] = staged[n - 1]  # up to a multiple of four
     for p in range(0, n, 4):
         gather_bodies(np.int64(p), staged, B, E, Z)
-    drift_tile(n, dt, left, Z)
+    drift_tile(n, step.dt, step.pending, Z)
     for p in range(n):
         i = np.int64(staged[p])
         scatter_body(p, i, Z, B, E)
         distance = Z[p + drift_scratch.PATH * BODIES]
         seen = check_limits(i, distance, distance / S[start[i], sphere.RADIUS], load(B, i, body.POSITION), limits, seen)
-        place_spheres(p, i, start, near, beginning, everything, offsets, S, Z, dt)
-    longest, step, body_number, bad, out = seen
-    distance, fraction, ball, bad_ball, out_ball = check_sphere_limits(c, start, S, B, D, limits, dt, balls)
+        place_spheres(p, i, context, step, Z)
+    longest, share, body_number, bad, out = seen
+    distance, fraction, ball, bad_ball, out_ball = check_sphere_limits(c, start, S, B, D, limits, step.dt, balls)
     moves[c, chunk_motion.MAX_PATH] = max(distance, longest)
     moves[c, chunk_motion.BAD_BODY] = max(bad, bad_ball)
     moves[c, chunk_motion.LEFT_BODY] = max(out, out_ball)
-    moves[c, chunk_motion.MAX_TRAVEL], moves[c, chunk_motion.BODY] = (fraction, ball) if fraction > step else (step, body_number)
+    moves[c, chunk_motion.MAX_TRAVEL], moves[c, chunk_motion.BODY] = (
+        (fraction, ball) if fraction > share else (share, body_number)
+    )

@@ -30,11 +30,12 @@ def kick_body(b, B, E, force, torque, dt):
 
 
 @njit(**BARE_CHUNK)
-def body_effect_forces(c, first, last, B, E, dt, time, effects, effect_parameters, moves):
-    """Apply body effects to the bodies of chunk c; effects see velocities at the end of the step."""
-    effects(B, E, first, last, time, dt, effect_parameters)
+def body_effect_forces(c, first, last, context, step, effects):
+    """Apply body effects to bodies first to last of chunk c; effects see velocities at the end of the step."""
+    B, E, moves = context.B, context.E, context.moves
+    effects(B, E, first, last, step.time, step.dt, context.effect_parameters)
     for b in range(first, last):
-        kick_body(b, B, E, load(E, b, body_extra.EFFECT_FORCE), load(E, b, body_extra.EFFECT_TORQUE), dt)
+        kick_body(b, B, E, load(E, b, body_extra.EFFECT_FORCE), load(E, b, body_extra.EFFECT_TORQUE), step.dt)
         spin_body(b, B, E)
         for k in range(3):
             B[b, body.FORCE + k] += E[b, body_extra.EFFECT_FORCE + k]
@@ -54,19 +55,20 @@ def add_remote_forces(first, last, guests, F, B):
 
 
 @njit(**BARE_CHUNK)
-def gather_forces(c, cuts, guests, F, B, E, dt, time, effects, effect_parameters, has_effects, record, moves):
+def gather_forces(c, context, step, effects):
     """Sum the forces on the bodies of chunk c, and make their closing half kick if velocities are needed now.
 
-    Kick and spins are computed only in recorded steps (`record`) or with body effects: otherwise the drift of the next step
-    includes the kick, with the forces at hand.
+    Kick and spins are computed only in recorded steps or with body effects: otherwise the drift of the next step includes the
+    kick, with the forces at hand.
     """
+    B, E, cuts, has_effects = context.B, context.E, context.cuts, context.has_effects != 0
     first, last = c * BODIES, min((c + 1) * BODIES, B.shape[0])
-    add_remote_forces(cuts[GUESTS, c], cuts[GUESTS, c + 1], guests, F, B)
-    moves[c, chunk_motion.EFFECT_POWER] = 0.0
-    if has_effects or record:
-        closing_kick(first, last, B, E, dt)
+    add_remote_forces(cuts[GUESTS, c], cuts[GUESTS, c + 1], context.guests, context.F, B)
+    context.moves[c, chunk_motion.EFFECT_POWER] = 0.0
+    if has_effects or step.record:
+        closing_kick(first, last, B, E, step.dt)
     if has_effects:
-        body_effect_forces(c, first, last, B, E, dt, time, effects, effect_parameters, moves)
+        body_effect_forces(c, first, last, context, step, effects)
 
 
 @njit(**BARE_CHUNK)

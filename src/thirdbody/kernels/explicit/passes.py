@@ -8,20 +8,14 @@ from numba import njit
 
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, NO_COUNTS, POINTED
-from thirdbody.jit.packed_arguments import make_unpacker
 from thirdbody.kernels.explicit.contact_forces import GROUP, contact_forces
 from thirdbody.kernels.explicit.drift import drift_bodies
 from thirdbody.kernels.explicit.gather_forces import gather_forces
 from thirdbody.kernels.labeller_input import update_memory
 from thirdbody.kernels.rigid_body import FLAT, PAIRED, reset_plate_forces
-from thirdbody.kernels.signatures import EARLY, EFFECTS, KINDS, LATE, LAW, LOOK, OBSERVE, SWEEP, WORK, Context
+from thirdbody.kernels.signatures import EARLY, EFFECTS, LATE, LAW, LOOK, OBSERVE, SWEEP, WORK, context_of
 
-context_of, law_at, effects_at, observe_at = (
-    make_unpacker(KINDS, Context),
-    function_at(LAW),
-    function_at(EFFECTS),
-    function_at(OBSERVE),
-)
+law_at, effects_at, observe_at = function_at(LAW), function_at(EFFECTS), function_at(OBSERVE)
 
 
 @njit(**BARE)
@@ -44,21 +38,16 @@ def drift_groups(task, group, alone, part, context, step):
         if moved[h] != step.number:
             moved[h] = step.number
             for c in range(h * GROUP, end_of(h, context)):
-                drift_bodies(c, context.start, context.near, context.beginning, step.record, context.offsets, context.S,
-                             context.B, context.E, context.D, step.dt, step.pending, context.moves, context.room[part],
-                             context.marks[part])  # fmt: skip
+                drift_bodies(c, context, step, context.room[part], context.marks[part])
                 cuts = context.cuts
                 reset_plate_forces(cuts[FLAT, c], cuts[FLAT, c + 1], context.own, context.body, context.E)
 
 
 @njit(**BARE)
-def observe_group(group, part, context, step, observe):
+def observe_group(group, part, context, observe):
     """Let the labeller observe the bodies of a group."""
-    speed, drag = (step.v_x * step.v_x + step.v_y * step.v_y) ** 0.5, (context.drag[0], context.drag[1])
     for c in range(group * GROUP, end_of(group, context)):
-        update_memory(c, context.edges, context.incidence, context.own, context.partner, context.H, context.R, context.B,
-                      context.E, context.A, context.M, drag, speed, context.n_history, context.width, observe,
-                      context.room[part], context.rows[part])  # fmt: skip
+        update_memory(c, context, observe, context.room[part], context.rows[part])
 
 
 @njit(WORK, **POINTED, **NO_COUNTS)
@@ -74,7 +63,6 @@ def work(task, part, begin, end, step, packed):
                 contact_forces(group, side, part, context, step, law)
         if (task == SWEEP and alone) or (task == LATE and not alone):
             for c in range(group * GROUP, end_of(group, context)):
-                gather_forces(c, context.cuts, context.guests, context.F, context.B, context.E, step.dt, step.time, effects,
-                              context.effect_parameters, context.has_effects != 0, step.record, context.moves)  # fmt: skip
+                gather_forces(c, context, step, effects)
         if task == LOOK:
-            observe_group(group, part, context, step, observe)
+            observe_group(group, part, context, observe)

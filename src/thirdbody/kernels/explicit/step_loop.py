@@ -8,7 +8,6 @@ from numba import njit, prange, types
 
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK_OF_THREADS, DIRECT, NO_COUNTS
-from thirdbody.jit.packed_arguments import make_unpacker
 from thirdbody.jit.simd import broadcast, extract, load
 from thirdbody.kernels.bundles import Step
 from thirdbody.kernels.clock import pass_time
@@ -17,7 +16,7 @@ from thirdbody.kernels.explicit.gather_forces import closing_kick
 from thirdbody.kernels.explicit.plate_dynamics import drift_patches, drive_patches, kick_patches, load_patches, patch_power
 from thirdbody.kernels.rigid_body import largest_displacement
 from thirdbody.kernels.schedule import X, Y, mean_rate
-from thirdbody.kernels.signatures import EARLY, KINDS, LATE, LOOK, WORK, Context
+from thirdbody.kernels.signatures import EARLY, LATE, LOOK, WORK, context_of
 
 DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT, RECORD = range(9)
 """Reasons why `advance` returned."""
@@ -33,12 +32,13 @@ FEW = 2
 
 
 @njit(**BARE)
-def update_ledger(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
+def update_ledger(context, step, lifted, patch_damping):
     """Add the step to the energy ledger, to impulses and distances, in a fixed order.
 
-    Contacts supply energies; other powers are integrated by the trapezoidal rule. In an observed step (`record`) also sum the
-    elastic energy of the contacts.
+    Contacts supply energies; other powers are integrated by the trapezoidal rule. In a recorded step also sum the elastic energy
+    of the contacts. `lifted`, `patch_damping`: powers of loads and of the dashpots of patches [W].
     """
+    A, sums, moves, dt, v_x, v_y = context.A, context.sums, context.moves, step.dt, step.v_x, step.v_y
     work, damped = 0.0, 0.0
     for c in range(sums.shape[0]):
         work += sums[c, contact_sums.FRICTION_WORK]
@@ -65,7 +65,7 @@ def update_ledger(A, sums, moves, v_x, v_y, dt, lifted, patch_damping, record):
         A[run_totals.UPPER_FORCE + k], A[run_totals.LOWER_FORCE + k] = up[k], low[k]
     A[run_totals.PATCH_POWER], A[run_totals.EFFECT_POWER], A[run_totals.LOAD_POWER] = patch_damping, effects, lifted
     pass_time(A, dt, v_x, v_y)
-    if record:
+    if step.record:
         A[run_totals.STORED_NORMAL] = A[run_totals.STORED_TANGENTIAL] = 0.0
         for c in range(sums.shape[0]):
             A[run_totals.STORED_NORMAL] += sums[c, contact_sums.STORED_NORMAL]
@@ -99,14 +99,14 @@ def skin_exhausted(far, distance, far_patch, skin):
 
 
 @njit(**BARE)
-def rebuild_needed(A, X0, B, E, moves, far_patch, skin):
+def rebuild_needed(context, far_patch):
     """Return whether a search must precede the next step. Displacements are measured only if the paths could exhaust the skin."""
-    distance = 0.0
+    A, moves, skin, distance = context.A, context.moves, context.D[domain.SKIN], 0.0
     for c in range(moves.shape[0]):
         distance = max(distance, moves[c, chunk_motion.MAX_PATH])
     A[run_totals.MAX_DISPLACEMENT] += distance
     if skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, far_patch, skin):
-        A[run_totals.MAX_DISPLACEMENT] = largest_displacement(X0, B, E)
+        A[run_totals.MAX_DISPLACEMENT] = largest_displacement(context.X0, context.B, context.E)
         return skin_exhausted(A[run_totals.MAX_DISPLACEMENT], distance, far_patch, skin)
     return False
 
@@ -120,13 +120,10 @@ def patch_forces(sums):
     return push
 
 
-context_of, work_at = make_unpacker(KINDS, Context), function_at(WORK)
+work_at = function_at(WORK)
 
-_F2, _I1, _I = types.Array(types.float64, 2, "C"), types.Array(types.int64, 1, "C"), types.int64
-ADVANCE = types.Tuple((_I, _I))(
-    _I, types.float64, types.float64, types.float64, _I, _I1,  # budget, targets of time and distance, dt, threads; context
-    _F2, _I1, _F2, _I1, _I, types.boolean,  # X0, patch; schedule, first; stride, labels
-)  # fmt: skip
+_I, _F = types.int64, types.float64
+ADVANCE = types.Tuple((_I, _I))(_I, _F, _F, _F, _I, types.Array(_I, 1, "C"))
 
 
 @njit(**CHUNK_OF_THREADS)
@@ -137,64 +134,62 @@ def run_parallel(parts, task, count, step, packed, work):
 
 
 @njit(**BARE_CHUNK)
-def run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
+def run(budget, until, distance, dt, threads, packed):
     """Make the steps of `advance`; also return 1 if the closing kick of the last one is pending, else 0."""
-    k = context_of(context)
-    P, D, A, sums, moves = k.P, k.D, k.A, k.sums, k.moves
-    work = work_at(k.work)
-    groups = k.lowest.shape[0]
+    context = context_of(packed)
+    P, D, A, schedule, first = context.P, context.D, context.A, context.schedule, context.first
+    work = work_at(context.work)
+    groups = context.lowest.shape[0]
     parts = min(groups, SHARES * threads) if threads > 1 and groups >= FEW else 1
-    whole = parts == 1 or k.guests.shape[0] == 0
-    k.moved[:] = 0
-    left = 0.0
-    for step in range(budget):
+    whole = parts == 1 or context.guests.shape[0] == 0
+    context.moved[:] = 0
+    pending = 0.0
+    for n in range(budget):
         v_x = mean_rate(schedule, first, np.int64(X), A[run_totals.TIME], dt)
         v_y = mean_rate(schedule, first, np.int64(Y), A[run_totals.TIME], dt)
         speed = (v_x * v_x + v_y * v_y) ** 0.5
         last = A[run_totals.TIME] + NEARLY * dt >= until or A[run_totals.DISTANCE] + NEARLY * speed * dt >= distance
-        if last and k.R.shape[0] < k.own.shape[0]:
-            return RECORD, -1, left
-        sampled = labels and (np.int64(A[run_totals.STEPS]) + 1) % stride == 0
-        record = sampled or last or step == budget - 1
-        time = A[run_totals.TIME] + dt
+        if last and context.R.shape[0] < context.own.shape[0]:
+            return RECORD, -1, pending
+        sampled = context.labels != 0 and (np.int64(A[run_totals.STEPS]) + 1) % context.stride == 0
+        step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending)
         drive_patches(P, schedule, first, A[run_totals.TIME], dt)
         far_patch = drift_patches(P, dt)
         for task in range(EARLY, LOOK + 1):
             if task == LOOK:
-                load_patches(P, schedule, first, time)
-                lifted, damping = kick_patches(P, k.E, patch, patch_forces(sums), dt)
-                update_ledger(A, sums, moves, v_x, v_y, dt, lifted + patch_power(P), damping, record)
+                load_patches(P, schedule, first, step.time)
+                lifted, damping = kick_patches(P, context.E, context.patch, patch_forces(context.sums), dt)
+                update_ledger(context, step, lifted + patch_power(P), damping)
             if (task == LOOK and not sampled) or (whole and (task == EARLY or task == LATE)):
                 continue
-            now = Step(step + 1, record, time, dt, v_x, v_y, left)
             if parts == 1:
-                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), now, context)
+                work(np.int64(task), np.int64(0), np.int64(0), np.int64(groups), step, packed)
             else:
-                run_parallel(np.int64(parts), np.int64(task), np.int64(groups), now, context, work)
-        left = 0.0 if record or k.has_effects != 0 else 1.0
+                run_parallel(np.int64(parts), np.int64(task), np.int64(groups), step, packed, work)
+        pending = 0.0 if step.record or context.has_effects != 0 else 1.0
         if sampled:
             A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
-        code, who = guard(D, sums, moves)
+        code, who = guard(D, context.sums, context.moves)
         if code != DONE:
-            return code, who, left
-        due = rebuild_needed(A, X0, k.B, k.E, moves, far_patch, D[domain.SKIN])
+            return code, who, pending
+        due = rebuild_needed(context, far_patch)
         if last:
-            return DONE, np.int64(due), left
+            return DONE, np.int64(due), pending
         if due:
-            return SEARCH, 1, left
-    return BUDGET, -1, left
+            return SEARCH, 1, pending
+    return BUDGET, -1, pending
 
 
 @njit(ADVANCE, **DIRECT, **NO_COUNTS)
-def advance(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels):
-    """Advance until `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
+def advance(budget, until, distance, dt, threads, packed):
+    """Advance until time `until` or `distance` is reached, a search is due, `budget` steps are done, or a guard trips.
 
-    `context`: the packed `Context` of the step. Returns the code, and the candidate or body that a guard names, or whether a
+    `packed`: the packed `Context` of the step. Returns the code, and the candidate or body that a guard names, or whether a
     search is due; RECORD before a step that reaches its target, if there is no table for its records. State is synchronised on
     return.
     """
-    k = context_of(context)
-    code, who, left = run(budget, until, distance, dt, threads, context, X0, patch, schedule, first, stride, labels)
-    if left != 0.0:
-        closing_kick(np.int64(0), np.int64(k.B.shape[0]), k.B, k.E, dt)
+    code, who, pending = run(budget, until, distance, dt, threads, packed)
+    if pending != 0.0:
+        context = context_of(packed)
+        closing_kick(np.int64(0), np.int64(context.B.shape[0]), context.B, context.E, dt)
     return code, who

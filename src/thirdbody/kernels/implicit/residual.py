@@ -50,7 +50,7 @@ from thirdbody.kernels.implicit.contact_context import contact_context
 from thirdbody.kernels.implicit.friction_work import dragged_off
 from thirdbody.kernels.narrow_phase import plate_overlap
 from thirdbody.kernels.predicates import is_closed, is_lower, is_upper
-from thirdbody.kernels.rigid_body import place_body
+from thirdbody.kernels.rigid_body import BodyMotion, place_body
 from thirdbody.kernels.rolling_kinematics import MOMENTS, gather_rolling
 from thirdbody.kernels.rotation import matrix, rotate
 
@@ -112,7 +112,7 @@ def set_configuration(b, p, y, dt, Z, T, shape, state):
     )
     x = (B[b, body.POSITION], B[b, body.POSITION + 1], B[b, body.POSITION + 2])
     v = (B[b, body.VELOCITY], B[b, body.VELOCITY + 1], B[b, body.VELOCITY + 2])
-    place_body(b, start, offsets, S, x, q, v, w, v_end, w_end, dt)
+    place_body(b, start, offsets, S, BodyMotion(x, q, v, w, v_end, w_end), dt)
     for k in range(3):
         B[b, body.VELOCITY + k], B[b, body.SPIN + k] = v_end[k], w_end[k]
     P[p, patch.HEIGHT] = Z[step_start.PATCH_HEIGHT] + y[6]

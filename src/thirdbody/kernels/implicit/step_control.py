@@ -26,7 +26,7 @@ from thirdbody.kernels.columns import (
 from thirdbody.kernels.implicit.friction_work import energy_of_spots, weight_of_old
 from thirdbody.kernels.implicit.residual import FREEDOMS, TURN, commit, momentum_of, recoil, set_configuration
 from thirdbody.kernels.implicit.step_limits import ERROR, GROWTH, LARGEST, NEWTON, OUTPUT, REVERSAL
-from thirdbody.kernels.labeller_input import update_body_memory
+from thirdbody.kernels.labeller_input import Observed, update_body_memory
 from thirdbody.kernels.predicates import has_effect_columns, is_closed
 from thirdbody.kernels.rigid_body import check_position, limits_of
 from thirdbody.kernels.schedule import GAP, LOAD, X, Y, mean_rate, next_corner
@@ -254,10 +254,8 @@ def advance_clock(W, dt, end, whole, v_x, v_y):
 def update_labeller(b, spots, state, M, W, known, drag, observe, seen, table):
     """Update the labeller's memory of body b after its step."""
     (own, partner, _, edges, incidence), (_, B, _, H, R, E) = spots, state
-    update_body_memory(
-        b, edges, incidence, own, partner, H, R, B, E, W, M, drag, W[run_totals.PLATE_SPEED], known[2], known[4], observe, seen,
-        table,
-    )  # fmt: skip
+    context = Observed(own, partner, edges, incidence, B, E, H, R, M, drag, known[2], known[4])
+    update_body_memory(b, context, W, observe, seen, table)
     W[run_totals.ELAPSED], W[run_totals.SHIFT_X], W[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
 
 
