@@ -70,7 +70,7 @@ def _short(name: str | None) -> str | None:
     return name if name is None or len(name) <= 250 else f"{name[:247]}..."
 
 
-MOST_TOLD = 200
+MAX_REPORTED = 200
 """Largest number of faults in one message; `InputError.faults` has all of them."""
 
 
@@ -92,9 +92,9 @@ class InputError(ThirdbodyError):
         return self._lines(Fault.for_command_line)
 
     def _lines(self, text: Callable[[Fault], str]) -> str:
-        lines = [text(fault) for fault in self.faults[:MOST_TOLD]]
-        if len(self.faults) > MOST_TOLD:
-            lines.append(f"and {len(self.faults) - MOST_TOLD} more faults")
+        lines = [text(fault) for fault in self.faults[:MAX_REPORTED]]
+        if len(self.faults) > MAX_REPORTED:
+            lines.append(f"and {len(self.faults) - MAX_REPORTED} more faults")
         return "\n".join(lines)
 
 

@@ -47,9 +47,9 @@ def with_error(value: float, error: float) -> str:
     return f"{value:z.{places}f} \N{PLUS-MINUS SIGN} {error:.{places}f}".replace("-", MINUS)
 
 
-def percent(share: float) -> str:
+def percent(fraction: float) -> str:
     """Format a fraction from 0 to 1: `41 %`; with a decimal below 1 % and above 99 %."""
-    value = 100.0 * share
+    value = 100.0 * fraction
     near = 0.0 < value < 1.0 or 99.0 < value < 100.0
     return f"{value:.1f}{GLUE}%" if near else f"{value:.0f}{GLUE}%"
 

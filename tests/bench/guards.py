@@ -5,7 +5,7 @@ at a time, on the same core. The engine without guards is a copy of the package 
 (`CUTS`), with a compiler's cache of its own. Both must come to the same bits after every segment.
 
 What is taken out. In every step: overlap over radius, way over radius, bodies outside the domain, numbers that are not finite.
-After every 64th: the energy balance and the lengths of quaternions, as a run looks at them (`Conduct`), and the record of the
+After every 64th: the energy balance and the lengths of quaternions, as a run looks at them (`RunLoop`), and the record of the
 contacts in that step, which only this look reads.
 
 What stays. The longest way of a step, which tells when to search. The sums of work and power and the ledger, which outputs tell.
@@ -87,8 +87,8 @@ CUTS = (
     # energy and quaternions; what the scene is at its start stays recorded
     Cut("kernels/explicit/step_loop.py", "record = sampled or last or step == budget - 1\n",
         "record = sampled or last or dt == 0.0\n"),
-    Cut("runner/run_loop.py", "self.looks.look(state, self.ledger.watch(state))\n", "pass\n"),
-    Cut("runner/run_loop.py", "self.looks.look(simulation.state, self.ledger.watch(simulation.state))\n", "pass\n"),
+    Cut("runner/run_loop.py", "self.energy_guard.check(state, self.ledger.watch(state))\n", "pass\n"),
+    Cut("runner/run_loop.py", "self.energy_guard.check(simulation.state, self.ledger.watch(simulation.state))\n", "pass\n"),
 )  # fmt: skip
 
 
@@ -120,14 +120,14 @@ class Engine:
         from peers_scenes import simulation_of
 
         from thirdbody.runner.run_folder import RunFolder
-        from thirdbody.runner.run_loop import Conduct
+        from thirdbody.runner.run_loop import RunLoop
         from thirdbody.runner.simulate import set_threads
 
         set_threads(1)
         self.steps, self.looking = steps, 0.0
         self.simulation = simulation_of(start)
         self.state, self.integrator = self.simulation.state, self.simulation.integrator
-        self.conduct = Conduct(self.simulation, RunFolder(Path()), every=math.inf)  # writes nothing
+        self.conduct = RunLoop(self.simulation, RunFolder(Path()), every=math.inf)  # writes nothing
         advance(self.simulation, warm)
         self.kept = self.snapshot()
 
@@ -144,7 +144,7 @@ class Engine:
 
         arrays = {name: array.copy() for name, array in self.kept.arrays.items()}  # a run takes some of them for its own
         put(Snapshot(arrays, self.kept.notes), self.state, self.integrator, self.conduct.ledger)
-        self.conduct.looks.above = 0
+        self.conduct.energy_guard.above = 0
 
     def segment(self) -> dict[str, Any]:
         """Seconds per step of the wall and of the processor, seconds of them for looks between the calls, and the end's bits."""

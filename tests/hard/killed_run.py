@@ -55,7 +55,7 @@ def main(folder: Path, scene: str, settings: dict[str, str], last: int) -> None:
         simulation, kept = prepare(thirdbody.Scene.load(scene).with_settings(settings)), None
     if last:
         die_at(last)
-    execute(simulation, folder, overwrite=True, every=OFTEN, kept=kept)
+    execute(simulation, folder, overwrite=True, every=OFTEN, checkpoint=kept)
 
 
 if __name__ == "__main__":

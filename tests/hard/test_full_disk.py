@@ -75,7 +75,7 @@ def cut(runs: tuple[Path, Path], tmp_path: Path) -> Path:
 
 def take_up(folder: Path, every: float = 0.0) -> None:
     simulation, kept = prepare_resume(folder)
-    execute(simulation, folder, kept=kept, every=every)
+    execute(simulation, folder, checkpoint=kept, every=every)
 
 
 def goes_on(folder: Path, whole: Path, before: set[str]) -> None:

@@ -22,7 +22,7 @@ from numba.core.event import Event, Listener, install_listener
 from thirdbody.errors import InputError
 from thirdbody.runner.simulate import default_folder, prepare
 from thirdbody.scene.model import Scene
-from thirdbody.scene.read import MOST_BYTES
+from thirdbody.scene.read import MAX_BYTES
 
 SECONDS = 30  # of the processor: what a machine with other work gives in ten seconds is not known
 PATIENCE = 600  # s on the clock, for what waits without working
@@ -125,7 +125,7 @@ def judge(error: InputError, document: Any, file: str) -> None:
         assert fault.file == file, fault
         assert str(fault).isprintable() and len(str(fault)) < 2000, fault
         if document is None:
-            assert fault.line is not None or f"at most {MOST_BYTES / 1e6:.0f} MB" in fault.message, fault
+            assert fault.line is not None or f"at most {MAX_BYTES / 1e6:.0f} MB" in fault.message, fault
         elif fault.key:
             assert M.names_a_key(fault, document), fault
         else:
@@ -145,7 +145,7 @@ def try_scene(data: bytes, must_fail: bool) -> str:
     before = set(os.listdir())
     Path("scene.toml").write_bytes(data)
     try:
-        document = tomllib.loads(data.decode("utf-8-sig")) if len(data) <= MOST_BYTES else None
+        document = tomllib.loads(data.decode("utf-8-sig")) if len(data) <= MAX_BYTES else None
     except (ValueError, RecursionError):
         document = None
     with bounded():

@@ -69,7 +69,7 @@ def test_a_run_cut_within_a_batch_goes_on_to_the_same_bits(tmp_path, monkeypatch
     assert len(set(times)) > 10  # bodies stopped on their way, each at a time of its own
     monkeypatch.setattr(implicit, "CALL", math.inf)
     simulation, kept = prepare_resume(tmp_path / "cut")
-    execute(simulation, tmp_path / "cut", kept=kept, threads=1)
+    execute(simulation, tmp_path / "cut", checkpoint=kept, threads=1)
     whole, joined = contents(tmp_path / "whole"), contents(tmp_path / "cut")
     assert [name for name in whole if whole[name] != joined[name]] == []
 

@@ -16,7 +16,7 @@ import pytest
 
 import thirdbody
 from thirdbody.plot.forecast_plot import check_format, draw_forecasts, pool
-from thirdbody.report.forecast_check import WATCHED, forecast_against_fact, forecasts
+from thirdbody.report.forecast_check import WATCHED, compare_forecast, forecasts
 
 SCENE = """
 scene = 1
@@ -89,14 +89,14 @@ def table(request, tmp_path_factory):
     """Rows: friction, bodies that were told about outside the band, those that agree, label changes per body."""
     rows = []
     for friction, run in runs(tmp_path_factory.mktemp("forecast"), request.param):
-        found = forecast_against_fact(run)
+        found = compare_forecast(run)
         bodies = run.bodies(found["frame"])
         clear = ~doubtful(bodies, friction)
         wrong = [b for name in ("rolls_instead", "slides_instead") for b in found[name] if clear[b]]
         told = int(np.count_nonzero(clear & (run.forecast[found["frame"]] != 4)))
-        row = {"friction": friction, "told": told, "agree": told - len(wrong), "wrong": wrong}
+        row = {"friction": friction, "forecast": told, "agree": told - len(wrong), "wrong": wrong}
         rows.append(row | {"changes": float(changes(run, found["frame"]).mean())})
-        rows[-1] |= {"slides": len(found["slides_as_told"]), "residual": run.summary()["energy_residual"]}
+        rows[-1] |= {"slides": len(found["slides_as_forecast"]), "residual": run.summary()["energy_residual"]}
         drawn = forecasts(run)  # the picture counts as the table does
         rows[-1]["drawn"] = (int(drawn.clear.sum()), drawn.body[drawn.clear & ~drawn.as_told].tolist())
         print(json.dumps(rows[-1]))
@@ -105,7 +105,7 @@ def table(request, tmp_path_factory):
 
 @pytest.mark.slow
 def test_forecast_and_fact_agree(table):
-    told, agree = sum(row["told"] for row in table), sum(row["agree"] for row in table)
+    told, agree = sum(row["forecast"] for row in table), sum(row["agree"] for row in table)
     assert told > 900
     assert agree >= 0.98 * told, f"{agree} of {told}"
     # both answers occur
@@ -127,7 +127,7 @@ def test_the_ledgers_close(table):
 def test_the_picture_shows_what_the_table_counts(table):
     for row in table:
         told, wrong = row["drawn"]
-        assert (told, wrong) == (row["told"], sorted(row["wrong"]))
+        assert (told, wrong) == (row["forecast"], sorted(row["wrong"]))
 
 
 def main() -> None:

@@ -65,7 +65,7 @@ def run_in_pieces(wanted: thirdbody.Scene, folder: Path, looks: int) -> int:
     while True:
         counter, last = itertools.count(1), looks * 3**pieces
         try:
-            execute(simulation, folder, threads=1 + pieces % 2, kept=kept, stop=lambda: next(counter) >= last)  # noqa: B023
+            execute(simulation, folder, threads=1 + pieces % 2, checkpoint=kept, stop=lambda: next(counter) >= last)  # noqa: B023
             return pieces
         except Interrupted:
             pieces += 1
@@ -153,9 +153,9 @@ def test_a_stop_is_heard_while_earlier_frames_are_copied(tmp_path):
         assert kept.frames > 8
         counter = itertools.count(1)
         with pytest.raises(Interrupted, match="before it went on") as stopped:
-            execute(simulation, cut, kept=kept, stop=lambda: next(counter) >= looks)  # noqa: B023
+            execute(simulation, cut, checkpoint=kept, stop=lambda: next(counter) >= looks)  # noqa: B023
         assert not stopped.value.advanced
         assert {path.name: path.read_bytes() for path in cut.iterdir()} == before
     simulation, kept = prepare_resume(cut)
-    execute(simulation, cut, kept=kept)
+    execute(simulation, cut, checkpoint=kept)
     assert differences(tmp_path / "whole", cut) == []

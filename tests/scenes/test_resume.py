@@ -83,7 +83,7 @@ def test_a_run_in_pieces_is_the_whole_run(tmp_path, name):
         stopped = False
         try:
             # each piece on another number of cores, and four times as long as the one before
-            execute(simulation, tmp_path / "cut", threads=1 + pieces % 2, kept=kept, stop=after(2 * 4**pieces))
+            execute(simulation, tmp_path / "cut", threads=1 + pieces % 2, checkpoint=kept, stop=after(2 * 4**pieces))
         except Interrupted:
             stopped = True
     assert pieces > 0, "the scene is too short to be stopped"
@@ -246,7 +246,7 @@ def test_forged_arrays_are_refused(copy):
         forged(copy, **(arrays | lie))
         with pytest.raises(InputError):
             simulation, kept = prepare_resume(copy)
-            execute(simulation, copy, kept=kept)
+            execute(simulation, copy, checkpoint=kept)
     assert (copy / "run.vtkhdf").is_file()
 
 
@@ -266,7 +266,7 @@ def test_forged_numbers_that_no_run_has_are_refused(copy):
             forged(copy, **(arrays | {name: other}))
             with pytest.raises(InputError, match=f"{name} holds other bodies or plates"):
                 simulation, kept = prepare_resume(copy)
-                execute(simulation, copy, kept=kept)
+                execute(simulation, copy, checkpoint=kept)
     for column in (run_totals.TIME, run_totals.DISTANCE, run_totals.STEPS):
         other = arrays["A"].copy()
         other[column] = -1.0
@@ -297,7 +297,7 @@ def test_forged_notes_of_the_time_step_are_refused(copy, key, lie):
     forged(copy, **(arrays | {NOTES: np.frombuffer(json.dumps(notes).encode(), np.uint8)}))
     with pytest.raises(InputError, match="does not fit this scene|is damaged"):
         simulation, kept = prepare_resume(copy)
-        execute(simulation, copy, kept=kept)
+        execute(simulation, copy, checkpoint=kept)
 
 
 @pytest.mark.parametrize(
@@ -314,7 +314,7 @@ def test_forged_clocks_of_bodies_are_refused(tmp_path, table, column, lie):
     forged(folder, **{f"integrator_{table}": other})
     with pytest.raises(InputError, match=f"integrator_{table} holds times or counts that no run has"):
         simulation, kept = prepare_resume(folder)
-        execute(simulation, folder, kept=kept)
+        execute(simulation, folder, checkpoint=kept)
 
 
 RESTING = (
@@ -346,7 +346,7 @@ def test_a_run_in_which_nothing_touches_goes_on(tmp_path):
         execute(prepare(scene), tmp_path / "cut", stop=after(3))
     simulation, kept = prepare_resume(tmp_path / "cut")
     assert kept.snapshot.notes["integrator"]["bound"]["stability"] == math.inf
-    execute(simulation, tmp_path / "cut", kept=kept)
+    execute(simulation, tmp_path / "cut", checkpoint=kept)
     assert contents(tmp_path / "cut") == contents(tmp_path / "whole")
 
 

@@ -25,16 +25,16 @@ def told(simulation) -> dict[str, dict]:
 def test_every_installed_effect_is_on_or_off_with_a_reason():
     rows = told(built(effects__rolling_resistance="{coefficient = 0.01}", solver__integrator="explicit"))
     assert rows["rolling: rolling_resistance"]["on"] and "effect: rolling_resistance" not in rows
-    assert not rows["effect: damping"]["on"] and rows["effect: damping"]["share"] == 0.0
+    assert not rows["effect: damping"]["on"] and rows["effect: damping"]["fraction"] == 0.0
     assert all(row["reason"] for row in rows.values())
     # weight of 1e-13 kg over .1 mN
     assert rows["effect: gravity"]["reason"].startswith("weight/load = 1e-08")
-    assert sum(row["share"] for row in rows.values()) == pytest.approx(1.0, rel=1e-12)
+    assert sum(row["fraction"] for row in rows.values()) == pytest.approx(1.0, rel=1e-12)
 
 
 def test_shares_are_not_told_where_they_are_not_known():
     rows = told(built())
-    assert {row["share"] for row in rows.values() if row["on"]} == {None}
+    assert {row["fraction"] for row in rows.values() if row["on"]} == {None}
     assert rows["debris-debris contact"]["on"] is False
 
 

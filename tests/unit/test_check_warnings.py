@@ -150,8 +150,8 @@ def test_a_load_that_all_bodies_share_is_not_laid_on_one():
     four = build(scene(*more))
     assert four.upper.loaded == 4
     # Hertz: the overlap goes as the load to the power 2/3; the lone ball has another size
-    assert four.upper.expected < one.upper.expected
-    assert four.upper.expected == pytest.approx(four.upper.overlap * 4.0 ** (-2.0 / 3.0), rel=1e-6)
+    assert four.upper.shared_overlap < one.upper.shared_overlap
+    assert four.upper.shared_overlap == pytest.approx(four.upper.overlap * 4.0 ** (-2.0 / 3.0), rel=1e-6)
 
 
 def test_a_long_run_and_a_large_file_are_told_in_days_and_gigabytes():

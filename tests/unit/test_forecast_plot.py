@@ -16,7 +16,7 @@ from thirdbody.errors import InputError, OutputError, UsageError
 from thirdbody.palette import STATE_COLORS
 from thirdbody.plot import forecast_plot
 from thirdbody.plot.forecast_plot import BAND, NEVER, Forecasts, agreement, draw_forecasts, draw_into, pool, swarm
-from thirdbody.report.forecast_check import forecast_against_fact, forecasts
+from thirdbody.report.forecast_check import compare_forecast, forecasts
 from thirdbody.trajectory.reader import open_run
 from thirdbody.trajectory.schema import Frame
 from thirdbody.trajectory.writer import TrajectoryWriter
@@ -218,7 +218,7 @@ def write_run(folder, told=TOLD, distances=DISTANCES, rolled=None, partner=-1, w
 
 def test_what_is_drawn_of_a_run(tmp_path):
     with open_run(write_run(tmp_path / "run")) as run:
-        found, counted = forecasts(run), forecast_against_fact(run)
+        found, counted = forecasts(run), compare_forecast(run)
     assert found.body.tolist() == [0, 1, 2, 3]
     assert found.friction.tolist() == [0.2, 0.1, 0.2, 0.2]  # the lesser of the two plates
     assert found.slides.tolist() == [True, False, True, False]
@@ -231,7 +231,7 @@ def test_what_is_drawn_of_a_run(tmp_path):
 def test_the_plain_fact_is_a_turn_by_more_than_a_over_r(tmp_path):
     """Bodies 1 and 2 turned by 1.2 and 0.8 a/R whatever their labels: told to slide both, one does as told."""
     with open_run(write_run(tmp_path / "run", told=(2, 3, 3, 4, 4))) as run:
-        assert forecast_against_fact(run)["turned"] == [2, 3]
+        assert compare_forecast(run)["by_rotation"] == [2, 3]
 
 
 def test_a_body_that_rolls_between_two_frames_has_rolled(tmp_path):
@@ -241,8 +241,8 @@ def test_a_body_that_rolls_between_two_frames_has_rolled(tmp_path):
     rolled[2:, 3] = 2e-8  # between the frames 1 and 2
     with open_run(write_run(tmp_path / "run", rolled=rolled)) as run:
         assert forecasts(run).fact.tolist() == ["sliding", "rolling", "sticking", "rolling"]
-        counted = forecast_against_fact(run)
-    assert counted["agree"] == 4 and counted["rolls_as_told"] == [1, 3] and counted["slides_instead"] == []
+        counted = compare_forecast(run)
+    assert counted["agree"] == 4 and counted["rolls_as_forecast"] == [1, 3] and counted["slides_instead"] == []
 
 
 @pytest.mark.parametrize(
@@ -254,23 +254,23 @@ def test_a_body_that_rolls_between_two_frames_has_rolled(tmp_path):
 def test_the_conditions_of_the_forecast_are_evaluated_for_the_run(tmp_path, monkeypatch, words, scene, broken):
     monkeypatch.setattr(f"{__name__}.SCENE", SCENE + scene + "\n")
     with open_run(write_run(tmp_path / "run", **words)) as run:
-        counted = forecast_against_fact(run)
+        counted = compare_forecast(run)
     found = {condition["name"]: condition for condition in counted["conditions"]}
-    assert {name for name, condition in found.items() if not condition["met"]} == broken
+    assert {name for name, condition in found.items() if not condition["satisfied"]} == broken
     assert found["frames"]["value"] == 1.0 and found["neighbours"]["value"] == (0.5 if "partner" in words else 0.0)
     # overlap over radius is (overlap/a)^2; m v^2/(mu N a) with 0.3 um in 1 s, half of N on each side, mu 0.2 or, for brass, 0.1
     assert found["overlap"]["value"] == pytest.approx((1e-10 / 1e-8) ** 2, rel=1e-12)
     assert found["inertia"]["value"] == pytest.approx(4e-15 * (0.3e-6) ** 2 / (0.2 * 0.5e-4 * 1e-8), rel=1e-9)
     # body 3 was told to roll and did not turn; labels have it the same way here
-    assert counted["turned"] == [3, 4]
+    assert counted["by_rotation"] == [3, 4]
     assert counted["clear"] == [3, 4] and counted["alone"] == ([2, 2] if "partner" in words else [3, 4])
 
 
 def test_bodies_without_a_frame_in_the_watched_way_are_not_judged(tmp_path):
     with open_run(write_run(tmp_path / "run", distances=(0.0, 0.0, 0.5e-6, 0.6e-6))) as run:
-        counted = forecast_against_fact(run)
+        counted = compare_forecast(run)
         assert len(forecasts(run).body) == 0
-    assert (counted["told"], counted["agree"], counted["unwatched"]) == (0, 0, 4)
+    assert (counted["forecast"], counted["agree"], counted["unwatched"]) == (0, 0, 4)
 
 
 @pytest.fixture

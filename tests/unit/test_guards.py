@@ -12,7 +12,7 @@ from thirdbody.engine.guards import EnergyGuard
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import body, run_totals
 from thirdbody.runner.run_folder import RunFolder
-from thirdbody.runner.run_loop import Conduct
+from thirdbody.runner.run_loop import RunLoop
 from thirdbody.runner.simulate import execute
 from thirdbody.scene.model import Domain
 from thirdbody.studies.robustness import scenes as make
@@ -69,14 +69,14 @@ def test_energy_that_comes_from_nowhere():
     simulation = balls()
     ledger = Ledger(simulation.state)
     simulation.state.bodies.velocity[0, 0] *= 1.04  # 8 % of the energy
-    EnergyGuard(ledger).look(simulation.state)
+    EnergyGuard(ledger).check(simulation.state)
     simulation.state.bodies.velocity[0, 0] *= 1.04
     with pytest.raises(GuardStop, match=r"stopped at t = 0 s .*residual is 0\.1\d of the .*\(guard: 0\.1\); a smaller"):
-        EnergyGuard(ledger).look(simulation.state)
+        EnergyGuard(ledger).check(simulation.state)
     patient = EnergyGuard(ledger, 2)
-    patient.look(simulation.state)
+    patient.check(simulation.state)
     with pytest.raises(GuardStop, match="does not close"):
-        patient.look(simulation.state)
+        patient.check(simulation.state)
 
 
 def test_a_single_look_above_the_limit_is_forgiven():
@@ -85,7 +85,7 @@ def test_a_single_look_above_the_limit_is_forgiven():
     looks, row = EnergyGuard(ledger, 2), simulation.state.B[0]
     for factor in (1.2, 1.0 / 1.2) * 3:
         row[body.VELOCITY] *= factor
-        looks.look(simulation.state)
+        looks.check(simulation.state)
 
 
 def test_energy_that_is_not_a_number():
@@ -93,7 +93,7 @@ def test_energy_that_is_not_a_number():
     ledger = Ledger(simulation.state)
     simulation.state.A[run_totals.FRICTION_WORK] = math.nan
     with pytest.raises(GuardStop, match="residual is nan"):
-        EnergyGuard(ledger).look(simulation.state)
+        EnergyGuard(ledger).check(simulation.state)
 
 
 @pytest.mark.parametrize("factor", [1.0 + 2e-6, 1.0 - 2e-6, math.nan])
@@ -101,9 +101,9 @@ def test_a_quaternion_that_is_no_rotation(factor):
     simulation = balls()
     simulation.state.bodies.quaternion[1] *= factor
     with pytest.raises(GuardStop, match="stopped at t = .*orientation of body 1 is no rotation any more.*guard: 1 within 1e-06"):
-        EnergyGuard(Ledger(simulation.state)).look(simulation.state)
+        EnergyGuard(Ledger(simulation.state)).check(simulation.state)
     simulation.state.bodies.quaternion[1] = (1.0 - 0.9e-6, 0.0, 0.0, 0.0)
-    EnergyGuard(Ledger(simulation.state)).look(simulation.state)
+    EnergyGuard(Ledger(simulation.state)).check(simulation.state)
 
 
 @pytest.mark.parametrize("integrator", ["explicit", "implicit"])
@@ -132,8 +132,8 @@ def test_a_sound_run_is_looked_at_and_goes_on(tmp_path):
     trial = Trial(Setting("explicit", "mindlin"))
     scene = make.pressed(trial, make.clump(make.TRIPOD), 0.3)
     scene = scene.with_settings({"solver.duration": "200 ns", "output.every": "100 ns"})
-    conduct = Conduct(build(scene), RunFolder(tmp_path))
-    assert conduct.looks.patience == 2
+    conduct = RunLoop(build(scene), RunFolder(tmp_path))
+    assert conduct.energy_guard.patience == 2
     execute(conduct.simulation, tmp_path / "run")
 
 

@@ -8,7 +8,7 @@ from thirdbody.bodies.clump import Clump
 from thirdbody.errors import InputError, UsageError
 from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
 from thirdbody.scene.model import Scene
-from thirdbody.scene.schema_base import key_place
+from thirdbody.scene.schema_base import key_location
 
 
 def population_context(scene: Scene, index: int, warnings: list[str]) -> PopulationContext:
@@ -62,5 +62,5 @@ def _faults_of(scene: Scene, index: int) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        result = [(key_place(fault.key), fault.message) for fault in error.faults]
-        raise InputError(scene.fault(("debris", index, *place), message) for place, message in result) from None
+        result = [(key_location(fault.key), fault.message) for fault in error.faults]
+        raise InputError(scene.fault(("debris", index, *location), message) for location, message in result) from None

@@ -11,26 +11,27 @@ from thirdbody.scene.model import Scene
 
 Fault = Callable[[str], InputError]
 
-MOST_BYTES = 100 * MOST_ROWS
+MAX_BYTES = 100 * MOST_ROWS
 """Bytes of the largest file: rows of two numbers of 15 digits take half of it."""
 
 
-def rows_of(scene: Scene, place: tuple, file: str, word: str, dimension: str) -> list[tuple[float, float]]:
+def rows_of(scene: Scene, location: tuple, file: str, word: str, dimension: str) -> list[tuple[float, float]]:
     """Read rows (time [s], value in SI) of a file with the header `time (unit), <word> (unit)`.
 
-    Time and displacement begin at 0, a load is never negative. Raises InputError at the key `place` of the scene, with the line.
+    Time and displacement begin at 0, a load is never negative. Raises InputError at the key `location` of the scene, with the
+    line.
     """
     path = scene.beside(file)
 
     def fault(message: str) -> InputError:
-        return InputError(scene.fault(place, f"{path}: {message}"))
+        return InputError(scene.fault(location, f"{path}: {message}"))
 
     try:
         data = read_bytes(path)
     except InputError as error:
-        raise InputError([scene.fault(place, str(entry)) for entry in error.faults]) from None
-    if len(data) > MOST_BYTES or max(data.count(b"\n"), data.count(b"\r")) > MOST_ROWS:
-        raise fault(f"is too large: at most {MOST_ROWS} rows and {MOST_BYTES / 1e6:.0f} MB are read")
+        raise InputError([scene.fault(location, str(entry)) for entry in error.faults]) from None
+    if len(data) > MAX_BYTES or max(data.count(b"\n"), data.count(b"\r")) > MOST_ROWS:
+        raise fault(f"is too large: at most {MOST_ROWS} rows and {MAX_BYTES / 1e6:.0f} MB are read")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -22,25 +22,25 @@ def refuse_start(scene: Scene, placed: Placed) -> None:
     if scene.contact.debris_contact != "none":
         free = sides == EVERYTHING
         result = overlaps(centres[free], radii[free], body[free], scene.domain.size, scene.domain.periodic)
-        deep = [(a, b, depth) for a, b, depth in result if depth > 1e-9 * radii.min()]
-        if deep:
-            a, b, depth = deep[0]
-            more = f" ({len(deep)} pairs overlap)" if len(deep) > 1 else ""
+        overlapping = [(a, b, depth) for a, b, depth in result if depth > 1e-9 * radii.min()]
+        if overlapping:
+            a, b, depth = overlapping[0]
+            more = f" ({len(overlapping)} pairs overlap)" if len(overlapping) > 1 else ""
             how_much = units.pretty(depth, "length")
             message = f"bodies {a} and {b} overlap by {how_much} at the start{more}; initial_overlap = 'refuse'"
-            faults.append(scene.fault(_place_of(scene, placed, b), message))
+            faults.append(scene.fault(_position_key(scene, placed, b), message))
     if scene.plates.lower is not None:
         depth_below = np.where(sides == ONLY_UPPER, -np.inf, radii - centres[:, 2])
-        deepest = int(np.argmax(depth_below))
-        if depth_below[deepest] > 1e-9 * radii[deepest]:
-            how_much = units.pretty(float(depth_below[deepest]), "length")
-            message = f"body {body[deepest]} starts {how_much} deep in the lower plate (z = 0); initial_overlap = 'refuse'"
-            faults.append(scene.fault(_place_of(scene, placed, int(body[deepest])), message))
+        lowest = int(np.argmax(depth_below))
+        if depth_below[lowest] > 1e-9 * radii[lowest]:
+            how_much = units.pretty(float(depth_below[lowest]), "length")
+            message = f"body {body[lowest]} starts {how_much} deep in the lower plate (z = 0); initial_overlap = 'refuse'"
+            faults.append(scene.fault(_position_key(scene, placed, int(body[lowest])), message))
     if faults:
         raise InputError(faults)
 
 
-def _place_of(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
+def _position_key(scene: Scene, placed: Placed, body: int) -> tuple[str | int, ...]:
     """Return the key that gives the position of a body: entry of `positions`, file, or population."""
     population = int(placed.populations[body])
     first = int(np.searchsorted(placed.populations, population))
@@ -55,7 +55,7 @@ def _tiny(scene: Scene, placed: Placed) -> list[Fault]:
         return []
     size, extent = units.pretty(float(minimum[small[0]]), "length"), units.pretty(max(scene.domain.size), "length")
     message = f"a sphere of body {small[0]} has the radius {size}, less than {TINY:g} of the domain, {extent}; is the unit right?"
-    return [scene.fault(_place_of(scene, placed, int(small[0])), message)]
+    return [scene.fault(_position_key(scene, placed, int(small[0])), message)]
 
 
 def _outside(scene: Scene, placed: Placed) -> list[Fault]:
@@ -69,4 +69,4 @@ def _outside(scene: Scene, placed: Placed) -> list[Fault]:
     where = ", ".join(units.pretty(float(v), "length") for v in x[beyond[0]])
     width, depth = (units.pretty(v, "length") for v in scene.domain.size)
     message = f"body {beyond[0]} starts at x, y = {where}, outside the domain (0 to {width}, 0 to {depth}; not periodic)"
-    return [scene.fault(_place_of(scene, placed, int(beyond[0])), message)]
+    return [scene.fault(_position_key(scene, placed, int(beyond[0])), message)]

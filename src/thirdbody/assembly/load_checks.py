@@ -14,7 +14,7 @@ from thirdbody.laws.first_yield import YieldLimit, yield_limit
 from thirdbody.scene.model import Scene
 from thirdbody.units import pretty
 
-DEEP = 0.1
+MAX_HERTZ_OVERLAP = 0.1
 """Overlap over sphere radius above which Hertz' theory is only approximate: the contact radius is 0.3 of the radius."""
 
 
@@ -30,26 +30,26 @@ class Pressing:
         """Return the overlap (n,) [m], at most the radius."""
         return overlap_at(choice.physics, self.load, self.radius, self.kind)
 
-    def most(self, choice: CompiledPhysics) -> np.ndarray:
+    def max_load(self, choice: CompiledPhysics) -> np.ndarray:
         """Return the load (n,) [N] at which the overlap reaches its limit."""
         return response(choice.physics, OVERLAP_GUARD * self.radius, self.radius, self.kind)[0]
 
 
-def refuse_crushing(scene: Scene, choice: CompiledPhysics, pressing: Pressing, load: float, shared: int = 1) -> None:
+def refuse_crushing(scene: Scene, choice: CompiledPhysics, pressing: Pressing, load: float, n_sharing: int = 1) -> None:
     """Raise InputError if even the strongest of these contacts would exceed the guard's overlap.
 
-    `load` [N] is the value in the scene; `shared` bodies carry it together at best.
+    `load` [N] is the value in the scene; `n_sharing` bodies carry it together at best.
     """
-    allowed = float(pressing.most(choice).min()) if shared == 1 else float(pressing.most(choice).mean()) * shared
+    allowed = float(pressing.max_load(choice).min()) if n_sharing == 1 else float(pressing.max_load(choice).mean()) * n_sharing
     if load <= allowed:
         return
-    place = _loading_key(scene)
-    on = "each body" if shared == 1 else f"all {shared} bodies together"
+    location = _loading_key(scene)
+    on = "each body" if n_sharing == 1 else f"all {n_sharing} bodies together"
     message = (
         f"{pretty(load, 'force')} on {on} would press contacts in by more than {OVERLAP_GUARD:g} of the radius, where the "
         f"overlap guard stops a run; allowed: at most {pretty(allowed, 'force')} on {on}, or stiffer or larger bodies"
     )
-    raise InputError(scene.fault(place, message))
+    raise InputError(scene.fault(location, message))
 
 
 def _loading_key(scene: Scene) -> tuple[str, ...]:
@@ -65,10 +65,11 @@ def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
     result, overlap = [], pressing.overlap(choice)
     depth = overlap / pressing.radius
     deepest = int(np.argmax(depth))
-    if depth[deepest] > DEEP:
+    if depth[deepest] > MAX_HERTZ_OVERLAP:
         result.append(
             f"expected overlap {depth[deepest]:.2g} of the radius under {pretty(float(pressing.load[deepest]), 'force')}: Hertz' "
-            f"theory is for small contacts (below {DEEP:g}), and a run stops at {OVERLAP_GUARD:g}; lower the load or use stiffer "
+            f"theory is for small contacts (below {MAX_HERTZ_OVERLAP:g}), and a run stops at {OVERLAP_GUARD:g}; lower the "
+            f"load or use stiffer "
             "bodies"
         )
     pressure = 1.5 * pressing.load / (math.pi * pressing.radius * overlap)

@@ -154,12 +154,12 @@ def _effects(
         body_effects += [effect for name, effect in known.items() if name == "gravity" and isinstance(effect, BodyEffect)]
         values["gravity"] = {"acceleration": scene.effects.gravity}
     for name in sorted(named):
-        place = ("effects", name)
+        location = ("effects", name)
         if name not in known:
-            faults.append(scene.fault(place, f"no effect '{name}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
+            faults.append(scene.fault(location, f"no effect '{name}' is installed, {nearest(name, known)}; {PLUGIN_FILE}"))
             continue
         effect, given = known[name], named[name]
-        values[name] = _effect_values(scene, effect, given, place, faults)
+        values[name] = _effect_values(scene, effect, given, location, faults)
         if isinstance(effect, Law):
             contact_effects.append(effect)
         else:
@@ -168,37 +168,37 @@ def _effects(
 
 
 def _effect_values(
-    scene: Scene, effect: Law | BodyEffect, given: Any, place: tuple[str, ...], faults: list[Fault]
+    scene: Scene, effect: Law | BodyEffect, given: Any, location: tuple[str, ...], faults: list[Fault]
 ) -> dict[str, Any]:
     """Return the option values of an effect, given as a table, its only value, or `true`."""
     names = [option.name for option in effect.options]
     if not isinstance(given, Mapping):
         if len(names) != 1 and given is not True:
             what = f"a table with {', '.join(names)}" if names else "true, or leave it out: it has no options"
-            faults.append(scene.fault(place, f"expected {what}"))
+            faults.append(scene.fault(location, f"expected {what}"))
             return {}
         given = {names[0]: given} if len(names) == 1 else {}
     unknown = [key for key in given if key not in names]
     for key in unknown:
         hint = nearest(key, names) or "it has none"
-        faults.append(scene.fault((*place, key), f"unknown key, {hint}"))
+        faults.append(scene.fault((*location, key), f"unknown key, {hint}"))
     # a misspelt option is not also reported as missing
-    return {} if unknown else _values(scene, effect.options, given, place, faults)
+    return {} if unknown else _values(scene, effect.options, given, location, faults)
 
 
 def _values(
-    scene: Scene, options: Sequence[Option], given: Mapping[str, Any], place: tuple[str, ...], faults: list[Fault]
+    scene: Scene, options: Sequence[Option], given: Mapping[str, Any], location: tuple[str, ...], faults: list[Fault]
 ) -> dict[str, Any]:
     values: dict[str, Any] = {}
     for option in options:
         raw = given.get(option.name, option.default)
         if raw is None:
-            faults.append(scene.fault(place, f"required key '{option.name}' is missing: {option.doc}"))
+            faults.append(scene.fault(location, f"required key '{option.name}' is missing: {option.doc}"))
             continue
         try:
             values[option.name] = _value(option, raw, option.name in given)
         except ValueError as problem:
-            faults.append(scene.fault((*place, option.name), str(problem)))
+            faults.append(scene.fault((*location, option.name), str(problem)))
     return values
 
 

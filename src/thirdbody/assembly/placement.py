@@ -26,7 +26,9 @@ SOLID_FRACTION = {"dilute": 0.05, "dense": 0.5}
 """Default solid fractions of a scene with neither height nor solid_fraction."""
 
 
-def place(scene: Scene, clumps: list[Clump], populations: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]) -> None:
+def place_bodies(
+    scene: Scene, clumps: list[Clump], populations: np.ndarray, x: np.ndarray, q: np.ndarray, warnings: list[str]
+) -> None:
     """Place all bodies whose population (n,) names a placement: fill x (n, 3) [m] and q (n, 4).
 
     All layers are placed together, each body in a stable pose; then all dilute populations are scattered together, free of the
@@ -61,7 +63,7 @@ def refuse_placements(scene: Scene, contexts: Sequence[PopulationContext]) -> No
         raise InputError(faults)
 
 
-def _wishes(scene: Scene, placement: str) -> list[tuple[int, str, float]]:
+def _volume_keys(scene: Scene, placement: str) -> list[tuple[int, str, float]]:
     """Return population, key and value of all entries on the common volume of dilute or dense bodies."""
     return [
         (i, key, value)
@@ -73,14 +75,14 @@ def _wishes(scene: Scene, placement: str) -> list[tuple[int, str, float]]:
 
 
 def _disagreements(scene: Scene, placement: str) -> list[Fault]:
-    wishes = _wishes(scene, placement)
+    volume_keys = _volume_keys(scene, placement)
     return [
         scene.fault(
             ("debris", i, key),
-            f'all "{placement}" bodies share one volume, of which debris[{wishes[0][0]}] says another {wishes[0][1]}',
+            f'all "{placement}" bodies share one volume, of which debris[{volume_keys[0][0]}] says another {volume_keys[0][1]}',
         )
-        for i, key, value in wishes
-        if (key, value) != wishes[0][1:]
+        for i, key, value in volume_keys
+        if (key, value) != volume_keys[0][1:]
     ]
 
 
@@ -95,14 +97,14 @@ def _crowds(scene: Scene, contexts: Sequence[PopulationContext]) -> list[Fault]:
         (diameter, portion), count = debris.typical_diameter(context), debris.number_of_bodies(context)
         cover = portion * count * 0.25 * np.pi * diameter**2 / (width * depth)
         what = f"{count} bodies of {units.pretty(diameter, 'length')} would"
-        place = f"({units.pretty(width, 'length')} by {units.pretty(depth, 'length')})"
-        wishes = _wishes(scene, placement)
+        domain_size = f"({units.pretty(width, 'length')} by {units.pretty(depth, 'length')})"
+        volume_keys = _volume_keys(scene, placement)
         if placement == "layer" and cover > COVERAGE:
             less = "a layer covers it less than once: lower count or enlarge domain.size"
-            faults.append(scene.fault(("debris", i, "count"), f"{what} cover the domain {place} {cover:.3g} times; {less}"))
-        elif wishes and wishes[0][1] == "height" and (fraction := cover * diameter / 1.5 / wishes[0][2]) > 1.0:
+            faults.append(scene.fault(("debris", i, "count"), f"{what} cover the domain {domain_size} {cover:.3g} times; {less}"))
+        elif volume_keys and volume_keys[0][1] == "height" and (fraction := cover * diameter / 1.5 / volume_keys[0][2]) > 1.0:
             less = "lower count, or raise height or domain.size"
-            message = f"{what} fill the domain {place} up to this height {fraction:.3g} times; {less}"
+            message = f"{what} fill the domain {domain_size} up to this height {fraction:.3g} times; {less}"
             faults.append(scene.fault(("debris", i, "count"), message))
     return faults
 
@@ -158,10 +160,10 @@ def _pack(scene: Scene, clumps: list[Clump], members: np.ndarray, x: np.ndarray,
 def _volume(scene: Scene, placement: str, bodies: list[Clump]) -> tuple[float, float]:
     """Return the height [m] of the common volume of the bodies and their solid fraction in it. Raises InputError above 1."""
     solid = sum(body.volume for body in bodies) / (scene.domain.size[0] * scene.domain.size[1])
-    wishes = _wishes(scene, placement)
-    if not wishes:
+    volume_keys = _volume_keys(scene, placement)
+    if not volume_keys:
         return solid / SOLID_FRACTION[placement], SOLID_FRACTION[placement]
-    i, key, value = wishes[0]
+    i, key, value = volume_keys[0]
     if key == "solid_fraction":
         return solid / value, value
     if solid / value > 1.0:
@@ -178,8 +180,8 @@ def _stream(scene: Scene, placement: str, key: int) -> np.random.Generator:
 def _placement_faults(scene: Scene, placement: str, error: InputError) -> InputError:
     """Return the faults of a placement with their keys in the scene: the domain, or the keys of the common volume."""
     first = next(i for i, debris in enumerate(scene.debris) if debris.placement_name == placement)
-    wishes = _wishes(scene, placement)
-    where = ("debris", wishes[0][0], wishes[0][1]) if wishes else ("debris", first, "placement")
+    volume_keys = _volume_keys(scene, placement)
+    where = ("debris", volume_keys[0][0], volume_keys[0][1]) if volume_keys else ("debris", first, "placement")
     return InputError(
         scene.fault(("domain", "size") if fault.key == "domain.size" else where, fault.message) for fault in error.faults
     )

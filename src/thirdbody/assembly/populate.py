@@ -6,10 +6,10 @@ import numpy as np
 
 from thirdbody.assembly.clumps import make_bodies, read_populations
 from thirdbody.assembly.initial_checks import refuse_start
-from thirdbody.assembly.placement import place, refuse_placements, spheres_of
+from thirdbody.assembly.placement import place_bodies, refuse_placements, spheres_of
 from thirdbody.engine.state import Placed
 from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps
-from thirdbody.scene.field_types import REST
+from thirdbody.scene.field_types import AT_REST
 from thirdbody.scene.model import Scene
 
 UNPLACED = (float("nan"),) * 3
@@ -19,7 +19,7 @@ UNPLACED = (float("nan"),) * 3
 def populate(scene: Scene, warnings: list[str]) -> Placed:
     """Return all bodies of the scene, in the order of its populations. Raises InputError.
 
-    Bodies without positions in the scene are placed by `place`.
+    Bodies without positions in the scene are placed by `place_bodies`.
     """
     contexts = read_populations(scene, warnings)
     refuse_placements(scene, contexts)
@@ -29,7 +29,7 @@ def populate(scene: Scene, warnings: list[str]) -> Placed:
     names = list(scene.materials)
     materials = np.array([names.index(debris.material) for debris in scene.debris])[populations]
     densities = np.array([material.density for material in scene.materials.values()])
-    motions = [(debris.velocity or REST, debris.angular_velocity or REST) for debris in scene.debris]
+    motions = [(debris.velocity or AT_REST, debris.angular_velocity or AT_REST) for debris in scene.debris]
     each = list(zip(built, motions, strict=True))
     placed = Placed(
         clumps=clumps,
@@ -41,7 +41,7 @@ def populate(scene: Scene, warnings: list[str]) -> Placed:
         velocities=np.concatenate([_rows(bodies, bodies.velocity, v) for bodies, (v, _) in each]),
         angular_velocities=np.concatenate([_rows(bodies, bodies.angular_velocity, w) for bodies, (_, w) in each]),
     )
-    place(scene, clumps, populations, placed.positions, placed.quaternions, warnings)
+    place_bodies(scene, clumps, populations, placed.positions, placed.quaternions, warnings)
     refuse_start(scene, placed)
     return placed
 

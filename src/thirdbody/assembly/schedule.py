@@ -48,8 +48,8 @@ def _loading(scene: Scene, stages: tuple, start: float) -> Axis:
         elif isinstance(stage, Load):
             rows = [(0.0, factor), (stage.duration or 0.0, stage.load / load)]
         else:
-            place = ("plates", "upper", "loading", *((k,) if len(stages) > 1 else ()), "table")
-            rows = [(t_0, value / load) for t_0, value in rows_of(scene, place, stage.table, "load", "force")]
+            location = ("plates", "upper", "loading", *((k,) if len(stages) > 1 else ()), "table")
+            rows = [(t_0, value / load) for t_0, value in rows_of(scene, location, stage.table, "load", "force")]
         for (t_0, f_0), (t_1, f_1) in pairwise(rows):
             if t_1 > t_0:
                 segments.append(Segment(t + t_0, POLYNOMIAL, f_0, (f_1 - f_0) / (t_1 - t_0)))

@@ -41,7 +41,7 @@ STEPS = 1e13
 SPHERE_STEP, PATIENCE = 1e-7, 90 * 86400.0
 """Approximate seconds per sphere and step; and the longest run [s] that starts without --force."""
 
-MOST_FRAMES = 1_000_000
+MAX_FRAMES = 1_000_000
 """Largest number of outputs of a run: more would fill any disk."""
 
 MISMATCH = 0.02
@@ -119,8 +119,8 @@ def build(
         bare = ", ".join(choice.chain.without_tangent)
         warnings.append(f"{bare} has no tangent: the time step follows from the Rayleigh time alone")
     placed = populate(scene, warnings)
-    meets = scene.contact.debris_contact == "auto" and _meeting(placed) > 1
-    order = in_columns(placed.positions, _diameter(placed)) if meets else np.arange(len(placed.clumps))
+    debris_contact = scene.contact.debris_contact == "auto" and _number_that_meet(placed) > 1
+    order = in_columns(placed.positions, _diameter(placed)) if debris_contact else np.arange(len(placed.clumps))
     placed = placed.taken(order)
     ready()
     upper = upper_plate(scene, choice, placed, warnings)
@@ -128,7 +128,7 @@ def build(
     names = list(scene.materials)
     lower = None if scene.plates.lower is None else names.index(scene.plates.lower.material)
     bounded = not scene.domain.periodic and lower is not None
-    world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, meets)
+    world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
     radii = np.concatenate([clump.radii for clump in placed.clumps])
     state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order)
     _refuse_narrow_domain(scene, state)
@@ -159,7 +159,7 @@ def _diameter(placed: Placed) -> float:
     return float(np.mean(np.cbrt([6.0 / math.pi * clump.volume for clump in placed.clumps])))
 
 
-def _meeting(placed: Placed) -> int:
+def _number_that_meet(placed: Placed) -> int:
     """Return the number of bodies that can touch other debris: bodies given by spots touch plates only."""
     return sum(clump.sides is None or bool(np.any(clump.sides == EVERYTHING)) for clump in placed.clumps)
 
@@ -252,10 +252,10 @@ def _examine_interval(simulation: Simulation) -> None:
             f"output.every: {units.pretty(every, kind)} is less than one time step, {step}{'' if by_time else ' of sliding'}: "
             "there is one frame after every step, and no more"
         )
-    if whole > MOST_FRAMES * every:
+    if whole > MAX_FRAMES * every:
         message = (
             f"{units.pretty(every, kind)} makes {whole / every:.3g} frames of {units.pretty(whole, kind)}, "
-            f"at most {MOST_FRAMES:g} are written"
+            f"at most {MAX_FRAMES:g} are written"
         )
         raise InputError(scene.fault(("output", "every"), message))
 

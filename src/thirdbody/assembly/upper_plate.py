@@ -22,7 +22,7 @@ HANDFUL = 3
 """Largest number of loaded bodies, of a larger layer, with a warning: a rigid parallel plate rests on few stiff bodies."""
 
 
-TAKEN = 0.1
+DASHPOT_WARNING = 0.1
 """Threshold of a warning: force of the patches' dashpots at the speed of the drag, over the load.
 
 At 0.07 and friction 0.8, where most bodies roll, friction dissipates 0.79 of the plate's work; at 0.7 it dissipates 0.51."""
@@ -36,7 +36,8 @@ and after the others less than 1e-3 of the load is not yet shared."""
 class Upper:
     """Plate, settling time [s], and number of bodies that carry load initially.
 
-    Overlaps over the radius: `overlap` with the whole load on the tallest body, which the plate touches first; `expected` with
+    Overlaps over the radius: `overlap` with the whole load on the tallest body, which the plate touches first; `shared_overlap`
+    with
     the load on all bodies that carry it initially.
     """
 
@@ -44,7 +45,7 @@ class Upper:
     settle: float = 0.0
     overlap: float = 0.0
     loaded: int = 0
-    expected: float = 0.0
+    shared_overlap: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -65,126 +66,126 @@ def upper_plate(scene: Scene, choice: CompiledPhysics, placed: Placed, warnings:
     material = list(scene.materials).index(plate.material)
     top, radius = _tops(placed)
     masses = placed.densities * np.array([clump.volume for clump in placed.clumps])
-    crown = TopSpheres(top, radius, choice.physics.kinds[placed.materials, material], masses)
+    tops = TopSpheres(top, radius, choice.physics.kinds[placed.materials, material], masses)
     if plate.support == "foundation":
-        return _on_foundation(scene, choice, placed, crown, material, warnings)
+        return _on_foundation(scene, choice, placed, tops, material, warnings)
     if plate.gap is not None:
-        return _at_gap(scene, crown, material, plate.gap, warnings)
+        return _at_gap(scene, tops, material, plate.gap, warnings)
     if plate.support == "load_per_particle":
-        return _each_loaded(scene, choice, placed, crown, material, warnings)
-    return _rigid(scene, choice, placed, crown, material, warnings)
+        return _each_loaded(scene, choice, placed, tops, material, warnings)
+    return _rigid(scene, choice, placed, tops, material, warnings)
 
 
-def _at_gap(scene: Scene, crown: TopSpheres, material: int, gap: float, warnings: list[str]) -> Upper:
+def _at_gap(scene: Scene, tops: TopSpheres, material: int, gap: float, warnings: list[str]) -> Upper:
     """Return a rigid plate at a prescribed height."""
-    tallest = int(np.argmax(crown.top))
-    if crown.top[tallest] > gap * (1.0 + 2.0 * CLEARANCE):
+    tallest = int(np.argmax(tops.top))
+    if tops.top[tallest] > gap * (1.0 + 2.0 * CLEARANCE):
         message = (
             f"{units.pretty(gap, 'length')} is smaller than body {tallest}, which is "
-            f"{units.pretty(float(crown.top[tallest]), 'length')} tall: it would start inside the plate; "
+            f"{units.pretty(float(tops.top[tallest]), 'length')} tall: it would start inside the plate; "
             "initial_overlap = 'refuse'"
         )
         raise InputError(scene.fault(("plates", "upper", "gap"), message))
     if scene.plates.moving():
         warnings.append("at constant gap a tipping particle wedges and its normal force has no bound; a load lets it tip")
     settle = 0.0 if isinstance(scene.solver.settle, str) else scene.solver.settle
-    patch, zero = np.zeros(len(crown.top), np.int64), np.zeros(1)
+    patch, zero = np.zeros(len(tops.top), np.int64), np.zeros(1)
     built = UpperPlate(material, np.array([gap]), np.ones(1), zero, zero, False, patch, schedule(scene, settle))
     return Upper(built, settle)
 
 
 def _each_loaded(
-    scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]
+    scene: Scene, choice: CompiledPhysics, placed: Placed, tops: TopSpheres, material: int, warnings: list[str]
 ) -> Upper:
     """Return a plate with one free patch per body."""
-    n, load = len(crown.top), first_load(scene)
+    n, load = len(tops.top), first_load(scene)
     loads = np.full(n, load)
-    mass = np.full(n, scene.plates.upper.mass or crown.mass.mean())  # type: ignore[union-attr]
-    overlap, dashpot = _pressed(scene, choice, crown, np.arange(n), loads, mass)
+    mass = np.full(n, scene.plates.upper.mass or tops.mass.mean())  # type: ignore[union-attr]
+    overlap, dashpot = _pressed(scene, choice, tops, np.arange(n), loads, mass)
     maximum = load * _largest(scene)
-    pressing = Pressing(np.full(n, maximum), crown.radius, crown.kind)
+    pressing = Pressing(np.full(n, maximum), tops.radius, tops.kind)
     refuse_crushing(scene, choice, pressing, maximum)
     warnings += pressing_warnings(choice, pressing)
-    settle = _settle(scene, placed, crown, mass, dashpot, load)
+    settle = _settle(scene, placed, tops, mass, dashpot, load)
     _warn_dashpot(scene, settle, dashpot, load, warnings)
-    heights = crown.top + CLEARANCE * crown.radius
+    heights = tops.top + CLEARANCE * tops.radius
     built = UpperPlate(material, heights, mass, dashpot, loads, True, np.arange(n), schedule(scene, settle))
-    deepest = float(np.max(overlap / crown.radius))
-    return Upper(built, settle, deepest, n, deepest)
+    max_overlap = float(np.max(overlap / tops.radius))
+    return Upper(built, settle, max_overlap, n, max_overlap)
 
 
-def _rigid(scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]) -> Upper:
+def _rigid(scene: Scene, choice: CompiledPhysics, placed: Placed, tops: TopSpheres, material: int, warnings: list[str]) -> Upper:
     """Return one free, parallel plate; the tallest body carries the whole load at first."""
-    load, tallest = first_load(scene), np.array([int(np.argmax(crown.top))])
-    mass = np.full(1, scene.plates.upper.mass or crown.mass.sum())  # type: ignore[union-attr]
+    load, tallest = first_load(scene), np.array([int(np.argmax(tops.top))])
+    mass = np.full(1, scene.plates.upper.mass or tops.mass.sum())  # type: ignore[union-attr]
     loads = np.full(1, load)
-    overlap, dashpot = _pressed(scene, choice, crown, tallest, loads, mass)
+    overlap, dashpot = _pressed(scene, choice, tops, tallest, loads, mass)
     maximum = load * _largest(scene)
-    refuse_crushing(scene, choice, Pressing(np.full(len(crown.top), maximum), crown.radius, crown.kind), maximum, len(crown.top))
-    pressing = _shared(choice, crown, maximum)
+    refuse_crushing(scene, choice, Pressing(np.full(len(tops.top), maximum), tops.radius, tops.kind), maximum, len(tops.top))
+    pressing = _common_load(choice, tops, maximum)
     warnings += pressing_warnings(choice, pressing)
-    settle = _settle(scene, placed, crown, mass, dashpot, load)
-    loaded = _carrying(lambda z: _layer_force(choice, crown, z), crown, load)
-    if loaded <= HANDFUL < len(crown.top):
+    settle = _settle(scene, placed, tops, mass, dashpot, load)
+    loaded = _carrying(lambda z: _layer_force(choice, tops, z), tops, load)
+    if loaded <= HANDFUL < len(tops.top):
         warnings.append(
-            f"a rigid flat plate, kept parallel, rests on about {loaded} of {len(crown.top)} bodies: they are stiff and of "
+            f"a rigid flat plate, kept parallel, rests on about {loaded} of {len(tops.top)} bodies: they are stiff and of "
             'different height; support = "foundation" or "load_per_particle" shares the load'
         )
     _warn_dashpot(scene, settle, dashpot, load, warnings)
-    height = crown.top[tallest] + CLEARANCE * crown.radius[tallest]
-    patch = np.zeros(len(crown.top), np.int64)
+    height = tops.top[tallest] + CLEARANCE * tops.radius[tallest]
+    patch = np.zeros(len(tops.top), np.int64)
     built = UpperPlate(material, height, mass, dashpot, loads, True, patch, schedule(scene, settle))
-    expected = float(np.max(pressing.overlap(choice) / pressing.radius))
-    return Upper(built, settle, float(overlap[0] / crown.radius[tallest[0]]), loaded, expected)
+    shared_overlap = float(np.max(pressing.overlap(choice) / pressing.radius))
+    return Upper(built, settle, float(overlap[0] / tops.radius[tallest[0]]), loaded, shared_overlap)
 
 
-def _shared(choice: CompiledPhysics, crown: TopSpheres, load: float) -> Pressing:
+def _common_load(choice: CompiledPhysics, tops: TopSpheres, load: float) -> Pressing:
     """Return the contacts of the bodies that share a rigid plate's load [N], if the bodies did not move."""
-    force = _layer_force(choice, crown, _level(lambda z: _layer_force(choice, crown, z), crown, load))
-    on = np.flatnonzero(force > 0.0) if np.any(force > 0.0) else np.array([int(np.argmax(crown.top))])
+    force = _layer_force(choice, tops, _level(lambda z: _layer_force(choice, tops, z), tops, load))
+    on = np.flatnonzero(force > 0.0) if np.any(force > 0.0) else np.array([int(np.argmax(tops.top))])
     fraction = force[on] * (load / force[on].sum()) if force[on].sum() > 0.0 else np.full(1, load)
-    return Pressing(fraction, crown.radius[on], crown.kind[on])
+    return Pressing(fraction, tops.radius[on], tops.kind[on])
 
 
 def _on_foundation(
-    scene: Scene, choice: CompiledPhysics, placed: Placed, crown: TopSpheres, material: int, warnings: list[str]
+    scene: Scene, choice: CompiledPhysics, placed: Placed, tops: TopSpheres, material: int, warnings: list[str]
 ) -> Upper:
     """Return a plate of one patch per body, with springs to a common plate under a load or at a height."""
     plate = scene.plates.upper
     assert plate is not None and plate.stiffness is not None
-    n, stiffness, preload = len(crown.top), plate.stiffness, plate.preload or 0.0
+    n, stiffness, preload = len(tops.top), plate.stiffness, plate.preload or 0.0
     load = first_load(scene)
-    highest = float(crown.top.max())
+    highest = float(tops.top.max())
     height = plate.gap if plate.gap is not None else highest
     # a patch without a body hangs preload/stiffness below the plate
-    springs = lambda z: np.maximum(stiffness * (crown.top - z) + preload, 0.0)  # noqa: E731
-    level = height if plate.gap is not None else _level(springs, crown, load + n * preload)
+    springs = lambda z: np.maximum(stiffness * (tops.top - z) + preload, 0.0)  # noqa: E731
+    level = height if plate.gap is not None else _level(springs, tops, load + n * preload)
     carried = springs(level)
     loaded = int(np.count_nonzero(carried))
     largest = np.array([int(np.argmax(carried))])
-    mass = np.full(n, plate.mass or crown.mass.mean())
-    expected = np.maximum(carried[largest], 1e-300)
-    overlap, dashpot = _pressed(scene, choice, crown, largest, expected, mass[:1])
-    pressing = Pressing(expected * _largest(scene), crown.radius[largest], crown.kind[largest])
+    mass = np.full(n, plate.mass or tops.mass.mean())
+    load_fraction = np.maximum(carried[largest], 1e-300)
+    overlap, dashpot = _pressed(scene, choice, tops, largest, load_fraction, mass[:1])
+    pressing = Pressing(load_fraction * _largest(scene), tops.radius[largest], tops.kind[largest])
     refuse_crushing(scene, choice, pressing, float(pressing.load[0]))
     if loaded:
         on = np.flatnonzero(carried)
-        warnings += pressing_warnings(choice, Pressing(carried[on] * _largest(scene), crown.radius[on], crown.kind[on]))
+        warnings += pressing_warnings(choice, Pressing(carried[on] * _largest(scene), tops.radius[on], tops.kind[on]))
     total = float(mass.sum())
     common = Foundation(stiffness, height, total, 2.0 * math.sqrt(n * stiffness * total), load, free=plate.gap is None)
     touches = loaded > 0 and carried[largest[0]] > 0.0
     if not touches and isinstance(scene.solver.settle, str):
         settle = 0.0  # a plate that has not come down yet presses on no body
     else:
-        settle = _settle(scene, placed, crown, mass, dashpot, float(expected[0]))
+        settle = _settle(scene, placed, tops, mass, dashpot, float(load_fraction[0]))
     if isinstance(scene.solver.settle, str) and settle > 0.0:
         settle = max(settle, RELAXED * float(dashpot[0]) / stiffness)
-    heights = np.maximum(height, crown.top) + CLEARANCE * crown.radius
+    heights = np.maximum(height, tops.top) + CLEARANCE * tops.radius
     built = UpperPlate(
         material, heights, mass, np.full(n, dashpot[0]), np.full(n, preload), True, np.arange(n), schedule(scene, settle), common
     )
-    deepest = float(overlap[0] / crown.radius[largest[0]])
-    return Upper(built, settle, deepest, loaded, deepest)
+    max_overlap = float(overlap[0] / tops.radius[largest[0]])
+    return Upper(built, settle, max_overlap, loaded, max_overlap)
 
 
 def _largest(scene: Scene) -> float:
@@ -193,36 +194,36 @@ def _largest(scene: Scene) -> float:
 
 
 def _pressed(
-    scene: Scene, choice: CompiledPhysics, crown: TopSpheres, who: np.ndarray, loads: np.ndarray, mass: np.ndarray
+    scene: Scene, choice: CompiledPhysics, tops: TopSpheres, who: np.ndarray, loads: np.ndarray, mass: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return overlaps [m] of the highest spheres under the largest load, and the dashpots [kg/s].
 
     By default a dashpot is critical with the contact stiffness under the first load.
     """
-    plate, radius, kind = scene.plates.upper, crown.radius[who], crown.kind[who]
+    plate, radius, kind = scene.plates.upper, tops.radius[who], tops.kind[who]
     assert plate is not None
     overlap = overlap_at(choice.physics, loads, radius, kind)
     largest = _largest(scene)
-    deepest = overlap if largest <= 1.0 else overlap_at(choice.physics, largest * loads, radius, kind)
+    max_overlap = overlap if largest <= 1.0 else overlap_at(choice.physics, largest * loads, radius, kind)
     if plate.damping is not None:
-        return deepest, np.full(len(who), plate.damping)
+        return max_overlap, np.full(len(who), plate.damping)
     stiffness = response(choice.physics, overlap, radius, kind)[1]
     if not np.all(np.isfinite(stiffness)):
         message = "needs a value: the normal law has no tangent to find the critical damping from"
         raise InputError(scene.fault(("plates", "upper", "damping"), message))
-    return deepest, 2.0 * np.sqrt(stiffness * mass)
+    return max_overlap, 2.0 * np.sqrt(stiffness * mass)
 
 
-def _layer_force(choice: CompiledPhysics, crown: TopSpheres, z: float) -> np.ndarray:
+def _layer_force(choice: CompiledPhysics, tops: TopSpheres, z: float) -> np.ndarray:
     """Return the normal force (n,) [N] of a plate at height z [m] on bodies that do not move."""
-    overlap = np.maximum(crown.top - z, 0.0)
-    force = response(choice.physics, overlap, crown.radius, crown.kind)[0]
+    overlap = np.maximum(tops.top - z, 0.0)
+    force = response(choice.physics, overlap, tops.radius, tops.kind)[0]
     return np.where(overlap > 0.0, force, 0.0)
 
 
-def _level(force, crown: TopSpheres, load: float) -> float:
+def _level(force, tops: TopSpheres, load: float) -> float:
     """Return the plate height [m] for a total load [N], by bisection; negative for very soft springs."""
-    low, high = 0.0, float(crown.top.max())
+    low, high = 0.0, float(tops.top.max())
     while float(np.sum(force(low))) < load and low > -1e6 * high:
         low = 2.0 * low - high
     for _ in range(80):
@@ -231,23 +232,23 @@ def _level(force, crown: TopSpheres, load: float) -> float:
     return high
 
 
-def _carrying(force, crown: TopSpheres, load: float) -> int:
+def _carrying(force, tops: TopSpheres, load: float) -> int:
     """Return how many bodies carry the load at the same time."""
-    return max(1, int(np.count_nonzero(force(_level(force, crown, load)))))
+    return max(1, int(np.count_nonzero(force(_level(force, tops, load)))))
 
 
 def _tops(placed: Placed) -> tuple[np.ndarray, np.ndarray]:
     """Return the height of the highest point of each body and the radius of its sphere there, (n,) [m]."""
     centres, radii, body = sphere_centres(placed)
-    meets = placed.sides() != ONLY_LOWER
-    centres, radii, body = centres[meets], radii[meets], body[meets]
+    touches_upper = placed.sides() != ONLY_LOWER
+    centres, radii, body = centres[touches_upper], radii[touches_upper], body[touches_upper]
     order = np.lexsort((centres[:, 2] + radii, body))
     last = np.append(np.flatnonzero(np.diff(body[order])), len(body) - 1)
     highest = order[last]
     return centres[highest, 2] + radii[highest], radii[highest]
 
 
-def _settle(scene: Scene, placed: Placed, crown: TopSpheres, mass: np.ndarray, dashpot: np.ndarray, load: float) -> float:
+def _settle(scene: Scene, placed: Placed, tops: TopSpheres, mass: np.ndarray, dashpot: np.ndarray, load: float) -> float:
     """Return the settling time [s]; by default that in which a patch falls by 1/4 of the largest body.
 
     A body that is loaded off its balance tips into a new position, and its patch comes down by about that distance; a bed of
@@ -257,8 +258,8 @@ def _settle(scene: Scene, placed: Placed, crown: TopSpheres, mass: np.ndarray, d
         return scene.solver.settle
     if not scene.plates.driven():
         return 0.0
-    distance = max(0.25 * max(clump.diameter for clump in placed.clumps), 0.1 * float(crown.top.max()))
-    return math.sqrt(2.0 * distance * (crown.mass.max() + mass.max()) / load) + float(dashpot.max()) * distance / load
+    distance = max(0.25 * max(clump.diameter for clump in placed.clumps), 0.1 * float(tops.top.max()))
+    return math.sqrt(2.0 * distance * (tops.mass.max() + mass.max()) / load) + float(dashpot.max()) * distance / load
 
 
 def _warn_dashpot(scene: Scene, settle: float, dashpot: np.ndarray, load: float, warnings: list[str]) -> None:
@@ -268,7 +269,7 @@ def _warn_dashpot(scene: Scene, settle: float, dashpot: np.ndarray, load: float,
             f"the patches' dashpot carries up to {fraction:.1f} of the load when they rise or fall at the drag speed: the motion "
             "is not quasi-static, and what bodies that roll should rub the dashpots take; lower plates.upper.damping or the speed"
         )
-    elif fraction > TAKEN:
+    elif fraction > DASHPOT_WARNING:
         warnings.append(
             f"the patches' dashpot carries up to {fraction:.2f} of the load when they rise or fall at the drag speed: where "
             "bodies roll, dashpots may take more than a tenth of the plate's work (the summary of a run tells how much), which "

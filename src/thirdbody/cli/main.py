@@ -127,7 +127,7 @@ def resume(
     notes = check_threads(threads)
     built, saved = prepare_resume(run, override_pairs(settings), plugin or ())
     print_warnings([*notes, *built.warnings])
-    _execute(built, run, quiet, json, threads=threads, kept=saved, **limits)
+    _execute(built, run, quiet, json, threads=threads, checkpoint=saved, **limits)
 
 
 @app.command(cls=Command)

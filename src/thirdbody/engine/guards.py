@@ -51,7 +51,7 @@ class EnergyGuard:
         self.ledger, self.patience, self.residual, self.norm = ledger, patience, residual, norm
         self.above = 0  # consecutive checks with a residual above the limit
 
-    def look(self, state: State, result: Stored | None = None) -> None:
+    def check(self, state: State, result: Stored | None = None) -> None:
         """Raise GuardStop on violation; the last step must be recorded. `result`: see `Ledger.lines`."""
         _judge_norms(state, self.norm)
         off = self.ledger.relative_residual(state, self.ledger.lines(state, result)["residual"])

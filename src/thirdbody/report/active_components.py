@@ -39,10 +39,10 @@ def parts(built: Simulation) -> list[dict[str, Any]]:
     Fractions are estimates for the explicit integrator; None with the implicit one, whose time is spent on iterations.
     """
     rows = [*_laws(built), *_effects(built), *_machinery(built)]
-    total = sum(row["share"] for row in rows if row["on"])
+    total = sum(row["fraction"] for row in rows if row["on"])
     explicit = built.plan.kind == "explicit"
     for row in rows:
-        row["share"] = 0.0 if not row["on"] else row["share"] / total if explicit and total > 0.0 else None
+        row["fraction"] = 0.0 if not row["on"] else row["fraction"] / total if explicit and total > 0.0 else None
     return rows
 
 
@@ -126,17 +126,17 @@ def _effects(built: Simulation) -> list[dict[str, Any]]:
 
 def _machinery(built: Simulation) -> list[dict[str, Any]]:
     state = built.state
-    upper, meets = state.world.upper, state.world.debris_meets
+    upper, debris_meet = state.world.upper, state.world.debris_meets
     founded = upper is not None and upper.foundation is not None
     pairs = max(0, state.slots.count - 2 * state.n_spheres)
-    report = "bodies may meet" if meets else (
+    report = "bodies may meet" if debris_meet else (
         "contact.debris_contact = 'none'" if built.scene.contact.debris_contact == "none" else "no two bodies can meet"
     )  # fmt: skip
     stride = max(1, state.physics.stride)
     return [
         _row("motion of bodies and their spheres", True, "always", NS["sphere"] * state.n_spheres),
         _row("contact geometry", True, "always", NS["contact"] * 2 * state.n_bodies + NS["pair"] * state.n_spheres),
-        _row("debris-debris contact", meets, report, NS["pair"] * pairs + 0.1 * NS["sphere"] * state.n_spheres),
+        _row("debris-debris contact", debris_meet, report, NS["pair"] * pairs + 0.1 * NS["sphere"] * state.n_spheres),
         _row("labels", built.labeller is not None, built.labeller.name if built.labeller else "no labeller is installed",
              NS["labels"] * state.n_bodies / stride),
         _row("foundation", founded, "plates.upper.support", NS["body"] * state.n_bodies),
@@ -146,8 +146,8 @@ def _machinery(built: Simulation) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _row(part: str, on: bool, reason: str, share: float) -> dict[str, Any]:
-    return {"part": part, "on": bool(on), "reason": reason, "share": share}
+def _row(part: str, on: bool, reason: str, fraction: float) -> dict[str, Any]:
+    return {"part": part, "on": bool(on), "reason": reason, "fraction": fraction}
 
 
 def _yield_reason(built: Simulation) -> str:
@@ -169,7 +169,7 @@ def _spots_reason(built: Simulation) -> str:
 def _peak_pressure(built: Simulation) -> float:
     """Return p0 = (2 E*/pi) sqrt(overlap/R) under the expected load [Pa], for the stiffest pair."""
     stiffest = max(e_star(pair.a, pair.b) for pair in built.choice.pairs)
-    return 2.0 * stiffest / math.pi * math.sqrt(built.upper.expected)
+    return 2.0 * stiffest / math.pi * math.sqrt(built.upper.shared_overlap)
 
 
 def _load(built: Simulation) -> float:
@@ -177,8 +177,8 @@ def _load(built: Simulation) -> float:
     upper = built.state.world.upper
     if upper is None or not float(np.max(upper.load)) > 0.0:
         return math.inf
-    shared = 1 if len(upper.heights) > 1 else max(1, built.upper.loaded)
-    return float(np.max(upper.load)) / shared
+    n_sharing = 1 if len(upper.heights) > 1 else max(1, built.upper.loaded)
+    return float(np.max(upper.load)) / n_sharing
 
 
 def _weight_over_load(built: Simulation) -> float:

@@ -161,8 +161,8 @@ def population_statistics(population: Population) -> dict[str, Any]:
 def _statistics(values: np.ndarray) -> dict[str, float]:
     low, high = float(values.min()), float(values.max())
     # sizes that are equal but for rounding have no spread
-    mean, spread = (low, 0.0) if high - low <= 1e-12 * high else (float(values.mean()), float(values.std()))
-    return {"mean": mean, "std": spread, "min": low, "median": float(np.median(values)), "max": high}
+    mean, deviation = (low, 0.0) if high - low <= 1e-12 * high else (float(values.mean()), float(values.std()))
+    return {"mean": mean, "std": deviation, "min": low, "median": float(np.median(values)), "max": high}
 
 
 def _fit(mesh: Mesh, fit: Fit) -> dict[str, Any]:
@@ -219,8 +219,8 @@ def _print(entry: dict[str, Any]) -> None:
     rows = [row(name, entry[key], dimension) for name, key, dimension in _ROWS]
     for number, values in enumerate(entry["inertia"], 1):
         rows.append([f"moment of inertia I{number}, kg m2", *(f"{values[column]:.3g}" for column in columns)])
-    made_of = f" of {entry['material']}" if entry["material"] else ", density 1 kg/m3"
-    table(f"{entry['name']}: {_bodies(entry['count'])}, {entry['kind']}{made_of}", ("", *columns), rows)
+    material = f" of {entry['material']}" if entry["material"] else ", density 1 kg/m3"
+    table(f"{entry['name']}: {_bodies(entry['count'])}, {entry['kind']}{material}", ("", *columns), rows)
     for note in entry.get("notes", ()):
         say(note)
     for fit in entry.get("fits", ()):

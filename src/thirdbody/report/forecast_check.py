@@ -19,14 +19,14 @@ WATCHED = 40.0
 """Path of the drag, in contact radii of a body, over which its forecast is compared with its motion."""
 
 ROLLING, SLIDING = "rolling", "sliding"
-CAN_SLIDE, UNTOLD = 2, 4
+CAN_SLIDE, NO_FORECAST = 2, 4
 """Bits of `forecast` (the labeller's)."""
 
 
-def forecast_against_fact(run: Run) -> dict[str, Any]:
+def compare_forecast(run: Run) -> dict[str, Any]:
     """Compare the forecast at the start of the drag (can the body go on without rolling?) with rolling labels within 40 a.
 
-    Keys: `frame` of the forecast, `agree`, `report` (number of bodies forecast and watched), `unwatched` (bodies without any
+    Keys: `frame` of the forecast, `agree`, `forecast` (number of bodies forecast and watched), `unwatched` (bodies without any
     frame within 40 a), `rolls_as_told`, `slides_as_told`, `rolls_instead`, `slides_instead` (lists of bodies), and those of
     `_explanation`. Empty when the run has no forecast or no drag.
     """
@@ -34,17 +34,20 @@ def forecast_against_fact(run: Run) -> dict[str, Any]:
     if start is None:
         return {}
     watched = _watched(run, start)
-    report, rolled, seen = run.forecast[start], _rolled(run, start, watched), watched.any(axis=0)
-    known, slides = (report != UNTOLD) & seen, (report & CAN_SLIDE) > 0
+    forecast, rolled, observed = run.forecast[start], _rolled(run, start, watched), watched.any(axis=0)
+    known, slides = (forecast != NO_FORECAST) & observed, (forecast & CAN_SLIDE) > 0
     groups = {
-        "rolls_as_told": known & ~slides & rolled,
-        "slides_as_told": known & slides & ~rolled,
+        "rolls_as_forecast": known & ~slides & rolled,
+        "slides_as_forecast": known & slides & ~rolled,
         "rolls_instead": known & slides & rolled,
         "slides_instead": known & ~slides & ~rolled,
     }
     lists = {name: np.flatnonzero(members).tolist() for name, members in groups.items()}
-    agree, unwatched = len(lists["rolls_as_told"]) + len(lists["slides_as_told"]), int(((report != UNTOLD) & ~seen).sum())
-    result = {"frame": start, "agree": agree, "told": int(known.sum()), "unwatched": unwatched} | lists
+    agree, unwatched = (
+        len(lists["rolls_as_forecast"]) + len(lists["slides_as_forecast"]),
+        int(((forecast != NO_FORECAST) & ~observed).sum()),
+    )
+    result = {"frame": start, "agree": agree, "forecast": int(known.sum()), "unwatched": unwatched} | lists
     return result | (_explanation(run, start, watched, known) if known.any() else {})
 
 
@@ -52,16 +55,16 @@ def _explanation(run: Run, start: int, watched: np.ndarray, known: np.ndarray) -
     """Return the explanation of an agreement: counts outside the band, with and without neighbours, and the run's conditions.
 
     Keys: `clear` and `alone`, (agree, forecast) of the bodies outside the 2 % band and of those that meanwhile touch no other;
-    `turned`, the first of these by the measured rotation of `_turned` instead of the labels (None without orientations);
+    `rotated`, the first of these by the measured rotation of `_rotated` instead of the labels (None without orientations);
     `conditions`, a list of dictionaries.
     """
     drawn, bodies = forecasts(run), run.bodies(start)
     alone = ~touches_others(run, watched)[drawn.body]
     friction = _friction(run)[bodies["material"]]
-    turned = _turned(run, start, watched)
-    plain = None if turned is None else (turned[drawn.body] != drawn.slides) & drawn.clear
+    rotated = _rotated(run, start, watched)
+    plain = None if rotated is None else (rotated[drawn.body] != drawn.slides) & drawn.clear
     return {
-        "turned": None if plain is None else [int(plain.sum()), int(drawn.clear.sum())],
+        "by_rotation": None if plain is None else [int(plain.sum()), int(drawn.clear.sum())],
         "clear": [int((drawn.as_told & drawn.clear).sum()), int(drawn.clear.sum())],
         "alone": [int((drawn.as_told & drawn.clear & alone).sum()), int((drawn.clear & alone).sum())],
         "conditions": [condition._asdict() for condition in conditions(run, start, watched, known, friction)],
@@ -73,7 +76,7 @@ def forecasts(run: Run) -> Forecasts:
     start = start_of_drag(run)
     known = np.zeros(0, int)
     if start is not None:
-        known = np.flatnonzero((run.forecast[start] != UNTOLD) & _watched(run, start).any(axis=0))
+        known = np.flatnonzero((run.forecast[start] != NO_FORECAST) & _watched(run, start).any(axis=0))
     if start is None or not len(known):
         none = np.zeros(0)
         return Forecasts(known, none, none, none, none.astype(bool), none.astype(str))
@@ -128,7 +131,7 @@ def _rolled(run: Run, start: int, watched: np.ndarray) -> np.ndarray:
     return rolled
 
 
-def _turned(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
+def _rotated(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
     """Return whether each body (B,) turned by more than a/R, of its largest contact, at some time of its first 40 a of drag.
 
     None for a file without orientations.
@@ -140,12 +143,12 @@ def _turned(run: Run, start: int, watched: np.ndarray) -> np.ndarray | None:
     np.maximum.at(largest, contacts["body"], contacts["contact_radius"])
     loaded = (contacts["contact_radius"] > 0.0) & (contacts["contact_radius"] == largest[contacts["body"]])
     ratio[contacts["body"][loaded]] = contacts["overlap"][loaded] / contacts["contact_radius"][loaded]  # a/R, as a^2 = R overlap
-    turned = np.zeros(len(first), bool)
+    rotated = np.zeros(len(first), bool)
     for frame in np.flatnonzero(watched.any(axis=1)):
         now = run.bodies(int(frame))["quaternion"]
         apart = np.minimum(np.linalg.norm(now - first, axis=1), np.linalg.norm(now + first, axis=1))  # q and -q are the same
-        turned |= watched[frame] & (4.0 * np.arcsin(np.minimum(0.5 * apart, 1.0)) > ratio)
-    return turned
+        rotated |= watched[frame] & (4.0 * np.arcsin(np.minimum(0.5 * apart, 1.0)) > ratio)
+    return rotated
 
 
 def _watched(run: Run, start: int) -> np.ndarray:

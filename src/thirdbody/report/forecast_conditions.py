@@ -17,15 +17,15 @@ from thirdbody.quantity import percent
 if TYPE_CHECKING:
     from thirdbody.trajectory.reader import Run
 
-MOST_NEIGHBOURS = 0.2
+MAX_NEIGHBOURS = 0.2
 """Fraction of the bodies that touch another one in the watched drag."""
-MOST_OVERLAP = 0.005
+MAX_OVERLAP = 0.005
 """Overlap over radius of curvature, median of the contacts: tilt by unequal overlaps moves the contacts against each other."""
-MOST_INERTIA = 0.5
+MAX_INERTIA = 0.5
 """m v^2/(mu N a), median of the bodies: inertia at the speed of the drag against the work of friction along a contact radius."""
 ROUNDED = 0.01
 """Fraction of the drag that a start between two frames may contribute."""
-LEAST_FRAMES = 8
+MIN_FRAMES = 8
 """Frames in the watched drag, median of the bodies: events between two frames are seen only if they roll a window of 4 a."""
 
 
@@ -37,7 +37,7 @@ class Condition(NamedTuple):
     value: float
     shown: str
     limit: str
-    met: bool
+    satisfied: bool
 
 
 def conditions(run: Run, start: int, watched: np.ndarray, report: np.ndarray, friction: np.ndarray) -> list[Condition]:
@@ -48,17 +48,18 @@ def conditions(run: Run, start: int, watched: np.ndarray, report: np.ndarray, fr
     """
     neighbours = float(touches_others(run, watched)[report].mean())
     overlap, inertia = _overlap(run, start), _inertia(run, start, report, friction)
-    frames, back = float(np.median(watched[:, report].sum(axis=0))), _turned_back(run, start, watched)
+    frames, reversed_fraction = float(np.median(watched[:, report].sum(axis=0))), _reversed_fraction(run, start, watched)
     support, follows = _support(run)
     return [
         Condition("neighbours", "bodies that touch another one", neighbours, percent(neighbours),
-                  f"at most {percent(MOST_NEIGHBOURS)}", neighbours <= MOST_NEIGHBOURS),
-        Condition("overlap", "overlap over radius of a spot", overlap, f"{overlap:.2g}", f"at most {MOST_OVERLAP:g}",
-                  overlap <= MOST_OVERLAP),
-        Condition("inertia", "inertia, m v\N{SUPERSCRIPT TWO}/(mu N a)", inertia, f"{inertia:.2g}", f"at most {MOST_INERTIA:g}",
-                  inertia <= MOST_INERTIA),
-        Condition("frames", "frames in that drag", frames, f"{frames:g}", f"at least {LEAST_FRAMES}", frames >= LEAST_FRAMES),
-        Condition("reversal", "share of that drag taken back", back, percent(back), "none", back == 0.0),
+                  f"at most {percent(MAX_NEIGHBOURS)}", neighbours <= MAX_NEIGHBOURS),
+        Condition("overlap", "overlap over radius of a spot", overlap, f"{overlap:.2g}", f"at most {MAX_OVERLAP:g}",
+                  overlap <= MAX_OVERLAP),
+        Condition("inertia", "inertia, m v\N{SUPERSCRIPT TWO}/(mu N a)", inertia, f"{inertia:.2g}", f"at most {MAX_INERTIA:g}",
+                  inertia <= MAX_INERTIA),
+        Condition("frames", "frames in that drag", frames, f"{frames:g}", f"at least {MIN_FRAMES}", frames >= MIN_FRAMES),
+        Condition("reversal", "share of that drag taken back", reversed_fraction, percent(reversed_fraction), "none",
+        reversed_fraction == 0.0),
         Condition("support", "support of the upper plate", float(follows), support, "follows each body", follows),
     ]  # fmt: skip
 
@@ -95,7 +96,7 @@ def _inertia(run: Run, start: int, report: np.ndarray, friction: np.ndarray) -> 
     return float(np.median(ratio))
 
 
-def _turned_back(run: Run, start: int, watched: np.ndarray) -> float:
+def _reversed_fraction(run: Run, start: int, watched: np.ndarray) -> float:
     """Return the fraction of the watched drag that is reversed: 0 for one-way sliding."""
     last = int(np.flatnonzero(watched.any(axis=1))[-1])
     ends = [run.plates(frame)["position"] for frame in (start, last)]
@@ -103,8 +104,8 @@ def _turned_back(run: Run, start: int, watched: np.ndarray) -> float:
     if not len(ends[0]) or distance <= 0.0:
         return 0.0
     moved = (ends[1][4] - ends[1][0]) - (ends[0][4] - ends[0][0])
-    back = 1.0 - float(np.hypot(moved[0], moved[1])) / distance
-    return back if back > ROUNDED else 0.0
+    reversed_fraction = 1.0 - float(np.hypot(moved[0], moved[1])) / distance
+    return reversed_fraction if reversed_fraction > ROUNDED else 0.0
 
 
 def _support(run: Run) -> tuple[str, bool]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 TRIAL_SECONDS = 0.5
 """Duration of the integration of a temporary copy, for the estimate of the wall time [s]."""
 
-TRIAL_BODIES, TRIAL_WAY = 16, 2e-6
+TRIAL_BODIES, TRIAL_PATH = 16, 2e-6
 """Bodies and path [m] of such a trial of the implicit integrator."""
 
 
@@ -113,7 +113,7 @@ def check_report(built: Simulation) -> dict[str, Any]:
         "estimated_frame_time": framing,
         "settle": built.settle,
         "simulated_time": built.planned_time,
-        "expected_overlap_over_radius": built.upper.expected,
+        "expected_overlap_over_radius": built.upper.shared_overlap,
         "memory": _memory(built),
         "frames": frames,
         "disk": disk,
@@ -160,7 +160,7 @@ def _integration(built: Simulation) -> tuple[dict[str, Any], Explicit | Implicit
 
     integrator = built.integrator
     if not isinstance(integrator, Explicit):
-        wall, stopped, slow = _seconds_of_ways(built, integrator)
+        wall, stopped, slow = _trial_wall_time(built, integrator)
         return {
             "accuracy": vars(integrator.accuracy),
             "rayleigh": integrator.rayleigh,
@@ -209,7 +209,7 @@ def _seconds_per_step(original: Explicit) -> tuple[float, str, Explicit]:
         return math.nan, str(stop), integrator
 
 
-def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str, Implicit]:
+def _trial_wall_time(built: Simulation, original: Implicit) -> tuple[float, str, Implicit]:
     """Return the wall time of all steps [s], the reason if a guard stopped the trial (then NaN), and the copy that was measured.
 
     A few bodies of the copy are pressed and dragged a little. Measured on one core: a machine with more cores is faster by their
@@ -218,7 +218,7 @@ def _seconds_of_ways(built: Simulation, original: Implicit) -> tuple[float, str,
     from thirdbody.errors import GuardStop
 
     integrator = copy.deepcopy(original)
-    distance, n = min(TRIAL_WAY, built.planned_distance), built.state.n_bodies
+    distance, n = min(TRIAL_PATH, built.planned_distance), built.state.n_bodies
     bodies = n if integrator.together else min(TRIAL_BODIES, n)
     moved = built.schedule.time_of(distance, 0.0) if distance > 0.0 else built.settle
     try:
@@ -259,10 +259,10 @@ def print_check(report: dict[str, Any]) -> None:
 
 def _print_costs(report: dict[str, Any]) -> None:
     wall = report["estimated_wall_time"]
-    taken = "wall time unknown (a guard stopped the trial)" if math.isnan(wall) else duration(wall)
+    wall_time = "wall time unknown (a guard stopped the trial)" if math.isnan(wall) else duration(wall)
     framing = report["estimated_frame_time"]
     frames = f"{report['frames']} frames" + ("" if math.isnan(framing) else f" (they take {duration(framing)} of it)")
-    print(f"estimated: {taken}, {file_size(report['memory'])} of memory, {frames}, {file_size(report['disk'])} on disk")
+    print(f"estimated: {wall_time}, {file_size(report['memory'])} of memory, {frames}, {file_size(report['disk'])} on disk")
 
 
 def _print_laws(report: dict[str, Any]) -> None:
@@ -279,10 +279,12 @@ def _print_laws(report: dict[str, Any]) -> None:
         say(f"without a tangent, explicit integrator only: {', '.join(law['explicit_only'])}")
     contact, labels = report["effects"]["debris_contact"], report["effects"]["labels"]
     say(f"body effects: {on} (all others are absent); debris contact: {contact}; labels: {labels}")
-    fractions = ["" if row["share"] is None else f"{100.0 * row['share']:.0f} %" if row["on"] else "-" for row in report["parts"]]
-    table("effects and parts, with their share of the time (estimated)", ("part", "", "share", "reason"),
-          [(row["part"], "on" if row["on"] else "off", share, row["reason"])
-           for row, share in zip(report["parts"], fractions, strict=True)])  # fmt: skip
+    fractions = [
+        "" if row["fraction"] is None else f"{100.0 * row['fraction']:.0f} %" if row["on"] else "-" for row in report["parts"]
+    ]
+    table("effects and parts, with their share of the time (estimated)", ("part", "", "fraction", "reason"),
+          [(row["part"], "on" if row["on"] else "off", percent, row["reason"])
+           for row, percent in zip(report["parts"], fractions, strict=True)])  # fmt: skip
 
 
 def _print_plate(report: dict[str, Any]) -> None:
@@ -308,8 +310,10 @@ def _print_integration(report: dict[str, Any]) -> None:
     settling, whole = pretty(report["settle"], "time"), pretty(report["simulated_time"], "time")
     if "time_step" not in report:
         chosen = report["accuracy"]
-        far = chosen["largest_step"]
-        maximum = f"{chosen['radii']:g} contact radii of the drag" + ("" if math.isinf(far) else f" or {pretty(far, 'length')}")
+        largest_step = chosen["largest_step"]
+        maximum = f"{chosen['radii']:g} contact radii of the drag" + (
+            "" if math.isinf(largest_step) else f" or {pretty(largest_step, 'length')}"
+        )
         inertia = "with inertia" if chosen["inertia"] else "without inertia (quasi-static)"
         print(f"steps up to {maximum}, error at most {chosen['tolerance']:g} of a contact radius, {inertia}")
         print(f"settling {settling}, simulated {whole}, every body by steps of its own")

@@ -126,7 +126,7 @@ def _print_groups(run: Run, frame: int) -> None:
             f"states at frame {frame} {headings[kind]}",
             ["", "bodies", *load, *run.state_names],
             [[row["name"], str(row["bodies"]), *([f"{100.0 * row['load_share']:.1f} %"] if load else []),
-              *(f"{100.0 * share:.0f} %" for share in row["fractions"].values())] for row in rows],
+              *(f"{100.0 * fraction:.0f} %" for fraction in row["fractions"].values())] for row in rows],
         )  # fmt: skip
         print()
 
@@ -145,7 +145,7 @@ def states_report(path: Path, frame: int | None, json: bool) -> None:
 
 
 def _states_over_frames(run: Run, json: bool) -> None:
-    from thirdbody.report.forecast_check import forecast_against_fact
+    from thirdbody.report.forecast_check import compare_forecast
     from thirdbody.trajectory.state_groups import states_by_group
 
     names = run.state_names
@@ -155,8 +155,8 @@ def _states_over_frames(run: Run, json: bool) -> None:
         rows.append({"frame": k, "time": float(run.times[k]), "distance": float(run.series["distance"][k]), **counts})
     last = _reasons(run.states[-1], run.reasons[-1], names, run.reason_names) if rows else {}
     if json:
-        groups = {f"{kind}s": found for kind, found in states_by_group(run).items()}
-        print_json({"frames": rows, "reasons": last, "forecast": forecast_against_fact(run)} | groups)
+        groups = {f"{kind}s": rows_of_kind for kind, rows_of_kind in states_by_group(run).items()}
+        print_json({"frames": rows, "reasons": last, "forecast": compare_forecast(run)} | groups)
         return
     if not rows:
         say(f"{run.path}: no frames yet")
@@ -167,15 +167,15 @@ def _states_over_frames(run: Run, json: bool) -> None:
                           *(str(row[name]) for name in names)] for row in rows])  # fmt: skip
     for state, counts in last.items():
         say(f"{state}: " + ", ".join(f"{reason} {count}" for reason, count in counts.items()))
-    _tell_forecast(forecast_against_fact(run))
+    _print_forecast(compare_forecast(run))
 
 
-def _tell_forecast(result: dict[str, Any]) -> None:
+def _print_forecast(result: dict[str, Any]) -> None:
     """Print the table, and the bodies for which forecast and observation differ."""
     if result and result["unwatched"]:
         count = result["unwatched"]
         print(f"{count} bodies have no frame within the first 40 contact radii of drag: output.every is too coarse")
-    if not result or not result["told"]:
+    if not result or not result["forecast"]:
         return
     from thirdbody.report.forecast_check import WATCHED
 
@@ -183,15 +183,15 @@ def _tell_forecast(result: dict[str, Any]) -> None:
         f"forecast at frame {result['frame']} against the first {WATCHED:g} contact radii of drag",
         ["", "was rolling", "never rolled"],
         [
-            ["can only roll", str(len(result["rolls_as_told"])), str(len(result["slides_instead"]))],
-            ["can slide", str(len(result["rolls_instead"])), str(len(result["slides_as_told"]))],
+            ["can only roll", str(len(result["rolls_as_forecast"])), str(len(result["slides_instead"]))],
+            ["can slide", str(len(result["rolls_instead"])), str(len(result["slides_as_forecast"]))],
         ],
     )
-    print(f"agreement {_of(result['agree'], result['told'])}")
+    print(f"agreement {_of(result['agree'], result['forecast'])}")
     print(f"  with friction more than 2 % from t_min and t_max: {_of(*result['clear'])}; of these, touching no other body: "
           f"{_of(*result['alone'])}")  # fmt: skip
-    if result["turned"] is not None:
-        print(f"  by whether they turned by more than a/R in that drag, instead of by labels: {_of(*result['turned'])}")
+    if result["by_rotation"] is not None:
+        print(f"  by whether they turned by more than a/R in that drag, instead of by labels: {_of(*result['by_rotation'])}")
     for name, text in (("rolls_instead", "rolled although they can slide"), ("slides_instead", "never rolled although told to")):
         if result[name]:
             shown = ", ".join(map(str, result[name][:20]))
@@ -206,12 +206,12 @@ def _of(agree: int, report: int) -> str:
 
 def _print_conditions(conditions: Sequence[dict[str, Any]]) -> None:
     """Print the assumptions of the forecast, evaluated for the run."""
-    missed = sum(not condition["met"] for condition in conditions)
+    missed = sum(not condition["satisfied"] for condition in conditions)
     verdict = f"{missed} of {len(conditions)} not met here" if missed else "all met here"
     table(
         f"conditions under which the forecast holds in 97 to 99 % of cases: {verdict}",
         ["condition", "this run", "limit", ""],
-        [[condition["what"], condition["shown"], condition["limit"], "" if condition["met"] else "not met"]
+        [[condition["what"], condition["shown"], condition["limit"], "" if condition["satisfied"] else "not met"]
          for condition in conditions],
     )  # fmt: skip
 

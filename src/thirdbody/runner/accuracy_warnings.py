@@ -13,7 +13,7 @@ from thirdbody.kernels.columns import contact_state, patch
 
 if TYPE_CHECKING:
     from thirdbody.assembly.simulation import Simulation
-    from thirdbody.runner.run_loop import Conduct
+    from thirdbody.runner.run_loop import RunLoop
 
 LOAD = 0.1
 """Deviation of the mean force on the upper plate from its load, over the load, that gives a warning."""
@@ -25,7 +25,7 @@ CARRIED = 0.5
 """Fraction of its load below which a patch counts as not carried."""
 
 
-FELT = 0.05
+DASHPOT_REPORTED = 0.05
 """Dashpot force at the drag speed over the load of a patch above which `damping_share` is reported."""
 
 DAMPED = 0.1
@@ -35,7 +35,7 @@ RUBBED = 0.01
 """Friction work over the plates' work below which the work of dashpots gives no warning."""
 
 
-def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]) -> dict[str, Any]:
+def endings(simulation: Simulation, loop: RunLoop, lines: Mapping[str, float]) -> dict[str, Any]:
     """Return the accuracy entries of the summary of a run.
 
     `energy_numerical_share`: the entry `numerical` of the ledger, normalised as the residual is, so 0 where there is no energy;
@@ -44,11 +44,11 @@ def endings(simulation: Simulation, conduct: Conduct, lines: Mapping[str, float]
     `histories_shortened`: contacts whose law had no room for its whole history and dropped the smallest part of it.
     `damping_share`: fraction of the plates' work dissipated in dashpots; None where those of the patches are negligible.
     """
-    fraction = conduct.ledger.relative_residual(simulation.state, lines["numerical"])
+    fraction = loop.ledger.relative_residual(simulation.state, lines["numerical"])
     return {
         "energy_numerical_share": math.copysign(fraction, lines["numerical"]),
-        "load_ratio": _load_ratio(simulation, conduct),
-        "damping_share": _damping_share(simulation, lines),
+        "load_ratio": _load_ratio(simulation, loop),
+        "damping_share": _damping_fraction(simulation, lines),
         "patches_not_carried": None if simulation.state.inertial else patches_not_carried(simulation),
         "histories_shortened": histories_shortened(simulation),
     }
@@ -61,21 +61,23 @@ def histories_shortened(simulation: Simulation) -> int:
     return int(np.count_nonzero((slots.H[:, columns] > 0.0).any(axis=1) & (slots.histories.slip > 0.0)))
 
 
-def _load_ratio(simulation: Simulation, conduct: Conduct) -> float | None:
-    force, P = conduct.series.get("upper_force"), simulation.state.P
-    held = P[-1:] if (P[:, patch.SPRING] != 0.0).any() else P  # patches on a foundation pass on the load of the common plate
-    load = float((held[:, patch.FREE] * (held[:, patch.NOMINAL_LOAD] if simulation.schedule.load else held[:, patch.LOAD])).sum())
+def _load_ratio(simulation: Simulation, loop: RunLoop) -> float | None:
+    force, P = loop.series.get("upper_force"), simulation.state.P
+    loaded = P[-1:] if (P[:, patch.SPRING] != 0.0).any() else P  # patches on a foundation pass on the load of the common plate
+    load = float(
+        (loaded[:, patch.FREE] * (loaded[:, patch.NOMINAL_LOAD] if simulation.schedule.load else loaded[:, patch.LOAD])).sum()
+    )
     if simulation.schedule.load:
         now = simulation.state.time
-        load *= mean_value(simulation.schedule.load, now - conduct.maker.interval, now)
+        load *= mean_value(simulation.schedule.load, now - loop.maker.interval, now)
     return float(force[2]) / load if force is not None and load > 0.0 else None
 
 
-def _damping_share(simulation: Simulation, lines: Mapping[str, float]) -> float | None:
+def _damping_fraction(simulation: Simulation, lines: Mapping[str, float]) -> float | None:
     P, speed = simulation.state.P, simulation.schedule.top_speed()
     loaded = (P[:, patch.FREE] > 0.0) & (P[:, patch.LOAD] > 0.0)
-    felt = bool((P[loaded, patch.DAMPING] * speed > FELT * P[loaded, patch.LOAD]).any())
-    return lines["damping"] / lines["plate_work"] if felt and lines["plate_work"] > 0.0 else None
+    relevant = bool((P[loaded, patch.DAMPING] * speed > DASHPOT_REPORTED * P[loaded, patch.LOAD]).any())
+    return lines["damping"] / lines["plate_work"] if relevant and lines["plate_work"] > 0.0 else None
 
 
 def patches_not_carried(simulation: Simulation) -> int:

@@ -37,7 +37,7 @@ class Checkpoint:
     """State of a run: frames written, targets reached (`stop`), impulses at the last frame.
 
     `scene` is the resolved text, `folder` that of the scene's file, `prints` the fingerprints of the inputs, `wall_time` [s] the
-    time used so far, `looks` the number of successive checks in which the energy balance was off.
+    time used so far, `violations` the number of successive checks in which the energy balance was off.
     """
 
     scene: str
@@ -47,7 +47,7 @@ class Checkpoint:
     stop: int
     wall_time: float
     force: bool
-    looks: int
+    violations: int
     impulses: np.ndarray
     snapshot: Snapshot
 
@@ -95,17 +95,25 @@ def _digest(arrays: list[np.ndarray]) -> str:
     return digest.hexdigest()[:16]
 
 
-def write_checkpoint(folder: Path, kept: Checkpoint, named: Path | None = None) -> None:
+def write_checkpoint(folder: Path, checkpoint: Checkpoint, named: Path | None = None) -> None:
     """Write the file and flush it to the disk. Raises OutputError and then leaves the previous checkpoint in place.
 
     `named`: the folder that a message names, if it is another one.
     """
-    arrays: dict[str, Any] = {"impulses": kept.impulses} | kept.snapshot.arrays
+    arrays: dict[str, Any] = {"impulses": checkpoint.impulses} | checkpoint.snapshot.arrays
     notes = {
-        "version": VERSION, "scene": kept.scene, "folder": kept.folder, "prints": kept.prints, "frames": kept.frames,
-        "stop": kept.stop, "wall_time": kept.wall_time, "force": kept.force, "looks": kept.looks, "snapshot": kept.snapshot.notes,
+        "version": VERSION,
+        "scene": checkpoint.scene,
+        "folder": checkpoint.folder,
+        "prints": checkpoint.prints,
+        "frames": checkpoint.frames,
+        "stop": checkpoint.stop,
+        "wall_time": checkpoint.wall_time,
+        "force": checkpoint.force,
+        "violations": checkpoint.violations,
+        "snapshot": checkpoint.snapshot.notes,
         "arrays": sorted(arrays),
-    }  # fmt: skip
+    }
     arrays[NOTES] = np.frombuffer(json.dumps(notes).encode(), np.uint8)
     part = folder / f"{FILE}.part"
     try:
@@ -156,7 +164,7 @@ def read_checkpoint(folder: Path) -> Checkpoint:
         prints = {str(key): str(value) for key, value in notes["prints"].items()}
         return Checkpoint(
             str(notes["scene"]), str(notes["folder"]), prints, int(notes["frames"]), int(notes["stop"]),
-            float(notes["wall_time"]), bool(notes["force"]), int(notes["looks"]), impulses,
+            float(notes["wall_time"]), bool(notes["force"]), int(notes["violations"]), impulses,
             Snapshot(arrays, dict(notes["snapshot"])),
         )  # fmt: skip
     except InputError:
@@ -178,7 +186,9 @@ def _constant(word: str) -> float:
 def _refuse_lies(notes: dict[str, Any], arrays: dict[str, np.ndarray]) -> None:
     """Raise KeyError, ValueError or TypeError for counts and times that no run can have."""
     inner = notes["snapshot"]
-    counts = {name: notes[name] for name in ("frames", "stop", "looks")} | {name: inner[name] for name in ("searches", "plates")}
+    counts = {name: notes[name] for name in ("frames", "stop", "violations")} | {
+        name: inner[name] for name in ("searches", "plates")
+    }
     for name, count in counts.items():
         if type(count) is not int or not 0 <= count < 2**31:
             raise ValueError(f"{name}: {str(count)[:40]}")

@@ -53,7 +53,7 @@ def _write_frames(built: Simulation, integrator: Explicit | Implicit, path: Path
     def write(writer: TrajectoryWriter) -> None:
         frame = maker.frame(integrator.label() if built.labeller else None)
         writer.append(frame)
-        pressure.look(frame.contacts)
+        pressure.update(frame.contacts)
 
     with TrajectoryWriter(path, run_header(built), maker.static()) as writer:
         write(writer)

@@ -28,16 +28,16 @@ def targets(simulation: Simulation) -> Iterator[tuple[float, float, bool]]:
     output, settle, infinite = simulation.scene.output, simulation.settle, math.inf
     if output.every_kind == "time":
         settling, spacing = settling_frames(simulation)
-        for x, write in _ladder(0.0, settling * output.every, spacing * output.every) if settling else ():
+        for x, write in _output_times(0.0, settling * output.every, spacing * output.every) if settling else ():
             yield x, infinite, write
-        for x, write in _ladder(settling * output.every, simulation.planned_time, output.every):
+        for x, write in _output_times(settling * output.every, simulation.planned_time, output.every):
             yield x, infinite if x < settle else simulation.end_distance, write
         return
     if settle > 0.0:
         for k in range(1, SUBTICKS + 1):
             yield settle * k / SUBTICKS, infinite, k == SUBTICKS
     by_time = math.isfinite(simulation.end_time)
-    for x, write in _ladder(0.0, simulation.planned_distance, output.every):
+    for x, write in _output_times(0.0, simulation.planned_distance, output.every):
         # a run by duration may end at rest: its last stop is its end time
         yield simulation.end_time, infinite if by_time and x >= simulation.planned_distance else x, write
 
@@ -51,9 +51,9 @@ def settling_frames(simulation: Simulation) -> tuple[int, int]:
     return (whole, -(-whole // SETTLING)) if whole > SETTLING else (0, 1)
 
 
-def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
+def _output_times(start: float, end: float, every: float) -> Iterator[tuple[float, bool]]:
     """Yield stops in (start, end]: outputs `every` apart and at the end, with reports in between."""
-    for k in range(1, _rungs(start, end, every) + 1):
+    for k in range(1, _number_of_outputs(start, end, every) + 1):
         low, high = start + (k - 1) * every, start + k * every
         # a stop that equals the end but for rounding is where a longer run has it too
         high = end if high > end + 1e-9 * every else high
@@ -62,7 +62,7 @@ def _ladder(start: float, end: float, every: float) -> Iterator[tuple[float, boo
         yield high, True
 
 
-def _rungs(start: float, end: float, every: float) -> int:
+def _number_of_outputs(start: float, end: float, every: float) -> int:
     return max(1, int(np.ceil((end - start) / every - 1e-9)))
 
 
@@ -71,7 +71,7 @@ def planned_frames(simulation: Simulation) -> int:
     output, settle = simulation.scene.output, simulation.settle
     if output.every_kind == "time":
         (settling, spacing), every = settling_frames(simulation), output.every
-        thinned = _rungs(0.0, settling * every, spacing * every) if settling else 0
-        return 1 + thinned + _rungs(settling * every, simulation.planned_time, every)
+        thinned = _number_of_outputs(0.0, settling * every, spacing * every) if settling else 0
+        return 1 + thinned + _number_of_outputs(settling * every, simulation.planned_time, every)
     settled = 1 if settle > 0.0 else 0
-    return 1 + settled + _rungs(0.0, simulation.planned_distance, output.every)
+    return 1 + settled + _number_of_outputs(0.0, simulation.planned_distance, output.every)

@@ -46,22 +46,22 @@ def reporter_for_terminal(title: str) -> Iterator[Reporter]:
         yield lambda _: None
     elif sys.stderr.isatty():
         with _bar(title) as report:
-            yield _while_seen(report)
+            yield _until_closed(report)
     else:
-        yield _while_seen(_plain())
+        yield _until_closed(_plain())
 
 
-def _while_seen(report: Reporter) -> Reporter:
+def _until_closed(report: Reporter) -> Reporter:
     """Return a reporter that stops silently when standard error is closed, full or lost: it ends no run."""
-    seen = True
+    open_stream = True
 
     def silent(progress: Progress) -> None:
-        nonlocal seen
-        if seen:
+        nonlocal open_stream
+        if open_stream:
             try:
                 report(progress)
             except OSError:
-                seen = False
+                open_stream = False
 
     return silent
 

@@ -50,7 +50,7 @@ def resume(
         warnings.warn(warning, stacklevel=2)
     simulation, saved = prepare_resume(folder, settings or {}, plugins)
     with reporting(progress, simulation.scene.title) as report, stop_on_ctrl_c() as stop:
-        execute(simulation, folder, threads, report, stop=stop, kept=saved)
+        execute(simulation, folder, threads, report, stop=stop, checkpoint=saved)
     return open_run(folder)
 
 
@@ -85,12 +85,12 @@ def prepare_resume(
 
 
 def _scenes(
-    folder: Path, kept: Checkpoint, settings: Mapping[str, Any], plugins: Iterable[str | Path] = ()
+    folder: Path, checkpoint: Checkpoint, settings: Mapping[str, Any], plugins: Iterable[str | Path] = ()
 ) -> tuple[Scene, Scene]:
     """Return the scene of the checkpoint, and the one to continue with, which may differ in its length only."""
     path = folder / SCENE_FILE
-    before = Scene.parse(kept.scene, str(folder / CHECKPOINT), kept.folder, plugins)
-    now = Scene.parse(read_text(path), str(path), kept.folder, plugins) if path.is_file() else before
+    before = Scene.parse(checkpoint.scene, str(folder / CHECKPOINT), checkpoint.folder, plugins)
+    now = Scene.parse(read_text(path), str(path), checkpoint.folder, plugins) if path.is_file() else before
     now = now.with_settings(settings) if settings else now
     changes = [
         Fault(key, f"was {old}, is {new}")
@@ -117,8 +117,8 @@ def _differences(old: Any, new: Any, key: str = "") -> list[tuple[str, Any, Any]
     """Return (key, old, new) wherever two documents differ; a missing value is reported as absent."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
         names = [*old, *(name for name in new if name not in old)]
-        places = {name: f"{key}.{name}" if key else str(name) for name in names}
-        return [d for n in names for d in _differences(old.get(n, "absent"), new.get(n, "absent"), places[n])]
+        paths = {name: f"{key}.{name}" if key else str(name) for name in names}
+        return [d for n in names for d in _differences(old.get(n, "absent"), new.get(n, "absent"), paths[n])]
     if isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
         return [d for k, pair in enumerate(zip(old, new, strict=True)) for d in _differences(*pair, f"{key}[{k}]")]
     return [] if old == new else [(key, old, new)]
@@ -137,18 +137,18 @@ EVEN = 1.0 + 1e-9
 """Factor for rounding in the test whether the clock has reached a stop."""
 
 
-def _stops(kept: Checkpoint, simulation: Simulation) -> int:
+def _stops(checkpoint: Checkpoint, simulation: Simulation) -> int:
     """Return how many targets of a longer run are reached; its last output may be at another time."""
     from thirdbody.runner.output_schedule import targets
 
     longer = list(targets(simulation))
-    time, distance = _reached(kept)
+    time, distance = _reached(checkpoint)
     return sum(1 for t, x, _ in longer if t <= time * EVEN or x <= distance * EVEN)
 
 
-def _reached(kept: Checkpoint) -> tuple[float, float]:
+def _reached(checkpoint: Checkpoint) -> tuple[float, float]:
     """Return time [s] and distance [m] of a checkpoint."""
     from thirdbody.kernels.columns import run_totals
 
-    A = kept.snapshot.arrays["A"]
+    A = checkpoint.snapshot.arrays["A"]
     return float(A[run_totals.TIME]), float(A[run_totals.DISTANCE]) or -math.inf

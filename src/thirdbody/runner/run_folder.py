@@ -34,10 +34,10 @@ NAMED = 5
 
 
 class RunFolder:
-    """Folder of a run: `path`, and `place` for files being written: the same folder or one inside it."""
+    """Folder of a run: `path`, and `work_folder` for files being written: the same folder or one inside it."""
 
-    def __init__(self, path: Path, place: Path | None = None, usable: bool = True) -> None:
-        self.path, self.place, self.usable = path, place or path, usable
+    def __init__(self, path: Path, work_folder: Path | None = None, usable: bool = True) -> None:
+        self.path, self.work_folder, self.usable = path, work_folder or path, usable
         self._identity = _identity(path)
 
     def is_there(self) -> bool:
@@ -59,13 +59,13 @@ class RunFolder:
         the new checkpoint, from before the first frame, needs no trajectory.
         """
         self.check()
-        place, self.place, self.usable = self.place, self.path, True
-        if place == self.path:
+        work_folder, self.work_folder, self.usable = self.work_folder, self.path, True
+        if work_folder == self.path:
             return
         try:
             (self.path / SCENE_FILE).unlink(missing_ok=True)
             for name in FILES:
-                os.replace(place / name, self.path / name)
+                os.replace(work_folder / name, self.path / name)
             _remove_leftovers(self.path)
         except OSError as error:
             raise OutputError(f"{self.path}: cannot be replaced ({error.strerror or error})") from error
@@ -92,7 +92,7 @@ def new_run_folder(path: Path, overwrite: bool) -> Iterator[RunFolder]:
     new = not path.exists()
     try:
         if new:
-            _make(path)
+            _make_folder(path)
         with lock_folder(path), _files_of_new_run(path) as files:
             yield files
     finally:
@@ -108,7 +108,7 @@ def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
     replaced = any((path / name).exists() for name in FILES)
     files = RunFolder(path, path / REPLACEMENT if replaced else path, usable=False)
     if replaced:
-        _make(files.place)
+        _make_folder(files.work_folder)
     try:
         yield files
     except OutputError as error:
@@ -117,11 +117,11 @@ def _files_of_new_run(path: Path) -> Iterator[RunFolder]:
         raise
     finally:
         if not files.usable and files.is_there():
-            _remove(files.place, (*FILES, *_parts(files.place)))
+            _remove(files.work_folder, (*FILES, *_parts(files.work_folder)))
             _remove_leftovers(path)
 
 
-def _make(folder: Path) -> None:
+def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True)
     except OSError as error:

@@ -30,11 +30,11 @@ if TYPE_CHECKING:
 CHECKPOINT_EVERY = 30.0
 """Shortest wall time between two checkpoints [s]."""
 
-SHARE = 20.0
+MIN_INTERVAL_OVER_COST = 20.0
 """Shortest wall time between checkpoints over the cost of the last one: at most a twentieth is spent."""
 
 
-class Conduct:
+class RunLoop:
     """Run loop of a built simulation, with its counters."""
 
     def __init__(
@@ -48,22 +48,22 @@ class Conduct:
         self.written = self.started
         self.series: dict[str, Any] = {}  # those of the last frame
         self.ledger = Ledger(simulation.state)
-        self.looks = EnergyGuard(self.ledger, 2 if simulation.integrator.divisible else 1)
+        self.energy_guard = EnergyGuard(self.ledger, 2 if simulation.integrator.divisible else 1)
         self.pressure = PeakPressure(simulation)
         self.maker = FrameMaker(
             simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag, self.pressure.hertz
         )
         self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
 
-    def take_up(self, kept: Checkpoint) -> None:
+    def restore(self, checkpoint: Checkpoint) -> None:
         """Restore a checkpoint. Raises InputError where it does not fit, with the simulation unchanged."""
         state = self.simulation.state
         try:
-            put(kept.snapshot, state, self.simulation.integrator, self.ledger)
+            put(checkpoint.snapshot, state, self.simulation.integrator, self.ledger)
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(f"{self.folder}: the checkpoint does not fit this scene ({error})") from error
-        self.maker.impulses = kept.impulses.copy()
-        self.reached, self.before, self.looks.above = kept.stop, kept.wall_time, kept.looks
+        self.maker.impulses = checkpoint.impulses.copy()
+        self.reached, self.before, self.energy_guard.above = checkpoint.stop, checkpoint.wall_time, checkpoint.violations
 
     def wall_time(self) -> float:
         """Return the wall time of the run so far [s], including that before a resume."""
@@ -83,7 +83,7 @@ class Conduct:
             if is_output and self._moved():
                 self._write()
             elif integrator.divisible:
-                self._tell({})
+                self._report_progress({})
             self._stop_or_save()
         self.keep()
 
@@ -98,9 +98,9 @@ class Conduct:
         self.writer.sync()
         self.files.check()
         folder = str(self.simulation.scene.beside("").absolute())
-        write_checkpoint(self.files.place, Checkpoint(
+        write_checkpoint(self.files.work_folder, Checkpoint(
             self.text, folder, self.prints, self.writer.frames, self.reached, self.wall_time(), self.simulation.force,
-            self.looks.above, np.array(self.maker.impulses), saved,
+            self.energy_guard.above, np.array(self.maker.impulses), saved,
         ), self.folder)  # fmt: skip
         self.written = time.perf_counter()
         self.cost = self.written - begun
@@ -109,12 +109,12 @@ class Conduct:
         """Check the energy, at instants independent of the wall time since it belongs to the result."""
         integrator, state = self.simulation.integrator, self.simulation.state
         if integrator.divisible:
-            self.looks.look(state, self.ledger.watch(state))
+            self.energy_guard.check(state, self.ledger.watch(state))
         elif getattr(integrator, "together", False):  # totals are summed at stops only
             self.ledger.watch(state)
         # bodies with their own step lengths have a common energy at stops only
         if not integrator.divisible:
-            self._tell({})
+            self._report_progress({})
         self._stop_or_save()
 
     def _stop_or_save(self) -> None:
@@ -124,7 +124,7 @@ class Conduct:
             self._leave("stopped by the limit of wall time")
         if self.stop():
             self._leave("interrupted")
-        if now - self.written > max(self.every, SHARE * self.cost):
+        if now - self.written > max(self.every, MIN_INTERVAL_OVER_COST * self.cost):
             self.keep()
 
     def stop_before_going_on(self) -> None:
@@ -156,14 +156,14 @@ class Conduct:
         if not self.files.usable:
             self.writer.sync()  # the run that it replaces is lost then
             self.files.publish()
-        self.pressure.look(frame.contacts)
-        self._tell(dict(frame.series))
+        self.pressure.update(frame.contacts)
+        self._report_progress(dict(frame.series))
         # after the frame, which shows what went wrong
-        self.looks.look(simulation.state, self.ledger.watch(simulation.state))
+        self.energy_guard.check(simulation.state, self.ledger.watch(simulation.state))
         if slow := self._implicit():
             slow.refuse_made_energy()
 
-    def _tell(self, series: dict[str, Any]) -> None:
+    def _report_progress(self, series: dict[str, Any]) -> None:
         """Report the progress so far."""
         self.series = series or self.series
         if self.report is not None:

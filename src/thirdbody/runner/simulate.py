@@ -22,7 +22,7 @@ from thirdbody.runner.accuracy_warnings import endings
 from thirdbody.runner.checkpoint import Checkpoint
 from thirdbody.runner.progress import Reporter, reporting
 from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
-from thirdbody.runner.run_loop import CHECKPOINT_EVERY, Conduct
+from thirdbody.runner.run_loop import CHECKPOINT_EVERY, RunLoop
 from thirdbody.scene.model import Scene
 from thirdbody.system.signals import stop_on_ctrl_c
 from thirdbody.trajectory.frame import UNITS
@@ -99,37 +99,38 @@ def execute(
     *,
     every: float = CHECKPOINT_EVERY,
     wall_limit: float = math.inf,
-    kept: Checkpoint | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> dict[str, Any]:
     """Integrate a built simulation into a folder and return the summary, which the file also holds.
 
     `stop` is called between compiled calls; when it returns True, or when `wall_limit` [s] is exceeded, a checkpoint is written
-    and Interrupted is raised. Checkpoints are written at least `every` [s] apart, and when the run ends. `kept`: the checkpoint
+    and Interrupted is raised. Checkpoints are written at least `every` [s] apart, and when the run ends. `checkpoint`: the
+    checkpoint
     to continue from, with its trajectory in the folder.
     """
     set_threads(threads)
-    with old_run_folder(folder) if kept else new_run_folder(folder, overwrite) as files:
-        return _execute(simulation, files, report, stop, every, wall_limit, kept)
+    with old_run_folder(folder) if checkpoint else new_run_folder(folder, overwrite) as files:
+        return _execute(simulation, files, report, stop, every, wall_limit, checkpoint)
 
 
 def _execute(
     simulation: Simulation, files: RunFolder, report: Reporter | None, stop: Callable[[], bool], every: float, wall_limit: float,
-    kept: Checkpoint | None,
+    checkpoint: Checkpoint | None,
 ) -> dict[str, Any]:  # fmt: skip
     """`execute` in an existing, locked folder."""
-    conduct = Conduct(simulation, files, report, stop, every, wall_limit)
+    loop = RunLoop(simulation, files, report, stop, every, wall_limit)
     problem: GuardStop | Interrupted | None = None
-    if kept is not None:
-        conduct.take_up(kept)
-        if kept.frames:
+    if checkpoint is not None:
+        loop.restore(checkpoint)
+        if checkpoint.frames:
             with open_run(files.path) as before:
-                conduct.pressure.take_up(before, kept.frames, conduct.stop_before_going_on)
-    with _opened(files, run_header(simulation), conduct, kept) as writer:
+                loop.pressure.read_frames(before, checkpoint.frames, loop.stop_before_going_on)
+    with _opened(files, run_header(simulation), loop, checkpoint) as writer:
         try:
-            conduct.integrate(writer)
+            loop.integrate(writer)
         except (GuardStop, Interrupted) as error:
             problem = error
-        summary = _summary(simulation, conduct, writer.frames, problem)
+        summary = _summary(simulation, loop, writer.frames, problem)
         writer.finish(summary)
     if problem is not None:
         raise problem
@@ -137,32 +138,32 @@ def _execute(
 
 
 @contextmanager
-def _opened(files: RunFolder, header: dict[str, Any], conduct: Conduct, kept: Checkpoint | None) -> Iterator[TrajectoryWriter]:
+def _opened(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint: Checkpoint | None) -> Iterator[TrajectoryWriter]:
     """Yield the writer of a run, and write the other files of its folder."""
-    with _writer(files, header, conduct, kept) as writer:
+    with _writer(files, header, loop, checkpoint) as writer:
         try:
-            write_whole(files.place / SCENE_FILE, header["scene_text"].encode())
-            write_paraview_files(files.place / FILE_NAME, header["state_names"])
+            write_whole(files.work_folder / SCENE_FILE, header["scene_text"].encode())
+            write_paraview_files(files.work_folder / FILE_NAME, header["state_names"])
         except OSError as error:
             raise OutputError(f"{files.path}: cannot be written ({error.strerror or error})") from error
         yield writer
 
 
-def _writer(files: RunFolder, header: dict[str, Any], conduct: Conduct, kept: Checkpoint | None) -> TrajectoryWriter:
+def _writer(files: RunFolder, header: dict[str, Any], loop: RunLoop, checkpoint: Checkpoint | None) -> TrajectoryWriter:
     """Return a new trajectory, or that of the checkpoint, truncated to its frames."""
     path = files.path / FILE_NAME
-    if kept is None or not kept.frames:
-        return TrajectoryWriter(files.place / FILE_NAME, header, conduct.maker.static(), (path, 0))
+    if checkpoint is None or not checkpoint.frames:
+        return TrajectoryWriter(files.work_folder / FILE_NAME, header, loop.maker.static(), (path, 0))
     with open_run(path) as before:
         # warnings of an earlier part still hold for it
         report = [text for text in before.header.get("warnings", []) if text not in header["warnings"]]
     header = header | {"warnings": [*report, *header["warnings"]]}
-    return TrajectoryWriter.resume(path, kept.frames, header, conduct.stop_before_going_on)
+    return TrajectoryWriter.resume(path, checkpoint.frames, header, loop.stop_before_going_on)
 
 
 def check_threads(threads: int | None) -> list[str]:
     """Return a warning if `threads` exceeds the number of cores. Raises UsageError for a number below 1."""
-    maximum = _most_threads()
+    maximum = _max_threads()
     if threads is not None and threads < 1:
         raise UsageError(f"threads = {threads}: must be at least 1")
     if threads is not None and threads > maximum:
@@ -174,11 +175,11 @@ def set_threads(threads: int | None) -> None:
     """Set the number of threads of the compiled loops: all cores if None, and never more than there are."""
     import numba
 
-    maximum = _most_threads()
+    maximum = _max_threads()
     numba.set_num_threads(maximum if threads is None else min(threads, maximum))
 
 
-def _most_threads() -> int:
+def _max_threads() -> int:
     """Return the number of threads that numba was started with: one per core available to this process."""
     import numba
 
@@ -228,8 +229,8 @@ def debris_contact(simulation: Simulation) -> str:
     return "none: bodies do not see each other"
 
 
-def _summary(simulation: Simulation, conduct: Conduct, frames: int, problem: GuardStop | Interrupted | None) -> dict[str, Any]:
-    state, ledger, wall = simulation.state, conduct.ledger, conduct.wall_time()
+def _summary(simulation: Simulation, loop: RunLoop, frames: int, problem: GuardStop | Interrupted | None) -> dict[str, Any]:
+    state, ledger, wall = simulation.state, loop.ledger, loop.wall_time()
     lines, integration = ledger.lines(state), simulation.integrator.summary()
     return {
         "finished": problem is None,
@@ -242,9 +243,9 @@ def _summary(simulation: Simulation, conduct: Conduct, frames: int, problem: Gua
         "sphere_steps_per_second": integration["sphere_steps"] / wall if wall > 0.0 else 0.0,
         "simulated_time": state.time,
         "distance": state.distance,
-        **conduct.pressure.summary(),
+        **loop.pressure.summary(),
         "energy": lines,
-        **endings(simulation, conduct, lines),
+        **endings(simulation, loop, lines),
         # a guard trips in a step that was not recorded: the energy stored in its contacts is not known
         "energy_residual": None if isinstance(problem, GuardStop) else ledger.relative_residual(state, lines["residual"]),
     }

@@ -27,13 +27,13 @@ class PeakPressure:
         self.limits = np.array([[yield_limit(a, b).pressure for b in self.materials] for a in self.materials])
         self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
 
-    def take_up(self, run: Run, frames: int, between: Callable[[], None] = lambda: None) -> None:
+    def read_frames(self, run: Run, frames: int, between: Callable[[], None] = lambda: None) -> None:
         """Read the first frames of a resumed run; `between` is called before each of them."""
         for frame in range(min(frames, run.frames)):
             between()
-            self.look(run.contacts(frame))
+            self.update(run.contacts(frame))
 
-    def look(self, contacts: Mapping[str, np.ndarray]) -> None:
+    def update(self, contacts: Mapping[str, np.ndarray]) -> None:
         """Update with the contacts of one frame."""
         pressure, (own, other) = self.hertz.peak(contacts), self.hertz.materials(contacts)
         if not len(pressure):

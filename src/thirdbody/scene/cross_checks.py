@@ -11,25 +11,25 @@ from thirdbody import units
 from thirdbody.errors import nearest
 from thirdbody.scene.debris.contract import DebrisKind
 from thirdbody.scene.field_types import show
-from thirdbody.scene.schema_base import Place, Wrong, entry
+from thirdbody.scene.schema_base import Location, Wrong, entry
 
 
 def _items(node: Any) -> list[Any]:
     return list(node) if isinstance(node, list | tuple) else []
 
 
-MOST_MATERIALS = MOST_POPULATIONS = 1000
+MAX_MATERIALS = MAX_POPULATIONS = 1000
 """Largest number of materials and of debris tables in a scene: tables of pairs of materials take 8 MB then."""
 
 
 def number_faults(raw: dict[str, Any]) -> list[Wrong]:
     """Return faults of scenes with more materials or debris tables than are read."""
-    wrongs: list[Wrong] = []
-    for key, maximum, what in (("materials", MOST_MATERIALS, "materials"), ("debris", MOST_POPULATIONS, "debris tables")):
+    faults: list[Wrong] = []
+    for key, maximum, what in (("materials", MAX_MATERIALS, "materials"), ("debris", MAX_POPULATIONS, "debris tables")):
         count = len(raw[key]) if isinstance(raw.get(key), Mapping | list | tuple) else 0
         if count > maximum:
-            wrongs.append(((key,), f"{count} {what}, at most {maximum} are read"))
-    return wrongs
+            faults.append(((key,), f"{count} {what}, at most {maximum} are read"))
+    return faults
 
 
 def material_faults(raw: dict[str, Any]) -> list[Wrong]:
@@ -38,13 +38,13 @@ def material_faults(raw: dict[str, Any]) -> list[Wrong]:
     if not isinstance(materials, Mapping) or not materials:
         return []
     return [
-        (place, f"unknown material {show(name)}, {nearest(name, materials)}")
-        for place, name in _used(raw)
+        (location, f"unknown material {show(name)}, {nearest(name, materials)}")
+        for location, name in _used(raw)
         if isinstance(name, str) and name not in materials
     ]
 
 
-def _used(raw: dict[str, Any]) -> Iterator[tuple[Place, Any]]:
+def _used(raw: dict[str, Any]) -> Iterator[tuple[Location, Any]]:
     for i, debris in enumerate(_items(raw.get("debris"))):
         yield ("debris", i, "material"), entry(debris, "material")
     for side in ("lower", "upper"):
@@ -56,15 +56,15 @@ def _used(raw: dict[str, Any]) -> Iterator[tuple[Place, Any]]:
 
 def pair_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> list[Wrong]:
     """Return faults of pairs given twice, and of pairs of materials that can meet but are not given."""
-    wrongs: list[Wrong] = []
+    faults: list[Wrong] = []
     known: dict[frozenset[str], int] = {}
     for i, pair in enumerate(_items(raw.get("pairs"))):
         names = [name for name in _items(entry(pair, "between")) if isinstance(name, str)]
         if len(names) != 2 or not _defined(raw, names):
-            return wrongs  # reported already; the intended pair is unknown, so none can be called missing
+            return faults  # reported already; the intended pair is unknown, so none can be called missing
         if frozenset(names) in known:
             first = known[frozenset(names)]
-            wrongs.append((("pairs", i, "between"), f"{_both(names)} are given by pairs[{first}] already"))
+            faults.append((("pairs", i, "between"), f"{_both(names)} are given by pairs[{first}] already"))
         known.setdefault(frozenset(names), i)
     needed: dict[frozenset[str], tuple[list[str], str]] = {}
     for first, second, where in _meetings(raw, kinds):
@@ -73,8 +73,8 @@ def pair_faults(raw: dict[str, Any], kinds: Mapping[str, type[DebrisKind]]) -> l
     for key, (names, where) in needed.items():
         if key not in known:
             text = f"no pair for {_both(names)}, which can meet ({where}): add a [[pairs]] table with"
-            wrongs.append((("pairs",), f'{text} between = ["{names[0]}", "{names[1]}"]'))
-    return wrongs
+            faults.append((("pairs",), f'{text} between = ["{names[0]}", "{names[1]}"]'))
+    return faults
 
 
 def rolling_faults(raw: dict[str, Any]) -> list[Wrong]:
@@ -131,16 +131,16 @@ def _kind(debris: Any, kinds: Mapping[str, type[DebrisKind]]) -> type[DebrisKind
 
 def sliding_faults(raw: dict[str, Any], moving: bool, every_kind: str) -> list[Wrong]:
     """Return faults of lengths of sliding without a plate that slides."""
-    wrongs: list[Wrong] = []
+    faults: list[Wrong] = []
     if moving:
-        return wrongs
+        return faults
     if entry(raw.get("solver"), "distance") is not None:
         hint = "add plates.upper.motion, or give duration instead"
-        wrongs.append((("solver", "distance"), f"a distance needs an upper plate that moves: {hint}"))
+        faults.append((("solver", "distance"), f"a distance needs an upper plate that moves: {hint}"))
     if every_kind == "distance":
         hint = "add plates.upper.motion, or give a time"
-        wrongs.append((("output", "every"), f"a length of sliding needs an upper plate that moves: {hint}"))
-    return wrongs
+        faults.append((("output", "every"), f"a length of sliding needs an upper plate that moves: {hint}"))
+    return faults
 
 
 def interval_faults(solver: Any, output: Any) -> list[Wrong]:

@@ -87,7 +87,7 @@ class Range:
             ("less than", self.lt, self.lt is None or value < self.lt),
             ("at most", self.le, self.le is None or value <= self.le),
         ]
-        if not all(kept for _, _, kept in limits):
+        if not all(satisfied for _, _, satisfied in limits):
             if self.ge is not None and self.ge == self.le:
                 raise ValueError(f"{shown} must be {self.ge:g}")
             report = " and ".join(f"{word} {limit:g}" for word, limit, _ in limits if limit is not None)
@@ -246,7 +246,7 @@ def listing(what: str, length: int | None = None) -> BeforeValidator:
 
 Text = Annotated[str, TEXT]
 Flag = Annotated[bool, FLAG]
-MOST_SPHERES = 10_000_000
+MAX_SPHERES = 10_000_000
 """Largest number of spheres of a scene: about 10 GB of state and contacts. More is refused before anything is allocated."""
 
 Count = Annotated[int, Whole(ge=1)]
@@ -276,4 +276,4 @@ Point = Annotated[tuple[Length, Length, Length], THREE]
 Velocity = Annotated[tuple[Speed, Speed, Speed], THREE]
 AngularVelocity = Annotated[tuple[Spin, Spin, Spin], THREE]
 AccelerationVector = Annotated[tuple[Acceleration, Acceleration, Acceleration], THREE]
-REST = (0.0, 0.0, 0.0)
+AT_REST = (0.0, 0.0, 0.0)

@@ -25,12 +25,12 @@ from thirdbody.scene.debris.kinds.mesh import Mesh
 from thirdbody.scene.debris.kinds.spheres import Ball, Spheres
 from thirdbody.scene.debris.kinds.spots import Spot, Spots
 from thirdbody.scene.debris.registry import Debris, DebrisKinds, kinds_of
-from thirdbody.scene.field_types import MOST_SPHERES, Text, Whole, listing, plain
+from thirdbody.scene.field_types import MAX_SPHERES, Text, Whole, listing, plain
 from thirdbody.scene.motion import Constant as ConstantVelocity
 from thirdbody.scene.motion import Motion, Pause, Ramp, Stroke, Table
 from thirdbody.scene.overrides import apply_settings
 from thirdbody.scene.read import Source, read_text, read_toml
-from thirdbody.scene.schema_base import MISSING, Part, Place, Wrong, bundle, key_path, wrongs_of
+from thirdbody.scene.schema_base import MISSING, Location, Part, Wrong, bundle, key_path, wrongs_of
 from thirdbody.scene.size_distributions import Constant, Lognormal, Normal, Uniform
 from thirdbody.scene.tables import Contact, Domain, Effects, LowerPlate, Material, Output, Pair, Plates, Solver, UpperPlate
 from thirdbody.scene.toml_writer import save_text, toml_text
@@ -100,20 +100,20 @@ class Scene(Part):
         """
         document, source = read_toml(text, name)
         source = source if folder is None else replace(source, folder=os.fspath(folder))
-        wrongs: list[Wrong] = []
+        faults: list[Wrong] = []
         if "scene" not in document:
             document["scene"] = VERSION  # continue, so that the other faults are reported too
-            wrongs.append((("scene",), f"{MISSING}: write scene = {VERSION}"))
-        return cls._checked(document, source, wrongs, DebrisKinds(tuple(plugins)))
+            faults.append((("scene",), f"{MISSING}: write scene = {VERSION}"))
+        return cls._checked(document, source, faults, DebrisKinds(tuple(plugins)))
 
     @classmethod
-    def _checked(cls, document: dict[str, Any], source: Source, wrongs: list[Wrong], kinds: DebrisKinds) -> Scene:
+    def _checked(cls, document: dict[str, Any], source: Source, faults: list[Wrong], kinds: DebrisKinds) -> Scene:
         try:
             scene = cls.model_validate(document, context={"file": True, "kinds": kinds})
         except ValidationError as error:
-            wrongs = wrongs + wrongs_of(error)
-        if wrongs:
-            raise InputError(source.in_order(wrongs))
+            faults = faults + wrongs_of(error)
+        if faults:
+            raise InputError(source.in_order(faults))
         scene._source, scene._kinds = source, kinds
         return scene
 
@@ -123,7 +123,7 @@ class Scene(Part):
         try:
             scene = cls.model_validate(dict(tables), context={"kinds": kinds})
         except ValidationError as error:
-            raise InputError(Fault(key_path(place), text) for place, text in wrongs_of(error)) from None
+            raise InputError(Fault(key_path(location), text) for location, text in wrongs_of(error)) from None
         scene._kinds = kinds
         return scene
 
@@ -141,18 +141,18 @@ class Scene(Part):
         """Return faults between tables, as far as they can be read."""
         if too_many := cross_checks.number_faults(raw):  # reported alone: reading them all would take too long
             raise bundle(too_many)
-        wrongs: list[Wrong] = []
+        faults: list[Wrong] = []
         if isinstance(raw.get("materials", {}), Mapping) and not raw.get("materials"):
-            wrongs.append((("materials",), "at least one [materials.NAME] table is needed"))
+            faults.append((("materials",), "at least one [materials.NAME] table is needed"))
         if isinstance(raw.get("debris", []), list | tuple) and not raw.get("debris"):
-            wrongs.append((("debris",), "at least one [[debris]] table is needed"))
-        wrongs += cross_checks.material_faults(raw) + cross_checks.pair_faults(raw, kinds_of(context))
-        wrongs += cross_checks.rolling_faults(raw)
+            faults.append((("debris",), "at least one [[debris]] table is needed"))
+        faults += cross_checks.material_faults(raw) + cross_checks.pair_faults(raw, kinds_of(context))
+        faults += cross_checks.rolling_faults(raw)
         plates = _sound(Plates, raw.get("plates", {}), context)
         output = _sound(Output, raw.get("output"), context)
         # Plates that are faulty themselves may be intended to move.
         moving = plates is None or plates.moving()
-        return wrongs + cross_checks.sliding_faults(raw, moving, output.every_kind if output else "")
+        return faults + cross_checks.sliding_faults(raw, moving, output.every_kind if output else "")
 
     def checks(self) -> list[Wrong]:
         """Return faults between tables that are valid on their own."""
@@ -187,22 +187,22 @@ class Scene(Part):
     def _too_many(self) -> list[Wrong]:
         """Return faults of too many spheres, before one of them is made."""
         spheres = [(debris.count or 1) * debris.max_spheres() for debris in self.debris]
-        if sum(spheres) <= MOST_SPHERES:
+        if sum(spheres) <= MAX_SPHERES:
             return []
-        message = f"the debris would have up to {sum(spheres):.3g} spheres, at most {MOST_SPHERES:.3g} are computed; lower count"
+        message = f"the debris would have up to {sum(spheres):.3g} spheres, at most {MAX_SPHERES:.3g} are computed; lower count"
         return [(("debris", spheres.index(max(spheres)), "count"), message)]
 
     def _out_of_plane(self) -> list[Wrong]:
         """Return faults of motion and forces that would drive planar particles out of their plane."""
         if not any(debris.in_plane for debris in self.debris):
             return []
-        wrongs: list[Wrong] = []
+        faults: list[Wrong] = []
         upper, why = self.plates.upper, "drives planar particles out of their plane y = 0"
         if upper is not None and upper.motion.y:
-            wrongs.append((("plates", "upper", "motion", "y"), why))
+            faults.append((("plates", "upper", "motion", "y"), why))
         if self.effects.gravity is not None and self.effects.gravity[1] != 0.0:
-            wrongs.append((("effects", "gravity", 1), why))
-        return wrongs
+            faults.append((("effects", "gravity", 1), why))
+        return faults
 
     def pair(self, first: str, second: str) -> Pair:
         """Return the pair of two materials, in either order. Raises KeyError when the scene has none."""
@@ -230,11 +230,11 @@ class Scene(Part):
         one of two keys that exclude each other (distance and duration; load, pressure and gap) drops the other. Raises
         InputError.
         """
-        document, places = apply_settings(self.document(), settings)
+        document, locations = apply_settings(self.document(), settings)
         kinds = self._kinds.including(type(debris) for debris in self.debris)
         # A setting can make a key of the file invalid, so every fault here is one of the settings.
         scene = self._checked(document, Source().overridden([()]), [], kinds)
-        scene._source = self._source.overridden(places)
+        scene._source = self._source.overridden(locations)
         return scene
 
     @property
@@ -249,17 +249,17 @@ class Scene(Part):
             return Path(self._source.folder) / name
         return Path(self._source.file).parent / name if self._source.file else Path(name)
 
-    def fault(self, place: Place, message: str) -> Fault:
+    def fault(self, location: Location, message: str) -> Fault:
         """Return a fault at a place such as ("contact", "springs"), with file and line if there is a file."""
-        return self._source.fault(place, message)
+        return self._source.fault(location, message)
 
 
 def _inner_paths() -> dict[str, list[str]]:
     """Return the quoted paths of the keys inside tables by the key, such as {"distance": ["'solver.distance'"]}."""
     paths: dict[str, list[str]] = {}
-    for place, table in _TABLES.items():
-        for name in table.model_fields.keys() - {table.rest}:
-            paths.setdefault(name, []).append(f"'{place}.{name}'")
+    for location, table in _TABLES.items():
+        for name in table.model_fields.keys() - {table.extra_keys}:
+            paths.setdefault(name, []).append(f"'{location}.{name}'")
     return paths
 
 

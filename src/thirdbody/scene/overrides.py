@@ -7,8 +7,8 @@ from typing import Any
 
 from thirdbody.errors import SETTINGS, Fault, InputError
 from thirdbody.scene.field_types import in_si, show
-from thirdbody.scene.read import MOST_LEVELS
-from thirdbody.scene.schema_base import Place, key_path
+from thirdbody.scene.read import MAX_LEVELS
+from thirdbody.scene.schema_base import Location, key_path
 
 # A key on the left, when set, replaces those on the right in the same table.
 _REPLACES = {
@@ -27,18 +27,18 @@ _REPLACES = {
 }
 
 
-def apply_settings(document: dict[str, Any], settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[Place]]:
+def apply_settings(document: dict[str, Any], settings: Mapping[str, Any]) -> tuple[dict[str, Any], list[Location]]:
     """Return the changed document and the places that were set. Raises InputError for invalid paths."""
     faults: list[Fault] = []
-    places = []
+    locations = []
     for path, value in settings.items():
         try:
-            places.append(_set(document, path, toml_value(value) if isinstance(value, str) else in_si(value), settings))
+            locations.append(_set(document, path, toml_value(value) if isinstance(value, str) else in_si(value), settings))
         except ValueError as error:
             faults.append(Fault(path, str(error), file=SETTINGS))
     if faults:
         raise InputError(faults)
-    return document, places
+    return document, locations
 
 
 def toml_value(value: str) -> Any:
@@ -50,22 +50,22 @@ def toml_value(value: str) -> Any:
     return table["value"] if table.keys() == {"value"} else value
 
 
-def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str, Any]) -> Place:
+def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str, Any]) -> Location:
     """Set the value at the path; return the place. Raises ValueError."""
     words = [word for word in re.split(r"[.\[\]]+", path) if word]
     if not words:
         raise ValueError("expected a path such as solver.distance")
-    if len(words) > MOST_LEVELS:
-        raise ValueError(f"nested too deeply, at most {MOST_LEVELS} levels are read")
+    if len(words) > MAX_LEVELS:
+        raise ValueError(f"nested too deeply, at most {MAX_LEVELS} levels are read")
     node: Any = document
-    place: Place = ()
+    location: Location = ()
     for word in words[:-1]:
-        key = _key(node, word, place)
-        place += (key,)
+        key = _key(node, word, location)
+        location += (key,)
         if isinstance(node, dict):
             node.setdefault(key, {})
         node = node[key]
-    key = _key(node, words[-1], place)
+    key = _key(node, words[-1], location)
     if isinstance(node, dict):
         siblings = {other.rpartition(".")[2] for other in settings}
         for excluded in _REPLACES.get(str(key), set()) - siblings:
@@ -74,16 +74,16 @@ def _set(document: dict[str, Any], path: str, value: Any, settings: Mapping[str,
         node.pop(key, None)
     else:
         node[key] = value
-    return (*place, key)
+    return (*location, key)
 
 
-def _key(node: Any, word: str, place: Place) -> str | int:
+def _key(node: Any, word: str, location: Location) -> str | int:
     """Return the word as key of a table or as index of a list. Raises ValueError."""
     if isinstance(node, dict):
         return word
     if not isinstance(node, list):
-        raise ValueError(f"{key_path(place)} = {show(node)} is not a table")
+        raise ValueError(f"{key_path(location)} = {show(node)} is not a table")
     if not word.isdecimal() or int(word) >= len(node):
         known = f"its entries are 0 to {len(node) - 1}" if node else "it is empty"
-        raise ValueError(f"{key_path(place)} has no entry '{word}': {known}")
+        raise ValueError(f"{key_path(location)} has no entry '{word}': {known}")
     return int(word)

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from thirdbody.errors import SETTINGS, Fault, InputError
-from thirdbody.scene.schema_base import Place, Wrong, key_path
+from thirdbody.scene.schema_base import Location, Wrong, key_path
 from thirdbody.scene.toml_positions import locate
 
-MOST_BYTES = 4_000_000
+MAX_BYTES = 4_000_000
 """Bytes of the largest scene file: larger tables of bodies belong in files of their own."""
 
-MOST_LEVELS = 32
+MAX_LEVELS = 32
 """Largest number of nested tables and lists; a scene has six."""
 
 
@@ -26,33 +26,33 @@ class Source:
     """Origin of a scene. All sources are equal: two scenes with the same content are the same scene."""
 
     file: str | None = field(default=None, compare=False)
-    positions: dict[Place, tuple[int, int]] = field(default_factory=dict, compare=False)
-    settings: tuple[Place, ...] = field(default=(), compare=False)
+    positions: dict[Location, tuple[int, int]] = field(default_factory=dict, compare=False)
+    settings: tuple[Location, ...] = field(default=(), compare=False)
     folder: str | None = field(default=None, compare=False)  # of the files it names, if not that of `file`
 
-    def overridden(self, places: Iterable[Place]) -> Source:
+    def overridden(self, locations: Iterable[Location]) -> Source:
         """Return the source with these places set by settings."""
-        return replace(self, settings=(*self.settings, *places))
+        return replace(self, settings=(*self.settings, *locations))
 
-    def position(self, place: Place) -> tuple[int, int] | None:
+    def position(self, location: Location) -> tuple[int, int] | None:
         """Return line and column of the key, or of the nearest enclosing table."""
-        for length in range(len(place), 0, -1):
-            if place[:length] in self.positions:
-                return self.positions[place[:length]]
+        for length in range(len(location), 0, -1):
+            if location[:length] in self.positions:
+                return self.positions[location[:length]]
         return (1, 1) if self.file is not None else None
 
-    def fault(self, place: Place, message: str) -> Fault:
+    def fault(self, location: Location, message: str) -> Fault:
         """Return the fault with file, line and column as far as they are known."""
-        key = key_path(place)
-        if any(place[: len(setting)] == setting for setting in self.settings):
+        key = key_path(location)
+        if any(location[: len(setting)] == setting for setting in self.settings):
             return Fault(key, message, file=SETTINGS)
-        line, column = self.position(place) or (None, None)
+        line, column = self.position(location) or (None, None)
         return Fault(key, message, self.file, line, column)
 
-    def in_order(self, wrongs: Iterable[Wrong]) -> list[Fault]:
+    def in_order(self, faults: Iterable[Wrong]) -> list[Fault]:
         """Return the faults in the order of the file."""
-        placed = sorted(wrongs, key=lambda wrong: self.position(wrong[0]) or (0, 0))
-        return [self.fault(place, text) for place, text in placed]
+        ordered = sorted(faults, key=lambda wrong: self.position(wrong[0]) or (0, 0))
+        return [self.fault(location, text) for location, text in ordered]
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
@@ -64,8 +64,8 @@ def read_text(path: str | os.PathLike[str]) -> str:
             raise InputError(Fault("", "is a folder, expected a scene file", name))
         if not stat.S_ISREG(info.st_mode):  # a pipe without a writer would block forever
             raise InputError(Fault("", "is a device, expected a scene file", name))
-        if info.st_size > MOST_BYTES:
-            raise InputError(Fault("", f"has {info.st_size / 1e6:.1f} MB; a scene has at most {MOST_BYTES / 1e6:.0f} MB", name))
+        if info.st_size > MAX_BYTES:
+            raise InputError(Fault("", f"has {info.st_size / 1e6:.1f} MB; a scene has at most {MAX_BYTES / 1e6:.0f} MB", name))
         with open(path, "rb") as file:
             data = file.read()
     except FileNotFoundError:
@@ -89,15 +89,15 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
     """Return the raw tables and their source. Raises InputError with one fault when the text is not TOML."""
     if (long := _LONG_KEY.search(text)) is not None:
         line = text.count("\n", 0, long.start()) + 1
-        raise InputError(Fault("", f"a key of more than {MOST_LEVELS} parts: nested too deeply", name, line, 1))
+        raise InputError(Fault("", f"a key of more than {MAX_LEVELS} parts: nested too deeply", name, line, 1))
     try:
         document = tomllib.loads(text)
     except RecursionError:
-        line = _deepest_line(text)
-        raise InputError(Fault("", f"nested too deeply, at most {MOST_LEVELS} levels are read", name, line, 1)) from None
+        line = _most_nested_line(text)
+        raise InputError(Fault("", f"nested too deeply, at most {MAX_LEVELS} levels are read", name, line, 1)) from None
     except ValueError as error:
         raise InputError(_syntax_fault(str(error), text, name)) from None
-    _refuse_deep(document, name)
+    _refuse_nested(document, name)
     return document, Source(name, locate(text))
 
 
@@ -105,19 +105,19 @@ def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
 _LONG_KEY = re.compile(r"""(?<![\w"'-])(?:[\w"'-]+[ \t]*\.[ \t]*){32}""")  # MOST_LEVELS
 
 
-def _refuse_deep(document: dict[str, Any], name: str) -> None:
+def _refuse_nested(document: dict[str, Any], name: str) -> None:
     """Raise InputError for tables and lists nested more deeply than any scene needs, before any recursion."""
     level: list[tuple[str, Any]] = list(document.items())
-    for _ in range(MOST_LEVELS):
+    for _ in range(MAX_LEVELS):
         inner = [(key, node.values() if isinstance(node, dict) else node) for key, node in level if isinstance(node, dict | list)]
         level = [(key, entry) for key, entries in inner for entry in entries]
-    faults = [Fault(key_path((key,)), f"nested too deeply, at most {MOST_LEVELS} levels are read", name)
+    faults = [Fault(key_path((key,)), f"nested too deeply, at most {MAX_LEVELS} levels are read", name)
               for key in dict.fromkeys(key for key, node in level if isinstance(node, dict | list))]  # fmt: skip
     if faults:
         raise InputError(faults)
 
 
-def _deepest_line(text: str) -> int:
+def _most_nested_line(text: str) -> int:
     """Return the line with the most opening brackets: only for text that nests too deeply to be read."""
     lines = text.split("\n")
     return 1 + max(range(len(lines)), key=lambda k: lines[k].count("[") + lines[k].count("{"))

@@ -29,20 +29,20 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 from thirdbody.errors import Fault, InputError, nearest
 from thirdbody.scene.field_types import choose, in_file, plain, show
 
-Place = tuple[str | int, ...]
-Wrong = tuple[Place, str]  # place relative to the table, and message
+Location = tuple[str | int, ...]
+Wrong = tuple[Location, str]  # place relative to the table, and message
 
 MISSING = "required key is missing"
 
-MOST_STRANGE = 100
+MAX_UNKNOWN = 100
 """Largest number of unknown keys of one table with a suggestion each: the search for similar names is slow."""
 
 
-def bundle(wrongs: Iterable[Wrong]) -> ValidationError:
+def bundle(faults: Iterable[Wrong]) -> ValidationError:
     """Return the faults as one pydantic error, which pydantic merges into that of the enclosing table."""
     details = [
-        InitErrorDetails(type=PydanticCustomError("scene", "{text}", {"text": text}), loc=place, input=None)
-        for place, text in wrongs
+        InitErrorDetails(type=PydanticCustomError("scene", "{text}", {"text": text}), loc=location, input=None)
+        for location, text in faults
     ]
     return ValidationError.from_exception_data("scene", details)
 
@@ -58,10 +58,10 @@ def wrongs_of(error: ValidationError) -> list[Wrong]:
     return result
 
 
-def key_path(place: Iterable[str | int]) -> str:
+def key_path(location: Iterable[str | int]) -> str:
     """Return the place as text: ("debris", 0, "size") is debris[0].size."""
     path = ""
-    for part in place:
+    for part in location:
         if isinstance(part, int):
             path += f"[{part}]"
         else:
@@ -75,7 +75,7 @@ def entry(node: Any, key: str) -> Any:
     return node.get(key) if isinstance(node, Mapping) else getattr(node, key, None)
 
 
-def key_place(path: str) -> Place:
+def key_location(path: str) -> Location:
     """Return the place of a path: debris[0].size is ("debris", 0, "size")."""
     return tuple(int(number) if number else word for number, word in re.findall(r"\[(\d+)\]|([^.\[\]]+)", path))
 
@@ -117,13 +117,13 @@ class Part(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     later: ClassVar[dict[str, str]] = {}  # keys of the file format that do not work yet: what works instead
-    rest: ClassVar[str] = ""  # the field for all further keys, in tables that plug-ins extend
+    extra_keys: ClassVar[str] = ""  # the field for all further keys, in tables that plug-ins extend
 
     def __init__(self, /, **data: Any) -> None:
         try:
             super().__init__(**data)
         except ValidationError as error:
-            raise InputError(Fault(key_path(place), text) for place, text in wrongs_of(error)) from None
+            raise InputError(Fault(key_path(location), text) for location, text in wrongs_of(error)) from None
 
     # Makes pydantic validate nested tables itself, so that faults are merged, as RootModel does.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
@@ -150,8 +150,8 @@ class Part(BaseModel):
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
         schema = handler.resolve_ref_schema(handler(core_schema))
-        if cls.rest:  # checked by a plug-in
-            schema["properties"].pop(cls.rest, None)
+        if cls.extra_keys:  # checked by a plug-in
+            schema["properties"].pop(cls.extra_keys, None)
             schema["additionalProperties"] = True
         return schema
 
@@ -163,31 +163,31 @@ class Part(BaseModel):
         if not isinstance(data, Mapping):
             raise ValueError(f"expected a table, got {show(data)}")
         raw = {key: value for key, value in data.items() if value is not None}
-        if cls.rest:
+        if cls.extra_keys:
             raw = cls._gather(raw, in_file(info))
-        raw, renamed, wrongs = cls._known(raw)
-        wrongs += cls.rules(raw, info.context)
-        wrongs += [(place, "nan is not a number") for place in _lost(raw.get(cls.rest, {}))]
+        raw, renamed, faults = cls._known(raw)
+        faults += cls.rules(raw, info.context)
+        faults += [(location, "nan is not a number") for location in _nan_locations(raw.get(cls.extra_keys, {}))]
         try:
             part = handler(cls.arrange(raw))
-            wrongs += part.checks()
+            faults += part.checks()
         except ValidationError as error:
-            report = {place for place, _ in wrongs}
-            wrongs += [wrong for wrong in wrongs_of(error) if wrong[0] not in report]
+            report = {location for location, _ in faults}
+            faults += [wrong for wrong in wrongs_of(error) if wrong[0] not in report]
         if cls.later.keys() & data.keys():  # what the postponed key would have given is not missing
-            wrongs = [(place, text) for place, text in wrongs if place and text != MISSING]
-        if wrongs:
-            raise bundle((_rename(place, renamed), text) for place, text in wrongs)
+            faults = [(location, text) for location, text in faults if location and text != MISSING]
+        if faults:
+            raise bundle((_rename(location, renamed), text) for location, text in faults)
         return part
 
     @classmethod
     def _gather(cls, raw: dict[str, Any], from_file: bool) -> dict[str, Any]:
-        """Move further keys into the field `rest`, where a plug-in checks them."""
-        own = {key: value for key, value in raw.items() if key in cls.model_fields and key != cls.rest}
+        """Move further keys into the field `extra_keys`, where a plug-in checks them."""
+        own = {key: value for key, value in raw.items() if key in cls.model_fields and key != cls.extra_keys}
         further = {key: plain(value) for key, value in raw.items() if key not in own}
         if not from_file:
-            further |= plain(further.pop(cls.rest, {}))
-        return own | {cls.rest: further}
+            further |= plain(further.pop(cls.extra_keys, {}))
+        return own | {cls.extra_keys: further}
 
     @classmethod
     def _known(cls, raw: dict[str, Any]) -> tuple[dict[str, Any], dict[str, str], list[Wrong]]:
@@ -197,37 +197,37 @@ class Part(BaseModel):
         """
         saved = {key: value for key, value in raw.items() if key in cls.model_fields}
         renamed: dict[str, str] = {}
-        wrongs: list[Wrong] = []
+        faults: list[Wrong] = []
         strange = [key for key in raw if key not in saved]
-        for key in strange[:MOST_STRANGE]:
+        for key in strange[:MAX_UNKNOWN]:
             if key in cls.later:
                 text = f"{key} = {show(raw[key])} is known but not available in this version"
-                wrongs.append(((key,), f"{text}; available: {cls.later[key]}"))
+                faults.append(((key,), f"{text}; available: {cls.later[key]}"))
                 continue
-            wrongs.append(((key,), f"unknown key, {cls.suggestion(str(key))}"))
+            faults.append(((key,), f"unknown key, {cls.suggestion(str(key))}"))
             for meant in difflib.get_close_matches(str(key), cls.model_fields.keys() - saved.keys(), 1, 0.7):
                 saved[meant] = raw[key]
                 renamed[meant] = key
-        if len(strange) > MOST_STRANGE:
-            more = len(strange) - MOST_STRANGE
-            wrongs.append(((strange[MOST_STRANGE],), f"unknown key, and so are {more - 1} more after it"))
-        return saved, renamed, wrongs
+        if len(strange) > MAX_UNKNOWN:
+            more = len(strange) - MAX_UNKNOWN
+            faults.append(((strange[MAX_UNKNOWN],), f"unknown key, and so are {more - 1} more after it"))
+        return saved, renamed, faults
 
     @model_serializer(mode="wrap")
-    def _spread(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _flatten(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         document = handler(self)
-        if self.rest:
-            document.update(document.pop(self.rest))
+        if self.extra_keys:
+            document.update(document.pop(self.extra_keys))
         return document
 
 
-def _lost(value: Any, place: Place = ()) -> list[Place]:
+def _nan_locations(value: Any, location: Location = ()) -> list[Location]:
     """Return the places of NaN among keys for a plug-in: NaN equals nothing, so the scene would not equal itself."""
     if isinstance(value, float):
-        return [place] if math.isnan(value) else []
+        return [location] if math.isnan(value) else []
     entries = value.items() if isinstance(value, Mapping) else enumerate(value) if isinstance(value, list) else ()
-    return [found for key, entry in entries for found in _lost(entry, (*place, key))]
+    return [inner for key, entry in entries for inner in _nan_locations(entry, (*location, key))]
 
 
-def _rename(place: Place, renamed: dict[str, str]) -> Place:
-    return (renamed.get(str(place[0]), place[0]), *place[1:]) if place else place
+def _rename(location: Location, renamed: dict[str, str]) -> Location:
+    return (renamed.get(str(location[0]), location[0]), *location[1:]) if location else location

@@ -23,21 +23,21 @@ def stages(kinds: Kinds, example: str, endless: Callable[[Any], str | None]) -> 
         if not entries:
             raise ValueError("the list of stages is empty")
         result = []
-        wrongs: list[Wrong] = []
+        faults: list[Wrong] = []
         for k, entry in enumerate(entries):
-            place: tuple[str | int, ...] = (k,) if isinstance(value, list | tuple) else ()
+            location: tuple[str | int, ...] = (k,) if isinstance(value, list | tuple) else ()
             try:
                 result.append(_stage_of(entry, info, kinds, example))
             except ValidationError as error:
-                wrongs += [((*place, *where), text) for where, text in wrongs_of(error)]
+                faults += [((*location, *where), text) for where, text in wrongs_of(error)]
             except ValueError as error:
-                wrongs.append((place, str(error)))
+                faults.append((location, str(error)))
         for k, stage in enumerate(result[:-1]):
             key = endless(stage)
             if key is not None:
-                wrongs.append(((k, key), f"{MISSING}: only the last stage may go on for ever"))
-        if wrongs:
-            raise bundle(wrongs)
+                faults.append(((k, key), f"{MISSING}: only the last stage may go on for ever"))
+        if faults:
+            raise bundle(faults)
         return tuple(result)
 
     return WrapValidator(read)

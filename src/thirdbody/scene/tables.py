@@ -104,19 +104,19 @@ class UpperPlate(Part):
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Return faults that follow from which keys are given."""
-        wrongs = one_of(raw, _LOADINGS)
-        if raw.get("support") == "load_per_particle" and not wrongs and "load" not in raw:
+        faults = one_of(raw, _LOADINGS)
+        if raw.get("support") == "load_per_particle" and not faults and "load" not in raw:
             given = next(key for key in _LOADINGS if key in raw)
-            wrongs.append(((given,), "support = 'load_per_particle' takes a load, not a " + given))
+            faults.append(((given,), "support = 'load_per_particle' takes a load, not a " + given))
         if "closing" in raw and "gap" not in raw:
-            wrongs.append((("closing",), "needs a gap to start from"))
+            faults.append((("closing",), "needs a gap to start from"))
         if "loading" in raw and "gap" in raw:
-            wrongs.append((("loading",), "changes a load, and a plate at a gap has none"))
+            faults.append((("loading",), "changes a load, and a plate at a gap has none"))
         if raw.get("support") == "foundation" and "stiffness" not in raw:
-            wrongs.append((("stiffness",), f'{MISSING}: the stiffness of each particle\'s patch, such as "1e4 N/m"'))
+            faults.append((("stiffness",), f'{MISSING}: the stiffness of each particle\'s patch, such as "1e4 N/m"'))
         if raw.get("support") != "foundation":
-            wrongs += [((key,), "belongs to support = 'foundation'") for key in ("stiffness", "preload") if key in raw]
-        return wrongs
+            faults += [((key,), "belongs to support = 'foundation'") for key in ("stiffness", "preload") if key in raw]
+        return faults
 
 
 class Plates(Part):
@@ -143,7 +143,7 @@ class Plates(Part):
 class Contact(Part):
     """The contact law by name, and its options as given in the file: only the law can check them."""
 
-    rest: ClassVar[str] = "options"
+    extra_keys: ClassVar[str] = "options"
     law: Text = "three_spot"
     level: Text | None = None
     debris_contact: Annotated[Literal["auto", "none"], Choice()] = "auto"
@@ -158,7 +158,7 @@ class Contact(Part):
 class Effects(Part):
     """Gravity [m/s2] if any, and further effects by name as given in the file; effects that are not given are off."""
 
-    rest: ClassVar[str] = "named"
+    extra_keys: ClassVar[str] = "named"
     gravity: AccelerationVector | None = None
     named: dict[str, Any] = {}
 
@@ -187,13 +187,13 @@ class Solver(Part):
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Return faults that follow from which keys are given."""
-        wrongs = one_of(raw, ("distance", "duration"))
+        faults = one_of(raw, ("distance", "duration"))
         other = {"explicit": IMPLICIT_KEYS, "implicit": ("time_step",)}
         kind = raw.get("integrator", "auto")
         for key in other.get(kind, ()) if isinstance(kind, str) else ():
             if raw.get(key, "auto") not in (None, "auto"):
-                wrongs.append(((key,), f'is for the other integrator: this one is "{kind}"'))
-        return wrongs
+                faults.append(((key,), f'is for the other integrator: this one is "{kind}"'))
+        return faults
 
 
 _EVERY = {"distance": "length", "time": "time"}
@@ -243,5 +243,5 @@ class Output(Part):
         return raw | {"every": value, "every_kind": kind}
 
     @model_serializer(mode="wrap")
-    def _spread(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
+    def _flatten(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
         return {"every": units.format_si(self.every, _EVERY[self.every_kind])}

@@ -7,7 +7,7 @@ import re
 import tomllib
 from bisect import bisect_right
 
-from thirdbody.scene.schema_base import Place
+from thirdbody.scene.schema_base import Location
 
 _BLANK = re.compile(r"[ \t]*")
 _VOID = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
@@ -22,7 +22,7 @@ _STRING = re.compile(
 _BARE_VALUE = re.compile(r"[^,\]}#\n]*")
 
 
-def locate(text: str) -> dict[Place, tuple[int, int]]:
+def locate(text: str) -> dict[Location, tuple[int, int]]:
     """Return the position (line, column; both from 1) by place: keys at the key, list entries at the value."""
     scanner = _Scanner(text.replace("\r\n", "\n"))
     scanner.document()
@@ -34,11 +34,11 @@ class _Scanner:
         self.text = text
         self.at = 0
         self.line_starts = [0, *(match.end() for match in re.finditer("\n", text))]
-        self.positions: dict[Place, tuple[int, int]] = {}
-        self.lengths: dict[Place, int] = {}  # of arrays of tables
+        self.positions: dict[Location, tuple[int, int]] = {}
+        self.lengths: dict[Location, int] = {}  # of arrays of tables
 
     def document(self) -> None:
-        table: Place = ()
+        table: Location = ()
         self._skip(_VOID)
         while self.at < len(self.text):
             if self._peek("["):
@@ -56,26 +56,26 @@ class _Scanner:
         self.at = match.end()
         return match[0]
 
-    def _mark(self, place: Place, start: int) -> None:
+    def _mark(self, location: Location, start: int) -> None:
         line = bisect_right(self.line_starts, start)
-        self.positions.setdefault(place, (line, start - self.line_starts[line - 1] + 1))
+        self.positions.setdefault(location, (line, start - self.line_starts[line - 1] + 1))
 
-    def _header(self) -> Place:
+    def _header(self) -> Location:
         """Read [a.b] or [[a.b]]: return the place of the following keys."""
         start, double = self.at, self._peek("[[")
         self.at += 2 if double else 1
         parts = self._key()
         self.at += 2 if double else 1
-        place: Place = ()
+        location: Location = ()
         for i, part in enumerate(parts):
-            place += (part,)
+            location += (part,)
             if double and i == len(parts) - 1:
-                self.lengths[place] = self.lengths.get(place, 0) + 1
-            self._mark(place, start)
-            if place in self.lengths:
-                place += (self.lengths[place] - 1,)
-                self._mark(place, start)
-        return place
+                self.lengths[location] = self.lengths.get(location, 0) + 1
+            self._mark(location, start)
+            if location in self.lengths:
+                location += (self.lengths[location] - 1,)
+                self._mark(location, start)
+        return location
 
     def _key(self) -> list[str]:
         parts = []
@@ -88,41 +88,41 @@ class _Scanner:
                 return parts
             self.at += 1
 
-    def _assignment(self, table: Place) -> None:
-        start, place = self.at, table
+    def _assignment(self, table: Location) -> None:
+        start, location = self.at, table
         for part in self._key():
-            place += (part,)
-            self._mark(place, start)
+            location += (part,)
+            self._mark(location, start)
         self.at += 1  # the equals sign
         self._skip(_BLANK)
-        self._value(place)
+        self._value(location)
 
-    def _value(self, place: Place) -> None:
+    def _value(self, location: Location) -> None:
         if self._peek("["):
-            self._list(place)
+            self._list(location)
         elif self._peek("{"):
-            self._inline(place)
+            self._inline(location)
         elif self._peek('"') or self._peek("'"):
             self._skip(_STRING)
         else:
             self._skip(_BARE_VALUE)
 
-    def _list(self, place: Place) -> None:
+    def _list(self, location: Location) -> None:
         self.at += 1
         self._skip(_VOID)
         index = 0
         while not self._peek("]"):
-            self._mark((*place, index), self.at)
-            self._value((*place, index))
+            self._mark((*location, index), self.at)
+            self._value((*location, index))
             index += 1
             self._separator()
         self.at += 1
 
-    def _inline(self, place: Place) -> None:
+    def _inline(self, location: Location) -> None:
         self.at += 1
         self._skip(_VOID)
         while not self._peek("}"):
-            self._assignment(place)
+            self._assignment(location)
             self._separator()
         self.at += 1
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from thirdbody.errors import Fault, InputError, OutputError, printable
 from thirdbody.scene.field_types import is_unicode
-from thirdbody.scene.schema_base import Place, key_path
+from thirdbody.scene.schema_base import Location, key_path
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -45,13 +45,13 @@ def _is_section(value: Any) -> bool:
     )
 
 
-def _table(table: dict[str, Any], place: Place, header: str) -> list[str]:
+def _table(table: dict[str, Any], location: Location, header: str) -> list[str]:
     """Return header and lines; inner tables get headers of their own at the second level."""
-    nested = {key: value for key, value in table.items() if isinstance(value, dict) and len(place) < 2}
-    lines = [f"{_key(key)} = {_value(v, (*place, key))}" for key, v in table.items() if key not in nested]
+    nested = {key: value for key, value in table.items() if isinstance(value, dict) and len(location) < 2}
+    lines = [f"{_key(key)} = {_value(v, (*location, key))}" for key, v in table.items() if key not in nested]
     lines = ["", header, *lines] if lines or not nested else []
     for key, value in nested.items():
-        lines += _table(value, (*place, key), f"{header[:-1]}.{_key(key)}]")
+        lines += _table(value, (*location, key), f"{header[:-1]}.{_key(key)}]")
     return lines
 
 
@@ -73,7 +73,7 @@ def _escape(letter: str) -> str:
     return f"\\u{ord(letter):04x}" if ord(letter) < 0x10000 else f"\\U{ord(letter):08x}"
 
 
-def _value(value: Any, place: Place) -> str:
+def _value(value: Any, location: Location) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
@@ -83,8 +83,8 @@ def _value(value: Any, place: Place) -> str:
     if isinstance(value, float):
         return repr(value) if math.isfinite(value) else str(value)
     if isinstance(value, list):
-        return "[" + ", ".join(_value(entry, (*place, i)) for i, entry in enumerate(value)) + "]"
+        return "[" + ", ".join(_value(entry, (*location, i)) for i, entry in enumerate(value)) + "]"
     if isinstance(value, dict):
-        inside = ", ".join(f"{_key(key)} = {_value(entry, (*place, key))}" for key, entry in value.items())
+        inside = ", ".join(f"{_key(key)} = {_value(entry, (*location, key))}" for key, entry in value.items())
         return "{" + inside + "}"
-    raise InputError(Fault(key_path(place), f"{value!r} cannot be written to a scene file"))
+    raise InputError(Fault(key_path(location), f"{value!r} cannot be written to a scene file"))

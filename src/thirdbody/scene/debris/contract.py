@@ -11,8 +11,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from thirdbody.scene.debris.population import PlacedClumps, PopulationContext, RandomStreams
-from thirdbody.scene.field_types import REST, AngularVelocity, Choice, Count, Fraction, PositiveLength, Seed, Text, Velocity
-from thirdbody.scene.schema_base import Part, Place, Wrong, entry
+from thirdbody.scene.field_types import AT_REST, AngularVelocity, Choice, Count, Fraction, PositiveLength, Seed, Text, Velocity
+from thirdbody.scene.schema_base import Location, Part, Wrong, entry
 
 if TYPE_CHECKING:
     from thirdbody.bodies.clump import Clump
@@ -95,7 +95,7 @@ class DebrisKind(Part):
         """Return the bodies, with positions and motion where the scene or a file gives them. Raises InputError."""
         return PlacedClumps(self.clumps(context.random))
 
-    def position_key(self, body: int) -> Place:
+    def position_key(self, body: int) -> Location:
         """Return the key, within this table, that gives the position of a body of the population; () for the table itself."""
         return ()
 
@@ -133,5 +133,5 @@ class PlacedDebris(VolumeKeys):
     count: Count
     seed: Seed = 1
     placement: Placement = "layer"
-    velocity: Velocity = REST
-    angular_velocity: AngularVelocity = REST
+    velocity: Velocity = AT_REST
+    angular_velocity: AngularVelocity = AT_REST

@@ -111,7 +111,7 @@ class DebrisKinds(Mapping[str, type[DebrisKind]]):
 @cache
 def built_in() -> dict[str, type[DebrisKind]]:
     """Return the built-in kinds by name: every module of `kinds` has one."""
-    modules = (import_module(f"{built_in_kinds.__name__}.{found.name}") for found in iter_modules(built_in_kinds.__path__))
+    modules = (import_module(f"{built_in_kinds.__name__}.{module.name}") for module in iter_modules(built_in_kinds.__path__))
     kinds = {name_of(module.KIND): module.KIND for module in modules}
     return {name: kinds[name] for name in (*FIRST, *sorted(kinds.keys() - set(FIRST)))}
 

@@ -115,17 +115,17 @@ class CaseRun:
     trial: Trial
     simulation: Simulation
     ledger: Ledger = field(init=False)
-    looks: EnergyGuard = field(init=False)
+    energy_guard: EnergyGuard = field(init=False)
 
     def __post_init__(self) -> None:
         self.state, self.integrator = self.simulation.state, self.simulation.integrator
         self.ledger = Ledger(self.state)
-        self.looks = EnergyGuard(self.ledger, 2 if self.integrator.divisible else 1)
+        self.energy_guard = EnergyGuard(self.ledger, 2 if self.integrator.divisible else 1)
 
     def _watch(self) -> None:
         self.ledger.watch(self.state)
         if self.integrator.divisible:
-            self.looks.look(self.state)
+            self.energy_guard.check(self.state)
 
     def to(self, time: float = math.inf, distance: float = math.inf) -> None:
         """Advance to a time [s] or a distance of the drag [m], and check what must hold in every run. Raises GuardStop."""

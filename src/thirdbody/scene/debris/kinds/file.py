@@ -9,7 +9,7 @@ from thirdbody.errors import Fault, InputError
 from thirdbody.scene.debris.contract import Placement, VolumeKeys
 from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps, PopulationContext
 from thirdbody.scene.field_types import AngularVelocity, Count, Seed, Text, Velocity
-from thirdbody.scene.schema_base import Place, Wrong, entry
+from thirdbody.scene.schema_base import Location, Wrong, entry
 from thirdbody.scene.size_distributions import Size
 
 if TYPE_CHECKING:
@@ -40,11 +40,11 @@ class File(VolumeKeys):
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Return faults that follow from which keys are given."""
-        wrongs = super().rules(raw, context)
+        faults = super().rules(raw, context)
         if "placement" in raw:
-            return wrongs
+            return faults
         why = "needs placement: without one, the bodies are those of the file, where it says"
-        return wrongs + [((key,), why) for key in ("count", "size") if key in raw]
+        return faults + [((key,), why) for key in ("count", "size") if key in raw]
 
     @classmethod
     def body_count(cls, raw: Any) -> int:
@@ -103,7 +103,7 @@ class File(VolumeKeys):
             return PlacedClumps(shapes, UPRIGHT)
         return PlacedClumps(shapes, table.quaternions, table.positions, table.velocity, table.angular_velocity)
 
-    def position_key(self, body: int) -> Place:
+    def position_key(self, body: int) -> Location:
         """Return the key of the file that gives the positions."""
         return ("file",) if self.placement is None else ()
 

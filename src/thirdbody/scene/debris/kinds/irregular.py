@@ -13,7 +13,7 @@ from thirdbody.errors import Fault, InputError
 from thirdbody.scene.debris.contract import Placement, VolumeKeys
 from thirdbody.scene.debris.population import RandomStreams
 from thirdbody.scene.field_types import (
-    REST,
+    AT_REST,
     THREE,
     AngularVelocity,
     Count,
@@ -106,8 +106,8 @@ class Irregular(VolumeKeys):
     angularity: Annotated[float, Quantity(ge=0, le=1)] | None = None
     asperities: Asperities | None = None
     placement: Placement = "layer"
-    velocity: Velocity = REST
-    angular_velocity: AngularVelocity = REST
+    velocity: Velocity = AT_REST
+    angular_velocity: AngularVelocity = AT_REST
 
     def checks(self) -> list[Wrong]:
         """Return faults between the limits."""

@@ -14,7 +14,7 @@ from thirdbody import units
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene.debris.contract import Placement, VolumeKeys
 from thirdbody.scene.debris.population import PlacedClumps, PopulationContext
-from thirdbody.scene.field_types import REST, AngularVelocity, Count, PositiveLength, Seed, Text, Velocity, Whole, show
+from thirdbody.scene.field_types import AT_REST, AngularVelocity, Count, PositiveLength, Seed, Text, Velocity, Whole, show
 from thirdbody.scene.size_distributions import Size
 
 if TYPE_CHECKING:
@@ -69,8 +69,8 @@ class Mesh(VolumeKeys):
     seed: Seed = 1
     size: Size | None = None
     placement: Placement = "layer"
-    velocity: Velocity = REST
-    angular_velocity: AngularVelocity = REST
+    velocity: Velocity = AT_REST
+    angular_velocity: AngularVelocity = AT_REST
 
     def max_spheres(self) -> int:
         """Return the number of spheres of a body."""

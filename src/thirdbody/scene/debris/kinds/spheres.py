@@ -11,8 +11,19 @@ from pydantic import AfterValidator
 from thirdbody.errors import Fault, InputError
 from thirdbody.scene.debris.contract import MAX_SPHERES_PER_BODY, Placement, VolumeKeys
 from thirdbody.scene.debris.population import UPRIGHT, PlacedClumps, PopulationContext
-from thirdbody.scene.field_types import REST, AngularVelocity, Count, Number, Point, PositiveLength, Seed, Text, Velocity, listing
-from thirdbody.scene.schema_base import MISSING, Part, Place, Wrong, one_of
+from thirdbody.scene.field_types import (
+    AT_REST,
+    AngularVelocity,
+    Count,
+    Number,
+    Point,
+    PositiveLength,
+    Seed,
+    Text,
+    Velocity,
+    listing,
+)
+from thirdbody.scene.schema_base import MISSING, Location, Part, Wrong, one_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,7 +34,7 @@ if TYPE_CHECKING:
 class Ball(Part):
     """One sphere of a body: its centre and radius, m."""
 
-    center: Point = REST
+    center: Point = AT_REST
     radius: PositiveLength
 
 
@@ -59,24 +70,24 @@ class Spheres(VolumeKeys):
     placement: Placement | None = None
     positions: Annotated[tuple[Point, ...], listing("a list of points")] | None = None
     orientation: Quaternion | None = None
-    velocity: Velocity = REST
-    angular_velocity: AngularVelocity = REST
+    velocity: Velocity = AT_REST
+    angular_velocity: AngularVelocity = AT_REST
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
         """Return faults that follow from which keys are given."""
-        wrongs = super().rules(raw, context) + one_of(raw, ("radius", "shape"))
+        faults = super().rules(raw, context) + one_of(raw, ("radius", "shape"))
         for key in ("shape", "positions"):
             if isinstance(raw.get(key), list | tuple) and not raw[key]:
-                wrongs.append(((key,), "the list is empty"))
+                faults.append(((key,), "the list is empty"))
         if "positions" not in raw:
             if "count" not in raw:
-                wrongs.append((("count",), f"{MISSING}: give count, or positions"))
+                faults.append((("count",), f"{MISSING}: give count, or positions"))
             if "orientation" in raw:
-                wrongs.append((("orientation",), "needs positions: a placement chooses the pose of each body"))
+                faults.append((("orientation",), "needs positions: a placement chooses the pose of each body"))
         elif "placement" in raw:
-            wrongs.append((("placement",), "give only one of placement, positions"))
-        return wrongs
+            faults.append((("placement",), "give only one of placement, positions"))
+        return faults
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
@@ -134,7 +145,7 @@ class Spheres(VolumeKeys):
             raise InputError(Fault("shape" + _index(fault.key), fault.message) for fault in error.faults) from None
         return body, frame
 
-    def position_key(self, body: int) -> Place:
+    def position_key(self, body: int) -> Location:
         """Return the entry of `positions`."""
         return () if self.positions is None else ("positions", body)
 

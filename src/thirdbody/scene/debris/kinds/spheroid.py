@@ -45,13 +45,13 @@ def spheres_in_rings(rings: int) -> int:
     return 1 + 3 * rings * (rings + 1)
 
 
-def number_of_spheres(form: str, axial_ratio: float, at_most: int) -> int:
+def number_of_spheres(form: str, axial_ratio: float, maximum: int) -> int:
     """Return the number of spheres of a body: 1 for a sphere, as many as allowed on a segment, full rings on a disc."""
     if axial_ratio > BALL:
         return 1
     if form == "prolate":
-        return at_most
-    return max((n for n in map(spheres_in_rings, RINGS) if n <= at_most), default=at_most)
+        return maximum
+    return max((n for n in map(spheres_in_rings, RINGS) if n <= maximum), default=maximum)
 
 
 @lru_cache(maxsize=16)
@@ -70,8 +70,8 @@ def layout(form: str, axial_ratio: float, spheres: int) -> Layout:
         rings = next(k for k in RINGS if spheres_in_rings(k) == spheres)
         ring = np.repeat(np.arange(rings + 1), [1, *(6 * k for k in range(1, rings + 1))])
         rotation = np.concatenate([[0.0], *(np.arange(6 * k) * (math.pi / (3 * k)) for k in range(1, rings + 1))])
-        far = _graded(ring / rings, squared)
-        u, v = far * np.cos(rotation), far * np.sin(rotation)
+        distance = _graded(ring / rings, squared)
+        u, v = distance * np.cos(rotation), distance * np.sin(rotation)
     radii = axial_ratio * np.sqrt(1.0 - squared * (u**2 + v**2))
     return Layout(squared * np.column_stack((u, v, np.zeros(spheres))), radii, volume ** (1.0 / 3.0))
 

@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, ValidationInfo
 from thirdbody.scene.debris.contract import CLEARANCE, DebrisKind
 from thirdbody.scene.debris.population import PlacedClumps, PopulationContext
 from thirdbody.scene.field_types import (
-    REST,
+    AT_REST,
     THREE,
     AngularVelocity,
     Choice,
@@ -24,7 +24,7 @@ from thirdbody.scene.field_types import (
     plain,
 )
 from thirdbody.scene.json_schema import ShortForm, quantity_schema
-from thirdbody.scene.schema_base import Part, Place, Wrong
+from thirdbody.scene.schema_base import Location, Part, Wrong
 
 _INERTIA = Quantity(dimension="inertia", gt=0)
 
@@ -75,8 +75,8 @@ class Spots(DebrisKind):
     positions: Annotated[
         tuple[Annotated[tuple[Length, Length], listing("a list of 2 lengths", 2)], ...], listing("a list of points [x, y]")
     ] | None = None  # fmt: skip
-    velocity: Velocity = REST
-    angular_velocity: AngularVelocity = REST
+    velocity: Velocity = AT_REST
+    angular_velocity: AngularVelocity = AT_REST
 
     @classmethod
     def arrange(cls, raw: dict[str, Any]) -> dict[str, Any]:
@@ -87,17 +87,17 @@ class Spots(DebrisKind):
     def checks(self) -> list[Wrong]:
         """Return faults between the keys."""
         sides = {spot.side for spot in self.spots}
-        wrongs: list[Wrong] = [
+        faults: list[Wrong] = [
             (("spots",), f"no spot on the {side} side: a third body touches both")
             for side in ("lower", "upper")
             if side not in sides
         ]
         if self.positions is not None and len(self.positions) != self.count:
-            wrongs.append((("count",), f"{self.count} is not the number of positions, {len(self.positions)}"))
-        if not wrongs and self.height() <= 0.0:
+            faults.append((("count",), f"{self.count} is not the number of positions, {len(self.positions)}"))
+        if not faults and self.height() <= 0.0:
             message = "the upper spots are not above the lower ones: z is measured upwards from the centre of mass"
-            wrongs.append((("spots",), message))
-        return wrongs + (self._out_of_plane() if self.planar else [])
+            faults.append((("spots",), message))
+        return faults + (self._out_of_plane() if self.planar else [])
 
     def height(self) -> float:
         """Return the distance between the highest upper and the lowest lower spot [m]."""
@@ -105,17 +105,17 @@ class Spots(DebrisKind):
         return max(z["upper"]) - min(z["lower"])
 
     def _out_of_plane(self) -> list[Wrong]:
-        wrongs: list[Wrong] = [
+        faults: list[Wrong] = [
             (("spots", k, "y"), "must be 0 in a planar particle") for k, spot in enumerate(self.spots) if spot.y != 0.0
         ]
         if self.velocity[1] != 0.0:
-            wrongs.append((("velocity", 1), "must be 0 in a planar particle, which moves in the plane y = 0"))
-        wrongs += [
+            faults.append((("velocity", 1), "must be 0 in a planar particle, which moves in the plane y = 0"))
+        faults += [
             (("angular_velocity", axis), "must be 0 in a planar particle, which turns about y only")
             for axis in (0, 2)
             if self.angular_velocity[axis] != 0.0
         ]
-        return wrongs
+        return faults
 
     @property
     def in_plane(self) -> bool:
@@ -136,11 +136,11 @@ class Spots(DebrisKind):
         radii = np.array([spot.radius for spot in self.spots])
         upper = np.array([spot.side == "upper" for spot in self.spots])
         body = spot_body(summits, radii, upper, self.mass, self.inertia, context.density)
-        places = rows(self.count, context.domain) if self.positions is None else np.array(self.positions, float)
+        locations = rows(self.count, context.domain) if self.positions is None else np.array(self.positions, float)
         height = CLEARANCE * self.height() - min(spot.z for spot in self.spots)
-        return PlacedClumps([body] * self.count, positions=np.column_stack((places, np.full(self.count, height))))
+        return PlacedClumps([body] * self.count, positions=np.column_stack((locations, np.full(self.count, height))))
 
-    def position_key(self, body: int) -> Place:
+    def position_key(self, body: int) -> Location:
         """Return the entry of `positions`."""
         return ("positions", body)
 
