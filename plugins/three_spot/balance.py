@@ -126,10 +126,36 @@ class Result:
 
 
 def balance(source: str | os.PathLike[str] | Mapping[str, Any] | BalanceFile, level: str | None = None) -> Result:
-    """Compute the path of one particle from a balance file, or tables built in Python.
+    """Compute the quasi-static path of one particle: pressed, then dragged.
 
-    `level` is a level of the law `three_spot`, "exact" if not given. Raises InputError with every fault of the input, UsageError
-    for an unknown level. If no static state exists, no error is raised: see `Result.stopped`.
+    Parameters
+    ----------
+    source : str, Path, dict or BalanceFile
+        A balance file, or its tables built in Python (numbers in SI).
+    level : str, optional
+        Level of the law `three_spot`; None: "exact".
+
+    Returns
+    -------
+    Result
+        `points` (forces, tilt, state of every spot, label), `forecast`, `stopped` where no static state exists, `warnings`.
+
+    Raises
+    ------
+    InputError
+        With every fault of the input.
+    UsageError
+        There is no such level.
+
+    Source
+    ------
+    E. Willert, Self-consistency conditions in static three-body elastic tangential contact, Eqs. 1 to 15.
+
+    Examples
+    --------
+    >>> result = thirdbody.balance("particle.toml", level="mindlin")
+    >>> result.points[-1].label, round(result.forecast.t_max, 6)
+    ('sliding', 0.55)
     """
     level = DEFAULT_LEVEL if level is None else level
     if level not in THREE_SPOT.levels:

@@ -125,7 +125,25 @@ class MissingLibrary(ThirdbodyError):
 
 
 def nearest(word: str, known: Iterable[str]) -> str:
-    """Return a phrase that suggests the nearest known name, or lists all; empty when nothing is known."""
+    """Return a phrase that suggests the nearest known name, or lists all.
+
+    Parameters
+    ----------
+    word : str
+        The unknown name.
+    known : iterable of str
+        The known ones.
+
+    Returns
+    -------
+    str
+        Empty when nothing is known.
+
+    Examples
+    --------
+    >>> plugin.nearest("mindlim", ["coulomb", "mindlin"])
+    "did you mean 'mindlin'?"
+    """
     names = sorted(str(name) for name in known)
     close = difflib.get_close_matches(word, names, 1, 0.5)
     if close:

@@ -108,7 +108,24 @@ def format_si(value: float, dimension: str) -> str:
 
 
 def pretty(value: float, dimension: str) -> str:
-    """Return the value for messages: three significant digits and a prefix, "12.3 nm"."""
+    """Return a quantity for messages: three significant digits and a prefix.
+
+    Parameters
+    ----------
+    value : float
+        In SI.
+    dimension : str
+        Name in `thirdbody.dimensions.DIMENSIONS`.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> plugin.pretty(1.234e-8, "length")
+    '12.3 nm'
+    """
     entry = DIMENSIONS[dimension]
     if not math.isfinite(value):
         return f"{value} {entry.si_unit}".strip()

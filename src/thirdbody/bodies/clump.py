@@ -54,17 +54,58 @@ class Clump:
 
 
 def clump(centers, radii) -> Clump:
-    """Return the clump of spheres with centers (k, 3) [m] and radii (k,) [m]; see `clump_with_frame`."""
+    """Return the clump of spheres; each volume counts once, however many spheres share it (`clump_with_frame`).
+
+    Parameters
+    ----------
+    centers : array_like (k, 3)
+        Centres of the spheres [m].
+    radii : array_like (k,)
+        Radii of the spheres [m].
+
+    Returns
+    -------
+    Clump
+        At unit density, in its principal frame.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, radii not positive, or spheres that are not connected.
+
+    Examples
+    --------
+    >>> ball = plugin.clump([[0.0, 0.0, 0.0]], [2.0])
+    >>> round(ball.volume, 3)
+    33.51
+    """
     return clump_with_frame(centers, radii)[0]
 
 
 def clump_with_frame(centers, radii) -> tuple[Clump, np.ndarray, np.ndarray]:
-    """Return clump, and centroid (3,) [m] and quaternion (4,) of its principal frame in that of the centers.
+    """Return the clump of spheres with its principal frame.
 
-    Given center = centroid + rotate(quaternion, clump center), row by row. Every volume counts once, however many spheres share
-    it (mass properties of the union, Green's theorem per slice, see `bodies.union_moments`). Axes whose order or sign the shape
-    leaves undetermined are those nearest to the given axes. InputError: wrong shapes, radii not positive, or spheres that are not
-    connected.
+    Parameters
+    ----------
+    centers : array_like (k, 3)
+        Centres of the spheres [m].
+    radii : array_like (k,)
+        Radii of the spheres [m].
+
+    Returns
+    -------
+    clump : Clump
+        Mass properties are those of the union of the spheres (Green's theorem per slice, `bodies.union_moments`).
+    centroid : ndarray (3,)
+        Centre of mass in the frame of `centers` [m].
+    quaternion : ndarray (4,)
+        Principal frame in that of `centers`: given center = centroid + rotate(quaternion, clump center), row by row. Axes whose
+        order or sign the shape leaves undetermined are those nearest to the given axes.
+
+    Raises
+    ------
+    InputError
+        Wrong shapes, radii not positive, or spheres that are not connected.
     """
     centers, radii = _checked(centers, radii)
     bodies, centroids, axes = _with_frames(centers[None], radii[None])
@@ -132,7 +173,18 @@ def quaternion_product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def matrix_from_quaternion(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix (3, 3), body to world, of a unit quaternion (4,)."""
+    """Return the rotation matrix of a unit quaternion.
+
+    Parameters
+    ----------
+    quaternion : ndarray (4,)
+        (w, x, y, z), body to world.
+
+    Returns
+    -------
+    ndarray (3, 3)
+        Body to world.
+    """
     w, x, y, z = quaternion
     return np.array(
         [

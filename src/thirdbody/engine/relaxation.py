@@ -35,10 +35,19 @@ STRONGEST, WEAKEST = 1e6, 1e-12
 
 
 def relax(walk: QuasiStatic, plate: Sequence[float]) -> bool:
-    """Move `walk` to an equilibrium at `plate` near its last one where Newton's method fails.
+    """Move a solver to an equilibrium near its last one where Newton's method fails: at the corners of laws of springs.
 
-    It fails at the corners of laws of springs. Return False, with `walk` unchanged, if the particle would have to rotate by more
-    than `SMALL_TURN`.
+    Parameters
+    ----------
+    walk : QuasiStatic
+        The solver.
+    plate : sequence of float (3,)
+        Closing [m] or load [N], and drag x, y [m].
+
+    Returns
+    -------
+    bool
+        False, with `walk` unchanged, if the particle would have to rotate by more than `SMALL_TURN`.
     """
     if walk.now is None:
         return False
@@ -54,8 +63,21 @@ def relax(walk: QuasiStatic, plate: Sequence[float]) -> bool:
 def seat(walk: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
     """Return a solver under load, in equilibrium where the particle comes to rest.
 
-    `plate`: load [N] and drag x, y [m]. The particle starts from the last equilibrium of `walk`, or else upright. Raises
-    NoStaticState if it tips over.
+    Parameters
+    ----------
+    walk : QuasiStatic
+        The particle starts from its last equilibrium, or else upright.
+    plate : sequence of float (3,)
+        Load [N] and drag x, y [m].
+
+    Returns
+    -------
+    QuasiStatic
+
+    Raises
+    ------
+    NoStaticState
+        It tips over.
     """
     moving = _Turning(walk, np.asarray(plate, float))
     if moving.comes_to_rest():
@@ -68,7 +90,19 @@ def seat(walk: QuasiStatic, plate: Sequence[float]) -> QuasiStatic:
 
 
 def from_first_touch(seated: QuasiStatic, walk: QuasiStatic) -> QuasiStatic:
-    """Return a solver like `walk`, with motion measured from first touch in the posture of `seated`."""
+    """Return a solver with motion measured from first touch in another posture.
+
+    Parameters
+    ----------
+    seated : QuasiStatic
+        Its last equilibrium gives the posture.
+    walk : QuasiStatic
+        Its laws and plates are kept.
+
+    Returns
+    -------
+    QuasiStatic
+    """
     assert seated.now is not None
     grip, y, up = seated.grip, seated.now.coordinates.copy(), seated.grip.upper
     above, below = float(grip.gap[up].min()), float(grip.gap[~up].min())
@@ -83,9 +117,18 @@ def from_first_touch(seated: QuasiStatic, walk: QuasiStatic) -> QuasiStatic:
 
 
 def in_present_posture(walk: QuasiStatic, minimum: float = BENT_PATH) -> QuasiStatic:
-    """Return a solver like `walk` at its last equilibrium, linearised at that orientation.
+    """Return a solver at the last equilibrium of another, linearised at that orientation.
 
-    Returns `walk` itself while the circular paths of the spots deviate from straight lines by less than `minimum` overlaps.
+    Parameters
+    ----------
+    walk : QuasiStatic
+        The solver.
+    minimum : float
+        Deviation of the circular paths of the spots from straight lines, in overlaps, below which `walk` itself is returned.
+
+    Returns
+    -------
+    QuasiStatic
     """
     assert walk.now is not None
     rotation_vector = walk.now.coordinates[walk.rotations]

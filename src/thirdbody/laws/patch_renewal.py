@@ -63,9 +63,18 @@ def creep_coefficient(nu: float) -> float:
 
 
 def renewal_rate(pair: Pair, options: Options) -> float:
-    """Renewal per contact radius of travel: value of the scene, or Kalker's.
+    """Renewal per contact radius of travel: value of the scene, or Kalker's for the mean shear compliance of both materials.
 
-    Kalker's is that for the mean shear compliance of both materials.
+    Parameters
+    ----------
+    pair : Pair
+        The two materials.
+    options : mapping
+        Options of the law, with `renewal`: "kalker" or a number.
+
+    Returns
+    -------
+    float
     """
     given = options.get("renewal", RENEWAL.default)
     if given != "kalker":
@@ -87,7 +96,23 @@ class Ground(NamedTuple):
 
 @kernel
 def fresh_ground(roll_x, roll_y, radius, x, y, reach):
-    """Return `Ground` after the contact area, of radius `radius`, moved by (roll_x, roll_y) from the offset (x, y) [m]."""
+    """Return how much fresh ground a contact area meets as it moves on.
+
+    Parameters
+    ----------
+    roll_x, roll_y : float
+        Travel of the contact area in the step [m].
+    radius : float
+        Its radius [m].
+    x, y : float
+        Offset before the step from the middle of the ground that it knows, at most its radius [m].
+    reach : float
+        Largest offset so far: ground within it is not fresh [m].
+
+    Returns
+    -------
+    Ground
+    """
     x, y = x + roll_x, y + roll_y
     size = math.sqrt(x * x + y * y)
     back = min(size, radius) / max(size, 1e-300)
@@ -108,7 +133,17 @@ class Renewal(NamedTuple):
 
 @kernel
 def renewed(exponent):
-    """Return `Renewal` of dw/dt = -ds/dt - exponent w over a step with a steady slip ds: exact for any length of the step."""
+    """Return the renewal of a field over a step with a steady slip: dw/dt = -ds/dt - exponent w, exact for any length of step.
+
+    Parameters
+    ----------
+    exponent : float
+        Rate of renewal times the fresh ground of the step over the contact radius.
+
+    Returns
+    -------
+    Renewal
+    """
     if exponent < 1e-12:
         return Renewal(1.0, 1.0, 0.0, 0.0)
     lost = -math.expm1(-exponent)

@@ -52,8 +52,27 @@ def check(
 ) -> Check:
     """Build a scene (as `run` does) and report its warnings, defaults, laws, time step, and the cost of a run.
 
-    The report is a dictionary: `warnings` first, then `title`, `scene`, `bodies`, `law`, `pairs`, `integrator`,
-    `estimated_wall_time` [s], `memory` and `disk` [bytes] and more. Raises UsageError and InputError as `run` does.
+    Parameters
+    ----------
+    scene, plugins, force
+        As for `run`.
+
+    Returns
+    -------
+    dict
+        `warnings` first, then `title`, `scene`, `bodies`, `law`, `pairs`, `integrator`, `estimated_wall_time` [s], `memory` and
+        `disk` [bytes] and more. Printed, it is the text of `thirdbody check`.
+
+    Raises
+    ------
+    UsageError, InputError
+        As for `run`.
+
+    Examples
+    --------
+    >>> report = thirdbody.check("example.toml")
+    >>> report["bodies"], report["law"]["level"]
+    (4, 'mindlin')
     """
     from thirdbody.runner.simulate import prepare
     from thirdbody.scene.model import Scene

@@ -38,12 +38,34 @@ def resume(
 ) -> Run:
     """Continue a run to its end and return the opened result, bit for bit that of an uninterrupted run.
 
-    `out` is the run's folder, its file run.vtkhdf, or a `Run`, whose open files stay readable.
+    Parameters
+    ----------
+    out : str, Path or Run
+        Folder of the run, its file run.vtkhdf, or a `Run`, whose open files stay readable.
+    threads, progress
+        As for `run`.
+    settings : dict, optional
+        A longer `solver.distance` or `solver.duration`, with which a finished run goes on. Its old end remains a stop, which ends
+        steps of the implicit integrator: where it is an output of the longer scene, the bits are those of that scene.
+    plugins : iterable of str or Path
+        Python files that the run was started with.
 
-    A finished run goes on if `settings` (or its scene.toml) give it a longer solver.distance or solver.duration. (Its old end
-    remains a stop, which ends steps of the implicit integrator: where it is an output of the longer scene, the bits are those of
-    that scene.) Raises InputError without a valid checkpoint, and where the scene, a law or an input file has changed; and
-    whatever `run` raises.
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    InputError
+        There is no valid checkpoint, or the scene, a law or an input file has changed.
+    UsageError, OutputError, GuardStop, Interrupted
+        As for `run`.
+
+    Examples
+    --------
+    >>> run = thirdbody.resume("runs/example", progress=False, settings={"solver.distance": "0.2 um"})
+    >>> run.summary()["distance"] > 0.19e-6
+    True
     """
     folder = _folder_of(out)
     for warning in check_threads(threads):

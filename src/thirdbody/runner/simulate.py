@@ -46,17 +46,42 @@ def run(
     plugins: tuple[str | Path, ...] = (),
     force: bool = False,
 ) -> Run:
-    """Simulate a scene into the folder `out` (default: runs/<scene name>) and return the opened result.
+    """Simulate a scene and return the opened result.
 
-    `scene` is a Scene, the path of a scene file, or a dictionary of tables with numbers in SI or text with units.
-    `threads` is the number of cores to use: all by default, and all, with a warning, if there are fewer. Results have the same
-    bits for any number.
-    `progress` may be a callable with a `Progress` as argument: `fraction`, `simulated` and `elapsed` [s], `frame`, `series`.
-    `plugins` are Python files with a `PLUGIN`. `force` accepts a time step above its bound.
+    Parameters
+    ----------
+    scene : Scene, str, Path or dict
+        A scene, the path of a scene file, or a dictionary of tables with numbers in SI or text with units.
+    out : str or Path, optional
+        Folder of the run; None: `runs/<scene name>`.
+    threads : int, optional
+        Number of cores to use; None: all. Results have the same bits for any number.
+    progress : bool or callable
+        True: a bar, False: nothing. A callable gets a `Progress`: `fraction`, `simulated` and `elapsed` [s], `frame`, `series`.
+    overwrite : bool
+        Replace the run in the folder, once the new one has its first frame.
+    plugins : tuple of str or Path
+        Python files with a `PLUGIN` or `DEBRIS_KINDS`.
+    force : bool
+        Accept a time step above its bound.
 
-    Raises UsageError, InputError, OutputError; GuardStop and Interrupted, after which the part computed so far can be opened.
-    Ctrl-C in the main thread writes a checkpoint and raises Interrupted (`resume` continues); a second one raises
-    KeyboardInterrupt at once, as does one before the first step.
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    UsageError, InputError, OutputError
+        The call, the scene or a file is wrong; the folder exists or cannot be written.
+    GuardStop, Interrupted
+        The run left its valid range; Ctrl-C in the main thread. The part computed so far can be opened, and `resume` continues
+        an interrupted run. A second Ctrl-C raises KeyboardInterrupt at once, as does one before the first step.
+
+    Examples
+    --------
+    >>> run = thirdbody.run("example.toml", out="runs/again", progress=False)
+    >>> run.frames > 1, run.summary()["finished"]
+    (True, True)
     """
     scene = Scene.of(scene, plugins)
     folder = Path(out) if out is not None else default_folder(scene)

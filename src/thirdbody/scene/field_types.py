@@ -231,7 +231,20 @@ def _function_schema(read: Any, write: Any = None) -> core_schema.CoreSchema:
 
 
 def listing(what: str, length: int | None = None) -> BeforeValidator:
-    """Return a check that a value is a list, of this length; accepts numpy arrays too."""
+    """Return a check that a value is a list; it accepts numpy arrays too.
+
+    Parameters
+    ----------
+    what : str
+        The list in words, for messages.
+    length : int, optional
+        Its length; None: any.
+
+    Returns
+    -------
+    pydantic.BeforeValidator
+        For `Annotated[...]` of a key.
+    """
 
     def check(value: Any) -> list[Any]:
         value = value.tolist() if hasattr(value, "tolist") else value

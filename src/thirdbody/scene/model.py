@@ -51,7 +51,21 @@ _TABLES: dict[str, type[Part]] = {
 
 
 class Scene(Part):
-    """A whole scene. `Scene.load(path)`, or built in Python; either raises InputError with all faults."""
+    """A whole scene: `Scene.load(path)`, or built in Python. Checked, frozen, in SI units.
+
+    Raises
+    ------
+    InputError
+        With all faults at once, each with its key and, in a file, its line.
+
+    Examples
+    --------
+    >>> scene = thirdbody.Scene.load("example.toml")
+    >>> scene.solver.distance, scene.pair("steel", "steel").friction
+    (1e-07, 0.2)
+    >>> scene.with_settings({"solver.distance": "0.3 um"}).solver.distance
+    3e-07
+    """
 
     scene: Annotated[int, Whole(ge=VERSION, le=VERSION)] = VERSION
     title: Text = ""
@@ -70,9 +84,25 @@ class Scene(Part):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], plugins: Iterable[str | Path] = ()) -> Scene:
-        """Return the scene in a TOML file. `plugins`: Python files with further kinds of debris.
+        """Return the scene in a TOML file.
 
-        Raises InputError with every fault, each with file, line and column, and UsageError for the plug-ins.
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+        plugins : iterable of str or Path
+            Python files with further kinds of debris.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        InputError
+            With every fault, each with file, line and column.
+        UsageError
+            A plug-in cannot be used.
         """
         return cls.parse(read_text(path), os.fspath(path), plugins=plugins)
 
@@ -80,7 +110,23 @@ class Scene(Part):
     def of(cls, given: Scene | str | os.PathLike[str] | Mapping[str, Any], plugins: Iterable[str | Path] = ()) -> Scene:
         """Return the scene itself, the one in a TOML file, or the one described by a dictionary of tables.
 
-        Numbers of a dictionary are in SI, or text with a unit. Raises InputError with every fault, TypeError for anything else.
+        Parameters
+        ----------
+        given : Scene, str, Path or dict
+            Numbers of a dictionary are in SI, or text with a unit.
+        plugins : iterable of str or Path
+            Python files with further kinds of debris.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        InputError
+            With every fault.
+        TypeError
+            `given` is something else.
         """
         if isinstance(given, Scene):
             return given
@@ -94,9 +140,22 @@ class Scene(Part):
     def parse(
         cls, text: str, name: str = "scene", folder: str | os.PathLike[str] | None = None, plugins: Iterable[str | Path] = ()
     ) -> Scene:
-        """Return the scene in a TOML text; `name` is used for the file in messages. Raises like `load`.
+        """Return the scene in a TOML text. Raises like `load`.
 
-        Files that the scene names are in `folder`, by default that of `name`.
+        Parameters
+        ----------
+        text : str
+            Content of a scene file.
+        name : str
+            Name of the file in messages.
+        folder : str or Path, optional
+            Folder of the files that the scene names; None: that of `name`.
+        plugins : iterable of str or Path
+            Python files with further kinds of debris.
+
+        Returns
+        -------
+        Scene
         """
         document, source = read_toml(text, name)
         source = source if folder is None else replace(source, folder=os.fspath(folder))
@@ -205,30 +264,84 @@ class Scene(Part):
         return faults
 
     def pair(self, first: str, second: str) -> Pair:
-        """Return the pair of two materials, in either order. Raises KeyError when the scene has none."""
+        """Return the pair of two materials, in either order.
+
+        Parameters
+        ----------
+        first, second : str
+            Names of the materials.
+
+        Returns
+        -------
+        Pair
+
+        Raises
+        ------
+        KeyError
+            The scene has no such pair.
+        """
         for pair in self.pairs:
             if set(pair.between) == {first, second}:
                 return pair
         raise KeyError(f"no pair for '{first}' and '{second}'")
 
     def document(self) -> dict[str, Any]:
-        """Return the scene as a file holds it: plain tables, defaults written out, quantities as text with units."""
+        """Return the scene as a file holds it.
+
+        Returns
+        -------
+        dict
+            Plain tables, defaults written out, quantities as text with units.
+        """
         return plain(self.model_dump(exclude_none=True))
 
     def to_toml(self) -> str:
-        """Return the scene as TOML text; `Scene.parse` gives an equal scene. Raises InputError for odd options."""
+        """Return the scene as TOML text; `Scene.parse` gives an equal scene.
+
+        Returns
+        -------
+        str
+
+        Raises
+        ------
+        InputError
+            An option cannot be written as TOML.
+        """
         return toml_text(self.document())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the scene file; `Scene.load` gives an equal scene. Raises InputError or OutputError."""
+        """Write the scene file; `Scene.load` gives an equal scene.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file.
+
+        Raises
+        ------
+        InputError, OutputError
+            An option cannot be written as TOML; the file cannot be written.
+        """
         save_text(path, self.to_toml())
 
     def with_settings(self, settings: Mapping[str, Any]) -> Scene:
-        """Return the scene with values replaced, such as {"solver.distance": "1 um", "debris.0.count": "20"}.
+        """Return the scene with values replaced.
 
-        Text is read as a TOML value if it is one, else used unchanged; numbers and arrays are in SI; None removes the key. Giving
-        one of two keys that exclude each other (distance and duration; load, pressure and gap) drops the other. Raises
-        InputError.
+        Parameters
+        ----------
+        settings : dict
+            Values by key, such as {"solver.distance": "1 um", "debris.0.count": "20"}. Text is read as a TOML value if it is one,
+            else used unchanged; numbers and arrays are in SI; None removes the key. Giving one of two keys that exclude each
+            other (distance and duration; load, pressure and gap) drops the other.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        InputError
+            With every fault.
         """
         document, locations = apply_settings(self.document(), settings)
         kinds = self._kinds.including(type(debris) for debris in self.debris)

@@ -56,7 +56,22 @@ class Source:
 
 
 def read_text(path: str | os.PathLike[str]) -> str:
-    """Return the text of a file. Raises InputError with the one reason why it cannot be read."""
+    """Return the text of a file.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        With the reason why it cannot be read.
+    """
     name = os.fspath(path)
     try:
         info = os.stat(path)
@@ -86,7 +101,26 @@ _WHERE = re.compile(r" \(at (?:line (\d+), column (\d+)|end of document)\)$")
 
 
 def read_toml(text: str, name: str) -> tuple[dict[str, Any], Source]:
-    """Return the raw tables and their source. Raises InputError with one fault when the text is not TOML."""
+    """Return the raw tables of a TOML text, and where each key is.
+
+    Parameters
+    ----------
+    text : str
+        The content of a file.
+    name : str
+        Its name in messages.
+
+    Returns
+    -------
+    tables : dict
+    source : Source
+        Gives faults their line and column.
+
+    Raises
+    ------
+    InputError
+        The text is not TOML.
+    """
     if (long := _LONG_KEY.search(text)) is not None:
         line = text.count("\n", 0, long.start()) + 1
         raise InputError(Fault("", f"a key of more than {MAX_LEVELS} parts: nested too deeply", name, line, 1))

@@ -48,7 +48,17 @@ def bundle(faults: Iterable[Wrong]) -> ValidationError:
 
 
 def wrongs_of(error: ValidationError) -> list[Wrong]:
-    """Return place and plain text of every error."""
+    """Return place and plain text of every error.
+
+    Parameters
+    ----------
+    error : pydantic.ValidationError
+        What a table raised.
+
+    Returns
+    -------
+    list of Wrong
+    """
     result = []
     for entry in error.errors(include_url=False):
         text = MISSING if entry["type"] == "missing" else entry["msg"].removeprefix("Value error, ")
@@ -105,7 +115,20 @@ def chosen_kind(key: str, kinds: Mapping[str, type[Part]], value: Any, later: tu
 
 
 def one_of(raw: Mapping[str, Any], keys: tuple[str, ...]) -> list[Wrong]:
-    """Return a fault unless exactly one of the keys is given."""
+    """Return a fault unless exactly one of the keys is given.
+
+    Parameters
+    ----------
+    raw : mapping
+        The unchecked table.
+    keys : tuple of str
+        Keys that exclude each other.
+
+    Returns
+    -------
+    list of Wrong
+        Empty, or one fault: place and text.
+    """
     given = [key for key in keys if key in raw]
     if not given:
         return [((), f"give one of {', '.join(keys)}")]

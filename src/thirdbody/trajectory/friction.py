@@ -31,13 +31,27 @@ NAN = float("nan")
 class Friction:
     """Friction coefficient of a run.
 
-    `value`: for one-way sliding the mean of -(upper_force . e)/|normal force| over the output intervals of the second half of the
-    sliding distance; for strokes the mean of |T|/N over the last whole cycle. NaN where there is none. `error`: standard error of
-    that mean, corrected for autocorrelation; for strokes the standard deviation between cycles. NaN with fewer than eight
-    independent values; then `low` and `high`, the extremes of the averaged values, give the range. `change`: change over the
-    second half by a linear fit (for two or three cycles: first to last), `change_error` its half width at 99 % confidence.
-    `stationary`: None where undecided. `verdict`: the same in words. `cycles`: whole cycles of a stroke, 0 for one-way sliding;
-    `energy_per_cycle` [J]: work of the friction force over the last one.
+    Attributes
+    ----------
+    value : float
+        For one-way sliding the mean of -(upper_force . e)/|normal force| over the output intervals of the second half of the
+        sliding distance; for strokes the mean of |T|/N over the last whole cycle. NaN where there is none.
+    error : float
+        Standard error of that mean, corrected for autocorrelation; for strokes the standard deviation between cycles. NaN with
+        fewer than eight independent values.
+    low, high : float
+        Extremes of the averaged values.
+    change, change_error : float
+        Change over the second half by a linear fit (for two or three cycles: first to last), and its half width at 99 %
+        confidence.
+    stationary : bool or None
+        None where undecided.
+    verdict : str
+        The same in words.
+    cycles : int
+        Whole cycles of a stroke, 0 for one-way sliding.
+    energy_per_cycle : float
+        Work of the friction force over the last cycle [J].
     """
 
     value: float = NAN
