@@ -11,7 +11,9 @@ import pkgutil
 import re
 from collections.abc import Callable
 
+from gallery import gallery
 from pages import ROOT, pages
+from reference_parts import PARTS as REFERENCE
 
 SOURCE = ROOT / "src" / "thirdbody"
 PART = re.compile(r"(<!-- generated: ([\w-]+) -->\n)(.*?)(<!-- end -->)", re.DOTALL)
@@ -105,6 +107,7 @@ def _first_sentence(docstring: str | None) -> str:
 PARTS: dict[str, Callable[[], str]] = {
     "rooms": rooms, "tables": tables, "laws": laws, "levels": levels, "effects": effects, "kinds": kinds,
 }  # fmt: skip
+PARTS |= REFERENCE | {"gallery": gallery}
 
 
 def regenerated(text: str) -> str:

@@ -5,6 +5,19 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from unicodedata import category
 
+EXIT_CODES = {
+    0: "Done.",
+    1: "A bug of this program: please report it.",
+    2: "Wrong command, option or argument.",
+    3: "Wrong input: a scene, a file, or a refused resume.",
+    4: "Stopped by a guard: the run left its valid range; what was computed is kept.",
+    5: "Disk full, no permission, no memory, or a missing system library.",
+    129: "Interrupted by a closed terminal (SIGHUP), after a checkpoint.",
+    130: "Interrupted by Ctrl-C, after a checkpoint.",
+    143: "Interrupted by SIGTERM, after a checkpoint.",
+}
+"""Meaning of each exit code of the command line."""
+
 
 class ThirdbodyError(Exception):
     """Base of every error that is reported to the user in one message without a traceback."""

@@ -62,14 +62,6 @@ def _prefix(size: float) -> tuple[float, str]:
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
-# Arrays of bodies, spheres and contacts as in `frames`; those of plug-ins that are not installed are omitted.
-ARRAY_UNITS = {
-    "radius": "m", "diameter": "m", "mass": "kg", "velocity": "m/s", "speed": "m/s", "angular_velocity": "rad/s",
-    "force": "N", "torque": "N·m", "friction_work": "J", "slip_distance": "m", "peak_pressure": "Pa",
-    "normal_force": "N", "tangential_force": "N", "slip": "m", "overlap": "m", "contact_radius": "m",
-    "critical_slip": "m", "moment": "N·m", "rolled_distance": "m",
-}  # fmt: skip
-
 
 def with_unit(value: float, unit: str) -> str:
     """Format a number with three figures and an SI prefix: 1.25e-05, "m" -> "12.5 µm"."""

@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from thirdbody.cli.command_group import Command, Group
+from thirdbody.cli.keys import keys
 from thirdbody.cli.new import new
 from thirdbody.cli.overrides import override_pairs
 from thirdbody.cli.studies import cost, hard
@@ -49,6 +50,7 @@ def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the
 
 
 app.command(cls=Command)(new)
+app.command(cls=Command)(keys)
 
 
 @app.command(cls=Command)

@@ -56,6 +56,6 @@ DAMPING = BodyEffect(
     kernel=viscous,
     parameters=ViscousParameters,
     mix=mix_viscous,
-    options=(Option("rate", "rate", None, low=0.0, doc="rate at which velocities decay"),),
+    options=(Option("rate", "rate", None, low=0.0, doc='rate at which velocities decay, such as "1e4 1/s"'),),
     source="linear (Stokes) drag with a uniform rate",
 )

@@ -38,7 +38,7 @@ moment times turn.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -46,6 +46,7 @@ from numba import njit
 
 from thirdbody.dimensions import DIMENSIONS
 from thirdbody.errors import nearest
+from thirdbody.kernels.columns.table import Column
 
 STAGES = ("normal", "adhesion", "damping", "tangential", "tangential_damping", "rolling")
 STIFF = ("normal", "tangential", "rolling")
@@ -296,6 +297,7 @@ class Labeller:
     source: str
     stride: int = 8
     codes: tuple[str, ...] = ()  # extras that are small integers
+    outputs: Iterable[Column] = ()  # unit and meaning of margins and extras, for `thirdbody keys`
     label_without_effects: Callable | None = None
 
 

@@ -85,7 +85,7 @@ ROLLING_RESISTANCE = Law(
             None,
             low=0.0,
             high=1.0,
-            doc="largest moment over R* N; a pair's own rolling_friction replaces it",
+            doc="largest moment over R* N; a pair's own rolling_friction replaces it, such as 0.05",
         ),
         Option(
             "damping",

@@ -11,7 +11,7 @@ import numpy as np
 
 from thirdbody.errors import InputError, nearest
 from thirdbody.palette import category_colors, field_colors, rgb, state_colors
-from thirdbody.quantity import ARRAY_UNITS
+from thirdbody.trajectory.names import ARRAY_UNITS
 from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.state_groups import code_name
 

@@ -25,7 +25,7 @@ from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, o
 from thirdbody.runner.run_loop import CHECKPOINT_EVERY, RunLoop
 from thirdbody.scene.model import Scene
 from thirdbody.system.signals import stop_on_ctrl_c
-from thirdbody.trajectory.frame import UNITS
+from thirdbody.trajectory.names import SERIES
 from thirdbody.trajectory.reader import FILE_NAME, Run, open_run
 from thirdbody.trajectory.writer import TrajectoryWriter
 
@@ -219,7 +219,7 @@ def run_header(simulation: Simulation) -> dict[str, Any]:
     from thirdbody import __version__
 
     scene, labeller = simulation.scene, simulation.labeller
-    units = dict(UNITS)
+    units = {name: entry.unit for name, entry in SERIES.items()}
     if labeller is not None:
         units |= {f"fraction_{name}": "1" for name in labeller.states}
     return {

@@ -15,7 +15,9 @@ class Load(Part):
     """Linear change of the load to `load` [N] during `duration` [s]; without a duration at once."""
 
     load: Force
+    """Load at the end of a linear change. Example: "0 N"."""
     duration: PositiveTime | None = None
+    """Duration of the change; without one it is sudden. Example: "1 us"."""
 
 
 LoadStage = Load | Pause | Table

@@ -68,7 +68,9 @@ class Scene(Part):
     """
 
     scene: Annotated[int, Whole(ge=VERSION, le=VERSION)] = VERSION
+    """Version of the format; a file must give it. Example: 1."""
     title: Text = ""
+    """Title of the run in tables and pictures. Example: "a dense bed of steel debris"."""
     materials: dict[str, Material]
     pairs: Annotated[tuple[Pair, ...], listing("a list of tables [[pairs]]")] = ()
     debris: Annotated[tuple[Debris, ...], listing("a list of tables [[debris]]")]

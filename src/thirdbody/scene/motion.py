@@ -14,20 +14,25 @@ class Constant(Part):
     """A constant velocity [m/s]; in a list of stages for `duration` [s]."""
 
     velocity: Speed
+    """Constant velocity. Example: "1 m/s"."""
     duration: PositiveTime | None = None
+    """Duration; required where another stage follows. Example: "10 us"."""
 
 
 class Ramp(Part):
     """Linear change of the velocity to `ramp` [m/s] during `duration` [s]; constant afterwards."""
 
     ramp: Speed
+    """Velocity at the end of a linear change; it stays. Example: "1 m/s"."""
     duration: PositiveTime
+    """Duration of the change. Example: "1 us"."""
 
 
 class Pause(Part):
     """Rest for a time [s]."""
 
     pause: PositiveTime
+    """Duration of a stage without change. Example: "1 us"."""
 
 
 class Stroke(Part):
@@ -37,15 +42,23 @@ class Stroke(Part):
     """
 
     stroke: PositiveLength
+    """Stroke of a reciprocating motion, peak to peak. Example: "50 um"."""
     frequency: PositiveFrequency
+    """Cycles per second. Example: "5 Hz"."""
     shape: Annotated[Literal["sine", "triangle"], Choice()] = "sine"
+    """Displacement over time; a sine starts from rest at one end. Example: "triangle"."""
     cycles: PositiveNumber | None = None
+    """Number of cycles; required where another stage follows. Example: 3."""
 
 
 class Table(Part):
     """Displacement from a CSV file with a header `time (unit), displacement (unit)`, linear in between."""
 
     table: Text
+    """CSV file, linear in between; header `time (us), displacement (um)`, or `time (us), load (mN)` for a load.
+
+    Example: "path.csv".
+    """
 
 
 _DRIVES: dict[str, type[Part]] = {"velocity": Constant, "ramp": Ramp, "pause": Pause, "stroke": Stroke, "table": Table}
@@ -69,7 +82,12 @@ class Motion(Part):
     """Motion of the upper plate along x and y; an axis that is not given rests. Time counts from the end of settling."""
 
     x: Stages | None = None
+    """Motion along x from the end of settling: a stage, or a list of stages; an axis that is not given rests.
+
+    Example: {velocity = "1 m/s"}.
+    """
     y: Stages | None = None
+    """Motion along y, likewise. Example: {stroke = "50 um", frequency = "5 Hz"}."""
 
     def moving(self) -> bool:
         """Return whether anything ever moves."""

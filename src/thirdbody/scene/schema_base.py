@@ -28,6 +28,7 @@ from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from thirdbody.errors import Fault, InputError, nearest
 from thirdbody.scene.field_types import choose, in_file, plain, show
+from thirdbody.scene.json_schema import described
 
 Location = tuple[str | int, ...]
 Wrong = tuple[Location, str]  # place relative to the table, and message
@@ -176,6 +177,7 @@ class Part(BaseModel):
         if cls.extra_keys:  # checked by a plug-in
             schema["properties"].pop(cls.extra_keys, None)
             schema["additionalProperties"] = True
+        schema["properties"] = described(schema.get("properties", {}), cls)
         return schema
 
     @model_validator(mode="wrap")

@@ -2,7 +2,7 @@
 
 import math
 import numbers
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, ValidationInfo
 
@@ -14,6 +14,10 @@ from thirdbody.scene.schema_base import Part, Wrong, union_by_key
 
 class SizeDistribution(Part):
     """Base of the distributions of sizes."""
+
+    if TYPE_CHECKING:  # declared by each of them
+        distribution: str
+        """Shape of the distribution; it decides on the other keys. Example: "lognormal"."""
 
     def parameters(self) -> dict[str, Any]:
         """Return the distribution as the keywords of `bodies.irregular_clumps.diameters`."""
@@ -30,6 +34,7 @@ class Constant(SizeDistribution):
 
     distribution: Literal["constant"] = "constant"
     value: PositiveLength
+    """Size of all bodies; a bare length means the same. Example: "10 um"."""
 
     def typical(self) -> tuple[float, float]:
         """Return the size itself; all bodies have it."""
@@ -57,9 +62,13 @@ class Lognormal(_Cut):
 
     distribution: Literal["lognormal"] = "lognormal"
     median: PositiveLength
+    """Median size. Example: "10 um"."""
     sigma: PositiveNumber
+    """Standard deviation of ln(size). Example: 0.2."""
     min: PositiveLength | None = None
+    """Lower limit: smaller sizes are drawn again. Example: "5 um"."""
     max: PositiveLength | None = None
+    """Upper limit: larger sizes are drawn again. Example: "20 um"."""
 
     def typical(self) -> tuple[float, float]:
         """Return the median: only half of the bodies are larger."""
@@ -71,9 +80,13 @@ class Normal(_Cut):
 
     distribution: Literal["normal"] = "normal"
     mean: PositiveLength
+    """Mean size. Example: "10 um"."""
     sigma: PositiveLength
+    """Standard deviation of the size. Example: "1 um"."""
     min: PositiveLength
+    """Lower limit: smaller sizes are drawn again. Example: "5 um"."""
     max: PositiveLength | None = None
+    """Upper limit: larger sizes are drawn again. Example: "20 um"."""
 
     def typical(self) -> tuple[float, float]:
         """Return the mean: only half of the bodies are larger."""
@@ -85,7 +98,9 @@ class Uniform(_Cut):
 
     distribution: Literal["uniform"] = "uniform"
     min: PositiveLength
+    """Smallest size. Example: "5 um"."""
     max: PositiveLength
+    """Largest size. Example: "20 um"."""
 
     def typical(self) -> tuple[float, float]:
         """Return the middle: only half of the bodies are larger."""
@@ -109,5 +124,5 @@ Size = Annotated[
     Constant | Lognormal | Normal | Uniform,
     union_by_key("distribution", _SIZES),
     BeforeValidator(_constant_size),
-    ShortForm(quantity_schema("length", {})),
+    ShortForm(quantity_schema("length", _LENGTH.limits())),
 ]

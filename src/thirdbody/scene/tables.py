@@ -26,7 +26,7 @@ from thirdbody.scene.field_types import (
     listing,
     show,
 )
-from thirdbody.scene.json_schema import quantity_schema
+from thirdbody.scene.json_schema import described, quantity_schema
 from thirdbody.scene.load_history import Loading
 from thirdbody.scene.motion import Motion
 from thirdbody.scene.schema_base import MISSING, Part, Wrong, bundle, one_of
@@ -36,10 +36,18 @@ class Material(Part):
     """An isotropic elastic solid; pressures [Pa], density [kg/m3]."""
 
     youngs_modulus: PositivePressure | None = None
+    """Young's modulus; give it or `shear_modulus`. Example: "210 GPa"."""
     shear_modulus: PositivePressure | None = None
+    """Shear modulus; give it or `youngs_modulus`. Example: "80 GPa"."""
     poisson_ratio: Annotated[float, Quantity(gt=-1, le=0.5)]
+    """Poisson's ratio. Example: 0.3."""
     density: PositiveDensity
+    """Density. Example: "7850 kg/m3"."""
     yield_strength: PositivePressure | None = None
+    """Yield strength, for the warning of first yield only; where it is missing, 0.01 of Young's modulus counts.
+
+    Example: "250 MPa".
+    """
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
@@ -64,22 +72,35 @@ class Pair(Part):
     """Contact parameters of two materials, or of one with itself; there is no mixing rule."""
 
     between: Annotated[tuple[Text, Text], listing("a list of 2 materials", 2)]
+    """The two materials, in either order; the same name twice for contact of a material with itself.
+
+    Example: ["steel", "bronze"].
+    """
     friction: Annotated[float, Quantity(ge=0)]
+    """Friction coefficient. Example: 0.3."""
     restitution: Annotated[float, Quantity(ge=1e-6, le=1)]
+    """Coefficient of restitution along the normal, the same at every speed; below 1 contacts get dashpots. Example: 0.6."""
     rolling_friction: Annotated[float, Quantity(ge=0, le=1)] | None = None
+    """Coefficient of rolling resistance of this pair; replaces that of `effects.rolling_resistance`. Example: 0.05."""
 
 
 class Domain(Part):
     """Extent in x and y [m]."""
 
     size: Annotated[tuple[PositiveLength, PositiveLength], listing("a list of 2 lengths", 2)]
+    """Extent along x and y. Example: ["600 um", "400 um"]."""
     periodic: Flag = True
+    """Whether a body that leaves at one side enters at the other; without, a body that leaves the lower plate stops the run.
+
+    Example: false.
+    """
 
 
 class LowerPlate(Part):
     """The plate at z = 0, at rest."""
 
     material: Text
+    """Name of its material. Example: "steel"."""
 
 
 _LOADINGS = ("load", "pressure", "gap")
@@ -89,17 +110,35 @@ class UpperPlate(Part):
     """The upper plate: its support and load [N], pressure on the domain's area [Pa], or gap between the surfaces [m]."""
 
     material: Text
+    """Name of its material. Example: "steel"."""
     support: Annotated[Literal["rigid", "foundation", "load_per_particle"], Choice()] = "rigid"
+    """"rigid": one plate; "load_per_particle": one patch per body, each with the load; "foundation": patches on springs below a
+    common plate.
+
+    Example: "foundation".
+    """
     load: PositiveForce | None = None
+    """Load on the plate, or on each patch ("load_per_particle"); give one of load, pressure, gap. Example: "0.1 mN"."""
     pressure: PositivePressure | None = None
+    """Pressure on the area of the domain. Example: "2.5 MPa"."""
     gap: PositiveLength | None = None
+    """Distance between the surfaces of the plates, with a foundation to the common plate; it is held. Example: "12 um"."""
     closing: Speed | None = None
+    """Speed at which the gap shrinks. Example: "1 mm/s"."""
     loading: Loading | None = None
+    """How the load changes after settling: a stage, or a list of stages; the last load stays.
+
+    Example: {load = "1 mN", duration = "1 us"}.
+    """
     stiffness: PositiveStiffness | None = None
+    """Stiffness of the spring of each patch; required with a foundation. Example: "200 N/m"."""
     preload: Force | None = None
+    """Load on each patch of a foundation beside its spring; it comes on top of `load`. Example: "10 uN"."""
     motion: Motion = Motion()
     mass: PositiveMass | None = None
+    """Mass of the plate, or of each patch; by default that of all debris (rigid), or of the mean body. Example: "1e-11 kg"."""
     damping: Damping | None = None
+    """Dashpot of the plate, or of each patch; by default critical with the contact. Example: "7e-5 kg/s"."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
@@ -145,8 +184,14 @@ class Contact(Part):
 
     extra_keys: ClassVar[str] = "options"
     law: Text = "three_spot"
+    """Family of contact laws; `thirdbody laws` lists the installed ones. Example: "three_spot"."""
     level: Text | None = None
+    """Level of the law, that is the tangential law; "mindlin" for `law = "three_spot"`, else the default of the law.
+
+    Example: "mdr".
+    """
     debris_contact: Annotated[Literal["auto", "none"], Choice()] = "auto"
+    """"none" declares an ensemble: bodies do not see each other, as the implicit integrator needs. Example: "none"."""
     options: dict[str, Any] = {}
 
     @classmethod
@@ -160,6 +205,7 @@ class Effects(Part):
 
     extra_keys: ClassVar[str] = "named"
     gravity: AccelerationVector | None = None
+    """Acceleration of gravity, x, y, z. Example: ["0 m/s2", "0 m/s2", "-9.81 m/s2"]."""
     named: dict[str, Any] = {}
 
 
@@ -174,15 +220,31 @@ class Solver(Part):
     """
 
     integrator: Annotated[Literal["auto", "explicit", "implicit"], Choice()] = "auto"
+    """"auto" takes the implicit one where bodies meet the plates only, and says why. Example: "implicit"."""
     time_step: Annotated[float | Literal["auto"], Quantity(dimension="time", gt=0, words=("auto",))] = "auto"
+    """Explicit integrator: time step; one above the bound is refused without `--force`. Example: "0.5 ns"."""
     distance: PositiveLength | None = None
+    """Sliding distance of the run, after settling; give it or `duration`. Example: "20 um"."""
     duration: PositiveTime | None = None
+    """Duration of the run, after settling; give it or `distance`. Example: "10 us"."""
     initial_overlap: Annotated[Literal["refuse"], Choice(later=("relax",))] = "refuse"
+    """What happens when bodies overlap at the start. Example: "refuse"."""
     settle: Annotated[float | Literal["auto"], Quantity(dimension="time", ge=0, words=("auto",))] = "auto"
+    """Time under load before the drag starts. Example: "20 us"."""
     tolerance: Fraction | None = None
+    """Implicit integrator: error of a step over the radius of the largest contact; 5e-4 where it is not given. Example: 1e-4."""
     largest_step: PositiveLength | None = None
+    """Implicit integrator: longest drag in one step; no limit where it is not given. Example: "10 nm"."""
     inertia: Flag | None = None
+    """Implicit integrator: whether bodies keep their momentum; false is quasi-static. true where it is not given.
+
+    Example: false.
+    """
     on_failure: Annotated[Literal["stop", "continue"], Choice()] | None = None
+    """Implicit integrator: "continue" goes on without a body that cannot be solved. "stop" where it is not given.
+
+    Example: "continue".
+    """
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:
@@ -206,13 +268,14 @@ class Output(Part):
     """
 
     every: Annotated[float, Quantity(gt=0)]
+    """Interval between frames: a sliding distance or a time. Example: "0.5 um"."""
     every_kind: Annotated[Literal["distance", "time"], Choice()] = "time"  # `rules`: the default is never used
 
     @classmethod
     def __get_pydantic_json_schema__(cls, core_schema: Any, handler: Any) -> dict[str, Any]:
         schema = super().__get_pydantic_json_schema__(core_schema, handler)
-        every = {"anyOf": [quantity_schema(dimension, {}) for dimension in _EVERY.values()]}
-        return schema | {"properties": {"every": every}}
+        every = {"anyOf": [quantity_schema(dimension, {"exclusiveMinimum": 0}) for dimension in _EVERY.values()]}
+        return schema | {"properties": described({"every": every}, cls)}
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:

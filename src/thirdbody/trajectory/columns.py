@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
-from thirdbody.quantity import ARRAY_UNITS
-from thirdbody.trajectory.friction import CYCLE_UNITS
+from thirdbody.trajectory.names import ARRAY_UNITS
+from thirdbody.trajectory.names import CYCLES as CYCLE_NAMES
 from thirdbody.trajectory.schema import POSITION
 from thirdbody.trajectory.state_groups import code_name
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 SERIES, BODIES, CONTACTS, CYCLES, TRANSITIONS = TABLES = ("series", "bodies", "contacts", "cycles", "transitions")
 
 _COMPONENTS = {2: "xy", 3: "xyz", 4: "wxyz"}
-_UNITS = {"time": "s", "distance": "m", POSITION: "m"} | ARRAY_UNITS
+_UNITS = {"time": "s", "distance": "m"} | ARRAY_UNITS
 _SIDES = {LOWER: "lower", UPPER: "upper", DEBRIS: "debris"}
 
 
@@ -48,7 +48,7 @@ def table(run: Run, name: str, frame: int | None = None) -> list[Column]:
     if frame is not None:
         raise ValueError(f"the table of {name} is over all frames; leave `frame` out")
     if name == CYCLES:
-        return [Column(key, CYCLE_UNITS[key].replace("1", ""), values) for key, values in run.cycles.items()]
+        return [Column(key, CYCLE_NAMES[key].unit.replace("1", ""), values) for key, values in run.cycles.items()]
     return _series(run) if name == SERIES else _transitions(run)
 
 

@@ -12,15 +12,6 @@ from thirdbody.laws.contract import Labeller
 from thirdbody.trajectory.peak_pressure import HertzPressure
 from thirdbody.trajectory.schema import Frame
 
-UNITS = {
-    "time": "s", "distance": "m", "displacement": "m", "gap": "m", "upper_force": "N", "lower_force": "N",
-    "friction_coefficient": "1", "loaded": "1",
-    **{f"energy_{name}": "J" for name in (
-        "foundation", "kinetic", "elastic_normal", "elastic_tangential", "damping", "friction", "plate_work", "body_effects",
-        "numerical", "residual",
-    )},
-}  # fmt: skip
-
 
 class FrameMaker:
     """Builder of frames; holds the impulses of the previous frame for means over the output interval."""

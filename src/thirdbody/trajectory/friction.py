@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.quantity import GLUE, MINUS, percent, quantity_text, with_error
+from thirdbody.trajectory.names import CYCLES
 from thirdbody.trajectory.statistics import LEAST, change_and_error, mean_and_error
 
 if TYPE_CHECKING:
@@ -168,16 +169,11 @@ def _size(change: float, mean: float) -> str:
 
 
 def friction_cycles(run: Run) -> dict[str, np.ndarray]:
-    """Return the whole cycles of a stroke, one value each (n,); n is 0 without a stroke.
-
-    `cycle` counts from 1; `start_time`, `end_time` [s]; `energy` [J]: work of the friction force, the sum of mean force times
-    displacement over the output intervals; `friction_coefficient`: mean of |T|/N; its extremes `friction_coefficient_min`, `_max`
-    (signed by the first direction of motion); `tangential_force_min`, `_max` [N], `displacement_min`, `_max` [m].
-    """
+    """Return the whole cycles of a stroke by the names of CYCLES, one value each (n,); n is 0 without a stroke."""
     drag, frames = run.drag, run.frames
     mu = run.series.get("friction_coefficient", np.full(frames, NAN))
     force = _friction_force(run, mu)
-    columns: dict[str, list[float]] = {name: [] for name in CYCLE_UNITS}
+    columns: dict[str, list[float]] = {name: [] for name in CYCLES}
     for number, cycle in enumerate(drag.cycles):
         inside = slice(cycle.start + 1, cycle.stop)  # the interval that ends at the first frame belongs to the previous cycle
         energy = float(np.sum(force[inside] * drag.steps[inside]))
@@ -187,14 +183,6 @@ def friction_cycles(run: Run) -> dict[str, np.ndarray]:
         for name, value in zip(columns, row, strict=True):
             columns[name].append(value)
     return {name: np.array(values, np.int64 if name == "cycle" else float) for name, values in columns.items()}
-
-
-CYCLE_UNITS = {
-    "cycle": "1", "start_time": "s", "end_time": "s", "energy": "J", "friction_coefficient": "1",
-    "friction_coefficient_min": "1", "friction_coefficient_max": "1", "tangential_force_min": "N", "tangential_force_max": "N",
-    "displacement_min": "m", "displacement_max": "m",
-}  # fmt: skip
-"""Columns of `friction_cycles` and their units."""
 
 
 def _friction_force(run: Run, mu: np.ndarray) -> np.ndarray:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from thirdbody.quantity import ARRAY_UNITS
+from thirdbody.trajectory.names import ARRAY_UNITS
 from thirdbody.trajectory.schema import BLOCKS, POSITION
 
 if TYPE_CHECKING:

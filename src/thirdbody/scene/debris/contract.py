@@ -35,13 +35,19 @@ class DebrisKind(Part):
     """Keys that name files, relative to the scene: one name or a list of them."""
 
     name: Text | None = None
+    """Name of the population in tables, pictures and files; by default material and kind. Example: "soft debris"."""
 
     if TYPE_CHECKING:  # keys of every kind, each declared at its position in the order of keys
         kind: str
+        """Kind of debris; it decides on the other keys. Example: "irregular"."""
         material: str
+        """Name of the material. Example: "steel"."""
         count: int | None
+        """Number of bodies. Example: 2000."""
         velocity: tuple[float, float, float] | None
+        """Initial velocity of all bodies. Example: ["0 m/s", "0 m/s", "-1 m/s"]."""
         angular_velocity: tuple[float, float, float] | None
+        """Initial angular velocity of all bodies, world axes. Example: ["0 rad/s", "1e5 rad/s", "0 rad/s"]."""
 
     @property
     def placement_name(self) -> str | None:
@@ -105,14 +111,21 @@ class DebrisKind(Part):
 
 
 class VolumeKeys(DebrisKind):
-    """Keys of kinds that share a volume: `name` of the population, `height` and `solid_fraction`.
+    """Keys of kinds whose bodies may be placed: all "dilute", or all "dense" bodies of a scene share one volume."""
 
-    All "dilute", or all "dense" bodies of a scene share one volume: its `height` over the lower plate [m] or the `solid_fraction`
-    in it, by default 0.05, or 0.5.
-    """
+    if TYPE_CHECKING:  # declared by the kinds, in the order of keys
+        seed: int
+        """Seed of the random numbers; body k is the same for every count. Example: 1."""
+        placement: Any
+        """"layer": each body in a stable pose on the lower plate; "dilute": at random in a volume; "dense": a packed bed.
+
+        Example: "dense".
+        """
 
     height: PositiveLength | None = None
+    """Height of the volume of all "dilute", or all "dense" bodies; instead of `solid_fraction`. Example: "60 um"."""
     solid_fraction: Fraction | None = None
+    """Solid fraction in that volume; 0.05 for "dilute", 0.5 for "dense" where neither is given. Example: 0.58."""
 
     @classmethod
     def rules(cls, raw: dict[str, Any], context: Any) -> list[Wrong]:

@@ -30,10 +30,17 @@ class File(VolumeKeys):
     kind: Literal["file"] = "file"
     material: Text
     file: Text
+    """CSV (units in the header) or NPZ (SI) table of spheres, relative to the scene. Example: "particles.csv"."""
     count: Count | None = None
+    """Number of bodies, taken from the file in turn; needs `placement`. By default as many as the file has. Example: 200."""
     seed: Seed = 1
     size: Size | None = None
+    """Volume-equivalent diameter to which each body is rescaled; needs `placement`.
+
+    Example: {distribution = "uniform", min = "5 um", max = "20 um"}.
+    """
     placement: Placement | None = None
+    """How bodies are placed; without it they lie where the file says. Example: "layer"."""
     velocity: Velocity | None = None
     angular_velocity: AngularVelocity | None = None
 

@@ -77,7 +77,9 @@ class Asperities(Part):
     """Small spheres on each body: `count` of one `radius`, a length ("0.5 um") or a fraction of the body's equivalent radius."""
 
     count: Annotated[int, Whole(ge=1, le=32)] = 3
+    """Number of asperities on each body. Example: 3."""
     radius: Annotated[float | str, _LengthOrFraction()]
+    """Radius: a length, or a fraction of the equivalent radius of the body. Example: "0.5 um"."""
 
     @property
     def length(self) -> float | None:
@@ -96,15 +98,23 @@ class Irregular(VolumeKeys):
     count: Count
     seed: Seed = 1
     size: Size
+    """Volume-equivalent diameter: a distribution, or one length.
+
+    Example: {distribution = "lognormal", median = "10 um", sigma = 0.2}.
+    """
     spheres: Annotated[
         tuple[SpheresPerBody, SpheresPerBody],
         listing("[least, most] or one whole number", 2),
         BeforeValidator(_sphere_range),
-        ShortForm({"type": "integer"}),
+        ShortForm({"type": "integer"} | _WHOLE.limits()),
     ]
+    """Least and most spheres of a body; or one number. Example: [4, 8]."""
     aspect: Annotated[tuple[Fraction, Fraction, Fraction], THREE]
+    """Extents of the envelope along three axes, relative to each other. Example: [1.0, 0.8, 0.6]."""
     angularity: Annotated[float, Quantity(ge=0, le=1)] | None = None
+    """How far spheres shrink towards the corners of the hull; 0 where it is not given. Example: 0.5."""
     asperities: Asperities | None = None
+    """Small spheres where planes can touch the body. Example: {count = 3, radius = "0.5 um"}."""
     placement: Placement = "layer"
     velocity: Velocity = AT_REST
     angular_velocity: AngularVelocity = AT_REST

@@ -63,11 +63,21 @@ class Mesh(VolumeKeys):
     kind: Literal["mesh"] = "mesh"
     material: Text
     file: Annotated[str | list[str], _Files()]
+    """Closed mesh (STL, OBJ, PLY) relative to the scene, a list of such files, or a folder; bodies take them in turn.
+
+    Example: "debris_particle.stl".
+    """
     unit: PositiveLength
+    """Length of one unit of the files. Example: "1 um"."""
     spheres: Annotated[int, Whole(ge=4, le=40)] = 12
+    """Number of spheres of each body. Example: 12."""
     count: Count
     seed: Seed = 1
     size: Size | None = None
+    """Volume-equivalent diameter to which each body is rescaled.
+
+    Example: {distribution = "lognormal", median = "6 um", sigma = 0.15}.
+    """
     placement: Placement = "layer"
     velocity: Velocity = AT_REST
     angular_velocity: AngularVelocity = AT_REST

@@ -35,7 +35,9 @@ class Ball(Part):
     """One sphere of a body: its centre and radius, m."""
 
     center: Point = AT_REST
+    """Centre in the frame of the body. Example: ["3 um", "0 um", "0 um"]."""
     radius: PositiveLength
+    """Radius of the sphere. Example: "2 um"."""
 
 
 def _unit_quaternion(q: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
@@ -64,12 +66,21 @@ class Spheres(VolumeKeys):
     kind: Literal["spheres"] = "spheres"
     material: Text
     radius: PositiveLength | None = None
+    """Radius of single spheres; give it or `shape`. Example: "5 um"."""
     shape: Annotated[tuple[Ball, ...], listing("a list of tables {center, radius}")] | None = None
+    """Spheres of one body, the same for all bodies; give it or `radius`.
+
+    Example: [{center = ["0 um", "0 um", "0 um"], radius = "2 um"}, {center = ["3 um", "0 um", "0 um"], radius = "2 um"}].
+    """
     count: Count
+    """Number of bodies; may be left out where `positions` are given. Example: 100."""
     seed: Seed = 1
     placement: Placement | None = None
+    """How bodies are placed; "layer" unless `positions` are given. Example: "dilute"."""
     positions: Annotated[tuple[Point, ...], listing("a list of points")] | None = None
+    """Centres of mass, one point per body; instead of `placement`. Example: [["5 um", "5 um", "5 um"]]."""
     orientation: Quaternion | None = None
+    """Quaternion (w, x, y, z), body to world; needs `positions`. Example: [1, 0, 0, 0]."""
     velocity: Velocity = AT_REST
     angular_velocity: AngularVelocity = AT_REST
 

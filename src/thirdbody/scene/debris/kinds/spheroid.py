@@ -133,9 +133,13 @@ class Spheroid(PlacedDebris):
 
     kind: Literal["spheroid"] = "spheroid"
     size: Size
+    """Diameter of the ball of the same volume. Example: "10 um"."""
     axial_ratio: Annotated[float, Quantity(ge=0.1, le=1)]
+    """Shorter over longer axis. Example: 0.5."""
     form: Annotated[Literal["prolate", "oblate"], Choice()] = "prolate"
+    """"prolate": long, spheres on a segment; "oblate": flat, spheres on a disc. Example: "oblate"."""
     spheres: Annotated[int, Whole(ge=2, le=MAX_SPHERES_PER_BODY)] = 20
+    """Most spheres of a body; an oblate one takes the largest of 7, 19, 37, 61, 91 that is allowed. Example: 20."""
 
     def checks(self) -> list[Wrong]:
         """Return faults of too few spheres for one connected body."""

@@ -33,10 +33,15 @@ class Spot(Part):
     """A summit that meets one plate only: its place relative to the centre of mass (m), and its radius of curvature."""
 
     side: Annotated[Literal["lower", "upper"], Choice()]
+    """Plate that the spot meets; it meets nothing else. Example: "lower"."""
     x: Length
+    """Place relative to the centre of mass. Example: "-2 um"."""
     y: Length = 0.0
+    """Place relative to the centre of mass. Example: "1 um"."""
     z: Length
+    """Place relative to the centre of mass. Example: "-2 um"."""
     radius: PositiveLength
+    """Radius of curvature. Example: "1 um"."""
 
 
 def _three_moments(value: Any, info: ValidationInfo) -> Any:
@@ -51,7 +56,7 @@ Moments = Annotated[
     tuple[Annotated[float, _INERTIA], Annotated[float, _INERTIA], Annotated[float, _INERTIA]],
     THREE,
     BeforeValidator(_three_moments),
-    ShortForm(quantity_schema("inertia", {})),
+    ShortForm(quantity_schema("inertia", _INERTIA.limits())),
 ]
 
 
@@ -68,13 +73,23 @@ class Spots(DebrisKind):
     kind: Literal["spots"] = "spots"
     material: Text
     spots: Annotated[tuple[Spot, ...], listing("a list of tables {side, x, y, z, radius}")]
+    """Spots of a body, at least one on each side.
+
+    Example: [{side = "upper", x = "0.2 um", z = "2 um", radius = "2 um"}, {side = "lower", x = "0 um", z = "-2 um", radius = "1
+    um"}].
+    """
     mass: PositiveMass
+    """Mass of a body. Example: "1e-13 kg"."""
     inertia: Moments
+    """Moments of inertia about x, y, z; one stands for all. Example: "2e-25 kg m2"."""
     planar: Flag = False
+    """Whether bodies must stay in the plane y = 0; what would drive them out of it is refused. Example: true."""
     count: Count = 1
+    """Number of bodies, all alike; may be left out where `positions` are given. Example: 3."""
     positions: Annotated[
         tuple[Annotated[tuple[Length, Length], listing("a list of 2 lengths", 2)], ...], listing("a list of points [x, y]")
     ] | None = None  # fmt: skip
+    """Places x, y of the centres of mass; by default rows over the domain. Example: [["6 um", "4 um"]]."""
     velocity: Velocity = AT_REST
     angular_velocity: AngularVelocity = AT_REST
 

@@ -1,0 +1,115 @@
+"""Names of all series and arrays of a run, each once: unit and meaning. Those of a labeller come from the labeller."""
+
+from typing import NamedTuple
+
+
+class Name(NamedTuple):
+    """Unit of a series or an array ("1" for pure numbers and codes), and its meaning."""
+
+    unit: str
+    meaning: str
+
+
+SERIES = {
+    "time": Name("s", "Time since the start."),
+    "distance": Name("m", "Path of the upper plate since the end of settling."),
+    "displacement": Name("m", "Displacement of the upper plate along its first direction of motion; NaN without motion."),
+    "gap": Name("m", "Distance between the surfaces of the plates: that of the common plate, else the mean over the patches."),
+    "upper_force": Name("N", "Force of the debris on the upper plate, x, y, z: mean over the output interval."),
+    "lower_force": Name("N", "Force of the debris on the lower plate, x, y, z: mean over the output interval."),
+    "friction_coefficient": Name("1", "-(upper_force . first direction of motion) / |normal force|; NaN where nothing presses."),
+    "loaded": Name("1", "Number of bodies that carry load."),
+    "energy_kinetic": Name("J", "Kinetic energy of bodies and free patches."),
+    "energy_elastic_normal": Name("J", "Energy of the normal springs of contacts."),
+    "energy_elastic_tangential": Name("J", "Energy of the tangential and rolling springs of contacts."),
+    "energy_foundation": Name("J", "Energy of the springs of a foundation; with a foundation only."),
+    "energy_damping": Name("J", "Dissipated by dashpots since the start."),
+    "energy_friction": Name("J", "Dissipated by slip since the start."),
+    "energy_plate_work": Name("J", "Work of the plates since the start."),
+    "energy_body_effects": Name("J", "Work of body effects since the start; with such effects only."),
+    "energy_numerical": Name("J", "Lost by the implicit integrator itself since the start; 0 in explicit runs."),
+    "energy_residual": Name("J", "Work minus stored energy minus dissipation: what the balance of energy lacks."),
+}
+"""One value per frame; labelled runs have the fraction of bodies in each state as well, such as `fraction_rolling`."""
+
+FRACTION = Name("1", "Fraction of bodies in this state.")
+
+SPHERES = {
+    "position": Name("m", "Centre of the sphere, (S, 3)."),
+    "id": Name("1", "Number of the sphere."),
+    "clump": Name("1", "Number of its body."),
+    "radius": Name("m", "Radius."),
+    "velocity": Name("m/s", "Velocity of the centre, (S, 3)."),
+    "state": Name("1", "State of its body, a code of `state_names`."),
+    "state_reason": Name("1", "Reason for that state, a code of `reason_names`."),
+}
+CLUMPS = {
+    "position": Name("m", "Centre of mass, (B, 3)."),
+    "id": Name("1", "Number of the body."),
+    "population": Name("1", "Its population, a code of `population_names`."),
+    "material": Name("1", "Its material, a code of `material_names`."),
+    "mass": Name("kg", "Mass."),
+    "diameter": Name("m", "Diameter of the ball of the same volume."),
+    "quaternion": Name("1", "Orientation (w, x, y, z), body to world, (B, 4)."),
+    "velocity": Name("m/s", "Velocity of the centre of mass, (B, 3)."),
+    "angular_velocity": Name("rad/s", "Angular velocity, world axes, (B, 3)."),
+    "force": Name("N", "Total force, (B, 3)."),
+    "torque": Name("N·m", "Total torque about the centre of mass, (B, 3)."),
+    "friction_work": Name("J", "Dissipated by slip at its contacts since the start; between two bodies each counts half."),
+    "slip_distance": Name("m", "Slip of all its contacts since the start, summed."),
+    "rolled_distance": Name("m", "Length rolled since the start; in labelled runs only."),
+    "utilisation": Name("1", "Largest tangential force over friction limit of its contacts."),
+    "contacts": Name("1", "Number of its contacts."),
+    "peak_pressure": Name("Pa", "Largest pressure in its contacts, elastic."),
+    "state": Name("1", "State, a code of `state_names`."),
+    "state_reason": Name("1", "Reason for the state, a code of `reason_names`."),
+}
+CONTACTS = {
+    "position": Name("m", "Contact point, (C, 3)."),
+    "body": Name("1", "Body that owns the contact."),
+    "partner": Name("1", "The other body; -1: lower plate, -2: upper plate."),
+    "side": Name("1", "What it touches: 0 lower plate, 1 upper plate, 2 debris."),
+    "normal": Name("1", "Unit normal from partner to owner, (C, 3)."),
+    "normal_force": Name("N", "Normal force, positive in compression."),
+    "tangential_force": Name("N", "Tangential force on the owner, (C, 3)."),
+    "force": Name("N", "Force on the owner, (C, 3)."),
+    "utilisation": Name("1", "Tangential force over friction limit."),
+    "slip": Name("m", "Slip since the contact closed, a path length."),
+    "overlap": Name("m", "Overlap."),
+    "contact_radius": Name("m", "Radius of the contact area."),
+    "critical_slip": Name("m", "Displacement at which a virgin contact under this load slips throughout."),
+    "moment": Name("N·m", "Rolling moment on the owner, (C, 3); with rolling resistance only."),
+    "rolling_utilisation": Name("1", "Rolling moment over its limit; with rolling resistance only."),
+}
+CYCLES = {
+    "cycle": Name("1", "Number of the cycle, from 1."),
+    "start_time": Name("s", "Time at its start."),
+    "end_time": Name("s", "Time at its end."),
+    "energy": Name("J", "Work of the friction force: sum of mean force times displacement over the output intervals."),
+    "friction_coefficient": Name("1", "Mean of |friction force| / normal force."),
+    "friction_coefficient_min": Name("1", "Least friction coefficient, signed by the first direction of motion."),
+    "friction_coefficient_max": Name("1", "Largest friction coefficient, signed likewise."),
+    "tangential_force_min": Name("N", "Least friction force, signed likewise."),
+    "tangential_force_max": Name("N", "Largest friction force, signed likewise."),
+    "displacement_min": Name("m", "Least displacement."),
+    "displacement_max": Name("m", "Largest displacement."),
+}
+TRANSITIONS = {
+    "frame": Name("1", "Frame that shows the new state."),
+    "time": Name("s", "Its time."),
+    "distance": Name("m", "Its sliding distance."),
+    "body": Name("1", "The body."),
+    "from": Name("1", "Old state, a code of `state_names`."),
+    "to": Name("1", "New state, a code of `state_names`."),
+    "reason": Name("1", "Reason for the new state, a code of `reason_names`."),
+    "position": Name("m", "Its centre of mass, (T, 3)."),
+}
+TABLES = {
+    "series": SERIES, "bodies": CLUMPS, "spheres": SPHERES, "contacts": CONTACTS, "cycles": CYCLES, "transitions": TRANSITIONS,
+}  # fmt: skip
+"""All tables by the names that `Run` gives them."""
+
+ARRAY_UNITS = {
+    name: entry.unit for arrays in (SPHERES, CLUMPS, CONTACTS) for name, entry in arrays.items() if entry.unit != "1"
+} | {"speed": "m/s"}  # fmt: skip
+"""Units of arrays by name, without those of pure numbers and codes; `speed` is drawn, not stored."""

@@ -1,0 +1,163 @@
+"""The reference of keys and names is complete, its examples can be read, and `thirdbody keys` finds them."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from pydantic import TypeAdapter
+
+from thirdbody import errors
+from thirdbody.engine.implicit import Accuracy
+from thirdbody.laws.registry import discover
+from thirdbody.report.key_reference import all_keys, all_names
+from thirdbody.runner.simulate import run
+from thirdbody.scene.json_schema import key_docs
+from thirdbody.scene.model import Scene
+from thirdbody.scene.schema_base import Part
+from thirdbody.system.address_space import MemoryShortage
+from thirdbody.trajectory.names import TABLES as TABLES_OF_A_RUN
+
+TABLES = {
+    "materials",
+    "pairs",
+    "debris",
+    "domain",
+    "plates",
+    "contact",
+    "effects",
+    "solver",
+    "output",
+    "lower",
+    "upper",
+    "motion",
+}
+"""Keys that hold nothing but tables, whose own keys are listed."""
+PYTHON_ONLY = {"every_kind", "options", "named"}
+
+ROLLERS = """
+scene = 1
+[materials.steel]
+youngs_modulus = "210 GPa"
+poisson_ratio = 0.3
+density = "7850 kg/m3"
+[[pairs]]
+between = ["steel", "steel"]
+friction = 0.3
+restitution = 0.6
+[[debris]]
+material = "steel"
+kind = "spheres"
+radius = "5 um"
+count = 3
+[domain]
+size = ["50 um", "40 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "foundation"
+stiffness = "200 N/m"
+load = "1 mN"
+motion = {x = {stroke = "50 nm", frequency = "2 MHz"}}
+[effects]
+gravity = ["0 m/s2", "0 m/s2", "-9.81 m/s2"]
+rolling_resistance = {coefficient = 0.05}
+[solver]
+settle = "0.2 us"
+duration = "0.6 us"
+[output]
+every = "0.05 us"
+"""
+
+
+@pytest.fixture(scope="module")
+def registry():
+    return discover()
+
+
+def parts(base: type[Part] = Part) -> set[type[Part]]:
+    return {part for kind in base.__subclasses__() if kind.__module__.startswith("thirdbody.") for part in {kind, *parts(kind)}}
+
+
+@pytest.mark.parametrize("part", sorted(parts(), key=lambda part: f"{part.__module__}.{part.__name__}"), ids=str)
+def test_every_key_has_a_meaning_and_an_example_that_can_be_read(part):
+    docs = key_docs(part)
+    for name, field in part.model_fields.items():
+        if name in TABLES | PYTHON_ONLY and name not in docs:
+            continue
+        meaning, _, example = docs[name].partition(" Example: ")
+        assert meaning[-1] in ".;" and example, f"{part.__name__}.{name}"
+        if name == "kind":
+            continue  # of another kind
+        schema = part.model_json_schema()["properties"][name]
+        value = schema["examples"][0]
+        if name != "every" and "const" not in json.dumps(schema):  # a time or a length: read by the table
+            TypeAdapter(field.rebuild_annotation()).validate_python(value, context={"file": True})
+
+
+def test_options_have_a_meaning_and_an_example(registry):
+    options = [key for key in all_keys(registry) if key.path.startswith(("contact.", "effects."))]
+    assert {"contact.springs", "contact.nodes", "effects.local_damping.until", "effects.gravity"} <= {key.path for key in options}
+    assert not [key.path for key in options if not (key.meaning and key.example and key.value)]
+
+
+def test_a_key_of_several_tables_stands_once(registry):
+    keys = {(key.path, key.tables): key for key in all_keys(registry)}
+    assert keys["debris.material", ()].default == "required"
+    assert '"mesh"' in keys["debris.kind", ()].value
+    assert keys["debris.placement", ("irregular", "mesh", "spheroid")].default == '"layer"'
+    assert keys["debris.size.median", ("lognormal",)].unit == "m"
+    assert keys["contact.memory", ("coulomb", "mindlin")].value == '"two_number" or "rescaled"'
+    assert len(keys) == len(all_keys(registry))
+
+
+def test_defaults_that_meanings_state():
+    told = next(key for key in all_keys(discover()) if key.path == "solver.tolerance").meaning
+    assert float(re.search(r"[\d.e-]+(?= where it is not given)", told)[0]) == Accuracy().tolerance
+
+
+def test_names_are_those_of_a_run(registry, tmp_path):
+    names = all_names(registry)
+    with run(Scene.parse(ROLLERS), tmp_path / "run", progress=False) as result:
+        assert names["series"].keys() == result.series.keys()
+        assert {name: entry.unit for name, entry in names["series"].items()} == {
+            name: result.units[name] for name in result.series
+        }
+        assert names["bodies"].keys() == result.bodies(-1).keys()
+        assert names["spheres"].keys() == result.spheres(-1).keys()
+        assert names["contacts"].keys() == result.contacts(-1).keys()
+        assert names["cycles"].keys() == result.cycles.keys() and len(result.cycles["energy"]) == 1
+        assert names["transitions"].keys() == result.transitions().keys()
+    engine = [entry for entries in TABLES_OF_A_RUN.values() for entry in entries.values()]
+    assert all(entry.meaning and entry.unit for entry in engine)
+
+
+def test_every_exit_code_is_explained():
+    kinds = [errors.ThirdbodyError, *errors.ThirdbodyError.__subclasses__(), MemoryShortage]
+    assert {kind.exit_code for kind in kinds} <= errors.EXIT_CODES.keys()
+
+
+@pytest.mark.parametrize("word", ["frequency", "debris[0].size", "debris.0.size.median", "SPRINGS", "virgin", "upper_force"])
+def test_a_word_finds_names_else_meanings(word, command):
+    told = command("keys", word, "--json")
+    assert told.code == 0, told.err
+    found = json.loads(told.out)
+    names = [key["path"] for key in found["scene"]] + [name for entries in found["run"].values() for name in entries]
+    assert names and len(names) < 20
+    if word == "virgin":
+        assert names == ["critical_slip"]
+    else:
+        assert any(re.sub(r"\[\d\]|\.\d", "", word).lower() in name for name in names)
+
+
+def test_a_table_shows_unit_default_and_example(command):
+    told = command("keys", "shape")
+    assert "debris.shape.radius" in told.out and '"triangle"' in told.out and "required" in told.out
+    assert "run.series[name]" in command("keys", "gap").out
+
+
+def test_a_word_that_finds_nothing_names_the_nearest(command):
+    told = command("keys", "freqency")
+    assert told.code == 2 and told.err == "thirdbody: keys freqency: nothing has this name, did you mean 'frequency'?\n"
