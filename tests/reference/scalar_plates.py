@@ -61,13 +61,15 @@ class Patches:
                 if p[patch.SPRING] == 0.0 and p[patch.FREE] == 0.0:
                     p[patch.VELOCITY] = self.plan.rate(motion.GAP, t, dt)
 
-    def drift(self, dt: float) -> None:
+    def drift(self, dt: float, v_x: float, v_y: float) -> None:
         """Half kick and drift."""
         for p in self.P:
             if p[patch.FREE] != 0.0:
                 force = p[patch.FORCE] - p[patch.LOAD] - p[patch.DAMPING] * p[patch.VELOCITY]
                 p[patch.VELOCITY] += 0.5 * dt / p[patch.MASS] * force
             p[patch.HEIGHT] += dt * p[patch.VELOCITY]
+            p[patch.DISPLACEMENT] += dt * v_x
+            p[patch.DISPLACEMENT + 1] += dt * v_y
 
     def load(self, t: float) -> None:
         """Loads where a schedule changes them."""

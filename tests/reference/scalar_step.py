@@ -120,7 +120,7 @@ class Reference:
         v = self.plan.rate(motion.X, t, dt), self.plan.rate(motion.Y, t, dt)
         sampled = self.physics.labels and (int(self.A[run_totals.STEPS]) + 1) % self.physics.stride == 0
         self.patches.drive(t, dt)
-        self.patches.drift(dt)
+        self.patches.drift(dt, *v)
         for b, B in enumerate(self.B):
             drift(B, [self.S[s] for s in self.spheres(b)], [self.offsets[s] for s in self.spheres(b)], dt)
         spent = self.contacts(Surroundings(self.P, v[0], v[1], dt, *self.size))

@@ -14,4 +14,5 @@ FREE = table.scalar("free", "", "1: it moves under its load; 0: its motion is pr
 SEARCH_HEIGHT = table.scalar("search_height", "m", "height at the last search for neighbours")
 SPRING = table.scalar("spring", "N/m", "stiffness of its spring to the common plate")
 NOMINAL_LOAD = table.scalar("nominal_load", "N", "load of which a schedule of loads gives the factor")
+DISPLACEMENT, DISPLACEMENT2 = table.vector("displacement", 2, "m", "displacement along x and y since the start")
 WIDTH = table.width

@@ -30,14 +30,19 @@ def load_patches(P, schedule, first, t):
 
 
 @njit(**BARE)
-def drift_patches(P, dt):
-    """Apply half kick and drift to the patches. Returns the largest displacement since the last search, one step ahead [m]."""
+def drift_patches(P, dt, v_x, v_y):
+    """Apply half kick and drift to the patches, which move along x and y with (v_x, v_y) [m/s].
+
+    Returns the largest change of a height since the last search, one step ahead [m].
+    """
     far = 0.0
     for p in range(P.shape[0]):
         if P[p, patch.FREE] != 0.0:
             force = P[p, patch.FORCE] - P[p, patch.LOAD] - P[p, patch.DAMPING] * P[p, patch.VELOCITY]
             P[p, patch.VELOCITY] += 0.5 * dt / P[p, patch.MASS] * force
         P[p, patch.HEIGHT] += dt * P[p, patch.VELOCITY]
+        P[p, patch.DISPLACEMENT] += dt * v_x
+        P[p, patch.DISPLACEMENT + 1] += dt * v_y
         far = max(far, abs(P[p, patch.HEIGHT] - P[p, patch.SEARCH_HEIGHT]) + dt * abs(P[p, patch.VELOCITY]))
     return far
 

@@ -154,7 +154,7 @@ def run(budget, until, distance, dt, threads, packed):
         sampled = context.labels != 0 and (np.int64(A[run_totals.STEPS]) + 1) % context.stride == 0
         step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending)
         drive_patches(P, schedule, first, A[run_totals.TIME], dt)
-        far_patch = drift_patches(P, dt)
+        far_patch = drift_patches(P, dt, v_x, v_y)
         for task in range(EARLY, LOOK + 1):
             if task == LOOK:
                 load_patches(P, schedule, first, step.time)
