@@ -38,7 +38,7 @@ from thirdbody.plugin import (
     renewed,
 )
 
-from .mdr_rolling import carry_outward, renewal_heat
+from .mdr_rolling import carried_weights, carry_outward, copy_rows, from_next_cell
 from .mdr_tangent import tangent_of_springs
 from .numerical_tangent import helper
 from .spring_grid import cells_of, end_of, mean_gap, merge, merges_for, squares_lost, width_of
@@ -54,49 +54,91 @@ class SpringParameters(NamedTuple):
 
 
 @helper
-def sums(w, n, wide):
-    """Sums of the elongations along x and y and of their squares, each times the width of its cell in spacings."""
-    x, y, square = 0.0, 0.0, 0.0
+def squares(rows, first, stride, n, wide):
+    """Return the sum of the squares of n springs, each times the width of its cell in spacings.
+
+    x starts at `first`, y a `stride` later.
+    """
+    total = 0.0
     for i in range(n):
-        width = width_of(i, wide)
-        along, across = width * w[i], width * w[n + i]
-        x, y, square = x + along, y + across, square + (along * w[i] + across * w[n + i])
-    return x, y, square
+        x, y = rows[first + i], rows[first + stride + i]
+        total += width_of(i, wide) * (x * x + y * y)
+    return total
+
+
+class Rolled(NamedTuple):
+    """Rolling within a piece of the path.
+
+    Fraction of a spring lost to the next cell, overlap beyond which springs have left, coefficients of the energy released (of
+    spring times slip, of lost spring times slip, of slip squared), and the slip of the whole step.
+    """
+
+    lost: float
+    overlap: float
+    mean: float
+    mixed: float
+    own: float
+    slip_x: float
+    slip_y: float
 
 
 @helper
-def segment(w, grid, path, slip, bound, back):
-    """Advance the springs along one straight piece of the path; return (heat of friction, slip of the centre).
+def segment(rows, grid, path, slip, bound, roll, scratch):
+    """Advance the springs along one straight piece of the path.
 
-    `grid` = (springs, wide cells, spacing^2/R), `path` = overlap before and after, `slip` along x and y.
+    Returns the heat of friction, the energy released by rolling, the slip of the centre, and the sums of the new springs and
+    of their squares, each times the width of its cell. `rows` = springs before the step, and at the end of the piece (output);
+    those at its start lie in `scratch` (6 n + 2,) from 4 n on (`copy_rows`); `grid` = (springs, wide cells, spacing^2/R), `path`
+    = overlap before and after, `slip` along x and y.
 
     The heat of a spring is int b |d(slip)| with its limit b [m2]: times the stiffness of a cell one spacing wide it is energy. A
     spring slides from the point where it reaches the limit, at b_t; limit and displacement being linear in time, the mean of the
     limit is that of b_t and its end. That is exact for a spring that moves along one line, reversing or not, and of second order
     in the angle of a step otherwise. A spring that leaves the contact area slides before it does, as its limit falls to zero.
-    `back` (3 n,) is scratch. Two loops, the expensive one without branches or sums, so that the compiler vectorises it.
+
+    The energy released by rolling is exact for uniform springs that stick and for springs that slide in one direction throughout,
+    of first order in the renewal of a step in between. Two loops, the expensive one without branches or sums, so that the
+    compiler vectorises it.
     """
-    (n, wide, scale), (before, after), (slip_x, slip_y) = grid, path, slip
+    (w, new), (n, wide, scale), (before, after), (slip_x, slip_y) = rows, grid, path, slip
+    old_x, old_y = 4 * n, 5 * n + 1
     per_rise = 1.0 / max(abs(after - before), 1e-300)
     for i in range(n):
         gap = mean_gap(i, wide, scale)
         depth, old_depth = max(after - gap, 0.0), max(before - gap, 0.0)
         fraction = 1.0 if min(depth, old_depth) > 0.0 else min((depth + old_depth) * per_rise, 1.0)
-        x_old, y_old = w[i], w[n + i]
+        near, far, _ = carried_weights(i, wide, roll.lost)
+        inside = 1.0 if gap < roll.overlap else 0.0
+        near, far = inside * near, inside * far
+        x_old = near * scratch[old_x + 1 + i] + far * scratch[old_x + i]
+        y_old = near * scratch[old_y + 1 + i] + far * scratch[old_y + i]
         x_try, y_try = x_old - fraction * slip_x, y_old - fraction * slip_y
         size, limit = math.sqrt(x_try * x_try + y_try * y_try), bound * depth
-        back[i] = limit / max(size, limit, 1e-300)
-        back[n + i] = size
-        w[i], w[n + i] = back[i] * x_try, back[i] * y_try
+        back = limit / max(size, limit, 1e-300)
+        x_new, y_new = back * x_try, back * y_try
+        new[i], new[n + i] = x_new, y_new
         start = (x_old * x_try + y_old * y_try) / max(size, 1e-300)
-        far, margin = max(size - limit, 0.0), max(bound * old_depth - start, 0.0)
+        beyond, margin = max(size - limit, 0.0), max(bound * old_depth - start, 0.0)
         # b_t from the spring: the limit before the step has no significant digits for huge friction
-        met = start + (size - start) * (margin / max(margin + far, 1e-300))
-        back[2 * n + i] = 0.5 * (met + limit) * far
-    heat = 0.0
+        met = start + (size - start) * (margin / max(margin + beyond, 1e-300))
+        scratch[i], scratch[n + i] = back, size
+        scratch[2 * n + i] = 0.5 * (met + limit) * beyond
+        slips = 1.0 if before > gap else 0.0
+        s_x, s_y = slips * roll.slip_x, slips * roll.slip_y
+        x, y = w[i], w[n + i]
+        lost_x, lost_y = x - x_old, y - y_old
+        sliding = 0.5 * ((lost_x - roll.mean * s_x) * (x + x_new) + (lost_y - roll.mean * s_y) * (y + y_new))
+        # mean over the step minus the fraction `fill` of the end, where the springs decay from one to the other
+        sticking = 0.5 * (lost_x * (x + x_old) + lost_y * (y + y_old)) + roll.own * (s_x * s_x + s_y * s_y)
+        sticking -= s_x * (roll.mean * x + roll.mixed * lost_x) + s_y * (roll.mean * y + roll.mixed * lost_y)
+        scratch[3 * n + i] = sliding if back < 1.0 else sticking
+    heat, released, x, y, square = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(n):
-        heat += width_of(i, wide) * back[2 * n + i]
-    return heat, (1.0 - back[0]) * back[n]
+        width = width_of(i, wide)
+        heat, released = heat + width * scratch[2 * n + i], released + width * scratch[3 * n + i]
+        along, across = width * new[i], width * new[n + i]
+        x, y, square = x + along, y + across, square + (along * new[i] + across * new[n + i])
+    return heat, max(released, 0.0), (1.0 - scratch[0]) * scratch[n], (x, y, square)
 
 
 @kernel
@@ -107,53 +149,48 @@ def springs(c, load, p, h, w, w_new):
     if before <= 0.0:
         merges = merges_for(c.overlap, n, c.radius)
     spacing, wide = cells_of(merges, n, c.radius)
-    for i in range(2 * n):
-        w_new[i] = w[i]
-    scratch = np.empty(5 * n)
+    scratch = np.empty(6 * n + 2)
     # Coulomb's limit uses the total normal force, including the dashpot
     bound = p.kappa * load.force / max(load.elastic, 1e-300)
     ground = fresh_ground(c.roll_x, c.roll_y, load.contact_radius, h[4], h[5], h[6])
-    fraction = renewed(p.renewal * ground.way / max(load.contact_radius, 1e-300))
-    slip_x, slip_y = fraction.fill * c.slip_x, fraction.fill * c.slip_y
-    energy, rolled, start_spacing, start_wide = 0.0, scratch[3 * n :], spacing, wide
-    if fraction.kept < 1.0:
-        carry_outward(w, rolled, (n, wide, spacing * spacing / c.radius), max(before, c.overlap), fraction.kept)
-        for i in range(2 * n):
-            w_new[i] = rolled[i]
-    done, slip, merged = before, 0.0, False
-    end = end_of(n, wide, spacing, c.radius)
+    share = renewed(p.renewal * ground.way / max(load.contact_radius, 1e-300))
+    slip_x, slip_y = share.fill * c.slip_x, share.fill * c.slip_y
+    end, grid = end_of(n, wide, spacing, c.radius), (n, wide, spacing * spacing / c.radius)
+    done, slip, energy, released, merged = before, 0.0, 0.0, 0.0, c.overlap > end
+    mean, lost = 1.0 - share.fill, 1.0 - share.kept
+    mixed, last = share.fill - mean / max(lost, 1e-300), max(before, c.overlap)
+    if lost > 0.0 and (merged or not from_next_cell(n, wide, lost)):
+        carry_outward(w, scratch, 4 * n, grid, last, share.kept)
+        start, rest = squares(w, 0, n, n, wide), squares(scratch, 4 * n + 1, n + 1, n, wide)
+        released, lost = (start - rest) / max(start + rest, 1e-300), 0.0
+        start *= p.g_star * spacing
+    else:
+        start = 0.0
+        copy_rows(w, n, scratch, 4 * n)
+    rows, roll = (w, w_new), Rolled(lost, last, mean, mixed, share.own, c.slip_x, c.slip_y)
     while c.overlap > end:
         part = (end - done) / (c.overlap - before)
-        grid = (n, wide, spacing * spacing / c.radius)
-        heat, middle = segment(w_new, grid, (done, end), (part * slip_x, part * slip_y), bound, scratch)
-        energy += p.g_star * spacing * (2.0 * heat + sums(w_new, n, wide)[2])
+        heat, _, middle, total = segment(rows, grid, (done, end), (part * slip_x, part * slip_y), bound, roll, scratch)
+        energy += p.g_star * spacing * (2.0 * heat + total[2])
         merge(w_new, 2, n, wide)
-        energy -= p.g_star * spacing * sums(w_new, n, wide + 1)[2]
-        merges, done, slip, merged = merges + 1, end, slip + middle, True
+        energy -= p.g_star * spacing * squares(w_new, 0, n, n, wide + 1)
+        copy_rows(w_new, n, scratch, 4 * n)
+        merges, done, slip = merges + 1, end, slip + middle
         spacing, wide = cells_of(merges, n, c.radius)
-        end = end_of(n, wide, spacing, c.radius)
+        end, grid = end_of(n, wide, spacing, c.radius), (n, wide, spacing * spacing / c.radius)
     part = (c.overlap - done) / (c.overlap - before) if merged else 1.0
-    grid = (n, wide, spacing * spacing / c.radius)
-    heat, middle = segment(w_new, grid, (done, c.overlap), (part * slip_x, part * slip_y), bound, scratch)
+    path, slip_of_part = (done, c.overlap), (part * slip_x, part * slip_y)
+    heat, heat_of_rolling, middle, total = segment(rows, grid, path, slip_of_part, bound, roll, scratch)
     stiffness = 2.0 * p.g_star * spacing
-    x, y, square = sums(w_new, n, wide)
-    stored = 0.5 * stiffness * square
+    x, y, stored = stiffness * total[0], stiffness * total[1], 0.5 * stiffness * total[2]
     energy += stiffness * heat
     if before <= 0.0 < c.overlap:  # the smaller grids passed: a virgin field is linear in x^2, its work goes as slope . slip
         slope = math.hypot(w_new[0], w_new[n]) / (c.overlap - mean_gap(0, wide, grid[2]))
         rate = math.hypot(slip_x, slip_y) / (c.overlap - before)
         energy += 0.5 * stiffness * slope * rate * squares_lost(merges, n, spacing) / (c.radius * c.radius)
-    if fraction.kept < 1.0:
-        if merged:  # springs before and after differ: int rate U by the trapezoid, exact without slip
-            before_renewal = p.g_star * start_spacing * sums(w, n, start_wide)[2]
-            after_renewal = p.g_star * start_spacing * sums(rolled, n, start_wide)[2]
-            renewed_part = (before_renewal - after_renewal) / max(before_renewal + after_renewal, 1e-300)
-            energy += renewed_part * (before_renewal + stored)
-        else:
-            energy += stiffness * renewal_heat(w, rolled, w_new, grid, scratch, (before, c.slip_x, c.slip_y), fraction)
-    limit = p.mu * load.force
-    x, y = stiffness * x, stiffness * y
-    answer = Tangential(x, y, limit, p.kappa * c.overlap, slip + middle, stored, energy)
+    # where springs merge those before and after differ: int rate U by the trapezoid, exact without slip
+    energy += released * (start + stored) if merged else stiffness * heat_of_rolling
+    answer = Tangential(x, y, p.mu * load.force, p.kappa * c.overlap, slip + middle, stored, energy)
     return answer, (c.overlap, float(merges), x, y, ground.x, ground.y, ground.reach)
 
 

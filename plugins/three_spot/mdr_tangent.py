@@ -9,10 +9,11 @@ so this contributes nothing.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from .mdr_rolling import carried_rate, carry_outward
+from .mdr_rolling import carried_rate, carried_weights, carry_outward, copy_rows, from_next_cell
 from .numerical_tangent import helper
 from .spring_grid import cells_of, end_of, mean_gap, merge, width_of
 
@@ -20,47 +21,65 @@ ROWS = 8
 """Rows of n springs: x, y, dx/ds_x, dx/ds_y, dy/ds_x, dy/ds_y, dx/dd, dy/dd."""
 
 
+class RolledRate(NamedTuple):
+    """Rolling within a piece of the path: fraction lost to the next cell, rate of what is kept with the overlap, overlap beyond
+    which springs have left."""
+
+    lost: float
+    kept_rate: float
+    overlap: float
+
+
 @helper
-def loaded_rows(w, grid, overlap, kept, kept_rate):
-    """Return the rows (8 n,) of springs carried outward by rolling; `kept_rate`: of log `kept` with the overlap [1/m]."""
-    n = len(w) // 2
-    rows = np.zeros(ROWS * n)
-    if kept >= 1.0:
-        for i in range(2 * n):
-            rows[i] = w[i]
-        return rows
-    carry_outward(w, rows, grid, overlap, kept)
+def load_rows(w, rows, grid, overlap, kept, kept_rate):
+    """Write the springs at the start of the first piece into `rows`; return what rolling is left to `advance_rows`.
+
+    `kept_rate`: rate of `kept` with the overlap [1/m].
+    """
+    n, wide, _ = grid
+    if from_next_cell(n, wide, 1.0 - kept):
+        copy_rows(w, n, rows, ROWS * n)
+        return RolledRate(1.0 - kept, kept_rate, overlap)
+    carry_outward(w, rows, ROWS * n, grid, overlap, kept)
     for i in range(n):
-        x, y = carried_rate(w, i, grid, overlap, kept)
-        rows[6 * n + i], rows[7 * n + i] = kept_rate * kept * x, kept_rate * kept * y
-    return rows
+        x_rate, y_rate = carried_rate(w, i, grid, overlap, kept)
+        rows[6 * n + i], rows[7 * n + i] = kept_rate * x_rate, kept_rate * y_rate
+    return RolledRate(0.0, 0.0, overlap)
 
 
 @helper
-def advance_rows(rows, grid, path, slip, share, bound, moves):
+def advance_rows(rows, grid, path, slip, roll, ends):
     """Advance the springs along one straight piece of the path as the law does, and their derivatives.
 
-    `grid` = (springs, wide cells, spacing^2/R), `path` = overlap before and after. `share` is the fraction of the step's `slip`
-    in this piece, and its rate with the overlap; `bound` the limit of a spring per compression, and its rate. `moves` is 1.0
-    where `after` is the overlap at the end of the step, 0.0 where springs merge. Without branches, and row by row, so that the
-    compiler vectorises it.
+    `rows` (10 n + 2,): the springs at the end and all derivatives, then the springs at the start (`copy_rows`); `grid` =
+    (springs, wide cells, spacing^2/R), `path` = overlap before and after, `slip` = slip of the step along x and y, the fraction
+    of it in this piece, and its rate with the overlap; `ends` = limit of a spring per compression, its rate, and 1.0 where the
+    overlap after is that at the end of the step, 0.0 where springs merge. Without branches, and row by row, so that the compiler
+    vectorises it.
     """
     (n, wide, scale), (before, after) = grid, path
+    old_x, old_y = 8 * n, 9 * n + 1
+    (slip_x, slip_y, share, share_rate), (bound, bound_rate, moves) = slip, ends
     per_rise = 1.0 / max(after - before, 1e-300)
     for i in range(n):
         gap = mean_gap(i, wide, scale)
         depth = max(after - gap, 0.0)
         took = 1.0 if before > gap else depth * per_rise
         took_rate = moves * (1.0 - took) * per_rise if depth > 0.0 else 0.0
-        part, rate = took * share[0], took * share[1] + took_rate * share[0]
-        x, y = rows[i] - part * slip[0], rows[n + i] - part * slip[1]
+        part, rate = took * share, took * share_rate + took_rate * share
+        near, far, place = carried_weights(i, wide, roll.lost)
+        inside = 1.0 if gap < roll.overlap else 0.0
+        near, far, kept_rate = inside * near, inside * far, inside * roll.kept_rate
+        x_w, x_inner, y_w, y_inner = rows[old_x + 1 + i], rows[old_x + i], rows[old_y + 1 + i], rows[old_y + i]
+        x, y = near * x_w + far * x_inner - part * slip_x, near * y_w + far * y_inner - part * slip_y
         xx, xy, yx, yy = rows[2 * n + i] - part, rows[3 * n + i], rows[4 * n + i], rows[5 * n + i] - part
-        xd, yd = rows[6 * n + i] - rate * slip[0], rows[7 * n + i] - rate * slip[1]
-        size, limit = math.sqrt(x * x + y * y), bound[0] * depth
+        xd = rows[6 * n + i] - rate * slip_x + kept_rate * ((place + 1) * x_w - place * x_inner)
+        yd = rows[7 * n + i] - rate * slip_y + kept_rate * ((place + 1) * y_w - place * y_inner)
+        size, limit = math.sqrt(x * x + y * y), bound * depth
         slips = 1.0 if size > limit or limit == 0.0 else 0.0
         over = slips / max(size, 1e-300)
         e_x, e_y, back = over * x, over * y, 1.0 - slips + over * limit
-        limit_rate = moves * bound[0] + bound[1] * depth if depth > 0.0 else 0.0
+        limit_rate = moves * bound + bound_rate * depth if depth > 0.0 else 0.0
         # the motion of a slipping spring along its direction is lost
         by_x, by_y = back * (e_x * xx + e_y * yx), back * (e_x * xy + e_y * yy)
         by_d = back * (e_x * xd + e_y * yd) - limit_rate
@@ -84,27 +103,29 @@ def tangent_of_springs(c, load, p, start, w):
     n = len(w) // 2
     spacing, wide = cells_of(merges, n, c.radius)
     limit = p.kappa * load.force / load.elastic
-    bound = (limit, p.kappa * load.stiffness / load.elastic - 1.5 * limit / c.overlap)
+    limit_rate = p.kappa * load.stiffness / load.elastic - 1.5 * limit / c.overlap
     # the renewal of a given travel goes as 1/a, so its exponent as d^-0.5
     exponent = (1.0 - renewal.kept) / renewal.fill
     grid = (n, wide, spacing * spacing / c.radius)
-    rows = loaded_rows(w, grid, max(before, c.overlap), renewal.kept, 0.5 * exponent / c.overlap)
-    fill, fill_rate = renewal.fill, 0.5 * (renewal.fill - renewal.kept) / c.overlap
-    slip, fraction, done = (c.slip_x, c.slip_y), (fill, fill_rate), before
-    end = end_of(n, wide, spacing, c.radius)
+    rows = np.zeros((ROWS + 2) * n + 2)
+    kept_rate = 0.5 * exponent * renewal.kept / c.overlap
+    roll = load_rows(w, rows, grid, max(before, c.overlap), renewal.kept, kept_rate)
+    fill, fill_rate, done = renewal.fill, 0.5 * (renewal.fill - renewal.kept) / c.overlap, before
+    part, part_rate, end = fill, fill_rate, end_of(n, wide, spacing, c.radius)
     if c.overlap > end:
         per_rise = 1.0 / (c.overlap - before)
         while c.overlap > end:
             part = (end - done) * per_rise
-            fraction = (part * fill, part * (fill_rate - fill * per_rise))
-            advance_rows(rows, (n, wide, spacing * spacing / c.radius), (done, end), slip, fraction, bound, 0.0)
+            slip = (c.slip_x, c.slip_y, part * fill, part * (fill_rate - fill * per_rise))
+            advance_rows(rows, grid, (done, end), slip, roll, (limit, limit_rate, 0.0))
             merge(rows, ROWS, n, wide)
-            merges, done = merges + 1, end
+            copy_rows(rows, n, rows, ROWS * n)
+            roll, merges, done = RolledRate(0.0, 0.0, math.inf), merges + 1, end
             spacing, wide = cells_of(merges, n, c.radius)
-            end = end_of(n, wide, spacing, c.radius)
+            end, grid = end_of(n, wide, spacing, c.radius), (n, wide, spacing * spacing / c.radius)
         part = (c.overlap - done) * per_rise
-        fraction = (part * fill, part * fill_rate + (1.0 - part) * per_rise * fill)
-    advance_rows(rows, (n, wide, spacing * spacing / c.radius), (done, c.overlap), slip, fraction, bound, 1.0)
+        part, part_rate = part * fill, part * fill_rate + (1.0 - part) * per_rise * fill
+    advance_rows(rows, grid, (done, c.overlap), (c.slip_x, c.slip_y, part, part_rate), roll, (limit, limit_rate, 1.0))
     xx = xy = yx = yy = xd = yd = 0.0
     for i in range(n):
         width = width_of(i, wide)
