@@ -28,20 +28,8 @@ ENTRY_POINTS: dict[str, dict[str, str]] = {}
 """Exceptions that stay: module -> function -> reason."""
 
 OFFENDERS: dict[str, set[str]] = {
-    "bodies/bed_relaxation.py": {"_repulsion", "place_turned", "relax"},
-    "bodies/irregular_clumps.py": {"diameters"},
-    "bodies/overlap_grid.py": {"enter", "free", "overlapping", "place_body"},
-    "bodies/union_moments.py": {"add_slices", "stack_moments"},
     "cli/main.py": {"render", "run", "shapes"},
     "cli/studies.py": {"cost"},
-    "kernels/explicit/critical_time_step.py": {
-        "active_candidates",
-        "approach",
-        "assemble",
-        "candidate_bound",
-        "find_contacts",
-        "shortest_steps",
-    },
     "kernels/implicit/bdf2.py": {"advance_bodies", "advance_chunk", "step"},
     "kernels/implicit/common_plate.py": {"accept_bodies", "accept_chunk", "plate_stiffness", "solve_bodies", "solve_chunk"},
     "kernels/implicit/friction_work.py": {"work_error"},
@@ -55,15 +43,6 @@ OFFENDERS: dict[str, set[str]] = {
         "store_step",
         "update_labeller",
         "update_ledger",
-    },
-    "kernels/neighbour_search.py": {
-        "carry_history",
-        "collect",
-        "fill_cells",
-        "pair_candidates",
-        "plate_candidates",
-        "scan",
-        "search_pairs",
     },
     "plugins/three_spot/spring_field.py": {"slide", "span"},
     "runner/simulate.py": {"execute"},

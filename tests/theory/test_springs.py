@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 from numba import njit
 from thirdbody_three_spot import mdr, theory
 
-from thirdbody.kernels.bundles import Candidates, Motion
+from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import geometry, patch, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.rolling_kinematics import travel
@@ -192,6 +193,15 @@ def spheres(*rows):
     return S
 
 
+class Tables(NamedTuple):
+    """The context of the engine's function."""
+
+    own: np.ndarray
+    partner: np.ndarray
+    S: np.ndarray
+    P: np.ndarray
+
+
 @njit
 def travel_speed(i, j, tables, G, plate):
     """The engine's function has no wrapper for Python."""
@@ -205,7 +215,7 @@ def way(S, i, j, normal, arms, plate=0.0):
     G[geometry.NORMAL3, 0], G[geometry.AXIS3, 0], G[geometry.CROSS_AXIS3, 0] = normal, e, f
     G[geometry.ARM, 0], G[geometry.PARTNER_ARM, 0] = arms
     nobody = np.zeros(0, np.int32)
-    return travel_speed(i, j, Candidates(nobody, nobody, S, np.zeros((1, patch.WIDTH))), G.ravel(), plate)
+    return travel_speed(i, j, Tables(nobody, nobody, S, np.zeros((1, patch.WIDTH))), G.ravel(), plate)
 
 
 def test_the_way_of_the_patch():

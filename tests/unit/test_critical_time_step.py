@@ -16,7 +16,7 @@ from thirdbody.jit.function_pointers import address
 from thirdbody.jit.simd import load
 from thirdbody.kernels.columns import body, body_extra, law_input, patch, sphere
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.explicit.critical_time_step import eigenvalue_upper_bound
+from thirdbody.kernels.explicit.stiffness_matrix import eigenvalue_upper_bound
 from thirdbody.kernels.neighbour_search import incidences
 from thirdbody.kernels.signatures import LAW
 

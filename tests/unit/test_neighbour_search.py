@@ -7,7 +7,7 @@ import pytest
 
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_LOWER
-from thirdbody.kernels.neighbour_search import pair_candidates
+from thirdbody.kernels.neighbour_search import Grid, pair_candidates
 
 SKIN = 0.1
 LARGEST = 0.5
@@ -30,7 +30,7 @@ def found(S: np.ndarray, body: np.ndarray, box: tuple[float, float, float], peri
     low, count = np.zeros(3), np.maximum((np.array(box) / REACH).astype(np.int64), 1)
     own, partner = np.full(room, -7, np.int32), np.full(room, -7, np.int32)
     lengths = [box[k] if periodic[k] else 0.0 for k in (0, 1)]
-    n = pair_candidates(S, body, *lengths, SKIN, low, np.array(box) / count, count, np.array(periodic), 3, own, partner)
+    n = pair_candidates(S, body, SKIN, Grid(low, np.array(box) / count, count, np.array(periodic), *lengths), 3, own, partner)
     assert np.all(own[:3] == -7) and np.all(partner[:3] == -7)
     return np.column_stack((own, partner))[3:n] if n <= room else np.full((n - 3, 2), -1)
 

@@ -6,6 +6,7 @@ with walls on all sides. Everything is serial, so the bits do not depend on thre
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -27,22 +28,71 @@ _DT_MAX, _DT_MIN, _GROW, _SHRINK, _DELAY, _ALPHA, _CALM = 0.3, 0.003, 1.1, 0.5, 
 _BALANCED = 1e-3
 
 
+Array = np.ndarray
+
+
+class RigidBodies(NamedTuple):
+    """Shapes of the bodies at full size."""
+
+    rel: Array
+    radii: Array
+    body: Array
+    """Body of each sphere."""
+    starts: Array
+    lever: Array
+    """By which torques of a body are divided."""
+
+
+class Motion(NamedTuple):
+    """What the relaxation changes; carried over from call to call."""
+
+    X: Array
+    Q: Array
+    V: Array
+    """Velocities (n, 6)."""
+    memory: Array
+    """Starts as (0.1, 0.25, 0)."""
+
+
+class Walls(NamedTuple):
+    """The box, periodic in x and y or with walls, and the gap over the sum of radii that spheres keep."""
+
+    box: Array
+    periodic: bool
+    clearance: float
+
+
+class Spheres(NamedTuple):
+    """Spheres of the bodies in their poses: arms (n, 3) and S (n, 4: centre, radius)."""
+
+    arms: Array
+    S: Array
+
+
+class Pairs(NamedTuple):
+    """Candidates: pairs of spheres that may overlap until one has moved by half the skin."""
+
+    own: Array
+    partner: Array
+    skin: float
+
+
 @njit(**OPTIONS)
-def enter_all(spheres, placed, heads, following, size, periodic):
+def enter_all(spheres, grid):
     """Enter spheres (n, 4) into the empty grid."""
     for t in range(spheres.shape[0]):
-        enter(spheres[t, 0], spheres[t, 1], spheres[t, 2], spheres[t, 3], t, placed, heads, following, size, periodic)
+        enter(spheres[t, 0], spheres[t, 1], spheres[t, 2], spheres[t, 3], t, grid)
 
 
 @njit(**OPTIONS)
-def place_turned(tries, rel, radii, count, placed, heads, following, box, periodic, clearance, turned_spheres):
+def place_turned(tries, rel, radii, count, grid, clearance, turned_spheres):
     """Place a body in the box at its first free try, and return its index; -1 if none is free.
 
     tries (t, 7): unit quaternion, then x, y, z as fractions 0..1 of the range that the rotated body can take. turned_spheres (k,
-    4) holds the spheres of the last try at the end; the grid is that of `overlap_grid.place_body`. In a periodic box x and y are
-    arbitrary.
+    4) holds the spheres of the last try at the end. The size of the grid has three components: the box. In a periodic box x and y
+    are arbitrary.
     """
-    k = radii.shape[0]
+    k, box, periodic = radii.shape[0], grid.size, grid.periodic
     for t in range(tries.shape[0]):
         a, b, c, d, e, f, g, h, i = matrix(tries[t, 0], tries[t, 1], tries[t, 2], tries[t, 3])
         for s in range(k):
@@ -63,24 +113,25 @@ def place_turned(tries, rel, radii, count, placed, heads, following, box, period
             at = low + (high - low) * tries[t, 4 + axis]
             for s in range(k):
                 turned_spheres[s, axis] += at
-        if fits and free(0.0, 0.0, turned_spheres, 0, k, placed, heads, following, box, periodic, clearance):
+        if fits and free(0.0, 0.0, turned_spheres, grid, clearance):
             for s in range(k):
                 x, y, z, r = turned_spheres[s, 0], turned_spheres[s, 1], turned_spheres[s, 2], turned_spheres[s, 3]
-                enter(x, y, z, r, count + s, placed, heads, following, box, periodic)
+                enter(x, y, z, r, count + s, grid)
             return t
     return -1
 
 
 @njit(**OPTIONS)
-def pose(X, Q, rel, radii, starts, scale, arms, S):
-    """Compute arms (n, 3) and spheres S (n, 4: centre, radius) of the bodies scaled by `scale`."""
+def pose(X, Q, bodies, scale, spheres):
+    """Compute the spheres of the bodies scaled by `scale`."""
+    rel, starts, arms, S = bodies.rel, bodies.starts, spheres.arms, spheres.S
     for b in range(X.shape[0]):
         a, e, i, d, f, j, g, h, k = matrix(Q[b, 0], Q[b, 1], Q[b, 2], Q[b, 3])
         for s in range(starts[b], starts[b + 1]):
             x, y, z = scale * rel[s, 0], scale * rel[s, 1], scale * rel[s, 2]
             arms[s, 0], arms[s, 1], arms[s, 2] = a * x + e * y + i * z, d * x + f * y + j * z, g * x + h * y + k * z
             S[s, sphere.X], S[s, sphere.Y], S[s, sphere.Z] = X[b, 0] + arms[s, 0], X[b, 1] + arms[s, 1], X[b, 2] + arms[s, 2]
-            S[s, sphere.RADIUS] = scale * radii[s]
+            S[s, sphere.RADIUS] = scale * bodies.radii[s]
 
 
 @njit(**CHUNK)
@@ -95,8 +146,10 @@ def _add_force(b, arm, s, f_x, f_y, f_z, lever, F):
 
 
 @njit(**CHUNK)
-def _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F):
+def _repulsion(bodies, spheres, pairs, walls, F):
     """Compute forces F (n, 6) of the energy sum(overlap^2)/2; return its largest overlap, absolute and over the radii."""
+    S, arms, body, lever, own, partner = spheres.S, spheres.arms, bodies.body, bodies.lever, pairs.own, pairs.partner
+    box, periodic, clearance = walls.box, walls.periodic, walls.clearance
     F[:] = 0.0
     deepest, worst = 0.0, 0.0
     l_x, l_y = (box[0], box[1]) if periodic else (0.0, 0.0)
@@ -149,20 +202,20 @@ def _moved_beyond(S, S0, skin):
 
 
 @njit(**OPTIONS)
-def relax(X, Q, V, rel, radii, body, starts, scale, lever, own, partner, box, periodic, clearance, skin, memory, arms, S, limit):
+def relax(bodies, motion, scale, pairs, walls, spheres, limit):
     """Remove overlaps of rigid bodies by FIRE (with both corrections of Guenole et al. 2020); return (code, steps).
 
-    RELAXED: no overlap of the spheres, enlarged by clearance, exceeds half of it, so nothing touches. MOVED: the candidates own,
-    partner (found with `skin`) are out of date. JAMMED: a minimum with overlaps. SPENT: `limit` steps. Lengths are in units of a
-    typical radius; V (n, 6) and memory carry over from call to call; `memory` starts as (0.1, 0.25, 0).
+    RELAXED: no overlap of the spheres, enlarged by the clearance, exceeds half of it, so nothing touches. MOVED: the candidates
+    are out of date. JAMMED: a minimum with overlaps. SPENT: `limit` steps. Lengths are in units of a typical radius.
     """
-    n = X.shape[0]
+    X, Q, V, memory = motion
+    n, lever = X.shape[0], bodies.lever
     F = np.empty((n, 6))
-    pose(X, Q, rel, radii, starts, scale, arms, S)
-    S0 = S.copy()
+    pose(X, Q, bodies, scale, spheres)
+    S0 = spheres.S.copy()
     for step in range(limit):
-        deepest, worst = _repulsion(S, arms, body, lever, own, partner, box, periodic, clearance, F)
-        if worst <= 0.5 * clearance:
+        deepest, worst = _repulsion(bodies, spheres, pairs, walls, F)
+        if worst <= 0.5 * walls.clearance:
             return RELAXED, step
         power, speed, force, pull = 0.0, 0.0, 0.0, 0.0
         for b in range(n):
@@ -192,7 +245,7 @@ def relax(X, Q, V, rel, radii, body, starts, scale, lever, own, partner, box, pe
             for c in range(6):
                 V[b, c] = (1.0 - memory[ALPHA]) * (V[b, c] + memory[DT] * F[b, c]) + mixed * F[b, c]
         _advance(X, Q, V, memory[DT], lever, 0.1)
-        pose(X, Q, rel, radii, starts, scale, arms, S)
-        if _moved_beyond(S, S0, 0.5 * skin):
+        pose(X, Q, bodies, scale, spheres)
+        if _moved_beyond(spheres.S, S0, 0.5 * pairs.skin):
             return MOVED, step + 1
     return SPENT, limit

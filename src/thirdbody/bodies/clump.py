@@ -256,7 +256,7 @@ def _union_properties(c: np.ndarray, r: np.ndarray) -> tuple[np.ndarray, np.ndar
     middle = (c * weight[:, :, None]).sum(axis=1) / weight.sum(axis=1)[:, None]
     c = np.ascontiguousarray(c - middle[:, None])
     total = np.zeros((len(r), 2, MOMENTS))
-    union_moments(c, r, break_heights(c, r), *_QUADRATURE, _TOLERANCE, total)
+    union_moments(c, r, break_heights(c, r), _QUADRATURE, _TOLERANCE, total)
     moments, errors = total[:, 0], total[:, 1]
     volume = moments[:, 0]
     offset = moments[:, 1:4] / volume[:, None]

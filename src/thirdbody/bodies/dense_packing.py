@@ -12,7 +12,7 @@ from thirdbody.bodies.random_sequential import refuse_long, scatter
 from thirdbody.errors import Fault, InputError
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import EVERYTHING
-from thirdbody.kernels.neighbour_search import pair_candidates
+from thirdbody.kernels.neighbour_search import Grid, pair_candidates
 
 # Target gap over the sum of radii. A state counts as free of overlap at half of it: convergence to exactly zero
 # overlap would take forever.
@@ -86,9 +86,11 @@ class _Growing:
         self.radii = np.concatenate([body.radii for body in clumps])
         # lever of the torques: distance of the outermost centre, so that no rotation is stiffer than a displacement
         arms = np.maximum.reduceat(np.linalg.norm(self.rel, axis=1), self.starts[:-1])
-        self.lever = np.where(arms > 0.0, arms, 1.0)
+        lever = np.where(arms > 0.0, arms, 1.0)
+        self.shapes = kernels.RigidBodies(self.rel, self.radii, self.body, self.starts, lever)
         self.X, self.Q = np.empty((len(clumps), 3)), np.empty((len(clumps), 4))
-        self.S, self.arms = np.empty((len(self.radii), 4)), np.empty((len(self.radii), 3))
+        self.S = np.empty((len(self.radii), 4))
+        self.spheres = kernels.Spheres(np.empty((len(self.radii), 3)), self.S)
         # the search reads the engine's wide table, the relaxation a narrow one that stays in the cache
         self.wide = np.zeros((len(self.radii), sphere.WIDTH))
         self.wide[:, sphere.SIDE] = EVERYTHING
@@ -124,13 +126,12 @@ class _Growing:
 
     def _relax(self, size: float) -> bool:
         """Return whether the overlaps of bodies of this size can be removed."""
-        velocity, memory, left = np.zeros((len(self.X), 6)), np.array([0.1, 0.25, 0.0]), _LIMIT
+        motion = kernels.Motion(self.X, self.Q, np.zeros((len(self.X), 6)), np.array([0.1, 0.25, 0.0]))
+        walls, left = kernels.Walls(self.box, self.periodic, _CLEARANCE), _LIMIT
         while left > 0:
             own, partner = self._search(size)
-            code, done = kernels.relax(
-                self.X, self.Q, velocity, self.rel, self.radii, self.body, self.starts, size, self.lever, own, partner,
-                self.box, self.periodic, _CLEARANCE, _SKIN, memory, self.arms, self.S, left,
-            )  # fmt: skip
+            pairs = kernels.Pairs(own, partner, _SKIN)
+            code, done = kernels.relax(self.shapes, motion, size, pairs, walls, self.spheres, left)
             if code != kernels.MOVED:
                 return bool(code == kernels.RELAXED)
             left -= done
@@ -138,7 +139,7 @@ class _Growing:
 
     def _search(self, size: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the pairs of spheres that come within the skin of each other."""
-        kernels.pose(self.X, self.Q, self.rel, self.radii, self.starts, size, self.arms, self.S)
+        kernels.pose(self.X, self.Q, self.shapes, size, self.spheres)
         self.wide[:, :4] = self.S
         skin = _SKIN + 2.0 * _CLEARANCE * float(self.S[:, 3].max())
         reach = 2.0 * float(self.S[:, 3].max()) + skin
@@ -146,13 +147,11 @@ class _Growing:
         maximum = 2 * math.ceil(math.sqrt(len(self.S)))
         count = np.clip((self.box / reach).astype(np.int64), 1, maximum)
         periodic = np.array([self.periodic, self.periodic])
-        l_x, l_y = self.box[:2] if self.periodic else (0.0, 0.0)
+        grid = Grid(np.zeros(3), self.box / count, count, periodic, *(self.box[:2].tolist() if self.periodic else (0.0, 0.0)))
         capacity = 16 * len(self.S)
         while True:
             own, partner = np.empty(capacity, np.int64), np.empty(capacity, np.int64)
-            n = pair_candidates(
-                self.wide, self.body, l_x, l_y, skin, np.zeros(3), self.box / count, count, periodic, 0, own, partner
-            )
+            n = pair_candidates(self.wide, self.body, skin, grid, 0, own, partner)
             if n <= capacity:
                 return own[:n].copy(), partner[:n].copy()
             capacity = int(1.2 * n)

@@ -125,27 +125,17 @@ class Streams:
         return np.array([rng.random() for rng in self.rngs])
 
 
-def diameters(
-    rng: np.random.Generator | Streams,
-    count: int,
-    distribution: str,
-    *,
-    median: float | None = None,
-    mean: float | None = None,
-    sigma: float | None = None,
-    value: float | None = None,
-    min: float | None = None,
-    max: float | None = None,
-) -> np.ndarray:
+def diameters(rng: np.random.Generator | Streams, count: int, distribution: str, **size: float | None) -> np.ndarray:
     """Return diameters (count,) [m] from a distribution truncated (not clipped) at min and max.
 
     lognormal: median [m], sigma (of the logarithm); normal: mean, sigma [m]; uniform: min, max; constant: value. The truncation
     is exact: a uniform number between the cumulative values of the limits is inverted. InputError: a parameter that is missing,
     not used, or out of range, an unknown distribution.
     """
-    given = {"median": median, "mean": mean, "sigma": sigma, "value": value, "min": min, "max": max}
+    given = dict.fromkeys(_SIZE_PARAMETERS) | size
     _check_size(distribution, given)
-    low, high = min or 0.0, math.inf if max is None else max
+    median, mean, sigma, value, low, high = (given[name] for name in _SIZE_PARAMETERS)
+    low, high = low or 0.0, math.inf if high is None else high
     if value is not None:
         return np.full(count, value)
     if distribution == "uniform":
@@ -178,6 +168,7 @@ _SIZE_KEYS = {
     "uniform": ({"min", "max"}, set()),
     "constant": ({"value"}, set()),
 }
+_SIZE_PARAMETERS = ("median", "mean", "sigma", "value", "min", "max")
 
 
 def _check_size(distribution: str, given: dict[str, float | None]) -> None:
@@ -187,6 +178,8 @@ def _check_size(distribution: str, given: dict[str, float | None]) -> None:
     needed, optional = _SIZE_KEYS[distribution]
     faults = []
     for key, number in given.items():
+        if key not in _SIZE_PARAMETERS:
+            raise TypeError(f"diameters() has no parameter '{key}'")
         if number is None:
             if key in needed:
                 faults.append(Fault(f"size.{key}", f"a {distribution} distribution needs it"))

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from thirdbody.bodies.clump import Clump, matrix_from_quaternion
-from thirdbody.bodies.overlap_grid import overlapping, place_body
+from thirdbody.bodies.overlap_grid import OverlapGrid, overlapping, place_body
 from thirdbody.bodies.union_moments import union_of_discs
 from thirdbody.errors import Fault, InputError
 
@@ -36,7 +36,7 @@ def place_layer(
     low = np.minimum.reduceat(spheres[:, :2] - spheres[:, 3:], starts[:-1])
     high = np.maximum.reduceat(spheres[:, :2] + spheres[:, 3:], starts[:-1])
     _refuse_wide(high - low, size)
-    heads, placed, following = grid(spheres[:, 3], size)
+    cells = empty_grid(spheres[:, 3], size, periodic)
     order = np.argsort(-(high - low).prod(axis=1), kind="stable")
     margin = CLEARANCE * spheres[:, 3].max()
     count = 0
@@ -44,7 +44,7 @@ def place_layer(
         lower_limit, upper_limit = (np.zeros(2), size) if periodic else (margin - low[b], size - margin - high[b])
         for batch in batches():
             tries = lower_limit + (upper_limit - lower_limit) * rng.random((batch, 2))
-            k = place_body(tries, spheres, starts[b], starts[b + 1], count, placed, heads, following, size, periodic, CLEARANCE)
+            k = place_body(tries, spheres[starts[b] : starts[b + 1]], count, cells, CLEARANCE)
             if k >= 0:
                 break
         else:
@@ -69,9 +69,9 @@ def overlaps(
     ids = np.ascontiguousarray(body, dtype=np.int64)
     margin = 1024
     while True:
-        heads, placed, following = grid(spheres[:, 3], size)
+        cells = empty_grid(spheres[:, 3], size, periodic)
         pairs, depth = np.empty((margin, 2), np.int64), np.empty(margin)
-        result = overlapping(spheres, ids, placed, heads, following, size, periodic, pairs, depth)
+        result = overlapping(spheres, ids, cells, pairs, depth)
         if result <= margin:
             break
         margin = result
@@ -102,11 +102,11 @@ def _resting_spheres(clumps: Sequence[Clump], quaternions: np.ndarray, starts: n
     return spheres
 
 
-def grid(radii: np.ndarray, size: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return an empty grid (heads, placed, following) for radii (n,), columns of two largest radii with clearance."""
+def empty_grid(radii: np.ndarray, size: np.ndarray, periodic: bool) -> OverlapGrid:
+    """Return an empty grid for radii (n,), columns of two largest radii with clearance."""
     width = 2.0 * radii.max() * (1.0 + CLEARANCE)
-    nx, ny = (min(_COLUMNS, max(1, math.floor(length / width))) for length in size)
-    return np.full((nx, ny), -1, np.int64), np.empty((len(radii), 4)), np.empty(len(radii), np.int64)
+    nx, ny = (min(_COLUMNS, max(1, math.floor(length / width))) for length in size[:2])
+    return OverlapGrid(np.empty((len(radii), 4)), np.full((nx, ny), -1, np.int64), np.empty(len(radii), np.int64), size, periodic)
 
 
 def batches() -> Iterator[int]:

@@ -1,11 +1,29 @@
 """Kernels of random placement and of overlaps of spheres, on a grid of columns over the x-y plane."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
+
+Array = np.ndarray
+
+
+class OverlapGrid(NamedTuple):
+    """Spheres in columns, each at least one largest diameter wide."""
+
+    placed: Array
+    """Spheres (n, 4): x, y, z, radius."""
+    heads: Array
+    """Last sphere entered into each column (nx, ny); -1: none."""
+    following: Array
+    """Sphere entered before each one into its column (n,)."""
+    size: Array
+    """Lengths of the domain [m]."""
+    periodic: bool
+    """Whether x and y are periodic."""
 
 
 @njit(**BARE)
@@ -21,10 +39,11 @@ def apart(d, size, periodic):
 
 
 @njit(**BARE_CHUNK)
-def free(px, py, spheres, n_first, n_last, placed, heads, following, size, periodic, clearance):
-    """Return whether the spheres n_first..n_last, moved by (px, py), clear all spheres in the grid."""
+def free(px, py, spheres, grid, clearance):
+    """Return whether the spheres, moved by (px, py), clear all spheres in the grid."""
+    placed, heads, following, size, periodic = grid
     nx, ny = heads.shape
-    for s in range(n_first, n_last):
+    for s in range(spheres.shape[0]):
         x, y, z, r = spheres[s, 0] + px, spheres[s, 1] + py, spheres[s, 2], spheres[s, 3]
         if periodic:
             x -= size[0] * math.floor(x / size[0])
@@ -47,8 +66,9 @@ def free(px, py, spheres, n_first, n_last, placed, heads, following, size, perio
 
 
 @njit(**BARE_CHUNK)
-def enter(x, y, z, r, t, placed, heads, following, size, periodic):
+def enter(x, y, z, r, t, grid):
     """Enter sphere t into the grid."""
+    placed, heads, following, size, periodic = grid
     if periodic:
         x -= size[0] * math.floor(x / size[0])
         y -= size[1] * math.floor(y / size[1])
@@ -59,36 +79,34 @@ def enter(x, y, z, r, t, placed, heads, following, size, periodic):
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def place_body(tries, spheres, first, last, count, placed, heads, following, size, periodic, clearance):
+def place_body(tries, spheres, count, grid, clearance):
     """Place a body at the first free try (x, y), and return its index; -1 if none is free.
 
-    tries (t, 2) [m]; spheres (n, 4): x, y relative to the body, z, radius; those of the body are first..last; placed (n, 4),
-    heads (nx, ny), following (n,): the grid with `count` spheres, columns at least one largest diameter wide. Spheres closer than
+    tries (t, 2) [m]; spheres (n, 4) of the body: x, y relative to it, z, radius; count: spheres in the grid. Spheres closer than
     (1 + clearance) times the sum of radii do not fit.
     """
     for k in range(tries.shape[0]):
         px, py = tries[k, 0], tries[k, 1]
-        if free(px, py, spheres, first, last, placed, heads, following, size, periodic, clearance):
-            for s in range(first, last):
-                x, y = spheres[s, 0] + px, spheres[s, 1] + py
-                t = count + s - first
-                enter(x, y, spheres[s, 2], spheres[s, 3], t, placed, heads, following, size, periodic)
+        if free(px, py, spheres, grid, clearance):
+            for s in range(spheres.shape[0]):
+                enter(spheres[s, 0] + px, spheres[s, 1] + py, spheres[s, 2], spheres[s, 3], count + s, grid)
             return k
     return -1
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def overlapping(spheres, body, placed, heads, following, size, periodic, pairs, depth):
+def overlapping(spheres, body, grid, pairs, depth):
     """Count overlapping pairs of spheres of different bodies; store the first in pairs and depth.
 
-    spheres (n, 4): x, y, z, radius; body (n,); the grid as in `place_body`, empty at first. If the number exceeds the length of
-    pairs (m, 2), call again with larger arrays. In a grid of fewer than three columns a pair may be listed twice.
+    spheres (n, 4): x, y, z, radius; body (n,); the grid is empty at first. If the number exceeds the length of pairs (m, 2), call
+    again with larger arrays. In a grid of fewer than three columns a pair may be listed twice.
     """
+    placed, heads, following, size, periodic = grid
     nx, ny = heads.shape
     m = 0
     for s in range(spheres.shape[0]):
         x, y, z, r = spheres[s, 0], spheres[s, 1], spheres[s, 2], spheres[s, 3]
-        enter(x, y, z, r, s, placed, heads, following, size, periodic)
+        enter(x, y, z, r, s, grid)
     for s in range(spheres.shape[0]):
         x, y, z, r = placed[s, 0], placed[s, 1], placed[s, 2], placed[s, 3]
         cx, cy = column(x, size[0], nx), column(y, size[1], ny)

@@ -6,7 +6,7 @@ import numpy as np
 
 from thirdbody.bodies.bed_relaxation import enter_all, place_turned
 from thirdbody.bodies.clump import Clump, matrix_from_quaternion
-from thirdbody.bodies.layer_packing import CLEARANCE, TRIES, batches, grid
+from thirdbody.bodies.layer_packing import CLEARANCE, TRIES, batches, empty_grid
 from thirdbody.errors import Fault, InputError
 
 
@@ -32,9 +32,9 @@ def scatter(
         return x, q
     old = np.empty((0, 4)) if standing is None else standing
     radii = np.concatenate([old[:, 3], *(body.radii for body in clumps)])
-    heads, placed, following = grid(radii, box[:2])
+    grid = empty_grid(radii, box, periodic)
     count = len(old)
-    enter_all(old, placed, heads, following, box, periodic)
+    enter_all(old, grid)
     order = np.argsort([-body.volume for body in clumps], kind="stable")
     for done, b in enumerate(order):
         body = clumps[b]
@@ -42,8 +42,7 @@ def scatter(
         for batch in batches():
             tries = np.concatenate([rng.normal(size=(batch, 4)), rng.random((batch, 3))], axis=1)
             tries[:, :4] /= np.linalg.norm(tries[:, :4], axis=1)[:, None]
-            grid_now = (count, placed, heads, following)
-            k = place_turned(tries, body.centers, body.radii, *grid_now, box, periodic, CLEARANCE, spheres)
+            k = place_turned(tries, body.centers, body.radii, count, grid, CLEARANCE, spheres)
             if k >= 0:
                 break
         else:

@@ -10,6 +10,7 @@ import math
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -29,8 +30,30 @@ FEW = 64
 """Bodies per thread below which another thread does not pay."""
 
 
-def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return nodes in (-1, 1), weights, and offsets (levels + 1,) of Gauss-Legendre in t, z = -cos(t), per order."""
+class Rule(NamedTuple):
+    """Quadrature of several levels."""
+
+    nodes: np.ndarray
+    """In (-1, 1)."""
+    weights: np.ndarray
+    offsets: np.ndarray
+    """First node of each level, and the number of nodes."""
+
+
+class Scratch(NamedTuple):
+    """Scratch for one body: that of `disc_moments`, then radii and moments of the discs of a slice, and moments by two levels."""
+
+    toward: np.ndarray
+    cuts: np.ndarray
+    order: np.ndarray
+    rho: np.ndarray
+    plane: np.ndarray
+    old: np.ndarray
+    new: np.ndarray
+
+
+def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> Rule:
+    """Return Gauss-Legendre in t, z = -cos(t), with a level per order."""
     nodes, weights = [], []
     for order in orders:
         x, w = np.polynomial.legendre.leggauss(order)
@@ -38,7 +61,7 @@ def quadrature(orders: tuple[int, ...] = (5, 10, 20, 40, 80)) -> tuple[np.ndarra
         nodes.append(-np.cos(t))
         weights.append(0.5 * math.pi * w * np.sin(t))
     offsets = np.cumsum([0, *orders]).astype(np.int64)
-    return np.concatenate(nodes), np.concatenate(weights), offsets
+    return Rule(np.concatenate(nodes), np.concatenate(weights), offsets)
 
 
 @njit(**BARE_CHUNK)
@@ -221,15 +244,15 @@ def _triple_points(c, r, axis, along, ring2, center) -> tuple[np.ndarray, np.nda
 
 
 @njit(**BARE_CHUNK)
-def add_slices(c, r, mid, half, nodes, weights, first, last, toward, cuts, order, rho, plane, out):
-    """Add the ten moments of the layer mid +- half by the nodes first..last; workspace as in `disc_moments`, and (6,)."""
-    n = r.size
-    for p in range(first, last):
-        height, weight = mid + half * nodes[p], half * weights[p]
+def add_slices(c, r, layer, rule, level, scratch, out):
+    """Add the ten moments of a layer (its middle and half its thickness) by a level of the rule."""
+    (mid, half), rho, plane, n = layer, scratch.rho, scratch.plane, r.size
+    for p in range(rule.offsets[level], rule.offsets[level + 1]):
+        height, weight = mid + half * rule.nodes[p], half * rule.weights[p]
         for i in range(n):
             dz = height - c[i, 2]
             rho[i] = math.sqrt(max(0.0, r[i] * r[i] - dz * dz))
-        disc_moments(c, rho, toward, cuts, order, plane)
+        disc_moments(c, rho, scratch.toward, scratch.cuts, scratch.order, plane)
         out[0] += weight * plane[0]
         out[1] += weight * plane[1]
         out[2] += weight * plane[2]
@@ -242,7 +265,7 @@ def add_slices(c, r, mid, half, nodes, weights, first, last, toward, cuts, order
         out[9] += weight * height * plane[2]
 
 
-def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
+def union_moments(C, R, Z, rule, tolerance, total):
     """Compute ten moments (see MOMENTS) of unions, and their errors, into total (b, 2, 10).
 
     C: (b, n, 3), R: (b, n), no sphere inside another; Z (b, m): the break heights, ascending, then NaN. The order of a layer is
@@ -254,10 +277,12 @@ def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
 
     def part(k: int) -> None:
         # in a kernel each of these calls would be compiled again
-        margin = np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64), np.empty(n), np.empty(6)
+        scratch = Scratch(
+            np.empty((n, n, 4)), np.empty((n, 4)), np.empty(n, np.int64), np.empty(n), np.empty(6), np.zeros(MOMENTS),
+            np.zeros(MOMENTS),
+        )  # fmt: skip
         own = slice(ends[k], ends[k + 1])
-        stack_moments(C[own], R[own], Z[own], nodes, weights, offsets, tolerance, total[own], *margin, np.zeros(MOMENTS),
-                      np.zeros(MOMENTS))  # fmt: skip
+        stack_moments(C[own], R[own], Z[own], rule, tolerance, total[own], scratch)
 
     if parts == 1:
         part(0)
@@ -267,25 +292,25 @@ def union_moments(C, R, Z, nodes, weights, offsets, tolerance, total):
 
 
 @njit(nogil=True, **DIRECT, **NO_COUNTS)
-def stack_moments(C, R, Z, nodes, weights, offsets, tolerance, total, toward, cuts, order, rho, plane, old, new):
-    """`union_moments` with the workspace of one body."""
+def stack_moments(C, R, Z, rule, tolerance, total, scratch):
+    """`union_moments` with the scratch of one body."""
+    old, new = scratch.old, scratch.new
     for body in range(R.shape[0]):
         c, r, z = C[body], R[body], Z[body]
-        pair_directions(c, toward)
+        pair_directions(c, scratch.toward)
         for b in range(z.size - 1):
             mid, half = 0.5 * (z[b] + z[b + 1]), 0.5 * (z[b + 1] - z[b])
             # Not "half < 1e-14": that is false for the NaN after the last height.
             if not half >= 1e-14:
                 continue
             worst = np.inf
-            for level in range(offsets.size - 1):
+            for level in range(rule.offsets.size - 1):
                 if worst < tolerance:
                     break
                 for q in range(MOMENTS):
                     old[q] = new[q]
                     new[q] = 0.0
-                first, last = offsets[level], offsets[level + 1]
-                add_slices(c, r, mid, half, nodes, weights, first, last, toward, cuts, order, rho, plane, new)
+                add_slices(c, r, (mid, half), rule, level, scratch, new)
                 if level > 0:
                     worst = 0.0
                     for q in range(MOMENTS):

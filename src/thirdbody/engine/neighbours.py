@@ -67,8 +67,9 @@ def _between_groups(host: Ints, guest: Ints, n_bodies: int) -> tuple[Numbers, Nu
 
 
 def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Candidates, source: Array, target: Array) -> None:
-    passes.carry_history(0, n_plates, own, partner, target, 0, old.n_plates, old.own, old.partner, source)
-    passes.carry_history(n_plates, len(own), own, partner, target, old.n_plates, old.count, old.own, old.partner, source)
+    for new_part, old_part in (((0, n_plates), (0, old.n_plates)), ((n_plates, len(own)), (old.n_plates, old.count))):
+        new_rows = passes.CandidateRows(*new_part, own, partner, target)
+        passes.carry_history(new_rows, passes.CandidateRows(*old_part, old.own, old.partner, source))
 
 
 def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
@@ -76,21 +77,18 @@ def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
     capacity = max(64, int(1.3 * state.slots.count), 2 * state.n_spheres)
     while True:
         own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
-        n = passes.plate_candidates(
-            state.S, state.P, state.body, state.patch, world.lower is not None, world.upper is not None, state.skin, own, partner
-        )
+        plates = world.lower is not None, world.upper is not None
+        n = passes.plate_candidates(state.S, state.P, state.body, state.patch, plates, state.skin, own, partner)
         n_plates = n
         if world.debris_meets:
-            low, size, count, periodic = grid(state, state.skin)
-            l_x, l_y = max(state.D[domain.LENGTH_X], 0.0), max(state.D[domain.LENGTH_Y], 0.0)
-            n = passes.pair_candidates(state.S, state.body, l_x, l_y, state.skin, low, size, count, periodic, n, own, partner)
+            n = passes.pair_candidates(state.S, state.body, state.skin, grid(state, state.skin), n, own, partner)
         if n <= capacity:
             return n_plates, own[:n].copy(), partner[:n].copy()
         capacity = int(1.2 * n)
 
 
-def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return origin, cell size (at least the interaction range), cell counts, periodicity of the grid."""
+def grid(state: State, skin: float) -> passes.Grid:
+    """Return the grid for a search of all spheres."""
     columns = np.ascontiguousarray(state.S[:, : sphere.RADIUS + 1].T)  # ten times faster in numpy than short rows
     reach = 2.0 * float(columns[sphere.RADIUS].max()) + skin
     lowest, highest = columns[:3].min(axis=1), columns[:3].max(axis=1)
@@ -101,7 +99,8 @@ def grid(state: State, skin: float) -> tuple[np.ndarray, np.ndarray, np.ndarray,
             low[axis], length[axis] = 0.0, state.D[domain.LENGTH_X + axis]
     # bounded number of cells along each axis: an escaping body must not inflate the grid
     count = np.clip((length / reach).astype(np.int64), 1, max(1, 2 * int(np.ceil(np.sqrt(state.n_spheres)))))
-    return low, length / count, count, periodic
+    lengths = (max(float(state.D[axis]), 0.0) for axis in (domain.LENGTH_X, domain.LENGTH_Y))
+    return passes.Grid(low, length / count, count, periodic, *lengths)
 
 
 def kinds_of(state: State, own: Numbers, partner: Numbers) -> Numbers:

@@ -52,12 +52,11 @@ class Nearness:
     def _candidates(self, skin: float) -> tuple[Numbers, Numbers]:
         """Return the pairs of spheres of different bodies with gaps smaller than `skin` [m]."""
         state = self.state
-        low, size, count, periodic = grid(state, skin)
-        l_x, l_y = max(state.D[domain.LENGTH_X], 0.0), max(state.D[domain.LENGTH_Y], 0.0)
+        cells = grid(state, skin)
         capacity = max(64, state.n_spheres)
         while True:
             own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
-            n = neighbour_search.pair_candidates(state.S, state.body, l_x, l_y, skin, low, size, count, periodic, 0, own, partner)
+            n = neighbour_search.pair_candidates(state.S, state.body, skin, cells, 0, own, partner)
             if n <= capacity:
                 return own[:n], partner[:n]
             capacity = int(1.2 * n)

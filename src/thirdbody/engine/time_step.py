@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from thirdbody.engine.state import Array, Ints, State
-from thirdbody.kernels.columns import domain, patch
+from thirdbody.kernels.columns import patch
 from thirdbody.kernels.explicit import critical_time_step
 from thirdbody.laws.contract import Material
 
@@ -69,14 +69,15 @@ def bound(state: State, materials: list[Material], steps: int, deepest: float) -
 def _found(state: State, horizon: float, deepest: float) -> tuple[Ints, Array, Array]:
     """Return candidates for the shortest step: bodies, their bounds (n, 4), bounds of patches (m, 4)."""
     slots, physics = state.slots, state.physics
-    patches, margin = np.zeros((len(state.P), 4)), critical_time_step.scratch(state.n_bodies, slots.count)
-    l_x, l_y = max(state.D[domain.LENGTH_X], 0.0), max(state.D[domain.LENGTH_Y], 0.0)
-    result = critical_time_step.shortest_steps(
-        slots.n_plates, slots.count, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body,
-        state.S, state.B, state.E, _pressed(state, horizon), physics.pairs, l_x, l_y, horizon, deepest, physics.stiffness_at,
-        patches, *margin,
+    context = critical_time_step.Assembly(
+        slots.n_plates, slots.own, slots.partner, slots.kind, slots.edges, slots.incidence, state.body, state.S, state.B,
+        state.E, _pressed(state, horizon), state.D, physics.pairs,
     )  # fmt: skip
-    return margin[0][:result], margin[1][:result], patches
+    bounds = critical_time_step.empty_bounds(state.n_bodies, len(state.P))
+    scratch = critical_time_step.make_scratch(state.n_bodies, slots.count)
+    ahead = critical_time_step.Horizon(horizon, deepest)
+    result = critical_time_step.shortest_steps(context, ahead, physics.stiffness_at, bounds, scratch)
+    return bounds.number[:result], bounds.bodies[:result], bounds.patches
 
 
 def _pressed(state: State, horizon: float) -> Array:

@@ -49,15 +49,6 @@ class Tile(NamedTuple):
     """`columns.geometry`"""
 
 
-class Candidates(NamedTuple):
-    """What overlaps of candidates depend on: owners, partners, spheres, patches. Usable as a context of `narrow_phase`."""
-
-    own: Array
-    partner: Array
-    S: Array
-    P: Array
-
-
 class Box(NamedTuple):
     """Periodic lengths of the domain [m], 0 where it is not periodic, and their inverses, or 0 (`kernels.periodic`)."""
 

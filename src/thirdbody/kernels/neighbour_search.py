@@ -4,22 +4,73 @@ Candidates come out sorted (plates by sphere, then pairs by owner and partner; t
 history is carried over by one merge and nothing depends on threads.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import LANES, broadcast, less_mask, load
 from thirdbody.kernels import first_body
+from thirdbody.kernels.bundles import Box
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import EVERYTHING, ONLY_LOWER, ONLY_UPPER
 from thirdbody.kernels.periodic import images, inverse
 from thirdbody.kernels.predicates import is_lower, is_sphere, partner_of_patch
 
+Array = np.ndarray
+
+
+class Grid(NamedTuple):
+    """Cells of the search, each at least as large as the interaction range."""
+
+    low: Array
+    """Lowest corner (3,) [m]."""
+    size: Array
+    """Size of a cell (3,) [m]."""
+    cells: Array
+    """Number of cells along each axis (3,)."""
+    periodic: Array
+    """Whether x and y are periodic (2,)."""
+    length_x: float
+    """Periodic length [m], 0 where x is not periodic."""
+    length_y: float
+
+
+class CellLists(NamedTuple):
+    """Scratch of a search."""
+
+    edges: Array
+    """Where each cell begins in Q; zero at first."""
+    columns: Array
+    """Bottom cells of the columns around one."""
+    cells: Array
+    """Cell of each sphere."""
+    Q: Array
+    """Spheres in the order of cells (`fill_cells`)."""
+    pairs: Array
+    """Pairs found (2, n), unsorted."""
+    at: Array
+    """Where the pairs of each owner begin; zero at first."""
+
+
+class CandidateRows(NamedTuple):
+    """Rows first to last of a table with a row per candidate."""
+
+    first: int
+    last: int
+    own: Array
+    partner: Array
+    table: Array
+
 
 @njit(**DIRECT, **NO_COUNTS)
-def plate_candidates(S, P, body, patch_of, has_lower, has_upper, skin, own, partner):
-    """List the spheres within `skin` of a plate in own and partner; return their number, also beyond the capacity."""
-    n = 0
+def plate_candidates(S, P, body, patch_of, plates, skin, own, partner):
+    """List the spheres within `skin` of a plate in own and partner; return their number, also beyond the capacity.
+
+    `plates`: whether there is a lower one, and an upper one.
+    """
+    n, (has_lower, has_upper) = 0, plates
     for i in range(S.shape[0]):
         x, r = first_body.centre(i, S), S[i, sphere.RADIUS]
         if has_lower and S[i, sphere.SIDE] != ONLY_UPPER and -first_body.overlap(-1, x, r, P) < skin:
@@ -45,11 +96,14 @@ def cell_of(x, low, size, count, periodic):
 
 
 @njit(**BARE)
-def fill_cells(S, body, low, size, count, periodic, edges, cells, Q):
+def fill_cells(S, body, grid, lists):
     """Sort the spheres that can touch others by cell (z fastest), then by number.
 
-    Q (6, n + padding): centre, radius, number and body. `edges`, zero at first: where each cell begins, shifted by one.
+    Q (6, n + padding): centre, radius, number and body. `edges`: where each cell begins, shifted by one.
     """
+    low, size, count, periodic, edges, cells, Q = (
+        grid.low, grid.size, grid.cells, grid.periodic, lists.edges, lists.cells, lists.Q
+    )  # fmt: skip
     for i in range(S.shape[0]):
         a = cell_of(S[i, sphere.X], low[0], size[0], count[0], periodic[0])
         b = cell_of(S[i, sphere.Y], low[1], size[1], count[1], periodic[1])
@@ -90,22 +144,23 @@ def sort_in(j, begin, end, result):
 
 
 @njit(**BARE)
-def near(p, k, skin, l_x, l_y, c_x, c_y, Q):
+def near(p, k, skin, box, Q):
     """Return as bits which of the spheres k to k + 3 are within `skin` of sphere p and of another body."""
     d_x, d_y, d_z = broadcast(Q[0, p]) - load(Q, 0, k), broadcast(Q[1, p]) - load(Q, 1, k), broadcast(Q[2, p]) - load(Q, 2, k)
-    d_x, d_y = images(d_x, l_x, c_x), images(d_y, l_y, c_y)
+    d_x, d_y = images(d_x, box.length_x, box.inverse_x), images(d_y, box.length_y, box.inverse_y)
     reach, other = broadcast(Q[3, p] + skin) + load(Q, 3, k), broadcast(Q[5, p]) - load(Q, 5, k)
     return less_mask(d_x * d_x + d_y * d_y + d_z * d_z, reach * reach) & less_mask(broadcast(0.0), other * other)
 
 
 @njit(**BARE)
-def scan(p, first, end, skin, l_x, l_y, c_x, c_y, Q, pairs, m):
+def scan(p, first, end, skin, box, lists, m):
     """Append the pairs of sphere p with near elements first to end to the m pairs so far; return the new m.
 
-    The number counts pairs beyond the capacity, too. c = 1/l, 0 if not periodic. Few are near: four are tested at once.
+    The number counts pairs beyond the capacity, too. Few are near: four are tested at once.
     """
+    Q, pairs = lists.Q, lists.pairs
     for k in range(first, end, LANES):
-        bits = near(p, np.int64(k), skin, l_x, l_y, c_x, c_y, Q)
+        bits = near(p, np.int64(k), skin, box, Q)
         if bits != 0:
             for t in range(min(LANES, end - k)):
                 one, other, at = Q[4, p], Q[4, k + t], min(m, pairs.shape[1] - 1)
@@ -131,22 +186,23 @@ def list_columns(a, b, count, periodic, columns):
 
 
 @njit(**BARE)
-def collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs):
+def collect(skin, grid, lists):
     """List all pairs of spheres of different bodies within `skin`, lower number first; return their number.
 
     The number counts pairs beyond the capacity, too.
     """
-    m, c_x, c_y = np.int64(0), inverse(l_x), inverse(l_y)
+    count, edges, columns, m = grid.cells, lists.edges, lists.columns, np.int64(0)
+    box = Box(grid.length_x, grid.length_y, inverse(grid.length_x), inverse(grid.length_y))
     for a in range(count[0]):
         for b in range(count[1]):
-            base, beside = (a * count[1] + b) * count[2], list_columns(a, b, count, periodic, columns)
+            base, beside = (a * count[1] + b) * count[2], list_columns(a, b, count, grid.periodic, columns)
             for c in range(count[2]):
                 low, high = max(c - 1, 0), min(c + 1, count[2] - 1) + 1
                 for p in range(edges[base + c], edges[base + c + 1]):
-                    m = scan(p, np.int64(p + 1), np.int64(edges[base + high]), skin, l_x, l_y, c_x, c_y, Q, pairs, m)
+                    m = scan(p, np.int64(p + 1), np.int64(edges[base + high]), skin, box, lists, m)
                     for e in range(beside):
                         first, end = np.int64(edges[columns[e] + low]), np.int64(edges[columns[e] + high])
-                        m = scan(p, first, end, skin, l_x, l_y, c_x, c_y, Q, pairs, m)
+                        m = scan(p, first, end, skin, box, lists, m)
     return m
 
 
@@ -170,23 +226,24 @@ def put_in_order(m, pairs, at, n, own, partner):
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, edges, columns, cells, Q, pairs, at, n, own, partner):
+def search_pairs(S, body, skin, grid, lists, n, own, partner):
     """Search as `pair_candidates`, with scratch for the cells and for unsorted pairs."""
-    fill_cells(S, body, low, size, count, periodic, edges, cells, Q)
-    m = collect(skin, l_x, l_y, count, periodic, edges, columns, Q, pairs)
+    fill_cells(S, body, grid, lists)
+    m = collect(skin, grid, lists)
     if n + m <= own.shape[0]:
-        put_in_order(m, pairs, at, n, own, partner)
+        put_in_order(m, lists.pairs, lists.at, n, own, partner)
     return n + m
 
 
-def pair_candidates(S, body, l_x, l_y, skin, low, size, count, periodic, n, own, partner):
+def pair_candidates(S, body, skin, grid, n, own, partner):
     """Append the sphere pairs within `skin` from candidate n on; return the new number, also beyond the capacity."""
     # allocated here, since a kernel would compile each of these calls
     many = len(S)
-    edges, columns, cells = np.zeros(int(np.prod(count)) + 2, np.int32), np.empty(10, np.int64), np.empty(many, np.int32)
-    Q, pairs, at = np.full((6, many + LANES), np.inf), np.empty((2, len(own) + 1), np.int32), np.zeros(many + 1, np.int32)
-    margin = edges, columns, cells, Q, pairs, at
-    return search_pairs(S, body, l_x, l_y, skin, low, size, count, periodic, *margin, n, own, partner)
+    lists = CellLists(
+        edges=np.zeros(int(np.prod(grid.cells)) + 2, np.int32), columns=np.empty(10, np.int64), cells=np.empty(many, np.int32),
+        Q=np.full((6, many + LANES), np.inf), pairs=np.empty((2, len(own) + 1), np.int32), at=np.zeros(many + 1, np.int32),
+    )  # fmt: skip
+    return search_pairs(S, body, skin, grid, lists, n, own, partner)
 
 
 @njit(**BARE)
@@ -196,15 +253,15 @@ def rank(j):
 
 
 @njit(**DIRECT, **NO_COUNTS)
-def carry_history(first, last, own, partner, H, old_first, old_last, old_own, old_partner, old_H):
-    """Copy the history of candidates that were candidates before, within one sorted part of the list."""
-    o = old_first
-    for k in range(first, last):
-        while o < old_last and (old_own[o] < own[k] or (old_own[o] == own[k] and rank(old_partner[o]) < rank(partner[k]))):
+def carry_history(new, old):
+    """Copy the rows of candidates that were candidates before, within one sorted part of the list. Both are `CandidateRows`."""
+    own, partner, o = new.own, new.partner, old.first
+    for k in range(new.first, new.last):
+        while o < old.last and (old.own[o] < own[k] or (old.own[o] == own[k] and rank(old.partner[o]) < rank(partner[k]))):
             o += 1
-        if o < old_last and old_own[o] == own[k] and rank(old_partner[o]) == rank(partner[k]):
-            for h in range(H.shape[1]):
-                H[k, h] = old_H[o, h]
+        if o < old.last and old.own[o] == own[k] and rank(old.partner[o]) == rank(partner[k]):
+            for h in range(new.table.shape[1]):
+                new.table[k, h] = old.table[o, h]
 
 
 def incidences(n, own, partner, n_spheres):

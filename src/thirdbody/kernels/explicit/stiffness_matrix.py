@@ -1,0 +1,156 @@
+"""Stiffness or damping of a body from its contacts, and bounds of its largest eigenvalue.
+
+Sums over the contacts of a body are seven vectors of four, in world axes (`add_stiffness`).
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from thirdbody.jit.options import BARE, BARE_CHUNK
+from thirdbody.jit.simd import broadcast, broadcast_lane, cross, extract, load, set4, store, transpose, with_last
+from thirdbody.kernels.columns import body, body_extra
+from thirdbody.kernels.rotation import matrix
+
+SAFE = 1.0 + 1e-9
+"""Factor on norms, so that rounding excludes no body, not even one of equal stiffness."""
+
+
+@njit(**BARE)
+def total(v):
+    """Return the sum of the first three numbers of v."""
+    return extract(v, 0) + extract(v, 1) + extract(v, 2)
+
+
+@njit(**BARE)
+def cyclic_shift(v):
+    """Return the numbers y, z, x of v."""
+    return set4(extract(v, 1), extract(v, 2), extract(v, 0), 0.0)
+
+
+@njit(**BARE)
+def contact_jacobian(n, arm, reach):
+    """Return the products that make up the stiffness of a contact of normal n at r = arm + reach n.
+
+    r: from the centre of mass. Products of n and w = r x n: n n^T, w w^T, n w^T; and r^2 1 - r r^T, r. Symmetric ones: diagonal
+    and yz, zx, xy; others: diagonal, those, and zy, xz, yx.
+    """
+    r, w = with_last(arm + broadcast(reach) * n, n), cross(arm, n)
+    n_1, w_1, r_1 = cyclic_shift(n), cyclic_shift(w), cyclic_shift(r)
+    n_2, w_2, r_2 = cyclic_shift(n_1), cyclic_shift(w_1), cyclic_shift(r_1)
+    rr = r * r
+    square = total(rr)
+    return (
+        n * n, n_1 * n_2, w * w, w_1 * w_2, n * w, n_1 * w_2, n_2 * w_1, set4(square, square, square, 0.0) - rr, r_1 * r_2, r
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def add_stiffness(s, k, g):
+    """Add the stiffness of a contact with `contact_jacobian` g to the sum s.
+
+    J^T (k_t 1 + (k_n - k_t) n n^T) J + k_r (1 - n n^T), J = (1, -[r]x): forces per displacement, moments per rotation, forces per
+    rotation. The second part resists by k_r all rotations but those about n.
+    """
+    d, t, r, one = broadcast_lane(k, 0), broadcast_lane(k, 1), broadcast_lane(k, 2), set4(1.0, 1.0, 1.0, 0.0)
+    return (
+        s[0] + (t * one + d * g[0]), s[1] + d * g[1],
+        s[2] + (t * g[7] + d * g[2] + r * (one - g[0])), s[3] + (d * g[3] - t * g[8] - r * g[1]),
+        s[4] + d * g[4], s[5] + (d * g[5] + t * g[9]), s[6] + (d * g[6] - t * g[9]),
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def eigenvalue_upper_bound(s, u, v):
+    """Return an upper bound of `eigenvalue` of a sum over a mass >= 1/u and moments of inertia >= 1/v.
+
+    From the trace t and the Frobenius norm f: eigenvalues do not exceed l = t/6 + (5/6 (f^2 - t^2/6))^(1/2) (Wolkowicz and Styan
+    1980, theorem 2.1), so their powers sum to t l^15 at most; its root is concave in t, hence below its tangent at 3 l.
+    """
+    two = broadcast(2.0)
+    forces, moments = s[0] * s[0] + two * s[1] * s[1], s[2] * s[2] + two * s[3] * s[3]
+    both = s[4] * s[4] + s[5] * s[5] + s[6] * s[6]
+    square = total(broadcast(u * u) * forces + broadcast(2.0 * u * v) * both + broadcast(v * v) * moments)
+    trace = total(broadcast(u) * s[0] + broadcast(v) * s[2])
+    largest = trace / 6.0 + math.sqrt(max(square - trace * trace / 6.0, 0.0) * (5.0 / 6.0))
+    return SAFE * min(math.sqrt(square), 3.0 ** (1.0 / 16.0) * (45.0 * largest + trace) / 48.0)
+
+
+@njit(**BARE)
+def symmetric(s, o):
+    """Return the rows of a symmetric matrix from its diagonal and yz, zx, xy."""
+    return (
+        set4(extract(s, 0), extract(o, 2), extract(o, 1), 0.0), set4(extract(o, 2), extract(s, 1), extract(o, 0), 0.0),
+        set4(extract(o, 1), extract(o, 0), extract(s, 2), 0.0),
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def times(v, X):
+    """Return the row v times the matrix of rows X."""
+    return broadcast_lane(v, 0) * X[0] + broadcast_lane(v, 1) * X[1] + broadcast_lane(v, 2) * X[2]
+
+
+@njit(**BARE)
+def frame(b, B, E):
+    """Return the rows of the matrix from body b's moments to principal axes, over the roots of its inertias."""
+    q = matrix(B[b, body.QUATERNION], B[b, body.QUATERNION + 1], B[b, body.QUATERNION + 2], B[b, body.QUATERNION + 3])
+    i = set4(
+        1.0 / math.sqrt(E[b, body_extra.INERTIA]),
+        1.0 / math.sqrt(E[b, body_extra.INERTIA + 1]),
+        1.0 / math.sqrt(E[b, body_extra.INERTIA + 2]),
+        0.0,
+    )
+    return set4(q[0], q[1], q[2], 0.0) * i, set4(q[3], q[4], q[5], 0.0) * i, set4(q[6], q[7], q[8], 0.0) * i
+
+
+@njit(**BARE)
+def write(M, row, left, right, scale):
+    """Write a row of a matrix of six, scaled; columns 3 and 7 are void."""
+    store(M, np.int64(row), np.int64(0), broadcast(scale) * left)
+    store(M, np.int64(row), np.int64(4), broadcast(scale) * right)
+
+
+@njit(**BARE_CHUNK)
+def normalise(s, mass, X, M):
+    """Write a sum over mass, inertias (X: `frame`) and trace into M (6, 8). Returns its translational and rotational trace."""
+    z, root, d, up, low = broadcast(0.0), broadcast(1.0 / math.sqrt(mass)), s[4], s[5], s[6]
+    A, D, Y = symmetric(s[0], s[1]), symmetric(s[2], s[3]), transpose(X[0], X[1], X[2], z)
+    x = root * times(set4(extract(d, 0), extract(up, 2), extract(low, 1), 0.0), X)
+    y = root * times(set4(extract(low, 2), extract(d, 1), extract(up, 0), 0.0), X)
+    w = root * times(set4(extract(up, 1), extract(low, 0), extract(d, 2), 0.0), X)
+    D = times(D[0], X), times(D[1], X), times(D[2], X)
+    D = times(Y[0], D), times(Y[1], D), times(Y[2], D)
+    along, around = total(s[0]) / mass, extract(D[0], 0) + extract(D[1], 1) + extract(D[2], 2)
+    scale, u, T = 1.0 / max(along + around, 1e-300), broadcast(1.0 / mass), transpose(x, y, w, z)
+    write(M, 0, u * A[0], x, scale)
+    write(M, 1, u * A[1], y, scale)
+    write(M, 2, u * A[2], w, scale)
+    write(M, 3, T[0], D[0], scale)
+    write(M, 4, T[1], D[1], scale)
+    write(M, 5, T[2], D[2], scale)
+    return along, around
+
+
+@njit(**BARE_CHUNK)
+def square_matrix(M, to):
+    """Write the square of M into `to`. Returns the sum of the squares of its numbers, which is the trace of M^4."""
+    size = broadcast(0.0)
+    for p in range(6):
+        left, right = broadcast(0.0), broadcast(0.0)
+        for r in range(6):
+            x = broadcast(M[p, r + (r > 2)])
+            left, right = left + x * load(M, r, np.int64(0)), right + x * load(M, r, np.int64(4))
+        store(to, p, np.int64(0), left)
+        store(to, p, np.int64(4), right)
+        size = size + (left * left + right * right)
+    return total(size)
+
+
+@njit(**BARE)
+def eigenvalue(M, square):
+    """Return tr(M^16)^(1/16), an upper bound of the largest eigenvalue of M, at most 12 % high. M: positive semidefinite;
+    `square`: that of M; both are scratch."""
+    square_matrix(square, M)
+    return square_matrix(M, square) ** (1.0 / 16.0)
