@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import itertools
-import json
 import math
-import struct
-import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,10 +14,8 @@ from steel import STEEL
 from trajectories import contents
 
 import thirdbody
-from thirdbody.engine.snapshot import Snapshot
 from thirdbody.errors import InputError, Interrupted
-from thirdbody.kernels.columns import body, body_extra, patch, run_totals, sphere, step_memory
-from thirdbody.runner.checkpoint import FILE, NOTES, Checkpoint, read_checkpoint
+from thirdbody.runner.checkpoint import FILE, read_checkpoint
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.simulate import execute, prepare
 
@@ -199,135 +194,24 @@ def test_a_cut_checkpoint_is_refused(copy, share):
         prepare_resume(copy)
 
 
-def within_arrays(path: Path) -> np.ndarray:
-    """For every byte of a zip, whether it is one of its files' own and no header's."""
-    within = np.zeros(path.stat().st_size, bool)
-    data = path.read_bytes()
-    with zipfile.ZipFile(path) as archive:
-        for item in archive.infolist():
-            name, extra = struct.unpack_from("<HH", data, item.header_offset + 26)  # lengths behind a local header of 30 bytes
-            begin = item.header_offset + 30 + name + extra
-            within[begin : begin + item.file_size] = True
-    return within
-
-
-def as_text(kept: Checkpoint) -> dict[str, str | bytes]:
-    """All that a run goes on from."""
-    rest = replace(kept, impulses=np.zeros(0), snapshot=Snapshot({}, kept.snapshot.notes))
-    return {name: array.tobytes() for name, array in kept.snapshot.arrays.items()} | {
-        "impulses": kept.impulses.tobytes(), "rest": repr(rest),
-    }  # fmt: skip
-
-
 def test_a_flipped_byte_is_noticed_wherever_it_is(copy):
-    """Every array has a checksum. Damage outside the arrays is told too, or nobody reads that byte (a time of the day)."""
-    sound, within = as_text(read_checkpoint(copy)), within_arrays(copy / FILE)
     data = bytearray((copy / FILE).read_bytes())
     rng = np.random.default_rng(5)
-    places = np.concatenate((rng.choice(np.flatnonzero(within), 60), rng.choice(np.flatnonzero(~within), 200)))
-    refused = 0
-    for place in places:
+    for place in [0, len(data) - 1, *rng.integers(len(data), size=100)]:
         data[place] ^= 0x40
         (copy / FILE).write_bytes(data)
-        try:
-            assert as_text(read_checkpoint(copy)) == sound and not within[place]
-        except InputError:
-            refused += 1
+        with pytest.raises(InputError, match="checkpoint.npz: is damaged .its checksum is wrong"):
+            read_checkpoint(copy)
         data[place] ^= 0x40
-    assert refused > 60
 
 
-def forged(copy: Path, **changed: np.ndarray | None) -> None:
-    """The checkpoint with arrays replaced, or left out, and sound checksums."""
-    with np.load(copy / FILE) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    arrays |= {name: array for name, array in changed.items() if array is not None}
-    np.savez(copy / FILE, **{name: array for name, array in arrays.items() if changed.get(name, 0) is not None})
-
-
-def test_forged_arrays_are_refused(copy):
-    """Tables of another shape, and contacts of spheres that are not there, which a compiled loop would follow anywhere."""
-    with np.load(copy / FILE) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    own, bodies = arrays["slots_own"], arrays["B"]
-    lies = [
-        {"B": bodies[:-1]}, {"B": bodies.astype(np.float32)}, {"B": None}, {"slots_own": own + 10_000}, {"slots_own": own[:-1]},
-        {"slots_partner": arrays["slots_partner"] - 10_000}, {"slots_H": arrays["slots_H"][:, :-1]}, {"impulses": np.zeros(3)},
-        {NOTES: np.frombuffer(b"{}", np.uint8)}, {NOTES: np.frombuffer(b"no JSON", np.uint8)},
-    ]  # fmt: skip
-    for lie in lies:
-        forged(copy, **(arrays | lie))
-        with pytest.raises(InputError):
-            simulation, kept = prepare_resume(copy)
-            execute(simulation, copy, checkpoint=kept)
-    assert (copy / "run.vtkhdf").is_file()
-
-
-def test_forged_numbers_that_no_run_has_are_refused(copy):
-    """Bodies without mass, and a clock before the start, from which a run would go on for ever."""
-    with np.load(copy / FILE) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    for name, columns in (
-        ("B", (body.MASS,)),
-        ("E", (body_extra.INERTIA + 2,)),
-        ("S", (sphere.RADIUS, sphere.MASS)),
-        ("P", (patch.MASS,)),
-    ):
-        for column in columns:
-            other = arrays[name].copy()
-            other[-1, column] = 0.0
-            forged(copy, **(arrays | {name: other}))
-            with pytest.raises(InputError, match=f"{name} holds other bodies or plates"):
-                simulation, kept = prepare_resume(copy)
-                execute(simulation, copy, checkpoint=kept)
-    for column in (run_totals.TIME, run_totals.DISTANCE, run_totals.STEPS):
-        other = arrays["A"].copy()
-        other[column] = -1.0
-        forged(copy, **(arrays | {"A": other}))
-        with pytest.raises(InputError, match="its clock stands before the start"):
-            prepare_resume(copy)
-    forged(copy, **(arrays | {"A": None}))
-    with pytest.raises(InputError, match="is damaged"):
-        prepare_resume(copy)
-
-
-@pytest.mark.parametrize(
-    ("key", "lie"),
-    [
-        ("tightest", None), ("bound", {}), ("tightest.step", "x"), ("tightest.step", -math.inf), ("tightest.mechanism", 3),
-        ("bound.stability", True), ("bound.step", 1e200), ("waiting", [None]), ("waiting", 1.0),
-    ],
-)  # fmt: skip
-def test_forged_notes_of_the_time_step_are_refused(copy, key, lie):
-    with np.load(copy / FILE) as archive:
-        arrays = {name: archive[name] for name in archive.files}
-    notes = json.loads(arrays[NOTES].tobytes())
-    *above, last = key.split(".")
-    node = notes["snapshot"]["integrator"]
-    for part in above:
-        node = node[part]
-    node[last] = lie
-    forged(copy, **(arrays | {NOTES: np.frombuffer(json.dumps(notes).encode(), np.uint8)}))
-    with pytest.raises(InputError, match="does not fit this scene|is damaged"):
-        simulation, kept = prepare_resume(copy)
-        execute(simulation, copy, checkpoint=kept)
-
-
-@pytest.mark.parametrize(
-    ("table", "column", "lie"),
-    [("totals", run_totals.TIME, -1e99), ("totals", run_totals.STEPS, 1e99), ("memory", step_memory.TRIES, 1e99)],
-)
-def test_forged_clocks_of_bodies_are_refused(tmp_path, table, column, lie):
-    """A body that stands at no time of the run, or cannot count its trials up, would go on for ever."""
-    folder = tmp_path / "cut"
-    assert cut("sliding_flakes mdr", folder, 1)
-    with np.load(folder / FILE) as archive:
-        other = archive[f"integrator_{table}"]
-    other[-1, column] = lie
-    forged(folder, **{f"integrator_{table}": other})
-    with pytest.raises(InputError, match=f"integrator_{table} holds times or counts that no run has"):
-        simulation, kept = prepare_resume(folder)
-        execute(simulation, folder, checkpoint=kept)
+def test_a_checkpoint_of_another_scene_is_refused(tmp_path, copy):
+    """Tables of another shape, which a compiled loop would read past their ends."""
+    cut("roller_bearing", tmp_path / "other", 1)
+    simulation, kept = prepare_resume(copy)
+    other = read_checkpoint(tmp_path / "other")
+    with pytest.raises(InputError, match=r"does not fit this scene \(S is missing|does not fit this scene \(. holds float64"):
+        execute(simulation, copy, checkpoint=replace(kept, snapshot=other.snapshot))
 
 
 RESTING = (

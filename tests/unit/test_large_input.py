@@ -14,7 +14,6 @@ from thirdbody import units
 from thirdbody.assembly.csv_series import rows_of
 from thirdbody.bodies.clumps_from_table import load_bodies
 from thirdbody.errors import InputError
-from thirdbody.runner.checkpoint import read_checkpoint
 from thirdbody.scene.model import Scene
 
 TAIL = """
@@ -95,12 +94,3 @@ def test_a_scene_of_too_many_tables_is_told_by_their_number_alone(head, debris, 
 
 def test_as_many_tables_as_allowed_are_read():
     assert len(Scene.parse(STEEL + BALL * 1000 + TAIL).debris) == 1000
-
-
-def test_a_checkpoint_whose_entries_share_their_bytes_is_refused_before_it_is_read(tmp_path):
-    """A thousand entries of the directory for one array of a megabyte: a gigabyte to be read and checked."""
-    with zipfile.ZipFile(tmp_path / "checkpoint.npz", "w") as archive:
-        archive.writestr("B.npy", bytes(1_000_000))
-        archive.filelist += archive.filelist * 999
-    with pytest.raises(InputError, match="its arrays claim 1000000000 bytes, the file has"):
-        read_checkpoint(tmp_path)
