@@ -1,19 +1,15 @@
 """Inertial number of a scene with `solver.inertia = false`: whether inertia is negligible."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from thirdbody import units
+from thirdbody.engine.state import State
 from thirdbody.engine.upper_plate import Schedule, ends_of
 from thirdbody.errors import InputError
 from thirdbody.kernels import schedule as motion
-
-if TYPE_CHECKING:
-    from thirdbody.engine.state import State
-    from thirdbody.scene.model import Scene
+from thirdbody.scene.model import Scene
 
 SLOW, FAST = 0.03, 0.3
 """Inertial number above which a quasi-static run gets a warning, and above which it is refused. Inertial forces are of the order

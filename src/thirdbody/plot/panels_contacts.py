@@ -1,18 +1,12 @@
 """Panels of the contacts at one frame: utilisation of friction, and normal forces."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from matplotlib.axes import Axes
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.palette import SPARE_COLORS
 from thirdbody.plot.run_data import BETWEEN, RunData
 from thirdbody.quantity import percent, quantity_text, scale_values
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 LIMIT = 0.999
 """Utilisation from which a contact counts as slipping."""

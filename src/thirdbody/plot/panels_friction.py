@@ -1,18 +1,14 @@
 """Panels of friction: the coefficient over the sliding distance, and the loop of a stroke."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import quantity_text, scale_values
 from thirdbody.trajectory.statistics import running_mean
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 SHARE = 0.1
 """Fraction of the run covered by one running mean."""

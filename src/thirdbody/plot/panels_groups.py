@@ -1,15 +1,12 @@
 """Panel of the states by group: population, material and size."""
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
+from matplotlib.axes import Axes
 
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import percent
 from thirdbody.trajectory.state_groups import POPULATION, shares_text, states_by_group, telling
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 GROUPS_NOTE = (
     "Groups: states of the bodies at the last frame by population, by material where populations share one, and in size classes"

@@ -1,17 +1,13 @@
 """Panels over the drag: states, gap, load, energy."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import percent, quantity_text, scale_values, unit_for
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 STATES_NOTE = (
     "States: free, carries no load; sticking, moves no further than elastic contacts give way; sliding, all its contacts with one"

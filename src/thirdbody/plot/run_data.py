@@ -1,18 +1,14 @@
 """Data of a run for the panels: series from the start of the drag on, path of the plate, contacts of a frame."""
 
-from __future__ import annotations
-
 import tomllib
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from thirdbody.palette import state_colors
 from thirdbody.trajectory.friction import Friction, averaged
-
-if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.reader import Run
 
 
 class RunData:

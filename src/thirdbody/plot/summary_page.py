@@ -1,7 +1,5 @@
 """Summary page of a run: panels over the drag, of the contacts at a frame, and a headline in words."""
 
-from __future__ import annotations
-
 import io
 import os
 import textwrap
@@ -9,9 +7,11 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, OutputError, UsageError
@@ -22,12 +22,7 @@ from thirdbody.plot import panels_series as series
 from thirdbody.plot.forecast_plot import DOTS, check_format
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import GLUE, MINUS, quantity_text, unit_for
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-
-    from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.reader import Run
 
 INK, SOFT = "#222222", "#5A626C"
 WIDTH = 8.27

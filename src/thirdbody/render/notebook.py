@@ -1,19 +1,14 @@
 """Run in a notebook: a table of its key figures, and a picture of its last frame."""
 
-from __future__ import annotations
-
 import base64
 import tempfile
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from thirdbody.errors import ThirdbodyError
 from thirdbody.palette import state_colors
 from thirdbody.quantity import percent, quantity_text
-
-if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.reader import Run
 
 SIZE = (960, 540)
 """Size of the picture [pixels]."""

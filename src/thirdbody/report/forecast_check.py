@@ -1,19 +1,15 @@
 """Comparison of the forecast of every body, made when the drag starts, with its observed motion."""
 
-from __future__ import annotations
-
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from thirdbody.errors import InputError
 from thirdbody.plot.forecast_plot import Forecasts, draw_forecasts
 from thirdbody.report.forecast_conditions import conditions, touches_others
-
-if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.reader import Run
 
 WATCHED = 40.0
 """Path of the drag, in contact radii of a body, over which its forecast is compared with its motion."""

@@ -5,17 +5,13 @@ point contacts. Each condition is a number of the run with the limit up to which
 thousand clumps (plugins/three_spot/README.md, "Forecast against fact").
 """
 
-from __future__ import annotations
-
 import tomllib
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from thirdbody.quantity import percent
-
-if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.reader import Run
 
 MAX_NEIGHBOURS = 0.2
 """Fraction of the bodies that touch another one in the watched drag."""

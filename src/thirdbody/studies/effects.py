@@ -3,14 +3,13 @@
 Both run alternately in one process, so that a ratio of times is that of two adjacent measurements.
 """
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from thirdbody.assembly.simulation import Simulation
 from thirdbody.laws.contract import BodyEffect, Law
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors, read_outcome
@@ -19,9 +18,6 @@ from thirdbody.studies.machine_info import machine
 from thirdbody.studies.reduced_scene import reduce_scene
 from thirdbody.studies.study_setup import save
 from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, in_process
-
-if TYPE_CHECKING:
-    from thirdbody.assembly.simulation import Simulation
 
 SECONDS = 2.0
 """Integration time of one run of the copy [s]: some six effects, each in five pairs or, where a run is long, in two."""

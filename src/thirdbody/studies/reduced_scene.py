@@ -1,18 +1,14 @@
 """Smaller copy of a scene, so that all variants of it are computed in minutes; the reductions are reported."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from thirdbody import units
+from thirdbody.assembly.simulation import Simulation
 from thirdbody.scene.model import Scene
-
-if TYPE_CHECKING:
-    from thirdbody.assembly.simulation import Simulation
 
 SECONDS = 0.75
 """Initial limit of the integration time of a copy with the scene's settings [s]; the measured cost then decides."""

@@ -1,17 +1,13 @@
 """Time of the integration of a run alone: the same stops as the run, without the work at them."""
 
-from __future__ import annotations
-
 import math
 import statistics
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from thirdbody.assembly.simulation import Simulation
 from thirdbody.runner.output_schedule import targets
-
-if TYPE_CHECKING:
-    from thirdbody.assembly.simulation import Simulation
 
 EMPTY = 50
 """Number of timed calls that do nothing, for the cost of a call."""

@@ -1,23 +1,19 @@
 """Preparation of a study: the copy of the scene, fitted to a time budget, and its variants."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from thirdbody import units
+from thirdbody.assembly.simulation import Simulation
 from thirdbody.errors import InputError, OutputError, ThirdbodyError, UsageError
 from thirdbody.scene.model import Scene
 from thirdbody.studies.reduced_scene import SECONDS, coarsened, reduce_scene
 from thirdbody.studies.time_budget import BUDGET, PROBE, Budget, Costs, Overheads, fitting, measure_costs
 from thirdbody.studies.variants import Base, Variant, springs_option, variants_of
 from thirdbody.studies.worker_process import RUNGS, SCENE_FILE, Overdue, Worker, request
-
-if TYPE_CHECKING:
-    from thirdbody.assembly.simulation import Simulation
 
 TRIED = 3
 """Approximate number of variants whose laws are compiled by trying the costliest ones."""

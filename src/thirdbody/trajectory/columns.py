@@ -4,21 +4,17 @@ Vectors become one column per component (`force_x`, quaternions `quaternion_w` f
 `state_name`). Columns without a unit are pure numbers, codes or names.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.trajectory.names import ARRAY_UNITS
 from thirdbody.trajectory.names import CYCLES as CYCLE_NAMES
+from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.schema import POSITION
 from thirdbody.trajectory.state_groups import code_name
-
-if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
 
 SERIES, BODIES, CONTACTS, CYCLES, TRANSITIONS = TABLES = ("series", "bodies", "contacts", "cycles", "transitions")
 

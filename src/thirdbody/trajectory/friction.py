@@ -1,20 +1,16 @@
 """Friction coefficient of a run, its error and whether it is stationary: the single source for all outputs."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from thirdbody.quantity import GLUE, MINUS, percent, quantity_text, with_error
 from thirdbody.trajectory.names import CYCLES
+from thirdbody.trajectory.plate_motion import Drag
+from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.statistics import LEAST, change_and_error, mean_and_error
-
-if TYPE_CHECKING:
-    from thirdbody.trajectory.plate_motion import Drag
-    from thirdbody.trajectory.reader import Run
 
 SMALL_CHANGE, SMALL = 0.01, 1e-3
 """A change by less than SMALL_CHANGE of the coefficient, or by less than SMALL, counts as stationary."""

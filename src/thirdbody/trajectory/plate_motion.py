@@ -1,14 +1,10 @@
 """Motion of the upper plate over a run: distance, displacement, reversals, whole cycles of a stroke."""
 
-from __future__ import annotations
-
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.reader import Run
 
 BACK = 0.05
 """A return by this fraction of the range of displacement is a stroke."""

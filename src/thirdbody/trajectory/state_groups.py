@@ -1,19 +1,15 @@
 """States of one frame by population, by material and by size of the bodies."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from thirdbody.kernels.columns.sides import LOWER, UPPER
 from thirdbody.quantity import GLUE, percent, quantity_text
+from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.validate import damage_as_fault
-
-if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
 
 SIZE_CLASSES, SMALLEST_CLASS = 4, 5
 """Number of size classes, equal in bodies, and the least number of bodies in one."""

@@ -4,16 +4,10 @@ Frames record states, not events: a body that changed twice between two frames s
 the resolution in time.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from thirdbody.trajectory.reader import Run
 from thirdbody.trajectory.schema import POSITION
-
-if TYPE_CHECKING:
-    from thirdbody.trajectory.reader import Run
 
 
 def state_transitions(run: Run) -> dict[str, np.ndarray]:
