@@ -60,9 +60,6 @@ def _prefix(size: float) -> tuple[float, str]:
     return next((entry for entry in PREFIXES if size >= entry[0] * (1.0 - 1e-12)), PREFIXES[-1])
 
 
-_PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
-
-
 def with_unit(value: float, unit: str) -> str:
     """Format a number with three figures and an SI prefix: 1.25e-05, "m" -> "12.5 µm"."""
     value = float(value)
@@ -81,12 +78,8 @@ def prefix_for(size: float, unit: str) -> tuple[float, str]:
     if not unit or unit == "1":
         return 1.0, ""
     base, written = (1e3, "g") if unit == "kg" else (1.0, unit)
-    size = abs(size) * base
-    if size == 0.0 or not math.isfinite(size):
-        return base, written
-    # A thousandth of the last figure, for the rounding of the logarithm at powers of ten.
-    power = min(9, max(-15, 3 * math.floor(math.log10(size) / 3 + 1e-6)))
-    return base / 10.0**power, f"{_PREFIXES[power]}{written}"
+    scale, prefix = _prefix(abs(size) * base) if math.isfinite(size) else (1.0, "")
+    return base / scale, prefix + written
 
 
 def round_length(longest: float) -> float:

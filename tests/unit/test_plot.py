@@ -285,7 +285,7 @@ def test_a_friction_loop_has_the_area_of_its_parallelogram(tmp_path):
     mu[0] = np.nan
     with open_run(write(tmp_path / "run", u=u, mu=mu)) as run:
         sheet = RunData(run)
-        assert run.drag.turns == [20, 40, 60, 80] and sheet.cycle == slice(40, 81)
+        assert run.drag.turns == [20, 40, 60, 80] and sheet.drag.cycles[-1] == slice(40, 81)
         area, size, work = loop_area(sheet), run.friction.value, run.friction.energy_per_cycle
         # 160 nm a cycle, two intervals of 4 nm of it without friction
         assert area == pytest.approx(0.2 * (160e-9 - 8e-9), rel=1e-9)

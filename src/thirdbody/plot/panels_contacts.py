@@ -2,6 +2,7 @@
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import MaxNLocator
 
 from thirdbody.palette import LINE_COLORS as LINES
 from thirdbody.palette import SPARE_COLORS
@@ -25,16 +26,6 @@ def why_no(name: str, sheet: RunData) -> str:
     if name not in sheet.contacts:
         return f"its contacts have no {name}"
     return "" if np.isfinite(sheet.contacts[name]).all() else f"{name} of its contacts is not a number"
-
-
-def why_no_utilisation(sheet: RunData) -> str:
-    """Return why there is no histogram, empty when there are contacts."""
-    return why_no("utilisation", sheet)
-
-
-def why_no_normal_force(sheet: RunData) -> str:
-    """Return why there is no histogram, empty when there are contacts."""
-    return why_no("normal_force", sheet)
 
 
 def utilisation_title(sheet: RunData) -> str:
@@ -73,8 +64,6 @@ def draw_normal_force(axes: Axes, sheet: RunData) -> None:
 
 
 def _draw_stacked(axes: Axes, sheet: RunData, values: np.ndarray, edges: np.ndarray) -> None:
-    from matplotlib.ticker import MaxNLocator
-
     groups = sheet.contact_groups
     extra = {BETWEEN: SPARE_COLORS[0], "all": LINES["grey"]}
     colors = [sheet.colors.get(name) or extra[name] for name in groups]

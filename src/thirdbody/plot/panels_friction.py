@@ -44,7 +44,7 @@ def _why_none(sheet: RunData) -> str:
 
 def friction_title(sheet: RunData) -> str:
     """Return the result in words."""
-    result = sheet.friction
+    result = sheet.run.friction
     if not np.isfinite(result.value):
         return "Friction coefficient"
     drifts = f", {result.short_verdict}" if result.stationary is False else ""
@@ -79,7 +79,7 @@ def window_text(sheet: RunData, width: int) -> str:
 
 def _draw_mean(axes: Axes, sheet: RunData, x: np.ndarray) -> None:
     """Draw the mean with its error over its intervals; where they drift, the linear fit instead."""
-    result = sheet.friction
+    result = sheet.run.friction
     members = np.flatnonzero(sheet.averaged[sheet.start :])
     if not len(members):
         return
@@ -97,11 +97,13 @@ def _draw_mean(axes: Axes, sheet: RunData, x: np.ndarray) -> None:
         band.set_linewidth(0.0)
 
 
-def _draw_pairs(axes: Axes, sheet: RunData) -> None:
+def _draw_pairs(axes: Axes, sheet: RunData, signs: tuple[float, ...] = (1.0,)) -> None:
     """Draw the coefficients that the scene gives: the friction of gross sliding."""
-    for place, value in enumerate(sheet.pair_friction if len(sheet.pair_friction) <= 3 else []):
-        label = "if all slid (coefficient\nof the pair)" if place == 0 else None
-        axes.axhline(value, color=LINES["grey"], linewidth=0.9, linestyle=":", label=label)
+    label: str | None = "if all slid (coefficient\nof the pair)"
+    for value in sheet.pair_friction if len(sheet.pair_friction) <= 3 else []:
+        for sign in signs:
+            axes.axhline(sign * value, color=LINES["grey"], linewidth=0.9, linestyle=":", label=label)
+            label = None
 
 
 def _shade_unloaded(axes: Axes, x: np.ndarray, mu: np.ndarray) -> None:
@@ -122,15 +124,16 @@ def loop_area(sheet: RunData) -> float:
 
     An unloaded interval adds nothing. NaN before the first whole cycle.
     """
-    if sheet.cycle is None:
+    if not sheet.drag.cycles:
         return float("nan")
-    inside = slice(sheet.cycle.start + 1, sheet.cycle.stop)
+    cycle = sheet.drag.cycles[-1]
+    inside = slice(cycle.start + 1, cycle.stop)
     return float(np.nansum(sheet.name("friction_coefficient", False)[inside] * sheet.drag.steps[inside]))
 
 
 def loop_title(sheet: RunData) -> str:
     """Return the area in words."""
-    area, work = loop_area(sheet), sheet.friction.energy_per_cycle
+    area, work = loop_area(sheet), sheet.run.friction.energy_per_cycle
     if not np.isfinite(area):
         return "Friction loop (no whole cycle yet)"
     energy = f", {quantity_text(work, 'J')} a cycle" if np.isfinite(work) else ""
@@ -139,26 +142,19 @@ def loop_title(sheet: RunData) -> str:
 
 def draw_loop(axes: Axes, sheet: RunData) -> None:
     """Draw the coefficient of every interval at the middle of its displacement, the last whole cycle emphasised."""
-    u, unit = scale_values(sheet.displacement, "m")
+    u, unit = scale_values(sheet.drag.displacement, "m")
     middle = u.copy()
     middle[1:] = 0.5 * (u[1:] + u[:-1])  # abscissa of the mean over the interval
     mu = sheet.name("friction_coefficient", False)
     shown = slice(sheet.start + 1, None)
     axes.plot(middle[shown], mu[shown], color=LINES["sky"], linewidth=0.9, label="all of the drag")
-    if sheet.cycle is not None:
-        inside = slice(sheet.cycle.start + 1, sheet.cycle.stop)
+    if sheet.drag.cycles:
+        inside = slice(sheet.drag.cycles[-1].start + 1, sheet.drag.cycles[-1].stop)
         # closed by its first point
         x, y = (np.append(part[inside], part[inside][0]) for part in (middle, mu))
         axes.fill(x[np.isfinite(y)], y[np.isfinite(y)], color=LINES["blue"], alpha=0.12, linewidth=0.0, label="its area")
         axes.plot(x, y, color=LINES["blue"], linewidth=1.8, label="last whole cycle")
-    _draw_loop_pairs(axes, sheet)
+    _draw_pairs(axes, sheet, (1.0, -1.0))
     axes.axhline(0.0, color="#222222", linewidth=0.6)
     axes.set_xlabel(f"displacement of the upper plate ({unit})")
     axes.set_ylabel(MU)
-
-
-def _draw_loop_pairs(axes: Axes, sheet: RunData) -> None:
-    for place, value in enumerate(sheet.pair_friction if len(sheet.pair_friction) <= 3 else []):
-        for sign in (1.0, -1.0):
-            label = "if all slid (coefficient\nof the pair)" if place == 0 and sign > 0.0 else None
-            axes.axhline(sign * value, color=LINES["grey"], linewidth=0.9, linestyle=":", label=label)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from thirdbody.palette import state_colors
-from thirdbody.trajectory.friction import Friction, averaged
+from thirdbody.trajectory.friction import averaged
 from thirdbody.trajectory.reader import Run
 
 
@@ -17,6 +17,7 @@ class RunData:
     def __init__(self, run: Run, frame: int = -1):
         self.run, self.frame = run, run.frame_number(frame)
         self.series, self.frames, self.drag = run.series, run.frames, run.drag
+        self.dragged, self.stroke, self.start = self.drag.dragged, self.drag.stroke, self.drag.start
         self.summary = run.summary()
         self.colors = dict(zip(run.state_names, state_colors(run.state_names), strict=True))
         self.contacts = run.contacts(self.frame)
@@ -27,40 +28,11 @@ class RunData:
         values = self.series.get(name, np.full(self.frames, np.nan))
         return values[self.start :] if shown else values
 
-    @property
-    def distance(self) -> np.ndarray:
-        """Sliding distance (F,) [m]; zero without a drag."""
-        return self.drag.distance
-
-    @property
-    def dragged(self) -> bool:
-        return self.drag.dragged
-
-    @property
-    def start(self) -> int:
-        """Frame at which the drag starts, after pressing; 0 without drag."""
-        return self.drag.start
-
-    @property
-    def displacement(self) -> np.ndarray:
-        """Displacement of the upper plate along its first direction (F,) [m]."""
-        return self.drag.displacement
-
-    @property
-    def stroke(self) -> bool:
-        """Whether the plate moves back and forth."""
-        return self.drag.stroke
-
-    @property
-    def cycle(self) -> slice | None:
-        """Frames of the last whole cycle, both ends included; None before there is one."""
-        return self.drag.cycles[-1] if self.drag.cycles else None
-
     @cached_property
     def axis(self) -> tuple[np.ndarray, str, str]:
         """Abscissa of the series: values from `start` on, SI unit, and name."""
         if self.dragged and not self.stroke:
-            return self.distance[self.start :], "m", "sliding distance"
+            return self.drag.distance[self.start :], "m", "sliding distance"
         times = self.run.times[self.start :]
         return times - times[0], "s", "time of the drag" if self.dragged else "time"
 
@@ -68,11 +40,6 @@ class RunData:
     def averaged(self) -> np.ndarray:
         """Frames (F,), bool, that enter the mean friction coefficient of one-way sliding."""
         return averaged(self.run)
-
-    @property
-    def friction(self) -> Friction:
-        """Friction coefficient of the run."""
-        return self.run.friction
 
     @cached_property
     def fractions(self) -> dict[str, np.ndarray]:

@@ -6,12 +6,15 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from thirdbody.atomic_files import write_whole
 from thirdbody.errors import InputError, OutputError, UsageError
@@ -22,7 +25,7 @@ from thirdbody.plot import panels_series as series
 from thirdbody.plot.forecast_plot import DOTS, check_format
 from thirdbody.plot.run_data import RunData
 from thirdbody.quantity import GLUE, MINUS, quantity_text, unit_for
-from thirdbody.trajectory.reader import Run
+from thirdbody.trajectory.reader import Run, open_run
 
 INK, SOFT = "#222222", "#5A626C"
 WIDTH = 8.27
@@ -62,9 +65,10 @@ PANELS = (
     Panel("gap", series.why_no_gap, series.gap_title, series.draw_gap, 1.4),
     Panel("load", series.why_no_load, series.load_title, series.draw_load, 1.4),
     Panel("energy", series.why_no_energy, series.energy_title, series.draw_energy, 2.1, False, series.ENERGY_NOTE),
-    Panel("utilisation", contacts.why_no_utilisation, contacts.utilisation_title, contacts.draw_utilisation, 2.0, True,
-          contacts.UTILISATION_NOTE),
-    Panel("normal_force", contacts.why_no_normal_force, contacts.normal_force_title, contacts.draw_normal_force, 2.0, True),
+    Panel("utilisation", partial(contacts.why_no, "utilisation"), contacts.utilisation_title, contacts.draw_utilisation, 2.0,
+          True, contacts.UTILISATION_NOTE),
+    Panel("normal_force", partial(contacts.why_no, "normal_force"), contacts.normal_force_title, contacts.draw_normal_force, 2.0,
+          True),
 )  # fmt: skip
 NAMES = tuple(panel.name for panel in PANELS)
 
@@ -75,8 +79,6 @@ def plot(run_path: str | Path, out: str | Path, panels: Sequence[str] | None = N
     `frame` is the frame of the contacts. Raises UsageError for another suffix or an unknown panel, InputError when the run, the
     frame or the data of a panel are missing, OutputError when the file cannot be written (no partial file remains).
     """
-    from thirdbody.trajectory.reader import open_run
-
     out = checked_path(out)
     check_names(panels)
     with open_run(run_path) as run:
@@ -102,8 +104,6 @@ def check_names(names: Sequence[str] | None) -> None:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a figure whole or not at all, equal pictures as equal files. Raises OutputError when it cannot be written."""
-    from matplotlib import rc_context
-
     kind, content = path.suffix.lower()[1:], io.BytesIO()
     # dates and random names of shapes would make equal pictures differ; letters stay letters in PDF
     metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
@@ -158,8 +158,8 @@ def headline(sheet: RunData) -> list[str]:
     """Return key figures and circumstances, one line each."""
     # broken between figures, not inside them
     lines = [", ".join(text.replace(" ", GLUE) for text in texts) for texts in (_figures(sheet), _circumstances(sheet)) if texts]
-    if np.isfinite(sheet.friction.value):
-        lines.insert(0, f"friction coefficient {sheet.friction}")
+    if np.isfinite(sheet.run.friction.value):
+        lines.insert(0, f"friction coefficient {sheet.run.friction}")
     if not sheet.summary["finished"]:
         why = sheet.summary.get("stopped") or "no end was written: killed, or still running"
         lines.append(f"Not finished, {sheet.frames} frame{'s' if sheet.frames > 1 else ''} kept: {why}")
@@ -191,7 +191,7 @@ def _circumstances(sheet: RunData) -> list[str]:
     if sheet.dragged:
         if times[sheet.start] > 0.0:
             result.append(f"pressed for {quantity_text(times[sheet.start], 's', 2)}")
-        path, took = float(sheet.distance[-1]), float(times[-1] - times[sheet.start])
+        path, took = float(sheet.drag.distance[-1]), float(times[-1] - times[sheet.start])
         what = (
             f"moved back and forth over {quantity_text(path, 'm')} in all"
             if sheet.stroke
@@ -237,8 +237,6 @@ def _fill(place: SubFigure, sheet: RunData, panels: list[Panel]) -> None:
 
 def _new_figure(size: tuple[float, float], free: tuple[float, float, float, float]) -> Figure:
     """Return a figure whose axes stay in its `free` part (left, bottom, width, height as fractions); `size` [inch]."""
-    from matplotlib.figure import Figure
-    from matplotlib.layout_engine import ConstrainedLayoutEngine
 
     class Page(Figure):
         """Figure that notebooks display directly."""
