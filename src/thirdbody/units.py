@@ -54,10 +54,7 @@ _MEANT = {
 }  # fmt: skip
 
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?")
-_TOKEN = re.compile(
-    r"(?P<space>\s+)|(?P<times>\*(?!\*)|·|⋅|×)|(?P<over>/)|(?P<open>\()|(?P<close>\))|(?P<one>1(?=\s*/))"
-    r"|(?P<name>[^\W\d_¹²³⁴-⁹]+|%|°)(?:(?:\^|\*\*)?(?P<power>[+-]?\d)(?!\d)|(?P<high>⁻?[¹²³⁴-⁹]))?"
-)
+_FACTOR = re.compile(r"\s*([*·⋅×/]?)\s*([^\W\d_]+|%|°)(?:(?:\^|\*\*)?([+-]?\d)(?!\d))?")
 _HIGH = str.maketrans("⁻¹²³⁴⁵⁶⁷⁸⁹", "-123456789")
 
 
@@ -181,64 +178,20 @@ def _rounded(number: Decimal, factor: Fraction, text: str) -> float:
 
 
 def _product(text: str, wanted: Dimension) -> Unit:
-    """Return factor and powers of a unit such as "kg/m3" or "J/(m2 s)". Raises ValueError."""
-    tokens = _tokens(text, wanted)
-    unit = _group(tokens, text, wanted)
-    if tokens:
-        raise ValueError(f"cannot read the unit '{text}'")
-    return unit
-
-
-def _tokens(text: str, wanted: Dimension) -> list[re.Match[str]]:
-    tokens, at = [], 0
-    while at < len(text):
-        match = _TOKEN.match(text, at)
-        if match is None:
-            raise ValueError(f"cannot read the unit '{text}'; {nearest_unit(text, wanted)}".rstrip("; "))
-        tokens.append(match)
-        at = match.end()
-    return [token for token in tokens if token.lastgroup != "space"]
-
-
-def _group(tokens: list[re.Match[str]], text: str, wanted: Dimension) -> Unit:
-    """Return the product up to the end or a closing bracket; removes its tokens from the list."""
-    factor, powers = Fraction(1), PURE
-    sign, divided, ready = 1, False, False
-    while tokens and not tokens[0]["close"]:
-        token = tokens.pop(0)
-        if token["over"] or token["times"]:
-            if sign < 0 or (token["times"] and not ready):
-                raise ValueError(f"cannot read the unit '{text}'")
-            sign, divided, ready = (-1 if token["over"] else 1), divided or bool(token["over"]), False
-            continue
-        if ready and divided:
-            raise ValueError(f"the unit '{text}' can be read in two ways: put what is divided by in brackets")
-        part = _factor(token, tokens, text, wanted)
-        factor *= part[0] ** sign
-        powers = _add(powers, part[1], sign)
-        sign, ready = 1, True
-    if sign < 0 or (text and not ready):
-        raise ValueError(f"cannot read the unit '{text}'")
+    """Return factor and powers of a unit such as "kg/m3" or "N s/m". Raises ValueError."""
+    factor, powers, divided, at = Fraction(1), PURE, False, 0
+    plain = re.sub(r"^1\s*(?=/)", "", text.translate(_HIGH))
+    while at < len(plain):
+        match = _FACTOR.match(plain, at)
+        if match is None or (not at and match[1] not in ("", "/")):
+            raise ValueError(f"cannot read the unit '{text}'")
+        if divided and not match[1]:
+            raise ValueError(f"the unit '{text}' can be read in two ways: write / before each unit to divide by")
+        unit, own = _symbol(match[2], wanted)
+        power = int(match[3] or 1) * (-1 if match[1] == "/" else 1)
+        a, b, c, d, e = (x + power * y for x, y in zip(powers, own, strict=True))
+        factor, powers, divided, at = factor * unit**power, (a, b, c, d, e), divided or match[1] == "/", match.end()
     return factor, powers
-
-
-def _factor(token: re.Match[str], tokens: list[re.Match[str]], text: str, wanted: Dimension) -> Unit:
-    if token["one"]:
-        return Fraction(1), PURE
-    if token["open"]:
-        inside = _group(tokens, text, wanted)
-        if not tokens:
-            raise ValueError(f"a bracket is not closed in the unit '{text}'")
-        tokens.pop(0)
-        return inside
-    power = int(token["power"] or (token["high"] or "1").translate(_HIGH))
-    factor, powers = _symbol(token["name"], wanted)
-    return factor**power, _add(PURE, powers, power)
-
-
-def _add(first: Powers, second: Powers, times: int) -> Powers:
-    a, b, c, d, e = (x + times * y for x, y in zip(first, second, strict=True))
-    return a, b, c, d, e
 
 
 def _symbol(name: str, wanted: Dimension) -> Unit:

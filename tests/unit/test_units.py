@@ -95,7 +95,7 @@ def test_spellings_of_one_length(text):
     assert units.parse(text, "length") == 5e-6
 
 
-@pytest.mark.parametrize("text", ["1 m/s2", "1 m/s^2", "1 m/s**2", "1 m/s/s", "1 m s-2", "1 m s⁻²", "1 m/(s s)", "1 N/kg"])
+@pytest.mark.parametrize("text", ["1 m/s2", "1 m/s^2", "1 m/s**2", "1 m/s/s", "1 m s-2", "1 m s⁻²", "1 N/kg"])
 def test_spellings_of_one_acceleration(text):
     assert units.parse(text, "acceleration") == 1.0
 
@@ -121,8 +121,8 @@ def test_spellings_of_one_acceleration(text):
         ("nan m", "length", "cannot read 'nan m' as a length: write for example \"10 um\""),
         ("", "time", "cannot read '' as a time: write for example \"10 ms\""),
         ("0,1 um", "length", "cannot read '0,1 um': the decimal sign is a point, and thousands are not separated"),
-        ("1 kg/m s", "viscosity", "the unit 'kg/m s' can be read in two ways: put what is divided by in brackets"),
-        ("1 kg/(m s", "viscosity", "a bracket is not closed in the unit 'kg/(m s'"),
+        ("1 kg/m s", "viscosity", "the unit 'kg/m s' can be read in two ways: write / before each unit to divide by"),
+        ("1 kg/(m s", "viscosity", "cannot read the unit 'kg/(m s'"),
         ("1 m/", "length", "cannot read the unit 'm/'"),
         ("1 m)", "length", "cannot read the unit 'm)'"),
         ("1 * m", "length", "cannot read the unit '* m'"),
