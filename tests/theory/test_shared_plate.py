@@ -14,7 +14,7 @@ from thirdbody.engine.energy import Ledger
 from thirdbody.engine.implicit_common_plate import Shared
 from thirdbody.errors import GuardStop
 from thirdbody.kernels.columns import body, body_solution, patch, record, run_totals, step_memory
-from thirdbody.kernels.implicit import step_control
+from thirdbody.kernels.implicit import common_plate, step_control
 from thirdbody.scene import model
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -196,17 +196,18 @@ def test_slope_is_the_difference_quotient_of_the_push(make, plate, way, level):
     one = simulation.integrator
     one.advance_to(time=simulation.settle)
     one.advance_to(distance=way)  # none: it still sticks
-    start, dt, h = simulation.state.B.copy(), one.length, 1e-12
-    told = []
+    start, dt, h, context = simulation.state.B.copy(), one.plate_memory[step_memory.NEXT_DT], 1e-12, one._context()
+    velocity = common_plate.plate_velocity_of(simulation.state.time, context, dt)
+    solutions = []
     for rise in (-h, 0.0, h):
-        one._bodies(True, dt, rise, one._velocity(simulation.state.time, dt))
-        told.append(one.told.copy())
-        one._stay()
-    assert all(part[:, body_solution.FOUND].all() for part in told)
-    quotient = (told[2][:, body_solution.PUSH] - told[0][:, body_solution.PUSH]) / (2.0 * h)
+        common_plate.solve_bodies(simulation.state.n_bodies, True, rise, dt, *velocity, context)
+        solutions.append(one.solutions.copy())
+        common_plate.restore_bodies(context)
+    assert all(solution[:, body_solution.FOUND].all() for solution in solutions)
+    quotient = (solutions[2][:, body_solution.PUSH] - solutions[0][:, body_solution.PUSH]) / (2.0 * h)
     assert np.all(quotient < -1e4)
     # the push is curved: a fourth of h^2 over the square of an overlap of some nm, and its rounding of 1e-9 N/m over h
-    assert told[1][:, body_solution.SLOPE] == pytest.approx(quotient, rel=2e-5)
+    assert solutions[1][:, body_solution.SLOPE] == pytest.approx(quotient, rel=2e-5)
     moved = np.abs(simulation.state.B - start)[
         :, [*range(body.POSITION, body.SPIN), *range(body.QUATERNION, body.QUATERNION + 4)]
     ]

@@ -24,10 +24,14 @@ from thirdbody.engine.step_limits import in_words, limited_by, limiting_body
 from thirdbody.engine.time_step import rayleigh_time
 from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
-from thirdbody.kernels.columns import domain, loaded_contact, run_totals, step_memory, step_settings
+from thirdbody.jit.function_pointers import address
+from thirdbody.jit.packed_arguments import Packer
+from thirdbody.kernels.columns import body_solution, domain, loaded_contact, run_totals, step_memory, step_settings, step_start
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit import bdf2 as kernel
 from thirdbody.kernels.implicit import step_control, step_limits
+from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ImplicitContext
+from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
 from thirdbody.laws.contract import Material
 
 BATCH = 512
@@ -93,16 +97,20 @@ class Implicit:
         guards: Guards | None = None,
     ) -> None:
         self.accuracy = accuracy or Accuracy()
-        self.state, self.tangents = state, tangents
+        self.state, self._tangents = state, tangents
         state.inertial = self.accuracy.inertia
         (guards or Guards()).put(state)
         upper = state.world.upper
         self.schedule = Schedule() if upper is None else upper.schedule
         self.drag = self.schedule.direction()
+        self.ahead = np.array(self.drag)
         times = np.array([rayleigh_time(1.0, m) for m in materials])[state.material] * state.rayleigh_radius
         self.rayleigh = float(times.min())
         _own_patches(state)
         self.totals = np.zeros((state.n_bodies, run_totals.WIDTH))
+        # of bodies under a common plate (`implicit_common_plate`)
+        self.starts, self.ends = np.zeros((0, step_start.WIDTH)), np.zeros((0, FREEDOMS))
+        self.solutions, self.initial_overlaps = np.zeros((0, body_solution.WIDTH)), np.zeros(0)
         self.memory = np.zeros((state.n_bodies, step_memory.WIDTH))
         smallest = np.minimum.reduceat(state.spheres.radius, state.start[:-1])
         self.memory[:, step_memory.NEXT_DT], self.memory[:, step_memory.CONTACT_RADIUS] = (
@@ -114,6 +122,11 @@ class Implicit:
         self.memory[:, step_memory.STIFFNESS] = float(state.patches.load.max()) / overlap
         self.memory[:, step_memory.MAX_ENERGY] = HELD * float(state.patches.load.max()) * overlap
         self.settings = self._settings(overlap)
+        physics = state.physics
+        self._law, self._effects, self._observe = (
+            address(physics.law, LAW), address(physics.effects, EFFECTS), address(physics.observe, OBSERVE),
+        )  # fmt: skip
+        self._tangent, self._pack = address(tangents, LAW), Packer(KINDS)
         self.pace = PACE  # trial steps per second in the last call
         self._told, self._limit = self.memory.copy(), ""  # counters and text of the last `tell_limit`
 
@@ -199,26 +212,29 @@ class Implicit:
 
         Totals of the run are not updated. Splitting the work into several calls does not change a bit of the result.
         """
-        s, physics = self.state, self.state.physics
-        kernel.advance_bodies(
-            first, last, until, tries, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, s.schedule,
-            s.first, self.drag, physics.law, self.tangents, physics.effects, physics.observe,
-        )  # fmt: skip
+        kernel.advance_bodies(first, last, until, tries, self._context())
 
     def trial(self, bodies: int, until: float) -> None:
         """Advance the first `bodies` bodies to a time [s], to measure the cost. Raises GuardStop."""
         self.march(0, bodies, until)
         self._judge()
 
-    def _groups(self) -> tuple[tuple, tuple, tuple, tuple]:
-        """Return the table groups of `kernels.implicit.residual`: spots, shape, state, known."""
+    def _context(self) -> Array:
+        """Return the packed kernel arguments."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
-        return (
-            (slots.own, slots.partner, slots.kind, slots.edges, slots.incidence), (s.body, s.start, s.patch, s.offsets),
-            (s.S, s.B, s.P, slots.H, slots.R, s.E),
-            (physics.pairs, physics.effect_parameters, len(physics.history), physics.rolling,
-             loaded_contact.MEMORY + physics.contact_memory, physics.has_effects, physics.labels, physics.stored,
-             *physics.remembered_forces),
+        force, moment = physics.remembered_forces
+        return self._pack(
+            ImplicitContext(  # type: ignore[call-arg]
+                own=slots.own, partner=slots.partner, kind=slots.kind, edges=slots.edges, incidence=slots.incidence,
+                body=s.body, start=s.start, offsets=s.offsets, S=s.S, B=s.B, E=s.E, P=s.P, H=slots.H, R=slots.R, M=s.M,
+                pairs=physics.pairs, effect_parameters=physics.effect_parameters, D=s.D, drag=self.ahead,
+                n_history=len(physics.history), rolling=physics.rolling, force=force, moment=moment, stored=physics.stored,
+                width=loaded_contact.MEMORY + physics.contact_memory, has_effects=int(physics.has_effects), law=self._law,
+                effects=self._effects, observe=self._observe, patch=s.patch, settings=self.settings, totals=self.totals,
+                memory=self.memory, schedule=s.schedule, first=s.first, starts=self.starts, ends=self.ends,
+                solutions=self.solutions, initial_overlaps=self.initial_overlaps, most=self.most, labels=int(physics.labels),
+                tangents=self._tangent,
+            )
         )  # fmt: skip
 
     def _summed(self) -> Array:

@@ -28,6 +28,7 @@ from thirdbody.kernels.columns import (
 )
 from thirdbody.kernels.implicit import common_plate as kernel
 from thirdbody.kernels.implicit import step_control, step_limits
+from thirdbody.kernels.implicit.bundles import FREEDOMS
 from thirdbody.kernels.implicit.residual import TURN
 
 CONVERGED, ROUNDS = 1e-8, 30
@@ -36,11 +37,16 @@ CONVERGED, ROUNDS = 1e-8, 30
 
 @dataclass
 class PlateStep:
-    """Step of the plate: rise (`way`) [m], and velocity [m/s] and acceleration [m/s2] at its end."""
+    """Step of the plate: rise [m]; velocity [m/s] and acceleration [m/s2] at its end.
 
-    way: float
+    `rate`: change of the velocity with the rise [1/s]; `change`: of the velocity beyond that of the last step, scaled [m/s].
+    """
+
+    rise: float
     velocity: float
     acceleration: float
+    rate: float
+    change: float
 
 
 class Shared(Implicit):
@@ -50,12 +56,12 @@ class Shared(Implicit):
         _one_plate(state)
         super().__init__(state, *arguments, **options)
         n = state.n_bodies
-        self.starts = np.zeros((n, step_start.WIDTH))
-        self.ends = np.zeros((n, 7))
-        self.told = np.zeros((n, body_solution.WIDTH))
+        self.starts, self.ends = np.zeros((n, step_start.WIDTH)), np.zeros((n, FREEDOMS))
+        self.solutions = np.zeros((n, body_solution.WIDTH))
         self.plate = np.zeros(run_totals.WIDTH)  # totals of the plate itself
-        self.length, self.last = float(self.memory[0, step_memory.NEXT_DT]), 0.0
-        self.moved, self.change = 0.0, 0.0  # of the plate in its last step: rise [m], change of velocity [m/s]
+        self.plate_memory = np.zeros(step_memory.WIDTH)  # of the common steps and of the plate in the last one
+        for column in (step_memory.NEXT_DT, step_memory.LIMIT):
+            self.plate_memory[column] = self.memory[0, column]
 
     together = True
 
@@ -66,19 +72,17 @@ class Shared(Implicit):
     def start(self) -> None:
         """As `Implicit.start`."""
         super().start()
-        self.gone = np.zeros(self.state.slots.count)
+        self.initial_overlaps = np.zeros(self.state.slots.count)
 
     def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
         """As `Implicit.keep`; `starts` and `ends` are omitted, since every step computes them."""
         arrays, notes = super().keep()
-        plate = {"length": self.length, "last": self.last, "moved": self.moved, "change": self.change}
-        return arrays | {"plate": self.plate}, notes | plate
+        return arrays | {"plate": self.plate, "plate_memory": self.plate_memory}, notes
 
     def restore(self, arrays: dict[str, Array], notes: dict[str, Any]) -> None:
         """As `Implicit.restore`."""
         super().restore(arrays, notes)
-        self.plate[:] = arrays["plate"]
-        self.length, self.last, self.moved, self.change = (float(notes[name]) for name in ("length", "last", "moved", "change"))
+        self.plate[:], self.plate_memory[:] = arrays["plate"], arrays["plate_memory"]
 
     def _reach(self, until: float, watch: Callable[[], None], between: Callable[[], None]) -> None:
         while self.totals[0, run_totals.TIME] < until:
@@ -90,92 +94,72 @@ class Shared(Implicit):
 
     def _step(self, until: float) -> None:
         """Make one step, shortened until it is accepted. Raises GuardStop if no step is."""
-        time = float(self.totals[0, run_totals.TIME])
-        end = self._stretch(time, until)
+        time, T, context = float(self.totals[0, run_totals.TIME]), self.plate_memory, self._context()
+        end = kernel.next_breakpoint_after(time, context, until)
         if end - time < self.settings[step_settings.SHORTEST]:
             # the interval is shorter than any step: a stop that misses a breakpoint by rounding
-            self.totals[:, run_totals.TIME], self.memory[:, step_memory.LAST_DT], self.last = end, 0.0, 0.0
+            self.totals[:, run_totals.TIME] = end
+            self.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
             return
-        (dt, cause), cuts, load = self._length(time, end), 0, float(self.state.patches.load[-1])
-        requested, body = self.length, 0
+        (dt, cause), cuts, load, body = self._length(time, end), 0, float(self.state.patches.load[-1]), 0
         while True:
             whole = dt >= step_control.NEARLY * (end - time)
             dt = end - time if whole else dt
-            velocity = self._velocity(time, dt)
+            v_x, v_y = kernel.plate_velocity_of(time, context, dt)
             self._load(time, dt)
-            rise, result = self._solve(dt, velocity)
-            error, rotation = self._error(rise, dt), float(self.told[:, body_solution.TURN].max())
-            if result and error <= 1.0 and rotation <= TURN:
+            step, found = self._solve(dt, (v_x, v_y))
+            error, rotation = self._error(step, dt), float(self.solutions[:, body_solution.TURN].max())
+            if found and error <= 1.0 and rotation <= TURN:
                 break
             cuts += 1
-            body, cause = self._why(result, error, rotation)
-            self._stay()
-            dt *= 0.5 if not result else max(0.1, min(0.7, 0.9 / math.sqrt(max(error, 1e-30)), 0.9 * TURN / max(rotation, 1e-30)))
-            if dt < self.settings[step_settings.SHORTEST] or self.told[:, body_solution.CROWDED].any():
+            body, cause = self._why(found, error, rotation)
+            kernel.restore_bodies(context)
+            dt *= kernel.reduction(found, error, rotation)
+            if dt < self.settings[step_settings.SHORTEST] or self.solutions[:, body_solution.CROWDED].any():
                 self._give_up()
-        self._take(dt, end, whole, velocity, rise, load)
-        body = body if cuts else int(np.argmax(self.told[:, body_solution.ERROR]))
+        kernel.accept_bodies(self.state.n_bodies, end, whole, cuts, dt, v_x, v_y, context)
+        self._take(dt, step, load)
+        body = body if cuts else int(np.argmax(self.solutions[:, body_solution.ERROR]))
         self.memory[body, step_memory.LIMITED + cause] += 1.0
-        self.memory[:, step_memory.CUTS] += cuts
-        self.memory[:, step_memory.HARD_STEPS] += float(cuts > step_control.HARD)
-        self.memory[:, step_memory.LONGEST_DRAG] = np.maximum(
-            self.memory[:, step_memory.LONGEST_DRAG], math.hypot(*velocity) * dt
-        )
-        grown = min(self.accuracy.growth, 0.9 / math.sqrt(max(error, 1e-30)))
-        if cuts or self.told[:, body_solution.ITERATIONS].max() > 2 * step_control.EASY:
-            grown = min(grown, 1.0)
-        if cuts:
-            self.memory[:, step_memory.LIMIT] = cause
-        elif grown < 1.0 or dt * grown >= requested:
-            self.memory[:, step_memory.LIMIT] = self._why_not_longer(grown)
-        self.length = max(dt * grown, requested) if not cuts and grown >= 1.0 else dt * grown
-        if whole and kernel.is_breakpoint_at(self.state.schedule, self.state.first, time, end):
-            self.memory[:, step_memory.LAST_DT], self.last = 0.0, 0.0
+        easy = self.solutions[:, body_solution.ITERATIONS].max() <= 2 * step_control.EASY
+        kernel.set_common_length(T, self.accuracy.growth, dt, error, easy, cuts > 0, cause)
+        if whole and kernel.is_breakpoint_at(time, context, end):
+            self.memory[:, step_memory.LAST_DT] = T[step_memory.LAST_DT] = 0.0
 
-    def _why(self, result: bool, error: float, turn: float) -> tuple[int, int]:
+    def _why(self, found: bool, error: float, turn: float) -> tuple[int, int]:
         """Return the body that requires a shorter step, and the cause (as `step_limits.why_cut`)."""
-        lost = self.told[:, body_solution.FOUND] == 0.0
-        turning = result and not (error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30))
-        body = int(np.argmax(lost if lost.any() else self.told[:, body_solution.TURN if turning else body_solution.ERROR]))
-        if self.told[body, body_solution.LANDS] > 0.0:
+        lost = self.solutions[:, body_solution.FOUND] == 0.0
+        turning = found and not (error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30))
+        worst = self.solutions[:, body_solution.TURN if turning else body_solution.ERROR]
+        body = int(np.argmax(lost if lost.any() else worst))
+        if self.solutions[body, body_solution.LANDS] > 0.0:
             return body, step_limits.LANDING
-        return body, step_limits.TURNING if turning else (step_limits.ERROR if result else step_limits.NEWTON)
-
-    def _why_not_longer(self, grown: float) -> int:
-        """Return the cause (`step_limits`) that limits the step after an accepted one."""
-        if grown == self.accuracy.growth:
-            return step_limits.GROWTH
-        return (
-            step_limits.NEWTON
-            if self.told[:, body_solution.ITERATIONS].max() > 2 * step_control.EASY and grown == 1.0
-            else step_limits.ERROR
-        )
+        return body, step_limits.TURNING if turning else (step_limits.ERROR if found else step_limits.NEWTON)
 
     def _solve(self, dt: float, velocity: tuple[float, float]) -> tuple[PlateStep, bool]:
         """Solve for the rise at equilibrium of the plate; return the plate's step and whether it converged."""
-        row, first_iteration = self.state.P[-1], True
-        distance, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
+        row, first_iteration, n, context = self.state.P[-1], True, self.state.n_bodies, self._context()
+        rise, low, high = float(row[patch.VELOCITY]) * dt, -math.inf, math.inf
         for _ in range(ROUNDS):
-            self._bodies(first_iteration, dt, distance, velocity)
+            kernel.solve_bodies(n, first_iteration, rise, dt, *velocity, context)
             first_iteration = False
-            rise = self._rise(distance, dt)
-            if not self.told[:, body_solution.FOUND].all():
-                return rise, False
-            push, slope = float(self.told[:, body_solution.PUSH].sum()), float(self.told[:, body_solution.SLOPE].sum())
-            rate = self._now(dt) / dt
-            force = push - row[patch.LOAD] - row[patch.DAMPING] * rise.velocity - row[patch.MASS] * rise.acceleration
-            scale = abs(push) + max(row[patch.LOAD], row[patch.NOMINAL_LOAD]) + row[patch.MASS] * abs(rise.acceleration)
-            scale += row[patch.DAMPING] * abs(rise.velocity)
+            step = self._motion(rise, dt)
+            if not self.solutions[:, body_solution.FOUND].all():
+                return step, False
+            push, slope = (float(self.solutions[:, column].sum()) for column in (body_solution.PUSH, body_solution.SLOPE))
+            force = push - row[patch.LOAD] - row[patch.DAMPING] * step.velocity - row[patch.MASS] * step.acceleration
+            scale = abs(push) + max(row[patch.LOAD], row[patch.NOMINAL_LOAD]) + row[patch.MASS] * abs(step.acceleration)
+            scale += row[patch.DAMPING] * abs(step.velocity)
             if abs(force) <= CONVERGED * scale:
-                return rise, True
-            low, high = (distance, high) if force > 0.0 else (low, distance)
-            slope -= row[patch.DAMPING] * rate + float(self.accuracy.inertia) * row[patch.MASS] * rate * rate
+                return step, True
+            low, high = (rise, high) if force > 0.0 else (low, rise)
+            slope -= row[patch.DAMPING] * step.rate + float(self.accuracy.inertia) * row[patch.MASS] * step.rate * step.rate
             # limited downwards: the force of the bodies grows faster than its slope predicts
             change = max(-force / slope, -self._yielding()) if slope < 0.0 else math.copysign(self._yielding(), force)
-            distance = distance + change if low < distance + change < high else 0.5 * (low + high)
-            if not math.isfinite(distance) or high - low <= 1e-15 * abs(distance):
-                return rise, abs(force) <= 1e-5 * scale
-        return rise, False
+            rise = rise + change if low < rise + change < high else 0.5 * (low + high)
+            if not math.isfinite(rise) or high - low <= 1e-15 * abs(rise):
+                return step, abs(force) <= 1e-5 * scale
+        return step, False
 
     def _yielding(self) -> float:
         """Return the largest descent [m] of the plate in one correction: half the largest or expected overlap."""
@@ -183,60 +167,24 @@ class Shared(Implicit):
         deepest = float(np.max(R[:, record.OVERLAP], where=H[:, contact_state.SLIP] > 0.0, initial=0.0))
         return 0.5 * max(deepest, float(self.settings[step_settings.DEEP]))
 
-    def _now(self, dt: float) -> float:
-        """Return the BDF2 weight of this step's change in its end velocity (`step_control.bdf2_weights`)."""
-        if self.last == 0.0 or not self.accuracy.inertia:
-            return 1.0
-        ratio = dt / self.last
-        return (1.0 + 2.0 * ratio) / (1.0 + ratio)
+    def _motion(self, rise: float, dt: float) -> PlateStep:
+        """Return the step of the plate that rises by `rise` [m]."""
+        now = float(self.state.patches.velocity[-1])
+        velocity, acceleration, rate, change = kernel.plate_motion(self.plate_memory, self.settings, rise, now, dt)
+        return PlateStep(rise, velocity, acceleration if self.accuracy.inertia else 0.0, rate, change)
 
-    def _before(self, dt: float) -> float:
-        """Return the BDF2 weight of the last step's change."""
-        if self.last == 0.0 or not self.accuracy.inertia:
-            return 0.0
-        ratio = dt / self.last
-        return ratio * ratio / (1.0 + ratio)
-
-    def _rise(self, distance: float, dt: float) -> PlateStep:
-        now, before = self._now(dt), self._before(dt)
-        velocity = (now * distance - before * self.moved) / dt
-        change = now * (velocity - self._plate_velocity) - before * self.change
-        return PlateStep(distance, velocity, change / dt if self.accuracy.inertia else 0.0)
-
-    @property
-    def _plate_velocity(self) -> float:
-        return float(self.state.patches.velocity[-1])
-
-    def _error(self, rise: PlateStep, dt: float) -> float:
-        """Return the largest error of bodies and plate over the tolerance (`step_control.local_error`)."""
-        first = self.last == 0.0 or not self.accuracy.inertia
-        ratio = 0.0 if first else dt / self.last
-        change = abs(rise.velocity - self._plate_velocity - ratio * self.change)
+    def _error(self, step: PlateStep, dt: float) -> float:
+        """Return the largest error of bodies and plate over the tolerance."""
         radius = float(self.memory[:, step_memory.CONTACT_RADIUS].max())
-        allowed = self.accuracy.tolerance if self.accuracy.inertia else min(1.0, step_control.LOOSER * self.accuracy.tolerance)
-        own = (0.5 if first else 2.0 / 9.0) * dt * change / (allowed * radius)
-        return max(own, float(self.told[:, body_solution.ERROR].max()))
+        own = kernel.plate_error(step.change, radius, self.plate_memory, self.settings, dt)
+        return max(own, float(self.solutions[:, body_solution.ERROR].max()))
 
     def _length(self, time: float, end: float) -> tuple[float, int]:
         """Return the length [s] of the next step and its cause (`kernels.implicit.step_limits`)."""
-        left = end - time
-        dt, cause = min(self.length, left), int(self.memory[0, step_memory.LIMIT])
         loaded = self.memory[:, step_memory.STORED] > 0.0
         radii = self.memory[loaded, step_memory.CONTACT_RADIUS] if loaded.any() else self.memory[:, step_memory.CONTACT_RADIUS]
-        longest = min(self.accuracy.largest_step, self.accuracy.radii * float(radii.min()))
-        for _ in range(3):
-            distance = math.hypot(*self._velocity(time, dt)) * dt
-            if distance > longest:
-                dt *= longest / distance
-                cause = step_limits.LARGEST
-        if dt <= 0.5 * left:
-            return dt, cause
-        ends = (
-            step_limits.REVERSAL
-            if kernel.is_breakpoint_at(self.state.schedule, self.state.first, time, end)
-            else step_limits.OUTPUT
-        )
-        return (left if dt >= step_control.NEARLY * left else 0.5 * left), ends
+        self.plate_memory[step_memory.CONTACT_RADIUS] = radii.min()
+        return kernel.common_step_length(self.plate_memory, time, self._context(), end)
 
     def _load(self, time: float, dt: float) -> None:
         """Set the scheduled load [N] of the plate at the end of a step that crosses no breakpoint."""
@@ -244,56 +192,34 @@ class Shared(Implicit):
             row = self.state.P[-1]
             row[patch.LOAD] = row[patch.NOMINAL_LOAD] * value_before(self.schedule.load, time, time + dt)
 
-    def _take(self, dt: float, end: float, whole: bool, velocity: tuple[float, float], rise: PlateStep, load: float) -> None:
-        """Accept the step, and book the plate's energy; `load`: load [N] at the start of the step."""
-        s, physics, row = self.state, self.state.physics, self.state.P[-1]
-        kernel.accept_bodies(
-            dt, end, whole, *velocity, *self._groups(), self.most, s.M, s.D, self.settings, self.totals, self.memory, self.starts,
-            self.ends, self.gone, self.drag, physics.law, physics.effects, physics.observe,
-        )  # fmt: skip
-        before = self._plate_velocity
-        old = 0.5 if self.last > 0.0 else 0.0
+    def _take(self, dt: float, step: PlateStep, load: float) -> None:
+        """Move the plate, and book its energy; `load`: load [N] at the start of the step."""
+        T, row = self.plate_memory, self.state.P[-1]
+        before = float(row[patch.VELOCITY])
+        old = 0.5 if T[step_memory.LAST_DT] > 0.0 else 0.0
         carried = (1.0 - old) * float(row[patch.LOAD]) + old * load
-        mass, work = float(row[patch.MASS]), -carried * rise.way
-        kinetic = 0.5 * mass * (rise.velocity**2 - before**2) * float(self.accuracy.inertia)
+        mass, work = float(row[patch.MASS]), -carried * step.rise
+        kinetic = 0.5 * mass * (step.velocity**2 - before**2) * float(self.accuracy.inertia)
         self.plate[run_totals.PLATE_WORK] += work
         self.plate[run_totals.PLATE_WORK_SIZE] += abs(work)
-        felt = float(row[patch.DAMPING]) * rise.velocity * rise.way
+        felt = float(row[patch.DAMPING]) * step.velocity * step.rise
         self.plate[run_totals.DAMPING_WORK] += max(felt, 0.0)
-        lost = min(felt, 0.0) + (float(row[patch.LOAD]) - carried) * rise.way
-        self.plate[run_totals.NUMERICAL_LOSS] += mass * rise.acceleration * rise.way - kinetic + lost
-        self.moved, self.change, self.last = rise.way, rise.velocity - before, dt
-        row[patch.HEIGHT] += rise.way
-        row[patch.VELOCITY] = rise.velocity
-
-    def _bodies(self, first_iteration: bool, dt: float, rise: float, velocity: tuple[float, float]) -> None:
-        s, physics = self.state, self.state.physics
-        kernel.solve_bodies(
-            first_iteration, dt, rise, float(s.patches.height[-1]), *velocity, *self._groups(), self.most, self.settings,
-            self.totals, self.memory, self.starts, self.ends, self.gone, self.told, physics.law, self.tangents, physics.effects,
-        )  # fmt: skip
-
-    def _stay(self) -> None:
-        groups = self._groups()
-        kernel.restore_bodies(groups[1], groups[2], self.memory, self.starts)
+        lost = min(felt, 0.0) + (float(row[patch.LOAD]) - carried) * step.rise
+        self.plate[run_totals.NUMERICAL_LOSS] += mass * step.acceleration * step.rise - kinetic + lost
+        T[step_memory.LAST_COORDINATES + 6], T[step_memory.LAST_DRISE] = step.rise, step.velocity - before
+        T[step_memory.LAST_DT] = dt
+        row[patch.HEIGHT] += step.rise
+        row[patch.VELOCITY] = step.velocity
 
     def _give_up(self) -> None:
         """Raise GuardStop for the first body that did not converge, otherwise for the plate."""
-        lost = np.flatnonzero(self.told[:, body_solution.FOUND] == 0.0)
+        lost = np.flatnonzero(self.solutions[:, body_solution.FOUND] == 0.0)
         if not len(lost):
             when = f"stopped at t = {self.totals[0, run_totals.TIME]:.6g} s"
             raise GuardStop(f"{when}: no balance was found for the upper plate, which all bodies carry together")
-        crowded = self.told[lost[0], body_solution.CROWDED] > 0.0
+        crowded = self.solutions[lost[0], body_solution.CROWDED] > 0.0
         self.memory[lost[0], step_memory.CODE] = step_control.TOO_MANY if crowded else step_control.UNSOLVED
         raise GuardStop(self._explain(int(lost[0])))
-
-    def _velocity(self, time: float, dt: float) -> tuple[float, float]:
-        """Return the mean lateral velocity (v_x, v_y) [m/s] of the plate over a step."""
-        return kernel.plate_velocity_of(self.state.schedule, self.state.first, time, dt)
-
-    def _stretch(self, time: float, until: float) -> float:
-        """Return the time [s] of the next breakpoint of the motion, at most `until`."""
-        return kernel.next_breakpoint_after(self.state.schedule, self.state.first, time, until)
 
     def _summed(self) -> Array:
         return super()._summed() + self.plate

@@ -12,6 +12,9 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels.columns import patch, sphere
 from thirdbody.kernels.predicates import is_upper, patch_of_partner
 
+FLAT = True
+"""Whether all first bodies are planes: the implicit Jacobian is then compiled without the turning of normals (`jacobian`)."""
+
 
 @njit(**BARE)
 def overlap(partner, x, radius, P):

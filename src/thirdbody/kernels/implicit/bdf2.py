@@ -4,84 +4,63 @@ A step that Newton's method or the error estimate rejects is shortened; step len
 to the radius of the largest contact: steps are short where a contact starts to slip or a body tips, and long where it slides or
 rolls on. No step crosses a breakpoint of the prescribed motion. BDF2 damps modes faster than the step, as backward Euler does,
 and is of second order: at 1 m/s, where inertia governs sliding, the same error takes a tenth of the steps.
-
-`work` is the workspace for one body: I, O, K, G, slots, before (`residual`); y, r, x, tried, J (`newton`); diagnostics
-(`columns.step_contacts`), sums over the contacts (`columns.contact_sums`), and the labeller's rows of body and contacts.
 """
-
-import math
 
 import numpy as np
 from numba import njit, prange, types
 
-from thirdbody.jit.options import CHUNK, INNER, OPTIONS
-from thirdbody.kernels.columns import (
-    body,
-    contact_sums,
-    contact_tangent,
-    geometry,
-    law_input,
-    law_output,
-    observed_body,
-    patch,
-    rolling_input,
-    rolling_output,
-    run_totals,
-    step_contacts,
-    step_memory,
-    step_settings,
-    step_start,
-)
-from thirdbody.kernels.columns.tile import TILE
+from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK, OPTIONS
+from thirdbody.kernels.bundles import Motion
+from thirdbody.kernels.columns import patch, run_totals, step_memory, step_settings, step_start
+from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
+from thirdbody.kernels.implicit.bundles import ActiveBody, context_of, make_workspace
 from thirdbody.kernels.implicit.friction_work import LEAST, work_error
 from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton
-from thirdbody.kernels.implicit.residual import FREEDOMS, TURN, save_start
+from thirdbody.kernels.implicit.residual import TURN, save_start
 from thirdbody.kernels.implicit.step_control import (
+    EASY,
     GOING,
     NEARLY,
     TOO_MANY,
     UNSOLVED,
-    accept_step,
     advance_clock,
-    bdf2_weights,
-    gaps,
+    begin_step,
+    count_step,
     guard_code,
+    initial_overlaps,
     is_breakpoint,
     local_error,
     next_breakpoint,
-    next_dt,
     next_length,
     plate_velocity,
     predict,
     reduction_factor,
-    reject_step,
     rotation_of,
-    update_labeller,
+    set_next_dt,
 )
 from thirdbody.kernels.implicit.step_limits import lands, why_cut
+from thirdbody.kernels.labeller_input import update_body_memory
 from thirdbody.kernels.schedule import GAP, LOAD, mean_rate, segment, value, value_of
-from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
+from thirdbody.kernels.signatures import OBSERVE
+
+observe_at = function_at(OBSERVE)
 
 BODIES = 8
 """Bodies per chunk, which share a workspace; small enough to spread a few bodies over all cores."""
 
 
-@njit(**CHUNK)
-def workspace(n_history, width, maximum):
-    """Return the workspace `work` for one body (see the module docstring)."""
-    tile = np.empty((law_input.HISTORY + n_history + rolling_input.WIDTH) * TILE)
-    answer = np.empty((law_output.HISTORY + n_history + rolling_output.WIDTH) * TILE)
-    return (
-        tile, answer, np.empty(contact_tangent.ROLLING_WIDTH * TILE), np.empty(geometry.WIDTH * TILE), np.zeros(TILE, np.int64),
-        np.zeros(maximum), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS),
-        np.empty((FREEDOMS, FREEDOMS)), np.zeros(step_contacts.WIDTH), np.zeros((1, contact_sums.WIDTH)),
-        np.zeros(observed_body.WIDTH), np.empty((maximum, width)),
-    )  # fmt: skip
-
-
-@njit(**INNER)
-def prescribed_rise(p, P, t, dt, schedule, first, Z):
-    """Return the prescribed rise [m] of patch p, 0 if it is free; store the plate's height in Z."""
+@njit(**BARE)
+def prescribed_rise(context, active, dt):
+    """Return the prescribed rise [m] of the body's patch, 0 if it is free; store the plate's height."""
+    p, Z, P, t, schedule, first = (
+        active.patch,
+        active.start,
+        context.P,
+        active.totals[run_totals.TIME],
+        context.schedule,
+        context.first,
+    )
     driven = first[GAP + 1] > first[GAP]
     rise = mean_rate(schedule, first, np.int64(GAP), t, dt) * dt if driven else 0.0
     if P[p, patch.SPRING] != 0.0:
@@ -90,105 +69,103 @@ def prescribed_rise(p, P, t, dt, schedule, first, Z):
     return 0.0 if P[p, patch.FREE] != 0.0 else rise
 
 
-@njit(**INNER)
-def scheduled_load(p, P, t, dt, schedule, first):
-    """Set the scheduled load [N] of patch p at the end of a step that crosses no breakpoint."""
+@njit(**BARE)
+def set_load(context, active, dt):
+    """Set the scheduled load [N] of the body's patch at the end of a step that crosses no breakpoint."""
+    p, P, t, schedule, first = active.patch, context.P, active.totals[run_totals.TIME], context.schedule, context.first
     if first[LOAD + 1] > first[LOAD] and P[p, patch.NOMINAL_LOAD] != 0.0:
         P[p, patch.LOAD] = P[p, patch.NOMINAL_LOAD] * value_of(schedule, segment(schedule, first, np.int64(LOAD), t), t + dt)
 
 
-@njit(**INNER)
-def step(b, p, until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents, effects,
-         observe):  # fmt: skip
-    """Make one step of body b, shortened until it is accepted; set its code if it has to stop."""
-    (_, B, P, _, _, _), y, diagnostics = state, work[6], work[11]
-    save_start(b, p, shape, state, Z)
-    gaps(b, spots, state, work[5])
+@njit(**BARE)
+def update_labeller(b, context, W, space):
+    """Update the labeller's memory of body b after its step; W: its totals."""
+    update_body_memory(b, context, W, observe_at(context.observe), space.observed, space.rows)
+    W[run_totals.ELAPSED], W[run_totals.SHIFT_X], W[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
+
+
+@njit(**BARE)
+def error_of(context, active, m, found, motion, space):
+    """Return the error of the step over the tolerance: of the motion and, with inertia, of the friction work."""
+    error, V = local_error(context, active, motion.dt, space.diagnostics), context.settings
+    if found and V[step_settings.INERTIAL] != 0.0 and motion.dt > LEAST * V[step_settings.SHORTEST]:
+        error = max(error, work_error(context, active, m, motion, space))
+    return error
+
+
+@njit(**BARE_CHUNK)
+def step(context, active, until, space):
+    """Make one step of the body, shortened until it is accepted; set its code if it has to stop."""
+    b, T, W, V = active.number, active.memory, active.totals, context.settings
+    save_start(context, active)
+    initial_overlaps(b, context, space.before)
     time = W[run_totals.TIME]
-    end = next_breakpoint(time, schedule, first, until)
+    end = next_breakpoint(time, context, until)
     if end - time < V[step_settings.SHORTEST]:
         # the interval is shorter than any step: a stop that misses a breakpoint by rounding
         W[run_totals.TIME], T[step_memory.LAST_DT] = end, 0.0
         return
-    (dt, limit), requested_dt, cuts = next_length(T, W, V, schedule, first, end), T[step_memory.NEXT_DT], 0
+    (dt, limit), cuts = next_length(T, time, context, end), 0
     while True:
         whole = dt >= NEARLY * (end - time)
         dt = end - time if whole else dt
-        v_x, v_y = plate_velocity(schedule, first, time, dt)
-        bdf2_weights(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, B[b, body.MASS], T, Z, V)
-        scheduled_load(p, P, time, dt, schedule, first)
-        predict(p, y, dt, Z, P, prescribed_rise(p, P, time, dt, schedule, first, Z))
-        deep, inertial, at_end = V[step_settings.DEEP], V[step_settings.INERTIAL], time + dt
-        how, m, iterations = newton(
-            b, p, dt, deep, at_end, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects
-        )
+        v_x, v_y = plate_velocity(time, context, dt)
+        motion = Motion(dt, v_x, v_y)
+        begin_step(context, active, motion)
+        set_load(context, active, dt)
+        predict(context, active, dt, prescribed_rise(context, active, dt), space.y)
+        outcome, m, iterations = newton(context, active, motion, space)
         T[step_memory.TRIES] += 1.0
         T[step_memory.ITERATIONS] += iterations
-        error, rotation = local_error(b, p, dt, Z, T, B, P, diagnostics, V), rotation_of(y, Z)
-        if how == FOUND and V[step_settings.INERTIAL] != 0.0 and dt > LEAST * V[step_settings.SHORTEST]:
-            error = max(
-                error, work_error(b, m, dt, v_x, v_y, V[step_settings.WORK], Z[step_start.ARM], spots, state, known, work, T)
-            )
-        if how == FOUND and error <= 1.0 and rotation <= TURN:
+        found = outcome == FOUND
+        error, rotation = error_of(context, active, m, found, motion, space), rotation_of(space.y, active.start)
+        if found and error <= 1.0 and rotation <= TURN:
             break
         cuts += 1
-        limit = why_cut(lands(b, m, spots, work), how == FOUND, error, rotation)
-        dt *= reduction_factor(how == FOUND, error, rotation)
-        if how == CROWDED or dt < V[step_settings.SHORTEST]:
-            T[step_memory.CODE] = TOO_MANY if how == CROWDED else UNSOLVED
-            reject_step(b, p, Z, T, shape, state)
+        limit = why_cut(lands(context, b, m, space), found, error, rotation)
+        dt *= reduction_factor(found, error, rotation)
+        if outcome == CROWDED or dt < V[step_settings.SHORTEST]:
+            T[step_memory.CODE] = TOO_MANY if outcome == CROWDED else UNSOLVED
+            reject_step(context, active, space.y)
             return
-    accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, False)
-    advance_clock(W, dt, end, whole, v_x, v_y)
-    if whole and is_breakpoint(time, end, schedule, first):
+    accept_step(context, active, m, motion, False, space)
+    advance_clock(W, motion, end, whole)
+    if whole and is_breakpoint(time, context, end):
         T[step_memory.LAST_DT] = 0.0  # differences across a breakpoint are invalid
-    next_dt(T, W, V, dt, requested_dt, error, iterations, cuts, limit)
-    if known[6]:
-        update_labeller(b, spots, state, M, W, known, drag, observe, work[13], work[14])
-    T[step_memory.CODE], T[step_memory.SLOT] = guard_code(b, diagnostics, B, D)
+    count_step(T, W, dt, cuts)
+    T[step_memory.LIMITED + limit] += 1.0
+    set_next_dt(T, V[step_settings.GROWTH], dt, error, iterations <= EASY, cuts > 0, limit)
+    if context.labels != 0:
+        update_labeller(b, context, W, space)
+    T[step_memory.CODE], T[step_memory.SLOT] = guard_code(b, context, space.diagnostics)
 
 
 @njit(**CHUNK)
-def advance_chunk(
-    low, high, until, tries, spots, shape, state, known, maximum, M, D, V, totals, memory, schedule, first, drag, law, tangents,
-    effects, observe,
-):  # fmt: skip
+def advance_chunk(low, high, until, tries, packed):
     """Advance bodies low to high - 1 in sequence, with one workspace."""
-    work, Z, patch = workspace(known[2], known[4], maximum), np.zeros(step_start.WIDTH), shape[2]
+    context = context_of(packed)
+    space, start = make_workspace(context), np.zeros(step_start.WIDTH)
     for b in range(low, high):
-        T, W = memory[b], totals[b]
-        last = T[step_memory.TRIES] + tries
-        while T[step_memory.CODE] == GOING and W[run_totals.TIME] < until and T[step_memory.TRIES] < last:
-            step(b, patch[b], until, spots, shape, state, known, work, M, D, V, Z, T, W, schedule, first, drag, law, tangents,
-                 effects, observe)  # fmt: skip
+        active = ActiveBody(b, context.patch[b], start, context.memory[b], context.totals[b])
+        last = active.memory[step_memory.TRIES] + tries
+        while (
+            active.memory[step_memory.CODE] == GOING
+            and active.totals[run_totals.TIME] < until
+            and active.memory[step_memory.TRIES] < last
+        ):
+            step(context, active, until, space)
 
 
-_F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
-_I1, _S1 = types.Array(types.int64, 1, "C"), types.Array(types.int32, 1, "C")
-SPOTS = types.UniTuple(_S1, 5)
-SHAPE = types.Tuple((_I1, _I1, _I1, _F2))
-STATE = types.UniTuple(_F2, 6)
-KNOWN = types.Tuple((_F1, _F1, *(types.int64,) * 3, types.boolean, types.boolean, *(types.int64,) * 3))
-MARCH = types.void(
-    types.int64, types.int64, types.float64, types.float64,  # low, high, until [s], tries per body
-    SPOTS, SHAPE, STATE, KNOWN, types.int64,  # ... maximum candidates of a body
-    _F2, _F1, _F1, _F2, _F2,  # M, D, V, totals, memory
-    _F2, _I1, types.UniTuple(types.float64, 2),  # schedule, first; drag direction
-    types.FunctionType(LAW), types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE),
-)  # fmt: skip
+PACKED = types.Array(types.int64, 1, "C")
 
 
-@njit(MARCH, parallel=True, **OPTIONS)
-def advance_bodies(
-    low, high, until, tries, spots, shape, state, known, maximum, M, D, V, totals, memory, schedule, first, drag, law, tangents,
-    effects, observe,
-):  # fmt: skip
+@njit(types.void(types.int64, types.int64, types.float64, types.float64, PACKED), parallel=True, **OPTIONS)
+def advance_bodies(low, high, until, tries, packed):
     """Advance bodies `low` to `high` - 1 to the time `until` [s], with individual time steps.
 
     A body stops after `tries` trial steps; the next call continues it bit for bit. A body stopped by a guard has its code in
-    `memory` (step_memory.CODE) and stays at the end of its last step.
+    `memory` (step_memory.CODE) and stays at the end of its last step. `packed`: a packed `ImplicitContext`.
     """
     for c in prange((high - low + BODIES - 1) // BODIES):
         begin_at = low + c * BODIES
-        advance_chunk(begin_at, min(begin_at + BODIES, high), until, tries, spots, shape, state, known, maximum, M, D, V, totals,
-                    memory, schedule, first, drag, law, tangents, effects, observe)  # fmt: skip
+        advance_chunk(begin_at, min(begin_at + BODIES, high), until, tries, packed)

@@ -5,77 +5,72 @@ for a given rise of the plate, with the derivative of their force on the plate a
 of the arrow matrix. One scalar equation for the plate remains (`engine.implicit_common_plate`).
 """
 
-import math
-
 from numba import njit, prange, types
 
-from thirdbody.jit.options import CHUNK, INNER, OPTIONS
-from thirdbody.kernels.columns import (
-    body,
-    body_solution,
-    geometry,
-    law_output,
-    patch,
-    run_totals,
-    step_memory,
-    step_settings,
-    step_start,
-)
-from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.implicit.bdf2 import KNOWN, SHAPE, SPOTS, STATE, workspace
+from thirdbody.jit.options import BARE, BARE_CHUNK, CHUNK, OPTIONS
+from thirdbody.kernels.bundles import Motion
+from thirdbody.kernels.columns import body_solution, patch, step_memory, step_start
+from thirdbody.kernels.implicit.accept_step import accept_step, reject_step
+from thirdbody.kernels.implicit.bdf2 import BODIES, PACKED, update_labeller
+from thirdbody.kernels.implicit.bundles import FREEDOMS, ActiveBody, context_of, make_workspace
 from thirdbody.kernels.implicit.jacobian import assemble_jacobian
 from thirdbody.kernels.implicit.newton import CROWDED, FOUND, newton, solve_linear
-from thirdbody.kernels.implicit.residual import active_contacts, residual, save_start, set_configuration
+from thirdbody.kernels.implicit.residual import active_contacts, contact_force, residual, save_start, set_configuration
 from thirdbody.kernels.implicit.step_control import (
-    accept_step,
     advance_clock,
     bdf2_weights,
-    gaps,
+    begin_step,
+    count_step,
+    error_of_change,
     guard_code,
+    initial_overlaps,
     is_breakpoint,
     local_error,
     next_breakpoint,
+    next_length,
     plate_velocity,
     predict,
-    reject_step,
+    reduction_factor,
     rotation_of,
-    update_labeller,
+    set_next_dt,
+    step_ratio,
 )
 from thirdbody.kernels.implicit.step_limits import lands
 from thirdbody.kernels.predicates import is_upper
-from thirdbody.kernels.signatures import EFFECTS, LAW, OBSERVE
-
-BODIES = 8
-"""Bodies per chunk."""
 
 
-@njit(**INNER)
-def plate_reaction(p, m, spots, P, work, Z):
+@njit(**BARE)
+def active_body(b, context):
+    """Return body b, whose start of the step is a row of `starts`."""
+    return ActiveBody(b, context.patch[b], context.starts[b], context.memory[b], context.totals[b])
+
+
+@njit(**BARE)
+def plate_reaction(context, active, m, space):
     """Return the upward force [N] of the body on the plate, by a spring or directly by its contacts."""
+    p, P = active.patch, context.P
     if P[p, patch.SPRING] != 0.0:
-        return P[p, patch.SPRING] * (P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
-    partner, O, G, slots = spots[1], work[1], work[3], work[4]  # noqa: E741
+        return P[p, patch.SPRING] * (P[p, patch.HEIGHT] - active.start[step_start.PLATE_HEIGHT])
     push = 0.0
     for q in range(m):
-        if is_upper(partner[slots[q]]):
-            push -= O[law_output.NORMAL_FORCE * TILE + q] * G[q + (geometry.NORMAL + 2) * TILE]
+        if is_upper(context.partner[space.slots[q]]):
+            push -= contact_force(q, space.tile)[2]
     return push
 
 
-@njit(**INNER)
-def plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents):
+@njit(**BARE)
+def plate_stiffness(context, active, m, dt, space):
     """Return d(plate_reaction)/d(rise of the plate) [N/m] at equilibrium of the body."""
-    P, x, J = state[2], work[8], work[10]
-    assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, True, J)
-    spring = P[p, patch.SPRING]
+    x, row, J = space.correction, space.trial, space.jacobian
+    assemble_jacobian(context, active, m, dt, True, space)
+    spring = context.P[active.patch, patch.SPRING]
     if spring != 0.0:
         for k in range(7):
             x[k] = spring if k == 6 else 0.0
         return spring * (x[6] - 1.0) if solve_linear(J, x, 7) else 0.0
     own = J[6, 6]
-    row = J[6, :6].copy()
     for k in range(6):
-        x[k] = J[k, 6]
+        x[k], row[k] = J[k, 6], J[6, k]
     if not solve_linear(J, x, 6):
         return 0.0
     for k in range(6):
@@ -83,149 +78,171 @@ def plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents):
     return own
 
 
-@njit(**CHUNK)
-def solve_chunk(
-    low, high, first_iteration, dt, rise, plate, v_x, v_y, spots, shape, state, known, maximum, V, totals, memory, starts, ends,
-    initial_gap, diagnostics, law, tangents, effects,
-):  # fmt: skip
-    """Solve bodies low to high - 1 for a given rise of the plate; see `solve_bodies`."""
-    work, patch_of, P, edges = workspace(known[2], known[4], maximum), shape[2], state[2], spots[3]
-    y, before = work[6], work[5]
-    for b in range(low, high):
-        p, Z, T, W = patch_of[b], starts[b], memory[b], totals[b]
-        if first_iteration:
-            save_start(b, p, shape, state, Z)
-            gaps(b, spots, state, before)
-            bdf2_weights(dt, math.sqrt(v_x * v_x + v_y * v_y) * dt, state[1][b, body.MASS], T, Z, V)
-            predict(p, y, dt, Z, P, rise)
-            for e in range(edges[b], edges[b + 1]):
-                initial_gap[e] = before[e - edges[b]]
-        else:
-            for e in range(edges[b], edges[b + 1]):
-                before[e - edges[b]] = initial_gap[e]
-            for k in range(7):
-                y[k] = ends[b, k]
-        if P[p, patch.SPRING] == 0.0:
-            y[6] = rise
-        Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_RISE] = plate + rise, rise
-        deep, inertial, at_end = V[step_settings.DEEP], V[step_settings.INERTIAL], W[run_totals.TIME] + dt
-        how, m, iterations = newton(
-            b, p, dt, deep, at_end, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects
-        )
-        T[step_memory.TRIES] += 1.0
-        T[step_memory.ITERATIONS] += iterations
-        diagnostics[b, body_solution.FOUND] = 1.0 if how == FOUND else 0.0
-        diagnostics[b, body_solution.CROWDED] = 1.0 if how == CROWDED else 0.0
-        diagnostics[b, body_solution.LANDS] = 1.0 if lands(b, m, spots, work) else 0.0
-        for k in range(7):
-            ends[b, k] = y[k]
-        if how != FOUND:
-            continue
-        diagnostics[b, body_solution.PUSH] = plate_reaction(p, m, spots, P, work, Z)
-        diagnostics[b, body_solution.SLOPE] = plate_stiffness(b, p, m, dt, spots, state, known, work, Z, tangents)
-        diagnostics[b, body_solution.ERROR] = local_error(b, p, dt, Z, T, state[1], P, work[11], V)
-        diagnostics[b, body_solution.TURN], diagnostics[b, body_solution.ITERATIONS] = rotation_of(y, Z), iterations
+@njit(**BARE)
+def copy_start(context, b, first_iteration, space):
+    """Copy the overlaps at the start of the step to or from the table of all bodies: save them in the first iteration."""
+    low, high = context.edges[b], context.edges[b + 1]
+    if first_iteration:
+        initial_overlaps(b, context, space.before)
+        for e in range(low, high):
+            context.initial_overlaps[e] = space.before[e - low]
+    else:
+        for e in range(low, high):
+            space.before[e - low] = context.initial_overlaps[e]
+        for k in range(FREEDOMS):
+            space.y[k] = context.ends[b, k]
+
+
+@njit(**BARE_CHUNK)
+def solve_body(context, b, first_iteration, rise, motion, space):
+    """Solve the step of body b for a given rise of the plate."""
+    active, y, P = active_body(b, context), space.y, context.P
+    Z, T, dt = active.start, active.memory, motion.dt
+    if first_iteration:
+        save_start(context, active)
+    copy_start(context, b, first_iteration, space)
+    if first_iteration:
+        begin_step(context, active, motion)
+        predict(context, active, dt, rise, y)
+    if P[active.patch, patch.SPRING] == 0.0:
+        y[6] = rise
+    Z[step_start.PLATE_HEIGHT], Z[step_start.PLATE_RISE] = P[P.shape[0] - 1, patch.HEIGHT] + rise, rise
+    outcome, m, iterations = newton(context, active, motion, space)
+    T[step_memory.TRIES] += 1.0
+    T[step_memory.ITERATIONS] += iterations
+    solution = context.solutions[b]
+    solution[body_solution.FOUND] = 1.0 if outcome == FOUND else 0.0
+    solution[body_solution.CROWDED] = 1.0 if outcome == CROWDED else 0.0
+    solution[body_solution.LANDS] = 1.0 if lands(context, b, m, space) else 0.0
+    for k in range(FREEDOMS):
+        context.ends[b, k] = y[k]
+    if outcome == FOUND:
+        solution[body_solution.PUSH] = plate_reaction(context, active, m, space)
+        solution[body_solution.SLOPE] = plate_stiffness(context, active, m, dt, space)
+        solution[body_solution.ERROR] = local_error(context, active, dt, space.diagnostics)
+        solution[body_solution.TURN], solution[body_solution.ITERATIONS] = rotation_of(y, Z), iterations
 
 
 @njit(**CHUNK)
-def accept_chunk(
-    low, high, dt, end, whole, v_x, v_y, spots, shape, state, known, maximum, M, D, V, totals, memory, starts, ends, initial_gap,
-    drag, law, effects, observe,
-):  # fmt: skip
-    """Accept the step of bodies low to high - 1; see `accept_bodies`.
+def solve_chunk(chunk, first_iteration, rise, motion, packed):
+    """Solve the bodies of a chunk; see `solve_bodies`."""
+    context = context_of(packed)
+    space = make_workspace(context)
+    for b in range(chunk * BODIES, min(chunk * BODIES + BODIES, context.totals.shape[0])):
+        solve_body(context, b, first_iteration, rise, motion, space)
+
+
+@njit(**BARE_CHUNK)
+def accept_body(context, b, end, whole, cuts, motion, space):
+    """Accept the step of body b.
 
     Forces are evaluated again: recomputing the tiles is cheaper than storing them for all bodies.
     """
-    work, patch, edges, saved = workspace(known[2], known[4], maximum), shape[2], spots[3], known[6]
-    y, before, r, diagnostics = work[6], work[5], work[7], work[11]
-    for b in range(low, high):
-        p, Z, T, W = patch[b], starts[b], memory[b], totals[b]
-        for k in range(7):
-            y[k] = ends[b, k]
-        for e in range(edges[b], edges[b + 1]):
-            before[e - edges[b]] = initial_gap[e]
-        set_configuration(b, p, y, dt, Z, T, shape, state)
-        m = active_contacts(b, dt, Z[step_start.NOW] / dt, v_x, v_y, spots, shape, state, known, work)
-        residual(
-            b, p, m, y, dt, W[run_totals.TIME] + dt, V[step_settings.INERTIAL], spots, state, known, work, Z, T, law, effects, r,
-            diagnostics,
-        )  # fmt: skip
-        accept_step(b, p, m, y, dt, v_x, v_y, spots, state, known, work, Z, T, W, V, True)
-        advance_clock(W, dt, end, whole, v_x, v_y)
-        if saved:
-            update_labeller(b, spots, state, M, W, known, drag, observe, work[13], work[14])
-        T[step_memory.CODE], T[step_memory.SLOT] = guard_code(b, diagnostics, state[1], D)
+    active = active_body(b, context)
+    copy_start(context, b, False, space)
+    set_configuration(context, active, space.y, motion.dt)
+    m = active_contacts(context, active, space.y, motion, space)
+    residual(context, active, m, space.y, motion, space)
+    accept_step(context, active, m, motion, True, space)
+    advance_clock(active.totals, motion, end, whole)
+    count_step(active.memory, active.totals, motion.dt, cuts)
+    if context.labels != 0:
+        update_labeller(b, context, active.totals, space)
+    active.memory[step_memory.CODE], active.memory[step_memory.SLOT] = guard_code(b, context, space.diagnostics)
 
 
-_F2, _F1 = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
-_D, _B = types.float64, types.boolean
-SOLVE = types.void(
-    _B, _D, _D, _D, _D, _D, SPOTS, SHAPE, STATE, KNOWN, types.int64,  # first_iteration; dt, rise, plate, v_x, v_y; ... maximum
-    _F1, _F2, _F2, _F2, _F2, _F1, _F2,  # V, totals, memory, starts, ends, initial_gap, diagnostics
-    types.FunctionType(LAW), types.FunctionType(LAW), types.FunctionType(EFFECTS),
-)  # fmt: skip
-TAKE = types.void(
-    _D, _D, _B, _D, _D, SPOTS, SHAPE, STATE, KNOWN, types.int64,  # dt, end, whole, v_x, v_y; ... maximum
-    _F2, _F1, _F1, _F2, _F2, _F2, _F2, _F1,  # M, D, V, totals, memory, starts, ends, initial_gap
-    types.UniTuple(types.float64, 2), types.FunctionType(LAW), types.FunctionType(EFFECTS), types.FunctionType(OBSERVE),
-)  # fmt: skip
+@njit(**CHUNK)
+def accept_chunk(chunk, end, whole, cuts, motion, packed):
+    """Accept the step of the bodies of a chunk; see `accept_bodies`."""
+    context = context_of(packed)
+    space = make_workspace(context)
+    for b in range(chunk * BODIES, min(chunk * BODIES + BODIES, context.totals.shape[0])):
+        accept_body(context, b, end, whole, cuts, motion, space)
 
 
-@njit(SOLVE, parallel=True, **OPTIONS)
-def solve_bodies(
-    first_iteration, dt, rise, plate, v_x, v_y, spots, shape, state, known, maximum, V, totals, memory, starts, ends,
-    initial_gap, diagnostics, law, tangents, effects,
-):  # fmt: skip
-    """Solve the step of all bodies for a given rise of the plate.
+_D, _B, _I, _ROW = types.float64, types.boolean, types.int64, types.Array(types.float64, 1, "C")
 
-    `plate`: height [m] at the start; `rise` [m]. `first_iteration`: the step begins; otherwise the iteration continues from
-    `ends` (n, 7) of the previous call. Results are written to `diagnostics` (n, body_solution.WIDTH).
+
+@njit(types.void(_I, _B, _D, _D, _D, _D, PACKED), parallel=True, **OPTIONS)
+def solve_bodies(bodies, first_iteration, rise, dt, v_x, v_y, packed):
+    """Solve the step of all bodies for a given rise of the plate [m].
+
+    `first_iteration`: the step begins; otherwise the iteration continues from `ends` of the previous call. Results are written to
+    `solutions` (n, body_solution.WIDTH). `packed`: a packed `ImplicitContext`.
     """
-    n = totals.shape[0]
-    for c in prange((n + BODIES - 1) // BODIES):
-        solve_chunk(
-            c * BODIES, min(c * BODIES + BODIES, n), first_iteration, dt, rise, plate, v_x, v_y, spots, shape, state, known,
-            maximum, V, totals, memory, starts, ends, initial_gap, diagnostics, law, tangents, effects,
-        )  # fmt: skip
+    for c in prange((bodies + BODIES - 1) // BODIES):
+        solve_chunk(c, first_iteration, rise, Motion(dt, v_x, v_y), packed)
 
 
-@njit(TAKE, parallel=True, **OPTIONS)
-def accept_bodies(
-    dt, end, whole, v_x, v_y, spots, shape, state, known, maximum, M, D, V, totals, memory, starts, ends, initial_gap, drag, law,
-    effects, observe,
-):  # fmt: skip
-    """Accept the step solved by `solve_bodies`; `whole`: it ends exactly at the time `end` [s]."""
-    n = totals.shape[0]
-    for c in prange((n + BODIES - 1) // BODIES):
-        accept_chunk(
-            c * BODIES, min(c * BODIES + BODIES, n), dt, end, whole, v_x, v_y, spots, shape, state, known, maximum, M, D, V,
-            totals, memory, starts, ends, initial_gap, drag, law, effects, observe,
-        )  # fmt: skip
+@njit(types.void(_I, _D, _B, _I, _D, _D, _D, PACKED), parallel=True, **OPTIONS)
+def accept_bodies(bodies, end, whole, cuts, dt, v_x, v_y, packed):
+    """Accept the step solved by `solve_bodies`, cut `cuts` times; `whole`: it ends exactly at the time `end` [s]."""
+    for c in prange((bodies + BODIES - 1) // BODIES):
+        accept_chunk(c, end, whole, cuts, Motion(dt, v_x, v_y), packed)
 
 
-@njit(types.void(SHAPE, STATE, _F2, _F2), **OPTIONS)
-def restore_bodies(shape, state, memory, starts):
+@njit(types.void(PACKED), **OPTIONS)
+def restore_bodies(packed):
     """Restore all bodies to the start of the step."""
-    for b in range(starts.shape[0]):
-        reject_step(b, shape[2][b], starts[b], memory[b], shape, state)
+    context = context_of(packed)
+    space = make_workspace(context)
+    for b in range(context.totals.shape[0]):
+        reject_step(context, active_body(b, context), space.y)
 
 
-_I1 = types.Array(types.int64, 1, "C")
+# -- control of the common step; T: memory of the plate, a row of `columns.step_memory` like that of a body --
 
 
-@njit(types.UniTuple(types.float64, 2)(_F2, _I1, _D, _D), **OPTIONS)
-def plate_velocity_of(schedule, first, t, dt):
+@njit(types.Tuple((_D, _I))(_ROW, _D, PACKED, _D), **OPTIONS)
+def common_step_length(T, t, packed, end):
+    """Return length [s] and limiting cause of the next step (`step_control.next_length`)."""
+    return next_length(T, t, context_of(packed), end)
+
+
+@njit(types.UniTuple(_D, 4)(_ROW, _ROW, _D, _D, _D), **OPTIONS)
+def plate_motion(T, V, rise, velocity, dt):
+    """Return velocity [m/s] and acceleration [m/s2] of the plate after a step, the change of the former with the rise [1/s], and
+    its change beyond that of the last step, scaled [m/s].
+
+    `velocity`: before the step; V: settings.
+    """
+    now, before = bdf2_weights(T, V, dt)
+    after = (now * rise - before * T[step_memory.LAST_COORDINATES + 6]) / dt
+    change = now * (after - velocity) - before * T[step_memory.LAST_DRISE]
+    return after, change / dt, now / dt, after - velocity - step_ratio(T, V, dt) * T[step_memory.LAST_DRISE]
+
+
+@njit(_D(_D, _D, _ROW, _ROW, _D), **OPTIONS)
+def plate_error(change, radius, T, V, dt):
+    """Return the error of the plate's step over the tolerance (`step_control.error_of_change`)."""
+    return error_of_change(abs(change), radius, T, V, dt)
+
+
+@njit(_D(_B, _D, _D), **OPTIONS)
+def reduction(found, error, turn):
+    """Return the factor that shortens a rejected step."""
+    return reduction_factor(found, error, turn)
+
+
+@njit(types.void(_ROW, _D, _D, _D, _B, _B, _I), **OPTIONS)
+def set_common_length(T, growth, dt, error, easy, cut, limit):
+    """Set the length of the next step and what limits it (`step_control.set_next_dt`)."""
+    set_next_dt(T, growth, dt, error, easy, cut, limit)
+
+
+@njit(types.UniTuple(_D, 2)(_D, PACKED, _D), **OPTIONS)
+def plate_velocity_of(t, packed, dt):
     """Return the mean lateral velocity (v_x, v_y) [m/s] of the upper plate over a step."""
-    return plate_velocity(schedule, first, t, dt)
+    return plate_velocity(t, context_of(packed), dt)
 
 
-@njit(_B(_F2, _I1, _D, _D), **OPTIONS)
-def is_breakpoint_at(schedule, first, t, end):
+@njit(_B(_D, PACKED, _D), **OPTIONS)
+def is_breakpoint_at(t, packed, end):
     """Return whether the smooth interval that began at t [s] ends at a breakpoint of the motion."""
-    return is_breakpoint(t, end, schedule, first)
+    return is_breakpoint(t, context_of(packed), end)
 
 
-@njit(_D(_F2, _I1, _D, _D), **OPTIONS)
-def next_breakpoint_after(schedule, first, t, until):
+@njit(_D(_D, PACKED, _D), **OPTIONS)
+def next_breakpoint_after(t, packed, until):
     """Return the time [s] of the next breakpoint of the motion after t, at most `until`."""
-    return next_breakpoint(t, schedule, first, until)
+    return next_breakpoint(t, context_of(packed), until)

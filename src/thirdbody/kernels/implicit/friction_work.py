@@ -9,13 +9,23 @@ import math
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.options import INNER
-from thirdbody.kernels.bundles import Motion
-from thirdbody.kernels.columns import body, contact_state, law_input, law_output, sphere, step_memory
+from thirdbody.jit.options import BARE
+from thirdbody.kernels import first_body
+from thirdbody.kernels.columns import (
+    body,
+    contact_state,
+    law_input,
+    law_output,
+    sphere,
+    step_contacts,
+    step_memory,
+    step_settings,
+    step_start,
+)
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.implicit.contact_context import contact_context
 from thirdbody.kernels.narrow_phase import plate_overlap
-from thirdbody.kernels.predicates import is_closed, is_upper
+from thirdbody.kernels.predicates import is_closed
+from thirdbody.kernels.surface_velocity import surface_velocity
 
 FLOOR = 0.02
 """Floor of the scale of the friction-work error, as a fraction of friction limit times critical slip summed over the contacts: a
@@ -33,66 +43,67 @@ CALM = 0.01
 """Largest dashpot work, as a fraction of the tangential work, for which forces count as continuous at a breakpoint."""
 
 
-@njit(**INNER)
-def weight_of_old(m, dt, last, power, work):
+@njit(**BARE)
+def weight_of_old(m, dt, active, space):
     """Return the weight of the force at the start of a step in its work: 0.5, or 0 where forces jump.
 
-    The work is that of the plate and of friction. Forces jump with the velocity at a breakpoint of the motion (`last` = 0) if the
-    dashpots of the m contacts, of `power` [W], dissipate more than CALM of the work of the tangential forces.
+    The work is that of the plate and of friction. Forces jump with the velocity at a breakpoint of the motion if the dashpots of
+    the m contacts dissipate more than CALM of the work of the tangential forces.
     """
-    I, O, taken = work[0], work[1], 0.0  # noqa: E741
+    I, O, taken = space.tile.inputs, space.tile.outputs, 0.0  # noqa: E741
     for q in range(m):
         taken += abs(O[law_output.TANGENTIAL_X * TILE + q] * I[law_input.SLIP_X * TILE + q]) + abs(
             O[law_output.TANGENTIAL_Y * TILE + q] * I[law_input.SLIP_Y * TILE + q]
         )
-    return 0.5 if last > 0.0 or power * dt <= CALM * taken else 0.0
+    power = space.diagnostics[step_contacts.DASHPOT_POWER]
+    return 0.5 if active.memory[step_memory.LAST_DT] > 0.0 or power * dt <= CALM * taken else 0.0
 
 
-@njit(**INNER)
-def dragged_off(k, before, motion, context):
+@njit(**BARE)
+def opening_work(k, before, context, motion):
     """Return the slip work [J] of the tangential spring of candidate k, which opens within the step.
 
     Its force falls to zero. `before`: overlap [m] at the start of the step.
     """
-    S, H, force, dt = context.S, context.H, context.force, motion.dt
-    i, up = context.own[k], 1.0 if is_upper(context.partner[k]) else 0.0
-    n, r = 1.0 - 2.0 * up, S[i, sphere.RADIUS]
-    x = S[i, sphere.MID_VELOCITY] - r * n * S[i, sphere.MID_SPIN + 1] - up * motion.v_x
-    y = S[i, sphere.MID_VELOCITY + 1] + r * n * S[i, sphere.MID_SPIN] - up * motion.v_y
-    f_1 = H[k, contact_state.LAW + force]
-    f_2 = H[k, contact_state.LAW + force + 1]
-    e_x = H[k, contact_state.AXIS]
-    e_y = H[k, contact_state.AXIS + 1]
+    S, H, i, j = context.S, context.H, context.own[k], context.partner[k]
+    r, (n_x, n_y, n_z) = S[i, sphere.RADIUS], first_body.normal(j, first_body.centre(i, S), context.P)
+    columns = np.int64(sphere.MID_VELOCITY), np.int64(sphere.MID_SPIN)
+    v, u = surface_velocity(i, S, columns, (-r * n_x, -r * n_y, -r * n_z)), first_body.velocity(j, context.P, motion)
+    x, y, z = v[0] - u[0], v[1] - u[1], v[2] - u[2]
+    f_1, f_2 = H[k, contact_state.LAW + context.force], H[k, contact_state.LAW + context.force + 1]
+    e_x, e_y, e_z = H[k, contact_state.AXIS], H[k, contact_state.AXIS + 1], H[k, contact_state.AXIS + 2]
+    f_x = f_1 * e_x + f_2 * (n_y * e_z - n_z * e_y)
+    f_y = f_1 * e_y + f_2 * (n_z * e_x - n_x * e_z)
+    f_z = f_1 * e_z + f_2 * (n_x * e_y - n_y * e_x)
     fraction = before / max(before - plate_overlap(k, context), 1e-300)
-    return -0.5 * fraction * dt * ((f_1 * e_x - f_2 * n * e_y) * x + (f_1 * e_y + f_2 * n * e_x) * y)
+    return -0.5 * fraction * motion.dt * (f_x * x + f_y * y + f_z * z)
 
 
-@njit(**INNER)
-def energy_of_spots(m, I, O):  # noqa: E741
+@njit(**BARE)
+def energy_of_contacts(m, tile):
     """Return the sum [J] of friction limit times critical slip, each at most N times overlap."""
-    total = 0.0
+    I, O, total = tile.inputs, tile.outputs, 0.0  # noqa: E741
     for q in range(m):
         pressed = abs(O[q + law_output.NORMAL_FORCE * TILE]) * I[q + law_input.OVERLAP * TILE]
         total += min(O[q + law_output.FRICTION_LIMIT * TILE] * O[q + law_output.CRITICAL_SLIP * TILE], pressed)
     return total
 
 
-@njit(**INNER)
-def differing(m, force, stored, before, b, spots, work):
-    """Return the estimated error [J] of the friction work, summed over m contacts.
+@njit(**BARE)
+def work_difference(m, context, first, space):
+    """Return the estimated error [J] of the friction work, summed over m contacts; `first`: the body's first candidate.
 
     It is the difference between the work of the mean force and of the force at the end of the step, plus the effect of a
     changing contact radius (`GROWN`).
     """
-    first, I, O, slots = spots[3][b], work[0], work[1], work[4]  # noqa: E741
-    total = 0.0
+    I, O, total = space.tile.inputs, space.tile.outputs, 0.0  # noqa: E741
     for q in range(m):
-        old, new = (law_input.HISTORY + force) * TILE + q, (law_output.HISTORY + force) * TILE + q
+        old, new = (law_input.HISTORY + context.force) * TILE + q, (law_output.HISTORY + context.force) * TILE + q
         s_x, s_y = I[q + law_input.SLIP_X * TILE], I[q + law_input.SLIP_Y * TILE]
         taken = (I[old] + O[new]) * s_x + (I[old + TILE] + O[new + TILE]) * s_y
-        lost = I[(law_input.HISTORY + stored) * TILE + q] - 0.5 * taken - O[q + law_output.STORED_TANGENTIAL * TILE]
+        lost = I[(law_input.HISTORY + context.stored) * TILE + q] - 0.5 * taken - O[q + law_output.STORED_TANGENTIAL * TILE]
         slip = min(math.sqrt(s_x * s_x + s_y * s_y), O[q + law_output.CRITICAL_SLIP * TILE])
-        fraction = math.sqrt(max(before[slots[q] - first], 0.0) / I[q + law_input.OVERLAP * TILE])
+        fraction = math.sqrt(max(space.before[space.slots[q] - first], 0.0) / I[q + law_input.OVERLAP * TILE])
         total += (
             abs(lost - O[q + law_output.FRICTION_LOSS * TILE])
             + GROWN * min(abs(1.0 - fraction), 1.0) * O[q + law_output.FRICTION_LIMIT * TILE] * slip
@@ -100,8 +111,8 @@ def differing(m, force, stored, before, b, spots, work):
     return total
 
 
-@njit(**INNER)
-def kinetic(b, B, arm):
+@njit(**BARE)
+def kinetic_energy(b, B, arm):
     """Return the approximate kinetic energy [J] of body b; `arm` [m]: radius of gyration used."""
     total = 0.0
     for k in range(3):
@@ -109,23 +120,23 @@ def kinetic(b, B, arm):
     return 0.5 * B[b, body.MASS] * total
 
 
-@njit(**INNER)
-def work_error(b, m, dt, v_x, v_y, allowed, arm, spots, state, known, work, T):
+@njit(**BARE)
+def work_error(context, active, m, motion, space):
     """Return the error of the friction work of the step over the tolerance.
 
-    The tolerance is `allowed` times a scale of energy: the body's friction work so far, plus FLOOR times its kinetic energy and
-    the energy that its contacts can store (largest so far: step_memory.MAX_ENERGY [J]).
+    The tolerance is that of the settings times a scale of energy: the body's friction work so far, plus FLOOR times its kinetic
+    energy and the energy that its contacts can store (largest so far: step_memory.MAX_ENERGY [J]).
     """
-    force, edges, incidence, B, H = known[8], spots[3], spots[4], state[1], state[3]
-    O, slots, before = work[1], work[4], work[5]  # noqa: E741
-    if force < 0:
+    if context.force < 0:
         return 0.0
-    error, q = differing(m, force, known[7], before, b, spots, work), np.int64(0)
-    for e in range(edges[b], edges[b + 1]):
-        k = incidence[e] >> 1
-        if q < m and slots[q] == k:
+    b, first, B = active.number, context.edges[active.number], context.B
+    error, q = work_difference(m, context, first, space), np.int64(0)
+    for e in range(first, context.edges[b + 1]):
+        k = context.incidence[e] >> 1
+        if q < m and space.slots[q] == k:
             q += 1
-        elif is_closed(k, H):
-            error += abs(dragged_off(k, before[e - edges[b]], Motion(dt, v_x, v_y), contact_context(spots, state, known)))
-    held = max(T[step_memory.MAX_ENERGY], energy_of_spots(m, work[0], O))
-    return error / max(allowed * (B[b, body.FRICTION_WORK] + FLOOR * (held + kinetic(b, B, arm))), 1e-300)
+        elif is_closed(k, context.H):
+            error += abs(opening_work(k, space.before[e - first], context, motion))
+    held = max(active.memory[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
+    scale = B[b, body.FRICTION_WORK] + FLOOR * (held + kinetic_energy(b, B, active.start[step_start.ARM]))
+    return error / max(context.settings[step_settings.WORK] * scale, 1e-300)

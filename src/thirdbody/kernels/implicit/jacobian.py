@@ -1,33 +1,135 @@
-"""Jacobian of the residual of an implicit step (see `residual`)."""
+"""Jacobian of the residual of an implicit step (see `residual`), for first bodies of any shape.
+
+A contact with the unit normal n and the axes e and g = n x e of its frame lies at r = a - A n from the centre of mass, where a is
+the centre of the sphere and A = R - overlap/2. It acts on the body with the force f = N n + T_1 e + T_2 g and with the torque
+r x f + M, where M = M_1 e + M_2 g. Let the centre of mass move by u and the body turn by w, and the patch of an upper contact
+rise by h. Relative to the first body, the centre of the sphere then moves by c = u + w x a - h z, and its surface by
+s = u + w x r - h z. To first order
+
+    overlap and slip:   dd = -n.c = -n.s      ds_1 = e.s      ds_2 = g.s
+    normal:             dn = H (c - n (n.c))  with H = k/(1 + k (R - overlap)) on a surface of curvature k
+    frame:              turns by W = n x dn + (w.n/2) n: transported with the normal, turned about it by half the spin
+    slip in the frame:  ds_1 += S.(W x e)     ds_2 += S.(W x g)    with the displacement S of the step
+    force:              df = dN n + dT_1 e + dT_2 g + W x f,       moment alike
+    arm:                dr = w x a + dd n/2 - A dn
+
+and N, T_1, T_2, M_1, M_2 follow from the tangents of the laws. This is exact at the start of a step; left out is what grows with
+the rotation in the step, and the change of a dashpot's normal velocity as the normal turns. On planes dn = 0; there the turning
+of the frame about its normal is left out, too, without which Newton's method converges as fast.
+"""
+
+from typing import NamedTuple
 
 from numba import njit
 
-from thirdbody.jit.options import INNER
-from thirdbody.kernels.columns import body, contact_tangent, geometry, law_input, law_output, patch, sphere, step_start
+from thirdbody.jit.function_pointers import function_at
+from thirdbody.jit.options import BARE
+from thirdbody.kernels import first_body
+from thirdbody.kernels.columns import body, contact_tangent, geometry, law_input, patch, sphere, step_start
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.implicit.residual import FREEDOMS, inertia_of
+from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.implicit.residual import (
+    closed_fraction,
+    contact_force,
+    contact_moment,
+    contact_point,
+    frame_of,
+    inertia_of,
+    vector_at,
+)
 from thirdbody.kernels.predicates import is_upper
 from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.signatures import LAW
+
+tangents_at = function_at(LAW)
+
+Vector = tuple[float, float, float]
+
+NO_TANGENT = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-@njit(**INNER)
-def assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, coupled, J):
-    """Write the Jacobian J (7, 7) [N/m] of the residual for the m contacts in the tile.
+class Contact(NamedTuple):
+    """A contact as the Jacobian sees it: forces and geometry at the end of the step, and tangents."""
+
+    frame: tuple[Vector, Vector, Vector]
+    """Normal and both axes."""
+    centre: Vector
+    """Centre of the sphere from the centre of mass [m]."""
+    point: Vector
+    """Contact point from there [m]."""
+    arm: float
+    """Distance of the contact point from the centre of the sphere [m]."""
+    force: Vector
+    moment: Vector
+    bend: float
+    """Change of the normal with the displacement of the sphere along the surface [1/m]."""
+    displacement: Vector
+    """Displacement of the step (3,) [m] along the normal and the axes of the frame."""
+    tangent: tuple[float, float, float, float, float, float, float]
+    """Change of N with the overlap, and of T_1, T_2 with the slip and the overlap (`columns.contact_tangent`)."""
+    rolling: bool
+    """Whether it has a moment; its tangents: change of M_1, M_2 with rotations about the axes and with the overlap."""
+    rolling_tangent: tuple[float, float, float, float, float, float]
+    upper: bool
+    """Whether it is a contact with the upper plate."""
+
+
+class Column(NamedTuple):
+    """One coordinate of the body: what a contact sees as it changes (notation of this module)."""
+
+    coordinate: int
+    strain: Vector
+    """Overlap d and slip s_1, s_2."""
+    moved: Vector
+    """Displacement c of the centre of the sphere."""
+    swing: Vector
+    """w x a"""
+    spin: Vector
+    """w along the normal and the axes."""
+
+
+@njit(**BARE)
+def cross(a, b):
+    """Return the cross product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(**BARE)
+def dot(a, b):
+    """Return the scalar product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(**BARE)
+def assemble_jacobian(context, active, m, dt, coupled, space):
+    """Write the Jacobian (7, 7) [N/m] of the residual for the m contacts in the tile.
 
     A patch of prescribed height has no equation, unless `coupled`: then the derivatives with respect to its height are included.
     """
-    own, partner, _, edges, _ = spots
-    S, B, P, _, _, E = state
-    pairs, rolling = known[0], known[3]
-    I, O, K, G, slots, before = work[0], work[1], work[2], work[3], work[4], work[5]  # noqa: E741
-    tangents(I, K, m, pairs)
+    p, Z, P, J, tile = active.patch, active.start, context.P, space.jacobian, space.tile
+    tangents_at(context.tangents)(tile.inputs, tile.tangents, m, context.pairs)
     for i in range(FREEDOMS):
         for j in range(FREEDOMS):
             J[i, j] = 0.0
     for q in range(m):
-        add_contact_stiffness(q, slots[q], before[slots[q] - edges[b]], own, partner, S, I, O, K, G, rolling, J)
+        add_contact(contact_at(q, active.number, dt, context, space), J)
+    subtract_inertia(context, active, dt, J)
+    if P[p, patch.FREE] == 0.0 and not coupled:
+        for k in range(6):
+            J[6, k], J[k, 6] = 0.0, 0.0
+        J[6, 6] = -1.0
+    elif P[p, patch.FREE] != 0.0:
+        rate = Z[step_start.NOW] / dt
+        square = Z[step_start.MASS_SHARE] * rate * rate
+        J[6, 6] -= P[p, patch.DAMPING] * rate + P[p, patch.MASS] * square + P[p, patch.SPRING] + Z[step_start.PULL]
+
+
+@njit(**BARE)
+def subtract_inertia(context, active, dt, J):
+    """Subtract inertia and spring of the body; scale rotations and torques with its arm."""
+    b, Z, B = active.number, active.start, context.B
     arm = 1.0 / Z[step_start.ARM]
-    xx, yy, zz, xy, xz, yz = inertia_of(b, B, E)
+    xx, yy, zz, xy, xz, yz = inertia_of(b, B, context.E)
     rate = Z[step_start.NOW] / dt
     square = Z[step_start.MASS_SHARE] * rate * rate
     for k in range(3):
@@ -49,85 +151,134 @@ def assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, coupl
             J[k, j] *= arm
     for k in range(6):
         J[k, k] -= Z[step_start.PULL]
-    if P[p, patch.FREE] == 0.0 and not coupled:
-        for k in range(6):
-            J[6, k], J[k, 6] = 0.0, 0.0
-        J[6, 6] = -1.0
-    elif P[p, patch.FREE] != 0.0:
-        J[6, 6] -= P[p, patch.DAMPING] * rate + P[p, patch.MASS] * square + P[p, patch.SPRING] + Z[step_start.PULL]
 
 
-@njit(**INNER)
-def add_contact_stiffness(q, slot, gap, own, partner, S, I, O, K, G, rolling, J):  # noqa: E741
-    """Add contact q to J (rotations in rad): stiffness, rotation of its arm, change of its area."""
-    i, up, n_z = own[slot], is_upper(partner[slot]), G[q + (geometry.NORMAL + 2) * TILE]
-    a_x, a_y, a_z = S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]
-    x, y, z = a_x, a_y, a_z - G[q + geometry.ARM * TILE] * n_z
-    e_x = G[q + geometry.AXIS * TILE]
-    e_y = G[q + (geometry.AXIS + 1) * TILE]
-    g_x = G[q + geometry.CROSS_AXIS * TILE]
-    g_y = G[q + (geometry.CROSS_AXIS + 1) * TILE]
-    n = O[law_output.NORMAL_FORCE * TILE + q]
-    t_1 = O[law_output.TANGENTIAL_X * TILE + q]
-    t_2 = O[law_output.TANGENTIAL_Y * TILE + q]
-    f_x, f_y, f_z = t_1 * e_x + t_2 * g_x, t_1 * e_y + t_2 * g_y, n * n_z
-    xx = K[contact_tangent.XX * TILE + q]
-    xy = K[contact_tangent.XY * TILE + q]
-    yx = K[contact_tangent.YX * TILE + q]
-    yy = K[contact_tangent.YY * TILE + q]
+@njit(**BARE)
+def bend_at(k, context, overlap):
+    """Return the change of the normal with the displacement of candidate k along the surface [1/m]."""
+    i, S = context.own[k], context.S
+    curvature = first_body.curvature(context.partner[k], first_body.centre(i, S), context.P)
+    return 0.0 if curvature == 0.0 else curvature / (1.0 + curvature * (S[i, sphere.RADIUS] - overlap))
+
+
+@njit(**BARE)
+def contact_at(q, b, dt, context, space):
+    """Return contact q of body b as a `Contact`."""
+    k, tile, G = space.slots[q], space.tile, space.tile.geometry
+    i, upper, overlap = context.own[k], is_upper(context.partner[k]), tile.inputs[law_input.OVERLAP * TILE + q]
+    before = space.before[k - context.edges[b]]
+    rolling, frame = context.rolling == MOMENTS, frame_of(q, G)
+    fraction = closed_fraction(q, before, tile.inputs)
+    displacement = (
+        dt * dot(vector_at(q, geometry.MID_VELOCITY, G), frame[0]),
+        tile.inputs[law_input.SLIP_X * TILE + q] / fraction,
+        tile.inputs[law_input.SLIP_Y * TILE + q] / fraction,
+    )
+    return Contact(
+        frame, (context.S[i, sphere.ARM], context.S[i, sphere.ARM + 1], context.S[i, sphere.ARM + 2]),
+        contact_point(q, i, context.S, G), G[q + geometry.ARM * TILE], contact_force(q, tile),
+        contact_moment(q, context.n_history, tile) if rolling else (0.0, 0.0, 0.0), bend_at(k, context, overlap), displacement,
+        tangent_at(q, before, tile), rolling, rolling_tangent_at(q, fraction, tile.tangents) if rolling else NO_TANGENT, upper,
+    )  # fmt: skip
+
+
+@njit(**BARE)
+def tangent_at(q, before, tile):
+    """Return the tangents of contact q; `before`: overlap at the start of the step [m], negative: a gap."""
+    K, I = tile.tangents, tile.inputs  # noqa: E741
+    xx, xy = K[contact_tangent.XX * TILE + q], K[contact_tangent.XY * TILE + q]
+    yx, yy = K[contact_tangent.YX * TILE + q], K[contact_tangent.YY * TILE + q]
     xd, yd = K[contact_tangent.XD * TILE + q], K[contact_tangent.YD * TILE + q]
-    if gap < 0.0:
+    if before < 0.0:
         # the contact closes within the step: the fraction of the slip that counts grows with its overlap
-        overlap = I[law_input.OVERLAP * TILE + q]
-        fraction = overlap / (overlap - gap)
-        growth = -gap / ((overlap - gap) * (overlap - gap)) / fraction
+        overlap, fraction = I[law_input.OVERLAP * TILE + q], closed_fraction(q, before, I)
+        growth = -before / ((overlap - before) * (overlap - before)) / fraction
         xd += (xx * I[law_input.SLIP_X * TILE + q] + xy * I[law_input.SLIP_Y * TILE + q]) * growth
         yd += (yx * I[law_input.SLIP_X * TILE + q] + yy * I[law_input.SLIP_Y * TILE + q]) * growth
         xx, xy, yx, yy = fraction * xx, fraction * xy, fraction * yx, fraction * yy
-    for c in range(FREEDOMS):
-        # derivatives of overlap, slip and arm
-        d, s_1, s_2, u_x, u_y, u_z = contact_displacements(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up)
-        u_z += 0.5 * n_z * d
-        f_n = K[contact_tangent.NORMAL * TILE + q] * d
-        d_1, d_2 = xx * s_1 + xy * s_2 + xd * d, yx * s_1 + yy * s_2 + yd * d
-        d_x, d_y, d_z = d_1 * e_x + d_2 * g_x, d_1 * e_y + d_2 * g_y, f_n * n_z
-        J[0, c] += d_x
-        J[1, c] += d_y
-        J[2, c] += d_z
-        J[3, c] += y * d_z - z * d_y + u_y * f_z - u_z * f_y
-        J[4, c] += z * d_x - x * d_z + u_z * f_x - u_x * f_z
-        J[5, c] += x * d_y - y * d_x + u_x * f_y - u_y * f_x
-        if up:
-            J[6, c] -= d_z
-        if rolling == MOMENTS:
-            add_moment(q, c, d, e_x, e_y, g_x, g_y, K, J)
+    return K[contact_tangent.NORMAL * TILE + q], xx, xy, yx, yy, xd, yd
 
 
-@njit(**INNER)
-def contact_displacements(c, a_x, a_y, a_z, x, y, z, n_z, e_x, e_y, g_x, g_y, up):
-    """Return derivatives by coordinate c: overlap, slip along both axes, arm of the sphere (3)."""
-    if c == 0:
-        return 0.0, e_x, g_x, 0.0, 0.0, 0.0
-    if c == 1:
-        return 0.0, e_y, g_y, 0.0, 0.0, 0.0
-    if c == 2:
-        return -n_z, 0.0, 0.0, 0.0, 0.0, 0.0
-    if c == 3:
-        return -n_z * a_y, -e_y * z, -g_y * z, 0.0, -a_z, a_y
-    if c == 4:
-        return n_z * a_x, e_x * z, g_x * z, a_z, 0.0, -a_x
-    if c == 5:
-        return 0.0, e_y * x - e_x * y, g_y * x - g_x * y, -a_y, a_x, 0.0
-    return (n_z if up else 0.0), 0.0, 0.0, 0.0, 0.0, 0.0
-
-
-@njit(**INNER)
-def add_moment(q, c, d, e_x, e_y, g_x, g_y, K, J):
-    """Add column c of the rolling moment (rotation about the axes of the frame) to J."""
-    turn_1 = e_x if c == 3 else (e_y if c == 4 else 0.0)
-    turn_2 = g_x if c == 3 else (g_y if c == 4 else 0.0)
+@njit(**BARE)
+def rolling_tangent_at(q, fraction, K):
+    """Return the tangents of the moment of contact q; `fraction`: of the rotation that counts, as the contact was closed."""
     at = contact_tangent.ROLLING * TILE + q
-    m_1 = K[at] * turn_1 + K[at + TILE] * turn_2 + K[at + 4 * TILE] * d
-    m_2 = K[at + 2 * TILE] * turn_1 + K[at + 3 * TILE] * turn_2 + K[at + 5 * TILE] * d
-    J[3, c] += m_1 * e_x + m_2 * g_x
-    J[4, c] += m_1 * e_y + m_2 * g_y
+    xx, xy, yx, yy = K[at], K[at + TILE], K[at + 2 * TILE], K[at + 3 * TILE]
+    return fraction * xx, fraction * xy, fraction * yx, fraction * yy, K[at + 4 * TILE], K[at + 5 * TILE]
+
+
+@njit(**BARE)
+def add_contact(contact, J):
+    """Add a contact to J (rotations in rad)."""
+    n, e, g = contact.frame
+    x, y, z = contact.centre
+    rn, re, rg = cross(contact.point, n), cross(contact.point, e), cross(contact.point, g)
+    none, about_x, about_y, about_z = (0.0, 0.0, 0.0), (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)
+    add_column(Column(0, (-n[0], e[0], g[0]), (1.0, 0.0, 0.0), none, none), contact, J)
+    add_column(Column(1, (-n[1], e[1], g[1]), (0.0, 1.0, 0.0), none, none), contact, J)
+    add_column(Column(2, (-n[2], e[2], g[2]), (0.0, 0.0, 1.0), none, none), contact, J)
+    add_column(Column(3, (-rn[0], re[0], rg[0]), about_x, about_x, (n[0], e[0], g[0])), contact, J)
+    add_column(Column(4, (-rn[1], re[1], rg[1]), about_y, about_y, (n[1], e[1], g[1])), contact, J)
+    add_column(Column(5, (-rn[2], re[2], rg[2]), about_z, about_z, (n[2], e[2], g[2])), contact, J)
+    if contact.upper:
+        add_column(Column(6, (n[2], -e[2], -g[2]), (0.0, 0.0, -1.0), none, none), contact, J)
+
+
+@njit(**BARE)
+def add_column(column, contact, J):
+    """Add the change of force and torque with one coordinate to J."""
+    n, e, g = contact.frame
+    d, s_1, s_2 = column.strain
+    dn, w = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    if not first_body.FLAT:
+        dn, w, more_1, more_2 = frame_change(column, contact)
+        s_1, s_2 = s_1 + more_1, s_2 + more_2
+    k_n, xx, xy, yx, yy, xd, yd = contact.tangent
+    f_n, t_1, t_2 = k_n * d, xx * s_1 + xy * s_2 + xd * d, yx * s_1 + yy * s_2 + yd * d
+    df = t_1 * e[0] + t_2 * g[0] + f_n * n[0], t_1 * e[1] + t_2 * g[1] + f_n * n[1], t_1 * e[2] + t_2 * g[2] + f_n * n[2]
+    swing = column.swing
+    dr = swing[0] + 0.5 * n[0] * d, swing[1] + 0.5 * n[1] * d, swing[2] + 0.5 * n[2] * d
+    if not first_body.FLAT:
+        turned, arm = cross(w, contact.force), contact.arm
+        df = df[0] + turned[0], df[1] + turned[1], df[2] + turned[2]
+        dr = dr[0] - arm * dn[0], dr[1] - arm * dn[1], dr[2] - arm * dn[2]
+    (x, y, z), f, c = contact.point, contact.force, column.coordinate
+    J[0, c] += df[0]
+    J[1, c] += df[1]
+    J[2, c] += df[2]
+    J[3, c] += y * df[2] - z * df[1] + dr[1] * f[2] - dr[2] * f[1]
+    J[4, c] += z * df[0] - x * df[2] + dr[2] * f[0] - dr[0] * f[2]
+    J[5, c] += x * df[1] - y * df[0] + dr[0] * f[1] - dr[1] * f[0]
+    if contact.upper:
+        J[6, c] -= df[2]
+    if contact.rolling:
+        add_moment(column, w, contact, J)
+
+
+@njit(**BARE)
+def frame_change(column, contact):
+    """Return change of the normal (3,), rotation of the frame (3,), and change of the slip along its axes, for one coordinate."""
+    (n, e, g), moved, h = contact.frame, column.moved, contact.bend
+    along, half = dot(n, moved), 0.5 * column.spin[0]
+    dn = h * (moved[0] - along * n[0]), h * (moved[1] - along * n[1]), h * (moved[2] - along * n[2])
+    x, y, z = cross(n, dn)
+    s_n, s_1, s_2 = contact.displacement
+    w_e, w_g = -dot(dn, g), dot(dn, e)
+    w = x + half * n[0], y + half * n[1], z + half * n[2]
+    return dn, w, s_2 * half - s_n * w_g, s_n * w_e - s_1 * half
+
+
+@njit(**BARE)
+def add_moment(column, w, contact, J):
+    """Add the change of the rolling moment with one coordinate to J; `w`: rotation of the frame."""
+    (_, e, g), c, d, (_, turn_1, turn_2) = contact.frame, column.coordinate, column.strain[0], column.spin
+    xx, xy, yx, yy, xd, yd = contact.rolling_tangent
+    m_1 = xx * turn_1 + xy * turn_2 + xd * d
+    m_2 = yx * turn_1 + yy * turn_2 + yd * d
+    dm = m_1 * e[0] + m_2 * g[0], m_1 * e[1] + m_2 * g[1], m_1 * e[2] + m_2 * g[2]
+    if not first_body.FLAT:
+        turned = cross(w, contact.moment)
+        dm = dm[0] + turned[0], dm[1] + turned[1], dm[2] + turned[2]
+    J[3, c] += dm[0]
+    J[4, c] += dm[1]
+    J[5, c] += dm[2]

@@ -5,23 +5,25 @@ import math
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.options import CHUNK, INNER
+from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import (
     body,
     body_extra,
-    geometry,
     law_input,
     law_output,
     patch,
     sphere,
     step_contacts,
     step_memory,
+    step_settings,
     step_start,
 )
 from thirdbody.kernels.columns.tile import TILE
-from thirdbody.kernels.implicit.jacobian import assemble_jacobian
-from thirdbody.kernels.implicit.residual import FREEDOMS, TURN, active_contacts, residual, set_configuration
+from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.implicit.jacobian import assemble_jacobian, dot
+from thirdbody.kernels.implicit.residual import TURN, active_contacts, contact_point, frame_of, residual, set_configuration
+from thirdbody.kernels.narrow_phase import plate_overlap
 from thirdbody.kernels.predicates import has_effect_columns, is_upper
 
 CONVERGED, ACCEPTED = 1e-9, 1e-6
@@ -47,7 +49,7 @@ FOUND, LOST, CROWDED = range(3)
 """Outcomes of `newton`: converged, not converged, more contacts than a tile holds."""
 
 
-@njit(**CHUNK)
+@njit(**BARE_CHUNK)
 def solve_linear(J, r, n):
     """Overwrite r with the solution x of J x = -r (Gaussian elimination); False if J is singular.
 
@@ -81,7 +83,7 @@ def solve_linear(J, r, n):
     return True
 
 
-@njit(**INNER)
+@njit(**BARE)
 def residual_norm(r):
     """Return the Euclidean norm of the residual [N]."""
     total = 0.0
@@ -90,16 +92,19 @@ def residual_norm(r):
     return math.sqrt(total)
 
 
-@njit(**INNER)
-def force_scale(b, p, y, dt, Z, B, E, P, diagnostics):
+@njit(**BARE)
+def effect_size(b, E):
+    """Return the sum of the sizes of the components of the effects' force on body b [N]."""
+    if not has_effect_columns(E):
+        return 0.0
+    return abs(E[b, body_extra.EFFECT_FORCE]) + abs(E[b, body_extra.EFFECT_FORCE + 1]) + abs(E[b, body_extra.EFFECT_FORCE + 2])
+
+
+@njit(**BARE)
+def force_scale(context, active, y, dt, diagnostics):
     """Return the sum of all acting forces [N], the scale of the residual."""
+    b, p, P = active.number, active.patch, context.P
     move = math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
-    weight = (
-        abs(E[b, body_extra.EFFECT_FORCE]) + abs(E[b, body_extra.EFFECT_FORCE + 1]) + abs(E[b, body_extra.EFFECT_FORCE + 2])
-        if has_effect_columns(E)
-        else 0.0
-    )
-    free = P[p, patch.FREE]
     square = 1.0 / (dt * dt)
     # also of a patch without contacts: forces of its spring and dashpot; when unloaded, its nominal load
     patch_number = (
@@ -107,58 +112,72 @@ def force_scale(b, p, y, dt, Z, B, E, P, diagnostics):
         + P[p, patch.MASS] * abs(y[6]) * square
         + P[p, patch.DAMPING] * abs(P[p, patch.VELOCITY])
     )
-    patch_number += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
-    return diagnostics[step_contacts.NORMAL_FORCE] + weight + B[b, body.MASS] * move * square + free * patch_number
+    patch_number += P[p, patch.SPRING] * abs(P[p, patch.HEIGHT] - active.start[step_start.PLATE_HEIGHT])
+    forces = diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E)
+    return forces + context.B[b, body.MASS] * move * square + P[p, patch.FREE] * patch_number
 
 
-@njit(**INNER)
-def rounding_force(b, p, B, P, Z, diagnostics):
-    """Return the residual [N] caused by rounding: overlaps are small differences of heights."""
+@njit(**BARE)
+def rounding_force(context, active, diagnostics):
+    """Return the residual [N] caused by rounding: overlaps are small differences of coordinates, on planes of heights."""
     if diagnostics[step_contacts.MAX_OVERLAP] <= 0.0:
         return 0.0
-    height = max(abs(B[b, body.POSITION + 2]) + Z[step_start.ARM], abs(P[p, patch.HEIGHT]))
+    b, B = active.number, context.B
+    far = abs(B[b, body.POSITION + 2])
+    if not first_body.FLAT:
+        far = max(far, abs(B[b, body.POSITION]), abs(B[b, body.POSITION + 1]))
+    far = max(far + active.start[step_start.ARM], abs(context.P[active.patch, patch.HEIGHT]))
     return (
-        ROUNDING * height * 1.5 * diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
+        ROUNDING * far * 1.5 * diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]
     )  # Hertz: dN/dd = 1.5 N/d
 
 
-@njit(**INNER)
-def massless_at_rest(b, dt, share, r, Z, T, B, E, diagnostics, minimum):
-    """Return whether the residual on a body without inertia is at most `share` of its own forces.
+@njit(**BARE)
+def is_balanced(context, active, dt, share, minimum, space):
+    """Return whether the residual on a body without inertia is at most `share` of its own forces; True with inertia.
 
     Forces on its patch are excluded: otherwise a body that touches neither plate would count as balanced at any velocity. The
     remaining residual moves the body by `share` of a contact radius at most. `minimum`: rounding error [N].
     """
-    square = 0.0
+    if context.settings[step_settings.INERTIAL] != 0.0:
+        return True
+    b, Z, square = active.number, active.start, 0.0
     for k in range(6):
-        square += r[k] * r[k]
-    weight = (
-        abs(E[b, body_extra.EFFECT_FORCE]) + abs(E[b, body_extra.EFFECT_FORCE + 1]) + abs(E[b, body_extra.EFFECT_FORCE + 2])
-        if has_effect_columns(E)
-        else 0.0
+        square += space.residual[k] * space.residual[k]
+    resistance = Z[step_start.PULL] + Z[step_start.MASS_SHARE] * context.B[b, body.MASS] / (dt * dt)
+    held = resistance * active.memory[step_memory.CONTACT_RADIUS]
+    forces = space.diagnostics[step_contacts.NORMAL_FORCE] + effect_size(b, context.E) + held
+    return math.sqrt(square) <= max(share * forces, minimum)
+
+
+@njit(**BARE)
+def displacement(x, arm, r, upper):
+    """Return the displacement (3,) [m] relative to its plate of a point of the body by the correction x of the coordinates.
+
+    `arm`: one over the arm of the body [1/m]; `r`: the point from the centre of mass [m].
+    """
+    return (
+        x[0] + (x[4] * r[2] - x[5] * r[1]) * arm,
+        x[1] + (x[5] * r[0] - x[3] * r[2]) * arm,
+        x[2] + (x[3] * r[1] - x[4] * r[0]) * arm - (x[6] if upper else 0.0),
     )
-    held = (Z[step_start.PULL] + Z[step_start.MASS_SHARE] * B[b, body.MASS] / (dt * dt)) * T[step_memory.CONTACT_RADIUS]
-    return math.sqrt(square) <= max(share * (diagnostics[step_contacts.NORMAL_FORCE] + weight + held), minimum)
 
 
-@njit(**INNER)
-def limit_overlap_change(b, x, deep, spots, state, Z):
-    """Return the fraction of the correction x for which overlaps change by at most REACH `deep` [m].
+@njit(**BARE)
+def limit_overlap_change(context, active, deep, space):
+    """Return the fraction of the correction for which overlaps change by at most REACH `deep` [m].
 
     Limited are contacts that sink in, and the deepest contact of each plate, which must not open.
     """
-    (own, partner, _, edges, incidence), S, P = spots, state[0], state[2]
-    arm = 1.0 / Z[step_start.ARM]
+    b, x, S, arm = active.number, space.correction, context.S, 1.0 / active.start[step_start.ARM]
     rotation = math.sqrt(x[3] * x[3] + x[4] * x[4] + x[5] * x[5]) * arm
     fraction = min(1.0, TURN / rotation) if rotation > 0.0 else 1.0
     most_up, most_low, change_up, change_low = 0.0, 0.0, 0.0, 0.0
-    for e in range(edges[b], edges[b + 1]):
-        k = incidence[e] >> 1
-        i, up = own[k], is_upper(partner[k])
-        at = first_body.centre(i, S)
-        overlap, n_z = first_body.overlap(partner[k], at, S[i, sphere.RADIUS], P), first_body.normal(partner[k], at, P)[2]
-        rise = x[2] + (x[3] * S[i, sphere.ARM + 1] - x[4] * S[i, sphere.ARM]) * arm - (x[6] if up else 0.0)
-        change = -n_z * rise
+    for e in range(context.edges[b], context.edges[b + 1]):
+        k = context.incidence[e] >> 1
+        i, j = context.own[k], context.partner[k]
+        up, overlap, n = is_upper(j), plate_overlap(k, context), first_body.normal(j, first_body.centre(i, S), context.P)
+        change = -dot(n, displacement(x, arm, (S[i, sphere.ARM], S[i, sphere.ARM + 1], S[i, sphere.ARM + 2]), up))
         if change > 0.0:
             margin = REACH * deep + max(-overlap, 0.0)
             if change * fraction > margin:
@@ -174,32 +193,27 @@ def limit_overlap_change(b, x, deep, spots, state, Z):
     return fraction
 
 
-@njit(**INNER)
-def limit_slip_reversal(x, m, own, S, work, Z, share):
-    """Return the fraction, at most `share`, of the correction x that reverses no slip.
+@njit(**BARE)
+def limit_slip_reversal(context, active, m, share, space):
+    """Return the fraction, at most `share`, of the correction that reverses no slip.
 
     Between the two slip directions a contact sticks. Where all others slip, that is often the solution, and a full correction
     jumps over it.
     """
-    I, O, G, slots = work[0], work[1], work[3], work[4]  # noqa: E741
-    arm = 1.0 / Z[step_start.ARM]
+    I, O, G = space.tile.inputs, space.tile.outputs, space.tile.geometry  # noqa: E741
+    arm = 1.0 / active.start[step_start.ARM]
     for q in range(m):
         limit = O[law_output.FRICTION_LIMIT * TILE + q]
         t_x = O[law_output.TANGENTIAL_X * TILE + q]
         t_y = O[law_output.TANGENTIAL_Y * TILE + q]
         if t_x * t_x + t_y * t_y < AT_LIMIT * limit * limit:
             continue
-        i = own[slots[q]]
+        k, (_, e, g) = space.slots[q], frame_of(q, G)
         s_x, s_y = I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
-        r_x = S[i, sphere.ARM]
-        r_y = S[i, sphere.ARM + 1]
-        r_z = S[i, sphere.ARM + 2] - G[q + geometry.ARM * TILE] * G[q + (geometry.NORMAL + 2) * TILE]
-        d_x = x[0] + (x[4] * r_z - x[5] * r_y) * arm
-        d_y = x[1] + (x[5] * r_x - x[3] * r_z) * arm
-        along_1 = d_x * G[q + geometry.AXIS * TILE] + d_y * G[q + (geometry.AXIS + 1) * TILE]
-        along_2 = d_x * G[q + geometry.CROSS_AXIS * TILE] + d_y * G[q + (geometry.CROSS_AXIS + 1) * TILE]
+        point = contact_point(q, context.own[k], context.S, G)
+        moved = displacement(space.correction, arm, point, is_upper(context.partner[k]))
         size = math.sqrt(s_x * s_x + s_y * s_y)
-        back = -(along_1 * s_x + along_2 * s_y)
+        back = -(dot(moved, e) * s_x + dot(moved, g) * s_y)
         # ends just inside the friction limit
         margin = size * (size + BACK * O[law_output.CRITICAL_SLIP * TILE + q])
         if back * share > margin > 0.0:
@@ -207,24 +221,23 @@ def limit_slip_reversal(x, m, own, S, work, Z, share):
     return share
 
 
-@njit(**INNER)
-def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known, work, Z, T, law, tangents, effects):
-    """Solve for the coordinates y, from a guess in y; return outcome, contacts, iterations."""
-    y, r, x, tried, J, diagnostics = work[6], work[7], work[8], work[9], work[10], work[11]
-    S, B, P, _, _, E = state
+@njit(**BARE)
+def newton(context, active, motion, space):
+    """Solve for the coordinates, from a guess in `space.y`; return outcome, contacts, iterations."""
+    y, r, x, dt = space.y, space.residual, space.correction, motion.dt
     size, part, whole, halvings, leaps, iterations, m = 1e300, 0.0, 0.0, 0, 0, 0, np.int64(0)
     for k in range(FREEDOMS):
         x[k] = 0.0
     while True:
         for k in range(FREEDOMS):
-            tried[k] = y[k] + part * x[k]
-        set_configuration(b, p, tried, dt, Z, T, shape, state)
-        m = active_contacts(b, dt, Z[step_start.NOW] / dt, v_x, v_y, spots, shape, state, known, work)
+            space.trial[k] = y[k] + part * x[k]
+        set_configuration(context, active, space.trial, dt)
+        m = active_contacts(context, active, space.trial, motion, space)
         if m < 0:
             return CROWDED, m, iterations
-        residual(b, p, m, tried, dt, time, inertial, spots, state, known, work, Z, T, law, effects, r, diagnostics)
-        now, scale = residual_norm(r), force_scale(b, p, tried, dt, Z, B, E, P, diagnostics)
-        minimum = rounding_force(b, p, B, P, Z, diagnostics)
+        residual(context, active, m, space.trial, motion, space)
+        now, scale = residual_norm(r), force_scale(context, active, space.trial, dt, space.diagnostics)
+        minimum = rounding_force(context, active, space.diagnostics)
         enough = max(CONVERGED * scale, minimum)
         if not now < 1e300:
             return LOST, m, iterations
@@ -238,19 +251,19 @@ def newton(b, p, dt, deep, time, inertial, v_x, v_y, spots, shape, state, known,
             continue
         better = better or halvings > HALVINGS
         for k in range(FREEDOMS):
-            y[k] = tried[k]
-        if now <= enough and (inertial != 0.0 or massless_at_rest(b, dt, CONVERGED, r, Z, T, B, E, diagnostics, minimum)):
+            y[k] = space.trial[k]
+        if now <= enough and is_balanced(context, active, dt, CONVERGED, minimum, space):
             return FOUND, m, iterations
         if not better or iterations == ITERATIONS:
             # laws with corners do not converge to the last digits
-            result = now <= ACCEPTED * scale
-            result = result and (inertial != 0.0 or massless_at_rest(b, dt, ACCEPTED, r, Z, T, B, E, diagnostics, minimum))
-            return (FOUND if result else LOST), m, iterations
+            found = now <= ACCEPTED * scale and is_balanced(context, active, dt, ACCEPTED, minimum, space)
+            return (FOUND if found else LOST), m, iterations
         size, halvings, iterations = now, 0, iterations + 1
-        assemble_jacobian(b, p, m, dt, spots, state, known, work, Z, tangents, False, J)
+        assemble_jacobian(context, active, m, dt, False, space)
         for k in range(FREEDOMS):
             x[k] = r[k]
-        if not solve_linear(J, x, FREEDOMS):
+        if not solve_linear(space.jacobian, x, FREEDOMS):
             return LOST, m, iterations
-        part = limit_overlap_change(b, x, max(deep, diagnostics[step_contacts.MAX_OVERLAP]), spots, state, Z)
-        part = whole = limit_slip_reversal(x, m, spots[0], S, work, Z, part)
+        deep = max(context.settings[step_settings.DEEP], space.diagnostics[step_contacts.MAX_OVERLAP])
+        part = limit_overlap_change(context, active, deep, space)
+        part = whole = limit_slip_reversal(context, active, m, part, space)

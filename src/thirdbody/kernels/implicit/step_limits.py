@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from thirdbody.jit.options import CHUNK, INNER
+from thirdbody.jit.options import BARE, BARE_CHUNK
 from thirdbody.kernels.implicit.residual import TURN
 
 (ERROR, LANDING, NEWTON, TURNING, LARGEST, REVERSAL, OUTPUT, GROWTH) = range(8)
@@ -39,20 +39,20 @@ WORDS = (
 """Descriptions of the causes by code, which complete `steps limited by`."""
 
 
-@njit(**INNER)
-def lands(b, m, spots, work):
+@njit(**BARE)
+def lands(context, b, m, space):
     """Return whether one of the m contacts of body b closed within the step."""
     for q in range(m):
-        if work[5][work[4][q] - spots[3][b]] < 0.0:
+        if space.before[space.slots[q] - context.edges[b]] < 0.0:
             return True
     return False
 
 
-@njit(**CHUNK)
-def why_cut(landing, result, error, turn):
+@njit(**BARE_CHUNK)
+def why_cut(landing, found, error, turn):
     """Return the code of the cause of a rejected step."""
     if landing:
         return np.int64(LANDING)
-    if not result:
+    if not found:
         return np.int64(NEWTON)
     return np.int64(ERROR if error > 1.0 and 1.0 / math.sqrt(error) < TURN / max(turn, 1e-30) else TURNING)

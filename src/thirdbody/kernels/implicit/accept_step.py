@@ -1,0 +1,269 @@
+"""Acceptance of an implicit step: history, records, friction work and slip of its contacts, energy ledger; or its rejection."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from thirdbody.jit.options import BARE
+from thirdbody.kernels.columns import (
+    body,
+    body_extra,
+    contact_sums,
+    geometry,
+    law_output,
+    patch,
+    record,
+    run_totals,
+    step_contacts,
+    step_memory,
+    step_settings,
+    step_start,
+)
+from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.contact_geometry import force_and_torques
+from thirdbody.kernels.contact_history import reset_history, spring_energy, store_history
+from thirdbody.kernels.explicit.contact_dissipation import book
+from thirdbody.kernels.explicit.contact_forces import write_record
+from thirdbody.kernels.implicit.bundles import FREEDOMS
+from thirdbody.kernels.implicit.friction_work import energy_of_contacts, opening_work, weight_of_old
+from thirdbody.kernels.implicit.residual import mean_velocity_factor, momentum_of, set_configuration
+from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower
+
+
+@njit(**BARE)
+def unbooked_energy(q, k, context, O):  # noqa: E741
+    """Return the stored energy [J] of candidate k (contact q) to be dissipated as friction ends.
+
+    It is zero unless friction has ended without the energy being booked. Where the dashpot of a departing sphere cancels its
+    normal force, friction ends in one step at a limit of zero. No force does work then: all stored energy is dissipated, as in a
+    contact that opens (`contact_history.reset_history`).
+    """
+    if (
+        O[law_output.TANGENTIAL_X * TILE + q] != 0.0
+        or O[law_output.TANGENTIAL_Y * TILE + q] != 0.0
+        or O[law_output.STORED_TANGENTIAL * TILE + q] != 0.0
+    ):
+        return 0.0
+    return max(spring_energy(k, context) - O[law_output.DISSIPATED * TILE + q], 0.0)
+
+
+@njit(**BARE)
+def recoil(context, b, m, dt, space):
+    """Return the dashpot dissipation [J] of opening contacts that `residual` does not include.
+
+    A contact without normal force at the start of the step is about to open: its dashpot cancels the elastic force and dissipates
+    all energy still stored. As nothing accelerates the body, one step can lead from there to the open contact, and the force at
+    its end does not include it.
+    """
+    I, O, R, first = space.tile.inputs, space.tile.outputs, context.R, context.edges[b]  # noqa: E741
+    total, q = 0.0, np.int64(0)
+    for e in range(first, context.edges[b + 1]):
+        k = context.incidence[e] >> 1
+        staged = q < m and space.slots[q] == k
+        if is_closed(k, context.H) and R[k, record.NORMAL_FORCE] == 0.0:
+            if not staged:
+                total += R[k, record.STORED_NORMAL]
+            elif O[law_output.NORMAL_FORCE * TILE + q] == 0.0:
+                taken = O[law_output.DASHPOT_POWER * TILE + q] * mean_velocity_factor(q, dt, space.before[e - first], I) * dt
+                total += R[k, record.STORED_NORMAL] - O[law_output.STORED_NORMAL * TILE + q] - taken
+        if staged:
+            q += 1
+    return total
+
+
+@njit(**BARE)
+def commit(context, active, m, motion, space):
+    """Store history, friction work, slip and records of m contacts; add work and plate forces to `space.sums`.
+
+    Bodies exchange the work of the mean force of a step, which friction dissipates (`explicit.contact_dissipation`). Where forces
+    jump (`friction_work.weight_of_old`) the laws book the work of the force at the end of the step, consistent with the plate's
+    work.
+    """
+    b, tile, sums, H = active.number, space.tile, space.sums, context.H
+    O = tile.outputs  # noqa: E741
+    of_mean = context.force >= 0 and active.start[step_start.OLD_WEIGHT] > 0.0
+    force_and_torques(m, tile)
+    if of_mean:
+        book(m, context, tile)
+    for i in range(0 if of_mean else m):
+        O[law_output.DISSIPATED * TILE + i] += unbooked_energy(i, space.slots[i], context, O)
+    store_history(m, space.slots, context, tile)
+    q = np.int64(0)
+    for e in range(context.edges[b], context.edges[b + 1]):
+        k = context.incidence[e] >> 1
+        if q < m and space.slots[q] == k:
+            store_contact(q, k, context, active, motion, space)
+            q += 1
+        elif is_closed(k, H):
+            dragged = opening_work(k, space.before[e - context.edges[b]], context, motion) if of_mean else 0.0
+            lost = max(reset_history(k, context) + dragged, 0.0)
+            sums[0, contact_sums.FRICTION_WORK] += lost
+            context.B[b, body.FRICTION_WORK] += lost
+
+
+@njit(**BARE)
+def store_contact(q, k, context, active, motion, space):
+    """Store the record of contact q, candidate k; add its work and slip to the body, its force to the sums."""
+    b, tile, sums, B = active.number, space.tile, space.sums, context.B
+    write_record(q, k, context, motion, tile)
+    sums[0, contact_sums.FRICTION_WORK] += tile.outputs[law_output.DISSIPATED * TILE + q]
+    B[b, body.FRICTION_WORK] += tile.outputs[law_output.DISSIPATED * TILE + q]  # all of it: the partner is a plate
+    B[b, body.SLIP_DISTANCE] += tile.outputs[law_output.SLIP * TILE + q]
+    side = contact_sums.LOWER_FORCE if is_lower(context.partner[k]) else contact_sums.UPPER_FORCE
+    for d in range(3):
+        sums[0, side + d] += tile.geometry[q + (geometry.FORCE + d) * TILE]
+
+
+@njit(**BARE)
+def elastic_energy(b, context):
+    """Return the elastic energy [J] of the contacts of body b."""
+    total, R = 0.0, context.R
+    for e in range(context.edges[b], context.edges[b + 1]):
+        k = context.incidence[e] >> 1
+        if is_closed(k, context.H):
+            total += R[k, record.STORED_NORMAL] + R[k, record.STORED_TANGENTIAL]
+    return total
+
+
+@njit(**BARE)
+def add_impulses(W, sums, old, dt):
+    """Add the impulses on both plates, with weight `old` of the last forces; store the new forces."""
+    for k in range(3):
+        upper, lower = -sums[0, contact_sums.UPPER_FORCE + k], -sums[0, contact_sums.LOWER_FORCE + k]
+        W[run_totals.UPPER_IMPULSE + k] += dt * (old * W[run_totals.UPPER_FORCE + k] + (1.0 - old) * upper)
+        W[run_totals.LOWER_IMPULSE + k] += dt * (old * W[run_totals.LOWER_FORCE + k] + (1.0 - old) * lower)
+        W[run_totals.UPPER_FORCE + k], W[run_totals.LOWER_FORCE + k] = upper, lower
+
+
+@njit(**BARE)
+def body_works(context, active, y, dt):
+    """Return works on the body in the step [J]: of contacts, of effects, of inertial forces; and its kinetic energy before and
+    after."""
+    b, Z, T, B, E = active.number, active.start, active.memory, context.B, context.E
+    inertial, arm = context.settings[step_settings.INERTIAL], 1.0 / Z[step_start.ARM]
+    contacts, effects, before, after, pushed = 0.0, 0.0, 0.0, 0.0, 0.0
+    mass, now, last = B[b, body.MASS], Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
+    share, pull = Z[step_start.MASS_SHARE], Z[step_start.PULL]
+    for k in range(3):
+        theta, w = y[3 + k] * arm, B[b, body.SPIN + k]
+        force, torque = (
+            (E[b, body_extra.EFFECT_FORCE + k], E[b, body_extra.EFFECT_TORQUE + k]) if has_effect_columns(E) else (0.0, 0.0)
+        )
+        contacts += (B[b, body.FORCE + k] - force) * y[k] + (B[b, body.TORQUE + k] - torque) * theta
+        effects += force * y[k] + torque * theta
+        v_0, l_0 = Z[step_start.VELOCITY + k], Z[step_start.ANGULAR_MOMENTUM + k]
+        v_1, l_1 = B[b, body.VELOCITY + k], E[b, body_extra.ANGULAR_MOMENTUM + k]
+        pushed += share * mass * (now * (v_1 - inertial * v_0) - last * T[step_memory.LAST_DV + k]) * y[k]
+        pushed += share * (now * (l_1 - inertial * l_0) - last * T[step_memory.LAST_DL + k]) * theta
+        pushed += pull * (y[k] * y[k] + y[3 + k] * y[3 + k])
+        before += 0.5 * (mass * v_0 * v_0 + l_0 * Z[step_start.SPIN + k])
+        after += 0.5 * (mass * v_1 * v_1 + l_1 * w)
+    return contacts, effects, pushed, before, after
+
+
+@njit(**BARE)
+def update_ledger(context, active, motion, gained, common, space):
+    """Add the accepted step to the energy totals of the body; `gained`: elastic energy of its contacts [J].
+
+    Each line is computed independently; their imbalance is the residual. The method uses the forces at the end of the step: their
+    work in excess of the energy stored and dissipated by the laws, and of the kinetic energy, is the numerical loss. The plate's
+    work and impulse use the mean of the forces at both ends of the step or, where forces jump (`weight_of_old`), those at its
+    end, as does friction (`commit`); the difference from the work of the method is added to the numerical loss. With a `common`
+    plate the body-plate forces are internal and do no external work. Without inertia bodies and patches have no kinetic energy.
+    """
+    p, Z, T, W, P, y, dt = active.patch, active.start, active.memory, active.totals, context.P, space.y, motion.dt
+    sums, inertial = space.sums, context.settings[step_settings.INERTIAL]
+    now, last = Z[step_start.NOW] / dt, inertial * Z[step_start.BEFORE] / dt
+    share, pull = Z[step_start.MASS_SHARE], Z[step_start.PULL]
+    contacts, effects, pushed, before, after = body_works(context, active, y, dt)
+    drag = (sums[0, contact_sums.UPPER_FORCE] * motion.v_x + sums[0, contact_sums.UPPER_FORCE + 1] * motion.v_y) * dt
+    old = Z[step_start.OLD_WEIGHT]
+    plate = (1.0 - old) * drag - old * (W[run_totals.UPPER_FORCE] * motion.v_x + W[run_totals.UPPER_FORCE + 1] * motion.v_y) * dt
+    lift, rise = sums[0, contact_sums.UPPER_FORCE + 2] * y[6], P[p, patch.VELOCITY]
+    damped, lost = space.diagnostics[step_contacts.DASHPOT_POWER] * dt, plate - drag
+    if P[p, patch.FREE] != 0.0:
+        spring = P[p, patch.SPRING] * (P[p, patch.HEIGHT] - Z[step_start.PLATE_HEIGHT])
+        stretched = y[6] - Z[step_start.PLATE_RISE]
+        carried = (1.0 - old) * P[p, patch.LOAD] + old * Z[step_start.PATCH_LOAD]
+        plate -= carried * y[6] + (0.0 if common else spring * Z[step_start.PLATE_RISE])
+        lost -= (carried - P[p, patch.LOAD]) * y[6]
+        felt = P[p, patch.DAMPING] * rise * y[6]
+        damped, lost = damped + max(felt, 0.0), lost + min(felt, 0.0)
+        force = (
+            share * P[p, patch.MASS] * (now * (rise - inertial * Z[step_start.PATCH_VELOCITY]) - last * T[step_memory.LAST_DRISE])
+        )
+        pushed += (force + pull * y[6]) * y[6]
+        before += 0.5 * P[p, patch.MASS] * Z[step_start.PATCH_VELOCITY] * Z[step_start.PATCH_VELOCITY]
+        after += 0.5 * P[p, patch.MASS] * rise * rise
+        lost += 0.5 * P[p, patch.SPRING] * stretched * stretched
+    elif not common:
+        held = (1.0 - old) * lift - old * W[run_totals.UPPER_FORCE + 2] * y[6]
+        plate += held
+        lost += held - lift
+    friction = sums[0, contact_sums.FRICTION_WORK]
+    laws = drag + lift - contacts - gained - friction - space.diagnostics[step_contacts.DASHPOT_POWER] * dt
+    W[run_totals.NUMERICAL_LOSS] += pushed - inertial * (after - before) + laws + lost
+    W[run_totals.FRICTION_WORK] += friction
+    W[run_totals.DAMPING_WORK] += damped
+    W[run_totals.EFFECT_WORK] += effects
+    W[run_totals.PLATE_WORK] += plate
+    W[run_totals.PLATE_WORK_SIZE] += abs(plate)
+    add_impulses(W, sums, old, dt)
+
+
+@njit(**BARE)
+def remember_step(context, active, y, dt):
+    """Store the data of an accepted step that the next one needs."""
+    b, Z, T, B, velocity = active.number, active.start, active.memory, context.B, context.P[active.patch, patch.VELOCITY]
+    for k in range(FREEDOMS):
+        T[step_memory.LAST_COORDINATES + k] = y[k]
+    for k in range(3):
+        momentum = context.E[b, body_extra.ANGULAR_MOMENTUM + k]
+        T[step_memory.LAST_DV + k] = B[b, body.VELOCITY + k] - Z[step_start.VELOCITY + k]
+        T[step_memory.LAST_DL + k] = momentum - Z[step_start.ANGULAR_MOMENTUM + k]
+        T[step_memory.LAST_DW + k] = B[b, body.SPIN + k] - Z[step_start.SPIN + k]
+    T[step_memory.LAST_DRISE], T[step_memory.LAST_DT] = velocity - Z[step_start.PATCH_VELOCITY], dt
+    T[step_memory.PATH] += math.sqrt(y[0] * y[0] + y[1] * y[1] + y[2] * y[2]) + math.sqrt(y[3] * y[3] + y[4] * y[4] + y[5] * y[5])
+
+
+@njit(**BARE)
+def reject_step(context, active, y):
+    """Restore the body and its patch to the start of the step; `y`: scratch (7,)."""
+    b, p, Z, B, P = active.number, active.patch, active.start, context.B, context.P
+    for k in range(FREEDOMS):
+        y[k] = 0.0
+    set_configuration(context, active, y, 1.0)
+    for k in range(3):
+        B[b, body.VELOCITY + k] = Z[step_start.VELOCITY + k]
+        B[b, body.SPIN + k] = Z[step_start.SPIN + k]
+        context.E[b, body_extra.ANGULAR_MOMENTUM + k] = Z[step_start.ANGULAR_MOMENTUM + k]
+    P[p, patch.HEIGHT] = Z[step_start.PATCH_HEIGHT]
+    P[p, patch.VELOCITY] = Z[step_start.PATCH_VELOCITY]
+    P[p, patch.LOAD] = Z[step_start.PATCH_LOAD]
+
+
+@njit(**BARE)
+def accept_step(context, active, m, motion, common, space):
+    """Accept the step of the body to `space.y`: store history, records, energy and step data; `common`: see `update_ledger`."""
+    b, Z, T, B, E, dt = active.number, active.start, active.memory, context.B, context.E, motion.dt
+    diagnostics = space.diagnostics
+    for k in range(contact_sums.WIDTH):
+        space.sums[0, k] = 0.0
+    diagnostics[step_contacts.DASHPOT_POWER] += recoil(context, b, m, dt, space) / dt
+    Z[step_start.OLD_WEIGHT] = weight_of_old(m, dt, active, space)
+    commit(context, active, m, motion, space)
+    E[b, body_extra.ANGULAR_MOMENTUM], E[b, body_extra.ANGULAR_MOMENTUM + 1], E[b, body_extra.ANGULAR_MOMENTUM + 2] = momentum_of(
+        b, B, E
+    )
+    for k in range(3 if has_effect_columns(E) else 0):
+        B[b, body.FORCE + k] += E[b, body_extra.EFFECT_FORCE + k]
+        B[b, body.TORQUE + k] += E[b, body_extra.EFFECT_TORQUE + k]
+    stored = elastic_energy(b, context)
+    update_ledger(context, active, motion, stored - T[step_memory.STORED], common, space)
+    remember_step(context, active, space.y, dt)
+    T[step_memory.STORED] = stored
+    T[step_memory.MAX_ENERGY] = max(T[step_memory.MAX_ENERGY], energy_of_contacts(m, space.tile))
+    if diagnostics[step_contacts.MAX_RADIUS] > 0.0:
+        T[step_memory.CONTACT_RADIUS] = diagnostics[step_contacts.MAX_RADIUS]
+        T[step_memory.STIFFNESS] = diagnostics[step_contacts.NORMAL_FORCE] / diagnostics[step_contacts.MAX_OVERLAP]

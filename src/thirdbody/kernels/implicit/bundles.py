@@ -1,0 +1,118 @@
+"""Arguments of the implicit kernels that travel together; `Motion` and `Tile` are those of `kernels.bundles`.
+
+The tables of a run are packed into one array at the boundary of compiled code (`jit.packed_arguments`): numba cannot pass tuples
+of tables into a loop over threads.
+"""
+
+from collections import namedtuple
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, types
+
+from thirdbody.jit.options import CHUNK
+from thirdbody.jit.packed_arguments import Kinds, make_unpacker
+from thirdbody.kernels import signatures
+from thirdbody.kernels.bundles import Tile
+from thirdbody.kernels.columns import (
+    contact_sums,
+    contact_tangent,
+    geometry,
+    law_input,
+    law_output,
+    observed_body,
+    rolling_input,
+    rolling_output,
+    step_contacts,
+)
+from thirdbody.kernels.columns.tile import TILE
+
+Array = np.ndarray
+
+FREEDOMS = 7
+"""Coordinates of a body and its patch: displacement of the centre of mass (3,) [m], rotation vector of the step times the arm of
+the body (3,) [m] in world axes, and rise of its patch of the upper plate [m]."""
+
+SHARED = (
+    "own", "partner", "kind", "edges", "incidence", "body", "start", "offsets", "S", "B", "E", "P", "H", "R", "M", "pairs",
+    "effect_parameters", "D", "drag", "n_history", "rolling", "force", "moment", "stored", "width", "has_effects", "law",
+    "effects", "observe",
+)  # fmt: skip
+"""Fields that the explicit integrator has, too."""
+
+_TABLE, _ROW, _INDICES = (types.Array(kind, n, "C") for kind, n in ((types.float64, 2), (types.float64, 1), (types.int64, 1)))
+KINDS: Kinds = {
+    **{name: signatures.KINDS[name] for name in SHARED},
+    # patch of each body; settings of the step control; totals and memory of each body; prescribed motion
+    "patch": _INDICES, "settings": _ROW, "totals": _TABLE, "memory": _TABLE, "schedule": _TABLE, "first": _INDICES,
+    # of bodies under a common plate (`common_plate`), else empty
+    "starts": _TABLE, "ends": _TABLE, "solutions": _TABLE, "initial_overlaps": _ROW,
+    # largest number of candidates of a body; whether bodies are labelled; address of the laws' tangents
+    "most": types.int64, "labels": types.int64, "tangents": types.int64,
+}  # fmt: skip
+"""Types of all arguments of an implicit step, by name. `own`, `partner`: here all pairs of a sphere and a plate."""
+
+ImplicitContext = namedtuple("ImplicitContext", tuple(KINDS))  # type: ignore[misc]
+"""All tables and numbers of a run; kernels unpack it from an array."""
+
+context_of = make_unpacker(KINDS, ImplicitContext)
+"""context_of(packed): the `ImplicitContext` in an array of int64."""
+
+
+class ActiveBody(NamedTuple):
+    """The body that is advanced."""
+
+    number: int
+    patch: int
+    """Its patch of the upper plate."""
+    start: Array
+    """`columns.step_start`: state at the start of the step."""
+    memory: Array
+    """Its row of `columns.step_memory`."""
+    totals: Array
+    """Its row of `columns.run_totals`."""
+
+
+class Workspace(NamedTuple):
+    """Scratch for one body at a time."""
+
+    tile: Tile
+    slots: Array
+    """Candidates of the contacts in the tile."""
+    before: Array
+    """Overlaps [m] of all candidates of the body at the start of the step; negative: a gap."""
+    y: Array
+    """Coordinates (7,) of the step."""
+    trial: Array
+    """Coordinates that are tried."""
+    residual: Array
+    """Residual (7,) [N] there."""
+    correction: Array
+    """Correction of the coordinates, or solution of another linear system."""
+    jacobian: Array
+    """Derivative of the residual (7, 7) [N/m]."""
+    diagnostics: Array
+    """`columns.step_contacts`"""
+    sums: Array
+    """`columns.contact_sums`, one row."""
+    observed: Array
+    """`columns.observed_body`: the labeller's row of the body."""
+    rows: Array
+    """`columns.loaded_contact`: the labeller's rows of its contacts."""
+
+
+@njit(**CHUNK)
+def make_workspace(context):
+    """Return the scratch for one body."""
+    history = context.n_history
+    tile = Tile(
+        np.empty((law_input.HISTORY + history + rolling_input.WIDTH) * TILE),
+        np.empty((law_output.HISTORY + history + rolling_output.WIDTH) * TILE),
+        np.empty(contact_tangent.ROLLING_WIDTH * TILE),
+        np.empty(geometry.WIDTH * TILE),
+    )
+    return Workspace(
+        tile, np.zeros(TILE, np.int64), np.zeros(context.most), np.zeros(FREEDOMS), np.zeros(FREEDOMS), np.zeros(FREEDOMS),
+        np.zeros(FREEDOMS), np.empty((FREEDOMS, FREEDOMS)), np.zeros(step_contacts.WIDTH), np.zeros((1, contact_sums.WIDTH)),
+        np.zeros(observed_body.WIDTH), np.empty((context.most, context.width)),
+    )  # fmt: skip

@@ -1,0 +1,271 @@
+"""Jacobian of an implicit step against central differences of the residual, for planes at any tilt and for curved surfaces.
+
+The first bodies are made here and put into the place of the flat plates before the kernels are compiled. The law is smooth: what
+is checked is geometry, and the tangents of the real laws are checked by the conformance suite.
+"""
+
+from __future__ import annotations
+
+import importlib
+import math
+import sys
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from numba import float64, int64, njit, types
+
+import thirdbody.kernels
+from thirdbody.jit.function_pointers import address
+from thirdbody.jit.options import BARE, OPTIONS
+from thirdbody.jit.packed_arguments import argument_specs, pack
+from thirdbody.kernels.bundles import Motion
+from thirdbody.kernels.columns import (
+    body,
+    body_extra,
+    contact_state,
+    contact_tangent,
+    law_input,
+    law_output,
+    patch,
+    rolling_input,
+    rolling_output,
+    run_totals,
+    sphere,
+    step_memory,
+    step_settings,
+    step_start,
+)
+from thirdbody.kernels.columns.tile import TILE
+from thirdbody.kernels.implicit.bundles import FREEDOMS, KINDS, ImplicitContext
+from thirdbody.kernels.rolling_kinematics import MOMENTS
+from thirdbody.kernels.signatures import LAW
+
+UNCACHED = OPTIONS | {"cache": False}
+
+NORMAL, POINT, BEND = patch.WIDTH, patch.WIDTH + 3, patch.WIDTH + 6
+"""Columns of the table of patches, added here: unit normal, a point of the surface, curvature. The last row is the lower body."""
+
+HISTORY = 4
+"""Force and moment of a contact at the start of the step."""
+
+STIFF, SHEAR, ROLL = 1.3, 0.9, 0.2
+
+
+@njit(LAW, **UNCACHED)
+def law(I, O, n, _):  # noqa: E741
+    """A smooth law: N = STIFF d^1.5, T = T_0 - SHEAR d^.5 slip, M = M_0 - ROLL d turn; slip and turn with a tenth across."""
+    for q in range(n):
+        d, x, y = I[law_input.OVERLAP * TILE + q], I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
+        O[law_output.NORMAL_FORCE * TILE + q] = STIFF * d**1.5
+        old, k_t = law_input.HISTORY * TILE + q, SHEAR * math.sqrt(d)
+        O[law_output.TANGENTIAL_X * TILE + q] = I[old] - k_t * (x + 0.1 * y)
+        O[law_output.TANGENTIAL_Y * TILE + q] = I[old + TILE] - k_t * (y - 0.1 * x)
+        turn, to = (law_input.HISTORY + HISTORY) * TILE + q, (law_output.HISTORY + HISTORY) * TILE + q
+        a, b = I[turn + rolling_input.TURN_X * TILE], I[turn + rolling_input.TURN_Y * TILE]
+        O[to + rolling_output.MOMENT_X * TILE] = I[old + 2 * TILE] - ROLL * d * (a + 0.1 * b)
+        O[to + rolling_output.MOMENT_Y * TILE] = I[old + 3 * TILE] - ROLL * d * (b - 0.1 * a)
+
+
+@njit(LAW, **UNCACHED)
+def tangents(I, K, n, _):  # noqa: E741
+    """Derivatives of `law` (`contact_tangent`)."""
+    for q in range(n):
+        d, x, y = I[law_input.OVERLAP * TILE + q], I[law_input.SLIP_X * TILE + q], I[law_input.SLIP_Y * TILE + q]
+        k_t, bend = SHEAR * math.sqrt(d), 0.5 * SHEAR / math.sqrt(d)
+        turn = (law_input.HISTORY + HISTORY) * TILE + q
+        a, b = I[turn + rolling_input.TURN_X * TILE], I[turn + rolling_input.TURN_Y * TILE]
+        values = (
+            1.5 * STIFF * math.sqrt(d), -k_t, -0.1 * k_t, 0.1 * k_t, -k_t, -bend * (x + 0.1 * y), -bend * (y - 0.1 * x),
+            -ROLL * d, -0.1 * ROLL * d, 0.1 * ROLL * d, -ROLL * d, -ROLL * (a + 0.1 * b), -ROLL * (b - 0.1 * a),
+        )  # fmt: skip
+        for k in range(contact_tangent.ROLLING_WIDTH):
+            K[k * TILE + q] = values[k]
+
+
+def replace_flat_plates(first_body: ModuleType, predicates: ModuleType) -> None:
+    """Replace the flat plates by planes or spheres that the table of patches describes."""
+    is_upper, patch_of_partner = predicates.is_upper, predicates.patch_of_partner
+
+    @njit(**BARE)
+    def row_of(j, P):
+        return patch_of_partner(j) if is_upper(j) else P.shape[0] - 1
+
+    @njit(**BARE)
+    def from_surface(j, x, P):
+        """Distance of x from the surface, and the normal there."""
+        p = row_of(j, P)
+        lift = P[p, patch.HEIGHT] if is_upper(j) else 0.0
+        n_x, n_y, n_z, k = P[p, NORMAL], P[p, NORMAL + 1], P[p, NORMAL + 2], P[p, BEND]
+        d_x, d_y, d_z = x[0] - P[p, POINT], x[1] - P[p, POINT + 1], x[2] - P[p, POINT + 2] - lift
+        if k == 0.0:
+            return d_x * n_x + d_y * n_y + d_z * n_z, (n_x, n_y, n_z)
+        d_x, d_y, d_z = d_x + n_x / k, d_y + n_y / k, d_z + n_z / k  # from the centre of the sphere
+        far = math.sqrt(d_x * d_x + d_y * d_y + d_z * d_z)
+        return math.copysign(far, k) - 1.0 / k, (
+            d_x / math.copysign(far, k),
+            d_y / math.copysign(far, k),
+            d_z / math.copysign(far, k),
+        )
+
+    first_body.overlap = njit(**BARE)(lambda j, x, radius, P: radius - from_surface(j, x, P)[0])
+    first_body.normal = njit(**BARE)(lambda j, x, P: from_surface(j, x, P)[1])
+    first_body.curvature = njit(**BARE)(lambda j, x, P: P[row_of(j, P), BEND])
+    first_body.FLAT = False
+
+
+def fresh_kernels(change: Callable[[ModuleType, ModuleType], None]) -> tuple[ModuleType, ...]:
+    """Import the kernels anew, with first bodies changed before others use them: bundles, residual, jacobian."""
+    saved = {name: sys.modules.pop(name) for name in list(sys.modules) if name.split(".")[:2] == ["thirdbody", "kernels"]}
+    try:
+        change(*(importlib.import_module(f"thirdbody.kernels.{name}") for name in ("first_body", "predicates")))
+        names = ("bundles", "residual", "jacobian")
+        return tuple(importlib.import_module(f"thirdbody.kernels.implicit.{name}") for name in names)
+    finally:
+        for name in [name for name in sys.modules if name.split(".")[:2] == ["thirdbody", "kernels"]]:
+            del sys.modules[name]
+        sys.modules.update(saved)
+        thirdbody.kernels = saved["thirdbody.kernels"]
+
+
+def compiled(kernels: tuple[ModuleType, ...]) -> Callable[..., Any]:
+    """Return evaluate(packed, y, dt, v_x, v_y, r, J), which writes residual and Jacobian of body 0 and returns its contacts."""
+    bundles, residual, jacobian = kernels
+    context_of, make_workspace, active_body = bundles.context_of, bundles.make_workspace, bundles.ActiveBody
+    set_configuration, active_contacts, write_residual = (
+        residual.set_configuration, residual.active_contacts, residual.residual,
+    )  # fmt: skip
+    assemble_jacobian = jacobian.assemble_jacobian
+    row, table, packed_array = (types.Array(kind, n, "C") for kind, n in ((float64, 1), (float64, 2), (int64, 1)))
+
+    @njit(int64(packed_array, row, float64, float64, float64, row, table), **UNCACHED)
+    def evaluate(packed, y, dt, v_x, v_y, r, J):
+        context = context_of(packed)
+        space, motion = make_workspace(context), Motion(dt, v_x, v_y)
+        active = active_body(0, 0, context.starts[0], context.memory[0], context.totals[0])
+        space.before[:] = context.initial_overlaps
+        set_configuration(context, active, y, dt)
+        m = active_contacts(context, active, y, motion, space)
+        write_residual(context, active, m, y, motion, space)
+        assemble_jacobian(context, active, m, dt, False, space)
+        r[:], J[:] = space.residual, space.jacobian
+        return m
+
+    return evaluate
+
+
+@pytest.fixture(scope="module")
+def on_any_surface():
+    return compiled(fresh_kernels(replace_flat_plates))
+
+
+@pytest.fixture(scope="module")
+def on_plates():
+    return compiled(fresh_kernels(lambda first_body, predicates: None))
+
+
+# -- a body of four spheres between two surfaces --
+
+OFFSETS = np.array([[1.0, 0.2, -0.5], [-0.7, 0.9, -0.4], [-0.5, -0.8, -0.6], [0.3, 0.1, 0.9]])
+RADIUS, OVERLAP, DT = 1.0, 0.05, 10.0
+
+
+def zeros(kind: Any) -> Any:
+    return np.zeros((1,) * kind.ndim, np.dtype(str(kind.dtype))) if isinstance(kind, types.Array) else 0
+
+
+def unit(*v: float) -> np.ndarray:
+    return np.array(v) / np.linalg.norm(v)
+
+
+def tables(lower: np.ndarray, upper: np.ndarray, bend: float, force: float, closing: bool) -> dict[str, Any]:
+    """The tables of a step: each surface, of the curvature `bend`, overlaps the sphere that is farthest towards it by OVERLAP.
+
+    `force`: force and moment of the contacts at the start of the step; `closing`: the contact with the upper surface was open.
+    """
+    n = len(OFFSETS)
+    S, B, E = np.zeros((n, sphere.WIDTH)), np.zeros((1, body.WIDTH)), np.zeros((1, body_extra.WIDTH_WITHOUT_EFFECTS))
+    S[:, sphere.RADIUS], S[:, sphere.MASS], B[0, body.MASS], B[0, body.QUATERNION] = RADIUS, 0.7, 0.7, 1.0
+    E[0, body_extra.INERTIA3] = 0.3, 0.4, 0.5
+    P, Z = np.zeros((2, BEND + 1)), np.zeros((1, step_start.WIDTH))
+    P[0, patch.FREE], P[0, patch.MASS], P[0, patch.LOAD] = 1.0, 0.2, 0.01
+    Z[0, step_start.QUATERNION], Z[0, step_start.ARM], Z[0, step_start.MASS_SHARE] = 1.0, 2.3, 1.0
+    Z[0, step_start.NOW], Z[0, step_start.BEFORE] = 1.5, 0.5
+    H, before = np.zeros((2 * n, contact_state.LAW + HISTORY)), np.full(2 * n, 1.0)
+    for p, normal in enumerate((upper, lower)):
+        i = int(np.argmin(OFFSETS @ normal))
+        P[p, NORMAL : NORMAL + 3], P[p, POINT : POINT + 3], P[p, BEND] = normal, OFFSETS[i] - (RADIUS - OVERLAP) * normal, bend
+        k = n * (1 - p) + i
+        axis = unit(*np.cross(normal, unit(0.3, -0.5, 0.7)))
+        H[k, contact_state.AXIS3], H[k, contact_state.SLIP] = axis, contact_state.CLOSED
+        H[k, contact_state.LAW :] = force * np.array([0.6, -0.8, 0.5, 0.3])
+        before[k] = -0.3 * OVERLAP if closing and p == 0 else 0.9 * OVERLAP
+    partner = np.repeat(np.array([-1, -2], np.int32), n)
+    settings = np.zeros(step_settings.WIDTH)
+    settings[step_settings.INERTIAL] = 1.0
+    return {
+        "own": np.tile(np.arange(n, dtype=np.int32), 2), "partner": partner, "kind": np.zeros(2 * n, np.int32),
+        "edges": np.array([0, 2 * n], np.int32), "incidence": 2 * np.arange(2 * n, dtype=np.int32),
+        "start": np.array([0, n]), "offsets": OFFSETS, "S": S, "B": B, "E": E, "P": P, "H": H, "starts": Z,
+        "memory": np.zeros((1, step_memory.WIDTH)), "totals": np.zeros((1, run_totals.WIDTH)), "initial_overlaps": before,
+        "settings": settings, "most": 2 * n, "n_history": HISTORY, "rolling": MOMENTS, "force": 0, "moment": 2, "stored": -1,
+        "law": address(law, LAW), "tangents": address(tangents, LAW),
+    }  # fmt: skip
+
+
+def jacobian_errors(evaluate: Callable[..., Any], given: dict[str, Any], drag: tuple[float, float], steps: Any) -> np.ndarray:
+    """Largest difference of the Jacobian from central differences of each length, by column, over its largest entry."""
+    context = ImplicitContext(**({name: zeros(kind) for name, kind in KINDS.items()} | given))
+    packed = pack(argument_specs(KINDS), context)
+    r, J, ignored = np.zeros(FREEDOMS), np.zeros((FREEDOMS, FREEDOMS)), np.zeros((FREEDOMS, FREEDOMS))
+
+    def residual(y):
+        assert evaluate(packed, y, DT, *drag, r, ignored) == 2
+        return r.copy()
+
+    evaluate(packed, np.zeros(FREEDOMS), DT, *drag, r, J)
+    errors = []
+    for h in steps:
+        columns = [(residual(h * e) - residual(-h * e)) / (2.0 * h) for e in np.eye(FREEDOMS)]
+        errors.append(np.abs(np.array(columns).T - J).max(axis=0) / np.abs(J).max())
+    return np.array(errors)
+
+
+TILTED = unit(0.5, -0.3, 0.8), unit(-0.2, 0.6, -0.7)
+CASES = {
+    "planes, tilted": (TILTED, 0.0, 0.0, (0.0, 0.0), False),
+    "planes, tilted, with friction and drag": (TILTED, 0.0, 0.01, (0.01, -0.02), False),
+    "planes, tilted, closing": (TILTED, 0.0, 0.01, (0.01, -0.02), True),
+    "bulging": (TILTED, 0.7, 0.01, (0.0, 0.0), False),
+    "hollow": (TILTED, -0.05, 0.01, (0.0, 0.0), False),
+    "steep": ((unit(1.0, 0.1, 0.0), unit(-1.0, 0.0, -0.1)), 0.4, 0.01, (0.0, 0.0), False),
+}
+STEPS = np.array([1e-3, 1e-4, 1e-5])
+
+
+def check_order(errors: np.ndarray) -> None:
+    """Differences fall with the square of the step, as those of central differences do, down to rounding.
+
+    Rounding: 1e-16 over the step, of coordinates that are twenty overlaps, with a stiffness that goes as their root.
+    """
+    for k, rounding in ((1, 3e-11), (2, 3e-10)):
+        assert np.all(errors[k] < 1.1 * (STEPS[k] / STEPS[0]) ** 2 * errors[0] + rounding), errors
+    # what is left at the second step: (1e-4 of the length over the overlap of 0.05)^2, of the largest entry
+    assert np.all(errors[1] < 4e-6), errors
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_jacobian_is_the_derivative_of_the_residual(on_any_surface, case):
+    normals, bend, force, drag, closing = CASES[case]
+    check_order(jacobian_errors(on_any_surface, tables(*normals, bend, force, closing), drag, STEPS))
+
+
+def test_on_flat_plates_only_the_turning_of_the_frame_is_left_out(on_plates):
+    """It counts where force or slip is there at the start of the step. The plates of every run, as they are compiled."""
+    given = tables(unit(0.0, 0.0, 1.0), unit(0.0, 0.0, -1.0), 0.0, 0.0, False)
+    z, Z = OFFSETS[:, 2], given["starts"][0]
+    Z[step_start.POSITION + 2] = RADIUS - OVERLAP - z.min()
+    Z[step_start.PATCH_HEIGHT] = Z[step_start.POSITION + 2] + z.max() + RADIUS - OVERLAP
+    check_order(jacobian_errors(on_plates, given, (0.0, 0.0), STEPS))
