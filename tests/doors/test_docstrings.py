@@ -88,6 +88,17 @@ def test_what_is_returned_is_described(name):
         assert "Returns" in sections(function.__doc__)
 
 
+@pytest.mark.parametrize("name", sorted(name for name, thing in (PYTHON | PLUGIN).items() if inspect.isclass(thing)))
+def test_listed_attributes_are_the_fields(name):
+    """Of classes that list their fields, named tuples and data classes, all are listed."""
+    cls = (PYTHON | PLUGIN)[name]
+    fields = getattr(cls, "_fields", None) or tuple(getattr(cls, "__dataclass_fields__", ()))
+    text = sections(cls.__doc__).get("Attributes", "")
+    if text:
+        names = [line.partition(" : ")[0] for line in text.splitlines() if line[:1].strip()]
+        assert tuple(", ".join(names).split(", ")) == fields
+
+
 def test_examples_run(tmp_path, monkeypatch):
     """One after the other in a folder with a scene, its run, and a file for `balance`."""
     scene = thirdbody.Scene.load(ROOT / "scenes" / "sliding_flakes.toml").with_settings(EXAMPLE)

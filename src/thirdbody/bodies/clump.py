@@ -29,9 +29,20 @@ _ROOM = 30_000
 class Clump:
     """A rigid union of spheres of unit density in its principal frame (origin at the centroid).
 
-    centers (k, 3) [m], radii (k,) [m], volume [m3], inertia (3,) [m5] with I1 <= I2 <= I3 (times density: kg m2), error: bound on
-    the relative error of volume and principal moments, 0 for a single sphere. sides (k,): which surfaces and bodies each sphere
-    can touch (`columns.sides`), None for all.
+    Attributes
+    ----------
+    centers : ndarray (k, 3)
+        Centres of the spheres [m].
+    radii : ndarray (k,)
+        Radii of the spheres [m].
+    volume : float
+        Of the union [m3].
+    inertia : ndarray (3,)
+        Principal moments I1 <= I2 <= I3 [m5]; times density: kg m2.
+    error : float
+        Bound on the relative error of volume and principal moments, 0 for a single sphere.
+    sides : ndarray (k,) or None
+        Surfaces and bodies that each sphere can touch (`columns.sides`); None: all.
     """
 
     centers: np.ndarray

@@ -41,8 +41,22 @@ class RandomStreams:
 class PopulationContext:
     """Context in which the bodies of one population are made.
 
-    `index`: of the population in `debris`; `density` of its material [kg/m3]; `domain`: width and depth [m]; `path`: converts a
-    file name in the scene to its path; `warnings`: list to append messages to; `content`: what `DebrisKind.read` returned.
+    Attributes
+    ----------
+    index : int
+        Of the population in `debris`.
+    random : RandomStreams
+        Random streams of its bodies.
+    density : float
+        Of its material [kg/m3].
+    domain : tuple of float
+        Width and depth [m].
+    path : callable
+        Converts a file name in the scene to its path.
+    warnings : list of str
+        Messages are appended to it.
+    content
+        What `DebrisKind.read` returned.
     """
 
     index: int
@@ -57,9 +71,16 @@ class PopulationContext:
 class PlacedClumps(NamedTuple):
     """Bodies of a population at unit density, with their positions and motion where the scene gives them.
 
-    `quaternions`, (4,) or (n, 4), rotate the principal frame of a clump to the world; `positions` (n, 3) of the centres of mass
-    [m], None for bodies that a placement positions; `velocity` [m/s] and `angular_velocity` [rad/s], (n, 3), None for those of
-    the scene's table.
+    Attributes
+    ----------
+    clumps : list of Clump
+        The bodies.
+    quaternions : ndarray (4,) or (n, 4)
+        Rotate the principal frame of a clump to the world.
+    positions : ndarray (n, 3) or None
+        Centres of mass [m]; None for bodies that a placement positions.
+    velocity, angular_velocity : ndarray (n, 3) or None
+        [m/s], [rad/s]; None for those of the scene's table.
     """
 
     clumps: list[Clump]
