@@ -26,7 +26,7 @@ def map_command(
     computed: Annotated[bool, typer.Option("--computed", help="put particles on it that were solved with partial slip")] = False,
     json: Annotated[bool, typer.Option("--json", help="print the numbers as JSON; a picture only with -o")] = False,
 ) -> None:
-    """Draw the paper's Fig. 2 and the map of regimes over friction and geometry."""
+    """Draw the map of regimes over friction and geometry, and the paper's second figure."""
     from .regime_map import draw_map, map_numbers
 
     if not abs(big_h) <= LARGEST:

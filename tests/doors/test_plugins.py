@@ -192,6 +192,11 @@ def test_help_lists_commands_of_plug_ins_without_importing_them(installed, comma
     assert told.code == 0 and "weigh" in told.out and "module_of_weigh" in told.out
 
 
+def test_help_tells_what_a_command_of_a_plug_in_does(command):
+    told = " ".join(command("--help").out.split())
+    assert "balance Balance of a single particle between two bodies" in told and "map Draw the map of regimes" in told
+
+
 def test_a_broken_command_is_told(installed, command):
     installed("thirdbody.commands", Point("weigh", ImportError("no scales")))
     told = command("weigh", "3")
@@ -207,7 +212,7 @@ def test_a_plug_in_cannot_take_the_name_of_a_command(installed, command):
 def test_entry_points_have_what_the_commands_use():
     """The stand-in above must not hide a change of the real class."""
     point = EntryPoint("weigh", "scales:weigh", "thirdbody.commands")
-    assert (point.name, point.module) == ("weigh", "scales")
+    assert (point.name, point.module, point.attr) == ("weigh", "scales", "weigh")
 
 
 # the template -------------------------------------------------------------------------------------------------------------

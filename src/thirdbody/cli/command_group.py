@@ -1,6 +1,9 @@
 """Listing, lookup and description of commands: built-in ones, and those of plug-ins, imported only when called."""
 
+import ast
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -55,11 +58,27 @@ class Command(TyperCommand):
                     formatter.write_dl(entries)
 
 
+def documented(point: EntryPoint) -> str:
+    """Return the docstring of a command, read from its source without an import; empty where it cannot be found."""
+    package, *inner = point.module.split(".")
+    try:
+        spec = find_spec(package)  # of the package only: that of a module would import the package
+        if spec is None or spec.origin is None:
+            return ""
+        source = Path(spec.origin).parent.joinpath(*inner).with_suffix(".py") if inner else Path(spec.origin)
+        for node in ast.parse(source.read_text(encoding="utf-8")).body:
+            if isinstance(node, ast.FunctionDef) and node.name == point.attr:
+                return ast.get_docstring(node) or ""
+    except (OSError, SyntaxError, ValueError, ImportError):
+        pass
+    return ""
+
+
 class PluginCommand(Command):
     """Command of a plug-in, listed by `--help` without import; replaced by the real one when called."""
 
     def __init__(self, point: EntryPoint) -> None:
-        super().__init__(point.name, help=f"Command of the plug-in {point.module.split('.')[0]}.")
+        super().__init__(point.name, help=documented(point) or f"Command of the plug-in {point.module.split('.')[0]}.")
         self.point = point
 
     def make_context(self, *args: Any, **kwargs: Any) -> Any:
