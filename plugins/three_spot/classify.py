@@ -26,15 +26,16 @@ Margins (positive = satisfied; 1 where a condition does not apply)
     friction         1 - max eta_i over every loaded spot
     friction_upper, friction_lower
                      1 - min eta_i of the side: satisfied as long as one of its spots sticks
-    force_balance    1 - |sum F - m a| / (0.05 sum N)
-    moment_balance   1 - |sum M - dL/dt| / (0.05 sum N D)
+    force_balance    1 - |F| / (0.05 sum N), F the sum of contact forces, weight and other effects, without inertia
+    moment_balance   1 - |M| / (0.05 sum N D), M the sum of their moments about the centre of mass
     determinacy      max over sides of (spread of loaded spots along the drag) / a - 1; > 0 is "held"
     rotation         min of 1 - p/a, 1 - r/0.05 and, for a body that is not held, 1 - turn/0.5; <= 0 is rolling
                      (but a one-sided body that skids is sliding whatever this margin)
 
 Reasons: sliding -> friction_limit; rolling -> lift_off (a spot was lost since the reference), pivoting, rotation, or
-indeterminate if only the two-point rule applies; sticking -> none, one_sided, or indeterminate (not held). A body out of balance
-has the reason unbalanced instead of any of these. force_balance and moment_balance are for forecasts.
+indeterminate if only the two-point rule applies; sticking -> none, one_sided, or indeterminate (not held). A body with a negative
+force_balance or moment_balance has the reason unbalanced instead of any of these: inertia carries it, as in an impact, and the
+static conditions do not apply at that instant. The reasons force_balance and moment_balance are for forecasts.
 
 Source: E. Willert, Self-consistency conditions in static three-body elastic tangential contact, for the conditions; the travel
 rules are new here.
@@ -46,27 +47,12 @@ from numba import njit
 
 from thirdbody.plugin import loaded_contact, observed_body
 
+from . import body_memory, contact_memory, label_output
+from .body_memory import CHANGE, CHANGE_X, CHANGE_Y, LIFTED, PIVOTED, REFERENCE, ROLL_RATIO, SLIP_RATIO, TRAVEL, WINDOWS
+from .contact_memory import SLIP_LAST, SLIP_REFERENCE
 from .forecast_output import UNTOLD, write_outlook, write_plain_outlook
-from .motion_history import (
-    CHANGE,
-    CHANGE_X,
-    CHANGE_Y,
-    CONTACT_MEMORY,
-    EPS_ROLL,
-    LEAST_TRAVEL,
-    LIFTED,
-    MEMORY,
-    PIVOTED,
-    REFERENCE,
-    ROLL_RATIO,
-    ROLLED,
-    SLIP_LAST,
-    SLIP_RATIO,
-    SLIP_REFERENCE,
-    TRAVEL,
-    WINDOWS,
-    update_history,
-)
+from .label_output import CODES, EXTRAS, MARGINS
+from .motion_history import EPS_ROLL, LEAST_TRAVEL, update_history
 from .support_geometry import (
     ABOVE,
     BELOW,
@@ -76,7 +62,6 @@ from .support_geometry import (
     Posture,
     Triple,
     helper,
-    is_plain,
     length,
     patch_travel,
     rotation_since,
@@ -85,7 +70,9 @@ from .support_geometry import (
     support_of,
 )
 
-__all__ = ["CONTACT_MEMORY", "EXTRAS", "MARGINS", "MEMORY", "REASONS", "STATES", "label", "update_history"]
+__all__ = ["CODES", "CONTACT_MEMORY", "EXTRAS", "MARGINS", "MEMORY", "OUTPUTS", "REASONS", "STATES", "label", "update_history"]
+
+MEMORY, CONTACT_MEMORY, OUTPUTS = body_memory.NAMES, contact_memory.NAMES, label_output.WIDTH
 
 STATES = ("free", "sticking", "sliding", "rolling")
 FREE, STICKING, SLIDING, ROLLING = range(4)
@@ -104,20 +91,6 @@ REASONS = (
 (NONE, FRICTION_LIMIT, FORCE_BALANCE, MOMENT_BALANCE, LIFT_OFF, ROTATION, PIVOTING, ONE_SIDED, INDETERMINATE, UNBALANCED) = range(
     10
 )
-MARGINS = ("friction", "friction_upper", "friction_lower", "force_balance", "moment_balance", "determinacy", "rotation")
-EXTRAS = (
-    "sliding_side", "roll_ratio", "slip_over_travel", "rolled_distance", "forecast", "mu_required", "t_min", "t_max",
-)  # fmt: skip
-CODES = ("sliding_side", "forecast")
-OUTPUTS = 2 + len(MARGINS) + len(EXTRAS)
-OUT_FRICTION, OUT_UPPER, OUT_LOWER, OUT_FORCE, OUT_MOMENT, OUT_DETERMINACY, OUT_ROTATION = range(2, 9)
-OUT_SIDE, OUT_ROLL, OUT_SLIP, OUT_ROLLED, OUT_FORECAST = range(9, 14)
-OUTLOOK = is_plain(OUT_FORECAST)
-PUSH = is_plain(observed_body.FORCE)
-PUSH_RATE = is_plain(observed_body.MOMENTUM_RATE)
-TWIST = is_plain(observed_body.TORQUE)
-TWIST_RATE = is_plain(observed_body.ANGULAR_MOMENTUM_RATE)
-
 EPS_LIMIT = 0.02
 TURN = 0.5  # fraction of the drag accommodated by rotation of a body that is not held
 BALANCE = 0.05
@@ -166,22 +139,29 @@ def friction_margins(C: Array, n: int, pose: Posture, out: Array) -> bool:
     lower = friction(C, n, BELOW)
     upper = friction(C, n, ABOVE)
     lateral = friction(C, n, NEITHER)
-    out[OUT_FRICTION] = max(1.0 - max(lower[1], upper[1], lateral[1]), LOWEST)
+    out[label_output.FRICTION] = max(1.0 - max(lower[1], upper[1], lateral[1]), LOWEST)
     if pose[0] & BELOW != 0:
-        out[OUT_LOWER] = max(1.0 - lower[0], LOWEST)
+        out[label_output.LOWER] = max(1.0 - lower[0], LOWEST)
     if pose[0] & ABOVE != 0:
-        out[OUT_UPPER] = max(1.0 - upper[0], LOWEST)
-    out[OUT_SIDE] = (1.0 if lower[2] else 0.0) + (2.0 if upper[2] else 0.0)
+        out[label_output.UPPER] = max(1.0 - upper[0], LOWEST)
+    out[label_output.SIDE] = (1.0 if lower[2] else 0.0) + (2.0 if upper[2] else 0.0)
     return lower[2] or upper[2] or (pose[0] == NEITHER and lateral[2])
 
 
 @helper
-def balance_margin(b: Array, k: int, rate: int, scale: float) -> float:
-    """1 - |b[k:k+3] - b[rate:rate+3]| / (0.05 scale); 1 without a scale."""
+def static_margin(x: float, y: float, z: float, scale: float) -> float:
+    """Distance from static equilibrium, 1 - |(x, y, z)|/(0.05 scale), of a sum of forces or of moments; 1 without a scale."""
     if scale <= 0.0:
         return 1.0
-    rest = length(b[k] - b[rate], b[k + 1] - b[rate + 1], b[k + 2] - b[rate + 2])
-    return max(1.0 - rest / scale / BALANCE, LOWEST)
+    return max(1.0 - length(x, y, z) / scale / BALANCE, LOWEST)
+
+
+@helper
+def static_margins(b: Array, total: float, lever: float, out: Array) -> None:
+    """Write both margins of static equilibrium: contacts, weight and other effects, without inertia; `total`: sum of |N| [N]."""
+    force, torque = observed_body.FORCE, observed_body.TORQUE
+    out[label_output.FORCE] = static_margin(b[force], b[force + 1], b[force + 2], total)
+    out[label_output.MOMENT] = static_margin(b[torque], b[torque + 1], b[torque + 2], total * lever)
 
 
 @helper
@@ -241,12 +221,12 @@ def rolling_reason(m: Array, pose: Posture, turn: Triple, p: float) -> int:
 def ratios_so_far(C: Array, n: int, m: Array, pose: Posture, turn: Triple, out: Array) -> None:
     """Write roll ratio and slip over travel of the last window, or of the first one so far."""
     if m[WINDOWS] > 0.0:
-        out[OUT_ROLL] = m[ROLL_RATIO]
-        out[OUT_SLIP] = m[SLIP_RATIO]
+        out[label_output.ROLL] = m[ROLL_RATIO]
+        out[label_output.SLIP] = m[SLIP_RATIO]
     elif m[TRAVEL] >= LEAST_TRAVEL * pose[1] and m[TRAVEL] > 0.0:
-        out[OUT_ROLL] = length(turn[0], turn[1], turn[2]) * pose[2] / m[TRAVEL]
+        out[label_output.ROLL] = length(turn[0], turn[1], turn[2]) * pose[2] / m[TRAVEL]
         for i in range(n):
-            out[OUT_SLIP] = max(out[OUT_SLIP], (C[i, loaded_contact.SLIP] - C[i, SLIP_REFERENCE]) / m[TRAVEL])
+            out[label_output.SLIP] = max(out[label_output.SLIP], (C[i, loaded_contact.SLIP] - C[i, SLIP_REFERENCE]) / m[TRAVEL])
 
 
 @helper
@@ -262,8 +242,8 @@ def normal_sum(C: Array, n: int) -> float:
 def clear(m: Array, out: Array) -> None:
     """Write the output of an unloaded body: margins of 1, no forecast, zeros, and the length rolled so far."""
     for k in range(OUTPUTS):
-        out[k] = 1.0 if OUT_FRICTION <= k < OUT_SIDE else 0.0
-    out[OUT_ROLLED], out[OUT_FORECAST] = m[ROLLED], UNTOLD
+        out[k] = 1.0 if label_output.FRICTION <= k < label_output.SIDE else 0.0
+    out[label_output.ROLLED], out[label_output.FORECAST] = m[body_memory.ROLLED], UNTOLD
 
 
 @njit(error_model="numpy")
@@ -277,7 +257,7 @@ def label(C: Array, n: int, b: Array, m: Array, out: Array) -> None:
     clear(m, out)
     if n > 0:
         pose = support_of(C, n)
-        write_outlook(C, n, b, pose, out, OUTLOOK)
+        write_outlook(C, n, b, pose, out, label_output.FORECAST)
         write_label(C, n, b, m, pose, out)
 
 
@@ -287,7 +267,7 @@ def label_without_effects(C: Array, n: int, b: Array, m: Array, out: Array) -> N
     clear(m, out)
     if n > 0:
         pose = support_of(C, n)
-        write_plain_outlook(C, n, b, pose, out, OUTLOOK)
+        write_plain_outlook(C, n, b, pose, out, label_output.FORECAST)
         write_label(C, n, b, m, pose, out)
 
 
@@ -296,20 +276,18 @@ def write_label(C: Array, n: int, b: Array, m: Array, pose: Posture, out: Array)
     """Write state, reason, margins and the other extras of a loaded body: margins first, then the rules in order."""
     rotation = rotation_since(b, m, REFERENCE)
     p = patch_travel(C, n, rotation)
-    total = normal_sum(C, n)
-    out[OUT_FORCE] = balance_margin(b, PUSH, PUSH_RATE, total)
-    out[OUT_MOMENT] = balance_margin(b, TWIST, TWIST_RATE, total * pose[2])
-    out[OUT_DETERMINACY] = determinacy(C, n, b, pose[1])
-    held = out[OUT_DETERMINACY] > 0.0
-    out[OUT_ROTATION] = rotation_margin(b, m, pose, p, held)
+    static_margins(b, normal_sum(C, n), pose[2], out)
+    out[label_output.DETERMINACY] = determinacy(C, n, b, pose[1])
+    held = out[label_output.DETERMINACY] > 0.0
+    out[label_output.ROTATION] = rotation_margin(b, m, pose, p, held)
     ratios_so_far(C, n, m, pose, rotation, out)
     slides = friction_margins(C, n, pose, out)
-    if slides and (pose[0] != BOTH or out[OUT_ROTATION] > 0.0):
-        out[0], out[1] = SLIDING, FRICTION_LIMIT
-    elif out[OUT_ROTATION] <= 0.0:
-        out[0], out[1] = ROLLING, rolling_reason(m, pose, rotation, p)
+    if slides and (pose[0] != BOTH or out[label_output.ROTATION] > 0.0):
+        out[label_output.STATE], out[label_output.REASON] = SLIDING, FRICTION_LIMIT
+    elif out[label_output.ROTATION] <= 0.0:
+        out[label_output.STATE], out[label_output.REASON] = ROLLING, rolling_reason(m, pose, rotation, p)
     else:
-        out[0] = STICKING
-        out[1] = ONE_SIDED if pose[0] != BOTH else (NONE if held else INDETERMINATE)
-    if out[OUT_FORCE] < 0.0 or out[OUT_MOMENT] < 0.0:
-        out[1] = UNBALANCED
+        out[label_output.STATE] = STICKING
+        out[label_output.REASON] = ONE_SIDED if pose[0] != BOTH else (NONE if held else INDETERMINATE)
+    if out[label_output.FORCE] < 0.0 or out[label_output.MOMENT] < 0.0:
+        out[label_output.REASON] = UNBALANCED

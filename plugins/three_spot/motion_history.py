@@ -1,63 +1,35 @@
-"""Memory of the labeller for a body, and the kernel that updates it. The rules are described in `classify`."""
+"""Update of the labeller's memory of a body. The rules are described in `classify`."""
 
 from numba import njit
 
-from thirdbody.plugin import Table, loaded_contact, observed_body
+from thirdbody.plugin import loaded_contact, observed_body
 
-from .support_geometry import (
-    BOTH,
-    Array,
-    Posture,
-    Triple,
-    drag,
-    helper,
-    is_plain,
-    length,
-    patch_travel,
-    rotation_since,
-    split,
-    support_of,
+from .body_memory import (
+    CHANGE,
+    CHANGE_X,
+    CHANGE_Y,
+    COUNT,
+    HEADING_X,
+    HEADING_Y,
+    LIFTED,
+    MOVING,
+    PIVOTED,
+    PLATE_X,
+    PLATE_Y,
+    REFERENCE,
+    REST_PATH,
+    REST_TIME,
+    ROLL_RATIO,
+    ROLLED,
+    SERIAL,
+    SLIP_RATIO,
+    TRAVEL,
+    TURNED_FREE,
+    WAY_BACK,
+    WINDOWS,
 )
-
-contact_memory = Table("C, from MEMORY on", "a loaded contact of a body")
-SLIP_REFERENCE = loaded_contact.MEMORY + contact_memory.scalar("slip_at_reference", "m", "slip at the reference")
-SLIP_LAST = loaded_contact.MEMORY + contact_memory.scalar("slip_last_window", "m", "slip in the last closed window")
-STAMP = loaded_contact.MEMORY + contact_memory.scalar("stamp", "", "number of the last observation in which it was loaded")
-CONTACT_MEMORY = contact_memory.names()
-
-memory = Table("m", "a body")
-memory.scalar("reference_w", "", "orientation at the reference, w")
-memory.scalar("reference_x", "", "x")
-memory.scalar("reference_y", "", "y")
-memory.scalar("reference_z", "", "z")
-memory.scalar("change_w", "", "orientation where the rule for free bodies began, w")
-memory.scalar("change_x", "", "x")
-memory.scalar("change_y", "", "y")
-memory.scalar("change_z", "", "z")
-TRAVEL = memory.scalar("travel", "m", "path of the drag since the reference")
-CHANGE_X = memory.scalar("change_drag_x", "m", "drag since the rule for free bodies began, x")
-CHANGE_Y = memory.scalar("change_drag_y", "m", "y")
-# from WINDOWS up to ROLLED: cleared by a stop or a reversal
-WINDOWS = memory.scalar("windows", "", "number of closed windows")
-ROLL_RATIO = memory.scalar("roll_ratio", "", "roll ratio of the last closed window")
-PIVOTED = memory.scalar("pivoted", "", "1: that window turned more about the normal than in plane")
-SLIP_RATIO = memory.scalar("slip_over_travel", "", "largest slip over the path in that window")
-HEADING_X = memory.scalar("heading_x", "m", "heading of a one-sided body, x")
-HEADING_Y = memory.scalar("heading_y", "m", "y")
-WAY_BACK = memory.scalar("way_back", "m", "how far it came back against its heading")
-REST_TIME = memory.scalar("rest_time", "s", "time since the last test for rest")
-REST_PATH = memory.scalar("rest_path", "m", "path since then")
-ROLLED = memory.scalar("rolled_distance", "m", "length rolled")
-LIFTED = memory.scalar("lifted", "", "1: a spot lifted off since the reference")
-COUNT = memory.scalar("loaded_count", "", "number of loaded spots")
-SERIAL = memory.scalar("serial", "", "number of the last observation with contacts")
-PLATE_X = memory.scalar("plate_direction_x", "", "direction of the drag at the last observation, x")
-PLATE_Y = memory.scalar("plate_direction_y", "", "y")
-MOVING = memory.scalar("plates_moving", "", "1: the plates moved then")
-TURNED_FREE = memory.scalar("turned_free", "rad", "rotation while the body was free")
-MEMORY = memory.names()
-
-REFERENCE, CHANGE = is_plain(0), is_plain(4)
+from .contact_memory import SLIP_LAST, SLIP_REFERENCE, STAMP
+from .support_geometry import BOTH, Array, Posture, Triple, drag, helper, length, patch_travel, rotation_since, split, support_of
 
 WINDOW = 4.0  # contact radii of travel
 EPS_ROLL = 0.05
@@ -213,7 +185,7 @@ def finish_window(C: Array, n: int, b: Array, m: Array, pose: Posture, turn: Tri
 def update_history(C: Array, n: int, b: Array, m: Array) -> None:
     """Update the memory `m` of a body and that of its loaded contacts `C[:n]` to the present instant.
 
-    `C` (n or more rows, `loaded_contact` and CONTACT_MEMORY), `b` (`observed_body`), `m` (MEMORY) as in the contract of
+    `C` (n or more rows, `loaded_contact` and `contact_memory`), `b` (`observed_body`), `m` (`body_memory`) as in the contract of
     labellers. Must be called for unloaded bodies, too (n = 0). The memory of a contact between two debris must be stored once for
     each of them.
     """

@@ -71,8 +71,6 @@ def body_row(B: list[float], A: list[float], drag: tuple[float, float], speed: f
         (observed_body.SPIN, body.SPIN),
         (observed_body.FORCE, body.FORCE),
         (observed_body.TORQUE, body.TORQUE),
-        (observed_body.MOMENTUM_RATE, body.FORCE),
-        (observed_body.ANGULAR_MOMENTUM_RATE, body.TORQUE),
         (observed_body.EFFECT_FORCE, EFFECT_FORCE),
         (observed_body.EFFECT_TORQUE, EFFECT_TORQUE),
     ):

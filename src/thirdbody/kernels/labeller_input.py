@@ -75,9 +75,6 @@ def body_row(b, context, A, O):  # noqa: E741
         O[observed_body.VELOCITY + k] = B[b, body.VELOCITY + k]
         O[observed_body.SPIN + k] = B[b, body.SPIN + k]
         O[observed_body.FORCE + k], O[observed_body.TORQUE + k] = B[b, body.FORCE + k], B[b, body.TORQUE + k]
-        # Newton's second law as the integrator applies it: the acceleration is the force of this instant
-        O[observed_body.MOMENTUM_RATE + k] = B[b, body.FORCE + k]
-        O[observed_body.ANGULAR_MOMENTUM_RATE + k] = B[b, body.TORQUE + k]
         O[observed_body.EFFECT_FORCE + k], O[observed_body.EFFECT_TORQUE + k] = (
             (E[b, body_extra.EFFECT_FORCE + k], E[b, body_extra.EFFECT_TORQUE + k]) if has_effect_columns(E) else (0.0, 0.0)
         )
