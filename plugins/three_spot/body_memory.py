@@ -1,7 +1,5 @@
 """Memory of the labeller for a body: one row."""
 
-from __future__ import annotations
-
 from thirdbody.plugin import Table
 
 from .support_geometry import is_plain

@@ -1,7 +1,5 @@
 """Memory of the labeller for a loaded contact: columns behind those of `loaded_contact`."""
 
-from __future__ import annotations
-
 from thirdbody.plugin import Table, loaded_contact
 
 table = Table("C, from MEMORY on", "a loaded contact of a body")

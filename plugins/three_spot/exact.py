@@ -304,6 +304,7 @@ def width(options: Options) -> int:
 EXACT = Law(
     name="exact",
     stage="tangential",
+    assumes="hertz",
     kernel=exact,
     tangent=exact_tangent,
     parameters=ExactParameters,

@@ -1,7 +1,5 @@
 """What the labeller writes for a body: one row; margins and extras in the order of the contract of labellers."""
 
-from __future__ import annotations
-
 from thirdbody.plugin import Table
 
 from .support_geometry import is_plain

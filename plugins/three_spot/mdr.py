@@ -219,6 +219,7 @@ def width(options: Options) -> int:
 MDR = Law(
     name="mdr",
     stage="tangential",
+    assumes="hertz",
     kernel=springs,
     tangent=springs_tangent,
     parameters=SpringParameters,

@@ -21,8 +21,8 @@ def risen(load, overlap, rise):
     The part of Hertz goes as d^1.5, the contact radius as d^0.5, the total by its stiffness.
     """
     fraction = rise / overlap
-    elastic = load.elastic * (1.0 + 1.5 * fraction)
-    return Load(load.force + load.stiffness * rise, elastic, load.contact_radius * (1.0 + 0.5 * fraction), load.stiffness)
+    elastic, radius = load.elastic * (1.0 + 1.5 * fraction), load.contact_radius * (1.0 + 0.5 * fraction)
+    return Load(load.force + load.stiffness * rise, elastic, radius, load.stiffness, load.squared_radius_rate)
 
 
 def central(law):

@@ -13,6 +13,7 @@ from thirdbody.plugin import (
     Adhesion,
     Law,
     LawFamily,
+    Load,
     Normal,
     Plugin,
     Rolling,
@@ -21,6 +22,8 @@ from thirdbody.plugin import (
     g_star,
     kernel,
 )
+
+mindlin_tangent = MINDLIN.tangent
 
 
 class Scale(NamedTuple):
@@ -111,7 +114,7 @@ def unguarded(c, p):
     """Hertz with a = R d/sqrt(R d): 0/0 at first touch."""
     a = c.radius * c.overlap / math.sqrt(c.radius * c.overlap)
     force = 4.0 / 3.0 * p.scale * a * c.overlap
-    return Normal(force, a, 0.4 * force * c.overlap, 0.0)
+    return Normal(force, a, 0.4 * force * c.overlap, 0.0, 2.0 * p.scale * c.overlap / a, c.radius)
 
 
 @kernel
@@ -119,13 +122,37 @@ def wound_up(c, p):
     """Softer on the way in than on the way out."""
     a = math.sqrt(c.radius * c.overlap)
     force = p.scale * a * c.overlap * (1.0 if c.v_n < 0.0 else 1.1)
-    return Normal(force, a, 0.4 * p.scale * a * c.overlap * c.overlap, 0.0)
+    return Normal(force, a, 0.4 * p.scale * a * c.overlap * c.overlap, 0.0, p.scale, c.radius)
 
 
 @kernel
 def secant(c, p):
     """N/d, the secant stiffness, given as the tangent."""
     return 4.0 / 3.0 * p.e_star * math.sqrt(c.radius * c.overlap)
+
+
+@kernel
+def faint(c, p):
+    """Hertz with the mean pressure given as the largest."""
+    a = math.sqrt(c.radius * c.overlap)
+    force = 4.0 / 3.0 * p.scale * a * c.overlap
+    mean = force / (math.pi * max(a * a, 1e-300))
+    return Normal(force, a, 0.4 * force * c.overlap, 0.0, 0.999 * mean, c.radius)
+
+
+@kernel
+def fixed_area(c, p):
+    """Hertz whose contact area does not grow, as it says."""
+    a = math.sqrt(c.radius * c.overlap)
+    force = 4.0 / 3.0 * p.scale * a * c.overlap
+    return Normal(force, a, 0.4 * force * c.overlap, 0.0, p.scale, 0.0)
+
+
+@kernel
+def of_spheres(c, load, p, h):
+    """The tangent of `mindlin` with da/dd = R/(2 a), whatever the normal law."""
+    sphere = Load(load.force, load.elastic, load.contact_radius, load.stiffness, c.radius)
+    return mindlin_tangent(c, sphere, p, h)
 
 
 @kernel
@@ -140,6 +167,14 @@ def lasting_pull(c, n, p):
     """A constant pull that does not look whether the bodies touch."""
     pull = 1e-9 * p.scale * c.radius
     return Adhesion(-pull, -pull * c.overlap)
+
+
+@kernel
+def far_pull(c, n, p):
+    """A pull that says it begins at 1e-3 radii, and acts from 1.2e-3 on."""
+    inside = min(max(c.overlap + 1.2e-3 * c.radius, 0.0), 1.2e-3 * c.radius)
+    pull = 1e-9 * p.scale * inside
+    return Adhesion(-pull, -0.5 * pull * inside - pull * max(c.overlap, 0.0))
 
 
 @kernel
@@ -195,13 +230,17 @@ LAWS = (
     Law("unguarded", "normal", unguarded, Scale, mix_scale, source="nobody"),
     Law("wound_up", "normal", wound_up, Scale, mix_scale, source="nobody"),
     dataclasses.replace(HERTZ, name="secant", tangent=secant),
+    Law("faint", "normal", faint, Scale, mix_scale, source="nobody"),
+    Law("fixed_area", "normal", fixed_area, Scale, mix_scale, source="nobody"),
     Law("lasting_pull", "adhesion", lasting_pull, Scale, mix_scale, source="nobody"),
+    Law("far_pull", "adhesion", far_pull, Scale, mix_scale, source="nobody", reach=lambda pair, options, radius: 1e-3 * radius),
     Law("pushing_dashpot", "damping", pushing_dashpot, Scale, mix_scale, source="nobody"),
     dataclasses.replace(HERTZ, name="one_sided", mix=mix_of_first),
     Law("not_finite", "normal", wound_up, Scale, mix_not_finite, source="nobody"),
     dataclasses.replace(MINDLIN, name="unsourced", source=" "),
     dataclasses.replace(MINDLIN, name="misnamed", history=("energy", "force_y", "force_x")),
     dataclasses.replace(MINDLIN, name="stuck", tangent=stuck),
+    dataclasses.replace(MINDLIN, name="of_spheres", tangent=of_spheres),
     Law("heavy_roller", "rolling", heavy_roller, Shear, mix_shear, source="nobody"),
     Law("rocking_motor", "rolling", rocking_motor, Shear, mix_shear, source="nobody", history=("x", "y")),
     dataclasses.replace(HERTZ_DAMPING, name="misplaced", stage="dampening"),

@@ -36,6 +36,7 @@ class Answer:
     critical: float
     slip: float
     radius: float
+    pressure: float
     stored_n: float
     stored_t: float
     work: float
@@ -98,7 +99,7 @@ class Laws:
         called: dict[str, Any] = {}
         pulls, new = [], []
         elastic = force = 0.0
-        load = Load(0.0, 0.0, 0.0, 0.0)
+        load = Load(0.0, 0.0, 0.0, 0.0, 0.0)
         # stages come in the order normal, adhesion, damping, tangential, its damping, rolling; adhesion adds at the end, so that
         # the tangential stages see the load without it
         for law in self.laws:
@@ -123,7 +124,7 @@ class Laws:
                 pulls.append(answer)
             elif law.stage == "damping":
                 force = max(elastic + answer, 0.0)
-            load = Load(force, elastic, called["normal"].contact_radius, 0.0)
+            load = Load(force, elastic, called["normal"].contact_radius, 0.0, 0.0)
         return together(contact, turn, load, called, pulls, new)
 
 
@@ -179,8 +180,8 @@ def together(contact: Contact, turn: Turn, load: Load, called: dict[str, Any], p
         stored_t += r.stored
         work, lost = work + r.dissipated, lost + r.dissipated
         moment, moment_limit = (m_x, m_y), r.limit
-    return Answer(force, x, y, load.force, limit, critical, slip, normal.contact_radius, stored, stored_t, work, memory,
-                  moment, moment_limit, lost, viscous)  # fmt: skip
+    return Answer(force, x, y, load.force, limit, critical, slip, normal.contact_radius, normal.peak_pressure, stored,
+                  stored_t, work, memory, moment, moment_limit, lost, viscous)  # fmt: skip
 
 
 def fitted(

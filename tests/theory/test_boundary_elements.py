@@ -181,7 +181,7 @@ def springs_force(shares: tuple[float, ...]) -> list[float]:
     """T of the level `mdr` at these displacements over s_c, 256 springs."""
     p = mdr.SpringParameters(G_STAR, MU, MU * E_STAR / G_STAR, 0.0)  # nothing rolls, so nothing is renewed
     h, w = (0.0,) * 7, np.zeros(512)
-    load = Load(FORCE, FORCE, A, theory.hertz_stiffness(E_STAR, RADIUS, OVERLAP))
+    load = Load(FORCE, FORCE, A, theory.hertz_stiffness(E_STAR, RADIUS, OVERLAP), 0.0)
     forces = []
     for slip in np.diff((0.0, 0.0, *shares)) * CRITICAL:  # the first step only presses
         w_new = np.empty_like(w)

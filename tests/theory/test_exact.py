@@ -66,7 +66,7 @@ class Spot:
         a, n = theory.contact_radius(R, overlap), theory.hertz_force(E, R, overlap)
         stiffness = damped * theory.hertz_stiffness(E, R, overlap)
         touch = Contact(overlap, R, 1.0, 0.0, float(slip[0]), float(slip[1]), 0.0, 0.0, roll, 0.0)
-        return touch, Load(damped * n, n, a, stiffness)
+        return touch, Load(damped * n, n, a, stiffness, 0.0)
 
     def move(self, overlap, slip, roll=0.0, damped=1.0):
         """One step to an overlap; a slip that is a number is along x. Returns the law's answer, None where there is no touch."""

@@ -58,7 +58,7 @@ class Spot:
         stiffness = (1.0 + step.share) * theory.hertz_stiffness(E_STAR, RADIUS, step.overlap)
         a, force = theory.contact_radius(RADIUS, step.overlap), (1.0 + step.share) * elastic + step.viscous
         contact = Contact(step.overlap, RADIUS, 1.0, 0.0, step.x, step.y, 0.0, 0.0, step.roll, 0.0)
-        return contact, Load(force, elastic, a, stiffness), self.p, self.h, self.w
+        return contact, Load(force, elastic, a, stiffness, 0.0), self.p, self.h, self.w
 
     def move(self, *steps: Step):
         for step in steps:
@@ -177,4 +177,4 @@ def test_without_friction_and_without_touch():
         spot.move(Step(OVERLAP, 0.3 * CRITICAL, 0.2 * CRITICAL))
         contact, load, p, h, w = spot.asked(step)
         assert law_tangent(contact, load._replace(force=0.0, stiffness=0.0), p, h, w) == (0.0,) * 6
-        assert law_tangent(contact._replace(overlap=-OVERLAP), Load(0.0, 0.0, 0.0, 0.0), p, h, w) == (0.0,) * 6
+        assert law_tangent(contact._replace(overlap=-OVERLAP), Load(0.0, 0.0, 0.0, 0.0, 0.0), p, h, w) == (0.0,) * 6

@@ -46,7 +46,7 @@ class Spot:
 
     def move(self, force: float, slip: float):
         overlap = (0.75 * force / (E_STAR * math.sqrt(RADIUS))) ** (2.0 / 3.0)
-        load = Load(force, force, math.sqrt(RADIUS * overlap), theory.hertz_stiffness(E_STAR, RADIUS, overlap))
+        load = Load(force, force, math.sqrt(RADIUS * overlap), theory.hertz_stiffness(E_STAR, RADIUS, overlap), 0.0)
         w_new = np.zeros_like(self.w)
         touch = Contact(overlap, RADIUS, 1.0, 0.0, slip, 0.0, 0.0, 0.0, 0.0, 0.0)
         answer, self.h = self.law(touch, load, self.p, self.h, self.w, w_new)

@@ -88,7 +88,7 @@ from thirdbody.plugin import HERTZ, MINDLIN, LawFamily, Normal, Plugin, kernel
 def boastful(c, p):
     a = math.sqrt(c.radius * c.overlap)
     force = 4.0 / 3.0 * p.e_star * a * c.overlap
-    return Normal(force, a, 2.0 * force * c.overlap, 0.0)
+    return Normal(force, a, 2.0 * force * c.overlap, 0.0, 1.5 * force / (math.pi * a * a), c.radius)
 
 LAW = dataclasses.replace(HERTZ, name="boastful", kernel=boastful)
 PLUGIN = Plugin("boastful", families=(LawFamily("boastful", {"only": (LAW, MINDLIN)}, "only"),))

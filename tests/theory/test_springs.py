@@ -33,7 +33,7 @@ class Driver:
 
     def move(self, overlap: float, slip: float = 0.0, across: float = 0.0, roll: float = 0.0):
         force, a = theory.hertz_force(E_STAR, RADIUS, overlap), theory.contact_radius(RADIUS, overlap)
-        load = Load(force, force, a, theory.hertz_stiffness(E_STAR, RADIUS, overlap))
+        load = Load(force, force, a, theory.hertz_stiffness(E_STAR, RADIUS, overlap), 0.0)
         w_new = np.full_like(self.w, np.nan)
         touch = Touch(overlap, RADIUS, 1.0, 0.0, slip, across, 0.0, 0.0, roll, 0.0)
         answer, self.h = mdr.springs(touch, load, self.p, self.h, self.w, w_new)
@@ -165,7 +165,7 @@ def test_a_step_to_an_absurd_overlap_ends(start, overlap):
     """A run whose step is too large gets there before a guard stops it: the grid cannot follow without bound."""
     driver = Driver(16)
     driver.move(start)
-    load = Load(1.0, 1.0, 1.0, 1.0)
+    load = Load(1.0, 1.0, 1.0, 1.0, 0.0)
     touch = Touch(overlap, RADIUS, 1.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0)
     answer, _ = mdr.springs(touch, load, driver.p, driver.h, driver.w, np.empty_like(driver.w))
     mdr.springs_tangent(touch, load, driver.p, driver.h, driver.w)

@@ -43,7 +43,7 @@ class Spot:
         stiffness = (1.0 + step.share) * theory.hertz_stiffness(E_STAR, RADIUS, step.overlap)
         a, force = theory.contact_radius(RADIUS, step.overlap), (1.0 + step.share) * elastic + step.viscous
         contact = Contact(step.overlap, RADIUS, 1.0, 0.0, step.x, step.y, 0.0, 0.0, step.roll, 0.0)
-        return contact, Load(force, elastic, a, stiffness), self.p, self.h, self.w
+        return contact, Load(force, elastic, a, stiffness, 0.0), self.p, self.h, self.w
 
     def move(self, *steps: Step):
         for step in steps:
@@ -207,7 +207,7 @@ def test_open(overlap):
     spot = Spot(16)
     spot.move(Step(OVERLAP, 0.5 * CRITICAL))
     contact, load, p, h, w = spot.asked(Step(OVERLAP, 0.1 * CRITICAL, 0.2 * CRITICAL, 0.01))
-    given = mdr.springs_tangent(contact._replace(overlap=overlap), Load(0.0, 0.0, 0.0, 0.0), p, h, w)
+    given = mdr.springs_tangent(contact._replace(overlap=overlap), Load(0.0, 0.0, 0.0, 0.0, 0.0), p, h, w)
     assert given == (0.0,) * 6
 
 

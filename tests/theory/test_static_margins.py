@@ -1,7 +1,5 @@
 """Distance from static equilibrium: the margins `force_balance` and `moment_balance`, and the reason `unbalanced`."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

@@ -41,7 +41,7 @@ def answered(path, keeps):
     before = path[0][1]
     for a, s in path[1:]:
         touch = Contact(1.0, 1.0, 1.0, 0.0, s - before, 0.0, 0.0, 0.0, 0.0, 0.0)
-        t, memory = MINDLIN.kernel(touch, Load(1.0, 1.0, a, 0.0), p, memory)
+        t, memory = MINDLIN.kernel(touch, Load(1.0, 1.0, a, 0.0, 0.0), p, memory)
         forces.append(-t.x)
         before = s
     return np.array(forces)
@@ -92,7 +92,7 @@ def driven(level, swing, count, share):
         force = theory.hertz_force(E_STAR, RADIUS, OVERLAP) * (1.0 + swing * math.sin(phase))
         overlap = (force / (4.0 / 3.0 * E_STAR * math.sqrt(RADIUS))) ** (2.0 / 3.0)
         touch = Contact(overlap, RADIUS, 1.0, 0.0, slip, 0.0, 0.0, 0.0, 0.0, 0.0)
-        t, memory = law.kernel(touch, Load(force, force, theory.contact_radius(RADIUS, overlap), 0.0), p, memory)
+        t, memory = law.kernel(touch, Load(force, force, theory.contact_radius(RADIUS, overlap), 0.0, 0.0), p, memory)
         if k >= 50 and (k - 49) % 100 == 0:
             forces.append(-t.x / (MU * force))
     return np.array(forces)

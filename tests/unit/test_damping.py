@@ -87,11 +87,11 @@ def test_force_of_the_dashpots():
     e, g = 80e9 / 0.7, 2.0 * 80e9 / 1.7  # E* = G/(1 - nu), G* = 2 G/(2 - nu) of like materials
     a = math.sqrt(radius * overlap)
     c = Contact(overlap, radius, mass, v_n, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0)
-    force = plain(HERTZ_DAMPING.kernel)(c, Normal(1.0, a, 0.0, 0.0), mix_damping(pair, {}))
+    force = plain(HERTZ_DAMPING.kernel)(c, Normal(1.0, a, 0.0, 0.0, 0.0, 0.0), mix_damping(pair, {}))
     # the definition: alpha sqrt(m K) x^(1/4) v with K = 4/3 E* sqrt(R), against the approach
     expected = TABLE[0.5] * math.sqrt(mass * 4.0 / 3.0 * e * math.sqrt(radius)) * overlap**0.25 * 0.4
     assert force == pytest.approx(expected, rel=1e-6, abs=0.0)  # seven decimals of the table
-    viscosity = plain(TANGENTIAL_DAMPING.kernel)(c, Load(1.0, 1.0, a, 0.0), mix_tangential_damping(pair, {}))
+    viscosity = plain(TANGENTIAL_DAMPING.kernel)(c, Load(1.0, 1.0, a, 0.0, 0.0), mix_tangential_damping(pair, {}))
     # the normal dashpot is alpha sqrt(2/3 m k_n) with k_n = 2 E* a; here with k_t = 2 G* a
     assert viscosity == pytest.approx(TABLE[0.5] * math.sqrt(2.0 / 3.0 * mass * 2.0 * g * a), rel=1e-6, abs=0.0)
 

@@ -68,7 +68,7 @@ def test_hertz_energy_and_tangent_are_integral_and_derivative_of_the_force():
 def test_critical_displacement_of_set_a():
     body, radius, overlap, force = SPOTS[0]
     p = MINDLIN.mix(Pair(body, PARTICLE, 0.3, 1.0), {})
-    load = Load(force, force, math.sqrt(radius * overlap), 0.0)
+    load = Load(force, force, math.sqrt(radius * overlap), 0.0, 0.0)
     t, _ = plain(MINDLIN.kernel)(contact(overlap, radius), load, p, (0.0, 0.0, 0.0))
     assert t.critical == pytest.approx(1.95458201966664e-9, rel=DIGITS, abs=0.0)
 
@@ -119,7 +119,7 @@ def test_mindlin_path_by_hand(keeps, path, expected):
     memory = (0.0, 0.0, 0.0)
     stored, released, p = 0.0, [], UNIT._replace(keeps=keeps)
     for name, (a, force), slip, tangential, energy, sliding in path:
-        t, memory = plain(MINDLIN.kernel)(contact(1.0, 1.0, *slip), Load(force, force, a, 0.0), p, memory)
+        t, memory = plain(MINDLIN.kernel)(contact(1.0, 1.0, *slip), Load(force, force, a, 0.0, 0.0), p, memory)
         assert (t.x, t.y) == pytest.approx(tangential, rel=EXACT, abs=EXACT), name
         assert t.limit == 0.5 * force, name
         assert t.stored == pytest.approx(energy, rel=EXACT, abs=EXACT), name
@@ -134,7 +134,7 @@ def test_mindlin_path_by_hand(keeps, path, expected):
 
 def test_mindlin_without_friction_slides_freely():
     p = MindlinParameters(0.5, 0.0, 0.0, 1.0)
-    t, _ = plain(MINDLIN.kernel)(contact(1.0, 1.0, 3.0, 4.0), Load(10.0, 10.0, 1.0, 0.0), p, (0.0, 0.0, 0.0))
+    t, _ = plain(MINDLIN.kernel)(contact(1.0, 1.0, 3.0, 4.0), Load(10.0, 10.0, 1.0, 0.0, 0.0), p, (0.0, 0.0, 0.0))
     assert (t.x, t.y, t.stored, t.dissipated) == (0.0, 0.0, 0.0, 0.0)
     assert t.slip == pytest.approx(5.0, rel=EXACT, abs=0.0)
 
@@ -142,7 +142,7 @@ def test_mindlin_without_friction_slides_freely():
 @pytest.mark.parametrize("law", [MINDLIN, COULOMB], ids=lambda law: law.name)
 def test_no_contact_without_history_answers_zero(law):
     p = law.mix(Pair(UPPER, PARTICLE, 0.3, 1.0), {"slip_scale": 1e-3})
-    t, memory = plain(law.kernel)(contact(0.0, 1e-6, 1e-9), Load(0.0, 0.0, 0.0, 0.0), p, (0.0, 0.0, 0.0))
+    t, memory = plain(law.kernel)(contact(0.0, 1e-6, 1e-9), Load(0.0, 0.0, 0.0, 0.0, 0.0), p, (0.0, 0.0, 0.0))
     assert (t.x, t.y, t.limit, t.stored, t.dissipated) == (0.0, 0.0, 0.0, 0.0, 0.0)
     assert memory == (0.0, 0.0, 0.0)
 
@@ -173,7 +173,7 @@ def test_coulomb_path_by_hand(memory):
     )
     memory = (0.0, 0.0, 0.0)
     for load, slip, force, stored, sliding, dissipated in steps:
-        t, memory = plain(COULOMB.kernel)(contact(0.1, 2.0, slip), Load(load, load, 0.1, 0.0), p, memory)
+        t, memory = plain(COULOMB.kernel)(contact(0.1, 2.0, slip), Load(load, load, 0.1, 0.0, 0.0), p, memory)
         got = (t.x, t.y, t.limit, t.stored, t.slip, t.dissipated)
         assert got == pytest.approx((force, 0.0, 0.5 * load, stored, sliding, dissipated), rel=EXACT, abs=EXACT)
         assert t.critical == 0.5
@@ -181,5 +181,5 @@ def test_coulomb_path_by_hand(memory):
 
 def test_coulomb_without_friction_slides_freely():
     p = COULOMB.mix(Pair(UPPER, PARTICLE, 0.0, 1.0), {"slip_scale": 0.25})
-    t, _ = plain(COULOMB.kernel)(contact(0.1, 2.0, 3.0, 4.0), Load(8.0, 8.0, 0.1, 0.0), p, (0.0, 0.0, 0.0))
+    t, _ = plain(COULOMB.kernel)(contact(0.1, 2.0, 3.0, 4.0), Load(8.0, 8.0, 0.1, 0.0, 0.0), p, (0.0, 0.0, 0.0))
     assert (t.x, t.y, t.stored, t.dissipated, t.slip) == (0.0, 0.0, 0.0, 0.0, 5.0)

@@ -1,13 +1,12 @@
 """Checks of the loads: crushing loads are refused, deep contacts and yield give warnings."""
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from thirdbody.assembly.physics import CompiledPhysics
 from thirdbody.engine.guards import OVERLAP_GUARD
-from thirdbody.engine.static_response import overlap_at, response
+from thirdbody.engine.static_response import load_at, overlap_at, response
 from thirdbody.errors import InputError
 from thirdbody.laws.contract import Material
 from thirdbody.laws.first_yield import YieldLimit, yield_limit
@@ -32,7 +31,7 @@ class Pressing:
 
     def max_load(self, choice: CompiledPhysics) -> np.ndarray:
         """Return the load (n,) [N] at which the overlap reaches its limit."""
-        return response(choice.physics, OVERLAP_GUARD * self.radius, self.radius, self.kind)[0]
+        return response(choice.physics, OVERLAP_GUARD * self.radius, self.radius, self.kind).force
 
 
 def refuse_crushing(scene: Scene, choice: CompiledPhysics, pressing: Pressing, load: float, n_sharing: int = 1) -> None:
@@ -72,7 +71,7 @@ def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
             f"load or use stiffer "
             "bodies"
         )
-    pressure = 1.5 * pressing.load / (math.pi * pressing.radius * overlap)
+    pressure = response(choice.physics, overlap, pressing.radius, pressing.kind).pressure
     for k, pair in enumerate(choice.pairs):
         here = np.flatnonzero(pressing.kind == k)
         if not len(here):
@@ -80,13 +79,14 @@ def pressing_warnings(choice: CompiledPhysics, pressing: Pressing) -> list[str]:
         worst = here[np.argmax(pressure[here])]
         limit = yield_limit(pair.a, pair.b)
         if pressure[worst] > limit.pressure:
-            result.append(_yield_warning(pair.a, pair.b, limit, float(pressure[worst]), float(pressing.load[worst])))
+            one = np.array([worst])
+            allowed = load_at(choice.physics, np.array([limit.pressure]), pressing.radius[one], pressing.kind[one])
+            result.append(_yield_warning(pair.a, pair.b, limit, float(pressure[worst]), float(allowed[0])))
     return result
 
 
-def _yield_warning(a: Material, b: Material, limit: YieldLimit, pressure: float, load: float) -> str:
+def _yield_warning(a: Material, b: Material, limit: YieldLimit, pressure: float, allowed: float) -> str:
     ratio = pressure / limit.pressure
-    allowed = load / ratio**3  # Hertz: the peak pressure grows with the cube root of the load
     where = limit_words(limit.material, limit.pressure, limit.strength, limit.assumed)
     return (
         f"{a.name}/{b.name}: expected peak pressure {pretty(pressure, 'pressure')}, {ratio:.2g} times {where}; contacts "

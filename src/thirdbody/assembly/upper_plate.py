@@ -207,7 +207,7 @@ def _pressed(
     max_overlap = overlap if largest <= 1.0 else overlap_at(choice.physics, largest * loads, radius, kind)
     if plate.damping is not None:
         return max_overlap, np.full(len(who), plate.damping)
-    stiffness = response(choice.physics, overlap, radius, kind)[1]
+    stiffness = response(choice.physics, overlap, radius, kind).stiffness
     if not np.all(np.isfinite(stiffness)):
         message = "needs a value: the normal law has no tangent to find the critical damping from"
         raise InputError(scene.fault(("plates", "upper", "damping"), message))
@@ -217,7 +217,7 @@ def _pressed(
 def _layer_force(choice: CompiledPhysics, tops: TopSpheres, z: float) -> np.ndarray:
     """Return the normal force (n,) [N] of a plate at height z [m] on bodies that do not move."""
     overlap = np.maximum(tops.top - z, 0.0)
-    force = response(choice.physics, overlap, tops.radius, tops.kind)[0]
+    force = response(choice.physics, overlap, tops.radius, tops.kind).force
     return np.where(overlap > 0.0, force, 0.0)
 
 

@@ -46,6 +46,8 @@ class Contacts:
         chain = compose(law.sized(values[law.name]) for law in chosen)
         if any(law.stage == "rolling" for law in chain.laws):
             raise ValueError("a quasi-static path has no law of the rolling stage")
+        if chain.reaching:
+            raise ValueError(f"a quasi-static path has no law that acts before touch: {', '.join(chain.reaching)}")
         if chain.tangents is None:
             raise ValueError(f"a law without tangent: {', '.join(law.name for law in chain.laws if law.tangent is None)}")
         self.chain: Chain = chain

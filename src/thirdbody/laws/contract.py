@@ -23,7 +23,12 @@ A tangential law may also have a *field*: floats per contact, whose number its o
 h, w, w_new)`: it reads the array `w`, zeros in a virgin contact, and fills all of `w_new`; its tangent is `(c, load, p, h, w)`.
 The arrays are private to the law and valid during the call only.
 
-The engine clips `normal + damping` at zero (a dashpot cannot pull in a dry contact), passes that sum to the tangential stage as
+Bodies act on each other from first touch on (overlap > 0), unless a normal or adhesion law has a `reach`: its kernel then sees
+overlaps down to minus the reach, and returns no force and no energy from there outward; all other laws see an overlap of zero
+where it is negative. A time step must resolve the reach. The implicit integrator and `balance` refuse such laws.
+
+The engine clips `normal + damping` at zero (a dashpot cannot pull in a dry contact; where a normal law with a reach attracts, it
+cannot add to the attraction), passes that sum to the tangential stage as
 the load available to friction, adds adhesion to the total force only, and scales the viscous tangential force to fit within the
 remaining friction limit; likewise the viscous part of a rolling moment. It computes the power of all dashpots from the forces and
 moments that actually acted; explicit runs store these, because energies there are those of the mean force. `dissipated` belongs
@@ -83,13 +88,15 @@ class Normal(NamedTuple):
     contact_radius: float  # m
     stored: float  # J
     dissipated: float  # J, during this step
+    peak_pressure: float  # Pa, largest pressure in the contact area
+    squared_radius_rate: float  # m, d(a^2)/dd of the contact radius a: finite at first touch, where da/dd of a sphere is not
 
 
 class Adhesion(NamedTuple):
     """Result of an adhesion law."""
 
     force: float  # N, negative: attractive
-    stored: float  # J, zero at first touch, negative in an adhesive well
+    stored: float  # J, zero where the force begins: at first touch, or at minus the reach; negative in an adhesive well
 
 
 class Load(NamedTuple):
@@ -99,6 +106,7 @@ class Load(NamedTuple):
     elastic: float  # N, force of the normal law only
     contact_radius: float  # m
     stiffness: float  # dN/dd, N/m; set only when a tangent is evaluated
+    squared_radius_rate: float  # m, d(a^2)/dd, so da/dd = squared_radius_rate/(2 a); set only when a tangent is evaluated
 
 
 class Tangential(NamedTuple):
@@ -226,7 +234,10 @@ class Law:
     integrator only. `field` is the number of floats of the field, or a function of the options that returns it; a law that
     `rolls` receives the travel of the contact area, for history that belongs to the material under it. `wanted(pairs)` returns
     whether these materials need the law; if not, it is absent from the compiled code. `variant(options)` may return another law
-    that replaces this one under these options, one with more history for instance, or None.
+    that replaces this one under these options, one with more history for instance, or None. `assumes` is the name of the normal
+    law that the law is derived for; it is refused under another one. `reach(pair, options, radius)` is the distance from touch [m]
+    at which a normal or adhesion law begins to act between bodies of at most this effective radius [m]; it must not decrease with
+    the radius.
     """
 
     name: str
@@ -242,6 +253,8 @@ class Law:
     field: int | Callable[[Options], int] = 0
     rolls: bool = False
     variant: Callable[[Options], Law | None] | None = None
+    assumes: str = ""
+    reach: Callable[[Pair, Options, float], float] | None = None
 
     def memory(self) -> tuple[str, ...]:
         """Names of all floats stored per contact: the history, then the field."""

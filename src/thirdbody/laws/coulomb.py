@@ -11,6 +11,7 @@ from thirdbody.laws.radial_return import (
     MEMORY,
     forgets,
     friction_tangent,
+    growth_of,
     keeps,
     rolled,
     rolled_tangent,
@@ -53,7 +54,7 @@ def coulomb_tangent(c, load, p, h):
     stiffness, rate = limit / (p.slip_scale * c.radius), limit_rate / (p.slip_scale * c.radius)
     elastic = 2.0 * p.g_star * load.contact_radius
     if elastic < stiffness:
-        stiffness, rate = elastic, p.g_star * c.radius / max(load.contact_radius, 1e-300)
+        stiffness, rate = elastic, p.g_star * load.squared_radius_rate / max(load.contact_radius, 1e-300)
     x, y, x_rate, y_rate = stretched_tangent(c.slip_x, c.slip_y, h, stiffness, rate)
     return friction_tangent(x, y, limit, limit_rate, stiffness, x_rate, y_rate)
 
@@ -89,10 +90,10 @@ def coulomb_rolling_tangent(c, load, p, h):
     stiffness, rate = limit / (p.slip_scale * c.radius), limit_rate / (p.slip_scale * c.radius)
     elastic = 2.0 * p.g_star * a
     if elastic < stiffness:
-        stiffness, rate = elastic, p.g_star * c.radius / max(a, 1e-300)
+        stiffness, rate = elastic, p.g_star * load.squared_radius_rate / max(a, 1e-300)
     distance = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
     fraction = renewed(p.renewal * distance / max(a, 1e-300))
-    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, c.overlap, stiffness, rate)
+    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, growth_of(load), stiffness, rate)
     return friction_tangent(x, y, limit, limit_rate, fraction.fill * stiffness, x_rate, y_rate)
 
 

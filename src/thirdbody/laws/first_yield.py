@@ -1,4 +1,4 @@
-"""Pressure at first yield of a pair of materials in a Hertz contact.
+"""Pressure at first yield of a pair of materials in contact.
 
 Contacts are computed as elastic beyond it, too.
 """

@@ -15,10 +15,11 @@ class HertzParameters(NamedTuple):
 
 @kernel
 def hertz(c, p):
-    """N = (4/3) E* sqrt(R) d^1.5, a = sqrt(R d), stored energy (8/15) E* sqrt(R) d^2.5 = (2/5) N d."""
+    """N = (4/3) E* sqrt(R) d^1.5, a = sqrt(R d), stored energy (2/5) N d, peak pressure 3 N/(2 pi a^2) = 2 E* d/(pi a)."""
     a = math.sqrt(c.radius * c.overlap)
     force = 4.0 / 3.0 * p.e_star * a * c.overlap
-    return Normal(force, a, 0.4 * force * c.overlap, 0.0)
+    pressure = p.e_star * (2.0 * c.overlap / (math.pi * max(a, 1e-300)))
+    return Normal(force, a, 0.4 * force * c.overlap, 0.0, pressure, c.radius)
 
 
 @kernel

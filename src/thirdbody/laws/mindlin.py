@@ -10,6 +10,7 @@ from thirdbody.laws.radial_return import (
     MEMORY,
     forgets,
     friction_tangent,
+    growth_of,
     keeps,
     rolled,
     rolled_tangent,
@@ -43,7 +44,8 @@ def mindlin(c, load, p, h):
 @kernel
 def mindlin_tangent(c, load, p, h):
     """Consistent tangent of one step: dT/d(slip) and dT/d(overlap), with the stiffness of the load in the limit."""
-    stiffness, rate = 2.0 * p.g_star * load.contact_radius, p.g_star * c.radius / max(load.contact_radius, 1e-300)
+    a = load.contact_radius
+    stiffness, rate = 2.0 * p.g_star * a, p.g_star * load.squared_radius_rate / max(a, 1e-300)
     x, y, x_rate, y_rate = stretched_tangent(c.slip_x, c.slip_y, h, stiffness, rate)
     return friction_tangent(x, y, p.mu * load.force, p.mu * load.stiffness, stiffness, x_rate, y_rate)
 
@@ -75,10 +77,10 @@ def mindlin_rolling(c, load, p, h):
 def mindlin_rolling_tangent(c, load, p, h):
     """As `mindlin_tangent`, with the fraction of the slip that renewal leaves."""
     a = load.contact_radius
-    stiffness, rate = 2.0 * p.g_star * a, p.g_star * c.radius / max(a, 1e-300)
+    stiffness, rate = 2.0 * p.g_star * a, p.g_star * load.squared_radius_rate / max(a, 1e-300)
     distance = fresh_ground(c.roll_x, c.roll_y, a, h[3], h[4], h[5]).way
     fraction = renewed(p.renewal * distance / max(a, 1e-300))
-    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, c.overlap, stiffness, rate)
+    x, y, x_rate, y_rate = rolled_tangent(c.slip_x, c.slip_y, (h[0], h[1], h[2]), fraction, growth_of(load), stiffness, rate)
     return friction_tangent(x, y, p.mu * load.force, p.mu * load.stiffness, fraction.fill * stiffness, x_rate, y_rate)
 
 

@@ -113,14 +113,19 @@ def rolled(slip_x, slip_y, memory, share, stiffness, limit):
 
 
 @kernel
-def rolled_tangent(slip_x, slip_y, memory, share, overlap, stiffness, stiffness_rate):
-    """Trial force of `rolled` and its derivative by the overlap; the exponent of renewal falls as overlap^-0.5."""
+def growth_of(load):
+    """Relative growth of the contact radius with the overlap, (da/dd)/a [1/m]."""
+    return 0.5 * load.squared_radius_rate / max(load.contact_radius * load.contact_radius, 1e-300)
+
+
+@kernel
+def rolled_tangent(slip_x, slip_y, memory, share, growth, stiffness, stiffness_rate):
+    """Trial force of `rolled` and its derivative by the overlap; the exponent of renewal is inverse to the contact radius."""
     x_old, y_old, energy = memory
     scaled = (share.kept * x_old, share.kept * y_old, share.kept * share.kept * energy)
     x, y, x_rate, y_rate = stretched_tangent(share.fill * slip_x, share.fill * slip_y, scaled, stiffness, stiffness_rate)
-    half = 0.5 / max(overlap, 1e-300)
-    grows = half * (1.0 - share.kept) / share.fill
-    moved = stiffness * (grows * share.fill - half * (share.fill - share.kept))
+    grows = growth * (1.0 - share.kept) / share.fill
+    moved = stiffness * (grows * share.fill - growth * (share.fill - share.kept))
     return x, y, x_rate + grows * x + moved * slip_x, y_rate + grows * y + moved * slip_y
 
 

@@ -55,7 +55,7 @@ def rolling_tangent(c, turn, load, p, h):
     x_old, y_old, k_old = h
     arm = p.mu_r * c.radius
     stiffness = p.scale * arm * arm * load.contact_radius
-    rate = p.scale * arm * arm * 0.5 * c.radius / max(load.contact_radius, 1e-300)
+    rate = p.scale * arm * arm * 0.5 * load.squared_radius_rate / max(load.contact_radius, 1e-300)
     saved = stiffness / max(max(stiffness, k_old), 1e-300)
     kept_rate = rate / k_old if stiffness < k_old else 0.0
     x, y = saved * x_old - stiffness * turn.x, saved * y_old - stiffness * turn.y

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from thirdbody.engine.static_response import response
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.columns.sides import ONLY_LOWER, ONLY_UPPER
-from thirdbody.laws.elasticity import e_star
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
@@ -167,9 +167,12 @@ def _spots_reason(built: Simulation) -> str:
 
 
 def _peak_pressure(built: Simulation) -> float:
-    """Return p0 = (2 E*/pi) sqrt(overlap/R) under the expected load [Pa], for the stiffest pair."""
-    stiffest = max(e_star(pair.a, pair.b) for pair in built.choice.pairs)
-    return 2.0 * stiffest / math.pi * math.sqrt(built.upper.shared_overlap)
+    """Return the peak pressure under the expected load [Pa], of a sphere of median radius and the pair with the highest one."""
+    if built.upper.shared_overlap <= 0.0:
+        return 0.0
+    kinds = np.arange(len(built.choice.pairs))
+    radius = np.full(len(kinds), float(np.median(built.state.spheres.radius)))
+    return float(response(built.state.physics, built.upper.shared_overlap * radius, radius, kinds).pressure.max())
 
 
 def _load(built: Simulation) -> float:

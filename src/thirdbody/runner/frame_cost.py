@@ -48,7 +48,7 @@ def _write_frames(built: Simulation, integrator: Explicit | Implicit, path: Path
     from thirdbody.trajectory.writer import TrajectoryWriter
 
     state, pressure = integrator.state, PeakPressure(built)
-    maker = FrameMaker(state, Ledger(state), built.labeller, integrator.drag, pressure.hertz)
+    maker = FrameMaker(state, Ledger(state), built.labeller, integrator.drag)
 
     def write(writer: TrajectoryWriter) -> None:
         frame = maker.frame(integrator.label() if built.labeller else None)

@@ -50,9 +50,7 @@ class RunLoop:
         self.ledger = Ledger(simulation.state)
         self.energy_guard = EnergyGuard(self.ledger, 2 if simulation.integrator.divisible else 1)
         self.pressure = PeakPressure(simulation)
-        self.maker = FrameMaker(
-            simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag, self.pressure.hertz
-        )
+        self.maker = FrameMaker(simulation.state, self.ledger, simulation.labeller, simulation.integrator.drag)
         self.text, self.prints = simulation.scene.to_toml(), prints_of(simulation)
 
     def restore(self, checkpoint: Checkpoint) -> None:

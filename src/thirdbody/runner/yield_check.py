@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from thirdbody.assembly.load_checks import limit_words
+from thirdbody.engine.state import World
 from thirdbody.laws.first_yield import yield_limit
-from thirdbody.trajectory.peak_pressure import HertzPressure
 from thirdbody.units import pretty
 
 if TYPE_CHECKING:
@@ -22,8 +22,8 @@ class PeakPressure:
     """Contact nearest to first yield, or farthest above it, over the frames of a run."""
 
     def __init__(self, simulation: Simulation) -> None:
-        self.materials = simulation.choice.materials
-        self.hertz = HertzPressure(simulation.state, self.materials)
+        state, self.materials = simulation.state, simulation.choice.materials
+        self.of_body, self.of_plate = state.material[state.given], plate_materials(state.world)
         self.limits = np.array([[yield_limit(a, b).pressure for b in self.materials] for a in self.materials])
         self.ratio, self.pressure, self.pair, self.over = 0.0, 0.0, (0, 0), 0
 
@@ -35,7 +35,7 @@ class PeakPressure:
 
     def update(self, contacts: Mapping[str, np.ndarray]) -> None:
         """Update with the contacts of one frame."""
-        pressure, (own, other) = self.hertz.peak(contacts), self.hertz.materials(contacts)
+        pressure, (own, other) = contacts["peak_pressure"], self._sides(contacts)
         if not len(pressure):
             return
         ratio = pressure / self.limits[own, other]
@@ -44,6 +44,14 @@ class PeakPressure:
         self.pressure = max(self.pressure, float(pressure.max()))
         if ratio[worst] > self.ratio:
             self.ratio, self.pair = float(ratio[worst]), (int(own[worst]), int(other[worst]))
+
+    def _sides(self, contacts: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the material codes of each contact's body and of its partner, (n,) and (n,)."""
+        partner = contacts["partner"]
+        other = self.of_body[np.maximum(partner, 0)]
+        for side, material in self.of_plate.items():
+            other = np.where(partner == side, material, other)
+        return self.of_body[contacts["body"]], other
 
     def summary(self) -> dict[str, Any]:
         """Return largest peak pressure [Pa], largest ratio to first yield, that limit [Pa] or None, materials."""
@@ -62,6 +70,12 @@ class PeakPressure:
                 "contacts": self.over,
             },
         }
+
+
+def plate_materials(world: World) -> dict[int, int]:
+    """Return the material code of each plate by its partner code in frames: -1 lower, -2 upper."""
+    given = {-1: world.lower, -2: None if world.upper is None else world.upper.material}
+    return {side: material for side, material in given.items() if material is not None}
 
 
 def yield_words(summary: Mapping[str, Any]) -> str:

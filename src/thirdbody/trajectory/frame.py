@@ -9,21 +9,17 @@ from thirdbody.engine.state import State
 from thirdbody.kernels.columns import body, contact_state, patch, record, run_totals, sphere
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.laws.contract import Labeller
-from thirdbody.trajectory.peak_pressure import HertzPressure
 from thirdbody.trajectory.schema import Frame
 
 
 class FrameMaker:
     """Builder of frames; holds the impulses of the previous frame for means over the output interval."""
 
-    def __init__(
-        self, state: State, ledger: Ledger, labeller: Labeller | None, drag: tuple[float, float],
-        pressure: HertzPressure | None = None,
-    ) -> None:  # fmt: skip
+    def __init__(self, state: State, ledger: Ledger, labeller: Labeller | None, drag: tuple[float, float]) -> None:
         self.state, self.ledger, self.labeller, self.drag = state, ledger, labeller, np.array([*drag, 0.0])
         self.impulses = impulses_of(self.state)
         self.interval = 0.0  # since the previous frame [s]
-        self._corners, self.pressure = _corners(state), pressure
+        self._corners = _corners(state)
         self.given, self.spheres = state.given, state.given_spheres
 
     def static(self) -> dict[str, dict[str, np.ndarray]]:
@@ -77,6 +73,7 @@ class FrameMaker:
             "slip": slots.histories.slip[on] - contact_state.CLOSED,
             "overlap": R[:, record.OVERLAP],
             "contact_radius": R[:, record.CONTACT_RADIUS],
+            "peak_pressure": R[:, record.PEAK_PRESSURE],
             "critical_slip": R[:, record.CRITICAL_SLIP],
         }
         if s.physics.moments:
@@ -98,10 +95,9 @@ class FrameMaker:
             "friction_work": B[:, body.FRICTION_WORK].copy(),
             "slip_distance": B[:, body.SLIP_DISTANCE].copy(),
             "utilisation": self._largest(contacts, contacts["utilisation"]),
+            "peak_pressure": self._largest(contacts, contacts["peak_pressure"]),
             "contacts": self._count(contacts),
         }
-        if self.pressure is not None:
-            arrays["peak_pressure"] = self._largest(contacts, self.pressure.peak(contacts))
         if labels is None or self.labeller is None:
             return arrays
         labels = labels[self.given]

@@ -280,6 +280,7 @@ def write_record(q, k, context, motion, tile):
         along = t_1 * G[q + (geometry.AXIS + d) * TILE] + t_2 * G[q + (geometry.CROSS_AXIS + d) * TILE]
         R[k, record.TANGENTIAL_FORCE + d] = along
     R[k, record.CONTACT_RADIUS] = O[q + law_output.CONTACT_RADIUS * TILE]
+    R[k, record.PEAK_PRESSURE] = O[q + law_output.PEAK_PRESSURE * TILE]
     R[k, record.OVERLAP] = I[q + law_input.OVERLAP * TILE]
     R[k, record.NORMAL_FORCE], R[k, record.LOAD] = O[q + law_output.NORMAL_FORCE * TILE], O[q + law_output.LOAD * TILE]
     R[k, record.FRICTION_LIMIT] = O[q + law_output.FRICTION_LIMIT * TILE]

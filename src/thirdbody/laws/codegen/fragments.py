@@ -27,6 +27,11 @@ CONTACT = """        c = Contact(I[q + {OVERLAP}], I[q + {RADIUS}], I[q + {MASS}
                     I[q + {SLIP_X}], I[q + {SLIP_Y}], I[q + {VELOCITY_X}], I[q + {VELOCITY_Y}], {roll})
 """
 
+TOUCHING = """        c = Contact(max(far.overlap, 0.0), far.radius, far.mass, far.v_n,
+                    far.slip_x, far.slip_y, far.v_x, far.v_y, far.roll_x, far.roll_y)
+"""
+"""The contact for laws without reach, in a chain that has one."""
+
 
 def field_names(parameters: Any) -> tuple[str, ...]:
     """Names of a law's parameters, a NamedTuple class."""
@@ -105,7 +110,13 @@ def contact_of(chain: Sequence[Law], still: bool = False) -> str:
     report = not still and any(law.rolls for law in chain)
     places = (behind + rolling_input.TRAVEL_X, behind + rolling_input.TRAVEL_Y)
     roll = ", ".join(f"I[{field_of(place)}]" if report else "0.0" for place in places)
-    return CONTACT.format(roll=roll, **{name: getattr(law_input, name) * TILE for name in names})
+    text = CONTACT.format(roll=roll, **{name: getattr(law_input, name) * TILE for name in names})
+    return text.replace(" c = ", " far = ", 1) + TOUCHING if any(law.reach for law in chain) else text
+
+
+def seen_by(law: Law) -> str:
+    """Name of the contact in the generated text: `far` has overlaps down to minus the reach, `c` none below zero."""
+    return "far" if law.reach else "c"
 
 
 def parameters_of(chain: Sequence[Law], k: int) -> str:

@@ -25,6 +25,7 @@ from thirdbody.laws.codegen.fragments import (
     history_of,
     memory_names,
     parameters_of,
+    seen_by,
     tile_function,
     viscous_names,
     width_of,
@@ -50,11 +51,11 @@ class Chain:
 
     @cached_property
     def tangents(self) -> Callable | None:
-        """Tangents with history, dashpots included (`tangents`); None if a law has no tangent.
+        """Tangents with history, dashpots included (`tangents`); None if a law has no tangent, or acts before the bodies touch.
 
         Compiled on first use: the explicit integrator never needs them.
         """
-        if self.stiffness is None:
+        if self.stiffness is None or self.reaching:
             return None
         from thirdbody.laws.codegen.tangents import tangent_module
 
@@ -64,6 +65,11 @@ class Chain:
     def without_tangent(self) -> tuple[str, ...]:
         """Names of the laws without the tangent that their stage requires: they run in the explicit integrator only."""
         return tuple(law.name for law in self.laws if law.tangent is None and law.stage in STIFF)
+
+    @property
+    def reaching(self) -> tuple[str, ...]:
+        """Names of the laws that act before the bodies touch: they run in the explicit integrator only."""
+        return tuple(law.name for law in self.laws if law.reach)
 
     @property
     def remembered_forces(self) -> tuple[int, int]:
@@ -110,7 +116,7 @@ class Chain:
 def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
     """Return the laws in the order of their stages; one law per stage, any number for adhesion.
 
-    Raises ValueError when the normal stage is empty or a stage has two laws.
+    Raises ValueError when the normal stage is empty, a stage has two laws, or a law assumes another normal law.
     """
     chain = tuple(sorted(laws, key=lambda law: STAGES.index(law.stage)))
     for stage in STAGES:
@@ -119,6 +125,9 @@ def ordered(laws: Iterable[Law]) -> tuple[Law, ...]:
             raise ValueError(f"two laws for the {stage} stage: {', '.join(names)}")
         if stage == "normal" and not names:
             raise ValueError("no law for the normal stage")
+    for law in chain:
+        if law.assumes not in ("", chain[0].name):
+            raise ValueError(f"the law '{law.name}' assumes the normal law '{law.assumes}', not '{chain[0].name}'")
     return chain
 
 
@@ -160,19 +169,21 @@ def _call(chain: Sequence[Law], k: int, arguments: str, answer: str) -> list[str
 
 def _law_function(chain: Sequence[Law]) -> str:
     stages = {law.stage: k for k, law in enumerate(chain)}
-    lines = _call(chain, stages["normal"], "c", "n")
+    pulls = chain[0].reach is not None  # the normal force may be negative
+    lines = _call(chain, stages["normal"], seen_by(chain[0]), "n")
     lines.append("        elastic, stored, work, lost = n.force, n.stored, n.dissipated, 0.0")
     if "damping" in stages:
         lines += _call(chain, stages["damping"], "c, n", "viscous")
         # clipped: a dashpot may unload the contact but never pull
-        lines += ["        force = max(elastic + viscous, 0.0)", "        power = -(force - elastic) * c.v_n"]
+        lowest = "min(elastic, 0.0)" if pulls else "0.0"
+        lines += [f"        force = max(elastic + viscous, {lowest})", "        power = -(force - elastic) * c.v_n"]
     else:
         lines += ["        force = elastic", "        power = 0.0"]
     lines += ["        viscous_n, tv_x, tv_y, mv_x, mv_y = force - elastic, 0.0, 0.0, 0.0, 0.0"]
-    lines.append("        load = Load(force, elastic, n.contact_radius, 0.0)")
+    lines.append(f"        load = Load({'max(force, 0.0)' if pulls else 'force'}, elastic, n.contact_radius, 0.0, 0.0)")
     for k, law in enumerate(chain):
         if law.stage == "adhesion":
-            lines += _call(chain, k, "c, n", f"a{k}")
+            lines += _call(chain, k, f"{seen_by(law)}, n", f"a{k}")
             lines += [f"        force += a{k}.force", f"        stored += a{k}.stored"]
     lines += _tangential_lines(chain, stages)
     if "rolling" in stages:
@@ -186,6 +197,7 @@ def _law_function(chain: Sequence[Law]) -> str:
         law_output.CRITICAL_SLIP: "critical",
         law_output.SLIP: "slip",
         law_output.CONTACT_RADIUS: "n.contact_radius",
+        law_output.PEAK_PRESSURE: "n.peak_pressure",
         law_output.STORED_NORMAL: "stored",
         law_output.STORED_TANGENTIAL: "stored_t",
         law_output.DISSIPATED: "work",
@@ -276,11 +288,17 @@ def _stiffness_function(chain: Sequence[Law]) -> str:
     k = stages["normal"]
     zeros = "(" + "0.0, " * history_of(chain, k)[1] + ")" if history_of(chain, k)[1] else ""
     lines = [f"        p{k} = {parameters_of(chain, k)}"]
-    arguments = f"c, p{k}" + (f", {zeros}" if zeros else "")
+    arguments = f"{seen_by(chain[k])}, p{k}" + (f", {zeros}" if zeros else "")
     lines.append(f"        k_n = tangent_{k}({arguments})")
     lines.append(f"        n = kernel_{k}({arguments})" + ("[0]" if zeros else ""))
+    if chain[k].reach:
+        lines.append("        k_n = abs(k_n)")
+    for a, law in enumerate(chain):
+        if law.reach and law.stage == "adhesion" and law.tangent is not None:
+            lines += [f"        p{a} = {parameters_of(chain, a)}"]
+            lines += [f"        k_n += abs(tangent_{a}({seen_by(law)}, n, p{a}{empty_history(chain, a)}))"]
     lines.append("        c_n, c_t, c_r = 0.0, 0.0, 0.0")
-    lines.append("        load = Load(n.force, n.force, n.contact_radius, k_n)")
+    lines.append("        load = Load(n.force, n.force, n.contact_radius, k_n, n.squared_radius_rate)")
     if "damping" in stages:
         lines += call_without_history(chain, stages["damping"], "c, n", "c_n")
     if "tangential_damping" in stages:

@@ -71,14 +71,14 @@ def _remembering(chain: Sequence[Law], k: int, name: str, arguments: str) -> lis
 def _damped_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:
     """Lines for the load and its stiffness, with the dashpot: its coefficient is the viscous force of an approach at 1 m/s."""
     if "damping" not in stages:
-        return ["        load = Load(n.force, n.force, n.contact_radius, k_n)"]
+        return ["        load = Load(n.force, n.force, n.contact_radius, k_n, n.squared_radius_rate)"]
     k = stages["damping"]
     closing = "Contact(c.overlap, c.radius, c.mass, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)"
     lines = call_without_history(chain, k, "c, n", "viscous") + call_without_history(chain, k, f"{closing}, n", "c_n")
     # where the dashpot would pull, the whole force is clipped to zero
     lines.append("        force = max(n.force + viscous, 0.0)")
     lines.append("        k_n = k_n + c_n * rate if force > 0.0 else 0.0")
-    return [*lines, "        load = Load(force, n.force, n.contact_radius, k_n)"]
+    return [*lines, "        load = Load(force, n.force, n.contact_radius, k_n, n.squared_radius_rate)"]
 
 
 def _dragged_lines(chain: Sequence[Law], stages: dict[str, int]) -> list[str]:

@@ -146,6 +146,11 @@ class Bench:
         """Effective radius, m."""
         return self.per_tile([s.radius for s in self.settings], tiles)
 
+    def outermost(self, tiles: int) -> Array:
+        """Overlap from which on bodies act on each other [m]: zero, or minus the reach of the law."""
+        reach = self.law.reach or (lambda pair, options, radius: 0.0)
+        return 0.0 - self.per_tile([reach(s.pair, s.options, s.radius) for s in self.settings], tiles)
+
     def friction(self, tiles: int) -> Array:
         """Friction coefficient of the pair."""
         return self.per_tile([s.pair.friction for s in self.settings], tiles)
@@ -244,9 +249,9 @@ class Moment(NamedTuple):
 def follow_path(bench: Bench, path: Path, m: int) -> Iterator[Moment]:
     """Run the law along the paths as the engine does: open contacts are skipped and lose their history."""
     tiles = len(path.overlap[0])
-    history, radius = bench.virgin(tiles), bench.radius(tiles)
+    history, radius, outermost = bench.virgin(tiles), bench.radius(tiles), bench.outermost(tiles)
     for requested in path.steps(m):
-        is_open = (requested.overlap <= 0.0)[:, None]
+        is_open = (requested.overlap <= outermost)[:, None]
         idle = requested._replace(overlap=np.where(is_open[:, 0], 1e-3 * radius, requested.overlap))
         answer, after = bench.call(idle, history)
         answer, after = np.where(is_open, 0.0, answer), np.where(is_open, 0.0, after)
@@ -255,7 +260,9 @@ def follow_path(bench: Bench, path: Path, m: int) -> Iterator[Moment]:
 
 
 def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = False) -> Path:
-    """Random corners: overlap 1e-6 to 0.03 radii, one in eight open; a third of the paths have their slip on a line.
+    """Random corners: overlap 1e-6 to 0.03 radii, one in eight apart; a third of the paths have their slip on a line.
+
+    Corners apart are beyond touch and, where the law has a reach, from touch to twice the reach.
 
     The slip is scaled by the overlap, by the radius, or by the displacement at which, according to the law, a virgin contact
     slips; only by the last if `resolved`, so that every reversal takes some twenty steps.
@@ -265,7 +272,8 @@ def random_paths(bench: Bench, corners: int, repeats: int = 1, resolved: bool = 
     lanes = (tiles, TILE)
     deepest = bench.radius(tiles) * 10.0 ** rng.uniform(-6.0, -1.5, lanes)
     overlap = deepest * rng.uniform(0.02, 1.0, (corners, *lanes))
-    overlap = np.where(rng.random(overlap.shape) < 0.125, -0.2 * deepest, overlap)
+    apart = np.where(bench.outermost(tiles) < 0.0, bench.outermost(tiles) * np.linspace(0.0, 2.0, TILE), -0.2 * deepest)
+    overlap = np.where(rng.random(overlap.shape) < 0.125, apart, overlap)
     scale = rng.integers(3, size=lanes)
     by_overlap = np.clip(bench.friction(tiles), 0.02, 3.0) * deepest * 10.0 ** rng.uniform(-1.5, 1.0, lanes)
     by_radius = bench.radius(tiles) * 10.0 ** rng.uniform(-5.0, -1.0, lanes)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from thirdbody.laws.codegen.compile_errors import compile_error
-from thirdbody.laws.conformance.energy import energy, ledger, tangent
+from thirdbody.laws.conformance.energy import area, energy, ledger, tangent
 from thirdbody.laws.conformance.paths import Bench, forms_of
 from thirdbody.laws.conformance.symmetry import compiled, finite, friction_limit, history, no_touch, passive, rotation, swap
 from thirdbody.laws.contract import STAGES, Law
@@ -20,7 +20,7 @@ SHEARED = ("tangential", "tangential_damping", "rolling")
 
 TESTS: tuple[tuple[str, tuple[str, ...], Callable[[Bench], tuple[bool, str]]], ...] = (
     ("finite", STAGES, finite),
-    ("no touch, no force", STAGES, no_touch),
+    ("no force beyond reach", STAGES, no_touch),
     ("rotation", STAGES, rotation),
     ("swap", STAGES, swap),
     ("friction limit", SHEARED, friction_limit),
@@ -28,6 +28,7 @@ TESTS: tuple[tuple[str, tuple[str, ...], Callable[[Bench], tuple[bool, str]]], .
     ("ledger", ELASTIC, ledger),
     ("dissipates", VISCOUS, passive),
     ("tangent", ELASTIC, tangent),
+    ("contact area", ("normal",), area),
     ("compiled", STAGES, compiled),
     ("history", STAGES, history),
 )
@@ -94,6 +95,8 @@ def declaration_faults(law: Law) -> list[str]:
         faults.append("parameters is not a NamedTuple")
     if law.history and law.stage in VISCOUS:
         faults.append(f"the {law.stage} stage keeps no history")
+    if law.reach and law.stage not in ("normal", "adhesion"):
+        faults.append(f"the {law.stage} stage acts in contact only: no reach")
     if len(set(law.history)) < len(law.history):
         faults.append("a history name stands twice")
     for option in law.options:

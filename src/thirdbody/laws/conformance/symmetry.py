@@ -58,10 +58,14 @@ def finite(bench: Bench) -> Result:
 
 
 def no_touch(bench: Bench) -> Result:
-    """Test for no force and no energy at zero overlap: virgin, after any path, moving, slipping."""
+    """Test for no force and no energy where the law begins to act: virgin, after any path, moving, slipping.
+
+    That is at zero overlap, or at the law's reach; there and half as far out again.
+    """
     path = random_paths(bench, 3)
     tiles = len(bench.settings)
-    moved = Contacts(np.zeros_like(path.overlap[0]), path.slip[0], -np.abs(path.overlap[0]) * 1e3, path.slip[0] * 1e3)
+    apart = bench.outermost(tiles) * np.where(np.arange(TILE) % 2 == 0, 1.0, 1.5)
+    moved = Contacts(apart, path.slip[0], -np.abs(path.overlap[0]) * 1e3, path.slip[0] * 1e3)
     memories = [bench.virgin(tiles), *(moment.after for moment in follow_path(bench, path, 2))]
     for memory in memories:
         answer, _ = bench.call(moved, memory)
@@ -69,7 +73,8 @@ def no_touch(bench: Bench) -> Result:
         if len(bad):
             tile, k, lane = bad[0]
             value = answer[tile, FORCES[k], lane]
-            return False, f"{NAMES[FORCES[k]]} is {value:.3g} at zero overlap, {bench.settings[tile].label}"
+            where = f"{-apart[tile, lane]:.3g} m apart" if apart[tile, lane] < 0.0 else "at zero overlap"
+            return False, f"{NAMES[FORCES[k]]} is {value:.3g} {where}, {bench.settings[tile].label}"
     return True, ""
 
 
@@ -186,7 +191,7 @@ def compiled(bench: Bench) -> Result:
         return True, "the compiler is off"
     law = bench.interpreted()
     cases: list[tuple[Contacts, Array]] = [
-        (moment.asked._replace(overlap=np.maximum(moment.asked.overlap, 0.0)), moment.before)
+        (moment.asked._replace(overlap=np.maximum(moment.asked.overlap, bench.outermost(len(bench.settings)))), moment.before)
         for moment in follow_path(bench, random_paths(bench, 2), 1)
     ]
     memory = bench.virgin(len(bench.settings))
@@ -213,8 +218,9 @@ def history(bench: Bench) -> Result:
     order = np.random.default_rng(3).permutation(TILE)
     memory = moments[5].after.copy()
     for moment in moments[6:]:
-        touches = (moment.asked.overlap > 0.0)[:, None]
-        touched = moment.asked._replace(overlap=np.maximum(moment.asked.overlap, 0.0))
+        outermost = bench.outermost(len(bench.settings))
+        touches = (moment.asked.overlap > outermost)[:, None]
+        touched = moment.asked._replace(overlap=np.maximum(moment.asked.overlap, outermost))
         shuffled = Contacts(*(np.ascontiguousarray(x[..., order]) for x in touched))
         answer, after = bench.call(shuffled, np.ascontiguousarray(memory[..., order]))
         back = np.argsort(order)

@@ -1,0 +1,134 @@
+"""A normal law of a user, in one file, under the built-in friction: a cone, whose contact radius grows as the overlap."""
+
+import math
+
+import numpy as np
+import pytest
+from steel import STEEL
+
+import thirdbody
+from thirdbody.engine.static_contacts import Contacts
+from thirdbody.laws.conformance.suite import check, report
+from thirdbody.laws.contract import Material, Pair
+from thirdbody.laws.elasticity import e_star
+from thirdbody.laws.registry import load_file
+
+SLOPE = 30.0
+LAW = f'''
+import math
+from typing import NamedTuple
+from thirdbody.plugin import COULOMB, HERTZ_DAMPING, MINDLIN, Law, LawFamily, Normal, Plugin, TANGENTIAL_DAMPING, e_star, kernel
+
+class Cone(NamedTuple):
+    e_star: float
+
+@kernel
+def cone(c, p):
+    """N = E* a d with a = SLOPE d; the pressure is the mean one, that of the tip is infinite."""
+    a = {SLOPE} * c.overlap
+    force = p.e_star * a * c.overlap
+    return Normal(force, a, force * c.overlap / 3.0, 0.0, p.e_star / (math.pi * {SLOPE}), 2.0 * {SLOPE} * a)
+
+@kernel
+def cone_tangent(c, p):
+    return 2.0 * p.e_star * {SLOPE} * c.overlap
+
+def mix(pair, options):
+    return Cone(e_star(pair.a, pair.b))
+
+CONE = Law("cone", "normal", cone, Cone, mix, source="Sneddon 1965", tangent=cone_tangent)
+PLUGIN = Plugin("cones", families=(LawFamily("cones", {{
+    "mindlin": (CONE, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING), "coulomb": (CONE, HERTZ_DAMPING, COULOMB, TANGENTIAL_DAMPING),
+}}, "mindlin"),))
+'''
+SCENE = (
+    'title = "cones"\n'
+    + STEEL
+    + """\
+[[debris]]
+material = "steel"
+kind = "spheres"
+radius = "5 um"
+count = 3
+seed = 1
+[domain]
+size = ["80 um", "60 um"]
+[plates.lower]
+material = "steel"
+[plates.upper]
+material = "steel"
+support = "load_per_particle"
+load = "0.1 mN"
+motion = {x = {velocity = "10 mm/s"}}
+[contact]
+law = "cones"
+debris_contact = "none"
+[solver]
+distance = "5 nm"
+[output]
+every = "5 nm"
+"""
+)
+PAIR = Pair(Material("steel", 80e9, 0.3, 7850.0), Material("ceramic", 120e9, 0.2, 3900.0), 0.3, 0.6)
+
+
+@pytest.fixture(scope="module")
+def plugin(tmp_path_factory):
+    path = tmp_path_factory.mktemp("plugin") / "cones.py"
+    path.write_text(LAW)
+    return path
+
+
+def test_the_law_conforms(plugin):
+    (family,) = load_file(plugin).families
+    findings = check([family.levels["mindlin"][0]])
+    assert all(finding.passed for finding in findings), report(findings)
+
+
+@pytest.mark.parametrize("level", ["mindlin", "coulomb"])
+def test_tangents_are_derivatives_of_the_step(plugin, level):
+    """Of the composed laws, where the contact grows, sticks and slides: the rate of the contact area is that of the cone."""
+    (family,) = load_file(plugin).families
+    contacts = Contacts(family.levels[level], [PAIR], np.zeros(3, np.int64), np.full(3, 5e-6))
+    deep = np.array([10e-9, 8e-9, 12e-9])
+    slip = np.array([[0.3e-9, 0.1e-9], [2e-9, -1e-9], [-9e-9, 7e-9]])  # the last one slides: kappa d is some 5 nm
+    pressed = contacts.ask(0.9 * deep, 0.1 * slip, contacts.virgin()).memory
+
+    def forces(overlap, way):
+        answer = contacts.ask(overlap, way, pressed)
+        return np.stack([answer.normal, *answer.tangential.T])
+
+    given = contacts.stiffness(deep, slip, pressed)
+    step = 1e-5 * deep  # central differences: an error of some 1e-10, and of the rounding 1e-11
+    by_overlap = (forces(deep + step, slip) - forces(deep - step, slip)) / (2.0 * step)
+    size = np.abs(given).max()
+    assert given[[0, 5, 6]] == pytest.approx(by_overlap, abs=1e-7 * size)
+    for axis in (0, 1):
+        way = np.zeros_like(slip)
+        way[:, axis] = step
+        by_slip = (forces(deep, slip + way) - forces(deep, slip - way)) / (2.0 * step)
+        assert given[[1 + axis, 3 + axis]] == pytest.approx(by_slip[1:], abs=1e-7 * size)
+
+
+@pytest.mark.parametrize("integrator", ["explicit", "implicit"])
+def test_a_run_writes_the_peak_pressure_of_the_law(plugin, tmp_path, integrator):
+    scene = thirdbody.Scene.parse(SCENE, "cones.toml", plugins=[plugin]).with_settings({"solver.integrator": integrator})
+    with thirdbody.run(scene, out=tmp_path / "run", plugins=[plugin], threads=1, progress=False) as run:
+        bodies, contacts = run.bodies(-1), run.contacts(-1)
+        material = scene.materials["steel"]
+        steel = Material("steel", material.shear(), material.poisson_ratio, material.density)
+        expected = e_star(steel, steel) / (math.pi * SLOPE)
+        assert contacts["contact_radius"] == pytest.approx(SLOPE * contacts["overlap"], rel=1e-12)
+        assert contacts["peak_pressure"] == pytest.approx(expected, rel=1e-12)
+        assert bodies["peak_pressure"] == pytest.approx(expected, rel=1e-12)
+        assert run.summary()["peak_pressure"] == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_law_derived_for_spheres_is_refused_under_it(plugin):
+    from thirdbody_three_spot.mdr import MDR
+
+    from thirdbody.laws.codegen.laws import ordered
+
+    (family,) = load_file(plugin).families
+    with pytest.raises(ValueError, match="'mdr' assumes the normal law 'hertz', not 'cone'"):
+        ordered((family.levels["mindlin"][0], MDR))
