@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from thirdbody.engine.state import Array, Ints, Physics
 from thirdbody.kernels.columns import law_input, law_output, rolling_input, rolling_output
@@ -51,7 +52,7 @@ def load_at(physics: Physics, pressure: Array, radius: Array, kind: Ints) -> Arr
     return response(physics, overlap, radius, kind).force
 
 
-def _bisected(is_below: Callable[[Array], Array], radius: Array) -> Array:
+def _bisected(is_below: Callable[[Array], NDArray[np.bool_]], radius: Array) -> Array:
     """Return the overlap (n,) [m], at most the radius, up to which `is_below` holds."""
     low, high = np.zeros_like(radius, float), radius.astype(float)
     for _ in range(60):

@@ -235,8 +235,8 @@ class Law:
     `rolls` receives the travel of the contact area, for history that belongs to the material under it. `wanted(pairs)` returns
     whether these materials need the law; if not, it is absent from the compiled code. `variant(options)` may return another law
     that replaces this one under these options, one with more history for instance, or None. `assumes` is the name of the normal
-    law that the law is derived for; it is refused under another one. `reach(pair, options, radius)` is the distance from touch [m]
-    at which a normal or adhesion law begins to act between bodies of at most this effective radius [m]; it must not decrease with
+    law that the law is derived for; it is refused under another one. `reach(pair, options, radius)` is the distance [m] before
+    touch where a normal or adhesion law begins to act between bodies of at most this effective radius [m]; it must not fall with
     the radius.
     """
 
