@@ -87,7 +87,7 @@ def ends(g, cuts, side):
 def measure(g, context, box, found):
     """The gaps of a group."""
     first, last = ends(g, context.cuts, FLAT)
-    narrow_phase.plate_overlaps(first, last, context, found)
+    narrow_phase.plate_overlaps(first, last, context, box, found)
     first, last = ends(g, context.cuts, PAIRED)
     narrow_phase.pair_overlaps(first, last, context, box, found)
 
@@ -165,7 +165,7 @@ class Tables:
         self.context = integrator.known._replace(**own)
         self.packed = pack(EXPECTED, self.context)
         length = max(s.D[domain.LENGTH_X], 0.0), max(s.D[domain.LENGTH_Y], 0.0)
-        self.box = Box(*length, *(1.0 / x if x else 0.0 for x in length))
+        self.box = Box(*length, *(1.0 / x if x else 0.0 for x in length), s.reach)
 
     def _tiles(self, side: int) -> np.ndarray:
         """Where each tile begins in the list of those that touch, and how many it has: as a step cuts them, group by group."""

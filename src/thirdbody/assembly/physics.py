@@ -36,6 +36,14 @@ class CompiledPhysics:
     off: tuple[str, ...]
     options: dict[str, dict[str, Any]]
 
+    def reach(self, radius: float) -> float:
+        """Return the distance from touch [m] at which bodies of at most this effective radius [m] begin to act on each other."""
+        reaching = [law for law in self.chain.laws if law.reach]
+        distances = [law.reach(pair, self.options[law.name], radius) for law in reaching for pair in self.pairs if law.reach]
+        if not all(0.0 <= distance < math.inf for distance in distances):
+            raise UsageError(f"the reach of {', '.join(law.name for law in reaching)} must be a finite length, at least 0")
+        return max(distances, default=0.0)
+
     def limit_friction(self, largest: float) -> None:
         """Recompute the parameters of all pairs with friction coefficients of at most `largest`."""
         pairs = [replace(pair, friction=min(pair.friction, largest)) for pair in self.pairs]

@@ -125,7 +125,7 @@ def build(
     bounded = not scene.domain.periodic and lower is not None
     world = World(scene.domain.size, scene.domain.periodic, bounded, lower, upper.plate, debris_contact)
     radii = np.concatenate([clump.radii for clump in placed.clumps])
-    state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order)
+    state = assemble(placed, world, choice.physics, SKIN * float(radii.mean()), order, choice.reach(float(radii.max())))
     _refuse_narrow_domain(scene, state)
     fixed = None if isinstance(scene.solver.time_step, str) else scene.solver.time_step
     chosen = plan(scene, choice, state)
@@ -201,7 +201,7 @@ def _refuse_narrow_domain(scene: Scene, state: State) -> None:
     """Raise InputError for a period below twice the longest reach: nearest images would not be unique."""
     if not scene.domain.periodic or not state.world.debris_meets:
         return
-    reach = 2.0 * float(state.spheres.radius.max()) + state.skin
+    reach = 2.0 * float(state.spheres.radius.max()) + state.skin + state.reach
     if min(scene.domain.size) < 2.0 * reach:
         message = f"a periodic side must be at least {units.pretty(2.0 * reach, 'length')}, twice the reach of the largest sphere"
         raise InputError(scene.fault(("domain", "size"), message))

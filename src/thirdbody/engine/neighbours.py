@@ -73,15 +73,15 @@ def _carry(n_plates: int, own: Numbers, partner: Numbers, old: Candidates, sourc
 
 
 def _candidates(state: State) -> tuple[int, np.ndarray, np.ndarray]:
-    world = state.world
+    world, distance = state.world, state.skin + state.reach
     capacity = max(64, int(1.3 * state.slots.count), 2 * state.n_spheres)
     while True:
         own, partner = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
         plates = world.lower is not None, world.upper is not None
-        n = passes.plate_candidates(state.S, state.P, state.body, state.patch, plates, state.skin, own, partner)
+        n = passes.plate_candidates(state.S, state.P, state.body, state.patch, plates, distance, own, partner)
         n_plates = n
         if world.debris_meets:
-            n = passes.pair_candidates(state.S, state.body, state.skin, grid(state, state.skin), n, own, partner)
+            n = passes.pair_candidates(state.S, state.body, distance, grid(state, distance), n, own, partner)
         if n <= capacity:
             return n_plates, own[:n].copy(), partner[:n].copy()
         capacity = int(1.2 * n)

@@ -228,6 +228,11 @@ class State:
         return len(self.S)
 
     @property
+    def reach(self) -> float:
+        """Distance from touch [m] at which bodies begin to act on each other; 0 unless a law has a reach."""
+        return float(self.D[domain.REACH])
+
+    @property
     def given(self) -> Ints:
         """Row (n_bodies,) of each body of the scene."""
         return np.argsort(self.order)
@@ -290,7 +295,7 @@ def table(rows: int, columns: int) -> Array:
     return margin[first : first + rows * columns * 8].view(np.float64).reshape(rows, columns)
 
 
-def assemble(placed: Placed, world: World, physics: Physics, skin: float, order: Ints | None = None) -> State:
+def assemble(placed: Placed, world: World, physics: Physics, skin: float, order: Ints | None = None, reach: float = 0.0) -> State:
     """Assemble the tables at time zero; forces are evaluated by `Explicit.start`. `order`: see `State`."""
     counts = np.array([len(clump.radii) for clump in placed.clumps], np.int64)
     start = np.concatenate(([0], np.cumsum(counts)))
@@ -319,7 +324,7 @@ def assemble(placed: Placed, world: World, physics: Physics, skin: float, order:
     P = np.ones((1, patch.WIDTH)) * (np.arange(patch.WIDTH) == patch.MASS) if upper is None else upper.table()
     schedule, first = (Schedule() if upper is None else upper.schedule).tables()
     state = State(
-        world=world, physics=physics, B=B, E=E, S=S, P=P, A=np.zeros(run_totals.WIDTH), D=_limits(world, skin),
+        world=world, physics=physics, B=B, E=E, S=S, P=P, A=np.zeros(run_totals.WIDTH), D=_limits(world, skin, reach),
         schedule=schedule, first=first, M=np.zeros((n_bodies, max(physics.memory, 1))), offsets=offsets,
         X0=np.zeros((n_bodies, search_pose.WIDTH)), body=np.repeat(np.arange(n_bodies), counts), start=start,
         patch=np.zeros(n_bodies, np.int64) if upper is None else upper.patch, material=placed.materials,
@@ -339,11 +344,11 @@ def unite(state: State) -> None:
         refresh_spheres(state)
 
 
-def _limits(world: World, skin: float) -> Array:
+def _limits(world: World, skin: float, reach: float) -> Array:
     D = np.zeros(domain.WIDTH)
     sign = 1.0 if world.periodic else (-1.0 if world.bounded else 0.0)
     D[domain.LENGTH_X], D[domain.LENGTH_Y] = sign * world.size[0], sign * world.size[1]
-    D[domain.SKIN] = skin
+    D[domain.SKIN], D[domain.REACH] = skin, reach
     D[domain.FLOOR] = -np.inf if world.lower is None else 0.0
     return D
 

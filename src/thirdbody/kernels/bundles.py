@@ -56,3 +56,5 @@ class Box(NamedTuple):
     length_y: float
     inverse_x: float
     inverse_y: float
+    reach: float
+    """Distance from touch at which bodies begin to act on each other [m]."""

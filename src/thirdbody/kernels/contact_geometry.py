@@ -207,7 +207,7 @@ def pair_geometry(n, dt, box, tile):
     normal of half a step ago.
     """
     I, G, half = tile.inputs, tile.geometry, 0.5 * dt  # noqa: E741
-    l_x, l_y, c_x, c_y = box
+    l_x, l_y, c_x, c_y, _ = box
     for q in range(n):
         x = image(G[q + geometry.NORMAL * TILE], l_x, c_x)
         y = image(G[q + (geometry.NORMAL + 1) * TILE], l_y, c_y)

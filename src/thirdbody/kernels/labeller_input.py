@@ -9,7 +9,7 @@ from thirdbody.jit.options import BARE
 from thirdbody.kernels.columns import body, body_extra, contact_state, loaded_contact, observed_body, record, run_totals
 from thirdbody.kernels.columns.sides import DEBRIS, LOWER, UPPER
 from thirdbody.kernels.contact_history import labeller_column
-from thirdbody.kernels.predicates import has_effect_columns, is_closed, is_lower, is_sphere
+from thirdbody.kernels.predicates import has_effect_columns, is_lower, is_sphere, is_touching
 from thirdbody.kernels.rigid_body import BODIES
 
 
@@ -92,11 +92,11 @@ def body_row(b, context, A, O):  # noqa: E741
 
 @njit(**BARE)
 def body_contacts(b, context, C):
-    """Fill the table C with the loaded contacts of body b, in the order of candidates; return their number."""
+    """Fill the table C with the touching contacts of body b, in the order of candidates; return their number."""
     n = np.int64(0)  # not the literal 0, for which the callees would be compiled once more
     for e in range(context.edges[b], context.edges[b + 1]):
         k = context.incidence[e] >> 1
-        if is_closed(k, context.H):
+        if is_touching(k, context.H, context.R):
             contact_row(C, n, k, context.incidence[e] & 1, context)
             n += 1
     return n
@@ -111,7 +111,7 @@ def update_body_memory(b, context, A, observe, O, C):  # noqa: E741
     n = 0
     for e in range(context.edges[b], context.edges[b + 1]):
         k = context.incidence[e] >> 1
-        if is_closed(k, context.H):
+        if is_touching(k, context.H, context.R):
             to = memory_column(context.incidence[e] & 1, context)
             for m in range(context.width - loaded_contact.MEMORY):
                 context.H[k, to + m] = C[n, loaded_contact.MEMORY + m]

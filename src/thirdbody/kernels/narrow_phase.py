@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE, BARE_CHUNK
-from thirdbody.jit.simd import LANES, active_bits, compress_store, get, put, transpose
+from thirdbody.jit.simd import LANES, active_bits, broadcast, compress_store, get, put, transpose
 from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import sphere
 from thirdbody.kernels.contact_geometry import SPARE, four_rows_of
@@ -19,7 +19,7 @@ from thirdbody.kernels.predicates import is_plate
 
 @njit(**BARE)
 def overlap_and_normal(k, context, box):
-    """Return the overlap of candidate k [m] and the unit normal from partner to owner. Apart: overlap <= 0, no normal."""
+    """Return the overlap of candidate k [m] and the unit normal from partner to owner. Out of reach: overlap <= 0, no normal."""
     S, i, j = context.S, context.own[k], context.partner[k]
     if is_plate(j):
         x, y, z = first_body.normal(j, first_body.centre(i, S), context.P)
@@ -29,7 +29,7 @@ def overlap_and_normal(k, context, box):
     d_z = S[i, sphere.Z] - S[j, sphere.Z]
     square = d_x * d_x + d_y * d_y + d_z * d_z
     reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
-    if square >= reach * reach:
+    if square >= (reach + box.reach) * (reach + box.reach):
         return -1.0, 0.0, 0.0, 0.0
     d = math.sqrt(square)
     inverse = 1.0 / max(d, 1e-300)
@@ -44,10 +44,10 @@ def plate_overlap(k, context):
 
 
 @njit(**BARE_CHUNK)
-def plate_overlaps(first, last, context, g):
-    """Compute the overlaps g of candidates first to last with their plates [m]."""
+def plate_overlaps(first, last, context, box, g):
+    """Compute overlap plus reach of candidates first to last with their plates [m] into g: > 0 if they are within reach."""
     for k in range(first, last):
-        g[k - first] = plate_overlap(k, context)
+        g[k - first] = plate_overlap(k, context) + box.reach
 
 
 @njit(**BARE)
@@ -59,14 +59,14 @@ def four_overlaps(k, context, box):
     a, b = four_rows_of(i, np.int64(sphere.POSITION), S), four_rows_of(j, np.int64(sphere.POSITION), S)
     x_i, y_i, z_i, r_i = transpose(a[0], a[1], a[2], a[3])
     x_j, y_j, z_j, r_j = transpose(b[0], b[1], b[2], b[3])
-    d_x, d_y, d_z, reach = x_i - x_j, y_i - y_j, z_i - z_j, r_i + r_j
+    d_x, d_y, d_z, reach = x_i - x_j, y_i - y_j, z_i - z_j, r_i + r_j + broadcast(box.reach)
     d_x, d_y = images(d_x, box.length_x, box.inverse_x), images(d_y, box.length_y, box.inverse_y)
     return reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
 
 
 @njit(**BARE_CHUNK)
 def pair_overlaps(first, last, context, box, g):
-    """Compute reach^2 - distance^2 of candidates first to last [m2] into g: > 0 if they touch."""
+    """Compute reach^2 - distance^2 of candidates first to last [m2] into g: > 0 if they are within reach."""
     own, partner, S = context.own, context.partner, context.S
     fours = first + (last - first) // LANES * LANES
     for k in range(first, fours, LANES):
@@ -75,13 +75,13 @@ def pair_overlaps(first, last, context, box, g):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
         d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
-        reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
+        reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
         g[k - first] = reach * reach - (d_x * d_x + d_y * d_y + d_z * d_z)
 
 
 @njit(**BARE_CHUNK)
 def compact_active(first, last, g, closed, touching, opened):
-    """List the candidates that touch, and those that ceased to within the last two steps.
+    """List the candidates within reach, and those that ceased to within the last two steps.
 
     Returns both numbers. `closed`: 1 for those that touch, 2 for those that did one step ago. The list of the active ones is
     padded with the last of them as far as it is read ahead; all else after the ends of the lists is undefined.

@@ -37,4 +37,4 @@ def images(d, length, inverse):
 def box_of(D):
     """Return the periodic lengths of the domain and their inverses."""
     l_x, l_y = max(D[domain.LENGTH_X], 0.0), max(D[domain.LENGTH_Y], 0.0)
-    return Box(l_x, l_y, inverse(l_x), inverse(l_y))
+    return Box(l_x, l_y, inverse(l_x), inverse(l_y), D[domain.REACH])

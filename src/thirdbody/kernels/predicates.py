@@ -6,7 +6,7 @@ The partner of a candidate is the number of a sphere; -1, the lower plate; or -2
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.columns import body_extra, contact_state
+from thirdbody.kernels.columns import body_extra, contact_state, record
 
 
 @njit(**BARE)
@@ -49,6 +49,12 @@ def partner_of_patch(p):
 def is_closed(k, H):
     """Return whether candidate k touched at the end of the last step."""
     return H[k, contact_state.SLIP] != 0.0
+
+
+@njit(**BARE)
+def is_touching(k, H, R):
+    """Return whether candidate k was closed with an overlap at the last record, not only within the reach of a law."""
+    return is_closed(k, H) and R[k, record.OVERLAP] >= 0.0
 
 
 @njit(**BARE)

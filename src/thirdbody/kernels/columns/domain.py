@@ -1,4 +1,4 @@
-"""Periodic lengths, limits of the guards, and skin of the search: one row."""
+"""Periodic lengths, limits of the guards, skin of the search and reach of the laws: one row."""
 
 from thirdbody.kernels.columns.table import Table
 
@@ -8,6 +8,7 @@ LENGTH_X = table.scalar("length_x", "m", "periodic length; 0: unbounded; negativ
 LENGTH_Y = table.scalar("length_y", "m", "the same along y")
 OVERLAP_GUARD = table.scalar("overlap_guard", "", "largest overlap over the smaller radius")
 TRAVEL_GUARD = table.scalar("travel_guard", "", "largest displacement in a step over the radius")
-SKIN = table.scalar("skin", "m", "distance up to which candidates are listed")
+SKIN = table.scalar("skin", "m", "distance beyond the reach up to which candidates are listed")
+REACH = table.scalar("reach", "m", "distance from touch at which bodies begin to act on each other")
 FLOOR = table.scalar("floor", "m", "height below which no body may be; -inf without a lower plate")
 WIDTH = table.width

@@ -353,7 +353,7 @@ def contact_forces(group, side, part, context, step, law):
     (tile, gaps), marks = split_scratch(context.room[part], context.n_history), context.marks[part]
     slots, opened = marks[: last - first + SPARE], marks[last - first + SPARE :]
     if flat:
-        plate_overlaps(first, last, context, gaps)
+        plate_overlaps(first, last, context, box, gaps)
     else:
         pair_overlaps(first, last, context, box, gaps)
     m, o = compact_active(first, last, gaps, context.closed, slots, opened)

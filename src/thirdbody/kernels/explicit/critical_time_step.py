@@ -143,7 +143,7 @@ def store_stiffness(m, first, P, scratch, patches):
 
 @njit(**BARE_CHUNK)
 def active_candidates(context, scratch):
-    """List the candidates with plates, and those between spheres that touch; return their number. `place`: set to -1 for all."""
+    """List the candidates with plates, and those between spheres within reach; return their number. `place`: set to -1 for all."""
     own, partner, S, near, place = context.own, context.partner, context.S, scratch.near, scratch.place
     m, box = np.int64(context.n_plates), box_of(context.D)
     for k in range(context.n_plates):
@@ -153,7 +153,7 @@ def active_candidates(context, scratch):
         i, j = np.uint64(own[k]), np.uint64(partner[k])  # unsigned: no check for negative indices
         d_x, d_y, d_z = S[i, sphere.X] - S[j, sphere.X], S[i, sphere.Y] - S[j, sphere.Y], S[i, sphere.Z] - S[j, sphere.Z]
         d_x, d_y = image(d_x, box.length_x, box.inverse_x), image(d_y, box.length_y, box.inverse_y)
-        reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS]
+        reach = S[i, sphere.RADIUS] + S[j, sphere.RADIUS] + box.reach
         near[m], place[k] = k, -1
         m += np.int64(d_x * d_x + d_y * d_y + d_z * d_z < reach * reach)
     return m
@@ -161,7 +161,7 @@ def active_candidates(context, scratch):
 
 @njit(**BARE)
 def find_contacts(n, context, horizon, stiffness, patches, scratch):
-    """Fill rows of those of the first n candidates in `scratch.near` that touch or will within the horizon."""
+    """Fill rows of those of the first n candidates in `scratch.near` that are within reach or will be within the horizon."""
     S, P, told, rows, box = context.S, context.P, scratch.inputs, scratch.rows, box_of(context.D)
     m, first = np.int64(0), np.int64(0)
     for e in range(n):
@@ -170,7 +170,7 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
         i, j = context.own[k], context.partner[k]
         deeper = approach(i, j, (n_x, n_y, n_z), context, horizon.time)
         overlap = max(overlap, min(overlap + deeper, horizon.limit * S[i, sphere.RADIUS]))
-        if overlap > 0.0:
+        if overlap > -box.reach:
             radius, mass, twice, pressed = S[i, sphere.RADIUS], S[i, sphere.MASS], 1.0, -1.0
             if is_sphere(j):
                 radius, mass = (
