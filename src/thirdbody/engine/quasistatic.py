@@ -215,8 +215,13 @@ class QuasiStatic:
         if self.now.plate[0] <= 0.0:
             return [last]
         ratio = plate[0] / self.now.plate[0]
-        # for Hertz contacts that grow in proportion
-        return [last * (ratio ** (2.0 / 3.0) if self.under_load else ratio), last]
+        return [last * (ratio ** self._growth(self.now) if self.under_load else ratio), last]
+
+    def _growth(self, now: Balance) -> float:
+        """Return d(log overlap)/d(log load), for contacts that grow in proportion: N/(k d), 2/3 for Hertz."""
+        stiffness = self.contacts.stiffness(now.overlap, np.zeros((len(now.overlap), 2)), self.memory)[0]
+        work = float((stiffness * now.overlap).sum())
+        return float(now.answer.normal.sum()) / work if work > 0.0 else 1.0
 
     def upright(self, plate: Array) -> Array:
         """Return the coordinates of the vertical equilibrium without rotation, by bisection."""

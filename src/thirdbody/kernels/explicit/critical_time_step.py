@@ -143,7 +143,7 @@ def store_stiffness(m, first, P, scratch, patches):
 
 @njit(**BARE_CHUNK)
 def active_candidates(context, scratch):
-    """List the candidates with plates, and those between spheres within reach; return their number. `place`: set to -1 for all."""
+    """List the candidates with plates and those between spheres within reach; return their number. Sets `place` to -1."""
     own, partner, S, near, place = context.own, context.partner, context.S, scratch.near, scratch.place
     m, box = np.int64(context.n_plates), box_of(context.D)
     for k in range(context.n_plates):
