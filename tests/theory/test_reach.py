@@ -14,7 +14,7 @@ from thirdbody.laws.hertz import HERTZ
 from thirdbody.laws.registry import discover, load_file
 from thirdbody.scene.model import Effects, Solver
 
-REACH, PULL, RADIUS = 50e-9, 2e-5, 5e-6
+REACH, PULL, RADIUS = 50e-9, 2e-8, 5e-6
 LAW = '''
 from typing import NamedTuple
 from thirdbody.plugin import Adhesion, Law, Option, Plugin, kernel
@@ -108,12 +108,13 @@ def test_an_encounter_conserves_energy(make, plugin, lower):
         met = met or bool(touches.any())
         overlap = float(make.contact(simulation)[record.OVERLAP]) if touches.any() else -1.0
         fastest = max(fastest, abs(make.velocity(simulation)[axis])) if overlap < 0.0 else fastest
-    assert abs(make.velocity(simulation)[axis]) == pytest.approx(speed, rel=1e-4)  # velocity Verlet: (w dt)^2/24, some 1e-5
+    # truncation of the impact, whose step is some thirtieth of it: 5e-5 of the speed, 1e-4 of the energy
+    assert abs(make.velocity(simulation)[axis]) == pytest.approx(speed, rel=2e-4)
     gained = 0.5 * PULL * REACH  # shared by the balls
     expected = np.sqrt(speed**2 + 2.0 * gained / mass / relative)
     assert expected > 1.01 * speed
     assert fastest == pytest.approx(expected, rel=1e-3)
-    assert abs(ledger.lines(simulation.state)["residual"]) < 1e-4 * 0.5 * mass * speed**2
+    assert abs(ledger.lines(simulation.state)["residual"]) < 4e-4 * 0.5 * mass * speed**2 * relative
 
 
 def test_the_implicit_integrator_refuses_it(make, plugin):
