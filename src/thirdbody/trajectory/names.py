@@ -77,6 +77,7 @@ CONTACTS = {
     "slip": Name("m", "Slip since the contact closed, a path length."),
     "overlap": Name("m", "Overlap."),
     "contact_radius": Name("m", "Radius of the contact area."),
+    "peak_pressure": Name("Pa", "Largest pressure in the contact area, as the normal law answers it, without dashpots."),
     "critical_slip": Name("m", "Displacement at which a virgin contact under this load slips throughout."),
     "moment": Name("N·m", "Rolling moment on the owner, (C, 3); with rolling resistance only."),
     "rolling_utilisation": Name("1", "Rolling moment over its limit; with rolling resistance only."),
