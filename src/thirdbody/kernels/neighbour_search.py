@@ -192,7 +192,7 @@ def collect(skin, grid, lists):
     The number counts pairs beyond the capacity, too.
     """
     count, edges, columns, m = grid.cells, lists.edges, lists.columns, np.int64(0)
-    box = Box(grid.length_x, grid.length_y, inverse(grid.length_x), inverse(grid.length_y))
+    box = Box(grid.length_x, grid.length_y, inverse(grid.length_x), inverse(grid.length_y), 0.0)
     for a in range(count[0]):
         for b in range(count[1]):
             base, beside = (a * count[1] + b) * count[2], list_columns(a, b, count, grid.periodic, columns)
