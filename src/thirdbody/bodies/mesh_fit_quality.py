@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from thirdbody.bodies.asperities import sphere_points
 from thirdbody.bodies.mesh import Mesh
 
 # Number of points that distances are averaged over, and of those that distances are measured to. The latter, on
@@ -110,7 +111,7 @@ def distance_to_union(points, centers, radii, union: np.ndarray) -> np.ndarray:
 
 def contact_radii(mesh: Mesh, centers, radii, rng: np.random.Generator) -> ContactRadii:
     """Compare radii of curvature where planes touch the hulls of mesh and spheres; lengths in units of R."""
-    ups = _sphere_points(_DIRECTIONS)
+    ups = sphere_points(_DIRECTIONS)
     vertices = np.array([np.argmax(mesh.vertices @ up) for up in ups])
     touched = (ups @ centers.T + radii).argmax(axis=1)
     corners, place = np.unique(vertices, return_inverse=True)
@@ -164,15 +165,6 @@ def _vertex_normals(mesh: Mesh) -> np.ndarray:
     for k in range(3):
         np.add.at(normals, mesh.faces[:, k], across)
     return normals / np.maximum(np.linalg.norm(normals, axis=1), np.finfo(np.float64).tiny)[:, None]
-
-
-def _sphere_points(count: int) -> np.ndarray:
-    """Return points (count, 3) distributed evenly over the unit sphere (Fibonacci lattice)."""
-    k = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * k / count
-    rotation = math.pi * (1.0 + math.sqrt(5.0)) * k
-    ring = np.sqrt(1.0 - z * z)
-    return np.column_stack((ring * np.cos(rotation), ring * np.sin(rotation), z))
 
 
 def _spread(centers, radii, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -1,10 +1,10 @@
-"""Bodies from an NPZ file: arrays in SI, plain numbers only. Headers are checked before anything is unpacked."""
+"""Bodies from an NPZ file: arrays in SI, plain numbers only."""
 
 import io
 import zipfile
 import zlib
-from collections.abc import Mapping
-from typing import NamedTuple
+from collections.abc import Collection, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -13,17 +13,6 @@ from thirdbody.bodies.sphere_table import PER_BODY, SHOWN, SphereTable, refuse
 from thirdbody.errors import Fault, InputError, nearest
 
 _NEEDED = ("center", "radius", "clump")
-# Largest number of entries of a valid file; a directory of millions is not read. Every entry begins with this signature.
-_MOST_ENTRIES, _ENTRY = 64, b"PK\x01\x02"
-# numpy reads no longer header of an array of plain numbers.
-_HEADER_BYTES = 16_384
-
-
-class _Header(NamedTuple):
-    """Shape and type declared by the header of an array."""
-
-    shape: tuple[int, ...]
-    dtype: np.dtype
 
 
 def read_npz(file: str, data: bytes) -> SphereTable:
@@ -47,22 +36,16 @@ def read_npz(file: str, data: bytes) -> SphereTable:
 
 def _arrays(file: str, data: bytes) -> dict[str, np.ndarray]:
     """Return the arrays by name. Raises InputError for wrong names, sizes, types and shapes, and for pickles."""
-    if data.count(_ENTRY) > _MOST_ENTRIES:
-        raise InputError(Fault("", f"holds more than {_MOST_ENTRIES} arrays, expected {', '.join(_NEEDED)}", file))
-    with zipfile.ZipFile(io.BytesIO(data)) as archive:
-        entries = {item.filename.removesuffix(".npy"): item for item in archive.infolist()}
-        refuse(_name_faults(file, entries))
-        headers = {name: _header(file, name, archive, item) for name, item in entries.items()}
-        refuse(_size_faults(file, headers))
-        refuse(_type_faults(file, headers))
-        refuse(_shape_faults(file, headers))
-        clump = _loaded(file, "clump", archive, entries["clump"])
-        refuse(_body_shape_faults(file, headers, np.unique(clump).size))
-        rest = {name: _loaded(file, name, archive, item) for name, item in entries.items() if name != "clump"}
-        return rest | {"clump": clump}
+    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
+        refuse(_name_faults(file, archive.files))
+        arrays = {name: _loaded(file, name, archive) for name in archive.files}
+    for faults in (_size_faults, _type_faults, _shape_faults):
+        refuse(faults(file, arrays))
+    refuse(_body_shape_faults(file, arrays, np.unique(arrays["clump"]).size))
+    return arrays
 
 
-def _name_faults(file: str, entries: Mapping[str, object]) -> list[Fault]:
+def _name_faults(file: str, entries: Collection[str]) -> list[Fault]:
     known = (*_NEEDED, *PER_BODY)
     faults = [Fault(name, f"unknown array, {nearest(name, known)}", file) for name in entries if name not in known]
     lacking = [name for name in _NEEDED if name not in entries]
@@ -71,52 +54,31 @@ def _name_faults(file: str, entries: Mapping[str, object]) -> list[Fault]:
     return faults
 
 
-def _header(file: str, name: str, archive: zipfile.ZipFile, item: zipfile.ZipInfo) -> _Header:
-    """Return the header of an array, which must match the data in the file. Only the first bytes are unpacked."""
-    if item.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-        raise ValueError(f"{name} is packed in a way that numpy does not write")
-    with archive.open(item) as packed:
-        stream = io.BytesIO(packed.read(_HEADER_BYTES))
-    if not stream.getvalue().startswith(np.lib.format.MAGIC_PREFIX):
-        raise InputError(Fault(name, "is no array of numbers", file))
+def _loaded(file: str, name: str, archive: Any) -> np.ndarray:
+    """Return one array. Raises InputError for one that is damaged or holds other than numbers."""
     try:
-        version = np.lib.format.read_magic(stream)
-        read = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}[version]
-        shape, _, dtype = read(stream)
-        size = int(np.prod(shape, dtype=object)) * dtype.itemsize
-        if min(shape, default=0) < 0:
-            raise ValueError(f"shape {shape}")
-    except (ValueError, KeyError, SyntaxError, OverflowError, RecursionError, MemoryError) as error:
-        raise InputError(Fault(name, f"is damaged ({_reason(error)}); write the file again", file)) from None
-    if dtype.hasobject:
-        raise InputError(Fault(name, "holds Python objects (a pickle), expected plain numbers", file))
-    if shape and max(shape) <= MOST_ROWS and size != item.file_size - stream.tell():
-        message = f"is damaged: {size} bytes by its header, {item.file_size - stream.tell()} in the file; write the file again"
-        raise InputError(Fault(name, message, file))
-    return _Header(shape, dtype)
-
-
-def _loaded(file: str, name: str, archive: zipfile.ZipFile, item: zipfile.ZipInfo) -> np.ndarray:
-    with archive.open(item) as packed:
-        try:
-            return np.lib.format.read_array(packed, allow_pickle=False)
-        except MemoryError:
-            raise InputError(Fault(name, "does not fit into memory", file)) from None
-        except ValueError as error:
-            raise InputError(Fault(name, f"is damaged ({_reason(error)}); write the file again", file)) from None
+        array = archive[name]
+    except MemoryError:
+        raise InputError(Fault(name, "does not fit into memory", file)) from None
+    except ValueError as error:
+        pickled = "holds Python objects (a pickle), expected plain numbers" if "allow_pickle" in str(error) else ""
+        raise InputError(Fault(name, pickled or f"is damaged ({_reason(error)}); write the file again", file)) from None
+    if not isinstance(array, np.ndarray):
+        raise InputError(Fault(name, "is no array of numbers", file))
+    return array
 
 
 def _reason(error: Exception) -> str:
     return f"{type(error).__name__}: {error}".strip().splitlines()[0][:120]
 
 
-def _size_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
+def _size_faults(file: str, arrays: Mapping[str, np.ndarray]) -> list[Fault]:
     """Return a fault for the first array with more rows than one file may have spheres."""
     large = [(name, max(array.shape)) for name, array in arrays.items() if array.shape and max(array.shape) > MOST_ROWS]
     return [Fault(name, f"has {rows} rows, at most {MOST_ROWS} spheres are read from one file", file) for name, rows in large[:1]]
 
 
-def _type_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
+def _type_faults(file: str, arrays: Mapping[str, np.ndarray]) -> list[Fault]:
     faults = []
     for name, array in arrays.items():
         kinds, wanted = ("iu", "whole numbers, the ids of bodies") if name == "clump" else ("fiu", "real numbers")
@@ -125,7 +87,7 @@ def _type_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
     return faults
 
 
-def _shape_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
+def _shape_faults(file: str, arrays: Mapping[str, np.ndarray]) -> list[Fault]:
     """Return faults of arrays of n spheres that are not (n, 3), (n,), (n,)."""
     shape = arrays["clump"].shape
     if len(shape) != 1:
@@ -136,13 +98,13 @@ def _shape_faults(file: str, arrays: Mapping[str, _Header]) -> list[Fault]:
     return _unlike(file, arrays, {"center": (n, 3), "radius": (n,)}, f"clump names {n} spheres")
 
 
-def _body_shape_faults(file: str, arrays: Mapping[str, _Header], m: int) -> list[Fault]:
+def _body_shape_faults(file: str, arrays: Mapping[str, np.ndarray], m: int) -> list[Fault]:
     """Return faults of arrays of m bodies that are not (m, 4), (m, 3), (m, 3)."""
     wanted = {name: (m, width) for name, width in PER_BODY.items()}
     return _unlike(file, arrays, wanted, f"clump names {m} bodies, in the order of rising ids")
 
 
-def _unlike(file: str, arrays: Mapping[str, _Header], wanted: Mapping[str, tuple[int, ...]], why: str) -> list[Fault]:
+def _unlike(file: str, arrays: Mapping[str, np.ndarray], wanted: Mapping[str, tuple[int, ...]], why: str) -> list[Fault]:
     return [
         Fault(name, f"has shape {arrays[name].shape}, expected {shape}: {why}", file)
         for name, shape in wanted.items()
