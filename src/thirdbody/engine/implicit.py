@@ -26,7 +26,16 @@ from thirdbody.engine.upper_plate import Schedule, at_time
 from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
 from thirdbody.jit.packed_arguments import Packer
-from thirdbody.kernels.columns import body_solution, domain, loaded_contact, run_totals, step_memory, step_settings, step_start
+from thirdbody.kernels.columns import (
+    body_solution,
+    domain,
+    loaded_contact,
+    patch,
+    run_totals,
+    step_memory,
+    step_settings,
+    step_start,
+)
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.implicit import bdf2 as kernel
 from thirdbody.kernels.implicit import step_control, step_limits
@@ -265,6 +274,10 @@ class Implicit:
         ahead = self.totals[int(np.argmax(self.totals[:, run_totals.TIME]))]
         A[run_totals.PLATE_SPEED] = ahead[run_totals.PLATE_SPEED]
         A[run_totals.HEADING2] = ahead[run_totals.HEADING2]
+        P = self.state.P
+        if len(P) > self.state.n_bodies:  # the last row is the common plate, at the time of the run
+            behind = int(np.argmin(self.totals[:, run_totals.TIME]))
+            P[-1, patch.DISPLACEMENT2] = P[self.state.patch[behind], patch.DISPLACEMENT2]
         if self.schedule.gap and self.state.world.upper is not None and self.state.world.upper.foundation is not None:
             self.state.patches.height[-1] = at_time(self.schedule.gap, time)
 

@@ -2,8 +2,8 @@
 
 A first body is named by the partner code of a candidate (`predicates`): the lower one, or a patch of the upper one. For a sphere
 at x (3,) [m] it has an overlap, a unit normal from the first body to the sphere, a curvature and a surface velocity. This is
-the flat plate: the lower one is the plane z = 0 at rest, a patch of the upper one a plane at its height. Functions are inlined,
-so constants, like the x of a normal, cost nothing.
+the flat plate: the lower one is the plane z = 0 at rest, a patch of the upper one a plane at its height. (A surface that is not
+flat also needs `patch.DISPLACEMENT`.) Functions are inlined, so constants, like the x of a normal, cost nothing.
 """
 
 from numba import njit

@@ -18,6 +18,7 @@ BEFORE = table.scalar("before", "", "see NOW")
 PLATE_RISE = table.scalar("plate_rise", "m", "rise of the plate that a patch is sprung to")
 PULL = table.scalar("pull", "N/m", "what holds a body without inertia back")
 MASS_SHARE = table.scalar("mass_share", "", "share of its mass that a body without inertia keeps")
+PATCH_DISPLACEMENT, PATCH_DISPLACEMENT2 = table.vector("patch_displacement", 2, "m", "displacement of the patch along x and y")
 PATCH_LOAD = table.scalar("patch_load", "N", "load of the patch")
 OLD_WEIGHT = table.scalar(
     "old_weight", "", "weight of the force at the start of the step in what the plate and friction take: a half, or 0"

@@ -59,6 +59,8 @@ def save_start(context, active):
     Z[step_start.PATCH_HEIGHT] = P[p, patch.HEIGHT]
     Z[step_start.PATCH_VELOCITY] = P[p, patch.VELOCITY]
     Z[step_start.PATCH_LOAD] = P[p, patch.LOAD]
+    for k in range(2):
+        Z[step_start.PATCH_DISPLACEMENT + k] = P[p, patch.DISPLACEMENT + k]
     far, offsets = 0.0, context.offsets
     for s in range(context.start[b], context.start[b + 1]):
         square = offsets[s, 0] ** 2 + offsets[s, 1] ** 2 + offsets[s, 2] ** 2
@@ -67,9 +69,10 @@ def save_start(context, active):
 
 
 @njit(**BARE)
-def set_configuration(context, active, y, dt):
+def set_configuration(context, active, y, motion):
     """Move the body, its spheres and its patch to the end of the step, with mean and end velocities."""
     b, p, Z, T, B, P = active.number, active.patch, active.start, active.memory, context.B, context.P
+    dt = motion.dt
     inverse, arm = 1.0 / dt, 1.0 / Z[step_start.ARM]
     now, last = Z[step_start.NOW] * inverse, Z[step_start.BEFORE] * inverse
     for k in range(3):
@@ -101,6 +104,8 @@ def set_configuration(context, active, y, dt):
         B[b, body.VELOCITY + k], B[b, body.SPIN + k] = v_end[k], w_end[k]
     P[p, patch.HEIGHT] = Z[step_start.PATCH_HEIGHT] + y[6]
     P[p, patch.VELOCITY] = now * y[6] - last * T[step_memory.LAST_COORDINATES + 6]
+    P[p, patch.DISPLACEMENT] = Z[step_start.PATCH_DISPLACEMENT] + motion.v_x * dt
+    P[p, patch.DISPLACEMENT + 1] = Z[step_start.PATCH_DISPLACEMENT + 1] + motion.v_y * dt
 
 
 @njit(**BARE)
