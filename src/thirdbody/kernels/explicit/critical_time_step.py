@@ -14,6 +14,7 @@ from numba import njit, types
 from thirdbody.jit.function_pointers import function_at
 from thirdbody.jit.options import BARE, BARE_CHUNK, DIRECT, NO_COUNTS
 from thirdbody.jit.simd import broadcast, load, set4, store
+from thirdbody.kernels import first_body
 from thirdbody.kernels.columns import body, body_extra, contact_stiffness, law_input, patch, sphere
 from thirdbody.kernels.columns.tile import TILE
 from thirdbody.kernels.explicit.stiffness_matrix import (
@@ -178,8 +179,10 @@ def find_contacts(n, context, horizon, stiffness, patches, scratch):
                     mass * S[j, sphere.MASS] / (mass + S[j, sphere.MASS]),
                 )
                 twice = 2.0
-            elif is_upper(j) and P[patch_of_partner(j), patch.FREE] != 0.0:
-                twice, pressed = 2.0, float(patch_of_partner(j))
+            else:
+                radius = first_body.effective_radius(radius, first_body.curvature(j, first_body.centre(i, S), P))
+                if is_upper(j) and P[patch_of_partner(j), patch.FREE] != 0.0:
+                    twice, pressed = 2.0, float(patch_of_partner(j))
             told[m + law_input.OVERLAP * TILE] = overlap
             told[m + law_input.RADIUS * TILE] = radius
             told[m + law_input.MASS * TILE] = mass
