@@ -18,8 +18,8 @@ from steel import STEEL
 
 from thirdbody.assembly.simulation import Simulation, build
 from thirdbody.kernels.columns import contact_state
+from thirdbody.laws.codegen.contact_module import module_text
 from thirdbody.laws.codegen.dependencies import plain, source_files
-from thirdbody.laws.codegen.tangents import tangent_module
 from thirdbody.laws.contract import Law
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.runner.simulate import execute
@@ -93,7 +93,7 @@ def modules(built: Simulation) -> dict[str, str]:
     found = {name: plain(getattr(physics, name)).__module__ for name in ("law", "stiffness", "effects", "observe", "label")}
     assert found["law"] == built.choice.chain.path.stem
     files = source_files([law.kernel for law in laws] + [law.tangent for law in laws if law.tangent])
-    return found | {"tangents": tangent_module(laws) + "".join(map(str, files))}  # compiling them would take minutes
+    return found | {"tangents": module_text(laws, tangents=True) + "".join(map(str, files))}  # compiling them would take minutes
 
 
 def tables(built: Simulation) -> dict[str, object]:

@@ -1,0 +1,140 @@
+"""Text of the modules generated from the contact laws of a scene, from the template `contact_laws.template`."""
+
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from thirdbody.kernels.columns import contact_tangent, law_input, law_output, rolling_input, rolling_output
+from thirdbody.kernels.columns.tile import TILE
+from thirdbody.laws.codegen import fragments
+from thirdbody.laws.contract import STAGES, STIFF, Law
+
+STILL = "Turn(0.0, 0.0, 0.0, 0.0)"
+
+
+def module_text(chain: Sequence[Law], tangents: bool = False) -> str:
+    """Return the module with `law`, and `stiffness` if all laws that need one have a tangent, or the one with `tangents`."""
+    names = fragments.memory_names(chain)
+    own = sum(len(law.memory()) for law in chain)
+    stages: dict[str, Any] = dict.fromkeys(STAGES) | {law.stage: k for k, law in enumerate(chain)}
+    columns = {"law_input": law_input, "law_output": law_output, "rolling_input": rolling_input}
+    columns |= {"rolling_output": rolling_output, "contact_tangent": contact_tangent}
+    rotation = (rolling_input.TURN_X, rolling_input.TURN_Y, rolling_input.RATE_X, rolling_input.RATE_Y)
+    text = _Text(chain, law_input.HISTORY + len(names), law_output.HISTORY + len(names))
+    space = {name: getattr(text, name) for name in dir(text) if not name.startswith("_")}
+    space |= columns | stages | {"tangents": tangents, "laws": chain, "TILE": TILE, "STILL": STILL, "at": _at}
+    return _template()(space | {
+        "head": fragments.head_of(chain), "width": fragments.width_of(chain), "history": len(names), "own": own,
+        "field": max(len(law.memory()) - len(law.history) for law in chain),
+        "adhesion": [k for k, law in enumerate(chain) if law.stage == "adhesion"],
+        "rotation": f"Turn({', '.join(map(text.behind, rotation))})",
+        "dashpots": len(fragments.viscous_names(chain)), "energy_is_added": fragments.energy_column(chain) == own,
+        "rolls": any(law.rolls for law in chain), "reach": any(law.reach for law in chain),
+        "pulls": chain[0].reach is not None,  # the normal force may be negative
+        "stiff": all(law.tangent is not None for law in chain if law.stage in STIFF),
+    })  # fmt: skip
+
+
+def _at(column: int) -> str:
+    """Index of a column of the contact q in a tile."""
+    return f"q + {column * TILE}" if column else "q"
+
+
+class _Text:
+    """Pieces of text that the template asks for, by number of the law; pieces of several lines are indented by the template."""
+
+    def __init__(self, chain: Sequence[Law], behind: int, after: int) -> None:
+        self._chain, self._behind, self._after = chain, behind, after
+
+    def behind(self, column: int) -> str:
+        """Input behind the history."""
+        return f"I[{_at(self._behind + column)}]"
+
+    def after(self, column: int) -> str:
+        """Index of an output after the history."""
+        return _at(self._after + column)
+
+    def seen(self, k: int) -> str:
+        """Contact that law k sees."""
+        return "far" if self._chain[k].reach else "c"
+
+    def parameters(self, k: int) -> str:
+        """Line that sets the parameters."""
+        offset = sum(len(fragments.field_names(law.parameters)) for law in self._chain[:k])
+        values = ", ".join(f"U[{_at(offset + i)}]" for i in range(len(fragments.field_names(self._chain[k].parameters))))
+        return f"p{k} = parameters_{k}({values})"
+
+    def has_history(self, k: int) -> bool:
+        """Whether the law has a memory: then its kernel returns its result and the new history."""
+        return bool(self._chain[k].history)
+
+    def first(self, k: int) -> str:
+        """Index of the result in what the kernel returns."""
+        return "[0]" if self.has_history(k) else ""
+
+    def new_field(self, k: int) -> str:
+        """Argument for the new field."""
+        return ", w_new" if self._chain[k].field else ""
+
+    def read(self, k: int) -> str:
+        """Lines that read the field."""
+        start, count = fragments.history_of(self._chain, k)
+        size = self._chain[k].field
+        return f"for f in range({size}):\n    w[f] = I[q + (f + {law_input.HISTORY + start + count}) * {TILE}]" if size else ""
+
+    def memory(self, k: int) -> str:
+        """Arguments for the memory."""
+        start, count = fragments.history_of(self._chain, k)
+        values = "".join(f"I[{_at(law_input.HISTORY + start + i)}], " for i in range(count))
+        return f", ({values}){', w' if self._chain[k].field else ''}" if count else ""
+
+    def virgin(self, k: int) -> str:
+        """Arguments for the memory of a virgin contact."""
+        count = len(self._chain[k].history)
+        return f", ({'0.0, ' * count}){', w' if self._chain[k].field else ''}" if count else ""
+
+    def call(self, answer: str, k: int, arguments: str) -> str:
+        """Lines that call the law with its memory, and write the new one."""
+        new = f"{answer}, h{k}" if self.has_history(k) else answer
+        call = f"{new} = kernel_{k}({arguments}, p{k}{self.memory(k)}{self.new_field(k)})"
+        start, count = fragments.history_of(self._chain, k)
+        written = [f"O[{_at(law_output.HISTORY + start + i)}] = h{k}[{i}]" for i in range(count)]
+        if size := self._chain[k].field:
+            written += [f"for f in range({size}):", f"    O[q + (f + {law_output.HISTORY + start + count}) * {TILE}] = w_new[f]"]
+        return "\n".join([self.parameters(k), *filter(None, [self.read(k)]), call, *written])
+
+    def call_virgin(self, answer: str, k: int, arguments: str) -> str:
+        """Lines that call the law without any memory."""
+        return f"{self.parameters(k)}\n{answer} = kernel_{k}({arguments}, p{k}{self.virgin(k)}){self.first(k)}"
+
+
+@cache
+def _template() -> Callable[[dict[str, Any]], str]:
+    """Return the function that fills the template with the names that it asks for."""
+    code, depth, file = [], 0, Path(__file__).with_name("contact_laws.template")
+    for line in file.read_text(encoding="utf-8").splitlines():
+        statement = line.strip().removeprefix("%").strip()
+        if line.startswith("##") or line.strip() == "%":
+            continue
+        if not line.strip().startswith("%"):
+            code.append(f"{' ' * depth}emit(f{line!r})")
+        elif statement == "end":
+            depth -= 1
+        else:
+            code.append(" " * (depth - (statement == "else:")) + statement)
+            depth += statement.endswith(":") and statement != "else:"
+    program = compile("\n".join(code), str(file), "exec")
+
+    def fill(space: dict[str, Any]) -> str:
+        lines: list[str] = []
+
+        def emit(text: str) -> None:
+            """Add a line; all lines of a hole get the indentation of its line, and one that is empty is left out."""
+            indent = text[: len(text) - len(text.lstrip())]
+            lines.extend([indent + part for part in text.strip().splitlines()] if text else [""])
+
+        exec(program, space | {"emit": emit})
+        return "\n".join(lines) + "\n"
+
+    return fill
