@@ -39,7 +39,7 @@ from thirdbody.plugin import (
 from .exact_rolling import carry_field, carry_springs, renewal_loss
 from .exact_springs import advance_springs, cell_means, spring_energy, spring_force
 from .numerical_tangent import central
-from .spring_field import GAUSS, advance_field, field_energy, field_force, helper, piece_mean
+from .spring_field import GAUSS, FieldStep, advance_field, field_energy, field_force, helper, piece_mean
 
 
 class ExactParameters(NamedTuple):
@@ -53,9 +53,9 @@ class ExactParameters(NamedTuple):
 
 @helper
 def step_of(c, load, p, h):
-    """Return the step of the springs, the fraction of slip that counts, `Ground` and `Renewal`.
+    """Return the step of the springs (`FieldStep`), the fraction of slip that counts, `Ground` and `Renewal`.
 
-    Step: (slip x, y since touch, overlap before and now, bound of |w| per compression). The slip is multiplied by the fraction
+    The slip is multiplied by the fraction
     that remains in the springs while rolling renews them. A negative overlap before the step removes the part of the slip before
     touch. The bound is kappa (d - q) N_total/N_Hertz, so that the whole contact slides at mu times the load available to
     friction.
@@ -66,7 +66,7 @@ def step_of(c, load, p, h):
     renewal = renewed(p.renewal * ground.way / load.contact_radius)
     after *= renewal.fill
     k = p.kappa * load.force / load.elastic
-    return (after * c.slip_x, after * c.slip_y, max(d_old, 0.0), d, k), after, ground, renewal
+    return FieldStep(after * c.slip_x, after * c.slip_y, max(d_old, 0.0), d, k), after, ground, renewal
 
 
 @helper
@@ -88,8 +88,8 @@ def rolled_field(w, n, kept, step):
         return w, n
     v = np.empty(len(w) + 6)
     if n > 0:
-        return v, carry_field(w, n, kept, (step[2], step[3]), v)
-    carry_springs(w, -n - 1, kept, max(step[2], step[3]), v[: len(w)])
+        return v, carry_field(w, n, kept, (step.overlap_before, step.overlap), v)
+    carry_springs(w, -n - 1, kept, max(step.overlap_before, step.overlap), v[: len(w)])
     return v[: len(w)], n
 
 
@@ -132,8 +132,8 @@ def moved(w, n, w_new, step):
     if not turned:
         count, slip, loss, dropped, turned = advance_field(w, n, w_new, step)
         if not turned:
-            if step[3] < step[2]:
-                loss += 0.5 * field_energy(w, n, step[3])
+            if step.overlap < step.overlap_before:
+                loss += 0.5 * field_energy(w, n, step.overlap)
             return count, slip, loss, dropped
     count, slip, loss = turn_of(w, n, w_new, step)
     return count, slip, loss, 0
@@ -224,7 +224,7 @@ def tangent_of_field(c, load, p, h, w):
     step, after, _, renewal = step_of(c, load, p, h)
     d = c.overlap
     modulus = p.g_star * load.contact_radius / math.sqrt(d)
-    k_rate = step[4] * (load.stiffness / load.force - 1.5 / d) if load.force > 0.0 else 0.0
+    k_rate = step.bound * (load.stiffness / load.force - 1.5 / d) if load.force > 0.0 else 0.0
     # the exponent of renewal goes as d^-0.5
     kept_rate = 0.5 * (1.0 - renewal.kept) / renewal.fill / d
     after_rate = (1.0 / d - 1.0 / (d - h[0])) if h[0] < 0.0 else 0.0
@@ -235,7 +235,7 @@ def tangent_of_field(c, load, p, h, w):
     xx = xy = yy = x_d = y_d = 0.0
     for i in range(0, 3 * count - 3, 3):
         # the fraction of the slip has a kink at the old edge of the contact area, even where the field has none
-        corner = min(max(step[2], new[i]), new[i + 3])
+        corner = min(max(step.overlap_before, new[i]), new[i + 3])
         for q_a, q_b in ((new[i], corner), (corner, new[i + 3])):
             h_piece, _ = piece_mean(q_a, q_b)
             y_a = math.sqrt(q_a)

@@ -140,12 +140,12 @@ def renewal_loss(w, n, v, m, step, renewal, slip, slides):
     first order in the renewal of a step in between.
     """
     s_x, s_y = slip
-    x, y, energy, gone_x, gone_y, loss = lost_by(w, n, v, renewal.kept, max(step[2], step[3]))
+    x, y, energy, gone_x, gone_y, loss = lost_by(w, n, v, renewal.kept, max(step.overlap_before, step.overlap))
     left, work = 1.0 - renewal.fill, s_x * x + s_y * y
     if slides:
         common = field_product(w, n, v, m) if n >= 0 else springs_product(w, v, -n - 1)
         apart = 2.0 * (energy - common) - loss
         return max(loss + apart + 2.0 * left * work, 0.0)
     mixed = renewal.fill - left / (1.0 - renewal.kept)
-    own = renewal.own * (s_x * s_x + s_y * s_y) * math.sqrt(min(step[2], step[3]))
+    own = renewal.own * (s_x * s_x + s_y * s_y) * math.sqrt(min(step.overlap_before, step.overlap))
     return max(loss + 2.0 * (left * work + mixed * (s_x * gone_x + s_y * gone_y) + own), 0.0)

@@ -11,6 +11,7 @@ springs so returned, and a projection all leave the second term positive.
 """
 
 import math
+from typing import NamedTuple
 
 from thirdbody.plugin import helper
 
@@ -27,6 +28,25 @@ TURNED = 1e-10
 """Permitted error of the force over mu N from neglecting the rotation of springs in a sliding piece in a step."""
 ALIGNED = 1e-7
 GAUSS = ((0.5 - math.sqrt(0.15), 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.5 + math.sqrt(0.15), 5.0 / 18.0))
+
+
+class Node(NamedTuple):
+    """A node of a field: position and vector there."""
+
+    q: float
+    x: float
+    y: float
+
+
+class FieldStep(NamedTuple):
+    """A step of the field."""
+
+    slip_x: float
+    slip_y: float
+    overlap_before: float
+    overlap: float
+    bound: float
+    """Bound of |w| per compression, k in formulas."""
 
 
 @helper
@@ -186,12 +206,13 @@ def slip_loss(q, size, x, y, step):
 
 
 @helper
-def slide(new, n, q_a, ax, ay, q_b, bx, by, step):
-    """Return the springs of a trial piece beyond the bound onto it: (nodes, energy lost over 2 G*, whether they turn).
+def slide(new, n, a, b, step):
+    """Return the springs of a trial piece from node a to b beyond the bound onto it.
 
-    A rotation counts by its effect on the force: by the part of the ends, or of the slip, across the springs.
+    Returns (nodes, energy lost over 2 G*, whether they turn). A rotation counts by its effect on the force: by the part of the
+    ends, or of the slip, across the springs.
     """
-    sx, sy, _, d, k = step
+    (q_a, ax, ay), (q_b, bx, by), (sx, sy, _, d, k) = a, b, step
     length = q_b - q_a
     h, _ = piece_mean(q_a, q_b)
     y_a, loss = math.sqrt(q_a), 0.0
@@ -209,12 +230,13 @@ def slide(new, n, q_a, ax, ay, q_b, bx, by, step):
 
 
 @helper
-def span(new, n, q_a, ax, ay, q_b, bx, by, step):
-    """Transfer one piece of the trial field, end a excluded: unchanged where it sticks, onto the bound where it slides.
+def span(new, n, a, b, step):
+    """Transfer one piece of the trial field, from node a, excluded, to b.
 
-    Returns (nodes, energy lost over 2 G*, whether it turned).
+    It is unchanged where it sticks, and goes onto the bound where it slides. Returns (nodes, energy lost over 2 G*, whether it
+    turned).
     """
-    d, k = step[3], step[4]
+    (q_a, ax, ay), (q_b, bx, by), d, k = a, b, step.overlap, step.bound
     b_a, b_b = k * (d - q_a), k * (d - q_b)
     a_out = ax * ax + ay * ay > b_a * b_a * (1.0 + ROUNDING)
     b_out = bx * bx + by * by > b_b * b_b * (1.0 + ROUNDING)
@@ -227,16 +249,16 @@ def span(new, n, q_a, ax, ay, q_b, bx, by, step):
         acute = b_out and ax * bx + ay * by >= 0.0
         first = -1.0 if acute else crossing(ax, ay, b_a, bx, by, b_b, 0.0)
         if first < 0.0 and b_out:
-            return slide(new, n, q_a, ax, ay, q_b, bx, by, step)
+            return slide(new, n, a, b, step)
         first = first if first >= 0.0 else 1.0
-        n, loss, turned = slide(new, n, q_a, ax, ay, q_a + first * dq, ax + first * dx, ay + first * dy, step)
+        n, loss, turned = slide(new, n, a, Node(q_a + first * dq, ax + first * dx, ay + first * dy), step)
         if not b_out:
             return push_piece(new, n, q_b, bx, by), loss, turned
     t = max(crossing(ax, ay, b_a, bx, by, b_b, 1.0), first)  # none: lost by rounding at the inner end
     # the trial itself, not k (d - q), which has no significant digits for huge friction
     q, x, y = q_a + t * dq, ax + t * dx, ay + t * dy
     n = push_piece(new, n, q, x, y)
-    n, more, again = slide(new, n, q, x, y, q_b, bx, by, step)
+    n, more, again = slide(new, n, Node(q, x, y), b, step)
     return n, loss + more, turned or again
 
 
@@ -259,10 +281,9 @@ def advance_field(w, n, new, step):
 
     (w, n) may have been carried beyond the old overlap by rolling (`exact_rolling`). Returns (nodes, slip of the centre, loss/(2
     G*), nodes dropped for lack of space, whether sliding springs turn). In the last case the result is not a field: see
-    `exact_springs`. `step` = (slip x, y, overlap before and now, bound per compression k). Every spring receives the fraction of
-    the slip during which it touched, then returns radially onto |w| <= k (d - q). In one direction this is exact for a straight
-    path of overlap and slip of any length. Source: Popov and Hess 2015; its 1-D case is the memory diagram of Aleshin, Bou Matar
-    and Van Den Abeele 2015.
+    `exact_springs`. `step`: a `FieldStep`. Every spring receives the fraction of the slip during which it touched, then returns
+    radially onto |w| <= k (d - q). In one direction this is exact for a straight path of overlap and slip of any length. Source:
+    Popov and Hess 2015; its 1-D case is the memory diagram of Aleshin, Bou Matar and Van Den Abeele 2015.
     """
     sx, sy, d_old, d, k = step
     per_rise = 1.0 / (d - d_old) if d > d_old else 0.0
@@ -281,13 +302,13 @@ def advance_field(w, n, new, step):
         if q_b >= d:
             part = (d - q) / max(q_b - q, 1e-300)
             q_b, bx, by = d, x + part * (bx - x), y + part * (by - y)
-        count, lost, turns = span(new, count, q, x, y, q_b, bx, by, step)
+        count, lost, turns = span(new, count, Node(q, x, y), Node(q_b, bx, by), step)
         loss, turned = loss + lost, turned or turns
         q, x, y = q_b, bx, by
         if q >= d or turned:
             break
     if q < d and not turned:
-        count, lost, turns = span(new, count, q, x, y, d, 0.0, 0.0, step)
+        count, lost, turns = span(new, count, Node(q, x, y), Node(d, 0.0, 0.0), step)
         loss, turned = loss + lost, turned or turns
     last = 3 * count - 3
     new[last], new[last + 1], new[last + 2] = d, 0.0, 0.0

@@ -17,10 +17,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from thirdbody.engine.explicit import EXPECTED
 from thirdbody.engine.state import table
 from thirdbody.jit.options import NO_COUNTS
-from thirdbody.jit.packed_arguments import pack
+from thirdbody.jit.packed_arguments import argument_specs, pack
 from thirdbody.kernels import contact_geometry, contact_history, narrow_phase, rigid_body
 from thirdbody.kernels.bundles import Box, Motion, Step, Tile
 from thirdbody.kernels.columns import body, domain, geometry, law_input, law_output, rolling_input, rolling_output
@@ -30,7 +29,7 @@ from thirdbody.kernels.explicit import drift as motion
 from thirdbody.kernels.explicit.contact_forces import GROUP
 from thirdbody.kernels.explicit.passes import effects_at, law_at
 from thirdbody.kernels.rigid_body import BODIES, FLAT, PAIRED
-from thirdbody.kernels.signatures import context_of
+from thirdbody.kernels.signatures import KINDS, context_of
 
 kernel = njit(error_model="numpy", **NO_COUNTS)
 
@@ -154,7 +153,7 @@ class Tables:
         inputs, outputs, geometries = (table(n, TILE).ravel() for n in fields)
         self.tile = Tile(inputs, outputs, inputs[:0], geometries)
         integrator._context()
-        self.context = integrator.known._replace(
+        self.context = integrator.packer.given._replace(
             S=self.S, B=self.B, E=self.E, H=self.H, F=self.F, sums=self.sums, moves=self.moves, closed=self.closed
         )
         behind = [max(s.slots.count - 1, 0)] * contact_geometry.SPARE  # as far as it is looked ahead
@@ -162,8 +161,8 @@ class Tables:
         self.flat, self.paired = self._tiles(FLAT), self._tiles(PAIRED)
         self.tiles = np.concatenate((self.flat, self.paired))
         own = {"S": self.S, "B": self.B, "E": self.E, "H": self.H, "F": self.F, "sums": self.sums, "moves": self.moves}
-        self.context = integrator.known._replace(**own)
-        self.packed = pack(EXPECTED, self.context)
+        self.context = integrator.packer.given._replace(**own)
+        self.packed = pack(argument_specs(KINDS), self.context)
         length = max(s.D[domain.LENGTH_X], 0.0), max(s.D[domain.LENGTH_Y], 0.0)
         self.box = Box(*length, *(1.0 / x if x else 0.0 for x in length), s.reach)
 

@@ -30,7 +30,6 @@ ENTRY_POINTS: dict[str, dict[str, str]] = {}
 OFFENDERS: dict[str, set[str]] = {
     "cli/main.py": {"render", "run", "shapes"},
     "cli/studies.py": {"cost"},
-    "plugins/three_spot/spring_field.py": {"slide", "span"},
     "runner/simulate.py": {"execute"},
     "studies/cost_command.py": {"cost_command"},
     "studies/study_setup.py": {"prepare_study"},

@@ -12,7 +12,7 @@ from thirdbody_three_spot.balance import balance
 
 from thirdbody.assembly.simulation import build
 from thirdbody.engine.energy import Ledger
-from thirdbody.kernels.columns import body, record
+from thirdbody.kernels.columns import body, patch, record
 from thirdbody.scene.model import Constant, ConstantVelocity, Effects, Irregular, Motion, Ramp, Scene, Spots, Stroke
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -316,6 +316,7 @@ def slid(make, level, **keys):
     ledger, state = Ledger(simulation.state), simulation.state
     simulation.integrator.advance_to(time=simulation.settle, watch=lambda: ledger.watch(state))
     simulation.integrator.advance_to(distance=3e-6, watch=lambda: ledger.watch(state))
+    assert state.P[0, patch.DISPLACEMENT2] == pytest.approx([3e-6, 0.0], rel=1e-9)  # step by step
     lines = ledger.lines(state)
     return lines, ledger.relative_residual(state, lines["residual"])
 

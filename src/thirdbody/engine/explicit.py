@@ -1,7 +1,6 @@
 """Explicit integrator: velocity Verlet with automatic time step and guards."""
 
 import math
-import operator
 from collections.abc import Callable
 from typing import Any
 
@@ -16,7 +15,7 @@ from thirdbody.engine.thread_tuner import Pace, clocks
 from thirdbody.engine.time_step import Bound, bound
 from thirdbody.errors import GuardStop
 from thirdbody.jit.function_pointers import address
-from thirdbody.jit.packed_arguments import argument_specs, pack
+from thirdbody.jit.packed_arguments import Packer
 from thirdbody.kernels import rigid_body as body_pass
 from thirdbody.kernels.columns import chunk_motion, contact_sums, domain, drift_scratch, loaded_contact, run_totals
 from thirdbody.kernels.explicit import contact_forces as contact_pass
@@ -34,10 +33,6 @@ CALL = 1.0
 GROWTH, PATIENCE = 1.25, 16
 """The automatic step follows its bound down at once. It grows at once to a bound that is larger by GROWTH, and to a smaller one
 only after PATIENCE bounds in a row that allow more: an oscillating step loses energy."""
-
-
-EXPECTED = argument_specs(KINDS)
-"""Argument specifications of the step loop."""
 
 
 class Explicit:
@@ -66,7 +61,7 @@ class Explicit:
         physics = state.physics
         self.law, self.effects = address(physics.law, LAW), address(physics.effects, EFFECTS)
         self.observe, self.work = address(physics.observe, OBSERVE), address(work, WORK)
-        self.known: Context | None = None  # the packed arrays, which must stay alive
+        self.packer = Packer(KINDS)
 
     def start(self) -> None:
         """Run the first search, evaluate the forces at time zero, and choose the first time step."""
@@ -152,9 +147,9 @@ class Explicit:
         return answer
 
     def _context(self) -> Array:
-        """Return the packed kernel arguments; they are packed (30 us) only if an array was replaced."""
+        """Return the packed kernel arguments."""
         s, slots, physics = self.state, self.state.slots, self.state.physics
-        now = Context(  # type: ignore[call-arg]
+        given = Context(  # type: ignore[call-arg]
             slots.own, slots.partner, slots.kind, slots.closed, slots.outer, slots.edges, slots.incidence, slots.near,
             slots.beginning, slots.guests, slots.cuts, slots.lowest, slots.needs, s.body, s.start, s.offsets, s.X0, s.patch,
             s.S, s.B, s.E, s.P, slots.H, slots.F, slots.R, s.M,
@@ -164,9 +159,7 @@ class Explicit:
             loaded_contact.MEMORY + physics.contact_memory, int(physics.has_effects), physics.stride, int(physics.labels),
             self.law, self.effects, self.observe, self.work,
         )  # fmt: skip
-        if self.known is None or any(map(operator.is_not, now, self.known)):
-            self.known, self.told = now, pack(EXPECTED, now)
-        return self.told
+        return self.packer(given)
 
     def _choose_step(self) -> None:
         # a fixed step is compared with the bound of the present contacts

@@ -54,13 +54,13 @@ class Packer:
 
     def __init__(self, kinds: Kinds) -> None:
         self._specs = argument_specs(kinds)
-        self._given: NamedTuple | None = None  # also keeps the tables alive
+        self.given: Any = None  # the last ones; they keep the tables alive
         self._packed = np.zeros(0, np.int64)
 
     def __call__(self, given: NamedTuple) -> np.ndarray:
         """Return the packed arguments (`pack`)."""
-        if self._given is None or any(map(operator.is_not, given, self._given)):
-            self._given, self._packed = given, pack(self._specs, given)
+        if self.given is None or any(map(operator.is_not, given, self.given)):
+            self.given, self._packed = given, pack(self._specs, given)
         return self._packed
 
 

@@ -242,6 +242,8 @@ def reject_step(context, active, y):
     P[p, patch.HEIGHT] = Z[step_start.PATCH_HEIGHT]
     P[p, patch.VELOCITY] = Z[step_start.PATCH_VELOCITY]
     P[p, patch.LOAD] = Z[step_start.PATCH_LOAD]
+    for k in range(2):
+        P[p, patch.DISPLACEMENT + k] = Z[step_start.PATCH_DISPLACEMENT + k]
 
 
 @njit(**BARE)

@@ -34,23 +34,23 @@ FREEDOMS = 7
 the body (3,) [m] in world axes, and rise of its patch of the upper plate [m]."""
 
 SHARED = (
-    "own", "partner", "kind", "edges", "incidence", "body", "start", "offsets", "S", "B", "E", "P", "H", "R", "M", "pairs",
-    "effect_parameters", "D", "drag", "n_history", "rolling", "force", "moment", "stored", "width", "has_effects", "law",
-    "effects", "observe",
+    "own", "partner", "kind", "edges", "incidence", "body", "start", "patch", "offsets", "S", "B", "E", "P", "H", "R", "M",
+    "pairs", "effect_parameters", "D", "schedule", "first", "drag", "n_history", "rolling", "force", "moment", "stored", "width",
+    "has_effects", "labels", "law", "effects", "observe",
 )  # fmt: skip
-"""Fields that the explicit integrator has, too."""
+"""Fields that the explicit integrator has, too. `own`, `partner`: here all pairs of a sphere and a plate."""
 
-_TABLE, _ROW, _INDICES = (types.Array(kind, n, "C") for kind, n in ((types.float64, 2), (types.float64, 1), (types.int64, 1)))
+_TABLE, _ROW = types.Array(types.float64, 2, "C"), types.Array(types.float64, 1, "C")
 KINDS: Kinds = {
     **{name: signatures.KINDS[name] for name in SHARED},
-    # patch of each body; settings of the step control; totals and memory of each body; prescribed motion
-    "patch": _INDICES, "settings": _ROW, "totals": _TABLE, "memory": _TABLE, "schedule": _TABLE, "first": _INDICES,
+    # settings of the step control (`columns.step_settings`); totals and memory of each body
+    "settings": _ROW, "totals": _TABLE, "memory": _TABLE,
     # of bodies under a common plate (`common_plate`), else empty
     "starts": _TABLE, "ends": _TABLE, "solutions": _TABLE, "initial_overlaps": _ROW,
-    # largest number of candidates of a body; whether bodies are labelled; address of the laws' tangents
-    "most": types.int64, "labels": types.int64, "tangents": types.int64,
+    # largest number of candidates of a body; address of the laws' tangents
+    "most": types.int64, "tangents": types.int64,
 }  # fmt: skip
-"""Types of all arguments of an implicit step, by name. `own`, `partner`: here all pairs of a sphere and a plate."""
+"""Types of all arguments of an implicit step, by name."""
 
 ImplicitContext = namedtuple("ImplicitContext", tuple(KINDS))  # type: ignore[misc]
 """All tables and numbers of a run; kernels unpack it from an array."""

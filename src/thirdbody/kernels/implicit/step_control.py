@@ -101,8 +101,10 @@ def bdf2_weights(T, V, dt):
 
 @njit(**BARE)
 def begin_step(context, active, motion):
-    """Set the weights of a step, and what holds a body without inertia."""
-    Z, T, V, dt = active.start, active.memory, context.settings, motion.dt
+    """Set the weights of a step, what holds a body without inertia, and its patch along x and y."""
+    p, Z, T, V, P, dt = active.patch, active.start, active.memory, context.settings, context.P, motion.dt
+    P[p, patch.DISPLACEMENT] = Z[step_start.PATCH_DISPLACEMENT] + dt * motion.v_x
+    P[p, patch.DISPLACEMENT + 1] = Z[step_start.PATCH_DISPLACEMENT + 1] + dt * motion.v_y
     Z[step_start.PULL], Z[step_start.MASS_SHARE] = 0.0, 1.0
     if V[step_settings.INERTIAL] == 0.0:
         Z[step_start.PULL] = PULL * T[step_memory.STIFFNESS]
