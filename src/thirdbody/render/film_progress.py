@@ -4,8 +4,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 
-from thirdbody.errors import printable
-from thirdbody.system.terminal import terminal_of
+from thirdbody.system.terminal import progress_bar
 
 FilmReporter = Callable[[int, int], None]
 """Called with the number of pictures drawn and their total."""
@@ -27,16 +26,7 @@ def film_bar(title: str) -> Iterator[FilmReporter | None]:
     if not sys.stderr.isatty():
         yield None
         return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TimeRemainingColumn
 
-    name = TextColumn("{task.description}", markup=False)  # a file's name is text, not markup
-    columns = (name, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    console = Console(file=terminal_of(sys.stderr))
-    with Progress(*columns, console=console, redirect_stdout=False, redirect_stderr=False) as bar:
-        task = bar.add_task(printable(title), total=None)
-
-        def report(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
-
-        yield report
+    with progress_bar(title, None, BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()) as update:
+        yield lambda done, total: update(completed=done, total=total)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from thirdbody.errors import printable
-from thirdbody.system.terminal import terminal_of
+from thirdbody.system.terminal import progress_bar
 
 LINES = 10
 """Lines of progress of a whole run where there is no terminal for a bar."""
@@ -79,21 +79,11 @@ def headline(progress: Progress) -> str:
 
 @contextmanager
 def _bar(title: str) -> Iterator[Reporter]:
-    from rich.console import Console
     from rich.progress import BarColumn, TaskProgressColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
 
-    # a title is text, not markup
-    name, line = TextColumn("{task.description}", markup=False), TextColumn("{task.fields[line]}", markup=False)
-    columns = (name, BarColumn(), TaskProgressColumn(), TimeRemainingColumn(), line)
-    console = Console(file=terminal_of(sys.stderr))
-    with Bar(*columns, console=console, redirect_stdout=False, redirect_stderr=False) as bar:
-        task = bar.add_task(printable(title[:40]), total=1.0, line="")
-
-        def report(progress: Progress) -> None:
-            bar.update(task, completed=progress.fraction, line=printable(headline(progress)))
-
-        yield report
+    line = TextColumn("{task.fields[line]}", markup=False)
+    with progress_bar(title[:40], 1.0, BarColumn(), TaskProgressColumn(), TimeRemainingColumn(), line) as update:
+        yield lambda progress: update(completed=progress.fraction, line=printable(headline(progress)))
 
 
 def _plain() -> Reporter:

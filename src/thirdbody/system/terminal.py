@@ -10,8 +10,9 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from typing import Any, TextIO
 
 from thirdbody.errors import printable
@@ -49,6 +50,18 @@ class PrintableStream:
 def terminal_of(stream: Any) -> Any:
     """Return the stream below a `PrintableStream`, for rich; any other stream itself."""
     return stream.terminal if isinstance(stream, PrintableStream) else stream
+
+
+@contextmanager
+def progress_bar(title: str, total: float | None, *columns: Any) -> Iterator[Callable[..., None]]:
+    """Yield the function that updates a bar on standard error, as `rich.progress.Progress.update`; columns follow the title."""
+    from rich.console import Console
+    from rich.progress import Progress, TextColumn
+
+    name = TextColumn("{task.description}", markup=False)  # a title is text, not markup
+    console = Console(file=terminal_of(sys.stderr))
+    with Progress(name, *columns, console=console, redirect_stdout=False, redirect_stderr=False) as bar:
+        yield partial(bar.update, bar.add_task(printable(title), total=total, line=""))
 
 
 @contextmanager
