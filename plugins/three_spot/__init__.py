@@ -13,7 +13,7 @@ nothing of the engine but `thirdbody.plugin`. A level is a preset: one law for e
 
 from thirdbody.plugin import COULOMB, HERTZ, HERTZ_DAMPING, MINDLIN, TANGENTIAL_DAMPING, Labeller, LawFamily, Plugin
 
-from . import classify
+from . import classify, label_output
 from .exact import EXACT
 from .mdr import MDR
 
@@ -27,6 +27,7 @@ LABELLER = Labeller(
     margins=classify.MARGINS,
     extras=classify.EXTRAS,
     codes=classify.CODES,
+    outputs=label_output.table,
     memory=classify.MEMORY,
     contact_memory=classify.CONTACT_MEMORY,
     source="Willert, Self-consistency conditions in static three-body elastic tangential contact; labels by travel",

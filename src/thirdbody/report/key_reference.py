@@ -14,7 +14,7 @@ from thirdbody.laws.contract import Labeller, Option
 from thirdbody.laws.registry import Registry, discover
 from thirdbody.scene.keys import Key, merged, scene_keys, toml
 from thirdbody.scene.model import Scene
-from thirdbody.trajectory.names import CLUMPS, FRACTION, SERIES, TABLES, Name
+from thirdbody.trajectory.names import FRACTION, SERIES, TABLES, Name
 
 KEY_HEADINGS = ("key", "for", "value", "unit", "default", "meaning", "example")
 NAME_HEADINGS = ("name", "unit", "meaning")
@@ -62,7 +62,7 @@ def all_names(registry: Registry) -> dict[str, dict[str, Name]]:
     tables = {table: dict(names) for table, names in TABLES.items()}
     for labeller in {id(one): one for family in registry.families.values() if (one := family.labeller)}.values():
         tables["series"] |= {f"fraction_{state}": FRACTION for state in labeller.states}
-        tables["bodies"] |= {name: entry for name, entry in _labels(labeller).items() if entry.meaning or name not in CLUMPS}
+        tables["bodies"] |= _labels(labeller)
     return tables
 
 

@@ -57,7 +57,6 @@ CLUMPS = {
     "torque": Name("N·m", "Total torque about the centre of mass, (B, 3)."),
     "friction_work": Name("J", "Dissipated by slip at its contacts since the start; between two bodies each counts half."),
     "slip_distance": Name("m", "Slip of all its contacts since the start, summed."),
-    "rolled_distance": Name("m", "Length rolled since the start; in labelled runs only."),
     "utilisation": Name("1", "Largest tangential force over friction limit of its contacts."),
     "contacts": Name("1", "Number of its contacts."),
     "peak_pressure": Name("Pa", "Largest pressure in its contacts, elastic."),
@@ -112,5 +111,6 @@ TABLES = {
 
 ARRAY_UNITS = {
     name: entry.unit for arrays in (SPHERES, CLUMPS, CONTACTS) for name, entry in arrays.items() if entry.unit != "1"
-} | {"speed": "m/s"}  # fmt: skip
-"""Units of arrays by name, without those of pure numbers and codes; `speed` is drawn, not stored."""
+} | {"speed": "m/s", "rolled_distance": "m"}  # fmt: skip
+"""Units of arrays by name, without those of pure numbers and codes; `speed` is drawn, not stored, and
+`rolled_distance` is written by labellers."""
