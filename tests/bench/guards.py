@@ -120,14 +120,14 @@ class Engine:
         from peers_scenes import simulation_of
 
         from thirdbody.runner.run_folder import RunFolder
-        from thirdbody.runner.run_loop import RunLoop
+        from thirdbody.runner.run_loop import RunLoop, WallTimes
         from thirdbody.runner.simulate import set_threads
 
         set_threads(1)
         self.steps, self.looking = steps, 0.0
         self.simulation = simulation_of(start)
         self.state, self.integrator = self.simulation.state, self.simulation.integrator
-        self.conduct = RunLoop(self.simulation, RunFolder(Path()), every=math.inf)  # writes nothing
+        self.conduct = RunLoop(self.simulation, RunFolder(Path()), times=WallTimes(math.inf))  # writes nothing
         advance(self.simulation, warm)
         self.kept = self.snapshot()
 

@@ -28,11 +28,6 @@ ENTRY_POINTS: dict[str, dict[str, str]] = {}
 """Exceptions that stay: module -> function -> reason."""
 
 OFFENDERS: dict[str, set[str]] = {
-    "cli/main.py": {"render", "run", "shapes"},
-    "cli/studies.py": {"cost"},
-    "runner/simulate.py": {"execute"},
-    "studies/cost_command.py": {"cost_command"},
-    "studies/study_setup.py": {"prepare_study"},
 }
 """Functions that still take too many arguments: module -> names. To be emptied."""
 

@@ -17,6 +17,7 @@ import numpy as np
 import thirdbody
 from thirdbody.runner.checkpoint import FILE
 from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.trajectory.crash_safe_file import Sink
 from thirdbody.trajectory.polydata_block import Block
@@ -55,7 +56,7 @@ def main(folder: Path, scene: str, settings: dict[str, str], last: int) -> None:
         simulation, kept = prepare(thirdbody.Scene.load(scene).with_settings(settings)), None
     if last:
         die_at(last)
-    execute(simulation, folder, overwrite=True, every=OFTEN, checkpoint=kept)
+    execute(simulation, folder, overwrite=True, times=WallTimes(OFTEN), checkpoint=kept)
 
 
 if __name__ == "__main__":

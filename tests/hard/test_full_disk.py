@@ -26,6 +26,7 @@ from thirdbody.errors import Interrupted, OutputError
 from thirdbody.runner import checkpoint
 from thirdbody.runner.checkpoint import FILE, read_checkpoint
 from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.trajectory import writer
 
@@ -62,7 +63,7 @@ def runs(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     execute(prepare(scene_of(request.param)), home / "whole")
     with pytest.raises(Interrupted):
         execute(
-            prepare(scene_of(request.param)), home / "cut", every=0.0,
+            prepare(scene_of(request.param)), home / "cut", times=WallTimes(0.0),
             report=lambda progress: frames.append(progress.frame), stop=lambda: frames[-1] > 1,
         )  # fmt: skip
     return home / "whole", home / "cut"
@@ -75,7 +76,7 @@ def cut(runs: tuple[Path, Path], tmp_path: Path) -> Path:
 
 def take_up(folder: Path, every: float = 0.0) -> None:
     simulation, kept = prepare_resume(folder)
-    execute(simulation, folder, checkpoint=kept, every=every)
+    execute(simulation, folder, checkpoint=kept, times=WallTimes(every))
 
 
 def goes_on(folder: Path, whole: Path, before: set[str]) -> None:

@@ -15,6 +15,7 @@ import pytest
 
 import thirdbody
 from thirdbody.errors import GuardStop, InputError, Interrupted
+from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.scene.model import Scene
 from thirdbody.scene.toml_writer import toml_text
@@ -48,7 +49,7 @@ def run_scene(seed: int, folder: Path, threads: int = 1, wall_limit: float = mat
         return "refused"
     end = "finished"
     try:
-        execute(simulation, folder, threads, wall_limit=wall_limit)
+        execute(simulation, folder, threads, times=WallTimes(limit=wall_limit))
     except GuardStop as stop:
         assert " t = " in str(stop), stop  # says when
         end = "guard"

@@ -15,6 +15,7 @@ import thirdbody
 from thirdbody.engine import explicit
 from thirdbody.errors import Interrupted
 from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 
 BALLS = (
@@ -82,7 +83,7 @@ def test_a_stop_is_heard_where_outputs_are_a_few_steps_apart(tmp_path, every, lo
 
 def test_the_limit_of_wall_time_holds_where_outputs_are_a_few_steps_apart(tmp_path):
     with pytest.raises(Interrupted, match="limit of wall time"):
-        execute(prepare(scene(output_every="4 nm", solver_settle="10 ns")), tmp_path / "run", wall_limit=0.0)
+        execute(prepare(scene(output_every="4 nm", solver_settle="10 ns")), tmp_path / "run", times=WallTimes(limit=0.0))
 
 
 @pytest.mark.parametrize("every", ["150 nm", "0.1 nm"])

@@ -17,6 +17,7 @@ import thirdbody
 from thirdbody.errors import InputError, Interrupted
 from thirdbody.runner.checkpoint import FILE, read_checkpoint
 from thirdbody.runner.resume import prepare_resume
+from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 
 SCENES = Path(__file__).parents[2] / "scenes"
@@ -155,7 +156,7 @@ def test_another_law_of_the_same_name_is_refused(tmp_path):
 
 def test_a_limit_of_wall_time_leaves_a_checkpoint(tmp_path):
     with pytest.raises(Interrupted, match=r"limit of wall time.*thirdbody\.resume\("):
-        execute(prepare(scene_of("sheared_debris")), tmp_path / "run", wall_limit=0.0)
+        execute(prepare(scene_of("sheared_debris")), tmp_path / "run", times=WallTimes(limit=0.0))
     thirdbody.resume(tmp_path / "run", progress=False).close()
 
 
@@ -256,6 +257,6 @@ def test_a_trajectory_that_lost_frames_is_refused(copy):
 def test_time_between_checkpoints_does_not_change_the_run(tmp_path):
     scene = scene_of("sheared_debris")
     for name, every in (("often", 0.0), ("never", math.inf)):
-        execute(prepare(scene), tmp_path / name, every=every)
+        execute(prepare(scene), tmp_path / name, times=WallTimes(every))
     often, never = contents(tmp_path / "often"), contents(tmp_path / "never")
     assert [key for key in often if often[key] != never[key]] == []

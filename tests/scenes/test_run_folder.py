@@ -19,6 +19,7 @@ from thirdbody.runner import run_folder
 from thirdbody.runner.checkpoint import FILE as CHECKPOINT
 from thirdbody.runner.resume import prepare_resume
 from thirdbody.runner.run_folder import FILES, REPLACEMENT
+from thirdbody.runner.run_loop import WallTimes
 from thirdbody.runner.simulate import execute, prepare
 from thirdbody.trajectory.writer import TrajectoryWriter
 
@@ -251,7 +252,7 @@ def test_a_folder_that_is_renamed_while_the_run_writes(finished, tmp_path, every
                 moved.mkdir()
 
     with pytest.raises(OutputError, match="run: the folder was moved or removed while the run wrote into it") as told:
-        execute(prepare(scene("new")), folder, 1, rename, every=every)
+        execute(prepare(scene("new")), folder, 1, rename, times=WallTimes(every))
     assert told.value.exit_code == 5 and "\n" not in str(told.value)
     if then == "another run":
         assert contents(folder) == contents(finished)

@@ -20,9 +20,10 @@ from thirdbody.scene.model import Scene
 from thirdbody.studies import cost, cost_plot, cost_table, worker
 from thirdbody.studies.compare import Outcome, errors, label_difference, order, read_outcome, rms_error, turns
 from thirdbody.studies.convergence import convergence, falling, reference_error
-from thirdbody.studies.cost_command import cost_command
+from thirdbody.studies.cost_command import StudyOptions, cost_command
 from thirdbody.studies.reduced_scene import FEWEST, WIDER, reduce_scene, thin
 from thirdbody.studies.stopwatch import Late, bare
+from thirdbody.studies.study_setup import StudySource
 from thirdbody.studies.time_budget import Budget, Costs, Overheads, fitting, repeats_of, whole
 from thirdbody.studies.timing_statistics import slower, timing
 from thirdbody.studies.variant_runs import LEFT_OUT, ROUNDS, VariantRuns
@@ -546,7 +547,7 @@ def test_an_existing_folder_is_refused(tmp_path):
     (tmp_path / "kept").write_text("mine")
     for overwrite in (False, True):  # never what is no study
         with pytest.raises(OutputError):
-            cost_command(tmp_path / "s.toml", tmp_path, {}, [], 3, False, False, overwrite, False, print)
+            cost_command(StudySource(tmp_path / "s.toml", {}, tmp_path, []), StudyOptions(3), overwrite, False, print)
     assert (tmp_path / "kept").exists()
 
 
@@ -554,7 +555,7 @@ def test_an_existing_folder_is_refused(tmp_path):
 def test_the_whole_command(tmp_path, capsys):
     file, out = tmp_path / "scene.toml", tmp_path / "out"
     file.write_text(SCENE)
-    cost_command(file, out, {}, [], 2, False, False, False, True, lambda text: None)
+    cost_command(StudySource(file, {}, out, []), StudyOptions(2), False, True, lambda text: None)
     told = json.loads(capsys.readouterr().out)
     assert told == json.loads((out / "cost.json").read_text())
     assert len(told["rungs"]) >= 14 and all(rung["stable"] for rung in told["rungs"])

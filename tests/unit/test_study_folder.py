@@ -7,9 +7,11 @@ from pathlib import Path
 import pytest
 
 from thirdbody.errors import OutputError
+from thirdbody.studies import StudyOptions
 from thirdbody.studies import cost_command as command
 from thirdbody.studies.cost_command import cost_command
 from thirdbody.studies.study_folder import new_study_folder
+from thirdbody.studies.study_setup import StudySource
 
 NAMES = ("scene.toml", "cost.json", "cost.png", "cost.pdf", "rungs/mdr_8/run.vtkhdf", "rungs/mdr_8/checkpoint.npz",
          "rungs/costliest/exact/scene.toml", "rungs/mdr_8/.replacement/run.vtkhdf.part")  # fmt: skip
@@ -66,7 +68,7 @@ def test_other_files_are_named_and_stay(old, name):
     before = contents(old)
     named = "paper" if name.startswith("paper") else name
     with pytest.raises(OutputError, match=rf"holds other files than those of a study \({named}\)"):
-        cost_command(old / "scene.toml", old, {}, [], 3, False, False, True, False, print)
+        cost_command(StudySource(old / "scene.toml", {}, old, []), StudyOptions(3), True, False, print)
     assert contents(old) == before
 
 
@@ -85,5 +87,5 @@ def test_a_project_with_a_scene_is_no_study(tmp_path, monkeypatch, effects):
     monkeypatch.setattr(command, "study", lambda *_: pytest.fail("it was computed"))
     (tmp_path / "scene.toml").write_text("mine")
     with pytest.raises(OutputError, match="is not the folder of a study"):
-        cost_command(tmp_path / "scene.toml", tmp_path, {}, [], 3, effects, False, True, False, print)
+        cost_command(StudySource(tmp_path / "scene.toml", {}, tmp_path, []), StudyOptions(3, effects), True, False, print)
     assert contents(tmp_path) == {"scene.toml": "mine"}

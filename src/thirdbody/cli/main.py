@@ -9,6 +9,7 @@ import typer
 from thirdbody.cli.command_group import Command, Group
 from thirdbody.cli.keys import keys
 from thirdbody.cli.new import new
+from thirdbody.cli.option_groups import Execution, Film, Image, Json, MeshFit, Plugins, Settings, grouped
 from thirdbody.cli.overrides import override_pairs
 from thirdbody.cli.studies import cost, hard
 from thirdbody.errors import GuardStop, Interrupted, ThirdbodyError, UsageError
@@ -28,20 +29,11 @@ app = typer.Typer(
 
 SceneFile = Annotated[Path, typer.Argument(metavar="SCENE", help="scene file (TOML)")]
 RunPath = Annotated[Path, typer.Argument(metavar="RUN", help="run folder or its run.vtkhdf")]
-Json = Annotated[bool, typer.Option("--json", help="print JSON")]
-Plugins = Annotated[list[Path] | None, typer.Option("--plugin", help="Python file with a PLUGIN; may be repeated")]
-Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the scene")]
-Threads = Annotated[int | None, typer.Option("--threads", min=1, help="cores to use (same bits for any number)")]
-
-
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress")]
-CheckpointEvery = Annotated[str | None, typer.Option("--checkpoint-every", help="wall time between checkpoints [30 s]")]
-WallLimit = Annotated[str | None, typer.Option("--wall-limit", help="wall time after which to stop with a checkpoint")]
 
 
 @app.callback(invoke_without_command=True)
 def top(version: Annotated[bool, typer.Option("--version", "-V", help="print the version and exit")] = False) -> None:
-    """Options that need no command."""
+    """Handle options given without a command."""
     if version:
         from thirdbody import __version__
 
@@ -61,7 +53,7 @@ def check(
     force: Annotated[bool, typer.Option("--force", help="accept a time step above its bound")] = False,
     json: Json = False,
 ) -> None:
-    """Print the resolved scene: defaults, laws and their sources, time step and what limits it, cost."""
+    """Check a scene and print it with all defaults, laws and their sources, time step and its limit, and run time."""
     from thirdbody.engine.precompile import start_compiling
 
     start_compiling()
@@ -78,23 +70,21 @@ def check(
 
 
 @app.command(cls=Command)
+@grouped
 def run(
     scene: SceneFile,
     out: Annotated[Path | None, typer.Option("--out", "-o", help="run folder [runs/<scene name>]")] = None,
     settings: Settings = None,
-    threads: Threads = None,
     plugin: Plugins = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace an existing run")] = False,
     force: Annotated[bool, typer.Option("--force", help="accept a time step above its bound")] = False,
-    every: CheckpointEvery = None,
-    wall_limit: WallLimit = None,
-    quiet: Quiet = False,
-    json: Json = False,
+    *,
+    execution: Execution,
 ) -> None:
     """Run a scene and write its trajectory, labels and series."""
     from thirdbody.engine.precompile import start_compiling
 
-    limits = _limits(every, wall_limit)
+    times = _wall_times(execution)
     start_compiling()
     from thirdbody.report.tables import print_warnings
     from thirdbody.runner.run_folder import refuse_existing
@@ -103,33 +93,31 @@ def run(
     loaded = _load(scene, settings, plugin)
     folder = out or default_folder(loaded)
     refuse_existing(folder, overwrite)
-    notes = check_threads(threads)
+    notes = check_threads(execution.threads)
     built = prepare(loaded, plugin or (), force)
     print_warnings([*notes, *built.warnings])
-    _execute(built, folder, quiet, json, threads=threads, overwrite=overwrite, **limits)
+    _execute(built, folder, execution, overwrite=overwrite, times=times)
 
 
 @app.command(cls=Command)
+@grouped
 def resume(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="run folder")],
     settings: Settings = None,
-    threads: Threads = None,
     plugin: Plugins = None,
-    every: CheckpointEvery = None,
-    wall_limit: WallLimit = None,
-    quiet: Quiet = False,
-    json: Json = False,
+    *,
+    execution: Execution,
 ) -> None:
-    """Go on with a run that was interrupted or killed, or, with --set solver.distance=..., with one that came to its end."""
+    """Continue a run that was interrupted or killed, or extend a finished one with --set solver.distance=... ."""
     from thirdbody.report.tables import print_warnings
     from thirdbody.runner.resume import prepare_resume
     from thirdbody.runner.simulate import check_threads
 
-    limits = _limits(every, wall_limit)
-    notes = check_threads(threads)
+    times = _wall_times(execution)
+    notes = check_threads(execution.threads)
     built, saved = prepare_resume(run, override_pairs(settings), plugin or ())
     print_warnings([*notes, *built.warnings])
-    _execute(built, run, quiet, json, threads=threads, checkpoint=saved, **limits)
+    _execute(built, run, execution, checkpoint=saved, times=times)
 
 
 @app.command(cls=Command)
@@ -139,7 +127,7 @@ def states(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="picture file: forecast against fact")] = None,
     json: Json = False,
 ) -> None:
-    """Table of the states with their reasons, over the frames or body by body for one frame."""
+    """Print states and their reasons: fractions of all bodies per frame, or body by body for one frame."""
     from thirdbody.report.tables import states_report
 
     if out is not None:
@@ -154,29 +142,21 @@ def states(
 
 
 @app.command(cls=Command)
+@grouped
 def render(
     run: RunPath,
     out: Annotated[Path, typer.Option("--out", "-o", help=".png, .html, or a film: .gif, .mp4")] = Path("picture.png"),
     frame: Annotated[int | None, typer.Option("--frame", help="frame number, negative from the end [the last]")] = None,
-    color: Annotated[str, typer.Option("--color", help="state, reason, population, material, speed, or any array")] = "state",
-    view: Annotated[str, typer.Option("--view", help="iso, side, front or top")] = "iso",
-    forces: Annotated[bool, typer.Option("--forces", help="contact forces as tubes")] = False,
-    body: Annotated[int | None, typer.Option("--body", min=0, help="one body close up: spots, forces, friction cones")] = None,
-    zoom: Annotated[float | None, typer.Option("--zoom", help="share of the domain that is shown, 0.0001 to 1")] = None,
-    frames: Annotated[str | None, typer.Option("--frames", metavar="A:B:C", help="film: from A, before B, each C-th")] = None,
-    fps: Annotated[int, typer.Option("--fps", help="film: frames a second")] = 12,
-    camera: Annotated[str | None, typer.Option("--camera", help="film of a body: fixed or follow [follow]")] = None,
-    width: Annotated[int, typer.Option("--width", min=200, max=8192)] = 1600,
-    height: Annotated[int, typer.Option("--height", min=200, max=8192)] = 900,
+    *,
+    image: Image,
+    film: Film,
 ) -> None:
-    """Draw the debris between its plates: a picture, a film, or a page to turn it in a browser."""
+    """Draw the debris between the plates: a picture, a film, or an interactive page for a browser."""
     from thirdbody.render.render import render as draw
 
-    drawn = draw(
-        run, out, progress=True, frame=frame, color=color, size=(width, height), zoom=zoom, view=view, forces=forces, body=body,
-        frames=frames, fps=fps, camera=camera,
-    )  # fmt: skip
-    say(drawn)
+    options = vars(image) | vars(film)
+    size = options.pop("width"), options.pop("height")
+    say(draw(run, out, progress=True, frame=frame, size=size, **options))
 
 
 @app.command(cls=Command)
@@ -186,7 +166,7 @@ def plot(
     panel: Annotated[list[str] | None, typer.Option("--panel", metavar="NAME", help="panel [all]; may be repeated")] = None,
     frame: Annotated[int, typer.Option("--frame", help="frame of the contacts, negative from the end")] = -1,
 ) -> None:
-    """Draw the page that tells what happened: friction, states, gap or load, energy, contacts."""
+    """Draw the summary page of a run: friction, states, gap or load, energy, contacts."""
     from thirdbody.plot.summary_page import plot as draw
 
     say(draw(run, out, panel, frame))
@@ -201,7 +181,7 @@ def export(
     frame: Annotated[int | None, typer.Option("--frame", help="one frame, negative from the end [all]")] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="replace what is there")] = False,
 ) -> None:
-    """Write a run for other tools: tables, files of older versions of ParaView, a compressed copy."""
+    """Export a run: CSV tables, files for older versions of ParaView, a compressed copy."""
     from thirdbody.export.export_run import export_run
 
     for path in export_run(run, csv, pvd, pack, frame, overwrite):
@@ -209,6 +189,7 @@ def export(
 
 
 @app.command(cls=Command)
+@grouped
 def shapes(
     path: Annotated[
         Path | None,
@@ -218,12 +199,11 @@ def shapes(
     settings: Settings = None,
     plugin: Plugins = None,
     listed: Annotated[bool, typer.Option("--list", help="list the kinds of debris; with a kind as argument, its keys")] = False,
-    unit: Annotated[str | None, typer.Option("--unit", help="mesh: length of one unit of the file, such as '1 um'")] = None,
-    spheres: Annotated[int | None, typer.Option("--spheres", help="mesh: spheres that stand for it [12]")] = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="mesh: seed of the fit [1]")] = None,
+    *,
+    mesh: MeshFit,
     json: Json = False,
 ) -> None:
-    """Describe and draw the bodies of a scene, or how well spheres follow a mesh; or list the kinds of debris."""
+    """Describe and draw the bodies of a scene or the clump fitted to a mesh, or list the kinds of debris."""
     if listed:
         from thirdbody.report.debris_kinds import kinds_report
 
@@ -233,7 +213,7 @@ def shapes(
         raise UsageError("give a scene, a mesh or a folder of meshes, or --list")
     from thirdbody.report.clump_shapes import draw_shapes, read_shapes, shapes_report
 
-    result = read_shapes(path, unit, spheres, seed, override_pairs(settings), plugin or ())
+    result = read_shapes(path, mesh.unit, mesh.spheres, mesh.seed, override_pairs(settings), plugin or ())
     shapes_report(result, json)
     if out is not None:
         draw_shapes(result, path.name, out)
@@ -251,7 +231,7 @@ def laws(
     plugin: Plugins = None,
     json: Json = False,
 ) -> None:
-    """List laws, levels and effects with their sources, check those of a file, or show the code compiled for a scene."""
+    """List laws, levels and effects with their sources, run the conformance suite on a file, or print the code of a scene."""
     from thirdbody.laws.registry import discover
     from thirdbody.report.tables import conformance_report, laws_report
 
@@ -267,12 +247,14 @@ def laws(
         laws_report(discover(plugin or ()), json)
 
 
-def _limits(every: str | None, wall_limit: str | None) -> dict[str, float]:
-    """Return the given wall times [s]. Raises UsageError for invalid times."""
+def _wall_times(execution: Execution) -> Any:
+    """Return the wall times of a run. Raises UsageError for invalid ones."""
     from thirdbody import units
+    from thirdbody.runner.run_loop import WallTimes
 
     result = {}
-    for option, key, text in (("--checkpoint-every", "every", every), ("--wall-limit", "wall_limit", wall_limit)):
+    given = (("--checkpoint-every", "every", execution.every), ("--wall-limit", "limit", execution.wall_limit))
+    for option, key, text in given:
         if text is not None:
             try:
                 result[key] = units.parse(text, "time")
@@ -280,10 +262,10 @@ def _limits(every: str | None, wall_limit: str | None) -> dict[str, float]:
                 raise UsageError(f"{option}: {error}") from None
             if result[key] < 0.0:
                 raise UsageError(f"{option}: {text} must be at least 0 s")
-    return result
+    return WallTimes(**result)
 
 
-def _execute(built: Any, folder: Path, quiet: bool, json: bool, **options: Any) -> None:
+def _execute(built: Any, folder: Path, execution: Execution, **options: Any) -> None:
     """Run the built simulation, report it, and raise the error that stopped it."""
     from contextlib import nullcontext
 
@@ -294,12 +276,12 @@ def _execute(built: Any, folder: Path, quiet: bool, json: bool, **options: Any) 
     problem: GuardStop | Interrupted | None = None
     with stop_on_signal() as stop:
         try:
-            with nullcontext() if quiet else reporter_for_terminal(built.scene.title) as report:
-                execute(built, folder, report=report, stop=stop, **options)
+            with nullcontext() if execution.quiet else reporter_for_terminal(built.scene.title) as report:
+                execute(built, folder, execution.threads, report, stop=stop, **options)
         except (GuardStop, Interrupted) as error:
             problem = error
         if getattr(problem, "advanced", True):
-            run_report(folder, json)
+            run_report(folder, execution.json)
         if problem is not None:
             raise problem
 

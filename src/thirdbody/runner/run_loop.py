@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from itertools import islice
 from shlex import quote
 from typing import TYPE_CHECKING, Any, cast
@@ -34,16 +35,24 @@ MIN_INTERVAL_OVER_COST = 20.0
 """Shortest wall time between checkpoints over the cost of the last one: at most a twentieth is spent."""
 
 
+@dataclass(frozen=True)
+class WallTimes:
+    """Shortest wall time between two checkpoints, and that after which a run stops with one [s]."""
+
+    every: float = CHECKPOINT_EVERY
+    limit: float = math.inf
+
+
 class RunLoop:
     """Run loop of a built simulation, with its counters."""
 
     def __init__(
         self, simulation: Simulation, files: RunFolder, report: Reporter | None = None, stop: Callable[[], bool] = lambda: False,
-        every: float = CHECKPOINT_EVERY, wall_limit: float = math.inf,
+        times: WallTimes = WallTimes(),
     ) -> None:  # fmt: skip
         self.simulation, self.files, self.report, self.stop = simulation, files, report, stop
         self.folder = files.path
-        self.every, self.wall_limit = every, wall_limit
+        self.every, self.wall_limit = times.every, times.limit
         self.started, self.before, self.reached, self.cost = time.perf_counter(), 0.0, 0, 0.0
         self.written = self.started
         self.series: dict[str, Any] = {}  # those of the last frame

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import platform
 import threading
@@ -22,7 +21,7 @@ from thirdbody.runner.accuracy_warnings import endings
 from thirdbody.runner.checkpoint import Checkpoint
 from thirdbody.runner.progress import Reporter, reporting
 from thirdbody.runner.run_folder import SCENE_FILE, RunFolder, new_run_folder, old_run_folder, refuse_existing
-from thirdbody.runner.run_loop import CHECKPOINT_EVERY, RunLoop
+from thirdbody.runner.run_loop import RunLoop, WallTimes
 from thirdbody.scene.model import Scene
 from thirdbody.system.signals import stop_on_ctrl_c
 from thirdbody.trajectory.names import SERIES
@@ -122,28 +121,26 @@ def execute(
     overwrite: bool = False,
     stop: Callable[[], bool] = lambda: False,
     *,
-    every: float = CHECKPOINT_EVERY,
-    wall_limit: float = math.inf,
+    times: WallTimes | None = None,
     checkpoint: Checkpoint | None = None,
 ) -> dict[str, Any]:
     """Integrate a built simulation into a folder and return the summary, which the file also holds.
 
-    `stop` is called between compiled calls; when it returns True, or when `wall_limit` [s] is exceeded, a checkpoint is written
-    and Interrupted is raised. Checkpoints are written at least `every` [s] apart, and when the run ends. `checkpoint`: the
-    checkpoint
-    to continue from, with its trajectory in the folder.
+    `stop` is called between compiled calls; when it returns True, or when `times.limit` is exceeded, a checkpoint is written
+    and Interrupted is raised. Checkpoints are written at least `times.every` apart, and when the run ends. `checkpoint`:
+    what to continue from, with its trajectory in the folder.
     """
     set_threads(threads)
     with old_run_folder(folder) if checkpoint else new_run_folder(folder, overwrite) as files:
-        return _execute(simulation, files, report, stop, every, wall_limit, checkpoint)
+        return _execute(simulation, files, report, stop, times or WallTimes(), checkpoint)
 
 
 def _execute(
-    simulation: Simulation, files: RunFolder, report: Reporter | None, stop: Callable[[], bool], every: float, wall_limit: float,
+    simulation: Simulation, files: RunFolder, report: Reporter | None, stop: Callable[[], bool], times: WallTimes,
     checkpoint: Checkpoint | None,
 ) -> dict[str, Any]:  # fmt: skip
     """`execute` in an existing, locked folder."""
-    loop = RunLoop(simulation, files, report, stop, every, wall_limit)
+    loop = RunLoop(simulation, files, report, stop, times)
     problem: GuardStop | Interrupted | None = None
     if checkpoint is not None:
         loop.restore(checkpoint)

@@ -10,7 +10,7 @@ from typing import Any
 from thirdbody.errors import UsageError
 from thirdbody.scene.model import Scene
 from thirdbody.studies.compare import errors
-from thirdbody.studies.study_setup import prepare_study
+from thirdbody.studies.study_setup import StudySource, prepare_study
 from thirdbody.studies.time_budget import BUDGET, Budget
 from thirdbody.studies.timing_statistics import slower
 from thirdbody.studies.variant_result import Row
@@ -71,7 +71,7 @@ def study(
     scene = Scene.load(path, plugins)
     scene = scene.with_settings(settings) if settings else scene
     with Worker() as worker:
-        stage = prepare_study(path, settings or {}, folder, plugins, repeats, verify, clock, worker, tell)
+        stage = prepare_study(StudySource(path, settings or {}, folder, plugins), repeats, verify, clock, worker, tell)
         climb = VariantRuns(worker, folder, plugins, stage.base, stage.costs, stage.overheads, clock, tell)
         rows = climb.rows(stage.rungs, repeats)
     _one_pace(rows)

@@ -2,33 +2,40 @@
 
 import json as json_module
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from thirdbody.errors import OutputError
 from thirdbody.report.tables import as_plain, print_json
 from thirdbody.studies.cost import JSON_FILE, PICTURE, as_json, study
 from thirdbody.studies.study_folder import new_study_folder
+from thirdbody.studies.study_setup import StudySource
 from thirdbody.studies.time_budget import BUDGET
 
 
-def cost_command(
-    scene: Path, folder: Path, settings: dict[str, str], plugins: Sequence[Path], repeats: int, effects: bool, verify: bool,
-    overwrite: bool, json: bool, tell: Callable[[str], None], budget: float = BUDGET,
-) -> None:  # fmt: skip
+class StudyOptions(NamedTuple):
+    """Number of timed runs of each variant; study of effects instead of accuracy; with an oblique impact; wall time [s]."""
+
+    repeats: int
+    effects: bool = False
+    verify: bool = False
+    budget: float = BUDGET
+
+
+def cost_command(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, tell: Callable[[str], None]) -> None:
     """Run `thirdbody cost`. Raises ThirdbodyError; no partial files remain except the runs of variants."""
-    if effects:
-        _effects(scene, folder, settings, plugins, repeats, overwrite, json, tell)
+    if options.effects:
+        _effects(source, options, overwrite, json, tell)
         return
     from thirdbody.studies.contact_interaction import above, print_interaction
     from thirdbody.studies.convergence import convergence, print_convergence, print_reference, reference_error
     from thirdbody.studies.cost_plot import draw_study
     from thirdbody.studies.cost_table import print_study
 
-    began = time.perf_counter()
+    began, folder, verify = time.perf_counter(), source.folder, options.verify
     with new_study_folder(folder, overwrite) as place:
-        built = study(scene, place, settings, plugins, repeats, tell, verify, budget)
+        built = study(source.scene, place, source.settings, source.plugins, options.repeats, tell, verify, options.budget)
         tell("the elastic interaction of spots")
         report: dict[str, Any] = {"convergence": convergence(built), "reference_error": reference_error(built)}
         report["interaction"] = above(built, place)
@@ -36,7 +43,7 @@ def cost_command(
             from thirdbody.studies.impact import impact_table
 
             tell("an oblique impact")
-            report["impact"] = impact_table(built, plugins)
+            report["impact"] = impact_table(built, source.plugins)
         draw_study(built, place / PICTURE, (place / PICTURE).with_suffix(".pdf"))
         built.took = time.perf_counter() - began
         report = as_json(built) | report
@@ -55,20 +62,17 @@ def cost_command(
     print(f"{folder / PICTURE} (and .pdf), {folder / JSON_FILE}, runs of the rungs beside them")
 
 
-def _effects(
-    scene: Path, folder: Path, settings: dict[str, str], plugins: Sequence[Path], repeats: int, overwrite: bool, json: bool,
-    tell: Callable[[str], None],
-) -> None:  # fmt: skip
+def _effects(source: StudySource, options: StudyOptions, overwrite: bool, json: bool, tell: Callable[[str], None]) -> None:
     from thirdbody.studies.effects import effects_study, print_effects
 
-    with new_study_folder(folder, overwrite) as place:
-        report = effects_study(scene, place, settings, plugins, repeats, tell)
+    with new_study_folder(source.folder, overwrite) as place:
+        report = effects_study(source.scene, place, source.settings, source.plugins, options.repeats, tell)
         _write(place / "effects.json", report)
     if json:
         print_json(report)
     else:
         print_effects(report)
-        print(f"{folder / 'effects.json'}")
+        print(f"{source.folder / 'effects.json'}")
 
 
 def _write(path: Path, report: dict[str, Any]) -> None:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from thirdbody import units
 from thirdbody.assembly.simulation import Simulation
@@ -44,20 +44,30 @@ class StudySetup:
     overheads: Overheads
 
 
+class StudySource(NamedTuple):
+    """Scene file with changed settings, its plug-ins, and the folder of the study."""
+
+    scene: Path
+    settings: Mapping[str, Any]
+    folder: Path
+    plugins: Sequence[str | Path]
+
+
 def prepare_study(
-    scene: Path, settings: Mapping[str, Any], folder: Path, plugins: Sequence[str | Path], repeats: int, verify: bool,
-    budget: Budget, worker: Worker, tell: Callable[[str], None],
-) -> StudySetup:  # fmt: skip
+    source: StudySource, repeats: int, verify: bool, budget: Budget, worker: Worker, tell: Callable[[str], None]
+) -> StudySetup:
     """Return the saved copy whose variants fit the budget. Raises UsageError if not even the smallest does."""
     part = min(1.0, budget.seconds / BUDGET)
-    maker = _Maker(worker, scene, settings, folder, plugins, part < 1.0, budget)
+    maker = _Maker(worker, source, part < 1.0, budget)
     try:
         tell("starting the worker")
         worker.start(budget.end(1.0))
         tell("building the scene and estimating its time")
         base, variants, reduction, alone = maker.made(part * SECONDS, verify)
         tell("timing the costliest rungs")
-        costs, overheads = measure_costs(worker, variants, base, folder, plugins, part * PROBE, budget.end(worker.pace))
+        costs, overheads = measure_costs(
+            worker, variants, base, source.folder, source.plugins, part * PROBE, budget.end(worker.pace)
+        )
         pace, codes = worker.pace, len({(rung.level, rung.springs, rung.integrator) for rung in variants})
         left = (budget.end(pace) - time.perf_counter()) / pace
         beside = max(0, codes - TRIED) * overheads.fresh + len(variants) * overheads.known
@@ -77,10 +87,7 @@ class _Maker:
     """Requests copies of a scene from the worker: building and compiling them ends with the budget there."""
 
     worker: Worker
-    scene: Path
-    settings: Mapping[str, Any]
-    folder: Path
-    plugins: Sequence[str | Path]
+    source: StudySource
     few: bool
     budget: Budget
 
@@ -91,24 +98,28 @@ class _Maker:
         """
         from thirdbody.laws.registry import discover
 
-        until = self.budget.end(self.worker.pace)
-        job = request(self.scene, self.folder, self.settings, self.plugins)
+        source, until = self.source, self.budget.end(self.worker.pace)
+        job = request(source.scene, source.folder, source.settings, source.plugins)
         report = self.worker.ask({"do": "make", "most": maximum, "few": self.few, **job}, until)
         if not report["stable"]:
             raise error_of_reply(report)
-        base, reduction, copy = Base(**report["base"]), report["reduction"], Scene.load(self.folder / SCENE_FILE, self.plugins)
+        base, reduction, copy = (
+            Base(**report["base"]),
+            report["reduction"],
+            Scene.load(source.folder / SCENE_FILE, source.plugins),
+        )
         if base.kind == "explicit" and isinstance(copy.solver.time_step, str):
             base = replace(base, step=self._smallest_step(base.step, until))
             reduction.append(f"the time step held at {units.pretty(base.step, 'time')}, the smallest that `auto` takes")
-        family = discover(tuple(self.plugins)).families[copy.contact.law]
+        family = discover(tuple(source.plugins)).families[copy.contact.law]
         return base, variants_of(copy, family, base, verify), reduction, report["alone"]
 
     def _smallest_step(self, first: float, until: float) -> float:
         """Return the smallest time step [s] of a run of the saved scene with an automatic one; `first` if it does not finish."""
         from thirdbody.trajectory.reader import open_run
 
-        place = self.folder / RUNGS / "automatic_step"
-        job = request(self.folder / SCENE_FILE, place, {}, self.plugins)
+        place = self.source.folder / RUNGS / "automatic_step"
+        job = request(self.source.folder / SCENE_FILE, place, {}, self.source.plugins)
         if not self.worker.ask({"do": "run", **job}, until)["stable"]:
             return first
         with open_run(place) as run:

@@ -35,6 +35,7 @@ def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) 
 
     Raises ThirdbodyError for a scene that cannot be built.
     """
+    from thirdbody.runner.run_loop import WallTimes
     from thirdbody.runner.simulate import execute, prepare
 
     built = prepare(scene, plugins)
@@ -42,7 +43,8 @@ def timed_run(scene: Scene, folder: Path, plugins: Sequence[str], limit: float) 
     end = time.process_time() + limit
     try:
         # a busy machine makes a variant late, not costly: the limit is one of the processor's time
-        execute(built, folder, threads=1, overwrite=True, every=math.inf, stop=lambda: time.process_time() > end)
+        never = WallTimes(every=math.inf)
+        execute(built, folder, threads=1, overwrite=True, times=never, stop=lambda: time.process_time() > end)
     except GuardStop as error:
         message = str(error)
     except Interrupted:

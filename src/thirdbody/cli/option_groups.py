@@ -1,0 +1,99 @@
+"""Options that belong together, as one parameter of a command: a dataclass with a field per option."""
+
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
+from pathlib import Path
+from typing import Annotated, Any, get_type_hints
+
+import typer
+
+
+def grouped(function: Callable[..., None]) -> Callable[..., None]:
+    """Return the function as a command for typer: each parameter that is a dataclass becomes one option per field."""
+    hints = get_type_hints(function, include_extras=True)
+    groups: dict[str, Any] = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    options: list[Parameter] = []
+    for name, parameter in signature(function).parameters.items():
+        options += _options_of(groups[name]) if name in groups else [_option(name, parameter.default, hints[name])]
+
+    @wraps(function)
+    def command(**given: Any) -> None:
+        for name, kind in groups.items():
+            given[name] = kind(**{field.name: given.pop(field.name) for field in fields(kind)})
+        function(**given)
+
+    setattr(command, "__signature__", Signature(options))  # noqa: B010
+    command.__annotations__ = {option.name: option.annotation for option in options}
+    return command
+
+
+def _options_of(group: Any) -> list[Parameter]:
+    hints = get_type_hints(group, include_extras=True)
+    return [
+        _option(field.name, Parameter.empty if field.default is MISSING else field.default, hints[field.name])
+        for field in fields(group)
+    ]
+
+
+def _option(name: str, default: Any, annotation: Any) -> Parameter:
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+
+
+Settings = Annotated[list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="replace a value of the scene")]
+Plugins = Annotated[list[Path] | None, typer.Option("--plugin", help="Python file with a PLUGIN; may be repeated")]
+Json = Annotated[bool, typer.Option("--json", help="print JSON")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="no progress")]
+
+
+@dataclass(frozen=True)
+class Execution:
+    """How a run is carried out and reported."""
+
+    threads: Annotated[int | None, typer.Option("--threads", min=1, help="cores to use (same bits for any number)")] = None
+    every: Annotated[str | None, typer.Option("--checkpoint-every", help="wall time between checkpoints [30 s]")] = None
+    wall_limit: Annotated[str | None, typer.Option("--wall-limit", help="wall time after which to stop with a checkpoint")] = None
+    quiet: Quiet = False
+    json: Json = False
+
+
+@dataclass(frozen=True)
+class MeshFit:
+    """How a surface mesh becomes a clump."""
+
+    unit: Annotated[str | None, typer.Option("--unit", help="mesh: length of one unit of the file, such as '1 um'")] = None
+    spheres: Annotated[int | None, typer.Option("--spheres", help="mesh: spheres that stand for it [12]")] = None
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="mesh: seed of the fit [1]")] = None
+
+
+@dataclass(frozen=True)
+class Image:
+    """What a picture shows, and its size in pixels."""
+
+    color: Annotated[str, typer.Option("--color", help="state, reason, population, material, speed, or any array")] = "state"
+    view: Annotated[str, typer.Option("--view", help="iso, side, front or top")] = "iso"
+    forces: Annotated[bool, typer.Option("--forces", help="contact forces as tubes")] = False
+    body: Annotated[int | None, typer.Option("--body", min=0, help="one body close up: spots, forces, friction cones")] = None
+    zoom: Annotated[float | None, typer.Option("--zoom", help="share of the domain that is shown, 0.0001 to 1")] = None
+    width: Annotated[int, typer.Option("--width", min=200, max=8192)] = 1600
+    height: Annotated[int, typer.Option("--height", min=200, max=8192)] = 900
+
+
+@dataclass(frozen=True)
+class Film:
+    """Frames of a film."""
+
+    frames: Annotated[str | None, typer.Option("--frames", metavar="A:B:C", help="film: from A, before B, each C-th")] = None
+    fps: Annotated[int, typer.Option("--fps", help="film: frames a second")] = 12
+    camera: Annotated[str | None, typer.Option("--camera", help="film of a body: fixed or follow [follow]")] = None
+
+
+@dataclass(frozen=True)
+class Study:
+    """What a study computes."""
+
+    repeats: Annotated[int, typer.Option("--repeats", min=2, max=1000, help="runs of each variant that are timed")] = 3
+    budget: Annotated[str, typer.Option("--budget", help="wall time for all variants, to which the scene is reduced")] = "7 min"
+    effects: Annotated[bool, typer.Option("--effects", help="cost and influence of each effect instead of accuracy")] = False
+    verify: Annotated[bool, typer.Option("--verify", help="add an oblique impact: errors and orders of convergence")] = False
