@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from thirdbody.errors import OutputError
-from thirdbody.studies import StudyOptions
 from thirdbody.studies import cost_command as command
-from thirdbody.studies.cost_command import cost_command
+from thirdbody.studies.cost_command import StudyOptions, cost_command
 from thirdbody.studies.study_folder import new_study_folder
 from thirdbody.studies.study_setup import StudySource
 
