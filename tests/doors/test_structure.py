@@ -1,6 +1,6 @@
 """The size limits of the source and the rules of its tables of numbers, read from the source.
 
-The lists of offenders only shrink: an entry that is no longer needed makes a test fail.
+The list of exceptions only shrinks: an entry that is no longer needed makes a test fail.
 """
 
 from __future__ import annotations
@@ -18,21 +18,6 @@ COLUMNS = SOURCE / "kernels" / "columns"
 FILES = sorted([*SOURCE.rglob("*.py"), *(ROOT / "plugins").rglob("*.py")])
 
 MOST_ARGUMENTS, MOST_LINES, LONGEST_FUNCTION = 8, 400, 60
-
-ENTRY = (
-    "called by Python or through a pointer: numba unpacks each argument of a compiled function anew, so tables are passed flat"
-)
-"""The reason why a compiled entry point may take more arguments than others."""
-
-ENTRY_POINTS: dict[str, dict[str, str]] = {}
-"""Exceptions that stay: module -> function -> reason."""
-
-OFFENDERS: dict[str, set[str]] = {
-}
-"""Functions that still take too many arguments: module -> names. To be emptied."""
-
-TABLES_TOGETHER: set[str] = set()
-"""Modules that declare two tables. To be emptied."""
 
 COPIED_COLUMNS: dict[str, set[str]] = {
     "plugins/three_spot/forecast_output.py": {"POINT"},
@@ -103,14 +88,12 @@ def copied_columns(path: Path) -> set[str]:
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_no_function_takes_more_than_eight_arguments(path):
     found = {node.name for node in functions(path) if argument_count(node) > MOST_ARGUMENTS}
-    listed = set(ENTRY_POINTS.get(name_of(path), {})) | OFFENDERS.get(name_of(path), set())
-    assert not found - listed, f"more than {MOST_ARGUMENTS} arguments: {sorted(found - listed)}"
-    assert not listed - found, f"remove from the lists of exceptions: {sorted(listed - found)}"
+    assert not found, f"more than {MOST_ARGUMENTS} arguments: {sorted(found)}"
 
 
 def test_exceptions_name_files_that_exist():
     names = {name_of(path) for path in FILES}
-    assert set(ENTRY_POINTS) | set(OFFENDERS) | TABLES_TOGETHER | set(COPIED_COLUMNS) <= names
+    assert set(COPIED_COLUMNS) <= names
 
 
 @pytest.mark.parametrize("path", FILES, ids=name_of)
@@ -124,7 +107,7 @@ def test_files_and_functions_stay_short(path):
 @pytest.mark.parametrize("path", FILES, ids=name_of)
 def test_each_table_has_a_module_of_its_own(path):
     """So a family of constants (`body.FORCE`, `patch.FORCE`) belongs to one table."""
-    assert (len(declared_tables(path)) > 1) == (name_of(path) in TABLES_TOGETHER)
+    assert len(declared_tables(path)) <= 1
 
 
 def test_tables_of_the_engine_are_declared_in_one_place():
