@@ -50,7 +50,7 @@ def _option_key(path: str, option: Option, tables: tuple[str, ...]) -> Key:
     value = " or ".join(words) if option.size == 1 else f"a list of {option.size} ({number})"
     default = "required" if option.default is None else toml(option.default)
     meaning, _, example = option.doc.partition(", such as ")
-    return Key(path, tables, value, dimension.si_unit, default, _sentence(meaning), example or default)
+    return Key(path, tables, value, dimension.si_unit, default, _sentence(meaning), example or toml(option.default))
 
 
 def _sentence(text: str) -> str:
