@@ -146,7 +146,7 @@ def compiled(kernels: tuple[ModuleType, ...]) -> Callable[..., Any]:
         space, motion = make_workspace(context), Motion(dt, v_x, v_y)
         active = active_body(0, 0, context.starts[0], context.memory[0], context.totals[0])
         space.before[:] = context.initial_overlaps
-        set_configuration(context, active, y, motion)
+        set_configuration(context, active, y, dt)
         m = active_contacts(context, active, y, motion, space)
         write_residual(context, active, m, y, motion, space)
         assemble_jacobian(context, active, m, dt, False, space)

@@ -280,7 +280,6 @@ class Implicit:
             P[-1, patch.DISPLACEMENT2] = P[self.state.patch[behind], patch.DISPLACEMENT2]
         if self.schedule.gap and self.state.world.upper is not None and self.state.world.upper.foundation is not None:
             self.state.patches.height[-1] = at_time(self.schedule.gap, time)
-            self.state.P[-1, patch.DISPLACEMENT2] = np.subtract(self.schedule.place(time), self.schedule.place(0.0))
 
     def _judge(self) -> None:
         """Raise GuardStop for the first stopped body; with `go_on`, bodies without a solution are skipped."""

@@ -119,7 +119,6 @@ class Shared(Implicit):
                 self._give_up()
         kernel.accept_bodies(self.state.n_bodies, end, whole, cuts, dt, v_x, v_y, context)
         self._take(dt, step, load)
-        self.state.P[-1, patch.DISPLACEMENT2] += (dt * v_x, dt * v_y)
         body = body if cuts else int(np.argmax(self.solutions[:, body_solution.ERROR]))
         self.memory[body, step_memory.LIMITED + cause] += 1.0
         easy = self.solutions[:, body_solution.ITERATIONS].max() <= 2 * step_control.EASY

@@ -6,7 +6,6 @@ import numpy as np
 from numba import njit
 
 from thirdbody.jit.options import BARE
-from thirdbody.kernels.bundles import Motion
 from thirdbody.kernels.columns import (
     body,
     body_extra,
@@ -234,7 +233,7 @@ def reject_step(context, active, y):
     b, p, Z, B, P = active.number, active.patch, active.start, context.B, context.P
     for k in range(FREEDOMS):
         y[k] = 0.0
-    set_configuration(context, active, y, Motion(1.0, 0.0, 0.0))
+    set_configuration(context, active, y, 1.0)
     for k in range(3):
         B[b, body.VELOCITY + k] = Z[step_start.VELOCITY + k]
         B[b, body.SPIN + k] = Z[step_start.SPIN + k]

@@ -140,7 +140,7 @@ def accept_body(context, b, end, whole, cuts, motion, space):
     """
     active = active_body(b, context)
     copy_start(context, b, False, space)
-    set_configuration(context, active, space.y, motion)
+    set_configuration(context, active, space.y, motion.dt)
     m = active_contacts(context, active, space.y, motion, space)
     residual(context, active, m, space.y, motion, space)
     accept_step(context, active, m, motion, True, space)

@@ -231,7 +231,7 @@ def newton(context, active, motion, space):
     while True:
         for k in range(FREEDOMS):
             space.trial[k] = y[k] + part * x[k]
-        set_configuration(context, active, space.trial, motion)
+        set_configuration(context, active, space.trial, dt)
         m = active_contacts(context, active, space.trial, motion, space)
         if m < 0:
             return CROWDED, m, iterations

@@ -69,10 +69,9 @@ def save_start(context, active):
 
 
 @njit(**BARE)
-def set_configuration(context, active, y, motion):
+def set_configuration(context, active, y, dt):
     """Move the body, its spheres and its patch to the end of the step, with mean and end velocities."""
     b, p, Z, T, B, P = active.number, active.patch, active.start, active.memory, context.B, context.P
-    dt = motion.dt
     inverse, arm = 1.0 / dt, 1.0 / Z[step_start.ARM]
     now, last = Z[step_start.NOW] * inverse, Z[step_start.BEFORE] * inverse
     for k in range(3):
@@ -104,8 +103,6 @@ def set_configuration(context, active, y, motion):
         B[b, body.VELOCITY + k], B[b, body.SPIN + k] = v_end[k], w_end[k]
     P[p, patch.HEIGHT] = Z[step_start.PATCH_HEIGHT] + y[6]
     P[p, patch.VELOCITY] = now * y[6] - last * T[step_memory.LAST_COORDINATES + 6]
-    P[p, patch.DISPLACEMENT] = Z[step_start.PATCH_DISPLACEMENT] + motion.v_x * dt
-    P[p, patch.DISPLACEMENT + 1] = Z[step_start.PATCH_DISPLACEMENT + 1] + motion.v_y * dt
 
 
 @njit(**BARE)
