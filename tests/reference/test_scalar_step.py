@@ -120,12 +120,12 @@ def follow(simulation: Simulation, steps: int) -> list[Event]:
     while left > 0:
         before = int(state.A[run_totals.STEPS])
         code, _ = engine._advance(left, math.inf, math.inf, state.dt)  # type: ignore[union-attr]
-        assert code in (step_loop.SEARCH, step_loop.BUDGET)
-        if code == step_loop.SEARCH:
+        assert code in (step_loop.Stop.SEARCH, step_loop.Stop.BUDGET)
+        if code == step_loop.Stop.SEARCH:
             search(state)
             engine._tables()  # type: ignore[union-attr]
         made = int(state.A[run_totals.STEPS]) - before
-        events.append((made, state.slots if code == step_loop.SEARCH else None))
+        events.append((made, state.slots if code == step_loop.Stop.SEARCH else None))
         left -= made
     return events
 

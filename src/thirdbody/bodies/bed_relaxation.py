@@ -6,6 +6,7 @@ with walls on all sides. Everything is serial, so the bits do not depend on thre
 """
 
 import math
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,20 @@ from thirdbody.kernels.periodic import nearest_image
 from thirdbody.kernels.rotation import matrix, rotate_small
 
 DT, ALPHA, DOWNHILL = 0, 1, 2  # indices into the memory of the relaxation
-RELAXED, MOVED, JAMMED, SPENT = 0, 1, 2, 3
+
+
+class Outcome(IntEnum):
+    """How a call of `relax` ended."""
+
+    RELAXED = 0
+    """No overlap of the spheres, enlarged by the clearance, exceeds half of it, so nothing touches."""
+    MOVED = 1
+    """The candidates are out of date."""
+    JAMMED = 2
+    """A minimum with overlaps."""
+    SPENT = 3
+    """All steps were made."""
+
 
 # Guenole et al. 2020, table 1, except for the steps: a body of mass 1 with some 20 contacts of stiffness 1 oscillates at
 # sqrt(20), and explicit steps are unstable from 2/sqrt(20) = 0.45 on.
@@ -203,10 +217,9 @@ def _moved_beyond(S, S0, skin):
 
 @njit(**OPTIONS)
 def relax(bodies, motion, scale, pairs, walls, spheres, limit):
-    """Remove overlaps of rigid bodies by FIRE (with both corrections of Guenole et al. 2020); return (code, steps).
+    """Remove overlaps of rigid bodies by FIRE (with both corrections of Guenole et al. 2020); return (`Outcome`, steps).
 
-    RELAXED: no overlap of the spheres, enlarged by the clearance, exceeds half of it, so nothing touches. MOVED: the candidates
-    are out of date. JAMMED: a minimum with overlaps. SPENT: `limit` steps. Lengths are in units of a typical radius.
+    `limit`: largest number of steps. Lengths are in units of a typical radius.
     """
     X, Q, V, memory = motion
     n, lever = X.shape[0], bodies.lever
@@ -216,7 +229,7 @@ def relax(bodies, motion, scale, pairs, walls, spheres, limit):
     for step in range(limit):
         deepest, worst = _repulsion(bodies, spheres, pairs, walls, F)
         if worst <= 0.5 * walls.clearance:
-            return RELAXED, step
+            return Outcome.RELAXED, step
         power, speed, force, pull = 0.0, 0.0, 0.0, 0.0
         for b in range(n):
             here = 0.0
@@ -227,7 +240,7 @@ def relax(bodies, motion, scale, pairs, walls, spheres, limit):
             force += here
             pull = max(pull, here)
         if math.sqrt(pull) < _BALANCED * deepest:
-            return JAMMED, step
+            return Outcome.JAMMED, step
         if power > 0.0:
             memory[DOWNHILL] += 1.0
             if memory[DOWNHILL] > _DELAY:
@@ -247,5 +260,5 @@ def relax(bodies, motion, scale, pairs, walls, spheres, limit):
         _advance(X, Q, V, memory[DT], lever, 0.1)
         pose(X, Q, bodies, scale, spheres)
         if _moved_beyond(spheres.S, S0, 0.5 * pairs.skin):
-            return MOVED, step + 1
-    return SPENT, limit
+            return Outcome.MOVED, step + 1
+    return Outcome.SPENT, limit

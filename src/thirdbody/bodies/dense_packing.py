@@ -132,8 +132,8 @@ class _Growing:
             own, partner = self._search(size)
             pairs = kernels.Pairs(own, partner, _SKIN)
             code, done = kernels.relax(self.shapes, motion, size, pairs, walls, self.spheres, left)
-            if code != kernels.MOVED:
-                return bool(code == kernels.RELAXED)
+            if code != kernels.Outcome.MOVED:
+                return bool(code == kernels.Outcome.RELAXED)
             left -= done
         return False
 

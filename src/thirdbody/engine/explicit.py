@@ -87,19 +87,19 @@ class Explicit:
         while state.time < time and state.distance < distance:
             budget = min(BUDGET - int(state.A[run_totals.STEPS]) % BUDGET, max(1, int(CALL / self.seconds)))
             code, number = self._advance(budget, time, distance, state.dt)
-            if code == step_loop.RECORD:  # no step was done
+            if code == step_loop.Stop.RECORD:  # no step was done
                 state.slots.R = table(state.slots.count, state.slots.R.shape[1])
                 continue
-            if code in (step_loop.SEARCH, step_loop.DONE) and number == 1:
-                search(state, code == step_loop.DONE)
+            if code in (step_loop.Stop.SEARCH, step_loop.Stop.DONE) and number == 1:
+                search(state, code == step_loop.Stop.DONE)
                 self._tables()
-            elif code not in (step_loop.SEARCH, step_loop.BUDGET, step_loop.DONE):
+            elif code not in (step_loop.Stop.SEARCH, step_loop.Stop.BUDGET, step_loop.Stop.DONE):
                 raise GuardStop(self._explain(code, number))
             if int(state.A[run_totals.STEPS]) % BUDGET == 0:
                 self._choose_step()
-            if code == step_loop.BUDGET:  # the run can be saved here
+            if code == step_loop.Stop.BUDGET:  # the run can be saved here
                 (watch if int(state.A[run_totals.STEPS]) % BUDGET == 0 else between)()
-            if code == step_loop.DONE:
+            if code == step_loop.Stop.DONE:
                 return
 
     def keep(self) -> tuple[dict[str, Array], dict[str, Any]]:
@@ -207,9 +207,9 @@ class Explicit:
         s = self.state
         when = f"stopped at t = {s.time:.6g} s (step {int(s.A[run_totals.STEPS])}, time step {s.dt:.3g} s)"
         laws = ", ".join(sorted({name.split(".")[0] for name in s.physics.history})) or "contact laws"
-        if code in (step_loop.OVERLAP, step_loop.BAD_CONTACT):
+        if code in (step_loop.Stop.OVERLAP, step_loop.Stop.BAD_CONTACT):
             who, partner = self._who(number)
-            if code == step_loop.BAD_CONTACT:
+            if code == step_loop.Stop.BAD_CONTACT:
                 return f"{when}: the force between {who} and {partner} is not a number ({laws})"
             ratio = float(self.sums[:, contact_sums.MAX_OVERLAP].max())
             return (
@@ -218,9 +218,9 @@ class Explicit:
             )
         where = ", ".join(f"{x:.4g}" for x in s.bodies.position[number])
         who = f"body {s.order[number]} at ({where}) m"
-        if code == step_loop.BAD_BODY:
+        if code == step_loop.Stop.BAD_BODY:
             return f"{when}: the position of body {s.order[number]} is not a number; the time step is too large"
-        if code == step_loop.LEFT:
+        if code == step_loop.Stop.LEFT:
             return f"{when}: {who} left the domain"
         return (
             f"{when}: {who} moves more than {s.D[domain.TRAVEL_GUARD]:g} of a radius in one step; a smaller time step is needed"

@@ -3,6 +3,8 @@
 It returns to Python only for events: a target reached, a search due, a new time step, a guard.
 """
 
+from enum import IntEnum
+
 import numpy as np
 from numba import njit, prange, types
 
@@ -18,8 +20,29 @@ from thirdbody.kernels.rigid_body import largest_displacement
 from thirdbody.kernels.schedule import X, Y, mean_rate
 from thirdbody.kernels.signatures import EARLY, LATE, LOOK, WORK, context_of
 
-DONE, SEARCH, BUDGET, OVERLAP, TRAVEL, BAD_CONTACT, BAD_BODY, LEFT, RECORD = range(9)
-"""Reasons why `advance` returned."""
+
+class Stop(IntEnum):
+    """Reasons why `advance` returned. Guards come with the candidate or body that tripped them."""
+
+    DONE = 0
+    """The target is reached."""
+    SEARCH = 1
+    """A search is due."""
+    BUDGET = 2
+    """All steps were made."""
+    OVERLAP = 3
+    """Guard: a contact is too deep."""
+    TRAVEL = 4
+    """Guard: a body moved too far in a step."""
+    BAD_CONTACT = 5
+    """Guard: a force is not finite."""
+    BAD_BODY = 6
+    """Guard: a position is not finite."""
+    LEFT = 7
+    """Guard: a body left the domain."""
+    RECORD = 8
+    """The target is one step ahead, and there is no table for the records of contacts."""
+
 
 NEARLY = 1.000001
 """A target that is missed only by rounding counts as reached, so that the run does not add a step for it."""
@@ -74,22 +97,22 @@ def update_ledger(context, step, lifted, patch_damping):
 
 @njit(**BARE)
 def guard(D, sums, moves):
-    """Return (code, number) of the first guard that trips, or (DONE, -1)."""
+    """Return (code, number) of the first guard that trips, or (Stop.DONE, -1)."""
     for g in range(moves.shape[0]):
         if moves[g, chunk_motion.BAD_BODY] > 0.0:
-            return BAD_BODY, np.int64(moves[g, chunk_motion.BAD_BODY]) - 1
+            return Stop.BAD_BODY, np.int64(moves[g, chunk_motion.BAD_BODY]) - 1
     for c in range(sums.shape[0]):
         if sums[c, contact_sums.BAD_SLOT] > 0.0:
-            return BAD_CONTACT, np.int64(sums[c, contact_sums.BAD_SLOT]) - 1
+            return Stop.BAD_CONTACT, np.int64(sums[c, contact_sums.BAD_SLOT]) - 1
     for c in range(sums.shape[0]):
         if sums[c, contact_sums.MAX_OVERLAP] > D[domain.OVERLAP_GUARD]:
-            return OVERLAP, np.int64(sums[c, contact_sums.SLOT])
+            return Stop.OVERLAP, np.int64(sums[c, contact_sums.SLOT])
     for g in range(moves.shape[0]):
         if moves[g, chunk_motion.LEFT_BODY] > 0.0:
-            return LEFT, np.int64(moves[g, chunk_motion.LEFT_BODY]) - 1
+            return Stop.LEFT, np.int64(moves[g, chunk_motion.LEFT_BODY]) - 1
         if moves[g, chunk_motion.MAX_TRAVEL] > D[domain.TRAVEL_GUARD]:
-            return TRAVEL, np.int64(moves[g, chunk_motion.BODY])
-    return DONE, -1
+            return Stop.TRAVEL, np.int64(moves[g, chunk_motion.BODY])
+    return Stop.DONE, -1
 
 
 @njit(**BARE)
@@ -150,7 +173,7 @@ def run(budget, until, distance, dt, threads, packed):
         speed = (v_x * v_x + v_y * v_y) ** 0.5
         last = A[run_totals.TIME] + NEARLY * dt >= until or A[run_totals.DISTANCE] + NEARLY * speed * dt >= distance
         if last and context.R.shape[0] < context.own.shape[0]:
-            return RECORD, -1, pending
+            return Stop.RECORD, -1, pending
         sampled = context.labels != 0 and (np.int64(A[run_totals.STEPS]) + 1) % context.stride == 0
         step = Step(np.int64(n + 1), sampled or last or n == budget - 1, A[run_totals.TIME] + dt, dt, v_x, v_y, pending)
         drive_patches(P, schedule, first, A[run_totals.TIME], dt)
@@ -170,14 +193,14 @@ def run(budget, until, distance, dt, threads, packed):
         if sampled:
             A[run_totals.ELAPSED], A[run_totals.SHIFT_X], A[run_totals.SHIFT_Y] = 0.0, 0.0, 0.0
         code, who = guard(D, context.sums, context.moves)
-        if code != DONE:
+        if code != Stop.DONE:
             return code, who, pending
         due = rebuild_needed(context, far_patch)
         if last:
-            return DONE, np.int64(due), pending
+            return Stop.DONE, np.int64(due), pending
         if due:
-            return SEARCH, 1, pending
-    return BUDGET, -1, pending
+            return Stop.SEARCH, 1, pending
+    return Stop.BUDGET, -1, pending
 
 
 @njit(ADVANCE, **DIRECT, **NO_COUNTS)
