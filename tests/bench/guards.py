@@ -80,13 +80,12 @@ CUTS = (
             bad = last_nonfinite(q, min(q + LANES, m), slots, first, G, bad)
 """),
     Cut("kernels/explicit/step_loop.py", """\
-        code, who = guard(D, sums, moves)
-        if code != DONE:
-            return code, who, left
+        code, who = guard(D, context.sums, context.moves)
+        if code != Stop.DONE:
+            return code, who, pending
 """),
     # energy and quaternions; what the scene is at its start stays recorded
-    Cut("kernels/explicit/step_loop.py", "record = sampled or last or step == budget - 1\n",
-        "record = sampled or last or dt == 0.0\n"),
+    Cut("kernels/explicit/step_loop.py", "sampled or last or n == budget - 1", "sampled or last or dt == 0.0"),
     Cut("runner/run_loop.py", "self.energy_guard.check(state, self.ledger.watch(state))\n", "pass\n"),
     Cut("runner/run_loop.py", "self.energy_guard.check(simulation.state, self.ledger.watch(simulation.state))\n", "pass\n"),
 )  # fmt: skip
