@@ -72,12 +72,12 @@ CUTS = (
         if (
             less_mask(broadcast(deepest) * select_greater(r_i, r_j, r_j, r_i), get(I, q + law_input.OVERLAP * TILE)) != 0
         ):  # few are the deepest
-            deepest, slot = larger_overlap(q, min(q + LANES, m), slots, first, I, G, deepest, slot)
+            deepest, slot = larger_overlap(q, min(q + LANES, m), slots, tile, deepest, slot)
         x = get(G, q + geometry.FORCE * TILE)
         y = get(G, q + (geometry.FORCE + 1) * TILE)
         z = get(G, q + (geometry.FORCE + 2) * TILE)
         if not all_below(x * x + y * y + z * z, LARGEST):
-            bad = last_nonfinite(q, min(q + LANES, m), slots, first, G, bad)
+            bad = last_nonfinite(q, min(q + LANES, m), slots, G, bad)
 """),
     Cut("kernels/explicit/step_loop.py", """\
         code, who = guard(D, context.sums, context.moves)
